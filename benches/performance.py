@@ -46,6 +46,7 @@ def steps(folder):
     # without plots, which take longer than the runs
     found["criterion"] = ["cargo", "bench", "--bench", "kalman", "--", "one series", "--noplot"]
     found["growth"] = [*python, str(BENCHES / "growth.py")]
+    found["memory"] = [*python, str(BENCHES / "memory.py")]
     return found
 
 
@@ -142,7 +143,8 @@ def growth(found):
 
 
 def memory(found):
-    rows = [[one["memory"], f"{one['peak']:.0f} MB"] for one in found if "memory" in one]
+    of = [one for one in found if "memory" in one]
+    rows = [[one["memory"], one.get("note") or f"{one['peak']:.0f} MB"] for one in of]
     return markdown(["work", "peak memory of the process"], rows)
 
 

@@ -4,10 +4,11 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from studies.montecarlo import FloatArray, generator
 from studies.pages import markdown, repetitions
-from tertia import metrics
+from tertia import metrics, plot
 from tertia._arrays import IntArray
 from tertia.association import (
     Assignment,
@@ -17,6 +18,7 @@ from tertia.association import (
     gate_sectors,
     gate_threshold,
 )
+from tertia.tracker import Plots, Radar, track
 
 PLOTS = repetitions(200_000)
 SCENES = repetitions(20_000)
@@ -24,6 +26,8 @@ SCENES = repetitions(20_000)
 APART = 1e7
 SIGMA = 100.0
 DETECTION = 0.9
+# of the flight in the picture: seconds of a scan, m/s, the time when it begins to turn
+SCAN, SPEED, BEGINS = 4.0, 220.0, 80.0
 METHODS: tuple[tuple[Score, Assignment], ...] = (
     ("paper", "nearest"),
     ("paper", "gnn"),
@@ -179,3 +183,22 @@ def updates() -> str:
         )  # fmt: skip
     head = ["probability of detection", "probability of update", "long-gap ratio", "expected"]
     return markdown(head, rows)
+
+
+def gates_figure() -> Figure:
+    """Draw the gates of one track in straight flight, where a turn begins, and within it."""
+    radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=SCAN)
+    time = np.arange(0.0, 160.0, SCAN)
+    course = np.radians(60.0 + 3.0 * np.maximum(time - BEGINS, 0.0))
+    steps = SPEED * SCAN * np.column_stack([np.sin(course), np.cos(course)])
+    noise = generator(120).normal(0.0, radar.range_sigma, steps.shape)
+    place = np.array([10e3, 30e3]) + np.cumsum(steps, axis=0) + noise
+    plots = Plots(time, np.hypot(*place.T), np.arctan2(*place.T))
+    table = track(plots, [radar])
+    figure = Figure(figsize=(12, 4.6), layout="constrained")
+    axes = figure.subplots(1, 3)
+    for ax, moment in zip(axes, (BEGINS - 20.0, BEGINS + 8.0, BEGINS + 32.0), strict=True):
+        plot.gates(table, int(np.flatnonzero(table.time >= moment)[0]), plots, [radar], ax=ax)
+    for ax in axes[1:]:
+        ax.get_legend().remove()
+    return figure

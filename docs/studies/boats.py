@@ -36,7 +36,7 @@ STEP, SETTLED, CUTOFF = 1.0, 10.0, 20.0
 SPEED = 10.0
 # spectral densities of acceleration among which Stone Soup has the best, m²/s³
 DENSITIES = 0.01, 0.05, 0.25
-# false plots per square metre and scan that trackers are told, where they are told
+# false plots per square metre and scan where trackers are given a number
 CLUTTER = 1e-4
 START = datetime(2021, 5, 4)
 # positions at an instant, (N, 2), and names of their tracks
@@ -245,8 +245,8 @@ def table() -> str:
     runs: dict[str, list[Callable[[], list[Picture]]]] = {
         "Tertia": [lambda: tertia(one, False)],
         "Tertia, with the cameras": [lambda: tertia(one, True)],
-        "Tertia, told the clutter": [lambda: tertia(one, False, CLUTTER)],
-        "Tertia, told the clutter, with the cameras": [lambda: tertia(one, True, CLUTTER)],
+        "Tertia, density of clutter given": [lambda: tertia(one, False, CLUTTER)],
+        "Tertia, density of clutter given, with the cameras": [lambda: tertia(one, True, CLUTTER)],
     }
     for kind in ("GNN", "JPDA"):
         for patient, name in ((False, ""), (True, ", begins as patiently as Tertia")):

@@ -52,6 +52,41 @@ def path(runs: int, rng: np.random.Generator) -> FloatArray:
     return np.stack(positions, axis=1)
 
 
+def constant_errors() -> str:
+    """Tabulate fused series of three radars whose errors last, with and without `bias_sigma`."""
+    runs, sigma, size = repetitions(400), 0.1, 0.3
+    rows = []
+    for name, prior, asked in (
+        ("no errors", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+        ("no errors, but stated", (0.0, 0.0, 0.0), (0.0, size, size)),
+        ("none trusted", (size, size, size), (0.0, 0.0, 0.0)),
+        ("", (size, size, size), (size, size, size)),
+        ("the first trusted", (0.0, size, size), (0.0, 0.0, 0.0)),
+        ("", (0.0, size, size), (0.0, size, size)),
+        ("nothing known of the others", (0.0, size, size), (0.0, np.inf, np.inf)),
+    ):
+        rng = generator(61)
+        truth = manoeuvre(runs, rng)[:, np.newaxis]
+        bias = rng.standard_normal((runs, 3)) * prior
+        plots = truth + bias[..., np.newaxis] + sigma * rng.standard_normal((runs, 3, STEPS))
+        wrong = plots + (rng.random(plots.shape) < 0.05) * rng.normal(0.0, 2.0, plots.shape)
+        cells = [name, ", ".join(f"{s:g}" for s in asked)]
+        for z in (plots, wrong):
+            found = fuse_series(z, sigma**2, MODEL, bias_sigma=asked)
+            error = (found.mean[:, 5:, 0] - truth[:, 0, 5:]) / found.sigma[:, 5:, 0]
+            off = (found.bias - bias)[:, np.array(asked) > 0]
+            claimed = found.bias_sigma[:, np.array(asked) > 0]
+            rmse = np.sqrt(np.mean((error * found.sigma[:, 5:, 0]) ** 2))
+            inside = 100 * np.mean(np.abs(error) < np.sqrt(ONE))
+            cells += [f"{rmse:.3f}°", f"{np.mean(error**2):.2f}", f"{inside:.0f}%"]
+            cells.append(f"{np.sqrt(np.mean((off / claimed) ** 2)):.2f}" if off.size else "")
+        rows.append(cells)
+    of_each = ["RMSE", "NEES", "inside 95 %", "errors, σ"]
+    return markdown(
+        ["errors", "`bias_sigma`", *of_each, *(f"{name}, outliers" for name in of_each)], rows
+    )
+
+
 def of_means(**options: object) -> Callable[[Draw], BoolArray]:
     """Return the coverage of the fused means of 50 measurements by each of four sensors."""
 

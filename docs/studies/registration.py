@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -9,11 +10,11 @@ import numpy as np
 
 from studies.pages import markdown, repetitions
 from tertia import simulate
-from tertia._arrays import FloatArray
+from tertia._arrays import BoolArray, FloatArray
 from tertia.metrics import nees
 from tertia.registration import Registration, register
 from tertia.sensors import RADAR_LIMITS, Bias, Radar
-from tertia.tracker import Tracker, track
+from tertia.tracker import Plots, Tracker, track
 
 SEED = 31
 SCENES, RADARS, FLIGHTS, DURATION = repetitions(40), 3, 15, 600.0
@@ -153,36 +154,53 @@ def aligned() -> str:
     return markdown(["tracks of 20 aircraft", *(f"{azimuth}°" for azimuth in AZIMUTHS)], rows)
 
 
+def pieces(plots: Plots, duration: float) -> Iterator[tuple[Plots, float]]:
+    """Return the plots of each four seconds, and when these end."""
+    ends = np.arange(4.0, duration + 4.0, 4.0)
+    edges = np.concatenate([[0], np.searchsorted(plots.time, ends)])
+    for a, b, end in zip(edges, edges[1:], ends, strict=False):
+        yield plots[a:b], float(end)
+
+
+def scored(
+    rows: tuple[FloatArray, FloatArray, FloatArray],
+    used: BoolArray,
+    radars: Sequence[Radar],
+    begin: float,
+    periods: Sequence[tuple[float, float]],
+) -> FloatArray:
+    """Return mean squares and NEES per axis of rows in each period, (periods, 2).
+
+    `rows` has times, errors of positions and covariances. Rows far from their targets do not count,
+    nor those of the first scans after `begin`.
+    """
+    time, error, covariance = rows
+    slowest = max(radar.scan_period for radar in radars)
+    used = used & (np.hypot(*error.T) < ASTRAY) & (time >= begin + FIRST_SCANS * slowest)
+    cells = []
+    for low, high in periods:
+        now = used & (time >= low) & (time < high)
+        squares = np.sum(error[now] ** 2, axis=1)
+        cells.append([np.mean(squares), np.mean(nees(error[now], covariance[now][:, :2, :2])) / 2])
+    return np.array(cells)
+
+
 def followed(
     record: simulate.RadarPlots, radars: list[Radar], place: FloatArray, *, registers: bool
-) -> tuple[list[list[float]], int]:
+) -> tuple[FloatArray, int]:
     """Return squared errors and NEES of rows in each period, and the number of tracks."""
     plots = record.plots
     tracker = Tracker(radars, registration=registers)
-    ends = np.arange(4.0, PERIODS[-1][1] + 4.0, 4.0)
-    edges = np.concatenate([[0], np.searchsorted(plots.time, ends)])
-    tables = [
-        tracker.update(plots[a:b], time=end)
-        for a, b, end in zip(edges, edges[1:], ends, strict=False)
-    ]
+    tables = [tracker.update(some, time=end) for some, end in pieces(plots, PERIODS[-1][1])]
     time, row, track_, confirmed = (
         np.concatenate([getattr(table, name) for table in tables])
         for name in ("time", "plot", "track", "confirmed")
     )
     position = np.concatenate([table.position for table in tables])
-    covariance = np.concatenate([table.covariance for table in tables])[:, :2, :2]
-    error = position - place[row]
+    covariance = np.concatenate([table.covariance for table in tables])
     used = confirmed & (row >= 0) & (record.target[row] >= 0)
-    used &= np.hypot(*error.T) < ASTRAY
-    slowest = max(radar.scan_period for radar in radars)
-    used &= time >= np.min(plots.time) + FIRST_SCANS * slowest
-    cells = []
-    for low, high in PERIODS:
-        now = used & (time >= low) & (time < high)
-        squares = np.sum(error[now] ** 2, axis=1)
-        cells.append(
-            [float(np.mean(squares)), float(np.mean(nees(error[now], covariance[now]))) / 2]
-        )
+    of_rows = time, position - place[row], covariance
+    cells = scored(of_rows, used, radars, np.min(plots.time), PERIODS)
     return cells, len(np.unique(track_[confirmed]))
 
 
@@ -190,7 +208,7 @@ def live() -> str:
     """Return errors of tracks with registration over those of tracks that know the errors."""
     rows = []
     for name in SET_UPS:
-        ratios: dict[str, list[list[list[float]]]] = {}
+        ratios: dict[str, list[FloatArray]] = {}
         counts: dict[str, list[int]] = {}
         for seed in range(LIVE):
             random = np.random.default_rng([SEED, 7, SET_UPS.index(name), seed])

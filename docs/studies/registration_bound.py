@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from studies.pages import markdown, repetitions
-from studies.registration import ERRORS, FLIGHTS, RADARS, SET_UPS, columns, places
+from studies.registration import ERRORS, FLIGHTS, RADARS, SET_UPS, columns, pieces, places
 from tertia import simulate
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.registration import register
@@ -144,10 +144,8 @@ def _of_flight(case: Scene, rows: IntArray, flight: int) -> FloatArray:
 def online(case: Scene) -> Bias:
     """Return the errors that a tracker knows at the end."""
     tracker = Tracker(case.stated, registration=True)
-    ends = np.arange(4.0, DURATION + 4.0, 4.0)
-    edges = np.concatenate([[0], np.searchsorted(case.plots.time, ends)])
-    for a, b, end in zip(edges, edges[1:], ends, strict=False):
-        tracker.update(case.plots[a:b], time=end)
+    for some, end in pieces(case.plots, DURATION):
+        tracker.update(some, time=end)
     return tracker.bias
 
 

@@ -7,17 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from studies.pages import markdown, repetitions
-from studies.registration import FIRST_SCANS
+from studies.registration import pieces, scored
 from tertia import simulate
 from tertia._arrays import FloatArray
-from tertia.metrics import nees
 from tertia.sensors import Bias, Radar
 from tertia.tracker import Tracker
 
 SEEDS = repetitions(10)
 PERIODS = ((0.0, 60.0), (60.0, 450.0), (450.0, 540.0), (540.0, 900.0), (0.0, 900.0))
-# a row farther from its target is of another one, metres
-ASTRAY = 2000.0
 WAYS = ("as they are", "known", "registered")
 
 
@@ -34,33 +31,24 @@ def _followed(scene: simulate.Scene, way: str) -> tuple[FloatArray, int, int]:
             late[k] = np.radians(fault["azimuth_sigma_deg"])
     tracker = Tracker(radars, registration=way == "registered")
     plots, target, tables = scene.record.plots, scene.record.target, []
-    ends = np.arange(4.0, PERIODS[-1][1] + 4.0, 4.0)
-    edges = np.concatenate([[0], np.searchsorted(plots.time, ends)])
-    for a, b, end in zip(edges, edges[1:], ends, strict=False):
+    for some, end in pieces(plots, PERIODS[-1][1]):
         if way == "known" and end > PERIODS[1][1]:
             noise = [
                 [one.range_sigma, late.get(k, one.azimuth_sigma)] for k, one in enumerate(radars)
             ]
             tracker._core.set_noise(np.array(noise))
-        tables.append(tracker.update(plots[a:b], time=end))
+        tables.append(tracker.update(some, time=end))
     time, plot, number, confirmed, position, covariance = (
         np.concatenate([getattr(table, name) for table in tables])
         for name in ("time", "plot", "track", "confirmed", "position", "covariance")
     )
     of = np.where(plot >= 0, target[np.maximum(plot, 0)], -1)
     place, _, _ = scene.traffic._state(np.maximum(of, 0), time)
-    error = position - place
-    used = confirmed & (of >= 0) & (np.hypot(*error.T) < ASTRAY)
-    slowest = max(radar.scan_period for radar in radars)
-    used &= time >= np.min(plots.time) + FIRST_SCANS * slowest
-    cells = []
-    for low, high in PERIODS:
-        now = used & (time >= low) & (time < high)
-        squares = np.sum(error[now] ** 2, axis=1)
-        cells.append([np.mean(squares), np.mean(nees(error[now], covariance[now][:, :2, :2])) / 2])
+    of_rows = time, position - place, covariance
+    cells = scored(of_rows, confirmed & (of >= 0), radars, np.min(plots.time), PERIODS)
     shown = confirmed & (plot >= 0)
     true = [np.mean(of[shown & (number == one)] >= 0) > 0.5 for one in np.unique(number[shown])]
-    return np.array(cells), int(np.sum(true)), int(np.sum(np.logical_not(true)))
+    return cells, int(np.sum(true)), int(np.sum(np.logical_not(true)))
 
 
 def table() -> str:

@@ -10,6 +10,7 @@ from typing import Any, Literal, TypeAlias, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from tertia import _core
 from tertia._moments import are_moments, seconds
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
@@ -25,6 +26,8 @@ _ARRAY = np.ndarray
 _UNIFORM_SIGMA = np.pi / np.sqrt(3.0)
 # the square of what is larger is not a number in double precision
 LARGEST = 1e150
+# smallest positive number, and largest number
+SMALLEST, _MOST = 5e-324, sys.float_info.max
 _FLOAT64 = np.dtype(np.float64)
 
 
@@ -81,22 +84,24 @@ def _refuse_objects(array: npt.NDArray[Any], name: str) -> None:
 def finite(value: npt.ArrayLike, name: str) -> FloatArray:
     """Return `value` as float64 numbers, all of them finite."""
     array = samples(value, name)
-    require_each(array, np.isfinite(array), name, "a finite number")
+    require_between(array, name, "a finite number")
     return array
 
 
 def positive(value: npt.ArrayLike, name: str) -> FloatArray:
     """Return `value` as float64 numbers, all of them finite and positive."""
-    array = finite(value, name)
-    require_each(array, array > 0, name, "a positive number")
+    array = samples(value, name)
+    if not lies_between(array, SMALLEST):
+        require_between(array, name, "a finite number")
+        require_between(array, name, "a positive number", SMALLEST)
     return array
 
 
 def squarable(value: npt.ArrayLike, name: str) -> FloatArray:
     """Return `value` as float64 numbers whose squares are numbers, too; nan is kept."""
     array = samples(value, name)
-    fits = np.isnan(array) | (np.abs(array) <= LARGEST)
-    require_each(array, fits, name, f"between -{LARGEST:g} and {LARGEST:g}")
+    requirement = f"between -{LARGEST:g} and {LARGEST:g}"
+    require_between(array, name, requirement, -LARGEST, LARGEST, missing=True)
     return array
 
 
@@ -106,6 +111,29 @@ def points(value: npt.ArrayLike, name: str) -> FloatArray:
     if array.ndim != 2 or array.shape[-1] not in (2, 3):
         raise ValueError(f"{name} has shape {array.shape}; it must be (N, 2) or (N, 3)")
     return array
+
+
+def lies_between(
+    array: FloatArray, least: float = -_MOST, most: float = _MOST, *, missing: bool = False
+) -> bool:
+    """Return whether all numbers do, or with `missing` are nan."""
+    return _core.first_outside(np.asarray(array), least, most, missing) is None
+
+
+def require_between(
+    array: FloatArray,
+    name: str,
+    requirement: str,
+    least: float = -_MOST,
+    most: float = _MOST,
+    *,
+    missing: bool = False,
+) -> None:
+    """Fail with the first number that does not lie there, nor with `missing` is nan."""
+    first = _core.first_outside(np.asarray(array), least, most, missing)
+    if first is not None:
+        index = tuple(map(int, np.unravel_index(first, array.shape)))
+        raise ValueError(f"{_place(name, index)} is {array[index]}; it must be {requirement}")
 
 
 def require_each(array: FloatArray, holds: BoolArray, name: str, requirement: str) -> None:
@@ -135,6 +163,8 @@ def radians(
     if degrees:
         array = np.radians(array)
     most = _UNIFORM_SIGMA if is_sigma else 4 * np.pi
+    if lies_between(array, -most, most, missing=True):
+        return array
     bad = np.abs(array) > most
     if bad.any() and (bad := bad & np.isfinite(array)).any():
         index = tuple(np.argwhere(bad)[0])
@@ -207,7 +237,8 @@ def sequence_of(values: Any, kind: type[_T], name: str) -> tuple[_T, ...]:
     if not isinstance(values, Sequence):
         raise TypeError(f"{name} is {values!r}; it must be a sequence of {kind.__name__}")
     for i, value in enumerate(values):
-        instance(value, f"{name}[{i}]", kind)
+        if not isinstance(value, kind):
+            instance(value, f"{name}[{i}]", kind)
     return tuple(values)
 
 

@@ -21,6 +21,7 @@ from tertia._arrays import (
     Systematic,
     array_of,
     integer,
+    lies_between,
     omits,
     real,
     samples,
@@ -234,7 +235,8 @@ def estimate_bearing(
     value, sigma, polarity, pvalue, correlations, effective, bias = map(scalar_or_array, numbers)
     systematic: Systematic = "given"
     if bias_sigma is None:
-        systematic = "not included" if np.any(np.isnan(bias)) or not np.size(bias) else "estimated"
+        known = np.size(bias) > 0 and lies_between(bias, -np.inf, np.inf)
+        systematic = "estimated" if known else "not included"
     return BearingEstimate(
         value,
         sigma,

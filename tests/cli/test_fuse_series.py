@@ -135,6 +135,28 @@ def test_one_sigma_for_all_and_others_by_name(write: Write, tmp_path: Path) -> N
     check(frame, fused([[0.1**2], [0.3**2]]))
 
 
+def test_errors_of_sensors(write: Write, tmp_path: Path) -> None:
+    """Each target has errors of its own; its sensors may come in any order."""
+    other = recording(seed=9)
+    rows = [*lines(extra=",7"), *reversed(lines(other, ",8"))]
+    path = write(rows, header="time_s,sensor,azimuth_deg,target")
+    arguments = (path, *SIGMAS, *MOTION, "--by", "target")
+    frame = track(*arguments, "--bias-sigma", "B=0.4", folder=tmp_path)
+    options = {"time": TIMES, "period": 360.0, "bias_sigma": [0.0, 0.4]}
+    for target, z in (("7", Z), ("8", other)):
+        result = fuse_series(z, [[0.1**2], [0.3**2]], MODEL, **options)
+        assert np.all(result.bias_sigma[1] > 0.0)
+        check(frame.filter(pl.col("target").cast(pl.String) == target), result, z)
+    done = run(*arguments, "--bias-sigma", 0.4)
+    (summary,) = tables(done.out)
+    assert summary[0][-2:] == ["azimuth_bias_deg", "azimuth_bias_sigma_deg"]
+    assert len(summary) == 5
+    for given, wrong in (("C=1", "bias_sigma is given for C"), ("B=-1", "--bias-sigma is 'B=-1'")):
+        done = run(*arguments, "--bias-sigma", given)
+        assert done.code != 0
+        assert wrong in done.err
+
+
 def test_sigma_column(write: Write, tmp_path: Path) -> None:
     sigma = np.where(np.arange(Z.size) % 3, 0.2, 0.1)
     rows = [

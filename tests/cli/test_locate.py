@@ -783,8 +783,8 @@ FILES = {
             ["other.csv", S, "s.csv"],
             2,
             "other.csv has no column of measurements: range_m, azimuth_deg, elevation_deg, "
-            "range_difference_m, arrival_time_s, or kind and value; it has time_s, sensor, "
-            "azimuth_rad",
+            "range_difference_m, arrival_time_s, or kind and value; azimuth_rad is in another "
+            "unit; it has time_s, sensor, azimuth_rad",
         ),
         (["m.csv", S, "s.csv", "--column", "time_s=t"], 2, "m.csv has no column t; it has .*"),
         (["m.csv", S, "s.csv", "--column", "sensor=t"], 2, "m.csv has no column t; it has .*"),

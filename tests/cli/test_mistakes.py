@@ -134,6 +134,31 @@ CASES = {
         r"has no column range_m or range_nm; it has time_s, sensor, rho",
         renamed(HEADER.replace("range_m", "rho")),
     ),
+    "name misspelt": failing(
+        "has no column azimuth_deg; is azimut meant",
+        renamed(HEADER.replace("azimuth_deg", "azimut")),
+    ),
+    "letters swapped": failing(
+        "no column range_m or range_nm; is rnage_m meant", renamed(HEADER.replace("range", "rnage"))
+    ),
+    "another unit": failing(
+        "no column range_m or range_nm; range_km is in another unit",
+        renamed(HEADER.replace("range_m", "range_km")),
+    ),
+    "an optional name misspelt": Case(
+        renamed(HEADER.replace("height_m", "heigth_m")),
+        "has no column height_m or flight_level; is heigth_m meant", same=False,
+    ),
+    "comments": Case(lambda cells: f"# of 22 Nov., \"west\"; and east\n#\n{text(cells)}"),
+    "comments, Excel": Case(lambda cells: f"# 1,5\n{commas(cells)}".encode("utf-16")),
+    "header as a comment": Case(lambda cells: f"# of numpy\n# {text(cells)}"),
+    "wrong after comments": failing(
+        "line 8: range_m is 'about 12'",
+        lambda cells: "#\n#,,,,,,,\n#\n" + text(each("range_m", lambda _: "about 12", {3})(cells)),
+    ),
+    "too long after comments": failing(
+        "line 51 has 8 fields, the header has 6", lambda cells: f"#\n{text(cells)}1,2,3,4,5,6,7,8\n"
+    ),
     "name given": Case(
         renamed(HEADER.replace("range_m", "rho")), options=("--column", "range_m=rho")
     ),

@@ -121,6 +121,13 @@ def test_decimal_commas(separator: str, sites: Path) -> None:
     assert usual[0] == 0
 
 
+@pytest.mark.parametrize("before", ["# of today\n#\n", "# 1,2\n# "])
+def test_comments_before_the_header(before: str, sites: Path) -> None:
+    usual, other = (stream(one, "--sensors", sites) for one in (TEXT, before + TEXT))
+    assert usual == other
+    assert usual[0] == 0
+
+
 def of_file(path: Path, *arguments: object) -> Run:
     """Run in this process, on a file: nothing has to be started."""
     return run("track", path, "--stream", *arguments)

@@ -789,7 +789,10 @@ def test_wrong_limits(write: Write, truth: Path, line: str, text: str) -> None:
 @pytest.mark.parametrize("name", ["limits_3nm.toml", "limits_5nm.toml"])
 def test_limits_of_the_examples_are_read(name: str) -> None:
     found = read_limits(Path(__file__).parents[2] / "examples" / name)
-    assert found.keys() == {"probability_of_update", "long_gap_ratio", "rmse"}
+    judged = {"probability_of_update", "long_gap_ratio", "rmse", "large_error_ratio"}
+    judged |= {f"probability_of_{one}_update" for one in ("height", "identity")}
+    judged |= {f"wrong_{one}_ratio" for one in ("height", "identity")}
+    assert found.keys() == judged | {"large_error"}
 
 
 def test_gaps_false_tracks_switches_and_latency(write: Write, truth: Path, tmp_path: Path) -> None:

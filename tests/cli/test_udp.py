@@ -3,6 +3,7 @@
 import io
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import time
@@ -118,6 +119,37 @@ def test_packets_are_read_as_a_file_is(tmp_path: Path) -> None:
     assert read_asterix([*packets(), b"none"]).other_packets == 1
     with pytest.raises(ValueError, match="has no packet with ASTERIX in it"):
         read_asterix([b"none"])
+
+
+def old_packets() -> list[bytes]:
+    """Return what two radars see of an aircraft about midnight, with the time in some packets."""
+    found = [reference.block(1, reference.old_plot((25, 13), MIDNIGHT - 64.0, 9.0))]
+    for scan in np.arange(MIDNIGHT - 60.0, MIDNIGHT + 60.0, PERIOD):
+        found.append(reference.old_service((25, 12), 1, scan))
+        for name, place in RADARS.items():
+            east, north = np.array([50e3 + 100 * (scan - MIDNIGHT), 3e3]) - place
+            angle = round(np.degrees(np.arctan2(east, north)) % 360 / 360 * 65536)
+            plot = struct.pack(">HH", round(np.hypot(east, north) / 1852 * 128), angle)
+            items = {"040": plot, "070": b"\x04\xc3"}
+            codes = tuple(map(int, name.split("/")))
+            found.append(reference.block(1, reference.old_plot(codes, scan + 1, 0, **items)))
+    return found
+
+
+def test_truncated_times_are_completed(sites: Path) -> None:
+    """By the last service message, also of packets before; without any there is no time."""
+    port = free_port()
+    with receiving(port, "--sensors", sites, "--registration", "off", "--latency", 2) as process:
+        for payload in old_packets():
+            send(port, [payload])
+            time.sleep(0.01)
+        time.sleep(1.0)
+        out, err = end(process)
+    assert "60 plots arrived" in err
+    assert "no service message has told the time yet" in err
+    found = pl.read_csv(io.StringIO(out.decode()), infer_schema_length=None)
+    assert set(found["mode_3a"]) == {2303}
+    assert found["time_s"].max() == MIDNIGHT + 57.0
 
 
 def test_rows_are_those_of_the_recording(sites: Path, tmp_path: Path) -> None:

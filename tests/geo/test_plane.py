@@ -308,6 +308,19 @@ class TestStates:
         np.testing.assert_allclose(turned, whole @ covariance @ whole.T, rtol=0, atol=1e-12)
 
 
+def test_lines_of_sight_of_a_station_are_straight_in_the_plane():
+    """As far as is stated: .01 degrees at 100 km, 250 km from the centre."""
+    geodesic = pytest.importorskip("pyproj").Geod(ellps="WGS84")
+    azimuth = np.arange(0.0, 360.0, 5.0)
+    place = np.full(len(azimuth), 48.0), np.full(len(azimuth), 12.5)
+    station = PLANE.station(48.0, 12.5, 300.0, azimuth_sigma=1e-3)
+    assert np.linalg.norm(station.position[:2]) == pytest.approx(250e3, rel=0.02)
+    east, north, _ = geodesic.fwd(place[1], place[0], azimuth, np.full(len(azimuth), 1e5))
+    ahead = (PLANE.to_local(north, east, 0.0) - station.position) @ station.axes.T
+    error = (np.degrees(np.arctan2(ahead[:, 0], ahead[:, 1])) - azimuth + 180.0) % 360.0 - 180.0
+    assert 0.005 < np.abs(error).max() < 0.01
+
+
 def test_heights_of_pressure_altitudes():
     rows = [
         (10668, 101_325, 0, 10685.933259776),
@@ -342,6 +355,7 @@ def test_traps():
         (lambda: PLANE.site([1.0]), r"position has shape \(1,\)"),
         (lambda: LocalFrame(0, 0).polar_to_geodetic(1e5, 60.0, 0.0), "pass degrees=True"),
         (lambda: LocalFrame(0, 0).polar_to_geodetic([1.0, 2.0], [0.1] * 3, 0.0), "do not fit"),
+        (lambda: PLANE.station([50.0, 51.0], [14.0, 15.0]), r"latitude, longitude .* shape \(2,\)"),
         (lambda: Atmosphere(qnh=0.0), "qnh is 0.0"),
         (lambda: Atmosphere(undulation=NAN), "undulation is nan"),
         (lambda: polar_to_cartesian([1.0, 2.0, 3.0]), r"state has shape \(3,\)"),
@@ -361,3 +375,16 @@ def test_what_is_no_frame():
         Radar(frame="earth", **KIND)
     with pytest.raises(TypeError, match="target is None"):
         transform([1.0] * 3, source=PLANE, target=None)
+
+
+def test_places_where_the_flat_earth_makes_gains():
+    """A site, and a plot of its radar, in the tangent and in the stereographic plane."""
+    flat, plane, site = LocalFrame(50, 10), SystemPlane(50, 10), LocalFrame(51, 11.5, 100)
+    target = site.polar_to_geodetic(200e3, np.radians(60.0), 10e3)
+    for place, tangent, stereographic in (
+        ((51, 11.5, 100), (105286.1361, 112290.5953), (105299.7906, 112305.1840)),
+        (target, (276410.9195, 215788.1891), (276186.8156, 215612.6528)),
+    ):
+        np.testing.assert_allclose(flat.to_local(*place)[:2], tangent, rtol=0, atol=1e-4)
+        # these are of EPSG 9809, which differs by a metre
+        np.testing.assert_allclose(plane.to_local(*place)[:2], stereographic, rtol=0, atol=1.3)

@@ -212,8 +212,7 @@ def test_frames(frame: Callable[[bytes], bytes], header: bytes, save: Save) -> N
         (b"", "plots.ast is empty"),
         (b"time_s,range_m\n1,2\n", "byte 0: there is no data block of ASTERIX, but 74696d655f732c"),
         (flight()[:2], "byte 0: the data block is cut off, .*; no other record can be decoded"),
-        (flight() + b"\x30\x00\x02", "byte 841: there is no data block"),
-        (b"\xff\x00\x10" + flight(), "byte 0: there is no data block"),
+        (b"time_s,code\n" + b"48 0,12.5\n" * 999, "byte 0: there is no data block of ASTERIX"),
         (
             reference.block(48, b"\xff\xff"),
             "byte 3: a record of category 48 is damaged: .*; no other",
@@ -229,29 +228,48 @@ BROKEN = reference.block(48, reference.plot(RADAR, 1, 1, 1), reference.plot(RADA
 
 
 @pytest.mark.parametrize(
-    ("contents", "plots", "place"),
+    ("contents", "plots", "lost", "place"),
     [
-        (flight()[:-1], 38, "byte 800: the data block is cut off"),
-        (flight() + b"\xff\x00\x10", 40, "byte 841: the data block is cut off"),
-        # a length of a data block that is damaged takes the rest of the file with it
+        (flight()[:-1], 38, 40, "byte 800: the data block is cut off"),
+        (flight() + b"\xff\x00\x10", 40, 3, "byte 841: the data block is cut off"),
         (
-            flight()[:801] + b"\xff" + flight()[802:],
-            38,
-            "byte 800: the data block is cut off, or its length is damaged: of 65321 bytes 41",
+            flight() + b"\x30\x00\x02",
+            40,
+            3,
+            "byte 841: there is no data block, but 300002; 3 bytes",
         ),
-        (BROKEN + flight(), 41, "byte 14: a record of category 48 is damaged"),
+        (b"\xff\x00\x10" + flight(), 40, 3, "byte 0: there is no data block, but ff0010"),
+        # a length, of the last block and of another one, is found by what can be decoded
+        (flight()[:801] + b"\xff" + flight()[802:], 40, 0, "byte 800: the length of a data block"),
+        (flight()[:433] + b"\x30" + flight()[434:], 40, 0, "byte 431: the length of a data block"),
+        (flight()[:433] + b"\x10" + flight()[434:], 40, 0, "byte 431: the length of a data block"),
+        (flight()[:431] + b"\xff\x00\x09" + flight()[434:], 38, 41, "byte 431: there is no data"),
+        (BROKEN + flight(), 41, 0, "byte 14: a record of category 48 is damaged"),
     ],
 )
 def test_what_is_damaged_is_left_out_and_counted(
-    contents: bytes, plots: int, place: str, save: Save, radars: Path
+    contents: bytes, plots: int, lost: int, place: str, save: Save, radars: Path
 ) -> None:
     found = read_asterix(save(contents))
-    assert (found.plots.height, found.damaged) == (plots, 1)
+    assert (found.plots.height, found.lost_bytes) == (plots, lost)
     assert place in found.first_damage
     pytest.importorskip("pyproj")
     code, _, err = run("track", save(contents), "--sensors", radars)
     assert code == 0
-    assert f"1 damaged data block left out in part; the first: {found.first_damage}\n" in err
+    assert f"; the first: {found.first_damage}\n" in err
+    assert ("of no block" in err) == (lost > 0)
+
+
+def test_after_any_damaged_length_the_next_blocks_are_found(save: Save) -> None:
+    """A byte of the header of a data block is any other: its two plots are lost at most."""
+    random = np.random.default_rng(34)
+    starts = np.cumsum([0, *(len(body) + 3 for _, body in reference.blocks(flight()))])
+    for at in starts[1:-1]:
+        contents = bytearray(flight())
+        contents[at + random.integers(3)] ^= int(random.integers(1, 256))
+        found = read_asterix(save(bytes(contents)))
+        assert found.plots.height >= 38
+        assert found.damaged + len(found.skipped) > 0
 
 
 def test_mutated_recordings_are_read_or_refused(save: Save) -> None:
@@ -315,6 +333,76 @@ def test_multilateration(save: Save) -> None:
         pytest.approx(-15.5, abs=1e-6),
         120.0,
     )
+
+
+def test_old_plots(save: Save) -> None:
+    """Plots and tracks; a source and a time that are not repeated."""
+    first = reference.old_plot(
+        RADAR, 70_000.25, 40, **{"070": b"\x04\xc3", "090": struct.pack(">H", 1440)}
+    )
+    wrong = reference.old_plot(None, 70_000.5, 41, **{"070": b"\x84\xc3", "090": b"\x45\xa0"})
+    tracked = {"161": struct.pack(">H", 7), "200": struct.pack(">HH", 1024, 32768)}
+    more = {"descriptor": b"\xb1\x00", "070": b"\x0f\xff", "090": struct.pack(">h", -10 & 0x3FFF)}
+    track = reference.old_plot((25, 13), 70_001, 42, **tracked, **more)
+    contents = reference.block(1, first, wrong) + reference.block(1, track)
+    found = read_asterix(save(reference.old_service(RADAR, 1, 70_000) + contents))
+    assert found.editions == {1: "1.4", 2: "1.2"}
+    names = ("time_s", "sensor", "range_nm", "azimuth_deg", "flight_level", "mode_3a")
+    assert found.plots.select(names).rows() == [
+        (70_000.25, "25/12", 40.0, 90.0, 360.0, "2303"),
+        (70_000.5, "25/12", 41.0, 90.0, None, None),
+        (70_001.0, "25/13", 42.0, 90.0, -2.5, "7777"),
+    ]
+    assert found.plots["detection"].to_list() == ["ssr", "ssr", "ssr+psr"]
+    row = found.plots.select(
+        "simulated", "field_monitor", "track_number", "speed_m_s", "course_deg"
+    ).row(2)
+    assert row == (False, False, 7, pytest.approx(1024 / 2**14 * 1852), 180.0)
+    assert found.sensors.select("sensor", "scan_period_s", "plot_count").rows() == [
+        ("25/12", 5.0, 2),
+        ("25/13", None, 1),
+    ]
+    assert not found.truncated_times
+    alone = read_asterix(save(contents))
+    assert alone.truncated_times
+    assert alone.plots["time_s"].to_list() == [70_000 % 512 + at for at in (0.25, 0.5, 1.0)]
+
+
+def old_flight() -> bytes:
+    """Return half an hour of an aircraft about midnight, as two radars see it."""
+    parts = []
+    for at in range(360):
+        time = 85_500.5 + 5 * at
+        for radar in (RADAR, (25, 13)):
+            if at % 30 == 0:
+                parts.append(reference.old_service(radar, 1, time - 0.4))
+            code = {"070": b"\x04\xc3", "090": struct.pack(">H", 1440)}
+            plot = reference.old_plot(radar, time, 40 + 0.3 * at, **code)
+            parts.append(reference.block(1, plot))
+    return b"".join(parts)
+
+
+def test_old_times_are_completed_over_midnight(save: Save, radars: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pyproj")
+    path, output = save(old_flight()), tmp_path / "tracks.parquet"
+    found = read_asterix(path)
+    np.testing.assert_array_equal(found.plots["time_s"][::2], 85_500.5 + 5 * np.arange(360))
+    text = radars.read_text(encoding="utf-8").replace("[[radar]]", "[[radar]]\n{}", 1)
+    place = "latitude_deg = 43.571\nlongitude_deg = 16.406\nheight_m = 780"
+    radars.write_text(text.format(place), encoding="utf-8")
+    code, _, err = run("track", path, "--sensors", radars, "--output", output)
+    assert (code, err) == (0, "")
+    tracks = pl.read_parquet(output)
+    assert set(tracks["mode_3a"].drop_nulls()) == {"2303"}
+    assert tracks["time_s"].max() == 85_500.5 + 5 * 359
+
+
+def test_times_without_service_messages_are_told(save: Save, radars: Path) -> None:
+    pytest.importorskip("pyproj")
+    plots = [reference.old_plot((25, 13), 70_000 + 5 * at, 40 + 0.3 * at) for at in range(9)]
+    path = save(reference.block(1, *plots))
+    _, _, err = run("track", path, "--sensors", radars)
+    assert f"{path}: times are those of a clock of 512 s: no service message has" in err
 
 
 def test_surface_movement(save: Save) -> None:
@@ -493,7 +581,7 @@ def test_a_recording_of_other_things_is_told(save: Save, radars: Path) -> None:
     code, out, err = run("track", save(reference.block(65, b"\x00")), "--sensors", radars)
     assert (code, out, err.count("\n")) == (1, "", 1)
     assert (
-        "has no plots (category 48) of targets, but 1 blocks of category 65 (tracker service)"
+        "has no plots (categories 48, 1) of targets, but 1 blocks of category 65 (tracker service)"
         in err
     )
 

@@ -30,16 +30,35 @@ def editions() -> Iterator[Any]:
 
 def value(record: Any, name: str) -> int:
     """Return a field of a record as a whole number."""
-    item = record
-    for part in name.split("/"):
-        item = (item if item is record else item.variation).get_item(part)
-        if item is None:
-            return MISSING
+    first, *parts = name.split("/")
+    # one that is repeated in a sequence counts as it is there last
+    repeated = record.get_rfs_item(first) if record.items_rfs else []
+    found = [record.get_item(first), *repeated]
+    item = next((one for one in reversed(found) if one is not None), None)
+    for part in parts:
+        item = item and item.variation.get_item(part)
+    if item is None:
+        return MISSING
     content = item.variation.content
     signed = getattr(content, "cv_signedness", None)
     bits = item.variation.bs
     raw = bits.to_uinteger()
     return int(raw if signed is None else signed.convert(len(bits), raw))
+
+
+def parsed(uap: Any, contents: bytes) -> Any:
+    """Return a record and the rest, or an error, by the list of items that the record says."""
+    strict, bits = base.ParsingMode.StrictParsing, base.Bits.from_bytes(contents)
+    if hasattr(uap, "cv_record"):
+        return uap.cv_record.parse(strict, bits)
+    # both lists begin with the item that says which
+    descriptor = contents[next(k for k, octet in enumerate(contents) if not octet & 1) + 1 :]
+    there = contents[0] & 0x40 and descriptor[2 * (contents[0] >> 7)] & 0x80
+    try:
+        return uap.cv_uaps["track" if there else "plot"].parse(strict, bits)
+    except TypeError as error:
+        # what it does with a bit beyond the last item
+        return ValueError(str(error))
 
 
 def octets(rng: np.random.Generator, count: int) -> bytes:
@@ -63,18 +82,17 @@ def test_records_are_those_of_libasterix(
         if ".".join(map(str, found.cv_edition)) == edition
     )
     rng = np.random.default_rng([category, number])
-    strict = base.ParsingMode.StrictParsing
     decoded = 0
     for _ in range(RECORDS):
         contents = octets(rng, int(rng.integers(1, 6)))
         begin, end = np.array([0]), np.array([len(contents)])
-        parsed = one.cv_record.parse(strict, base.Bits.from_bytes(contents))
-        if isinstance(parsed, ValueError):
+        expected = parsed(one.cv_uap, contents)
+        if isinstance(expected, ValueError):
             block, _, damage = _core.asterix_records(number, contents, begin, end)
             assert len(block) == 0
             assert damage[0][1] == 0
             continue
-        record, rest = parsed
+        record, rest = expected
         decoded += 1
         end -= len(rest) // 8
         block, columns, damage = _core.asterix_records(number, contents, begin, end)

@@ -694,6 +694,16 @@ class TestAccuracyMap:
         with pytest.raises(ValueError, match="bias is that of 2 sensors"):
             accuracy_map(stations, [700.0, 300.0], bias=bias[:2])
 
+    def test_what_may_be_off_by_anything_is_not_measured(self):
+        bias = Bias(azimuth_sigma=[0.0, 0.0, np.inf])
+        found = accuracy_map(SQUARE[:3], [700.0, 300.0], azimuth_sigma=0.01, bias=bias)
+        without = accuracy_map(SQUARE[:2], [700.0, 300.0], azimuth_sigma=0.01)
+        np.testing.assert_allclose(found.covariance, without.covariance, rtol=1e-12)
+        with pytest.raises(ValueError, match="nothing would be measured"):
+            accuracy_map(
+                SQUARE[:3], [700.0, 300.0], azimuth_sigma=0.01, bias=Bias(azimuth_sigma=np.inf)
+            )
+
     def test_undetermined(self):
         found = accuracy_map(SQUARE[:2], [[500, 0], [0, 0], [500, 500]], azimuth_sigma=0.01)
         np.testing.assert_array_equal(np.isinf(found.drms), [True, True, False])

@@ -99,7 +99,7 @@ def test_limits_are_met_not_met_or_not_shown():
     wider = indicators(tracks, truth, confidence_level=0.99, **options).probability_of_update
     assert wider.low < found.probability_of_update.low < found.probability_of_update.high
     for wrong, message in (
-        ({"limits": {"speed": 1.0}}, "limits has 'speed'; it may have long_gap_ratio"),
+        ({"limits": {"speed": 1.0}}, "limits has 'speed'; it may have continuity, "),
         ({"confidence_level": 1.0}, "confidence_level is 1"),
     ):
         with pytest.raises(ValueError, match=message):

@@ -68,6 +68,28 @@ def service(radar: tuple[int, int], kind: int, time: float, **more: Any) -> byte
     return record(items)
 
 
+def old_plot(radar: tuple[int, int] | None, time: float, miles: float, **more: bytes) -> bytes:
+    """Return a record of category 1: of a track, where it has a number."""
+    items = {
+        "010": bytes(radar) if radar else b"",
+        "020": more.get("descriptor", b"\xa0" if "161" in more else b"\x20"),
+        "040": struct.pack(">HH", round(miles * 128), 16384),
+        "141": struct.pack(">H", round(time % DAY % 512 * 128)),
+        **more,
+    }
+    plots = ("010", "020", "040", "070", "090", "130", "141")
+    tracks = ("010", "020", "161", "040", "042", "200", "070", "090", "141")
+    order = tracks if "161" in more else plots
+    return record({k: items[one] for k, one in enumerate(order, 1) if items.get(one)})
+
+
+def old_service(radar: tuple[int, int], kind: int, time: float) -> bytes:
+    """Return a data block of category 2."""
+    period = struct.pack(">H", 5 * 128)
+    items = {1: bytes(radar), 2: bytes([kind]), 4: time_of_day(time), 5: period}
+    return block(2, record(items))
+
+
 def ethernet(payload: bytes) -> bytes:
     """Return a frame with an IPv4 packet with a UDP datagram."""
     udp = struct.pack(">HHHH", 4000, 8600, len(payload) + 8, 0) + payload

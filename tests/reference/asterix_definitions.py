@@ -23,6 +23,17 @@ _SURFACE = {
     "245": {"CHR"},
 }
 FIELDS: dict[int, dict[str, set[str]]] = {
+    1: {
+        "010": {"SAC", "SIC"},
+        "020": {"TYP", "SIM", "SSRPSR", "RAB", "TST"},
+        "040": {"RHO", "THETA"},
+        "070": {"V", "G", "MODE3A"},
+        "090": {"V", "G", "HGT"},
+        "141": {""},
+        "161": {""},
+        "200": {"GSP", "HDG"},
+    },
+    2: {"010": {"SAC", "SIC"}, "000": {""}, "030": {""}, "041": {""}},
     10: _COMMON
     | _SURFACE
     | {
@@ -87,6 +98,7 @@ FIELDS: dict[int, dict[str, set[str]]] = {
 _HEAD = """\
 # Structures of ASTERIX records, of the editions that libasterix has; made by
 # tests/reference/asterix_definitions.py. Editions of one structure share a paragraph.
+# Records in which a field is not 0 have the items below "where" and its name.
 # Fields: name, first bit, bits, s(igned) or u(nsigned), size of the last bit, its unit.
 """
 
@@ -99,20 +111,32 @@ def definitions() -> str:
     for category, fields in FIELDS.items():
         known: dict[str, list[str]] = {}
         for edition in reversed(generated.manifest["CATS"][category]):
-            text = "".join(f"{line}\n" for line in _record(edition.cv_record, fields))
+            text = "".join(f"{line}\n" for line in _records(edition.cv_uap, fields))
             known.setdefault(text, []).append(".".join(map(str, edition.cv_edition)))
         for text, names in known.items():
             parts.append(f"category {category} {' '.join(names)}\n{text}")
     return "\n".join(parts)
 
 
-def _record(record: Any, fields: dict[str, set[str]]) -> Iterator[str]:
+def _records(uap: Any, fields: dict[str, set[str]]) -> Iterator[str]:
+    if hasattr(uap, "cv_record"):
+        yield from _items(uap.cv_record, fields)
+        return
+    one, other = uap.cv_uaps.values()
+    yield from _items(one, fields)
+    yield f"where {'/'.join(uap.cv_selector[0])}"
+    yield from _items(other, fields)
+
+
+def _items(record: Any, fields: dict[str, set[str]]) -> Iterator[str]:
     yield f"fspec {record.cv_fspec_max_bytes}"
     for item in record.cv_items_list:
         kind = item.__base__.__name__
         if kind == "UapItem":
             name = item.cv_non_spare.cv_name
             yield f"{name} {_structure(item.cv_non_spare, fields.get(name, set()))}"
+        elif kind == "UapItemRFS":
+            yield "RFS (sequence)"
         else:
             assert kind == "UapItemSpare", kind
             yield "-"

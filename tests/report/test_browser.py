@@ -218,15 +218,15 @@ def test_every_control(opened: Any) -> None:
 
 
 def test_legends(opened: Any) -> None:
-    """A click on the first entry hides its line, in every figure."""
-    hidden = (
-        "return [...document.querySelectorAll('.plot')].map("
-        "(p) => p.data.filter((t) => t.visible === 'legendonly').length)"
+    """A click on the first entry hides its line, in every figure of lines; maps have colours."""
+    figures = (
+        "[...document.querySelectorAll('.plot')]"
+        ".filter((p) => p.data.some((t) => t.type !== 'heatmap'))"
     )
+    hidden = f"return {figures}.map((p) => p.data.filter((t) => t.visible === 'legendonly').length)"
     before = opened.execute_script(hidden)
     for entry in opened.execute_script(
-        "return [...document.querySelectorAll('.plot')].map("
-        "(p) => [...p.querySelectorAll('.legendtoggle')].at(-1))"
+        f"return {figures}.map((p) => [...p.querySelectorAll('.legendtoggle')].at(-1))"
     ):
         click(opened, entry)
     until(

@@ -11,9 +11,10 @@ import pytest
 from places import EXAMPLES
 from terminal import run
 
-from tertia import report
+from tertia import report, simulate
 from tertia.location import Station
 from tertia.report._bearings import hear
+from tertia.sensors import Bias
 from tertia.tracker import Plots, Radar
 
 pytest.importorskip("plotly")
@@ -68,7 +69,7 @@ def test_fusion_is_better_than_any_radar_alone(summary: dict[str, Any]) -> None:
     assert rows["tracks fused, as found"]["rmse_m"] < alone
     # systematic errors make the registration track once more, with other numbers
     assert rows["tracks fused, as stated"]["rmse_m"] < alone
-    assert rows["all radars together"]["rmse_m"] < alone
+    assert rows["all radars together, at these instants"]["rmse_m"] < alone
     # covariance intersection is conservative whatever the correlation
     assert rows["covariance intersection, as found"]["within_95"] > 0.92
 
@@ -101,7 +102,7 @@ def test_figures_are_those_of_evaluate(scene: Path, summary: dict[str, Any]) -> 
         assert page[row["figure"]] == pytest.approx(row["value"], rel=1e-9), row["figure"]
     rows = summary["requirements"]
     own = {row["figure"]: row for row in rows if row["tracks"] == "all radars together"}
-    assert len(own) == 3
+    assert len(own) == 10
     for figure, row in own.items():
         assert row["value"] == page[figure]
         assert row["low"] is None or row["low"] <= row["value"]
@@ -119,7 +120,7 @@ def test_the_page_is_whole_and_asks_for_nothing(scene: Path, summary: dict[str, 
     assert not re.search(r"<(script|link|img)[^>]+(src|href)=\"(?!data:)", html)
     charts = json.loads(re.findall(r"^const charts = (.*);$", html, re.MULTILINE)[0])
     graph_objects = pytest.importorskip("plotly.graph_objects")
-    without = {"probability of update", "NEES per axis", "as stated", "as found", "intersection"}
+    without = {"updated scans", "NEES per axis", "as stated", "as found", "intersection"}
     for figure in charts.values():
         for key, axis in graph_objects.Figure(figure).to_dict()["layout"].items():
             if re.match("[xy]axis", key):
@@ -253,3 +254,89 @@ def test_what_a_page_needs(tmp_path: Path) -> None:
 def test_wrong_usage(options: tuple[str, ...], message: str) -> None:
     done = run("report", *PLOTS, *options)
     assert (done.code, done.err) == (2, f"tertia: {message}\n")
+
+
+def test_what_has_one_name_has_one_value(summary: dict[str, Any]) -> None:
+    """Every figure that two tables show of the same tracks is the same number."""
+    found: dict[tuple[str, str], set[str]] = {}
+    words = {
+        "rmse_m": "RMSE",
+        "nees_per_axis": "NEES per axis",
+        "within_95": "share within the 95 % ellipse",
+    }
+
+    def add(tracks: str, figure: str, value: float | None) -> None:
+        found.setdefault((tracks, words.get(figure, figure)), set()).add(
+            "none" if value is None else f"{value:.6g}"
+        )
+
+    for row in summary["evaluation"]:
+        for name in row.keys() - {"figure", "unit"}:
+            add(name, row["figure"], row[name])
+    for row in summary["requirements"]:
+        add(row["tracks"], row["figure"], row["value"])
+    for table in ("audit", "fusion"):
+        for row in summary[table]:
+            for figure in words.keys() & row.keys():
+                add(row["tracks"], figure, row[figure])
+    compared = [key for key in found if key[1] in words.values()]
+    assert len(compared) >= 15
+    assert {key: values for key, values in found.items() if len(values) > 1} == {}
+    text = next(one for one in summary["findings"] if one.startswith("All radars together"))
+    (rmse,) = found["all radars together", "RMSE"]
+    assert f"RMSE {float(rmse):.3g} m" in text
+
+
+def test_the_page_tells_which_radar_is_bad_and_how(summary: dict[str, Any], scene: Path) -> None:
+    """From the findings alone, compared with what the scene was made of."""
+    faults = json.loads((scene / "scene.json").read_text(encoding="utf-8"))["radars"]
+    told = [text for text in summary["findings"] if text.startswith("radar-")]
+    assert {text.partition(":")[0] for text in told} == set(faults) == {"radar-3"}
+    assert any("azimuth sigma" in one for one in told)
+    bias = next(one for one in told if "range bias" in one)
+    value, error = (float(one) for one in re.findall(r"(\d+) ± (\d+) m", bias)[0])
+    assert abs(value - faults["radar-3"]["range_bias_m"]) < 3 * error
+
+
+def test_maps_have_the_numbers_of_the_table(scene: Path, summary: dict[str, Any]) -> None:
+    html = (scene / "page.html").read_text(encoding="utf-8")
+    charts = json.loads(re.findall(r"^const charts = (.*);$", html, re.MULTILINE)[0])
+    for row, cells in zip(summary["radars"], charts["no-track"]["data"], strict=True):
+        assert cells["name"] == row["radar"]
+        assert sum(x for one in cells["z"] for x in one if x is not None) == row["in_no_track"]
+    for name in ("coverage", "levels"):
+        shares = [x for cells in charts[name]["data"] for one in cells["z"] for x in one]
+        known = [x for x in shares if x is not None]
+        assert 20 < len(known) < len(shares)
+        assert all(0 <= x <= 1 for x in known)
+        assert np.mean(known) == pytest.approx(
+            np.mean([row["probability_of_update"] for row in summary["radars"]]), abs=0.1
+        )
+
+
+@pytest.mark.parametrize(
+    ("fault", "words", "size", "within"),
+    [
+        ({"time": 1.0}, "clock", 1.0, 0.5),
+        ({"azimuth": np.radians(0.3)}, "azimuth bias", 0.3, 0.02),
+        ({"range": 200.0}, "range bias", 200.0, 30.0),
+    ],
+)
+def test_an_error_of_a_radar_is_a_finding(
+    fault: dict[str, float], words: str, size: float, within: float
+) -> None:
+    places = ((0.0, 0.0), (60e3, -30e3), (-20e3, 70e3))
+    radars = [
+        Radar(
+            place, range_sigma=60.0, azimuth_sigma=np.radians(0.1), scan_period=4.0 + k, name=name
+        )
+        for k, (place, name) in enumerate(zip(places, "abc", strict=True))
+    ]
+    traffic = simulate.dense_traffic(20, area=(150e3, 150e3), duration=600.0, rng=41)
+    wrong = Bias(**{name: (0.0, value, 0.0) for name, value in fault.items()})
+    seen = simulate.radar_plots(traffic, radars, bias=wrong, rng=42)
+    findings = report.make(seen.plots, radars).summary["findings"]
+    assert {text[0] for text in findings} == {"b"}
+    told = next(text for text in findings if text.startswith(f"b: {words}"))
+    value, error = (float(one) for one in re.findall(r"([\d.]+) ± ([\d.]+)", told)[0])
+    assert abs(value - size) < 4 * error < within

@@ -503,3 +503,13 @@ def test_partitions_of_dask_give_the_same_as_one_process(name):
         check_exact=name != "smooth",
         rel_tol=1e-9,
     )
+
+
+def test_no_confirmed_track_is_said():
+    radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0)
+    time = np.arange(0.0, 100.0, 4.0)
+    plots = pl.DataFrame({"time_s": time, "range_m": 5e5 + 7e3 * time, "azimuth_deg": 30.0})
+    with pytest.warns(tables.RecordWarning, match="no track was confirmed: .* max_speed"):
+        found = tables.track(plots, sensors=[radar])
+    assert found.is_empty()
+    assert len(tables.track(plots, sensors=[radar], max_speed=8e3))

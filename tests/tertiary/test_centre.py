@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from checks import assert_threads
 from numpy.testing import assert_allclose, assert_array_equal
 
 from tertia import simulate
@@ -124,6 +125,28 @@ def test_a_saved_centre_goes_on_to_the_last_bit():
     for name in type(one).__slots__:
         assert_array_equal(getattr(one, name), getattr(other, name))
     assert_array_equal(np.asarray(whole.bias.range), np.asarray(restored.bias.range))
+
+
+def test_pictures_do_not_depend_on_the_number_of_threads():
+    # more tracks than one thread compares at a time
+    radars = [replace(radar, bias=Bias(range_sigma=150.0)) for radar in RADARS]
+    random = np.random.default_rng(3)
+    places, velocities = random.uniform(-1e5, 1e5, (300, 2)), random.normal(0.0, 150.0, (300, 2))
+    rows = []
+    for k, radar in enumerate(radars):
+        for time in np.arange(0.3 * k, 60.0, radar.scan_period):
+            state = np.hstack([places + time * velocities, velocities])
+            state += random.standard_normal(state.shape) * [50, 50, 5, 5]
+            rows.append((np.full(300, time), np.full(300, k), np.arange(300), state))
+    time, sensor, number, state = (np.concatenate(column) for column in zip(*rows, strict=True))
+    covariance = np.broadcast_to(COVARIANCE, (len(time), 4, 4))
+    tracks = SensorTracks(time, sensor, number, state[:, :2], state[:, 2:], covariance=covariance)
+    assert np.sum(np.all(last(fuse_tracks(tracks, radars, n_threads=1)).members >= 0, axis=1)) > 200
+    assert_threads(lambda **threads: fuse_tracks(tracks, radars, **threads))
+    restored = pickle.loads(pickle.dumps(FusionCentre(radars, n_threads=2)))
+    assert restored.n_threads == 2
+    with pytest.raises(ValueError, match="n_threads is 0"):
+        FusionCentre(radars, n_threads=0)
 
 
 def test_damaged_states_are_refused():

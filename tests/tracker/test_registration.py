@@ -11,7 +11,7 @@ from tertia import _core, simulate
 from tertia.metrics import nees
 from tertia.sensors import RADAR_LIMITS, Bias, Radar
 from tertia.tracker import Plots, Tracker, track
-from tertia.tracker._registrar import _AMPLE, _thinned
+from tertia.tracker._registrar import _AMPLE, Registrar, _thinned
 from tertia.tracker._tracker import tracked
 
 RADARS = [
@@ -81,8 +81,9 @@ def drawn(random):
 
 
 def test_first_tracks_are_as_good_as_they_say():
-    random, squares = np.random.default_rng(3), []
+    random, squares, known = np.random.default_rng(3), [], []
     for seed in range(30):
+        # normal: a uniform error has a third of the variance that the tracker assumes
         bias = drawn(random)
         traffic = simulate.dense_traffic(20, area=(1e5, 1e5), turning_share=0.1, rng=seed)
         record = simulate.radar_plots(traffic, RADARS, bias=bias, rng=seed + 50)
@@ -96,6 +97,10 @@ def test_first_tracks_are_as_good_as_they_say():
             error = table.position[seen] - place[table.plot[seen]]
             near = np.hypot(*error.T) < 2000.0
             squares.append(nees(error[near], table.covariance[seen][near][:, :2, :2]) / 2)
+        off = columns(tracker.bias) - columns(bias)
+        known.append((off / columns(tracker.bias, "_sigma")) ** 2)
+    # what all clocks have in common is as good as the prior; of uniform errors this is .26
+    assert 0.5 < np.mean(np.array(known)[..., 3]) < 1.6
     # .77 while the noise that stands for errors was counted besides them
     assert 0.8 < np.nanmean(np.concatenate(squares)) < 1.25
 
@@ -184,6 +189,44 @@ def test_a_sudden_change_beyond_the_gates_is_found(beyond):
     assert 120.0 < time < 135.0
     assert not others
     assert len(np.unique(np.concatenate([table.track for table in tables]))) <= 21
+
+
+@pytest.mark.parametrize("seed", [28, 32, 41])
+def test_a_clock_that_jumps_makes_no_second_tracks(seed):
+    # plots outside the gates begin tracks before enough blocks tell of the change
+    plots = recording(seed, Bias(time=[0.0, 1.0]), bias_start=150.0)
+    tracker, tables = followed(plots)
+    assert tracker._registrar.changes
+    # 22 while these were confirmed
+    assert len(np.unique(np.concatenate([table.track for table in tables]))) == 20
+
+
+def test_no_track_is_confirmed_by_a_radar_that_is_held(monkeypatch):
+    plots = recording(9, Bias())
+    monkeypatch.setattr(Registrar, "held", property(lambda _: [False, True]))
+    _, tables = followed(plots[plots.time < 30.0])
+    assert not any(map(len, tables))
+    _, tables = followed(plots[(plots.time < 30.0) & (plots.sensor == 0)])
+    assert len(np.unique(np.concatenate([table.track for table in tables]))) > 15
+
+
+def test_tracks_move_when_the_errors_do(monkeypatch):
+    plots = recording(9, Bias())
+    tracker, _ = followed(plots[plots.time < 40.0])
+    same = pickle.loads(pickle.dumps(tracker))
+    learn = Registrar.learn
+
+    def learn_more(*given):
+        number, time, by = learn(*given)
+        return number, time, by + np.array([300.0, -100.0, 0.0, 0.0])
+
+    last = plots[(plots.time >= 40.0) & (plots.time < 44.0)]
+    tracker.update(last)
+    monkeypatch.setattr(Registrar, "learn", learn_more)
+    same.update(last)
+    ((track, place), (other, moved)) = (one.extrapolate(0.0) for one in (tracker, same))
+    np.testing.assert_array_equal(track, other)
+    np.testing.assert_allclose(moved - place, np.tile([300.0, -100.0], (len(track), 1)), atol=1e-6)
 
 
 def few(plots, target):

@@ -57,7 +57,8 @@ def common_azimuth(
     >>> (np.diagonal(covariance) ** 0.5).round(4)
     array([2.80000e-03, 7.90569e+01])
     """
-    r, a = positive(squarable(range, "range"), "range"), finite(azimuth, "azimuth")
+    r = positive(squarable(range, "range"), "range")
+    a = finite(radians(azimuth, "azimuth"), "azimuth")
     sr = positive(squarable(range_sigma, "range_sigma"), "range_sigma")
     sa = positive(radians(azimuth_sigma, "azimuth_sigma", is_sigma=True), "azimuth_sigma")
     places = [finite(squarable(position, "position"), "position")]

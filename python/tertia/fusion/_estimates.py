@@ -22,6 +22,7 @@ from tertia._arrays import (
     threads,
 )
 from tertia._result import Result
+from tertia.fusion._biases import deviations
 from tertia.weights import Count
 from tertia.weights._few import enlarged
 from tertia.weights._readers import deviation, moderate, of_one_batch
@@ -243,7 +244,7 @@ def fuse(
         holds = np.isfinite(arrays["corrections"]) | np.isnan(arrays["estimates"])
         require_each(arrays["corrections"], holds, "corrections", "a finite number")
     if bias_sigma is not None:
-        bias = _biases(bias_sigma, sensors)
+        bias = deviations(bias_sigma, sensors)
         arrays |= _with_bias(arrays["estimates"], arrays["covariances"], bias)
     arguments: dict[str, object] = {
         "cross_covariances": None,
@@ -277,15 +278,6 @@ def _require_paper(
         raise ValueError(f"method {method!r} {needed}; they are for 'paper'")
     if covariances is None and method != "paper":
         raise ValueError(f"covariances is None; method {method!r} needs them")
-
-
-def _biases(bias_sigma: npt.ArrayLike, sensors: int) -> FloatArray:
-    """Return the standard deviation of systematic errors: one for all, or one for each sensor."""
-    bias = samples(bias_sigma, "bias_sigma")
-    require_each(bias, bias >= 0, "bias_sigma", "a number that is not negative, or inf")
-    if bias.shape not in {(), (sensors,)}:
-        raise ValueError(f"bias_sigma has shape {bias.shape}; it must be () or ({sensors},)")
-    return bias
 
 
 def _with_bias(x: FloatArray, s: FloatArray, bias: FloatArray) -> dict[str, FloatArray]:

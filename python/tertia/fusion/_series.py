@@ -20,6 +20,7 @@ from tertia._arrays import (
     threads,
 )
 from tertia._result import Result
+from tertia.fusion._biases import prior_of, registered, trusted
 from tertia.fusion._lasting import correlation_times, growth
 from tertia.kalman import filter_series
 from tertia.kalman._batch import _initial, _intervals
@@ -66,8 +67,11 @@ class FusedSeries(Result):
         where there is none.
     correlation_time : ndarray of shape (..., K)
         Time over which each radar's noise is correlated: as given, or as found; 0 for white noise.
-    systematic : {"not included"}
-        A systematic error of a radar is not part of the covariance.
+    bias, bias_sigma : ndarray of shape (..., K)
+        Systematic error of each radar, which was subtracted from its plots, and its standard
+        deviation; zeros where no `bias_sigma` was given.
+    systematic : {"given", "not included"}
+        Whether the covariance includes what is not known of the systematic errors.
     unfiltered : ndarray of shape (..., steps, 3) or None
         The fused states before the third filter; None without one.
     """
@@ -83,6 +87,8 @@ class FusedSeries(Result):
     innovation: FloatArray
     innovation_variance: FloatArray
     correlation_time: FloatArray
+    bias: FloatArray
+    bias_sigma: FloatArray
     systematic: Systematic = "not included"
     unfiltered: FloatArray | None = None
 
@@ -102,7 +108,9 @@ class FusedSeries(Result):
         counts = {"radar": radars, "step": steps, "outlier": np.count_nonzero(self.outlier)}
         parts = [f"batch {tuple(batch)}"] if batch else []
         parts += [f"{count} {what}{'' if count == 1 else 's'}" for what, count in counts.items()]
-        return f"FusedSeries({', '.join(parts)}, systematic error not included)"
+        if self.systematic == "not included":
+            parts.append("systematic error not included")
+        return f"FusedSeries({', '.join(parts)})"
 
 
 def fuse_series(
@@ -110,6 +118,7 @@ def fuse_series(
     measurement_variance: npt.ArrayLike,
     model: SingerModel,
     *,
+    bias_sigma: npt.ArrayLike = 0.0,
     method: FusionMethod = "robust",
     initial: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
     time: npt.ArrayLike | None = None,
@@ -135,6 +144,11 @@ def fuse_series(
         Variance of their noise, as stated.
     model : SingerModel
         Model of the target's motion.
+    bias_sigma : float or array_like of shape (K,)
+        Standard deviation of a constant error of each radar; 0 is a trusted radar, inf one of which
+        nothing is known, as long as not all are. What the plots of all steps say of the errors is
+        subtracted, and what they leave unknown is in the covariance: without a trusted radar, most
+        of what the radars have in common.
     method : str
         "robust": one filter for all plots, which detects wrong noise, outliers and manoeuvres.
         "adaptive": component by component by the inverse variances that the radars' tracks
@@ -150,7 +164,7 @@ def fuse_series(
         "paper": component by component by the inverse squares of this step's corrections.
     initial : (mean, covariance), optional
         States of the radars' filters at the first step before their plots, of shapes (..., K, 3)
-        and (..., K, 3, 3). By default they are unknown.
+        and (..., K, 3, 3). By default they are unknown, as they must be with a `bias_sigma`.
     time : array_like of shape (steps,) or (..., steps), optional
         Times of the steps, not decreasing; by default `model.dt` apart.
     period : float, optional
@@ -210,7 +224,11 @@ def fuse_series(
     manoeuvre), its noise is increased, and the covariance of its track accordingly. The errors of
     two tracks are correlated through their common motion. Cost O(K² steps).
 
-    A systematic error of a radar is not noise, and is not detected.
+    `bias_sigma`: one filter over all plots has the start of the motion and the errors as unknown
+    coefficients (de Jong 1991), so the regression of its innovations on the errors is exact for the
+    model. Noise and outliers are those that the method finds. The errors come from the whole
+    series: `AngleFusion` takes plots that are corrected. Without `bias_sigma`, a systematic error
+    of a radar is not detected. Cost O(K² steps).
 
     Noise that lasts is treated as if the filter were one of constant gain K: what it leaves of
     white noise, K / (2 - K), grows by (1 + φ (1 - K)) / (1 - φ (1 - K)), the part of the motion
@@ -251,22 +269,33 @@ def fuse_series(
         "threshold": real(threshold, "threshold"),
         "outlier_gate": real(outlier_gate, "outlier_gate"),
     }
-    arrays, outlier = _core.fuse_series(arguments, threads(n_threads))
-    mean, upper, weights, noise, innovation, innovation_variance = arrays
-    if correlation_time is None or np.any(correlation_time):
-        variance = np.broadcast_to(stated, plots.shape)
-        own = model.dt * np.arange(steps) if time is None else finite(time, "time")
-        instants = np.broadcast_to(own, (*batch, steps))
-    if correlation_time is None:
-        lasting = correlation_times(plots, variance, instants, wrap)
-    else:
-        lasting = _correlation_times(correlation_time, tuple(batch), radars)
+    prior = prior_of(bias_sigma, radars)
+    if initial is not None and prior.any():
+        raise ValueError("initial has the systematic errors in it; leave it out with a bias_sigma")
+    fused = _core.fuse_series(arguments, threads(n_threads))
+    variance = np.broadcast_to(stated, plots.shape)
+    instants = finite(model.dt * np.arange(steps) if time is None else time, "time")
+    lasting, phi = _lasting(correlation_time, plots, variance, instants, wrap)
+    one = trusted(fused, phi.shape)
+    if prior.any():
+        angle = fused[0][0][..., 0]
+        one = registered(arguments, angle, prior, (1 + phi) / (1 - phi), threads(n_threads))
+    (mean, upper, weights, noise, innovation, innovation_variance), outlier = one.fused
     if lasting.any():
-        phi = _correlations(lasting, instants, plots)
         factor = growth(upper[..., 0], variance, noise, ~np.isnan(plots), phi)
         upper = upper * factor[..., np.newaxis]
     found = FusedSeries(
-        mean, upper, weights, noise, outlier, innovation, innovation_variance, lasting
+        mean,
+        upper if one.added is None else upper + one.added,
+        weights,
+        noise,
+        outlier,
+        innovation,
+        innovation_variance,
+        lasting,
+        one.value,
+        one.sigma,
+        "not included" if one.added is None else "given",
     )
     if third_filter is None:
         return found
@@ -274,7 +303,8 @@ def fuse_series(
     again = filter_series(
         mean[..., 0], noise_of_mean, third_filter, time=time, period=wrap, n_threads=n_threads
     )
-    return replace(found, mean=again.mean, upper=again.upper, unfiltered=mean)
+    upper = again.upper if one.added is None else again.upper + one.added
+    return replace(found, mean=again.mean, upper=upper, unfiltered=mean)
 
 
 def _require_paper(method: str, outage: str, third_filter: SingerModel | None) -> None:
@@ -287,28 +317,34 @@ def _require_paper(method: str, outage: str, third_filter: SingerModel | None) -
         raise ValueError(f"outage and third_filter are for 'paper', method is {method!r}")
 
 
-def _correlation_times(
-    correlation_time: npt.ArrayLike, batch: tuple[int, ...], radars: int
-) -> FloatArray:
-    lasting = finite(correlation_time, "correlation_time")
-    if lasting.shape not in {(), (radars,)}:
-        raise ValueError(
-            f"correlation_time has shape {lasting.shape}; it must be () or ({radars},)"
-        )
-    require_each(lasting, lasting >= 0, "correlation_time", "a number that is not negative")
-    each: FloatArray = np.empty((*batch, radars))
-    each[...] = lasting
-    return each
-
-
-def _correlations(lasting: FloatArray, instants: FloatArray, plots: FloatArray) -> FloatArray:
-    """Return the correlations (..., K) of a radar's successive plots."""
-    phi = np.zeros(lasting.shape)
-    for place in np.ndindex(*lasting.shape):
+def _lasting(
+    correlation_time: npt.ArrayLike | None,
+    plots: FloatArray,
+    variance: FloatArray,
+    time: FloatArray,
+    period: float | None,
+) -> tuple[FloatArray, FloatArray]:
+    """Return correlation times (..., K) and the correlations of successive plots, (..., K)."""
+    *batch, radars, steps = plots.shape
+    phi = np.zeros((*batch, radars))
+    if correlation_time is not None and not np.any(correlation_time):
+        return phi, phi
+    instants = np.broadcast_to(time, (*batch, steps))
+    if correlation_time is None:
+        lasting = correlation_times(plots, variance, instants, period)
+    else:
+        given = finite(correlation_time, "correlation_time")
+        if given.shape not in {(), (radars,)}:
+            raise ValueError(
+                f"correlation_time has shape {given.shape}; it must be () or ({radars},)"
+            )
+        require_each(given, given >= 0, "correlation_time", "a number that is not negative")
+        lasting = np.broadcast_to(given, phi.shape).copy()
+    for place in np.ndindex(*phi.shape):
         own = instants[place[:-1]][~np.isnan(plots[place])]
         if lasting[place] > 0 and own.size > 1:
             phi[place] = np.exp(-np.median(np.diff(own)) / lasting[place])
-    return phi
+    return lasting, phi
 
 
 def _variances(

@@ -160,12 +160,12 @@ class SystemPlane(Frame):
         -------
         Station
             Its azimuths are relative to true north. Lines of sight are straight in the plane, which
-            is .01 degrees off at 100 km.
+            is .01 degrees off at 100 km where the station is 250 km from the centre.
 
         Raises
         ------
         ValueError, TypeError
-            As for `Station`.
+            As for `Station`; where there is more than one place.
 
         Examples
         --------
@@ -175,6 +175,11 @@ class SystemPlane(Frame):
         array([18602., 11155.,   380.])
         """
         place = finite(self.to_local(latitude, longitude, height), "position")
+        if place.shape != (3,):
+            raise ValueError(
+                f"latitude, longitude and height have shape {place.shape[:-1]}; "
+                "each must be a number"
+            )
         _, convergence = self.scale_and_convergence(place)
         cosine, sine = np.cos(convergence), np.sin(convergence)
         axes = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])

@@ -25,11 +25,11 @@ class AsterixRecording:
     Attributes
     ----------
     plots : DataFrame
-        Target reports of radars (category 48): `time_s`, `sensor`, `range_nm`, `azimuth_deg`,
-        `flight_level`, `icao_address`, `mode_3a`, `callsign`, `detection`, `simulated`,
-        `field_monitor`, `track_number`, `speed_m_s`, `course_deg`.
+        Target reports of radars (categories 48 and 1): `time_s`, `sensor`, `range_nm`,
+        `azimuth_deg`, `flight_level`, `icao_address`, `mode_3a`, `callsign`, `detection`,
+        `simulated`, `field_monitor`, `track_number`, `speed_m_s`, `course_deg`.
     sensors : DataFrame
-        One row per radar that sent plots or service messages (category 34): `sensor`,
+        One row per radar that sent plots or service messages (categories 34, 2): `sensor`,
         `latitude_deg`, `longitude_deg`, `height_m`, `scan_period_s`, `plots`.
     tracks : DataFrame
         System tracks (category 62): `time_s`, `sensor`, `target`, `latitude_deg`, `longitude_deg`,
@@ -49,11 +49,17 @@ class AsterixRecording:
         Data blocks of other categories, by category.
     damaged : int
         Number of data blocks that are cut off or have a record that cannot be decoded: this and
-        what follows it in the block are left out.
+        what follows it in the block are left out; and of places where no data block follows.
+    lost_bytes : int
+        Number of bytes of a file that belong to no data block, for example because a length is
+        damaged: they are passed over up to the next block that can be decoded.
     first_damage : str
         Where the first of these is, and what is wrong; empty without.
     editions : dict of int to str
         The edition by which each category was decoded.
+    truncated_times : bool
+        Whether times are those of a clock that begins again every 512 s (I001/141), because no
+        record has a full one.
     repeated : int
         Number of duplicate plots, for example from two network lines; each is in the table once.
     other_packets : int
@@ -67,8 +73,10 @@ class AsterixRecording:
     positions: pl.DataFrame
     skipped: dict[int, int]
     damaged: int
+    lost_bytes: int
     first_damage: str
     editions: dict[int, str]
+    truncated_times: bool
     repeated: int
     other_packets: int
 
@@ -109,8 +117,8 @@ def read_asterix(path: str | Path | Sequence[bytes]) -> AsterixRecording:
     Raises
     ------
     ValueError
-        A file that is not ASTERIX, of which no record can be decoded, or that is damaged between
-        data blocks; the message gives the byte.
+        A file that is not ASTERIX, or of which no record can be decoded; the message gives the
+        byte.
     ImportError
         A library that is not installed.
     OSError
@@ -120,7 +128,9 @@ def read_asterix(path: str | Path | Sequence[bytes]) -> AsterixRecording:
     -----
     Radars are named by their codes, SAC/SIC. Times are seconds of the day (UTC), and continue
     beyond 86400 if a recording passes midnight. Mode 3/A codes and flight levels that are garbled
-    or not validated are null. Duplicates, for example from two network lines, are removed.
+    or not validated are null. Times of category 1 are truncated to 512 s; they are completed by the
+    full times of the service messages (category 2) of the same radar. Duplicates, for example from
+    two network lines, are removed.
 
     Each category is decoded by the edition that decodes most of its first twenty data blocks; of
     equal ones by the newest.
@@ -157,7 +167,7 @@ def read_asterix(path: str | Path | Sequence[bytes]) -> AsterixRecording:
         for number, payload in framed:
             reader.take_frame(payload, number)
     else:
-        reader.take(contents, "")
+        reader.take(contents)
     return AsterixRecording(**reader.recording())
 
 

@@ -17,6 +17,7 @@ from tertia.io._categories import (
     COLUMNS,
     KNOWN,
     MULTILATERATION,
+    OLD_PLOTS,
     PLOTS,
     REPORTS,
     SENSORS,
@@ -44,7 +45,7 @@ class Reader:
         # the byte in all payloads where each begins, and how messages name it
         self.begins: list[int] = []
         self.places: list[str] = []
-        self.size = self.other_packets = self.damaged = 0
+        self.size = self.other_packets = self.damaged = self.lost_bytes = 0
         self.first_damage = ""
         self.blocks: list[tuple[IntArray, IntArray, IntArray]] = []
         self.editions: dict[int, str] = {}
@@ -67,32 +68,33 @@ class Reader:
             self._damage(1, f"{self.path}, frame {number}, byte {stop}: there is no data block")
         self._collect(payload, f"frame {number}, ", found)
 
-    def take(self, contents: bytes, where: str) -> None:
-        """Collect data blocks; error messages begin with `where`."""
-        category, *_, stop = found = _core.asterix_blocks(contents)
-        # other categories count only after one that is known
-        begun = len(category) > 0 and int(category[0]) in KNOWN
-        if not begun:
-            stop = 0
-        if stop < len(contents):
-            length = max(int.from_bytes(contents[stop + 1 : stop + _HEADER], "big"), _HEADER)
-            place = f"{self.path}, {where}byte {stop}"
-            left = len(contents) - stop
-            if not (begun or contents[stop] in KNOWN) or left >= length:
-                there = contents[stop : stop + 8].hex()
-                raise ValueError(
-                    f"{place}: there is no data block of ASTERIX, but {there}; the file is "
-                    "damaged, or in another format"
+    def take(self, contents: bytes) -> None:
+        """Collect the data blocks of a file, also after a damaged length or other bytes."""
+        *found, gaps = _core.asterix_recording(contents, sorted(KNOWN))
+        for at, lost in gaps:
+            self.lost_bytes += lost
+            length = max(int.from_bytes(contents[at + 1 : at + _HEADER], "big"), _HEADER)
+            left = len(contents) - at
+            there = contents[at : at + 8].hex()
+            if not lost:
+                what = f"the length of a data block is damaged: {length}"
+            elif lost == left < length and (at or contents[at] in KNOWN):
+                what = (
+                    "the data block is cut off, or its length is damaged: of "
+                    f"{length} bytes {left} are there, which are left out"
                 )
-            self._damage(
-                1,
-                f"{place}: the data block is cut off, or its length is damaged: of {length} bytes "
-                f"{left} are there, which are left out",
-            )
-        self._collect(contents, where, found)
+            elif len(found[0]):
+                what = f"there is no data block, but {there}; {lost} bytes are left out"
+            else:
+                raise ValueError(
+                    f"{self.path}, byte {at}: there is no data block of ASTERIX, but {there}; the "
+                    "file is damaged, or in another format"
+                )
+            self._damage(1, f"{self.path}, byte {at}: {what}")
+        self._collect(contents, "", found)
 
     def _collect(self, contents: bytes, where: str, found: Any) -> None:
-        category, begin, end, _ = found
+        category, begin, end, *_ = found
         self.blocks.append((category, begin + self.size, end + self.size))
         self.payloads.append(contents)
         self.begins.append(self.size)
@@ -119,16 +121,20 @@ class Reader:
             self.editions[number] = editions[0]
             damage += [(int(own[where]), at, reason) for where, at, reason in wrong]
             records[number] = _Records(own[block], fields, columns)
+        if OLD_PLOTS in records:
+            records[OLD_PLOTS].repeat_sources()
         self._say_damage(damage, category)
         if self.damaged and not any(len(one.block) for one in records.values()):
             raise ValueError(f"{self.first_damage}; no other record can be decoded")
-        _continue_times(records)
+        _set_times(records)
         skipped = Counter(category[~np.isin(category, list(records))].tolist())
         return self._tables(records) | {
             "skipped": dict(sorted(skipped.items())),
             "damaged": self.damaged,
+            "lost_bytes": self.lost_bytes,
             "first_damage": self.first_damage,
             "editions": self.editions,
+            "truncated_times": _are_truncated(records),
             "other_packets": self.other_packets,
         }
 
@@ -149,6 +155,7 @@ class Reader:
             number: [records[number].rows(number, ROWS[number])] if number in records else []
             for number in ROWS
         }
+        tables[PLOTS] += tables.pop(OLD_PLOTS)
         if SURFACE in records:
             measured = records[SURFACE].rows(SURFACE, surface_plots, PLOTS)
             tables[PLOTS].append(measured.filter(pl.col("range_nm").is_not_null()))
@@ -185,6 +192,19 @@ class _Records:
         each = pl.coalesce([self.items.number(item, "s") for item in TIMES[number]])
         return self.frame.select(each.fill_null(np.nan))[:, 0].to_numpy()
 
+    def repeat_sources(self) -> None:
+        """Let a record without a source have that of the record before, in the same block."""
+        codes = pl.col("010/SAC", "010/SIC")
+        if self.frame["010/SAC"].null_count():
+            self.frame = self.frame.with_columns(
+                codes.forward_fill().over(pl.Series("block", self.block))
+            )
+
+    def sources(self) -> IntArray:
+        """Return who reports, as one number."""
+        both = pl.col("010/SAC") * 256 + pl.col("010/SIC")
+        return self.frame.select(both.fill_null(_MISSING))[:, 0].to_numpy()
+
     def rows(self, number: int, convert: Any, table: int | None = None) -> pl.DataFrame:
         """Return the rows of a table, with the data blocks of the records."""
         columns = convert(self.items)
@@ -211,22 +231,33 @@ def _edition(number: int, contents: bytes, begin: IntArray, end: IntArray) -> in
     return best
 
 
-def _continue_times(records: Mapping[int, _Records]) -> None:
-    """Let the times of all records, in their order, go on after midnight."""
-    for number, one in records.items():
-        one.time = one.times(number)
+def _set_times(records: Mapping[int, _Records]) -> None:
+    """Complete truncated times, and let all, in the order of the records, go on after midnight."""
     every = list(records.values())
     if not every:
         return
-    time = np.concatenate([one.time for one in every])
+    for number, one in records.items():
+        one.time = one.times(number)
     order = np.argsort(np.concatenate([one.block for one in every]), kind="stable")
-    order = order[~np.isnan(time[order])]
-    days = np.cumsum(np.rint(-np.diff(time[order], prepend=time[order[:1]]) / _DAY))
-    time[order] += _DAY * days
-    for one, its in zip(
-        every, np.split(time, np.cumsum([len(one.block) for one in every])[:-1]), strict=True
-    ):
+    time = np.concatenate([one.time for one in every])[order]
+    if OLD_PLOTS in records:
+        old = np.concatenate([np.full(len(one.block), one is records[OLD_PLOTS]) for one in every])
+        source = np.concatenate([one.sources() for one in every])[order]
+        old = old[order]
+        time = _core.asterix_times(np.where(old, np.nan, time), np.where(old, time, np.nan), source)
+    there = np.flatnonzero(~np.isnan(time))
+    time[there] += _DAY * np.cumsum(np.rint(-np.diff(time[there], prepend=time[there[:1]]) / _DAY))
+    unsorted = np.empty_like(time)
+    unsorted[order] = time
+    counts = np.cumsum([len(one.block) for one in every])
+    for one, its in zip(every, np.split(unsorted, counts[:-1]), strict=True):
         one.time = its
+
+
+def _are_truncated(records: Mapping[int, _Records]) -> bool:
+    """Return whether old plots are all that has a time."""
+    times = {number for number, one in records.items() if np.isfinite(one.time).any()}
+    return times == {OLD_PLOTS}
 
 
 def _joined(number: int, parts: list[pl.DataFrame]) -> pl.DataFrame:

@@ -10,6 +10,7 @@ from tertia._units import FOOT, NAUTICAL_MILE
 from tertia.io._categories import (
     MODES,
     MULTILATERATION,
+    OLD_PLOTS,
     PLOTS,
     REPORTS,
     SURFACE,
@@ -70,9 +71,9 @@ class Items:
         wrong = [self.whole(item, flag).fill_null(0) > 0 for flag in "VG"]
         return pl.when(~pl.any_horizontal(wrong)).then(self.whole(item, part))
 
-    def level(self, item: str) -> pl.Expr:
+    def level(self, item: str, part: str = "FL") -> pl.Expr:
         """Return a flight level, null if it is garbled or not validated."""
-        return self.sound(item, "FL") * pl.lit(self.scales[f"{item}/FL"][0])
+        return self.sound(item, part) * pl.lit(self.scales[f"{item}/{part}"][0])
 
     def address(self, *names: str) -> pl.Expr:
         """Return an address in hexadecimal digits."""
@@ -92,8 +93,10 @@ class Items:
         return pl.any_horizontal([self.whole(item, part).fill_null(0) > 0 for part in parts])
 
 
-# where the time of day is; that of the position comes first
+# where the time of day is; that of the position comes first. Old plots have it truncated
 TIMES = {
+    OLD_PLOTS: ("141",),
+    2: ("030",),
     SURFACE: ("140",),
     MULTILATERATION: ("140",),
     # 030 until edition 0.26
@@ -197,6 +200,24 @@ def _plots(items: Items) -> Rows:
     }
 
 
+def _old_plots(items: Items) -> Rows:
+    names = dict(enumerate(_DETECTIONS[:4]))
+    return {
+        "range_nm": items.number("040", "NM", "RHO"),
+        "azimuth_deg": items.number("040", "°", "THETA"),
+        "flight_level": items.level("090", "HGT"),
+        "icao_address": pl.lit(None, pl.String),
+        "mode_3a": items.code("070"),
+        "callsign": pl.lit(None, pl.String),
+        "detection": items.whole("020", "SSRPSR").replace_strict(names, return_dtype=pl.String),
+        "simulated": items.flag("020", "SIM", "TST"),
+        "field_monitor": items.flag("020", "RAB"),
+        "track_number": items.whole("161"),
+        "speed_m_s": items.number("200", "NM/s", "GSP") * NAUTICAL_MILE,
+        "course_deg": items.number("200", "°", "HDG"),
+    }
+
+
 def _tracks(items: Items) -> Rows:
     velocity = [items.number("185", "m/s", axis) for axis in ("VX", "VY")]
     sigmas = [items.number("500", "m/s", "ATV", axis) for axis in "XY"]
@@ -258,6 +279,7 @@ def _reports(items: Items) -> Rows:
 
 
 ROWS: Mapping[int, Callable[[Items], Rows]] = {
+    OLD_PLOTS: _old_plots,
     PLOTS: _plots,
     TRACKS: _tracks,
     REPORTS: _reports,

@@ -1,13 +1,13 @@
 """Categories of ASTERIX: what they are, and the columns of those that are read."""
 
-# categories with rows: surface movement, multilateration, ADS-B, plots of radars, system tracks
+# categories with rows: old plots of radars, surface movement, multilateration, ADS-B, plots of
+# radars, system tracks
+OLD_PLOTS = 1
 SURFACE, MULTILATERATION, REPORTS, PLOTS, TRACKS = 10, 20, 21, 48, 62
-# service messages: of multilateration and of radars
-SERVICES = (19, 34)
+# service messages: of radars, old, of multilateration and of radars
+SERVICES = (2, 19, 34)
 # titles of what is not read
 TITLES = {
-    1: "radar plots, old",
-    2: "radar service, old",
     4: "safety nets",
     7: "directed interrogations",
     8: "weather of a radar",
@@ -78,6 +78,7 @@ COLUMNS = {
     },
 }
 COLUMNS |= dict.fromkeys((SURFACE, MULTILATERATION), COLUMNS[TRACKS])
+COLUMNS[OLD_PLOTS] = COLUMNS[PLOTS]
 COLUMNS[TRACKS] = COLUMNS[TRACKS] | {
     **dict.fromkeys(VELOCITIES, _NUMBER),
     "vertical_rate_m_s": _NUMBER,

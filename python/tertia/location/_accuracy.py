@@ -90,7 +90,8 @@ def accuracy_map(
         Standard deviations of times of arrival in seconds.
     bias : Bias, optional
         Systematic errors of all stations, or of each, (K,), in place of those of the stations. What
-        is stated of their sigmas adds to the random errors; nothing can be estimated here.
+        is stated of their sigmas adds to the random errors; where one is infinite nothing is
+        measured. Nothing can be estimated here.
     range_difference_correlation, propagation_speed : float
         See `locate`.
     degrees : bool
@@ -149,7 +150,7 @@ def accuracy_map(
             raise ValueError(f"{kind}_sigma has shape {sigma.shape}; it must have no batch")
         if kinds is not None and np.all(np.isnan(sigma)):
             raise ValueError(f"{kind}_sigma is missing")
-        sigma = biases.widened(kind, sigma)
+        sigma = biases.usable(kind, biases.widened(kind, sigma))
         first = int(kind == "range_difference")
         sigmas[0, KINDS.index(kind), first:] = sigma * (speed if kind == "arrival_time" else 1.0)
     if d == 2 and not np.all(np.isnan(sigmas[0, 2])):

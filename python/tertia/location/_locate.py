@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeAlias
+from functools import partial
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -17,19 +18,21 @@ from tertia._arrays import (
     finite,
     flag,
     integer,
+    lies_between,
     scalar_or_array,
     spread,
     threads,
 )
 from tertia.location._arrivals import LIGHT, read_arrivals
 from tertia.location._bias import given_biases, said
+from tertia.location._degrees import warn_if_degrees
 from tertia.location._height import anywhere, read_height, without_height
 from tertia.location._posterior import locate_posterior
 from tertia.location._readers import checked, correlation_of, deviations
 from tertia.location._result import Location, LocationMethod, LocationStatus, location_of
 from tertia.location._scene import Scene
 from tertia.sensors import Bias, Kind, Station
-from tertia.sensors._kinds import KINDS
+from tertia.sensors._kinds import ANGLES, KINDS
 from tertia.sensors._sensors import stack_stations, survey_sigmas
 
 _LENTH = {"lenth-mle", "lenth-huber", "lenth-andrews"}
@@ -148,6 +151,11 @@ def locate(
     TypeError
         An argument of the wrong type.
 
+    Warns
+    -----
+    UserWarning
+        Angles of which most contradict each other as radians, and fit as degrees.
+
     Notes
     -----
     Leading axes are broadcast against each other. If only one kind is measured and none of its
@@ -240,8 +248,7 @@ def locate(
     unknown = _is_unknown(measured)
     start = _start(initial, d)
     _require_method(method, measured, d, start, max_range)
-    if not unknown:
-        _require_deviations(measured)
+    _require_deviations(measured, unknown=unknown)
     level = read_height(height, height_sigma, d)
     if level is not None and unknown:
         raise ValueError("height is given; then the standard deviations must be, too")
@@ -271,23 +278,28 @@ def locate(
         )
         return _checked(location)
     grows = np.ones_like(free) if pools else free & (not unknown)
-    result = _core.locate(
-        *rows,
-        None if start is None else _matched(start, batch, 1),
-        (method, integer(redundancy, "redundancy", 1)),
-        (flag(multipath, "multipath"), correlation),
-        grows.ravel().tolist(),
-        pools,
-        threads(n_threads),
+    solve = partial(
+        _solved,
+        rows,
+        (
+            None if start is None else _matched(start, batch, 1),
+            (method, integer(redundancy, "redundancy", 1)),
+            (flag(multipath, "multipath"), correlation),
+            grows.ravel().tolist(),
+            pools,
+            threads(n_threads),
+        ),
     )
+    result = solve(*rows[2:4])
+    if not degrees and any(kind in measured for kind in ANGLES):
+        warn_if_degrees(result[-2], *rows[2:4], lambda *others: solve(*others)[-2])
     growth, factor, _, common = result[-1]
-    tells = bool((result[-2][1] > 0).any())
     location = location_of(
         result[:-1],
         tuple(measured),
         estimated=unknown,
         arrivals=arrivals,
-        systematic=said(free, tells=tells),
+        systematic=said(free, tells=bool((result[-2][1] > 0).any())),
         bias=own.found(
             {kind: sigma for kind, (_, sigma) in measured.items()},
             [each + shared for each, shared in zip(growth, common, strict=True)],
@@ -295,7 +307,7 @@ def locate(
         scene=Scene(
             *rows[:3],
             rows[3] if unknown else _grown(rows[3], grows, growth),
-            outlier=result[3].astype(np.float64),
+            outlier=result[3],
             unit=1.0 if arrivals is None else arrivals.speed,
             surveys=rows[4],
             height=rows[5],
@@ -309,6 +321,14 @@ def locate(
         sigma = np.broadcast_to(common / unit, np.shape(location.statistic))
         location = replace(location, measurement_sigma=scalar_or_array(np.array(sigma)))
     return _checked(without_height(location) if flat else location)
+
+
+def _solved(
+    rows: tuple[Any, ...], options: tuple[Any, ...], values: FloatArray, sigmas: FloatArray
+) -> Any:
+    """Return what the core finds with other measurements and sigmas than those of `rows`."""
+    places, axes, _, _, surveys, height = rows
+    return _core.locate(places, axes, values, sigmas, surveys, height, *options)
 
 
 _Measured: TypeAlias = dict[Kind, tuple[FloatArray, FloatArray]]
@@ -338,9 +358,13 @@ def _start(initial: npt.ArrayLike | None, d: int) -> FloatArray | None:
     return start
 
 
-def _require_deviations(measured: _Measured) -> None:
-    """Fail where a standard deviation is missing."""
+def _require_deviations(measured: _Measured, *, unknown: bool) -> None:
+    """Fail where a standard deviation is missing, and not to be estimated."""
+    if unknown:
+        return
     for kind, (value, sigma) in measured.items():
+        if lies_between(sigma, -np.inf, np.inf):
+            continue
         missing = np.isnan(sigma)
         if missing.any() and (missing := missing & ~np.isnan(value)).any():
             station = int(np.argwhere(missing)[0, -1]) + int(kind == "range_difference")
@@ -404,12 +428,13 @@ def _batch(
 
 
 def _sigma_batch(measured: _Measured) -> tuple[int, ...]:
-    return np.broadcast_shapes(*(sigma.shape[:-1] for _, sigma in measured.values()))
+    shapes = [sigma.shape[:-1] for _, sigma in measured.values()]
+    return np.broadcast_shapes(*shapes) if any(shapes) else ()
 
 
 def _grown(sigmas: FloatArray, grows: BoolArray, growth: Sequence[float]) -> FloatArray:
     """Return the standard deviations with what the contradictions add."""
-    if all(each == 1.0 for each in growth):
+    if growth.count(1.0) == len(growth):
         return sigmas
     grown: FloatArray = sigmas * np.sqrt(np.where(grows, np.reshape(growth, (-1, 1)), 1.0))
     return grown

@@ -79,7 +79,7 @@ def locate_posterior(
             axes,
             values,
             sigmas,
-            outlier=outlier.astype(np.float64),
+            outlier=outlier,
             max_range=limit,
             weights=weights,
         ),

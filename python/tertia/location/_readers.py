@@ -7,21 +7,29 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import FloatArray, positive, radians, real, require_each, samples
+from tertia._arrays import (
+    SMALLEST,
+    FloatArray,
+    positive,
+    radians,
+    real,
+    require_between,
+    samples,
+)
 from tertia.sensors._kinds import ANGLES, angle_sigma
+
+_DOMAINS: dict[str, tuple[str, tuple[float, ...]]] = {
+    "range": ("a positive number", (SMALLEST,)),
+    "elevation": ("between -pi and pi (radians)", (-np.pi, np.pi)),
+}
 
 
 def checked(value: npt.ArrayLike, kind: str, k: int, *, degrees: bool = False) -> FloatArray:
     """Return measurements, (..., K) or (..., K - 1), within their domain."""
     array = radians(value, kind, degrees=degrees) if kind in ANGLES else samples(value, kind)
     require_length(array, kind, k)
-    if kind == "range":
-        wrong, domain = (array <= 0) | np.isinf(array), "a positive number"
-    elif kind == "elevation":
-        wrong, domain = np.abs(array) > np.pi, "between -pi and pi (radians)"
-    else:
-        wrong, domain = np.isinf(array), "a finite number"
-    require_each(array, ~wrong, kind, f"{domain}, or nan")
+    domain, limits = _DOMAINS.get(kind, ("a finite number", ()))
+    require_between(array, kind, f"{domain}, or nan", *limits, missing=True)
     return array
 
 

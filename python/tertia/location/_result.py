@@ -41,6 +41,7 @@ class LocationStatus(enum.IntEnum):
         return _MESSAGES[self]
 
 
+_STATUSES = tuple(LocationStatus)
 _MESSAGES = {
     LocationStatus.OK: "the target was located",
     LocationStatus.TOO_FEW: "there are fewer measurements than coordinates",
@@ -296,9 +297,12 @@ def location_of(
 ) -> Location:
     position, covariance, residual, outlier, columns = result
     statuses, degrees, statistic, pvalue, dop, sigma, emission, emission_sigma = columns
-    status: LocationStatus | IntArray = statuses.astype(np.int64)
+    status: LocationStatus | IntArray
+    freedom: int | IntArray
     if position.ndim == 1:
-        status = LocationStatus(int(statuses))
+        status, freedom = _STATUSES[int(statuses)], int(degrees)
+    else:
+        status, freedom = statuses.astype(np.int64), degrees.astype(np.int64)
     if arrivals is not None and "arrival_time" in kinds and len(kinds) == 1:
         sigma = sigma / arrivals.speed
     return Location(
@@ -306,7 +310,7 @@ def location_of(
         covariance,
         by_kind(residual, kinds),
         by_kind(outlier, kinds),
-        scalar_or_array(degrees.astype(np.int64)),
+        freedom,
         scalar_or_array(statistic),
         scalar_or_array(pvalue),
         scalar_or_array(dop),

@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from tertia._arrays import FloatArray
+from tertia._arrays import BoolArray, FloatArray
 
 Rows: TypeAlias = tuple[FloatArray, FloatArray | None, FloatArray, FloatArray]
 Measured: TypeAlias = tuple[
@@ -32,8 +32,8 @@ class Scene:
     # of shape (..., kinds, K), nan where there is no measurement
     values: FloatArray
     sigmas: FloatArray
-    # one where a measurement was left out
-    outlier: FloatArray
+    # where a measurement was left out
+    outlier: BoolArray
     # metres in the unit of a sigma that was estimated
     unit: float | FloatArray = 1.0
     # of the stations' coordinates; of the target, with its sigma; of range differences
@@ -58,5 +58,5 @@ class Scene:
             level = np.broadcast_to(self.height[..., 0], position.shape[:-1])
             up = np.where(np.isnan(position[..., 2]), level, position[..., 2])
             position = np.concatenate([position[..., :2], up[..., np.newaxis]], axis=-1)
-        models = self.correlation, self.outlier
+        models = self.correlation, self.outlier.astype(np.float64)
         return (*self.rows, self.surveys, self.height, *models, position)

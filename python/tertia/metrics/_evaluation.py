@@ -19,6 +19,19 @@ _AGE = 1.5
 _ROUNDING = 1e-6
 # 95 % of chi-squared with two degrees of freedom
 MOST_NEES = 5.991464547107979
+# figures that may have limits: their names and units
+REQUIRED = {
+    "probability_of_update": ("probability of update", ""),
+    "long_gap_ratio": ("share missed in long gaps", ""),
+    "rmse": ("RMSE", "m"),
+    "large_error_ratio": ("share in runs of large errors", ""),
+    "probability_of_height_update": ("probability of update, right height", ""),
+    "wrong_height_ratio": ("share of wrong heights", ""),
+    "probability_of_identity_update": ("probability of update, right identity", ""),
+    "wrong_identity_ratio": ("share of wrong identities", ""),
+    "continuity": ("share of targets with one track", ""),
+    "false_tracks_per_hour": ("false tracks per hour", "/h"),
+}
 PARTS = ("GOSPA", "localisation", "missed", "false")
 
 
@@ -33,6 +46,8 @@ class Rows:
     velocity: FloatArray
     covariance: FloatArray | None
     updated: BoolArray
+    height: FloatArray | None = None
+    identity: IntArray | None = None
 
     def updates(self) -> Rows:
         """Return the rows with a plot."""
@@ -154,11 +169,9 @@ def figures(judged: Judged, period: float) -> list[tuple[str, float | None, str]
         ("false updates", shown.false_updates, ""),
         ("identity switches", shown.switches, ""),
         ("update period", period, "s"),
-        ("probability of update", shown.probability_of_update.value, ""),
-        ("share missed in long gaps", shown.long_gap_ratio.value, ""),
         ("latency, median", _or_none(np.median, latency), "s"),
         ("latency, largest", _or_none(np.max, latency), "s"),
-        ("RMSE", shown.rmse.value, "m"),
+        *((name, one.value, unit) for name, one, _, unit in requirements(judged, None)),
         ("RMSE along track", rmse(judged.along), "m"),
         ("RMSE across track", rmse(judged.across), "m"),
         ("GOSPA, mean", mean, "m"),
@@ -180,15 +193,13 @@ def requirements(
     judged: Judged, limits: Mapping[str, float] | None
 ) -> list[tuple[str, Indicator, float | None, str]]:
     """Return the indicators that may have limits: names, figures, limits and units."""
-    shown, limits = judged.indicators, limits or {}
-    return [
-        (name, getattr(shown, key), limits.get(key), unit)
-        for name, key, unit in (
-            ("probability of update", "probability_of_update", ""),
-            ("share missed in long gaps", "long_gap_ratio", ""),
-            ("RMSE", "rmse", "m"),
-        )
+    limits = limits or {}
+    rows = [
+        (name, getattr(judged.indicators, key), limits.get(key), unit)
+        for key, (name, unit) in REQUIRED.items()
     ]
+    # without heights or identities nothing is said of them, unless it is required
+    return [row for row in rows if row[1].count or row[2] is not None or row[3] == "/h"]
 
 
 def _or_none(of: Callable[[Any], Any], values: FloatArray | BoolArray) -> float | None:

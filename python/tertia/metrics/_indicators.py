@@ -7,17 +7,45 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tertia._arrays import FloatArray, IntArray, instance, positive_number, probability, real
+from tertia._arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    instance,
+    positive_number,
+    probability,
+    real,
+)
 from tertia._result import Result
 from tertia.metrics._by_flight import root_by_flight, share_by_flight
+from tertia.metrics._correctness import (
+    LARGE_ERROR,
+    heights,
+    identities,
+    in_runs,
+    rate,
+    with_any,
+)
 from tertia.metrics._indicator import Indicator
 from tertia.metrics._matching import Matching, Tracks, match_tracks
 from tertia.metrics._truth import Truth
 
 # a gap is long beyond three update intervals and a tenth
 LONG_GAP = 3.3
-# figures that may have limits
-_LIMITED = frozenset({"probability_of_update", "long_gap_ratio", "rmse"})
+# figures that may have limits, and whether the limit is a smallest value
+LIMITED = {
+    "probability_of_update": True,
+    "long_gap_ratio": False,
+    "rmse": False,
+    "large_error_ratio": False,
+    "probability_of_height_update": True,
+    "wrong_height_ratio": False,
+    "probability_of_identity_update": True,
+    "wrong_identity_ratio": False,
+    "continuity": True,
+    "false_tracks_per_hour": False,
+}
+_NONE = -1
 # share of an interval by which an update may be late
 TOLERANCE = 0.1
 
@@ -46,6 +74,17 @@ class Indicators(Result):
         Seconds from the first time of a target to its first update; nan where it has none.
     rmse : Indicator
         Root mean square distance of the updates from their targets, in metres.
+    large_error_ratio : Indicator
+        Fraction of the updates in runs of three or more large errors, in about one direction.
+    probability_of_height_update, probability_of_identity_update : Indicator
+        Fraction of the expected updates that took place with the right height or identity; nan
+        where tracks or truth have none.
+    wrong_height_ratio, wrong_identity_ratio : Indicator
+        Fraction of the updates with a height, or an identity, of which it is wrong.
+    continuity : Indicator
+        Fraction of the targets with a track that kept its number.
+    false_tracks_per_hour : Indicator
+        False tracks per hour of the recording.
     matching : Matching
         Target of each update; the order of targets is that of `matching.targets`.
     """
@@ -60,6 +99,13 @@ class Indicators(Result):
     switches: int
     latency: FloatArray
     rmse: Indicator
+    large_error_ratio: Indicator
+    probability_of_height_update: Indicator
+    wrong_height_ratio: Indicator
+    probability_of_identity_update: Indicator
+    wrong_identity_ratio: Indicator
+    continuity: Indicator
+    false_tracks_per_hour: Indicator
     matching: Matching
 
     def __repr__(self) -> str:
@@ -86,7 +132,7 @@ def indicators(
     Parameters
     ----------
     tracks : Tracks
-        Updates of tracks, as for `match_tracks`.
+        Updates of tracks, as for `match_tracks`; with `height` and `identity`, (N,), if known.
     truth : Truth
         The targets.
     max_distance : float
@@ -94,9 +140,11 @@ def indicators(
     update_interval : float
         Required seconds between updates.
     limits : mapping of str to float, optional
-        Limits of `probability_of_update` (at least), `long_gap_ratio` and `rmse` (at most), from
-        the specification that is in force: none are built in. The verdicts then are "met", "not
-        met", or "not shown" where the interval has the limit in it.
+        Limits of indicators by the names of their attributes, from the specification that is in
+        force: none are built in. Probabilities and `continuity` must be at least, all others at
+        most their limit. The verdicts then are "met", "not met", or "not shown" where the interval
+        has the limit in it. `large_error` is the distance in metres beyond which an error is large;
+        by default 926, half a nautical mile.
     confidence_level : float
         Probability of the confidence intervals.
 
@@ -121,11 +169,17 @@ def indicators(
     update misses all from its first time on. Sums are over all targets, so every expected update
     has the same weight. The time until the first update is not counted; it is given in `latency`.
 
+    A height is wrong if it is off by more than 300 ft. Runs are of at least three updates of a
+    target, each farther off than `large_error`, and less than 90 degrees from one to the next; they
+    matter since two such targets seem apart that are not. What a height or an identity is probable
+    to be updated with is counted as positions are, from the first right one on.
+
     Updates of one flight are not independent, so intervals are by flight. Shares have Wilson's
     (1927), with the number of updates divided by the design effect, the variance by flight over
     that of independent updates (Kish 1965), and quantiles of Student's distribution. Where all or
     none took place, or there is one flight only, the design effect is taken to be 4. The root mean
-    square has percentiles of 2000 samples of the flights; that of one flight is unbounded.
+    square has percentiles of 2000 samples of the flights; that of one flight is unbounded. False
+    tracks per hour have Byar's approximation of the Poisson interval.
 
     Examples
     --------
@@ -144,58 +198,94 @@ missed, 0 switches, RMSE 0 m)
     """
     interval = positive_number(update_interval, "update_interval")
     level = probability(confidence_level, "confidence_level")
-    limits = {} if limits is None else limits
-    instance(limits, "limits", Mapping)
-    required = {name: real(value, f"limits[{name!r}]") for name, value in limits.items()}
-    if unknown := required.keys() - _LIMITED:
-        raise ValueError(f"limits has {min(unknown)!r}; it may have {', '.join(sorted(_LIMITED))}")
+    required, large = _limits(limits)
     matching = match_tracks(tracks, truth, max_distance=max_distance, update_interval=interval)
     times = np.asarray(tracks.time, dtype=np.float64)
-    expected, missed, long, first = _updates(truth, matching, times, interval)
+    of = matching.target
+    expected, missed, long, first = _updates(truth, of, times, interval)
     _, track = np.unique(np.asarray(tracks.track), return_inverse=True)
     shows = np.bincount(track, matching.matched)
+    false_tracks = int(np.count_nonzero(2 * shows < np.bincount(track)))
     squares = np.sum(matching.error[matching.matched] ** 2, axis=-1)
-    flight, flights = matching.target[matching.matched], len(truth)
+    flights = len(truth)
+
+    def share(name: str, hits: IntArray | FloatArray, counts: IntArray | FloatArray) -> Indicator:
+        values = hits.astype(np.float64), counts.astype(np.float64)
+        return share_by_flight(*values, level, required.get(name), least=LIMITED[name])
+
+    def ratio(name: str, hits: BoolArray, counts: BoolArray) -> Indicator:
+        numbers = (np.bincount(of[one], minlength=flights) for one in (hits, counts))
+        return share(name, *numbers)
+
+    def updates(name: str, right: BoolArray, there: BoolArray) -> Indicator:
+        due, lost, _, _ = _updates(truth, np.where(right, of, _NONE), times, interval)
+        return share(name, np.where(there, due - lost, 0), np.where(there, due, 0))
+
+    height, height_right = heights(tracks, truth, matching)
+    identity, identity_right = identities(tracks, truth, matching)
+    seen = ~np.isnan(first)
+    runs = matching.matched & in_runs(of, times, matching.error, large)
+    has_height = with_any(truth, np.isfinite(truth.height) if truth.height is not None else None)
+    has_identity = with_any(truth, truth.identity >= 0 if truth.identity is not None else None)
+    has_height &= bool(height.any())
+    has_identity &= bool(identity.any())
+    hours = float(np.ptp(truth.time)) / 3600.0
     return Indicators(
-        share_by_flight(
-            (expected - missed).astype(float),
-            expected.astype(float),
-            level,
-            required.get("probability_of_update"),
-            least=True,
-        ),
-        share_by_flight(
-            long.astype(float),
-            expected.astype(float),
-            level,
-            required.get("long_gap_ratio"),
-            least=False,
-        ),
-        expected,
-        missed,
-        int(np.count_nonzero(~matching.matched)),
-        int(np.count_nonzero(2 * shows < np.bincount(track))),
-        int(np.count_nonzero(np.isnan(first))),
-        int(matching.switches.sum()),
-        first - truth.first,
-        root_by_flight(
-            np.bincount(flight, squares, minlength=flights).astype(float),
-            np.bincount(flight, minlength=flights).astype(float),
+        probability_of_update=share("probability_of_update", expected - missed, expected),
+        long_gap_ratio=share("long_gap_ratio", long, expected),
+        expected_updates=expected,
+        missed_updates=missed,
+        false_updates=int(np.count_nonzero(~matching.matched)),
+        false_tracks=false_tracks,
+        missed_targets=int(np.count_nonzero(~seen)),
+        switches=int(matching.switches.sum()),
+        latency=first - truth.first,
+        rmse=root_by_flight(
+            np.bincount(of[matching.matched], squares, minlength=flights).astype(float),
+            np.bincount(of[matching.matched], minlength=flights).astype(float),
             level,
             required.get("rmse"),
         ),
-        matching,
+        large_error_ratio=ratio("large_error_ratio", runs, matching.matched),
+        probability_of_height_update=updates(
+            "probability_of_height_update", height_right, has_height
+        ),
+        wrong_height_ratio=ratio("wrong_height_ratio", height & ~height_right, height),
+        probability_of_identity_update=updates(
+            "probability_of_identity_update", identity_right, has_identity
+        ),
+        wrong_identity_ratio=ratio("wrong_identity_ratio", identity & ~identity_right, identity),
+        continuity=share("continuity", seen & (matching.switches == 0), seen),
+        false_tracks_per_hour=rate(
+            false_tracks, hours, level, required.get("false_tracks_per_hour")
+        ),
+        matching=matching,
     )
 
 
+def _limits(given: Mapping[str, float] | None) -> tuple[dict[str, float], float]:
+    """Return limits of indicators, and the size of a large error."""
+    limits = {} if given is None else given
+    instance(limits, "limits", Mapping)
+    required = {name: real(value, f"limits[{name!r}]") for name, value in limits.items()}
+    large = positive_number(required.pop("large_error", LARGE_ERROR), "limits['large_error']")
+    if unknown := required.keys() - LIMITED.keys():
+        names = ", ".join(sorted([*LIMITED, "large_error"]))
+        raise ValueError(f"limits has {min(unknown)!r}; it may have {names}")
+    return required, large
+
+
 def _updates(
-    truth: Truth, matching: Matching, time: FloatArray, update_interval: float
+    truth: Truth, of: IntArray, time: FloatArray, update_interval: float
 ) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
-    """Return expected updates, missed ones, those missed in long gaps, and first times, (K,)."""
+    """Return expected updates, missed ones, those missed in long gaps, and first times, (K,).
+
+    `of` is the target of each update; those of none, -1, are not counted.
+    """
     count = len(truth)
-    rows = np.flatnonzero(matching.matched)
-    rows = rows[np.lexsort((time[rows], matching.target[rows]))]
-    target, when = matching.target[rows], time[rows]
+    rows = np.flatnonzero(of >= 0)
+    rows = rows[np.lexsort((time[rows], of[rows]))]
+    target, when = of[rows], time[rows]
     first, last = np.full(count, np.nan), np.full(count, np.nan)
     last[target] = when
     first[target[::-1]] = when[::-1]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import BoolArray, FloatArray, IntArray, array_of, finite
+from tertia._arrays import BoolArray, FloatArray, IntArray, array_of, finite, samples
 
 
 @dataclass(slots=True, frozen=True, eq=False, init=False)
@@ -29,6 +29,10 @@ class Truth:
         Positions in metres, m = 2 or 3.
     covariance : array_like of shape (m, m) or (L, m, m), optional
         Covariances of their own errors, where positions are only nearly true, as those of GPS are.
+    height : array_like of shape (L,), optional
+        Heights in metres, as tracks should have them; nan where unknown.
+    identity : array_like of int, shape (L,), optional
+        Replies of the transponders, as tracks should have them; -1 where unknown.
 
     Attributes
     ----------
@@ -36,6 +40,10 @@ class Truth:
     position : ndarray of shape (L, m)
         Sorted by target and time.
     covariance : ndarray of shape (L, m, m) or None
+        Likewise.
+    height : ndarray of shape (L,) or None
+        Likewise.
+    identity : ndarray of int, shape (L,), or None
         Likewise.
     target : ndarray of int, shape (L,)
         Index into `targets`.
@@ -66,6 +74,8 @@ class Truth:
     target: IntArray
     position: FloatArray
     covariance: FloatArray | None
+    height: FloatArray | None
+    identity: IntArray | None
     targets: npt.NDArray[Any]
     first: FloatArray
     last: FloatArray
@@ -80,6 +90,8 @@ class Truth:
         position: npt.ArrayLike,
         *,
         covariance: npt.ArrayLike | None = None,
+        height: npt.ArrayLike | None = None,
+        identity: npt.ArrayLike | None = None,
     ) -> None:
         times, labels, points = rows(time, target, position, "", "target")
         if len(times) == 0:
@@ -98,6 +110,8 @@ class Truth:
             "target": index.astype(np.int64),
             "position": points[order],
             "covariance": None if covariance is None else _spread(covariance, points.shape)[order],
+            "height": None if height is None else _heights(height, len(order))[order],
+            "identity": None if identity is None else _identities(identity, len(order))[order],
             "targets": targets,
             "first": times[starts],
             "last": times[np.append(starts[1:], len(index)) - 1],
@@ -165,6 +179,35 @@ class Truth:
             found[there] = self._between(flat, k[there], when[there])
         return found.reshape(*k.shape, m, m)
 
+    def height_at(self, target: npt.ArrayLike, time: npt.ArrayLike) -> FloatArray:
+        """Return heights by linear interpolation; arguments as for `at`.
+
+        Returns
+        -------
+        ndarray of shape (...)
+            Metres; nan where a target is absent or its height unknown.
+        """
+        k, when = np.broadcast_arrays(np.asarray(target), np.asarray(time, dtype=np.float64))
+        there, found = self.present(k, when), np.full(k.shape, np.nan)
+        if self.height is not None:
+            own = self.height[:, np.newaxis]
+            found[there] = self._between(own, k[there], when[there])[..., 0]
+        return found
+
+    def identity_at(self, target: npt.ArrayLike, time: npt.ArrayLike) -> IntArray:
+        """Return identities, each until the next time; arguments as for `at`.
+
+        Returns
+        -------
+        ndarray of int, shape (...)
+            Replies; -1 where a target is absent or its identity unknown.
+        """
+        k, when = np.broadcast_arrays(np.asarray(target), np.asarray(time, dtype=np.float64))
+        there, found = self.present(k, when), np.full(k.shape, -1)
+        if self.identity is not None:
+            found[there] = self.identity[self._before(k[there], when[there])]
+        return found
+
     def course(self, target: npt.ArrayLike, time: npt.ArrayLike) -> FloatArray:
         """Return courses in radians clockwise from north; arguments as for `at`.
 
@@ -180,12 +223,31 @@ class Truth:
         return found
 
     def _between(self, rows: FloatArray, target: IntArray, time: FloatArray) -> FloatArray:
-        rank = np.searchsorted(self._ranks, time, side="right")
-        before = np.searchsorted(self._keys, target * (len(self._ranks) + 1) + rank, "right") - 1
+        before = self._before(target, time)
         after = np.where(self.time[before] < time, before + 1, before)
         span = np.where(after > before, self.time[after] - self.time[before], 1.0)
         share = ((time - self.time[before]) / span)[..., np.newaxis]
         return np.asarray(rows[before] + share * (rows[after] - rows[before]))
+
+    def _before(self, target: IntArray, time: FloatArray) -> IntArray:
+        rank = np.searchsorted(self._ranks, time, side="right")
+        return np.searchsorted(self._keys, target * (len(self._ranks) + 1) + rank, "right") - 1
+
+
+def _heights(height: npt.ArrayLike, count: int) -> FloatArray:
+    found = samples(height, "height")
+    if found.shape != (count,):
+        raise ValueError(f"height has shape {found.shape}; it must be ({count},), as time")
+    return found
+
+
+def _identities(identity: npt.ArrayLike, count: int) -> IntArray:
+    found = array_of(identity, "identity")
+    if found.dtype.kind not in "iu":
+        raise TypeError(f"identity has dtype {found.dtype}; it must hold integers")
+    if found.shape != (count,):
+        raise ValueError(f"identity has shape {found.shape}; it must be ({count},), as time")
+    return found.astype(np.int64)
 
 
 def _spread(covariance: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:

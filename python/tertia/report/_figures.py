@@ -131,7 +131,7 @@ def _update_probability(analysis: Analysis, time: str) -> Panel:
         with np.errstate(invalid="ignore", divide="ignore"):
             share = np.where(one.expected > 0, one.hit / one.expected, np.nan)
         data.append(_marked(name, one.time, share, k))
-    layout = rows_of(1, time, ["probability of update"])
+    layout = rows_of(1, time, ["updated scans"])
     layout["yaxis"]["range"] = [0.0, 1.02]
     caption = "Share of scans in which a confirmed track within the radar's range was updated."
     return Panel("updates", "Updates over time", caption, {"data": data, "layout": layout})

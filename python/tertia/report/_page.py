@@ -14,6 +14,7 @@ import tertia
 from tertia.report import _figures, _map
 from tertia.report._analysis import Analysis
 from tertia.report._bearings import Finders
+from tertia.report._coverage import coverage_panels
 from tertia.report._figures import Panel
 from tertia.report._finders import finder_panels, finder_tables
 from tertia.report._tables import Table, tables, text
@@ -72,7 +73,12 @@ def page(
 def _radar_sections(analysis: Analysis, time: str) -> list[Section]:
     rows = tables(analysis)
     return [
-        Section("radars", "Radars", _figures.radar_panels(analysis, time), rows["radars"]),
+        Section(
+            "radars",
+            "Radars",
+            [*_figures.radar_panels(analysis, time), *coverage_panels(analysis)],
+            rows["radars"],
+        ),
         Section("fusion", "Fusion", _figures.fusion_panels(analysis, time), rows["fusion"]),
         Section("truth", "Versus truth", _figures.truth_panels(analysis, time), rows["truth"]),
         Section("audit", "Audit", [], rows["audit"]),

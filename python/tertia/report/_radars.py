@@ -54,16 +54,21 @@ class Updates:
     unused: IntArray
 
 
-def updates(
-    joint: TrackTable, plots: Plots, k: int, found: Innovations, edges: FloatArray
-) -> Updates:
-    """Count the updates of one radar in each period."""
+def scans_of(joint: TrackTable, k: int) -> tuple[BoolArray, BoolArray]:
+    """Return the rows of scans of confirmed tracks by a radar, and those with a plot."""
     # after the last plot of a track nothing is missed
     last = np.full(int(joint.track.max(initial=0)) + 1, -np.inf)
     taken = joint.plot >= 0
     np.maximum.at(last, joint.track[taken], joint.time[taken])
     rows = joint.confirmed & (joint.sensor == k) & (joint.time <= last[joint.track])
-    hit = rows & (joint.plot >= 0)
+    return rows, rows & taken
+
+
+def updates(
+    joint: TrackTable, plots: Plots, k: int, found: Innovations, edges: FloatArray
+) -> Updates:
+    """Count the updates of one radar in each period."""
+    rows, hit = scans_of(joint, k)
     own = (plots.sensor == k) & np.isfinite(plots.time)
     used = np.zeros(len(plots), dtype=bool)
     used[joint.plot[joint.plot >= 0]] = True

@@ -49,11 +49,15 @@ def requirement_cells(analysis: Analysis) -> list[Row]:
         {
             "figure": figure,
             "tracks": name,
-            "found": " ".join(text(one.value, one.low, one.high)) + " m"
+            "found": f"{' '.join(text(one.value, one.low, one.high))} {unit}"
             if unit
             else share_text(one),
-            "limit": None if limit is None else f"{limit:g} m" if unit else f"{100 * limit:g} %",
-            "verdict": one.verdict or "no limit is given",
+            "limit": None
+            if limit is None
+            else f"{limit:g} {unit}"
+            if unit
+            else f"{100 * limit:g} %",
+            "verdict": one.verdict or ("no limit is given" if limit is None else "nothing known"),
         }
         for name, judged in analysis.judged.items()
         for figure, one, limit, unit in requirements(judged, analysis.limits)

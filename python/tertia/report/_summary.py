@@ -25,6 +25,8 @@ from tertia.tracker import PlotStatus
 
 # standard errors beyond which a finding is shown, and relative size of noise and bias that matters
 _SURE, _OFF, _BIASED = 3.0, 0.15, 0.5
+# error of a clock that matters, in seconds: 50 m of an airliner
+_LATE = 0.2
 # of a page without radars
 _NOTHING: Row = {
     "plots": 0,
@@ -112,10 +114,10 @@ def _better(analysis: Analysis) -> list[str]:
         and found.rmse.value > (1.0 - _OFF) * stated.rmse.value
     ):
         return []
-    return [
-        f"With noise and biases as found: RMSE {text(found.rmse.value)} m, {found.false_tracks} "
-        f"false tracks instead of {stated.false_tracks}."
-    ]
+    words = f"With noise and biases as found: RMSE {text(found.rmse.value)} m"
+    if stated.false_tracks != found.false_tracks:
+        words += f", {found.false_tracks} false tracks instead of {stated.false_tracks}"
+    return [f"{words}."]
 
 
 def _noise_findings(row: Row) -> list[str]:
@@ -140,4 +142,7 @@ def _bias_findings(row: Row) -> list[str]:
         stated = row[f"{kind}_sigma_stated_{unit}"]
         if bias is not None and abs(bias) > max(_SURE * error, _BIASED * stated):
             found.append(f"{row['radar']}: {kind} bias {plus_minus(bias, error)}{sign}.")
+    late, error = row["time_bias_s"], row["time_bias_sigma_s"]
+    if late is not None and abs(late) > max(_SURE * error, _LATE):
+        found.append(f"{row['radar']}: clock {plus_minus(late, error)} s off.")
     return found

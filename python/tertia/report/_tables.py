@@ -123,9 +123,10 @@ def fusion_rows(analysis: Analysis) -> list[Row]:
         for k, name in enumerate(analysis.names)
     ]
     parts += [
-        (name, fused.states[name][1], name)
-        for name in (OPTIMAL, OPTIMAL_FOUND, INTERSECTION, TOGETHER)
+        (name, fused.states[name][1], name) for name in (OPTIMAL, OPTIMAL_FOUND, INTERSECTION)
     ]
+    # not the errors at updates, which other tables have under its name
+    parts.append((f"{TOGETHER}, at these instants", fused.states[TOGETHER][1], TOGETHER))
     rows = []
     for title, spread, key in parts:
         sigma = np.sqrt((spread[:, 0, 0] + spread[:, 1, 1]) / 2)
@@ -284,7 +285,7 @@ def _radar_table(analysis: Analysis) -> Table:
         "azimuth_bias": "azimuth bias (°)",
         "time": "clock (s)",
         "innovations_squared": "normalised innovation²",
-        "probability_of_update": "probability of update",
+        "probability_of_update": "updated scans",
         "outliers": "outliers",
         "unassociated": "unassociated",
         "refused": "refused",
@@ -414,7 +415,7 @@ def _track_table(analysis: Analysis) -> Table:
         "first_s": "from (s)",
         "last_s": "to (s)",
         "plots": "plots",
-        "probability_of_update": "probability of update",
+        "probability_of_update": "updated scans",
         "speed_m_s": "speed (m/s)",
         "height_m": "height (m)",
         "turning": "share in turns",

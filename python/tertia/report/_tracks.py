@@ -17,7 +17,8 @@ def confirmed_rows(table: TrackTable) -> Rows:
     """Return the rows of confirmed tracks, for evaluation."""
     own = table[table.confirmed]
     kept = own.time, own.track, own.sensor, own.position, own.velocity
-    return Rows(*kept, own.covariance[:, :2, :2], own.plot >= 0)
+    spread = own.covariance[:, :2, :2]
+    return Rows(*kept, spread, own.plot >= 0, own.height, own.identity)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -34,6 +34,11 @@ _ALIKE = (
     "deviation",
     "deviation_covariance",
 )
+_NO_DEVIATION: dict[str, Any] = {
+    "deviation_order": 0,
+    "deviation_sigma": 0.0,
+    "deviation": np.zeros(0),
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
@@ -189,10 +194,9 @@ class Bias:
         """Return biases and their sigmas of several sensors, (K,), which nobody checks."""
         bias: Bias = object.__new__(cls)
         none = np.zeros(len(next(iter(columns.values()))))
-        alike: dict[str, Any] = dict.fromkeys(_ALIKE)
-        alike |= {"deviation_order": 0, "deviation_sigma": 0.0, "deviation": np.zeros(0)}
-        for name, value in {**dict.fromkeys(Bias.__slots__, none), **alike, **columns}.items():
-            object.__setattr__(bias, name, value)
+        for name in Bias.__slots__:
+            own = _NO_DEVIATION.get(name) if name in _ALIKE else columns.get(name, none)
+            object.__setattr__(bias, name, own)
         return bias
 
     def at(self, azimuth: npt.ArrayLike | None = None) -> tuple[Any, Any]:

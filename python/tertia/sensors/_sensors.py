@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,7 +31,9 @@ if TYPE_CHECKING:
 
 # largest element by which axes times their transpose may differ from the identity
 _ORTHONORMAL = 1e-9
-
+# kinds with a standard deviation of a station's own
+_WITH_SIGMAS = (*STATION_KINDS, "arrival_time")
+_own_sigmas = attrgetter(*(f"{kind}_sigma" for kind in _WITH_SIGMAS))
 
 # a radar's beam is narrow: beyond this sigma its plots would lie along arcs
 _WIDEST_BEAM = 0.5
@@ -293,20 +296,17 @@ def stack_stations(
     known = sequence_of(stations, Station, "stations")
     positions = [station.position for station in known]
     try:
-        fixed = all(position.ndim == 1 for position in positions)
+        shape = positions[0].shape
+        fixed = len(shape) == 1 and all(position.shape == shape for position in positions)
         each = positions if fixed else np.broadcast_arrays(*positions)
         places = np.array(each) if fixed else np.stack(each, axis=-2)
     except ValueError:
         shapes = ", ".join(str(position.shape) for position in positions)
         raise ValueError(f"the positions of the stations have shapes {shapes}") from None
-    sigmas = {
-        str(kind): np.array(
-            [getattr(one, f"{kind}_sigma") for one in known],
-            dtype=np.float64,
-        )
-        for kind in (*STATION_KINDS, "arrival_time")
-    }
-    return places, _all_axes(known, places.shape[-1]), sigmas
+    # one array for all, in which None is nan
+    sigmas = np.array([_own_sigmas(station) for station in known], dtype=np.float64).T
+    columns = dict(zip(_WITH_SIGMAS, sigmas, strict=True))
+    return places, _all_axes(known, places.shape[-1]), columns
 
 
 def own_biases(sensors: Sequence[Radar | PositionSensor | Station]) -> Bias:
@@ -333,17 +333,14 @@ def survey_sigmas(stations: Sequence[Station] | npt.ArrayLike) -> FloatArray | N
     """Return the standard deviations of the stations' positions, (K,); None where all are exact."""
     if not isinstance(stations, Sequence) or not isinstance(next(iter(stations), None), Station):
         return None
-    sigmas = np.array([one.position_sigma for one in sequence_of(stations, Station, "stations")])
-    return sigmas if sigmas.any() else None
+    sigmas = [one.position_sigma for one in sequence_of(stations, Station, "stations")]
+    return np.array(sigmas) if any(sigmas) else None
 
 
 def by_kind(array: npt.NDArray[Any], kinds: Sequence[Kind]) -> ByKind:
     """Return the rows (..., 5, K) of the kinds that were measured."""
     return ByKind(
-        *(
-            array[..., at, int(kind == "range_difference") :] if kind in kinds else None
-            for at, kind in enumerate(KINDS)
-        )
+        **{kind: array[..., KINDS.index(kind), int(kind == "range_difference") :] for kind in kinds}
     )
 
 
@@ -364,7 +361,8 @@ def _own_bias(bias: Bias | None) -> Bias | None:
 
 def _all_axes(stations: Sequence[Station], d: int) -> FloatArray | None:
     """Return the axes of all stations, None if all are those of the frame."""
-    if all(station.axes is None for station in stations):
+    own = [station.axes for station in stations]
+    if all(axes is None for axes in own):
         return None
     each = [np.eye(d) if station.axes is None else station.axes for station in stations]
     return np.stack(np.broadcast_arrays(*each), axis=-3)

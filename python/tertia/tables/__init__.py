@@ -23,6 +23,7 @@ from tertia.tables._screen import Rule, screen
 from tertia.tables._sensors import Sensors
 from tertia.tables._smooth import smooth
 from tertia.tables._smooth_tracks import smooth_tracks
+from tertia.tables._stitch import stitch
 from tertia.tables._stream import stream
 from tertia.tables._track import track
 from tertia.tables._weights import weights
@@ -44,6 +45,7 @@ __all__ = [
     "screen",
     "smooth",
     "smooth_tracks",
+    "stitch",
     "stream",
     "track",
     "weights",

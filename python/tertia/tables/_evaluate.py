@@ -24,6 +24,7 @@ from tertia.metrics._evaluation import (
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import known
 from tertia.tables._records import (
+    IDENTITIES,
     TIME,
     Field,
     RecordError,
@@ -51,13 +52,16 @@ TRACKS: Schema = {
     "confirmed": Field("flag", {"confirmed": 1.0}),
     **_PLACE,
     **{name: number(name) for name in (*_VELOCITY, *_SPREAD)},
+    "height": number("height_m"),
+    "identity": Field("identity", IDENTITIES),
 }
 _TARGET: Schema = {
     "time": TIME,
     "target": Field("name", {"target": 1.0, "track": 1.0}, required=True, whole=True),
+    "identity": Field("identity", IDENTITIES),
 }
 _SIGMA = {name: number(name, positive=True) for name in _SPREAD[:2]}
-TRUTH: Schema = {**_TARGET, **_PLACE, **_SIGMA}
+TRUTH: Schema = {**_TARGET, **_PLACE, **_SIGMA, GEODETIC[2]: number(GEODETIC[2])}
 _TRUTH_ON_EARTH: Schema = {
     **_TARGET,
     **_SIGMA,
@@ -176,7 +180,8 @@ def evaluation_of(
     required = usual[0] if interval is None else interval
     periods = required, max([required, *usual])
     try:
-        judged = judge(rows, _truth(real_places, clock, origin), periods, distance, limits)
+        places = _truth(real_places, clock, origin, shown.column.get("identity"))
+        judged = judge(rows, places, periods, distance, limits)
     except np.linalg.LinAlgError as error:
         raise RecordError("a covariance of the tracks is not positive definite") from error
     schema: Any = {"figure": pl.String, "value": pl.Float64, "unit": pl.String}
@@ -197,8 +202,17 @@ def _verdicts(judged: Judged, limits: Mapping[str, float] | None) -> pl.DataFram
     return found.with_columns(pl.when(pl.col(numbers).is_finite()).then(pl.col(numbers)))
 
 
-def truth_of(source: Source, clock: Clock, origin: tuple[float, float] | None = None) -> Truth:
-    """Return the truth in the time scale of plots; `origin` is where east and north are 0."""
+def truth_of(
+    source: Source,
+    clock: Clock,
+    origin: tuple[float, float] | None = None,
+    *,
+    identity: str,
+) -> Truth:
+    """Return the truth in the time scale of plots.
+
+    `origin` is where east and north are 0, `identity` the column by which plots tell targets apart.
+    """
     records = _read_truth(source)
     times = records.rows["time"]
     if isinstance(times.dtype, pl.Datetime) != clock.dated:
@@ -207,7 +221,7 @@ def truth_of(source: Source, clock: Clock, origin: tuple[float, float] | None = 
             f"time_s of the plots holds {kinds[0]}, that of {source[0].called} {kinds[1]}",
             column="time_s",
         )
-    return _truth(records, clock, origin)
+    return _truth(records, clock, origin, identity)
 
 
 def _read_truth(source: Source) -> Records:
@@ -215,10 +229,13 @@ def _read_truth(source: Source) -> Records:
     return read(source, TRUTH if local or not geodetic else _TRUTH_ON_EARTH)
 
 
-def _truth(records: Records, clock: Clock, origin: tuple[float, float] | None) -> Truth:
+def _truth(
+    records: Records, clock: Clock, origin: tuple[float, float] | None, identity: str | None
+) -> Truth:
     rows = records.rows
     key = ["time", "target"]
-    places = [name for name in (*LOCAL[:2], *GEODETIC) if name in rows.columns]
+    form = LOCAL[:2] if LOCAL[0] in rows.columns else GEODETIC
+    places = [name for name in form if name in rows.columns]
     first, new = (
         rows.select(pl.struct(columns).is_first_distinct()).to_series()
         for columns in (key, key + places)
@@ -233,7 +250,15 @@ def _truth(records: Records, clock: Clock, origin: tuple[float, float] | None) -
     sigma = rows.select(_SPREAD[:2]).to_numpy()[kept]
     covariance = np.nan_to_num(sigma)[:, :, np.newaxis] ** 2 * np.eye(2)
     return Truth(
-        clock.seconds(rows["time"])[kept], names[kept], positions[kept], covariance=covariance
+        clock.seconds(rows["time"])[kept],
+        names[kept],
+        positions[kept],
+        covariance=covariance,
+        height=rows[GEODETIC[2]].to_numpy()[kept],
+        # addresses are not compared with codes
+        identity=rows["identity"].to_numpy()[kept]
+        if records.column.get("identity") == identity
+        else None,
     )
 
 
@@ -298,6 +323,8 @@ def _rows(records: Records, clock: Clock) -> Rows:
         velocity[sure],
         covariance,
         updated[sure],
+        rows["height"].to_numpy()[sure],
+        rows["identity"].to_numpy()[sure],
     )
 
 

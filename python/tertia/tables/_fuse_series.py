@@ -75,6 +75,8 @@ class FusedTarget:
             rmse(result.innovation, axis=-1),
             rmse(normalised, axis=-1),
             [_mean(row) for row in result.weights[..., 0]],
+            result.bias,
+            result.bias_sigma,
         ]
         return beside(target.keys, pl.DataFrame(dict(zip(columns, cells, strict=True))))
 
@@ -93,7 +95,10 @@ class Fusion:
         """One row per target and sensor."""
         if not self.targets:
             return pl.DataFrame()
-        return pl.concat([one.of_sensors(_summary(self.values)) for one in self.targets])
+        columns = _summary(self.values)
+        rows = pl.concat([one.of_sensors(columns) for one in self.targets])
+        asked = any(one.result.systematic != "not included" for one in self.targets)
+        return rows if asked else rows.drop(columns[-2:])
 
 
 def fuse_series(
@@ -104,6 +109,7 @@ def fuse_series(
     by: str | Sequence[str] = (),
     sensors: Sequence[str] | None = None,
     sigma: float | Mapping[str, float] | None = None,
+    bias_sigma: float | Mapping[str, float] = 0.0,
     alpha: float | None = None,
     acceleration_sigma: float | None = None,
     period: float | None = 360.0,
@@ -130,6 +136,9 @@ def fuse_series(
     sigma : float or mapping, optional
         Stated standard deviation of the plots, one for all or one per sensor, instead of the values
         in the table. Without either, it is fitted to the whole table.
+    bias_sigma : float or mapping, optional
+        Standard deviation of a constant error of each sensor and target, one for all or one per
+        sensor; 0, as for sensors that a mapping leaves out, is a trusted one.
     alpha, acceleration_sigma : float, optional
         Inverse of the time constant of the acceleration, and standard deviation of the
         acceleration; by default fitted.
@@ -185,6 +194,7 @@ def fuse_series(
         by=by,
         sensors=sensors,
         sigma=sigma,
+        bias_sigma=bias_sigma,
         alpha=alpha,
         acceleration_sigma=acceleration_sigma,
         period=period,
@@ -204,6 +214,7 @@ def fusion_of(
     by: str | Sequence[str] = (),
     sensors: Sequence[str] | None = None,
     sigma: float | Mapping[str, float] | None = None,
+    bias_sigma: float | Mapping[str, float] = 0.0,
     alpha: float | None = None,
     acceleration_sigma: float | None = None,
     period: float | None = 360.0,
@@ -212,6 +223,7 @@ def fusion_of(
 ) -> Fusion:
     """Return the tracks of all targets with their plots; see `fuse_series`."""
     given = Given(_stated(sigma), alpha, acceleration_sigma)
+    bias = _of_biases(bias_sigma)
     options["period"] = period
     model = SingerModel(1.0, alpha or 0.0, acceleration_sigma or 0.0, exact=True)
     # a batch without series: the library judges the options alone
@@ -228,6 +240,9 @@ def fusion_of(
     for stated in given.sigmas:
         if stated is not None and stated not in all_sensors:
             raise ValueError(f"sigma is given for {stated}; the sensors are {listed}")
+    for name in bias:
+        if name is not None and name not in all_sensors:
+            raise ValueError(f"bias_sigma is given for {name}; the sensors are {listed}")
     names_of_columns = _columns(values, all_sensors)
     for at, name in enumerate(every := [*keys, *names_of_columns]):
         if name in every[:at]:
@@ -237,8 +252,8 @@ def fusion_of(
     if noise is None:
         empty = pl.DataFrame(schema=dict.fromkeys(names_of_columns, pl.Float64))
         return Fusion([], empty, (), values)
-    batches = _alike(targets)
-    fused = [found for batch in progress(batches) for found in _fuse(batch, noise, options)]
+    batches = _alike(targets, same_sensors=bool(bias))
+    fused = [found for batch in progress(batches) for found in _fuse(batch, noise, bias, options)]
     places = {id(one.target): one for one in fused}
     fused = [places[id(target)] for target in targets]
     return Fusion(fused, _rows(fused, all_sensors, names_of_columns), noise.fitted, values)
@@ -258,6 +273,20 @@ def _stated(sigma: float | Mapping[str, float] | None) -> dict[str | None, float
     for name, value in stated.items():
         positive(real(value, "sigma"), "sigma" if name is None else f"sigma of {name}")
     return stated
+
+
+def _of_biases(bias_sigma: float | Mapping[str, float]) -> dict[str | None, float]:
+    """Return what is given by sensor; None is for all of them, nothing where all are trusted."""
+    each = bias_sigma if isinstance(bias_sigma, Mapping) else {None: bias_sigma}
+    given: dict[str | None, float] = {}
+    for name, value in each.items():
+        sigma = real(value, "bias_sigma")
+        if not 0 <= sigma < np.inf:
+            whose = "bias_sigma" if name is None else f"bias_sigma of {name}"
+            raise ValueError(f"{whose} is {sigma}; it must be a number that is not negative")
+        if sigma > 0:
+            given[name] = sigma
+    return given
 
 
 def _plots(
@@ -306,7 +335,8 @@ def _summary(values: str) -> list[str]:
     counts = [f"{what}_count" for what in ("plot", "missing", "outlier")]
     sigmas = [column_name(values, "sigma", *which) for which in (("stated",), (), ("last",))]
     rms = column_name(values, "innovation", "rms")
-    return ["sensor", *counts, *sigmas, rms, "innovation_rms_normalised", "weight_mean"]
+    bias = column_name(values, "bias"), column_name(values, "bias", "sigma")
+    return ["sensor", *counts, *sigmas, rms, "innovation_rms_normalised", "weight_mean", *bias]
 
 
 def _targets(records: Records, sensors: Sequence[str]) -> list[Target]:
@@ -374,21 +404,25 @@ def _refuse_second(records: Records) -> None:
     records.refuse(again, reason, "time_s")
 
 
-def _alike(targets: Sequence[Target]) -> list[list[Target]]:
+def _alike(targets: Sequence[Target], *, same_sensors: bool) -> list[list[Target]]:
     """Return targets of equal numbers of sensors and times together, up to a number of plots."""
     batches: list[list[Target]] = []
-    begun: dict[tuple[int, ...], list[Target]] = {}
+    begun: dict[tuple[object, ...], list[Target]] = {}
     for target in targets:
-        batch = begun.get(target.z.shape)
+        kind = (*target.z.shape, *(target.sensors if same_sensors else ()))
+        batch = begun.get(kind)
         if batch is None or (len(batch) + 1) * target.z.size > _MOST_AT_ONCE:
-            batch = begun[target.z.shape] = []
+            batch = begun[kind] = []
             batches.append(batch)
         batch.append(target)
     return batches
 
 
 def _fuse(
-    targets: Sequence[Target], noise: Noise, options: Mapping[str, Any]
+    targets: Sequence[Target],
+    noise: Noise,
+    bias: Mapping[str | None, float],
+    options: Mapping[str, Any],
 ) -> Iterator[FusedTarget]:
     """Fuse targets of equal numbers of sensors and times in one call."""
     variances = [noise.variance(one.sensors, one.sigma) for one in targets]
@@ -397,11 +431,12 @@ def _fuse(
     if len(targets) > 1:
         z, variance, times = map(np.stack, arrays)
     try:
-        found = fuse_arrays(z, variance, noise.model, time=times, **options)
+        prior = [bias.get(name, bias.get(None, 0.0)) for name in targets[0].sensors]
+        found = fuse_arrays(z, variance, noise.model, bias_sigma=prior, time=times, **options)
     except ValueError as error:
         if len(targets) > 1:  # alone it says which one
             for target in targets:
-                yield from _fuse([target], noise, options)
+                yield from _fuse([target], noise, bias, options)
             return
         if isinstance(error, np.linalg.LinAlgError):
             name = targets[0].name or "the plots"

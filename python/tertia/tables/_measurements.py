@@ -11,9 +11,11 @@ import polars as pl
 
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.sensors import Kind, Station
+from tertia.tables._frames import names
 from tertia.tables._groups import as_names, column_name, group_name, layout
 from tertia.tables._instants import combined, instants
 from tertia.tables._moving import PLACES, apart, local_places, names_of_places, stations_of
+from tertia.tables._names import hint
 from tertia.tables._records import (
     SENSOR,
     TIME,
@@ -137,14 +139,14 @@ def read_targets(
     target, those of a sensor combined.
     """
     schema = SCHEMA if timed else {**SCHEMA, "time": replace(TIME, required=False)}
+    for part in source:
+        _require_kinds(part, columns or {})
     records = read(
         source, schema, columns=columns, by=as_names(by), sensors=sensors.names, results=results
     )
     if "time" not in records.column:
         # all is one instant
         records = replace(records, rows=records.rows.with_columns(time=pl.lit(0.0)))
-    for part in source:
-        _require_kinds(part, columns or {})
     placed = names_of_places(records, sensors)
     measured = _one_by_one(records, placed)
     if not measured["kind"].count():
@@ -190,7 +192,7 @@ def _require_kinds(part: Part, columns: Mapping[str, str]) -> None:
     if not any(has(name) for name in VALUES.values()) and not (has("kind") and has("value")):
         raise ColumnError(
             f"{part.called} has no column of measurements: {', '.join(VALUES.values())}, or kind "
-            f"and value; {part.listed()}",
+            f"and value{hint(VALUES.values(), names(part.table))}; {part.listed()}",
             column=next(iter(VALUES.values())),
         )
 

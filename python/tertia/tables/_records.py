@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import math
-import re
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,6 +19,7 @@ import polars as pl
 
 from tertia._arrays import IntArray
 from tertia.tables._frames import height, names, series
+from tertia.tables._names import hint, misspelt, plain_name
 from tertia.tables._times import (
     in_format,
     kind_of_times,
@@ -187,18 +187,14 @@ class Part:
         """Refuse a table without any of the columns."""
         if not any(self.has(column) for column in columns):
             raise ColumnError(
-                f"{self.called} has no column {' or '.join(columns)}; {self.listed()}",
+                f"{self.called} has no column {' or '.join(columns)}"
+                f"{hint(columns, names(self.table))}; {self.listed()}",
                 column=columns[0],
             )
 
     def listed(self) -> str:
         """Return the available columns, in words."""
         return f"it has {', '.join(map(str, names(self.table)))}"
-
-
-def plain_name(name: object) -> str:
-    """Return a name without what is written in different ways: `Azimuth [deg]` is azimuth_deg."""
-    return re.sub(r"[\W_]+", "_", str(name)).strip("_").casefold() or str(name)
 
 
 Source: TypeAlias = Sequence[Part]
@@ -366,6 +362,11 @@ class Reader:
                 self.part.require("sensor")
             return pl.repeat(self.part.name, count, dtype=pl.String, eager=True)
         if name is None:
+            known = [name for each in self.schema.values() for name in each.columns]
+            known += self.called.values()
+            said = misspelt(tuple(one.columns), known, names(self.part.table))
+            if said and self.problems is None:
+                doubt(f"{self.part.called} {said}")
             return _absent(one.kind, count)
         column = self.part.column(self.called.get(name, name))
         self.taken[quantity] = name if one.kind == "identity" else column

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
@@ -15,7 +14,8 @@ from tertia._arrays import FloatArray
 from tertia.geo import LocalFrame, SystemPlane
 from tertia.sensors import Bias, PositionSensor, Radar, Station
 from tertia.tables._groups import known
-from tertia.tables._records import RecordError, doubt, is_mark, plain_name
+from tertia.tables._names import VERY_NEAR, hint, plain_name
+from tertia.tables._records import RecordError, doubt, is_mark
 
 if TYPE_CHECKING:
     import polars as pl
@@ -62,8 +62,6 @@ _BIAS = {
 }
 _TRUSTED = "trusted"
 _RANGE_DIFFERENCE_SIGMA = "range_difference_sigma_m"
-# letters that a misspelt name has in common with the right one
-_NEARLY = 0.85
 # no radar that watches aircraft is as good, in degrees
 _DOUBTFUL_SIGMA = 0.005
 
@@ -324,9 +322,9 @@ class _Cells:
             raise self.error(f"{column} of {self.name} is {value!r}; it must be a finite number")
         low, high = _DOMAINS.get(column, (-math.inf, math.inf))
         if not low <= found <= high:
-            hint = "; are latitude and longitude swapped?" if column == GEODETIC[0] else ""
+            said = "; are latitude and longitude swapped?" if column == GEODETIC[0] else ""
             raise self.error(
-                f"{column} of {self.name} is {found:g}; it must be between {low} and {high}{hint}"
+                f"{column} of {self.name} is {found:g}; it must be between {low} and {high}{said}"
             )
         return found
 
@@ -334,9 +332,9 @@ class _Cells:
         """Return a number that must be there."""
         found = self.number(column)
         if found is None:
-            near = get_close_matches(column, map(str, self.row), 1, _NEARLY)
-            hint = f"; is {near[0]} meant?" if near and near[0] != column else ""
-            raise self.error(f"{column} of {self.name} is missing{hint}")
+            others = [name for name in self.row if name != column]
+            said = hint([column], others, VERY_NEAR)
+            raise self.error(f"{column} of {self.name} is missing{said}")
         return found
 
     def sigma(self, column: str) -> float | None:

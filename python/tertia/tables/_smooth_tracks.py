@@ -68,7 +68,7 @@ class Smoothing:
                 "time_s": of.clock.moments(table.time),
                 "track": table.track,
                 "sensor": named(table.sensor, of.sensors.names),
-                "plot": known(table.plot, ~between),
+                "plot": of.numbered(table.plot),
                 **state_columns(table),
                 **of.sensors.geodetic(table.position, table.height),
                 "course_deg": np.degrees(course) % 360.0,

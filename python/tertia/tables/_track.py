@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from tertia._arrays import BoolArray, FloatArray
+from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia._units import FLIGHT_LEVEL, NAUTICAL_MILE
 from tertia.flightplan import FlightPlan
 from tertia.geo import SystemPlane
@@ -24,8 +24,10 @@ from tertia.tables._records import (
     TIME,
     Field,
     RecordError,
+    Records,
     Schema,
     Source,
+    doubt,
     identity_texts,
     number,
     read,
@@ -61,6 +63,8 @@ REPORTS: Schema = {
     "north_sigma": number("north_sigma_m", positive=True),
     "east_north": number("covariance_east_north_m2"),
 }
+# the number of a plot in the whole recording, where a table is a part of one
+NUMBERED: Schema = {"plot": number("plot", whole=True)}
 # hijack, no radio, emergency
 _EMERGENCIES = (0o7500, 0o7600, 0o7700)
 # components of the state: how their columns begin, and their units
@@ -77,18 +81,24 @@ _ERRORS = {
     "azimuth": ("azimuth_bias", "_deg", 180.0 / np.pi),
     "time": ("time_bias", "_s", 1.0),
 }
+NO_TRACK = "no track was confirmed: too few plots of a target, or it is faster than"
 _PRODUCTS = {("m", "m"): "m2", ("m", "m_s"): "m2_s", ("m_s", "m_s"): "m2_s2"}
 
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Plots, their radars, the kind of their times, the column of their identities, and replies."""
+    """Plots, radars, the kind of times, the column of identities, replies, and plots' numbers."""
 
     plots: Plots
     sensors: Sensors[Any]
     clock: Clock
     identity: str
     replies: Columns
+    numbers: IntArray
+
+    def numbered(self, plot: IntArray) -> pl.Series:
+        """Return the numbers of plots by their rows, null where there is no plot."""
+        return known(self.numbers[plot], plot >= 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +116,8 @@ class Tracking:
         """The rows of the tracks, with the columns of files."""
         of, table = self.recording, self.table
         replies = Replies().known(table.time, table.track, of_plots(of.replies, table.plot))
-        return track_rows(table, of.clock, of.identity, of.sensors, self.plans, replies=replies)
+        rows = track_rows(table, of.clock, of.identity, of.sensors, self.plans, replies=replies)
+        return rows.with_columns(plot=of.numbered(table.plot))
 
     @property
     def refused(self) -> dict[str, int]:
@@ -202,8 +213,9 @@ def track(
         One row per plot, in any order: `time_s` (seconds, or dates with time), `range_m` or
         `range_nm`, and `azimuth_deg`; `sensor`, its name, if there are several; and, if known,
         `height_m` or `flight_level`, and `icao_address` (hexadecimal), `mode_3a` (octal) or
-        `identity`, of which the first one there is tells targets apart; and `callsign`. Reports of
-        a `PositionSensor` have `east_m` and `north_m`, or `latitude_deg` and `longitude_deg` where
+        `identity`, of which the first one there is tells targets apart; `callsign`; and `plot`, the
+        number of the plot in a recording of which this is a part, see `stitch`. Reports of a
+        `PositionSensor` have `east_m` and `north_m`, or `latitude_deg` and `longitude_deg` where
         radars are on the earth, instead of range and azimuth; and, if known, `east_sigma_m`,
         `north_sigma_m` and `covariance_east_north_m2`.
     sensors : sequence of Radar, PositionSensor or Station
@@ -220,8 +232,8 @@ def track(
     -------
     table of the same kind
         One row for every plot of a confirmed track and for every scan that missed it: `time_s`,
-        `track`, `sensor`, `plot` (its index), position and velocity with their covariance,
-        `course_deg`, `speed_m_s`, `turn_probability`, `association_probability`,
+        `track`, `sensor`, `plot` (its number, by default its row), position and velocity with their
+        covariance, `course_deg`, `speed_m_s`, `turn_probability`, `association_probability`,
         `existence_probability`, `height_m`, `vertical_rate_m_s`, the identity, the last `mode_3a`
         and `callsign` where plots have them, `plan`, `conforms`, `merged` and `confirmed`; null
         where nothing is known.
@@ -236,6 +248,11 @@ def track(
     TypeError
         A table of an unsupported kind, or an option of the wrong type.
 
+    Warns
+    -----
+    RecordWarning
+        If no track was confirmed.
+
     Examples
     --------
     >>> import numpy as np, polars as pl
@@ -249,6 +266,8 @@ def track(
     (25, [1])
     """
     found = tracks_of(recording_of(source_of(table), sensors, columns), plans, **options)
+    if len(found.recording.plots) and not len(found.table):
+        doubt(f"{NO_TRACK} max_speed")
     return result(table, found.rows)  # type: ignore[no-any-return]
 
 
@@ -259,12 +278,26 @@ def recording_of(
 ) -> Recording:
     """Return the plots of a table or of files."""
     radars: Sensors[Any] = sensors_of(sensors)
-    records = read(source, schema_of(radars), columns=columns, sensors=radars.names)
+    schema = {**schema_of(radars), **NUMBERED}
+    records = read(source, schema, columns=columns, sensors=radars.names)
     clock = Clock.of(records.rows["time"], midnight=True)
     identity = records.column.get("identity", "identity")
     names = [name for name in REPLIES if name in records.column and name != identity]
     replies = replies_of(records.rows, names)
-    return Recording(plots_of(records.rows, clock, radars), radars, clock, identity, replies)
+    plots = plots_of(records.rows, clock, radars)
+    return Recording(plots, radars, clock, identity, replies, _numbers(records))
+
+
+def _numbers(records: Records) -> IntArray:
+    """Return the numbers of plots: their rows, or those of a column `plot`."""
+    if "plot" not in records.column:
+        return np.arange(len(records.rows))
+    records.refuse(
+        (pl.col("plot") % 1 != 0) | pl.col("plot").is_duplicated(),
+        "the number {plot:g} of a plot must be whole, and of no other plot",
+        records.column["plot"],
+    )
+    return records.rows["plot"].to_numpy().astype(np.int64)
 
 
 def schema_of(sensors: Sensors[Any]) -> Schema:

@@ -19,6 +19,7 @@ from tertia._arrays import (
     positive_number,
     real,
     sequence_of,
+    threads,
 )
 from tertia._result import Result
 from tertia.sensors import Bias, Radar
@@ -33,7 +34,7 @@ TrackMethod: TypeAlias = Literal[
 ]
 # a week at the default interval; more are errors of times
 _CYCLES = 100_000
-_State: TypeAlias = "tuple[tuple[Radar, ...], float, float, bytes]"
+_State: TypeAlias = "tuple[tuple[Radar, ...], float, int | None, float, bytes]"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,6 +126,8 @@ class FusionCentre:
         Whether to estimate the systematic errors of the sensors; by default from two sensors on.
     update_interval : float
         Seconds from cycle to cycle, of `fuse_tracks`.
+    n_threads : int, optional
+        Number of threads; by default one per core where that pays. Pictures do not depend on it.
 
     Raises
     ------
@@ -160,7 +163,7 @@ class FusionCentre:
     array([[17,  4]])
     """
 
-    __slots__ = ("_core", "_time", "sensors", "update_interval")
+    __slots__ = ("_core", "_time", "n_threads", "sensors", "update_interval")
 
     def __init__(
         self,
@@ -170,7 +173,9 @@ class FusionCentre:
         cross_correlation: tuple[float, float] = (0.1, 0.3),
         registration: bool | None = None,
         update_interval: float = 5.0,
+        n_threads: int | None = None,
     ) -> None:
+        self.n_threads = threads(n_threads)
         self.sensors = sequence_of(sensors, Radar, "sensors")
         if not self.sensors:
             raise ValueError("sensors is empty; there must be at least one")
@@ -236,7 +241,7 @@ class FusionCentre:
             )
         columns = {name: getattr(tracks, name) for name in SensorTracks.__slots__}
         columns["state"] = np.hstack([columns.pop("position"), columns.pop("velocity")])
-        track, numbers, integers, marks = self._core.update(columns, instant)
+        track, numbers, integers, marks = self._core.update(columns, instant, self.n_threads)
         self._time = instant
         state, covariance, pvalue, height = numbers
         return SystemTracks(
@@ -314,11 +319,12 @@ class FusionCentre:
 
     def __getstate__(self) -> _State:
         """Return the complete state of the centre."""
-        return self.sensors, self.update_interval, self._time, self._core.__getstate__()
+        own = self.sensors, self.update_interval, self.n_threads, self._time
+        return *own, self._core.__getstate__()
 
     def __setstate__(self, state: _State) -> None:
         """Restore the state of the centre."""
-        self.sensors, self.update_interval, self._time, saved = state
+        self.sensors, self.update_interval, self.n_threads, self._time, saved = state
         self._core = _core.FusionCentre.from_state(saved)
 
     def __repr__(self) -> str:

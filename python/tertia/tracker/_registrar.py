@@ -101,6 +101,13 @@ class Registrar:
         return self._core.known()[2]
 
     @property
+    def held(self) -> list[bool]:
+        """Whether plots of each sensor are to confirm no tracks for now."""
+        held = self._core.held()
+        # where plots of all sensors are far from their tracks, targets manoeuvre
+        return [False] * len(held) if all(held) else held
+
+    @property
     def changes(self) -> list[tuple[float, int]]:
         """Times and sensors of sudden changes."""
         return self._core.changes()

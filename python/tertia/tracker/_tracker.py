@@ -321,6 +321,7 @@ class Tracker:
         """Return the rows of a scan, with what is not known of the errors in their covariances."""
         first = self._core.plots
         self._core.set_noise(registrar.noise)
+        self._core.hold(registrar.held)
         table = self._scan(registrar.correct(plots), end, rows)
         noise, time = self._core.noise(), self._core.time
         self._core.shift(*registrar.learn(plots, first, table, noise, time))

@@ -23,6 +23,7 @@ from tertia._arrays import (
 )
 from tertia.location import LocationStatus
 from tertia.location._bias import Given, given_biases, said
+from tertia.location._degrees import warn_if_degrees
 from tertia.location._readers import checked, correlation_of
 from tertia.location._result import location_of
 from tertia.sensors import Bias, Kind, Station
@@ -120,6 +121,11 @@ def reconstruct(
         located, or biases that the measurements do not determine.
     TypeError
         An argument of the wrong type.
+
+    Warns
+    -----
+    UserWarning
+        Angles of which most contradict each other as radians, and fit as degrees.
 
     Notes
     -----
@@ -238,6 +244,8 @@ def reconstruct(
         **prior,
     }
     found = _core.reconstruct(record, steps, threads(n_threads))
+    if not degrees and any(kind in measured for kind in ANGLES):
+        _warn_if_degrees(record, found)
     if found["failure"] is not None:
         _raise(found["failure"], stations)
     d, mean, smoothed = places.shape[-1], found["mean"], found["smoothed"]
@@ -255,6 +263,28 @@ def reconstruct(
         bias=_bias(given, found["bias"]),
         smoothed=None if smoothed is None else _smoothed(mean, smoothed),
     )
+
+
+def _warn_if_degrees(record: dict[str, Any], found: dict[str, Any]) -> None:
+    """Warn where the single instants do not fit as radians, but would as degrees."""
+    places, axes, values, sigmas = (record[n] for n in ("stations", "axes", "values", "sigmas"))
+    rows = _rows(places, 2), None if axes is None else _rows(axes, 3)
+    options: tuple[Any, ...] = (
+        *(None, None, None, ("robust", 3), (True, record["correlation"])),
+        *(sigmas.size * [False], False, 1),
+    )
+
+    def solve(values: FloatArray, sigmas: FloatArray) -> Sequence[npt.NDArray[Any]]:
+        return _core.locate(*rows, values, sigmas, *options)[-2]
+
+    known = sigmas[np.newaxis]
+    columns = solve(values, known) if found["failure"] is not None else found["fixes"][-1]
+    warn_if_degrees(columns, values, known, solve)
+
+
+def _rows(array: FloatArray, axes: int) -> FloatArray:
+    """Return rows for each instant, or the only one."""
+    return array if array.ndim > axes else array[np.newaxis]
 
 
 def _smoothed(mean: FloatArray, found: Sequence[Any]) -> SmoothedPositions:

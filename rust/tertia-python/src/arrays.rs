@@ -104,6 +104,20 @@ impl Input<'_> {
     }
 }
 
+/// So many numbers are compared before it is asked where one lies outside.
+const COMPARED: usize = 64;
+
+/// The place of the first number that does not lie between two others, nor with `missing` is nan.
+#[pyfunction]
+pub fn first_outside(array: Input<'_>, least: f64, most: f64, missing: bool) -> Option<usize> {
+    let lies = |v: &f64| (least <= *v) & (*v <= most) | missing & v.is_nan();
+    let view = array.0.as_array();
+    let Some(values) = view.to_slice() else { return view.iter().position(|v| !lies(v)) };
+    let bad = |part: &[f64]| !part.iter().fold(true, |all, v| all & lies(v));
+    let part = values.chunks(COMPARED).position(bad)?;
+    values[part * COMPARED..].iter().position(|v| !lies(v)).map(|at| part * COMPARED + at)
+}
+
 fn does_not_fit(name: &str, shape: &[usize]) -> PyErr {
     PyValueError::new_err(match shape {
         [] => format!(
@@ -308,13 +322,25 @@ fn stoppable<T: Send>(work: impl FnOnce() -> T + Send) -> PyResult<T> {
     })
 }
 
-/// A fresh array of this shape around `values`.
+/// So many numbers are copied rather than kept where they are.
+const FEW: usize = 64;
+
+/// A fresh array of this shape around `values`, as many as it holds.
 pub fn array<'py, T: Element>(
     py: Python<'py>,
     shape: &[usize],
     values: impl IntoIterator<Item = T>,
 ) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
-    PyArray::from_vec(py, values.into_iter().collect()).reshape(shape)
+    let values = values.into_iter();
+    if shape.iter().product::<usize>() > FEW {
+        return PyArray::from_vec(py, values.collect()).reshape(shape);
+    }
+    // a vector of its own costs more than so few numbers
+    let array = PyArrayDyn::zeros(py, shape, false);
+    for (place, value) in array.readwrite().as_slice_mut()?.iter_mut().zip(values) {
+        *place = value;
+    }
+    Ok(array)
 }
 
 /// The matrix of an upper triangle.

@@ -1,9 +1,9 @@
 //! Bindings of `tertia::asterix`.
 
-use crate::arrays::{Integers, array, release};
+use crate::arrays::{Array, Integers, array, release};
 use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
-use tertia::asterix::{self, Damage};
+use tertia::asterix::{self, Damage, Gap};
 
 /// Cost of an octet, for the choice to release the interpreter's lock.
 const OCTET_NS: f64 = 5.0;
@@ -11,6 +11,7 @@ const OCTET_NS: f64 = 5.0;
 /// A definition: category, editions, and name, scale and unit of each column.
 type Definition = (u8, Vec<&'static str>, Vec<(&'static str, f64, &'static str)>);
 type Blocks<'py> = (Integers<'py>, Integers<'py>, Integers<'py>, usize);
+type Recording<'py> = (Integers<'py>, Integers<'py>, Integers<'py>, Vec<(usize, usize)>);
 type Records<'py> = (Integers<'py>, Vec<Integers<'py>>, Vec<(usize, usize, &'static str)>);
 
 /// All definitions, of each category the newest first.
@@ -34,6 +35,21 @@ pub fn asterix_blocks<'py>(py: Python<'py>, contents: &[u8]) -> PyResult<Blocks<
     Ok((category, places(py, found.begin)?, places(py, found.end)?, found.stop))
 }
 
+/// Category, begin and end of the data blocks of a recording that may be damaged, and its gaps: where
+/// they are, and how many octets belong to no block.
+#[pyfunction]
+pub fn asterix_recording<'py>(
+    py: Python<'py>,
+    contents: &[u8],
+    known: Vec<u8>,
+) -> PyResult<Recording<'py>> {
+    let cost = OCTET_NS * contents.len() as f64;
+    let (found, gaps) = release(py, cost, || asterix::recover(contents, &known))?;
+    let category = array(py, &[found.category.len()], found.category.into_iter().map(i64::from))?;
+    let gaps = gaps.into_iter().map(|Gap { at, lost }| (at, lost)).collect();
+    Ok((category, places(py, found.begin)?, places(py, found.end)?, gaps))
+}
+
 /// Block of each record, its columns, and what is damaged: block, first octet, reason.
 #[pyfunction]
 pub fn asterix_records<'py>(
@@ -52,6 +68,19 @@ pub fn asterix_records<'py>(
     let columns = columns.collect::<PyResult<_>>()?;
     let damage = found.damage.iter().map(|&Damage { block, at, reason }| (block, at, reason));
     Ok((places(py, found.block)?, columns, damage.collect()))
+}
+
+/// Times of day, of which truncated ones are completed by the full ones of their source.
+#[pyfunction]
+pub fn asterix_times<'py>(
+    py: Python<'py>,
+    full: PyReadonlyArray1<'py, f64>,
+    truncated: PyReadonlyArray1<'py, f64>,
+    source: PyReadonlyArray1<'py, i64>,
+) -> PyResult<Array<'py>> {
+    let (full, truncated, source) = (full.as_slice()?, truncated.as_slice()?, source.as_slice()?);
+    let times = asterix::complete_times(full, truncated, source);
+    array(py, &[times.len()], times)
 }
 
 fn places(py: Python<'_>, places: Vec<usize>) -> PyResult<Integers<'_>> {

@@ -6,7 +6,7 @@ mod series;
 
 pub use estimates::{fuse, fuse_scalar};
 pub use live::AngleFusion;
-pub use series::fuse_series;
+pub use series::{fuse_series, series_biases};
 
 use crate::arrays::choice;
 use pyo3::prelude::*;

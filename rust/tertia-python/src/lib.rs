@@ -26,18 +26,22 @@ use pyo3::prelude::*;
 #[pymodule(name = "_core", gil_used = false)]
 mod core_module {
     #[pymodule_export]
+    use super::arrays::first_outside;
+    #[pymodule_export]
     use super::association::{
         assign_pairs, associate, gate_pairs, gate_sectors, gate_threshold, likelihood_score,
         paper_score,
     };
     #[pymodule_export]
-    use super::asterix::{asterix_blocks, asterix_definitions, asterix_records};
+    use super::asterix::{
+        asterix_blocks, asterix_definitions, asterix_recording, asterix_records, asterix_times,
+    };
     #[pymodule_export]
     use super::bearing::estimate_bearing;
     #[pymodule_export]
     use super::flightplan::{Route, conformance, correlate, plan_speeds, times_over};
     #[pymodule_export]
-    use super::fusion::{AngleFusion, fuse, fuse_scalar, fuse_series};
+    use super::fusion::{AngleFusion, fuse, fuse_scalar, fuse_series, series_biases};
     #[pymodule_export]
     use super::geo::{
         Frame, cartesian_states, ecef_to_geodetic, geodetic_to_ecef, plots_flattened,

@@ -1,6 +1,6 @@
 //! Bindings of `tertia::tertiary`.
 
-use crate::arrays::{Array, Input, Integers, Marks, array, choice, release, value_error};
+use crate::arrays::{Array, Input, Integers, Marks, Threads, array, choice, release, value_error};
 use crate::sensors::Radar;
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
@@ -105,14 +105,16 @@ impl FusionCentre {
         py: Python<'py>,
         tracks: TrackRows<'py>,
         time: f64,
+        n_threads: Threads,
     ) -> PyResult<Picture<'py>> {
         let rows = tracks.read()?;
         if let Some(row) = rows.iter().find(|row| row.sensor >= self.sensors) {
             let text = format!("sensor is {}; there are {}", row.sensor, self.sensors);
             return Err(PyValueError::new_err(text));
         }
-        let found = release(py, 1e3 * rows.len() as f64, || self.centre.update(&rows, time))?
-            .map_err(value_error)?;
+        let found =
+            release(py, 1e3 * rows.len() as f64, || self.centre.update(&rows, time, n_threads))?
+                .map_err(value_error)?;
         let (n, k) = (found.len(), self.sensors);
         let members = found.iter().flat_map(|one| &one.members);
         let numbers = |of: fn(&SystemTrack) -> f64| array(py, &[n], found.iter().map(of));

@@ -67,6 +67,11 @@ impl PlotTracker {
         self.0.tracker_mut().set_noise(&noise.pairs("noise")?).map_err(value_error)
     }
 
+    /// Takes the radars whose plots are to confirm no tracks for now, (K,).
+    fn hold(&mut self, radars: Vec<bool>) {
+        self.0.tracker_mut().hold(radars);
+    }
+
     /// Moves tracks, in order of their numbers, by positions and velocities (M, 4) at these times.
     fn shift(
         &mut self,

@@ -5,6 +5,7 @@
 //! angle in one frame at common times.
 
 mod belief;
+mod biases;
 mod centre;
 mod clusters;
 mod effects;
@@ -21,6 +22,7 @@ mod robust;
 mod rules;
 mod scalar;
 
+pub use biases::{SeriesBiases, series_biases};
 pub use centre::{Centre, RadarReport};
 pub use effects::STEPS as EFFECT_STEPS;
 pub use estimates::{Fusing, fusing};

@@ -11,10 +11,12 @@
 //! | `live` | the errors scan by scan, from a few dozen targets | O(K³) a scan |
 //! | `followed` | the tracks, and what the errors add to their covariances | O(R²) a row of R radars |
 //! | `vote` | sudden changes that are larger than the gates, by the tracks that miss their plots | O(V²) |
+//! | `alarm` | radars whose last plots do not fit their tracks | O(1) a plot |
 //! | `watch` | noise that has grown suddenly, by the last innovations | O(1) a plot |
 //! | `start` | errors far larger than expected, from the tracks of each radar at one instant | O(C² N) |
 //! | `correction` | the states with biases removed and covariances scaled to the noise found | O(M K) |
 
+mod alarm;
 mod block;
 mod calibration;
 mod change;

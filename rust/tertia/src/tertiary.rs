@@ -3,17 +3,19 @@
 //! grouped into targets that keep their numbers, and fused.
 //!
 //! `row <- tracklet, bias; compare <- pairs <- groups; row, compare, tracklet <- rule; pairs, row <-
-//! target <- centre`. A cycle costs O(tracks) and what the pairs of tracks within 8 km cost; memory is
+//! target, shadow <- member <- centre`. A cycle costs O(tracks) and what the pairs of tracks within 8 km cost; memory is
 //! O(tracks + pairs).
 
 mod bias;
 mod centre;
 mod compare;
 mod groups;
+mod member;
 mod pairs;
 mod row;
 mod rule;
 mod shadow;
+mod share;
 mod target;
 mod tracklet;
 

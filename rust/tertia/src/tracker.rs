@@ -52,6 +52,7 @@ mod row;
 mod scan;
 mod settings;
 mod share;
+mod sharp;
 mod sight;
 mod smooth;
 mod strays;

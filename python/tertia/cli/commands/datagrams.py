@@ -19,15 +19,23 @@ from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
 from tertia.tables._track import PLOTS
 
+# service messages of radars whose plots have truncated times
+_SERVICE = b"\x02"
 # what the kernel holds while plots are tracked
 _BUFFER = 1 << 23
 _PORTS = 1 << 16
+_PLOTS = {
+    "time_s": pl.Float64,
+    "sensor": pl.String,
+    "range_nm": pl.Float64,
+    "azimuth_deg": pl.Float64,
+}
 
 
 class Datagrams:
     """Converts the payloads of UDP packets to plots, as `stream` does with lines.
 
-    `row` counts the plots of category 48, `bad` the packets that have none.
+    `row` counts the plots of categories 48 and 1, `bad` the packets that have none.
     """
 
     kind = None
@@ -39,6 +47,8 @@ class Datagrams:
         self.row = self.bad = 0
         self._columns = columns
         self._unknown: Counter[str] = Counter()
+        # the last block of service messages, whose full time completes those of the next plots
+        self._service: list[bytes] = []
         # the kind that the first plots have
         self._identity: str | None = None
 
@@ -55,10 +65,16 @@ class Datagrams:
     def of(self, packets: Sequence[bytes]) -> pl.DataFrame:
         """Return the plots of packets by the schema, `row` counted from the first of all."""
         try:
-            found = read_asterix(packets)
+            found = read_asterix([*self._service, *packets])
         except ValueError as error:
             self._leave_out(len(packets), str(error))
-            return self._read(pl.DataFrame(schema={"time_s": pl.Float64, "range_nm": pl.Float64}))
+            return self._none()
+        for packet in packets:
+            if packet.startswith(_SERVICE):
+                self._service = [packet[: int.from_bytes(packet[1:3], "big")]]
+        if found.truncated_times:
+            self._leave_out(len(packets), "no service message has told the time yet")
+            return self._none()
         if found.other_packets:
             self._leave_out(found.other_packets, "a packet has no ASTERIX")
         if found.damaged:
@@ -71,6 +87,9 @@ class Datagrams:
         rows = self._read(plots.filter(known, pl.col("time_s").is_not_null()))
         self.row += rows.height
         return rows
+
+    def _none(self) -> pl.DataFrame:
+        return self._read(pl.DataFrame(schema=_PLOTS))
 
     def _read(self, plots: pl.DataFrame) -> pl.DataFrame:
         if "sensor" in plots.columns:

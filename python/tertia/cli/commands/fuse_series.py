@@ -63,6 +63,14 @@ def fuse_series(
             "What neither this nor the files say is fitted.",
         ),
     ] = None,
+    bias_sigma: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[NAME=]VALUE",
+            help="Sigma of a constant error of a sensor, or of all others, which is estimated; "
+            "may be repeated. Sensors without one are trusted.",
+        ),
+    ] = None,
     method: Annotated[FusionMethod, typer.Option(help="How to fuse.")] = "robust",
     alpha: Annotated[
         float | None,
@@ -87,7 +95,8 @@ def fuse_series(
         columns=column_names(column),
         values=value,
         by=by or [],
-        sigma=_stated(sigma or []),
+        sigma=_by_sensor("--sigma", sigma or []),
+        bias_sigma=_by_sensor("--bias-sigma", bias_sigma or []),
         alpha=alpha,
         acceleration_sigma=acceleration_sigma,
         period=period or None,
@@ -113,8 +122,8 @@ def fuse_series(
     return {"sensors": found.sensors.to_dicts()}
 
 
-def _stated(options: Sequence[str]) -> dict[Any, float]:
-    """Return the values of `--sigma` by sensor; None is for all others."""
+def _by_sensor(flag: str, options: Sequence[str]) -> dict[Any, float]:
+    """Return the values of an option by sensor; None is for all others."""
     stated: dict[str | None, float] = {}
     for option in options:
         name, separator, text = option.rpartition("=")
@@ -123,9 +132,7 @@ def _stated(options: Sequence[str]) -> dict[Any, float]:
         except ValueError:
             number = math.nan
         if not 0 < number < math.inf:
-            fail(
-                f"--sigma is {option!r}; it must be a positive number, or NAME=NUMBER", WRONG_USAGE
-            )
+            fail(f"{flag} is {option!r}; it must be a positive number, or NAME=NUMBER", WRONG_USAGE)
         stated[name if separator else None] = number
     return stated
 

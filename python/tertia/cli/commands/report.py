@@ -136,7 +136,9 @@ def _seen(
         "plots": recording.plots,
         "sensors": radars.items,
         "plans": filed,
-        "truth": None if truth is None else truth_of(read.truth(truth), clock, place),
+        "truth": None
+        if truth is None
+        else truth_of(read.truth(truth), clock, place, identity=recording.identity),
         "since": _since(clock),
     }
 

@@ -167,12 +167,14 @@ def _azimuths(scene: Scene) -> pl.DataFrame:
 
 
 def _truth(traffic: Traffic, duration: float) -> pl.DataFrame:
-    """Return the positions of each flight while it is in the air."""
+    """Return the positions of each flight while it is in the air, with height and code."""
+    codes = identity_texts(traffic.identity, "mode_3a")
     times = np.arange(0.0, duration + _TRUTH_STEP / 2, _TRUTH_STEP)
     parts = []
     for k, plan in enumerate(traffic.plans):
         place = traffic.at(k, times)[0]
         there = np.isfinite(place[:, 0])
+        samples = traffic.start[k] + traffic.step * np.arange(traffic.height.shape[1])
         parts.append(
             pl.DataFrame(
                 {
@@ -180,6 +182,8 @@ def _truth(traffic: Traffic, duration: float) -> pl.DataFrame:
                     "target": [str(plan.name)] * int(there.sum()),
                     "east_m": place[there, 0].round(1),
                     "north_m": place[there, 1].round(1),
+                    "height_m": np.interp(times[there], samples, traffic.height[k]).round(1),
+                    "mode_3a": codes[k],
                 }
             )
         )

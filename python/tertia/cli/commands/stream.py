@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,6 +25,7 @@ from tertia.cli.terminal.pipe import Lines, Packets, Quiet
 from tertia.cli.terminal.say import INTERRUPTED, WRONG_USAGE, counted, fail, note, reading
 from tertia.flightplan import FlightPlan
 from tertia.sensors import Radar
+from tertia.tables._names import plain_name
 from tertia.tables._records import Part, Reader, doubt_unit
 from tertia.tables._replies import REPLIES, Columns, Replies, of_plots, replies_of
 from tertia.tables._sensors import Sensors
@@ -189,7 +191,7 @@ class _Plots:
         for line in lines:
             self.line += 1
             text = line.decode("utf-8-sig" if self.line == 1 else "utf-8", "replace").strip(" \r\n")
-            if not text:
+            if not text or (self.kind is None and self._is_comment(text)):
                 continue
             if self.kind is None:
                 self.kind = "jsonl" if text.startswith("{") else "csv"
@@ -200,6 +202,12 @@ class _Plots:
                 yield _of_json(text)
             else:
                 yield _of_csv(text, self._header, self._separator)
+
+    def _is_comment(self, line: str) -> bool:
+        """Return whether a line before the header is a comment, and not a header after a `#`."""
+        cells = set(map(plain_name, re.split(r"[,;\t|]", line)))
+        looked_for = (name for names in self._choices.values() for name in names)
+        return line.startswith("#") and cells.isdisjoint(map(plain_name, looked_for))
 
     def _begin(self, line: str) -> None:
         """Read the header, which must have the required columns."""

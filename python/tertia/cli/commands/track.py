@@ -29,7 +29,7 @@ from tertia.cli.terminal.options import (
 from tertia.cli.terminal.say import WRONG_USAGE, counted, fail, note, print_table, working
 from tertia.sensors import Bias, Radar
 from tertia.tables import Sensors
-from tertia.tables._track import Tracking, recording_of, tracks_of
+from tertia.tables._track import NO_TRACK, Tracking, recording_of, tracks_of
 from tertia.tracker import AssociationName, MotionName, PlanModel, ProfileName, Tracker
 
 EXAMPLES = (
@@ -272,7 +272,7 @@ def _say(tracking: Tracking, summary: dict[str, Any]) -> None:
     rate = summary["plot_count"] / summary["tracking_s"]
     typer.echo(f"  {rate:,.0f} plots tracked per second")
     if not tracks:
-        note("no track was confirmed: too few plots of a target, or it is faster than --max-speed")
+        note(f"{NO_TRACK} --max-speed")
 
 
 def _lines(tracking: Tracking) -> list[maps.Feature | None]:

@@ -29,9 +29,10 @@ def _doubt_rest(path: Path, found: AsterixRecording) -> None:
     if found.skipped:
         doubt(f"{path}: not read are {found.skipped_text()}")
     if found.damaged:
+        lost = f", and {counted(found.lost_bytes, 'byte')} of no block" if found.lost_bytes else ""
         doubt(
-            f"{path}: {counted(found.damaged, 'damaged data block')} left out in part; the first: "
-            f"{found.first_damage}"
+            f"{path}: {counted(found.damaged, 'damaged data block')} left out in part{lost}; the "
+            f"first: {found.first_damage}"
         )
 
 
@@ -46,7 +47,7 @@ def plots(path: Path) -> Part:
     found = _read(path)
     seen = measured(found)
     if seen.is_empty():
-        fail(f"{path} has no plots (category 48) of targets, but {_contents(found)}")
+        fail(f"{path} has no plots (categories 48, 1) of targets, but {_contents(found)}")
     _doubt_rest(path, found)
     for count, noun, why in (
         (found.repeated, "plot", "the same as one before"),
@@ -59,6 +60,8 @@ def plots(path: Path) -> Part:
     ):
         if count:
             doubt(f"{path}: {counted(count, noun)} left out: {why}")
+    if found.truncated_times:
+        doubt(f"{path}: times are those of a clock of 512 s: no service message has a full time")
     # an identity that nobody has is none
     empty = [name for name in IDENTITIES if seen[name].null_count() == seen.height]
     said = {

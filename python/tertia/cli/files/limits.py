@@ -10,6 +10,7 @@ import typer
 
 from tertia.cli.files.text import decoded
 from tertia.cli.terminal.say import fail, reading
+from tertia.metrics._indicators import LIMITED
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -18,9 +19,9 @@ else:
 
 # keys of the file, and the indicators that they limit
 _KEYS = {
-    "probability_of_update": "probability_of_update",
-    "long_gap_ratio": "long_gap_ratio",
+    **{name: name for name in LIMITED if name != "rmse"},
     "rmse_m": "rmse",
+    "large_error_m": "large_error",
 }
 LimitFile: TypeAlias = Annotated[
     Path | None,
@@ -28,7 +29,7 @@ LimitFile: TypeAlias = Annotated[
         "--limits",
         metavar="FILE",
         readable=False,
-        help=f"Limits of indicators, .toml: {', '.join(_KEYS)}.",
+        help="Limits of indicators, .toml, as examples/limits_5nm.toml.",
     ),
 ]
 

@@ -135,9 +135,10 @@ def _rows(path: Path) -> Part:
         return Part(frame, str(path), path.stem, 1)
     # a blank line of a CSV file is no row
     there = frame.select(~pl.all_horizontal(pl.all().is_null())).to_series()
+    first = 2 + Dialect.of(path).comments
     if there.all():
-        return Part(frame, str(path), path.stem, 2)
-    return Part(frame.filter(there), str(path), path.stem, 2, there.arg_true().to_numpy())
+        return Part(frame, str(path), path.stem, first)
+    return Part(frame.filter(there), str(path), path.stem, first, there.arg_true().to_numpy())
 
 
 def _frame(path: Path) -> pl.DataFrame:

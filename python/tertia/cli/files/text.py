@@ -17,6 +17,7 @@ import polars as pl
 from tertia.tables._records import doubt
 
 _BEGIN = 1 << 16
+_COMMENT = "#"
 # of those of equal number the first
 _SEPARATORS = ",;\t|"
 _BOMS = {codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
@@ -39,6 +40,8 @@ class Dialect:
 
     separator: str = ","
     encoding: str = "utf-8"
+    # lines before the header
+    comments: int = 0
 
     @property
     def is_plain(self) -> bool:
@@ -59,8 +62,18 @@ class Dialect:
             return cls()
         encoding = _BOMS.get(begin[:2]) or _without_mark(begin)
         lines = begin.decode(encoding, "ignore").lstrip("\ufeff").splitlines()
-        header = next((line for line in lines if line.strip()), "")
-        return cls(separator_of(header), encoding)
+        comments = _comments(lines)
+        header = next((line for line in lines[comments:] if line.strip()), "")
+        return cls(separator_of(header), encoding, comments)
+
+
+def _comments(lines: list[str]) -> int:
+    """Return how many comments are before the header, which may begin as they do."""
+    count = next((k for k, line in enumerate(lines) if not line.startswith(_COMMENT)), len(lines))
+    if not 0 < count < len(lines):
+        return 0
+    first = next(csv.reader([lines[count]], delimiter=separator_of(lines[count])), [])
+    return count - 1 if any(map(_is_number, first)) else count
 
 
 def separator_of(header: str) -> str:
@@ -114,14 +127,15 @@ def too_long(path: Path) -> str | None:
     dialect = Dialect.of(path)
     try:
         with _opened(path) as file:
-            lines = file.read().decode(dialect.encoding, "replace").lstrip("\ufeff").splitlines()
+            text = file.read().decode(dialect.encoding, "replace").lstrip("\ufeff")
     except (OSError, *_DAMAGED):
         return None
-    rows = csv.reader(lines, delimiter=dialect.separator)
+    rows = csv.reader(text.splitlines()[dialect.comments :], delimiter=dialect.separator)
     width = len(next((cells for cells in rows if cells), []))
     for cells in rows:
         if len(cells) > width:
-            return f"line {rows.line_num} has {len(cells)} fields, the header has {width}"
+            line = rows.line_num + dialect.comments
+            return f"line {line} has {len(cells)} fields, the header has {width}"
     return None
 
 
@@ -141,18 +155,28 @@ def read_text(path: Path) -> pl.DataFrame:
 
 def _read(path: Path, dialect: Dialect) -> pl.DataFrame:
     options: dict[str, Any] = {"separator": dialect.separator, "infer_schema": False}
-    if dialect.encoding == "utf-8":
+    if dialect.encoding == "utf-8" and not dialect.comments:
         try:
             return pl.read_csv(path, glob=False, **options)
         except pl.exceptions.ComputeError as error:
             if "utf-8" not in str(error).lower() or path.suffix.lower() == ".zst":
                 raise
-    encoding = "cp1252" if dialect.encoding == "utf-8" else dialect.encoding
-    try:
-        with _opened(path) as file:
-            text = file.read().decode(encoding).lstrip("\ufeff")
-    except UnicodeDecodeError as error:
-        raise pl.exceptions.ComputeError(f"it is no text: {error}") from None
-    if encoding == "cp1252":
+    with _opened(path) as file:
+        contents = file.read()
+    text = _text(contents, dialect.encoding)
+    if text is None:
+        text = _text(contents, "cp1252") if dialect.encoding == "utf-8" else None
+        if text is None:
+            reason = f"it is no text: {dialect.encoding} does not decode it"
+            raise pl.exceptions.ComputeError(reason)
         doubt(f"{path} is not in UTF-8: it is read as Windows-1252")
-    return pl.read_csv(io.StringIO(text), **options)
+    for _ in range(dialect.comments):
+        text = text.partition("\n")[2]
+    return pl.read_csv(io.StringIO(text.lstrip("\ufeff")), **options)
+
+
+def _text(contents: bytes, encoding: str) -> str | None:
+    try:
+        return contents.decode(encoding)
+    except UnicodeDecodeError:
+        return None

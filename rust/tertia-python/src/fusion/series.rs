@@ -5,7 +5,7 @@ use crate::arrays::{Input, Output, Rows, Threads, value_error};
 use crate::kalman::{Model, check_period, singer};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use tertia::fusion::{Beliefs, Centre, RadarReport, Rule};
+use tertia::fusion::{Beliefs, Centre, RadarReport, Rule, series_biases as of_series};
 use tertia::kalman::{Filter, Innovation, PerStep, Series, Singer, State, Transition, wrapped};
 
 /// Cost of a step for one radar, for the choice of threads.
@@ -215,4 +215,43 @@ pub fn fuse_series<'py>(
         task.run(row, z, &mut out, buffers)
     })?;
     Ok(([mean, covariance, weight, noise, innovation, spread], outlier))
+}
+
+/// Constant errors of radars (..., K), their standard deviations (..., K), and what they add to the
+/// covariance of each step (..., steps, 6), of plots without wraps (..., K, steps) whose variances
+/// have the same shape; `prior` (K) are the standard deviations before.
+#[pyfunction]
+pub fn series_biases<'py>(
+    py: Python<'py>,
+    arrays: (Input<'py>, Input<'py>, Input<'py>),
+    prior: Input<'py>,
+    model: Model,
+    n_threads: Threads,
+) -> PyResult<[Output<'py>; 3]> {
+    let (z, variance, dt) = &arrays;
+    let &[.., radars, n] = z.shape() else {
+        return Err(PyValueError::new_err("z must be of shape (..., K, steps)"));
+    };
+    let (model, prior) = (singer(model)?, prior.numbers("bias_sigma")?);
+    let (rows, noise, dt) = (z.blocks("z", 2)?, variance.blocks(VARIANCE, 2)?, dt.rows("time", 0)?);
+    let new = |tail: &[usize]| Output::new(py, rows.batch(), tail);
+    let (mut value, mut sigma, mut covariance) = (new(&[radars])?, new(&[radars])?, new(&[n, 6])?);
+    let outputs = value.rows()?.zip(sigma.rows()?).zip(covariance.rows()?);
+    let cost = FUSE_NS * rows.size();
+    rows.each(
+        py,
+        cost,
+        n_threads,
+        outputs,
+        Vec::new,
+        |buffer, (row, z), ((value, sigma), each)| {
+            let transition = model.over_all(dt.shared(row), buffer)?;
+            let found = of_series(z, noise.shared(row), &prior, transition, &model);
+            value.copy_from_slice(&found.value);
+            sigma.copy_from_slice(&found.sigma);
+            each.as_chunks_mut::<6>().0.copy_from_slice(&found.covariance);
+            Ok(())
+        },
+    )?;
+    Ok([value, sigma, covariance])
 }

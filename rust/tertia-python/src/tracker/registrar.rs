@@ -107,6 +107,11 @@ impl Registrar {
         ])
     }
 
+    /// Radars whose plots are to confirm no tracks for now, (K,).
+    fn held(&self) -> Vec<bool> {
+        self.0.held()
+    }
+
     /// Times and radars of sudden changes.
     fn changes(&self) -> Vec<(f64, usize)> {
         self.0.changes().to_vec()

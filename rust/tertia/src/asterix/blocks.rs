@@ -1,5 +1,5 @@
 /// Category and length.
-const HEADER: usize = 3;
+pub(super) const HEADER: usize = 3;
 
 /// Data blocks of a recording: their categories, and where their records begin and end.
 #[derive(Debug, Default, PartialEq, Eq)]
@@ -17,17 +17,22 @@ pub struct Blocks {
 /// Find consecutive data blocks, until there is none or one is cut off. O(blocks).
 pub fn blocks(bytes: &[u8]) -> Blocks {
     let mut found = Blocks::default();
-    while let Some(&[category, high, low]) = bytes.get(found.stop..found.stop + HEADER) {
-        let length = usize::from(u16::from_be_bytes([high, low]));
-        if length <= HEADER || found.stop + length > bytes.len() {
-            break;
-        }
+    while let Some((category, end)) = header(bytes, found.stop) {
         found.category.push(category);
         found.begin.push(found.stop + HEADER);
-        found.stop += length;
-        found.end.push(found.stop);
+        found.stop = end;
+        found.end.push(end);
     }
     found
+}
+
+/// Category and end of the data block that begins here, if there can be one.
+pub(super) fn header(bytes: &[u8], at: usize) -> Option<(u8, usize)> {
+    let &[category, high, low] = bytes.get(at..at + HEADER)? else {
+        return None;
+    };
+    let length = usize::from(u16::from_be_bytes([high, low]));
+    (length > HEADER && at + length <= bytes.len()).then_some((category, at + length))
 }
 
 #[cfg(test)]

@@ -41,6 +41,8 @@ pub(super) enum Structure {
     /// The first octet is the length.
     Explicit,
     Compound(Items),
+    /// Items of the same record by their numbers, in any order, as often as the first octet says.
+    Sequence,
 }
 
 /// Items of which an FSPEC says which are there.
@@ -50,6 +52,8 @@ pub(super) struct Items {
     pub fspec: usize,
     /// In the order of its bits; a spare bit has none.
     pub items: Vec<Option<Structure>>,
+    /// The items of records in which a column is not 0, from where it is read.
+    pub other: Option<(usize, Box<Items>)>,
 }
 
 /// Structure of the records of a category, the same in some editions of its document.
@@ -63,6 +67,9 @@ pub struct Definition {
     pub fields: Vec<Field>,
     pub(super) record: Items,
 }
+
+/// What begins the line between two lists of items.
+const WHERE: &str = "where ";
 
 /// Return all definitions, of each category the newest first.
 pub fn definitions() -> &'static [Definition] {
@@ -82,18 +89,29 @@ fn definition(text: &str) -> Option<Definition> {
     }
     let category = head.next()?.parse().ok()?;
     let editions = head.map(String::from).collect();
-    let fspec = lines.next()?.strip_prefix("fspec ")?.parse().ok()?;
+    let lines: Vec<&str> = lines.collect();
     let mut fields = Vec::new();
-    let items = lines
-        .map(|line| {
-            let spaced = line.replace('(', " ( ").replace(')', " ) ");
-            let mut parser = Parser { words: spaced.split_ascii_whitespace(), fields: &mut fields };
-            let name = parser.words.next().filter(|&name| name != "-")?;
-            parser.structure(name)
-        })
-        .collect();
-    let record = Items { fspec, items };
+    let mut lists = lines.split(|line| line.starts_with(WHERE));
+    let mut record = items(lists.next()?, &mut fields)?;
+    if let Some(other) = lists.next() {
+        let selector = lines.iter().find_map(|line| line.strip_prefix(WHERE))?;
+        let column = fields.iter().position(|field| field.name == selector)?;
+        record.other = Some((column, Box::new(items(other, &mut fields)?)));
+    }
     Some(Definition { category, editions, fields, record })
+}
+
+/// Read the items of a record, a line each, below the length of its FSPEC.
+fn items(lines: &[&str], fields: &mut Vec<Field>) -> Option<Items> {
+    let (head, lines) = lines.split_first()?;
+    let fspec = head.strip_prefix("fspec ")?.parse().ok()?;
+    let item = |line: &&str| {
+        let spaced = line.replace('(', " ( ").replace(')', " ) ");
+        let mut parser = Parser { words: spaced.split_ascii_whitespace(), fields };
+        let name = parser.words.next().filter(|&name| name != "-")?;
+        parser.structure(name)
+    };
+    Some(Items { fspec, items: lines.iter().map(item).collect(), other: None })
 }
 
 /// Reads lists in brackets.
@@ -111,6 +129,7 @@ impl Parser<'_, '_> {
             "extended" => self.extended(name),
             "repeated" => self.repeated(),
             "compound" => self.compound(name),
+            "sequence" => self.words.next().map(|_| Structure::Sequence),
             "explicit" => self.words.next().map(|_| Structure::Explicit),
             _ => None,
         }
@@ -125,12 +144,18 @@ impl Parser<'_, '_> {
             let (first, count) = (self.number()?, self.number()?);
             let signed = self.words.next()? == "s";
             let rest: Vec<&str> = self.words.by_ref().take_while(|&word| word != ")").collect();
-            bits.push(Bits { column: self.fields.len(), first, count, signed });
-            self.fields.push(Field {
+            let field = Field {
                 name: if part == "=" { name.into() } else { format!("{name}/{part}") },
                 scale: rest.first().map_or(Some(1.0), |text| text.parse().ok())?,
                 unit: rest.get(1).copied().unwrap_or_default().into(),
-            });
+            };
+            // an item of both lists of a category has the same columns
+            let known = self.fields.iter().position(|one| *one == field);
+            let column = known.unwrap_or(self.fields.len());
+            if known.is_none() {
+                self.fields.push(field);
+            }
+            bits.push(Bits { column, first, count, signed });
         }
         Some(Octets { count, bits })
     }
@@ -166,7 +191,7 @@ impl Parser<'_, '_> {
                 part => items.push(Some(self.structure(&format!("{name}/{part}"))?)),
             }
         }
-        Some(Structure::Compound(Items { fspec, items }))
+        Some(Structure::Compound(Items { fspec, items, other: None }))
     }
 
     fn number(&mut self) -> Option<usize> {
@@ -177,6 +202,8 @@ impl Parser<'_, '_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::HashSet;
+    use std::iter;
 
     #[test]
     fn all_of_the_text_is_read() {
@@ -185,16 +212,21 @@ mod tests {
         for one in definitions() {
             let head = format!("\ncategory {} {}\n", one.category, one.editions.join(" "));
             let paragraph = text.split(&head).nth(1).unwrap().split("\n\n").next().unwrap();
-            let lines = paragraph.lines().skip(1);
-            let spare = lines.clone().filter(|&line| line == "-").count();
-            assert_eq!(one.record.items.len(), lines.count());
-            assert_eq!(one.record.items.iter().filter(|item| item.is_none()).count(), spare);
-            assert_eq!(
-                one.fields.len(),
-                paragraph.matches(" u").count() + paragraph.matches(" s ").count()
-            );
+            let lists = iter::once(&one.record).chain(one.record.other.iter().map(|(_, it)| &**it));
+            let lists: Vec<_> = lists.collect();
+            let written = paragraph.lines().count() - 2 * lists.len() + 1;
+            let spare = paragraph.lines().filter(|&line| line == "-").count();
+            assert_eq!(lists.iter().map(|list| list.items.len()).sum::<usize>(), written);
+            let items = lists.iter().flat_map(|list| &list.items);
+            assert_eq!(items.filter(|item| item.is_none()).count(), spare);
             // an FSPEC has no bit beyond the last item
-            assert_eq!(one.record.items.len().div_ceil(7), one.record.fspec);
+            assert!(lists.iter().all(|list| list.items.len().div_ceil(7) == list.fspec));
+            let written = paragraph.matches(" u").count() + paragraph.matches(" s ").count();
+            let names: HashSet<_> = one.fields.iter().map(|field| &field.name).collect();
+            assert_eq!(names.len(), one.fields.len());
+            // what both lists have is written twice
+            let twice = if lists.len() == 1 { 0 } else { 16 };
+            assert_eq!(one.fields.len() + twice, written);
         }
     }
 

@@ -438,3 +438,6 @@ fn predicted<S: Simd>(
     ];
     (mean, covariance)
 }
+
+#[cfg(test)]
+mod levels;

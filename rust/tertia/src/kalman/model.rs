@@ -40,14 +40,14 @@ impl Transition {
 
     /// `F x`.
     #[inline(always)]
-    pub(super) fn mean(&self, [x0, x1, x2]: [f64; 3]) -> [f64; 3] {
+    pub(crate) fn mean(&self, [x0, x1, x2]: [f64; 3]) -> [f64; 3] {
         let [f01, f02, f12, f22] = self.f;
         [x0 + f01 * x1 + f02 * x2, x1 + f12 * x2, f22 * x2]
     }
 
     /// `F P F^T + Q`, upper triangles.
     #[inline(always)]
-    pub(super) fn covariance(&self, p: &[f64; 6]) -> [f64; 6] {
+    pub(crate) fn covariance(&self, p: &[f64; 6]) -> [f64; 6] {
         let ([f01, f02, f12, f22], q) = (self.f, &self.q);
         let [p00, p01, p02, p11, p12, p22] = *p;
         // A = F P

@@ -382,3 +382,6 @@ impl Converged {
         step
     }
 }
+
+#[cfg(test)]
+mod levels;

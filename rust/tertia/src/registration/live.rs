@@ -4,6 +4,7 @@
 //! cost is that of a factorisation of 4 K unknowns a scan; nothing grows with the number of targets
 //! but the blocks.
 
+use super::alarm::Alarm;
 use super::block::{Known, Unknowns};
 use super::change::{Scan, changed};
 use super::exchange::{Learnt, Update};
@@ -61,6 +62,7 @@ pub struct Registrar {
     squares: Vec<[f64; 2]>,
     redundancy: Vec<[f64; 2]>,
     watches: Vec<[Watch; 2]>,
+    alarms: Vec<Alarm>,
     time: f64,
     open: BTreeMap<i64, Vec<TargetPlot>>,
     tracks: BTreeMap<i64, Followed>,
@@ -89,6 +91,7 @@ impl Registrar {
             squares: vec![[0.0; 2]; k],
             redundancy: vec![[0.0; 2]; k],
             watches: vec![<[Watch; 2]>::default(); k],
+            alarms: vec![Alarm::default(); k],
             time: f64::NEG_INFINITY,
             open: BTreeMap::new(),
             tracks: BTreeMap::new(),
@@ -152,6 +155,11 @@ impl Registrar {
     /// Times and radars of sudden changes.
     pub fn changes(&self) -> &[(f64, usize)] {
         &self.changes
+    }
+
+    /// Radars whose last plots do not fit their tracks: their plots are to confirm no others.
+    pub fn held(&self) -> Vec<bool> {
+        self.alarms.iter().map(|alarm| alarm.holds(self.time)).collect()
     }
 
     /// Standard deviations of range (m) and azimuth (rad) with which plots of each radar are to be
@@ -251,6 +259,9 @@ impl Registrar {
 
     /// Forgets old tracks and plots, and looks for radars whose errors are new.
     fn end(&mut self, loose: &[Report], time: f64) {
+        for (alarm, radar) in self.alarms.iter_mut().zip(&self.radars) {
+            alarm.look(time, radar.scan_period);
+        }
         let longest = scans(&self.radars);
         self.tracks.retain(|_, track| time - track.row_time <= FORGOTTEN * longest);
         let errors = self.errors();
@@ -297,7 +308,7 @@ impl Registrar {
         Blocks::new(&self.covariance, &columns)
     }
 
-    /// Raises noise that has grown suddenly.
+    /// Raises noise that has grown suddenly, and counts plots that are far off.
     fn watch(&mut self, update: &Update, seen: &Sighting) {
         let (plot, e) = (&update.plot, update.innovation);
         if !update.confirmed || seen.is_placed || plot.turn_probability > TURNING || e[0].is_nan() {
@@ -305,6 +316,9 @@ impl Registrar {
         }
         let k = seen.radar;
         let s = Matrix2::from_row_slice(&update.innovation_covariance);
+        let [xx, xy, _, yy] = update.innovation_covariance;
+        let square = e[0] * e[0] * yy - 2.0 * e[0] * e[1] * xy + e[1] * e[1] * xx;
+        self.alarms[k].see(square / (xx * yy - xy * xy));
         let noise = seen.noise(self.own_noise(k));
         for (axis, noise) in noise.into_iter().enumerate() {
             let direction = seen.axes[axis];

@@ -299,3 +299,6 @@ fn spread(covariance: &DMatrix<f64>, unknowns: &Unknowns) -> DMatrix<f64> {
         _ => 0.0,
     })
 }
+
+#[cfg(test)]
+mod tests;

@@ -10,11 +10,12 @@
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
-use super::information::{Direction, Information, Logarithms};
+use super::information::{Direction, Information, Logarithms, noise_root};
 use super::motion;
-use super::rows::{invert, solve};
-use super::smoother::Summary;
+use super::results::Summary;
+use super::rows::{invert, solve, triangularise};
 use super::track::{ENOUGH, Track};
+use super::whitening::Whitening;
 use crate::base::small::{Matrix as Square, dot};
 use nalgebra::{SMatrix, SVector};
 use pulp::{Arch, Simd, WithSimd};
@@ -44,6 +45,7 @@ pub(super) struct Step<const D: usize, const N: usize> {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Adjoint<const D: usize, const N: usize> {
     information: Information,
+    whitening: Whitening,
     triangle: Vec<f64>,
     /// The first instant that is filtered by covariances.
     pub(super) start: usize,
@@ -59,12 +61,17 @@ pub(crate) struct Smoothed<'a> {
     /// Covariances (N, R, R) of the first R components, or none.
     pub covariance: &'a mut [f64],
     pub components: usize,
+    /// Innovations (N, D) as those of [`smooth`](super::smooth), or none.
+    pub innovation: &'a mut [f64],
+    /// Ratio of a variance to what later plots leave of it, or of a prediction's to that of its plot,
+    /// beyond which nothing is returned.
+    pub loss: f64,
 }
 
 impl<const D: usize, const N: usize> Adjoint<D, N> {
     /// The likelihood alone.
     pub fn likelihood(&mut self, track: &Track<'_>, jerk: f64) -> Option<Summary> {
-        self.forwards(track, jerk, None)
+        self.forwards(track, jerk, None, (&mut [], LOSS))
     }
 
     /// States and covariances of all instants. Cost O(N).
@@ -75,7 +82,7 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
         out: &mut Smoothed<'_>,
     ) -> Option<Summary> {
         let opening = OPENING[usize::from(out.components > D)];
-        let summary = self.forwards(track, jerk, Some(opening))?;
+        let summary = self.forwards(track, jerk, Some(opening), (out.innovation, out.loss))?;
         self.backwards(track, jerk, out)?;
         Some(summary)
     }
@@ -85,16 +92,25 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
         track: &Track<'_>,
         jerk: f64,
         opening: Option<usize>,
+        (innovation, loss): (&mut [f64], f64),
     ) -> Option<Summary> {
         let usual = track.prior.is_empty() && track.seen.iter().all(|seen| seen.count == ENOUGH);
         if !usual || track.dimension != D || N != 3 * D {
             return None;
         }
         self.steps.clear();
-        let (step, squares, logarithms) = self.open(track, jerk, opening)?;
+        let (step, squares, logarithms) = self.open(track, jerk, opening, innovation)?;
         let steps = opening.map(|_| &mut self.steps);
-        let filter = Filter { track, jerk, start: self.start, step, squares, steps };
+        let filter =
+            Filter { track, jerk, start: self.start, step, squares, loss: loss.min(LOSS), steps };
         let (squares, spread) = Arch::new().dispatch(filter)?;
+        let later = innovation.chunks_exact_mut(D).skip(self.start + 1);
+        for (out, step) in later.zip(self.steps.iter().skip(1)) {
+            for i in 0..D {
+                out[i] =
+                    if step.s[i] > 0.0 { step.innovation[i] / step.s[i].sqrt() } else { f64::NAN };
+            }
+        }
         let count = track.measured - N;
         let logarithm = 2.0 * logarithms.total() + spread.total() + track.log_determinant;
         let logarithm = logarithm + count as f64 * TAU.ln();
@@ -107,14 +123,18 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
         track: &Track<'_>,
         jerk: f64,
         least: Option<usize>,
+        innovation: &mut [f64],
     ) -> Option<(Step<D, N>, f64, Logarithms)> {
-        let Self { information, triangle, start, opening, .. } = self;
+        let Self { information, whitening, triangle, start, opening, .. } = self;
         information.start(D, &[]);
         opening.clear();
         let (mut squares, mut logarithms, mut settled) = (0.0, Logarithms::NONE, 0);
         for k in 0..track.len() {
             if k > 0 {
                 information.advance(N, track, k - 1, jerk, Direction::Forwards, &mut logarithms);
+            }
+            if let Some(out) = innovation.chunks_exact_mut(D).nth(k) {
+                whitening.innovation(N, track, k, information, out);
             }
             squares += information.observe(N, track, k);
             settled += usize::from(information.rank() == N);
@@ -156,6 +176,10 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
                 let size = components * components;
                 let covariance = &mut out.covariance[k * size..][..size];
                 step.smoothed_covariance(&big, components, covariance);
+                let left = |i: usize| covariance[i * (components + 1)] * out.loss >= step.p[i][i];
+                if out.loss < f64::INFINITY && !(0..components).all(left) {
+                    return None;
+                }
             }
             if k > self.start {
                 step.back(track.whitener(k), &mut l, (components > 0).then_some(&mut big));
@@ -166,8 +190,8 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
         self.before(track, jerk, out, &l, &big)
     }
 
-    /// The instants before the plots determine the state: with the rows of information Λ and η up
-    /// to one and the state x' after it, `(Λ + F' Q^-1 F) x = η + F' Q^-1 x'`.
+    /// The instants of the opening. The rows of information up to one, and those of its motion to the
+    /// state x' after it, are made a triangle: `T x = c + D x'`.
     fn before(
         &self,
         track: &Track<'_>,
@@ -181,27 +205,26 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
         let mut p = SMatrix::<f64, N, N>::from_fn(|i, j| first.p[i][j]);
         let big = SMatrix::<f64, N, N>::from_fn(|i, j| big[i][j]);
         p -= p * big * p;
+        let (mut rows, mut sums) = (Vec::new(), vec![0.0; 2 * N + 1]);
         for k in (0..self.start).rev() {
             let t = track.times[k + 1] - track.times[k];
-            if t > 0.0 {
-                let f = motion::<D, N>(t);
-                if jerk == 0.0 {
-                    let back = motion::<D, N>(-t);
-                    (x, p) = (back * x, back * p * back.transpose());
-                } else {
-                    let weight = f.transpose() * precision::<D, N>(t, jerk);
-                    let mut information = weight * f;
-                    let mut right = weight * x;
-                    for row in self.opening[k].chunks_exact(N + 1) {
-                        let r = SVector::<f64, N>::from_fn(|i, _| row[i]);
-                        let own: f64 = (0..D).map(|i| row[i] * track.reference(k)[i]).sum();
-                        information += r * r.transpose();
-                        right += r * (row[N] + own);
-                    }
-                    let factor = information.cholesky()?;
-                    let gain = factor.solve(&weight);
-                    x = factor.solve(&right);
-                    p = factor.inverse() + gain * p * gain.transpose();
+            if t > 0.0 && jerk == 0.0 {
+                let back = motion::<D, N>(-t);
+                (x, p) = (back * x, back * p * back.transpose());
+            } else if t > 0.0 {
+                self.tie(track, k, jerk, &mut rows);
+                triangularise(&mut rows, 2 * N + 1, N, &mut sums);
+                let row = |i: usize| &rows[i * (2 * N + 1)..][..2 * N + 1];
+                let triangle = SMatrix::<f64, N, N>::from_fn(|i, j| row(i)[j]);
+                let root = triangle.solve_upper_triangular(&SMatrix::identity())?;
+                let later = SMatrix::<f64, N, N>::from_fn(|i, j| row(i)[N + 1 + j]);
+                let gain = root * later;
+                x = root * SVector::from_fn(|i, _| row(i)[N]) + gain * x;
+                let terms = gain.component_mul(&gain) * p.diagonal();
+                p = root * root.transpose() + gain * p * gain.transpose();
+                // where a long step is undone the terms cancel
+                if (0..N).any(|i| terms[i] > out.loss * p[(i, i)]) {
+                    return None;
                 }
             }
             let mean = &mut out.mean[k * N..][..N];
@@ -214,7 +237,41 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
                 }
             }
         }
-        Some(())
+        x.iter().all(|x| x.is_finite()).then_some(())
+    }
+
+    /// Rows `[Λ^½, η, 0]` of what is known up to instant k and `[G^-1 F, 0, G^-1]` of the motion after
+    /// it, with its noise `G G'`.
+    fn tie(&self, track: &Track<'_>, k: usize, jerk: f64, rows: &mut Vec<f64>) {
+        rows.clear();
+        for row in self.opening[k].chunks_exact(N + 1) {
+            let own: f64 = (0..D).map(|i| row[i] * track.reference(k)[i]).sum();
+            rows.extend_from_slice(&row[..N]);
+            rows.push(row[N] + own);
+            rows.resize(rows.len() + N, 0.0);
+        }
+        let t = track.times[k + 1] - track.times[k];
+        let [g00, g10, g11, g20, g21, g22] = noise_root(t, jerk);
+        let (h00, h11, h22) = (1.0 / g00, 1.0 / g11, 1.0 / g22);
+        let h21 = -g21 * h11 * h22;
+        let inverse = [
+            [h00, 0.0, 0.0],
+            [-g10 * h00 * h11, h11, 0.0],
+            [-(g20 * h22 + g10 * h21) * h00, h21, h22],
+        ];
+        for axis in 0..D {
+            for h in &inverse {
+                let start = rows.len();
+                rows.resize(start + 2 * N + 1, 0.0);
+                let (now, later) = rows[start..].split_at_mut(N + 1);
+                for derivative in 0..3 {
+                    later[derivative * D + axis] = h[derivative];
+                    now[derivative * D + axis] = h[derivative];
+                }
+                now[D + axis] += t * h[0];
+                now[2 * D + axis] += 0.5 * t * t * h[0] + t * h[1];
+            }
+        }
     }
 }
 
@@ -225,6 +282,7 @@ struct Filter<'a, const D: usize, const N: usize> {
     start: usize,
     step: Step<D, N>,
     squares: f64,
+    loss: f64,
     /// Where the steps are kept, if they are.
     steps: Option<&'a mut Vec<Step<D, N>>>,
 }
@@ -235,14 +293,14 @@ impl<const D: usize, const N: usize> WithSimd for Filter<'_, D, N> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Self::Output {
-        let Self { track, jerk, start, mut step, mut squares, mut steps } = self;
+        let Self { track, jerk, start, mut step, mut squares, loss, mut steps } = self;
         let mut spread = Logarithms::NONE;
         for k in start + 1..track.len() {
             if let Some(steps) = steps.as_deref_mut() {
                 steps.push(step.clone());
             }
             step.predict(track.times[k] - track.times[k - 1], jerk);
-            squares += step.update(track, k, &mut spread)?;
+            squares += step.update(track, k, loss, &mut spread)?;
         }
         if let Some(steps) = steps {
             steps.push(step);
@@ -268,7 +326,13 @@ impl<const D: usize, const N: usize> Step<D, N> {
     /// Takes in the plot of an instant, number by number: they are whitened. Returns the sum of
     /// squares that it adds.
     #[inline(always)]
-    fn update(&mut self, track: &Track<'_>, k: usize, spread: &mut Logarithms) -> Option<f64> {
+    fn update(
+        &mut self,
+        track: &Track<'_>,
+        k: usize,
+        loss: f64,
+        spread: &mut Logarithms,
+    ) -> Option<f64> {
         let (plot, whitener) = (track.plot(k), track.whitener(k));
         let mut squares = 0.0;
         for i in 0..D {
@@ -287,7 +351,7 @@ impl<const D: usize, const N: usize> Step<D, N> {
                 }
             }
             let s = 1.0 + (0..=i).map(|j| whitener[i * D + j] * ph[j]).sum::<f64>();
-            if !(1.0..LOSS).contains(&s) {
+            if !(1.0..loss).contains(&s) {
                 return None;
             }
             let reciprocal = 1.0 / s;
@@ -403,54 +467,5 @@ fn motion<const D: usize, const N: usize>(t: f64) -> SMatrix<f64, N, N> {
     f
 }
 
-/// Q^-1 of white jerk over a time t.
-fn precision<const D: usize, const N: usize>(t: f64, jerk: f64) -> SMatrix<f64, N, N> {
-    let q = 1.0 / (jerk * t);
-    let blocks = [
-        [720.0 / t.powi(4), -360.0 / t.powi(3), 60.0 / (t * t)],
-        [-360.0 / t.powi(3), 192.0 / (t * t), -36.0 / t],
-        [60.0 / (t * t), -36.0 / t, 9.0],
-    ];
-    SMatrix::from_fn(|i, j| if i % D == j % D { q * blocks[i / D][j / D] } else { 0.0 })
-}
-
 #[cfg(test)]
-mod tests {
-    use super::super::smoother::{self, Workspace};
-    use super::super::track::Noise;
-    use super::*;
-
-    /// The same as by rows of information, with missing numbers, equal and irregular times.
-    #[test]
-    fn both_ways_of_smoothing_agree() {
-        let time: Vec<f64> = (0..60).map(|i| f64::from(i - i % 7 / 6) * 0.7).collect();
-        let mut y: Vec<f64> = (0..120).map(|i| (f64::from(i) * 1.7).sin() * 3.0 + 900.0).collect();
-        for at in [0, 9, 44, 45, 46, 47, 80] {
-            y[at] = f64::NAN;
-        }
-        let noise = [4.0, 1.5, 1.5, 2.0];
-        let track = Track::try_new(2, &time, &y, Noise::Same(&noise), None).unwrap();
-        for jerk in [0.0, 1e-8, 1e-2, 10.0] {
-            let [mut mean, mut quick] = [vec![0.0; 360], vec![0.0; 360]];
-            let [mut covariance, mut own] = [vec![0.0; 2160], vec![0.0; 2160]];
-            let innovation = &mut vec![0.0; 120];
-            let mut out =
-                smoother::Smoothed { mean: &mut mean, covariance: &mut covariance, innovation };
-            let expected =
-                smoother::smooth(&track, jerk, &mut Workspace::default(), &mut out).log_likelihood;
-            let mut adjoint = Adjoint::<2, 6>::default();
-            let mut out = Smoothed { mean: &mut quick, covariance: &mut own, components: 6 };
-            let summary = adjoint.smooth(&track, jerk, &mut out).unwrap();
-            assert!((summary.log_likelihood - expected).abs() < 1e-9 * expected.abs());
-            for k in 0..60 {
-                for i in 0..6 {
-                    let sigma = covariance[(k * 6 + i) * 6 + i].sqrt();
-                    let error = (mean[k * 6 + i] - quick[k * 6 + i]).abs() / sigma;
-                    assert!(error < 1e-9, "jerk {jerk}, instant {k}, component {i}: {error}");
-                    let ratio = own[(k * 6 + i) * 6 + i] / (sigma * sigma);
-                    assert!((ratio - 1.0).abs() < 1e-7, "{jerk} {k} {i} {ratio}");
-                }
-            }
-        }
-    }
-}
+mod tests;

@@ -202,7 +202,7 @@ pub(super) fn complete(
 }
 
 /// The lower G with `G G^T = Q`, for one axis: white jerk of this intensity over the time t.
-fn noise_root(t: f64, jerk: f64) -> [f64; 6] {
+pub(super) fn noise_root(t: f64, jerk: f64) -> [f64; 6] {
     // Q = q [[t^5/20, t^4/8, t^3/6], [., t^3/3, t^2/2], [., ., t]]
     let s = (jerk * t).sqrt();
     [

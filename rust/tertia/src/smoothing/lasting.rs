@@ -255,7 +255,7 @@ fn vague<const D: usize, const S: usize>(
         return None;
     }
     let mut adjoint = Adjoint::<D, S>::default();
-    let (mut step, ..) = adjoint.open(track, jerk, None)?;
+    let (mut step, ..) = adjoint.open(track, jerk, None, &mut [])?;
     let t = track.times[adjoint.start] - track.times[0];
     let mut noise = adjoint::Step::<D, S>::new();
     noise.predict(t, jerk);

@@ -6,8 +6,9 @@
 use super::faults::find_faults;
 use super::jerk::{JerkFit, fit_jerk};
 use super::lasting::{Faults, Found};
+use super::results::{Smoothed, Summary};
 use super::search::{Candidate, Scale, Search};
-use super::smoother::{Smoothed, Summary, Workspace, smooth};
+use super::smoother::{Workspace, smooth};
 use super::track::Track;
 use crate::base::distribution::chi_square_upper;
 

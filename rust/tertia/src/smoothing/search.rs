@@ -2,7 +2,7 @@
 
 use super::jerk::{JerkFit, range};
 use super::lasting::{Faults, Fit, Lasting, Model};
-use super::smoother::Smoothed;
+use super::results::Smoothed;
 use super::track::Track;
 
 /// Standard deviation of the logarithm of the noise factor, before anything is known.

@@ -6,35 +6,19 @@
 //! length and motion without noise are alike.
 
 use super::information::{Direction, Information, Logarithms, complete};
+use super::quick::Quick;
+use super::results::{Smoothed, Summary};
 use super::rows::{invert, solve};
-use super::track::{Seen, Track};
+use super::track::Track;
+use super::whitening::Whitening;
 use std::f64::consts::TAU;
-
-/// Where the results go.
-#[derive(Debug)]
-pub struct Smoothed<'a> {
-    /// States (N, 3D): positions, velocities, accelerations; nan where unknown.
-    pub mean: &'a mut [f64],
-    /// Their covariances (N, 3D, 3D); a variance is ∞ where unknown.
-    pub covariance: &'a mut [f64],
-    /// Innovations (N, D), uncorrelated and of unit variance: the difference of each plot from what
-    /// those before it and its axes before this one predict; nan where nothing does.
-    pub innovation: &'a mut [f64],
-}
-
-/// What comes of a whole track.
-#[derive(Clone, Copy, Debug)]
-pub struct Summary {
-    /// Logarithm of the likelihood of the plots, but for a constant that depends on units and times.
-    pub log_likelihood: f64,
-    /// Measured numbers beyond those needed to determine the state.
-    pub count: usize,
-}
 
 /// Buffers, which grow with the track.
 #[derive(Clone, Debug, Default)]
 pub struct Workspace {
+    quick: Quick,
     information: Information,
+    whitening: Whitening,
     triangle: Vec<f64>,
     state: Vec<f64>,
     root: Vec<f64>,
@@ -62,6 +46,19 @@ pub fn smooth(
     workspace: &mut Workspace,
     out: &mut Smoothed<'_>,
 ) -> Summary {
+    if let Some(summary) = workspace.quick.smooth(track, jerk, out) {
+        return summary;
+    }
+    by_rows(track, jerk, workspace, out)
+}
+
+/// The same for any track.
+pub(super) fn by_rows(
+    track: &Track<'_>,
+    jerk: f64,
+    workspace: &mut Workspace,
+    out: &mut Smoothed<'_>,
+) -> Summary {
     workspace.forwards.clear();
     let states = 3 * track.dimension;
     workspace.forwards.reserve(track.len() * states * (states + 1));
@@ -73,7 +70,8 @@ pub fn smooth(
 
 /// The likelihood alone. Cost O(N D³).
 pub(crate) fn likelihood(track: &Track<'_>, jerk: f64, workspace: &mut Workspace) -> Summary {
-    with_order!(track.dimension, forwards(track, jerk, workspace, None))
+    let quick = workspace.quick.likelihood(track, jerk);
+    quick.unwrap_or_else(|| with_order!(track.dimension, forwards(track, jerk, workspace, None)))
 }
 
 /// The filter. With room for innovations, what the way back needs is kept.
@@ -86,7 +84,7 @@ fn forwards(
     mut innovations: Option<&mut [f64]>,
 ) -> Summary {
     let (d, width) = (n / 3, n + 1);
-    let Workspace { information, triangle, state, forwards, root, .. } = workspace;
+    let Workspace { information, forwards, whitening, triangle, .. } = workspace;
     information.start(d, &track.prior);
     let (mut squares, mut logarithms) = (0.0, Logarithms::NONE);
     for k in 0..track.len() {
@@ -95,7 +93,7 @@ fn forwards(
         }
         if let Some(innovations) = &mut innovations {
             let out = &mut innovations[k * d..][..d];
-            innovation(n, track, k, information, state, triangle, root, out);
+            whitening.innovation(n, track, k, information, out);
         }
         squares += information.observe(n, track, k);
         if innovations.is_some() {
@@ -115,88 +113,6 @@ fn forwards(
     Summary { log_likelihood: 0.0 - 0.5 * (squares + logarithm), count }
 }
 
-/// The innovation of the plot of instant `k`, with the inverse of the Cholesky factor of its
-/// covariance, as far as the plot is predicted.
-#[inline(always)]
-#[allow(clippy::too_many_arguments)] // buffers
-fn innovation(
-    n: usize,
-    track: &Track<'_>,
-    k: usize,
-    information: &mut Information,
-    state: &mut Vec<f64>,
-    triangle: &mut Vec<f64>,
-    root: &mut Vec<f64>,
-    out: &mut [f64],
-) {
-    let (d, width) = (n / 3, n + 1);
-    out.fill(f64::NAN);
-    let plot = track.plot(k);
-    let predicted =
-        |axis: usize, seen: &Seen| !plot[axis].is_nan() && seen.determines(track.times[k])[0];
-    if !information.seen.iter().enumerate().any(|(axis, seen)| predicted(axis, seen)) {
-        return;
-    }
-    information.complete(n, track, triangle);
-    for values in [&mut *root, &mut *state] {
-        values.clear();
-        values.resize(n * n, 0.0);
-    }
-    invert(triangle, width, n, root);
-    solve(triangle, width, n, state);
-    // S = H P H^T + covariance; the innovation goes along as another row of its factor
-    let whitener = track.whitener(k);
-    let mut factor = vec![0.0; d * d];
-    let noise = noise_of(whitener, d);
-    for i in 0..d {
-        if !predicted(i, &information.seen[i]) {
-            continue;
-        }
-        let mut value = plot[i] - track.reference(k)[i] - state[i];
-        for j in 0..=i {
-            if out[j].is_nan() && j < i {
-                continue;
-            }
-            let product = |a: usize, b: usize| -> f64 {
-                (0..n).map(|c| root[a * n + c] * root[b * n + c]).sum()
-            };
-            let mut sum = product(i, j) + noise[i * d + j];
-            for l in 0..j {
-                sum -= factor[i * d + l] * factor[j * d + l];
-            }
-            factor[i * d + j] = if i == j { sum.sqrt() } else { sum / factor[j * d + j] };
-            if j < i {
-                value -= factor[i * d + j] * out[j];
-            }
-        }
-        out[i] = value / factor[i * d + i];
-    }
-}
-
-/// The covariance whose factor's inverse is given.
-fn noise_of(whitener: &[f64], d: usize) -> Vec<f64> {
-    // L row by row from N = L^-1; axes that are not there have zero rows
-    let mut l = vec![0.0; d * d];
-    for i in 0..d {
-        let pivot = whitener[i * d + i];
-        if pivot == 0.0 {
-            continue;
-        }
-        l[i * d + i] = 1.0 / pivot;
-        for j in 0..i {
-            let sum: f64 = (j..i).map(|k| whitener[i * d + k] * l[k * d + j]).sum();
-            l[i * d + j] = -sum / pivot;
-        }
-    }
-    let mut noise = vec![0.0; d * d];
-    for i in 0..d {
-        for j in 0..d {
-            noise[i * d + j] = (0..d).map(|k| l[i * d + k] * l[j * d + k]).sum();
-        }
-    }
-    noise
-}
-
 /// The way back, which makes the results.
 #[inline(always)]
 fn backwards(
@@ -207,7 +123,7 @@ fn backwards(
     out: &mut Smoothed<'_>,
 ) {
     let (d, width) = (n / 3, n + 1);
-    let Workspace { information, triangle, state, forwards, root, sums } = workspace;
+    let Workspace { information, triangle, state, forwards, root, sums, .. } = workspace;
     information.start(d, &[]);
     for (values, size) in [(&mut *root, n * n), (&mut *state, n), (&mut *sums, width)] {
         values.clear();

@@ -116,6 +116,21 @@ impl Trend {
 }
 
 impl<'a> Track<'a> {
+    /// The longest step over the shortest, of those that take time.
+    pub(super) fn unevenness(&self) -> f64 {
+        let steps = self.times.windows(2).map(|pair| pair[1] - pair[0]).filter(|&t| t > 0.0);
+        let wider = |(least, most): (f64, f64), t: f64| (least.min(t), most.max(t));
+        let (least, most) = steps.fold((f64::INFINITY, 0.0), wider);
+        most / least
+    }
+
+    /// The largest distance of a plot from the trend, in the least standard deviations of its axis.
+    pub(super) fn farthest(&self) -> f64 {
+        let axes = self.scale.iter().cycle();
+        // nan is not larger
+        self.y.iter().zip(axes).fold(0.0_f64, |most, (y, scale)| most.max(y.abs() * scale))
+    }
+
     /// A track of N plots in D dimensions: `times` (N), not decreasing, `y` (N, D), nan where a
     /// component is missing. Slices of other lengths panic.
     ///

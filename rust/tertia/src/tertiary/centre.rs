@@ -2,12 +2,12 @@
 
 use super::bias::{corrected, sensitivity};
 use super::groups::{Group, grouped};
+use super::member::{FORGOTTEN, Member, take};
 use super::pairs::{Known, Manual, Pairs, Sample, density, key};
 use super::row::Row;
 use super::rule::{Part, Rule, correction};
-use super::shadow::Shadow;
+use super::share::mapped;
 use super::target::{Target, Tracklet};
-use super::tracklet::{Behind, behind};
 use crate::base::distribution::chi_square_upper;
 use crate::base::error::Result;
 use crate::base::state::{restored, saved};
@@ -15,10 +15,14 @@ use crate::registration::{Errors, Registrar, Update};
 use crate::sensors::Radar;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::num::NonZero;
 
-/// Scans after which a track is old, and after which it is forgotten.
+/// Scans after which a track is old.
 const OLD: f64 = 2.5;
-const FORGOTTEN: f64 = 6.0;
+/// Time to bring a track to an instant, to filter the plots of a target, and to show it, ns.
+const SAMPLE_NS: f64 = 300.0;
+const FOLLOW_NS: f64 = 3000.0;
+const SHOWN_NS: f64 = 500.0;
 /// Cycles after which a target is confirmed, and after which a sensor should have seen it.
 const CONFIRMED: usize = 3;
 const UNSEEN: usize = 10;
@@ -61,18 +65,6 @@ pub struct SystemTrack {
     pub height: f64,
     /// The identity of its newest member that has one; −1.
     pub identity: i64,
-}
-
-/// A track of a sensor.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct Member {
-    id: u64,
-    last: Row,
-    before: [Option<Row>; 2],
-    pending: Vec<Tracklet>,
-    /// The filter that may have made it.
-    shadow: Shadow,
-    target: Option<u64>,
 }
 
 /// A centre that makes one picture of the tracks of several sensors.
@@ -121,21 +113,28 @@ impl Centre {
     }
 
     /// Takes messages, in any order, and makes the picture of a time. What is later waits for the next
-    /// one; what is older than the last row of its track is dropped.
+    /// one; what is older than the last row of its track is dropped. The picture does not depend on the
+    /// number of threads.
     ///
     /// # Errors
     /// A state that is not finite.
-    pub fn update(&mut self, rows: &[Row], time: f64) -> Result<Vec<SystemTrack>> {
-        self.take(rows, time);
+    pub fn update(
+        &mut self,
+        rows: &[Row],
+        time: f64,
+        n_threads: Option<NonZero<usize>>,
+    ) -> Result<Vec<SystemTrack>> {
         let radars = &self.settings.radars;
+        let Self { members, waiting, next, .. } = self;
+        take(members, waiting, &mut next[0], rows, time, radars, n_threads)?;
         self.members.retain(|member| {
             time - member.last.time <= FORGOTTEN * radars[member.last.sensor].scan_period
         });
         let known =
             Known { errors: self.registrar.errors(), covariance: self.registrar.covariance() };
-        let (samples, places) = self.samples(time, &known);
+        let (samples, places) = self.samples(time, &known, n_threads)?;
         let density = density(&samples);
-        let candidates = self.pairs.look(&samples, &known, &self.manual, density)?;
+        let candidates = self.pairs.look(&samples, &known, &self.manual, density, n_threads)?;
         let groups = grouped(&samples, &candidates, &self.order());
         let mut group_of = vec![0; samples.len()];
         for (g, group) in groups.iter().enumerate() {
@@ -143,62 +142,25 @@ impl Centre {
         }
         self.pairs.remember(&candidates, &group_of);
         let numbers = self.name(&groups, &places);
-        self.follow(&groups, &numbers, &samples, &places, &known, time);
-        groups
-            .iter()
-            .zip(&numbers)
-            .map(|(group, &number)| self.shown(group, number, &samples, &places, &known, time))
-            .collect()
-    }
-
-    /// Takes the rows of the tracks in order of time. Cost O(N log N) for N rows, and O(M) for M tracks.
-    fn take(&mut self, rows: &[Row], time: f64) {
-        let mut all = std::mem::take(&mut self.waiting);
-        all.extend_from_slice(rows);
-        let mut order: Vec<_> =
-            all.iter().enumerate().map(|(i, row)| (row.sensor, row.track, row.time, i)).collect();
-        order.sort_unstable_by(|a, b| {
-            (a.0, a.1).cmp(&(b.0, b.1)).then(a.2.total_cmp(&b.2)).then(a.3.cmp(&b.3))
-        });
-        let (known, mut at, mut begun) = (self.members.len(), 0, None);
-        for (.., i) in order {
-            let row = all[i];
-            if row.time > time {
-                self.waiting.push(row);
-                continue;
-            }
-            let place = (row.sensor, row.track);
-            while at < known && self.members[at].place() < place {
-                at += 1;
-            }
-            let own = if begun == Some(place) { self.members.len() - 1 } else { at };
-            let radar = &self.settings.radars[row.sensor];
-            let is_known =
-                begun == Some(place) || (at < known && self.members[at].place() == place);
-            if !is_known {
-                self.members.push(Member::new(self.next[0], row, radar));
-                self.next[0] += 1;
-                begun = Some(place);
-                continue;
-            }
-            let member = &mut self.members[own];
-            if row.time - member.last.time > FORGOTTEN * radar.scan_period {
-                // the number is used again
-                *member = Member::new(self.next[0], row, radar);
-                self.next[0] += 1;
-            } else if row.time > member.last.time {
-                member.add(row, radar);
-            }
+        let radars = self.noisy();
+        let learnt =
+            self.follow(&groups, &numbers, (&samples, &places), &radars, &known, n_threads)?;
+        if self.settings.registers {
+            self.learn(learnt, time);
         }
-        if begun.is_some() {
-            // two runs that are in order
-            self.members.sort_by_key(Member::place);
-        }
+        mapped(groups.iter().zip(&numbers), SHOWN_NS, n_threads, |(group, &number)| {
+            self.shown(group, number, &samples, &places, &known, time)
+        })
     }
 
     /// The tracks that are not old, at a time, without the errors of their sensors; by their ids, with
     /// their places in the list of members.
-    fn samples(&self, time: f64, known: &Known) -> (Vec<Sample>, Vec<usize>) {
+    fn samples(
+        &self,
+        time: f64,
+        known: &Known,
+        n_threads: Option<NonZero<usize>>,
+    ) -> Result<(Vec<Sample>, Vec<usize>)> {
         let mut live: Vec<_> = self
             .members
             .iter()
@@ -215,7 +177,7 @@ impl Centre {
             let radar = &self.settings.radars[row.sensor];
             let estimate = row.at(time, radar);
             let sensitivity = sensitivity(&estimate.mean, row.height, radar);
-            Sample {
+            Ok(Sample {
                 id,
                 sensor: row.sensor,
                 mean: corrected(&estimate.mean, &sensitivity, &known.errors[row.sensor]),
@@ -224,9 +186,10 @@ impl Centre {
                 height: row.height,
                 age: time - row.time,
                 identity: row.identity,
-            }
+            })
         };
-        (live.iter().map(sample).collect(), live.iter().map(|&(_, place)| place).collect())
+        let samples = mapped(live.iter(), SAMPLE_NS, n_threads, sample)?;
+        Ok((samples, live.iter().map(|&(_, place)| place).collect()))
     }
 
     /// The sensors, best first.
@@ -274,43 +237,52 @@ impl Centre {
         found
     }
 
-    /// Filters the plots behind the tracks, and learns the errors of the sensors from them.
+    /// Filters the plots behind the tracks; what can be learnt of the errors of the sensors, group by
+    /// group.
     fn follow(
         &mut self,
         groups: &[Group],
         numbers: &[u64],
-        samples: &[Sample],
-        places: &[usize],
+        (samples, places): (&[Sample], &[usize]),
+        radars: &[Radar],
         known: &Known,
-        time: f64,
-    ) {
-        let radars = self.noisy();
-        let mut learnt: Vec<Update> = Vec::new();
-        for (group, number) in groups.iter().zip(numbers) {
-            let best = best(group, samples);
-            let start = (self.members[places[best]].last, samples[best].clone());
-            let mut tracklets = Vec::new();
-            for &i in &group.members {
+        n_threads: Option<NonZero<usize>>,
+    ) -> Result<Vec<Update>> {
+        let mut targets = std::mem::take(&mut self.targets);
+        let mut order: Vec<_> =
+            numbers.iter().enumerate().map(|(g, &number)| (number, g)).collect();
+        order.sort_unstable();
+        let mut order = order.into_iter().peekable();
+        let mut work = Vec::with_capacity(groups.len());
+        for (&number, target) in &mut targets {
+            let Some((_, g)) = order.next_if(|one| one.0 == number) else { continue };
+            let mut tracklets: Vec<Tracklet> = Vec::new();
+            for &i in &groups[g].members {
                 tracklets.append(&mut self.members[places[i]].pending);
             }
+            work.push((g, target, tracklets));
+        }
+        work.sort_unstable_by_key(|&(g, ..)| g);
+        let follow = |(g, target, mut tracklets): (usize, &mut Target, Vec<Tracklet>)| {
+            let group = &groups[g];
+            let best = best(group, samples);
+            let start = (self.members[places[best]].last, samples[best].clone());
             tracklets.sort_by(|a, b| {
                 let order = a.report.time.total_cmp(&b.report.time);
                 order.then(a.report.radar.cmp(&b.report.radar))
             });
-            let seen = self.is_seen(group, samples);
-            if let Some(target) = self.targets.get_mut(number) {
-                target.cycles += 1;
-                target.unseen = if seen { 0 } else { target.unseen + 1 };
-                learnt.extend(target.follow(&tracklets, &start, &radars, known));
-            }
-        }
-        if !self.settings.registers {
-            return;
-        }
-        let mut order: Vec<_> =
-            learnt.iter().enumerate().map(|(i, one)| (one.plot.report.time, i)).collect();
-        order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let learnt: Vec<_> = order.into_iter().map(|(_, i)| learnt[i].clone()).collect();
+            target.cycles += 1;
+            target.unseen = if self.is_seen(group, samples) { 0 } else { target.unseen + 1 };
+            Ok(target.follow(&tracklets, &start, radars, known))
+        };
+        let learnt = mapped(work.into_iter(), FOLLOW_NS, n_threads, follow)?;
+        self.targets = targets;
+        Ok(learnt.into_iter().flatten().collect())
+    }
+
+    /// Learns the errors of the sensors, in order of time.
+    fn learn(&mut self, mut learnt: Vec<Update>, time: f64) {
+        learnt.sort_by(|a, b| a.plot.report.time.total_cmp(&b.plot.report.time));
         for (number, added) in self.registrar.learn_last(&learnt, time) {
             if let Some(target) = self.targets.get_mut(&(number as u64)) {
                 target.added = nalgebra::SMatrix::from_row_slice(&added);
@@ -453,39 +425,6 @@ impl Centre {
         self.manual.joined.retain(kept);
         self.manual.separate.retain(kept);
         !ids.is_empty()
-    }
-}
-
-impl Member {
-    fn new(id: u64, row: Row, radar: &Radar) -> Self {
-        let shadow = Shadow::new(&row, radar);
-        let mut member =
-            Self { id, last: row, before: [None; 2], pending: Vec::new(), shadow, target: None };
-        member.look_behind(None, radar);
-        member
-    }
-
-    /// Its sensor and number.
-    fn place(&self) -> (usize, i64) {
-        (self.last.sensor, self.last.track)
-    }
-
-    /// Adds a row, and the plot behind it.
-    fn add(&mut self, row: Row, radar: &Radar) {
-        self.before = [Some(self.last), self.before[0]];
-        self.last = row;
-        let plot = self.shadow.follow(&row, radar);
-        self.look_behind(plot, radar);
-    }
-
-    /// Keeps what is behind the last row: this plot, or what can be known without its filter.
-    fn look_behind(&mut self, plot: Option<[f64; 2]>, radar: &Radar) {
-        let (place, own) = match behind(plot, &self.last, &self.before, radar) {
-            Behind::Plot(place) => (place, None),
-            Behind::State(place, covariance) => (place, Some(covariance)),
-            Behind::Nothing => return,
-        };
-        self.pending.push(Tracklet::new(&self.last, place, own, radar));
     }
 }
 

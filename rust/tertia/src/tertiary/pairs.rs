@@ -2,12 +2,14 @@
 
 use super::bias::propagated;
 use super::compare::Distance;
+use super::share::mapped;
 use crate::association::Grid;
 use crate::base::error::Result;
 use crate::registration::{ERRORS, Errors};
 use nalgebra::{DMatrix, Matrix4, Vector4};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
+use std::num::NonZero;
 
 /// χ² of four components: .999, and .999999 for a pair that has been one.
 const GATE: f64 = 18.466_826_952_9;
@@ -37,6 +39,9 @@ const LEAST_DENSITY: f64 = 2e-9;
 const VELOCITIES: f64 = 250.0;
 /// Sides of the least rectangle that others are spread over, m.
 const LEAST_EXTENT: f64 = 20e3;
+/// Tracks that one thread compares at a time, and the time of one, ns.
+const PART: usize = 256;
+const PAIRS_NS: f64 = 1000.0;
 /// By a hand that joined them.
 const JOINED: f64 = 1e6;
 
@@ -127,6 +132,7 @@ impl Pairs {
         known: &Known,
         manual: &Manual,
         density: f64,
+        n_threads: Option<NonZero<usize>>,
     ) -> Result<Vec<Candidate>> {
         let places: Vec<_> = samples.iter().map(place_of).collect();
         let own: Vec<_> = samples.iter().map(|one| one.covariance + known.added(one)).collect();
@@ -143,13 +149,14 @@ impl Pairs {
         let blocks = blocks(known);
         let sensors = known.errors.len();
         let before = std::mem::take(&mut self.known);
-        let mut old = before.into_iter().peekable();
-        let (mut found, mut near) = (Vec::new(), Vec::new());
-        for (i, a) in samples.iter().enumerate() {
-            near.clear();
+        let around = |i: usize| {
             let p = &own[i];
-            let around = if by_hand { [REACH; 2] } else { [0, 1].map(|k| reach(p[(k, k)])) };
-            grid.within(places[i], around, &mut |j| {
+            if by_hand { [REACH; 2] } else { [0, 1].map(|k| reach(p[(k, k)])) }
+        };
+        let look = |i: usize, found: &mut Vec<_>, near: &mut Vec<usize>| {
+            let (a, p) = (&samples[i], &own[i]);
+            near.clear();
+            grid.within(places[i], around(i), &mut |j| {
                 if j <= i {
                     return;
                 }
@@ -163,11 +170,13 @@ impl Pairs {
                 }
             });
             near.sort_unstable();
-            for &j in &near {
+            let mut old =
+                before[before.partition_point(|(key, _)| key.0 < a.id)..].iter().peekable();
+            for &j in near.iter() {
                 let b = &samples[j];
                 let pair = (a.id, b.id);
                 while old.next_if(|(key, _)| *key < pair).is_some() {}
-                let history = old.next_if(|(key, _)| *key == pair).map(|(_, history)| history);
+                let history = old.next_if(|(key, _)| *key == pair).map(|&(_, history)| history);
                 let total = own[i] + own[j];
                 let d = a.mean - b.mean;
                 let joined = by_hand && manual.joined.contains(&pair);
@@ -185,11 +194,18 @@ impl Pairs {
                 } else if manual.separate.contains(&pair) {
                     candidate.gain = f64::NEG_INFINITY;
                 }
-                found.push(candidate);
-                self.known.push((pair, history));
+                found.push((candidate, pair, history));
             }
-        }
-        Ok(found)
+        };
+        let parts = (0..samples.len()).step_by(PART);
+        let found = mapped(parts, PART as f64 * PAIRS_NS, n_threads, |start| {
+            let (mut found, mut near) = (Vec::with_capacity(2 * PART), Vec::new());
+            let end = samples.len().min(start + PART);
+            (start..end).for_each(|i| look(i, &mut found, &mut near));
+            Ok(found)
+        })?;
+        self.known = found.iter().flatten().map(|&(_, pair, history)| (pair, history)).collect();
+        Ok(found.into_iter().flatten().map(|(candidate, ..)| candidate).collect())
     }
 
     /// Remembers which pairs, the candidates of the last look, are one target: `group` of each sample.

@@ -95,6 +95,29 @@ mod tests {
     use super::*;
     use crate::base::checks::assert_within;
     use crate::sensors::radar_of;
+    use crate::tracker::{ImmModel, Motion, Plot, Row, Tracker};
+
+    #[test]
+    fn first_plots_of_targets_that_are_confirmed_are_no_false_plots() {
+        let radar = Radar { max_range: 1e5, ..radar_of([50.0, 1e-3]) };
+        let settings = Settings::new(vec![radar], Motion::Imm(ImmModel::default()));
+        let mut tracker = Tracker::try_new(settings).unwrap();
+        let (mut statuses, mut rows) = (Vec::new(), Vec::<Row>::new());
+        for scan in 0..8 {
+            // thirty aircraft on a circle, outwards
+            let plots: Vec<Plot> = (0..30)
+                .map(|k| {
+                    let azimuth = 0.2 * f64::from(k);
+                    let time = 4.0 * (f64::from(scan) + azimuth / std::f64::consts::TAU);
+                    let range = 4e4 + 200.0 * time;
+                    let (height, identity) = (f64::NAN, -1);
+                    Plot { time, range, azimuth, radar: 0, height, identity, report: None }
+                })
+                .collect();
+            tracker.track(&plots[..], None, &mut statuses, &mut rows, None).unwrap();
+        }
+        assert_within(1e-12, tracker.clutter[0].plots(&radar), FEWEST);
+    }
 
     #[test]
     fn a_plot_of_a_target_counts_as_if_it_had_never_been_counted() {

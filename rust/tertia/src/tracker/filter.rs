@@ -14,6 +14,8 @@ use serde::{Deserialize, Serialize};
 
 /// A plot that all models exclude, by less than this, says nothing about which is right.
 pub(super) const LEAST_DENSITY: f64 = 1e-300;
+/// Standard deviation of the rate of a sharp turn, rad/s.
+const SHARP_RATE: f64 = 0.1;
 
 /// Models of straight flight and turns, and the flight plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -206,6 +208,15 @@ impl Filter {
             }
             Self::Multiple(multiple) => multiple.banks_mut().for_each(|bank| bank.shift(by)),
             Self::Window(window) => window.shift(by),
+        }
+    }
+
+    /// Lets turns be as sharp as those of fighters.
+    pub fn free_turns(&mut self) {
+        if let Self::Multiple(multiple) = self {
+            multiple
+                .banks_mut()
+                .for_each(|bank| bank.turn.covariance[(4, 4)] += SHARP_RATE.powi(2));
         }
     }
 

@@ -165,6 +165,11 @@ impl Tracker {
         Ok(())
     }
 
+    /// Takes the radars whose plots are to confirm no tracks for now.
+    pub fn hold(&mut self, radars: Vec<bool>) {
+        self.settings.held = radars;
+    }
+
     /// Moves tracks, in order of their numbers, by position and velocity as they are at a time.
     pub fn shift(&mut self, moved: &[(u64, f64, [f64; 4])]) {
         for track in &mut self.tracks {

@@ -15,6 +15,7 @@ use super::resume::resume;
 use super::row::{Row, Rows};
 use super::settings::Settings;
 use super::share::{Share, Shares, View};
+use super::sharp::{self, Known};
 use super::strays;
 use super::track::Track;
 use crate::association::Grid;
@@ -89,6 +90,13 @@ impl Scan {
         self.load(sky, plots);
         self.leave_out(sky, &mut report);
         self.take(sky, true, [oldest, hold], &mut report);
+        let known = Known { settings: sky.settings, clutter: sky.clutter, noise: sky.noise };
+        let sought = (known, &mut sky.tracks[..], &mut *sky.rows);
+        let free = (&mut self.taken[..], &self.deferred[..]);
+        let given = sharp::follow(sought, (&self.grid, &self.plots), free);
+        for (plot, track) in given {
+            report(self.plots[plot].index, PlotStatus::Track(track));
+        }
         let Self { grid, plots: all, left_out, .. } = self;
         let near = Near { grid, plots: all, left_out };
         let used = (&self.taken[..], &self.deferred[..]);

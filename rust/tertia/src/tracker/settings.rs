@@ -52,6 +52,8 @@ impl Confirmation {
 pub struct Settings {
     /// The radars, to which plots refer by their index.
     pub radars: Vec<Radar>,
+    /// Those that confirm no tracks now, if any: their errors may have changed.
+    pub held: Vec<bool>,
     /// What their plots say of positions; those that are not here are in a plane.
     pub geometry: Vec<Geometry>,
     /// Flight plans.
@@ -93,6 +95,7 @@ impl Settings {
     pub fn new(radars: Vec<Radar>, motion: Motion) -> Self {
         Self {
             radars,
+            held: Vec::new(),
             geometry: Vec::new(),
             plans: Plans::default(),
             motion,

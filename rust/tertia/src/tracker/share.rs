@@ -277,17 +277,16 @@ impl Share {
                 |&&plot: &&u32| !deferred[plot as usize] && !self.choice.contains(&Some(plot));
             let scores = plots_of(claim, claimed).filter(free).filter_map(|&plot| {
                 let measured = &plots[plot as usize];
-                let (score, probability) = track.guarded_score(measured, odds, settings)?;
-                Some((score, plot, probability))
+                track.guarded_score(measured, odds, settings).map(|surprise| (surprise, plot))
             });
-            let best = scores.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
-            let Some((gain, plot, probability)) = best.filter(|best| best.0 > 0.0) else {
+            let best = scores.max_by(|a, b| a.0.gain.total_cmp(&b.0.gain).then(b.1.cmp(&a.1)));
+            let Some((surprise, plot)) = best.filter(|best| best.0.gain > 0.0) else {
                 continue;
             };
             let measured = &plots[plot as usize];
-            let evidence = track.evidence_of(measured, gain, density, settings);
+            let evidence = track.evidence_of(measured, surprise.gain, density, settings);
             let outliers = &noise[radar].outliers;
-            if !track.take_or_fork(measured, (gain, odds, probability), outliers, settings) {
+            if !track.take_or_fork(measured, &surprise, outliers, settings) {
                 continue;
             }
             self.choice[row] = Some(plot);

@@ -22,11 +22,12 @@ use crate::sensors::Radar;
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
-mod fork;
+pub(super) mod fork;
 mod levelled;
 mod life;
 mod merged;
 mod missed;
+mod sharp;
 mod sighted;
 mod states;
 #[cfg(test)]
@@ -440,7 +441,8 @@ impl Track {
                 Confirmation::Plots(..) => *evidence >= 0.0,
                 Confirmation::Existence(least) => self.existence.probability() >= least,
             };
-            if *hits >= *plots && is_likely {
+            let held = |e: &Expected| settings.held.get(e.radar) == Some(&true);
+            if *hits >= *plots && is_likely && !self.beams.all().iter().any(held) {
                 self.stage = Stage::Confirmed;
                 self.filter = Filter::new(&settings.motion, self.estimate);
             }

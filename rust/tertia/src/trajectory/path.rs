@@ -87,8 +87,13 @@ impl<const D: usize, const N: usize> Smoother<D, N> {
         let n = track.len();
         let mut mean = vec![f64::NAN; n * N];
         let mut covariance = vec![0.0; n * components * components];
-        let mut out =
-            adjoint::Smoothed { mean: &mut mean, covariance: &mut covariance, components };
+        let mut out = adjoint::Smoothed {
+            mean: &mut mean,
+            covariance: &mut covariance,
+            components,
+            innovation: &mut [],
+            loss: f64::INFINITY,
+        };
         if let Some(summary) = self.quick.smooth(track, fit.jerk, &mut out) {
             return Path { mean, covariance, fit, summary };
         }

@@ -112,3 +112,32 @@ fn no_gain_goes_beyond_the_plot() {
         assert!((0.0..=PRIOR[0] * (1.0 + 1e-9)).contains(&offset[1]), "{offset:?}");
     }
 }
+
+#[test]
+fn errors_of_radars_are_correlated() {
+    // alone, the errors of two radars are large; their sum is small
+    let (variance, correlation) = (0.25, -0.9);
+    let mut covariance = DMatrix::from_diagonal_element(2 * ERRORS, 2 * ERRORS, variance);
+    for j in 0..ERRORS {
+        covariance[(j, ERRORS + j)] = correlation * variance;
+        covariance[(ERRORS + j, j)] = correlation * variance;
+    }
+    let columns = [0, ERRORS].map(|first| std::array::from_fn(|j| Some(first + j)));
+    let mut track = Followed::new(0.0);
+    let own = [[100.0, 0.0], [0.0, 50.0], [30.0, -60.0], [20.0, 10.0]];
+    track.update(0, &[[1.0, 0.0, 0.2, 0.0], [0.0, 1.0, 0.0, 0.2]], &own);
+    track.update(1, &[[0.5, 0.0, 0.1, 0.0], [0.0, 0.5, 0.0, 0.1]], &own);
+    let [first, second] = [0, 1].map(|k| {
+        let part = track.parts[k].2;
+        Matrix4::from_fn(|i, j| part[j][i])
+    });
+    let alone = variance * (first * first.transpose() + second * second.transpose());
+    let both = correlation * variance * (first * second.transpose() + second * first.transpose());
+    let added = track.added(&Blocks::new(&covariance, &columns));
+    for (place, added) in added.into_iter().enumerate() {
+        let (i, j) = (place / 4, place % 4);
+        assert!((added - alone[(i, j)] - both[(i, j)]).abs() < 1e-9, "{i} {j} {added}");
+    }
+    // their own variances alone would be several times as large
+    assert!(added[0] < 0.2 * alone[(0, 0)], "{} {}", added[0], alone[(0, 0)]);
+}

@@ -127,3 +127,68 @@ fn a_clock_is_taken_out_by_steps() {
         assert!((registrar.errors()[0][CLOCK] + 2.5).abs() < 1e-12);
     }
 }
+
+/// Plots of two radars every two seconds, of which the second measures ranges 150 m too long, as
+/// rows of a track.
+fn rows() -> Vec<Update> {
+    let places = [[0.0; 2], [6e4, 0.0]];
+    let row = |i: usize| {
+        let (time, radar) = (2.0 * i as f64, i % 2);
+        let position = [2e4 + 180.0 * time, 3e4 + 90.0 * time];
+        let (east, north) = (position[0] - places[radar][0], position[1] - places[radar][1]);
+        let (range, azimuth) = (east.hypot(north) + 150.0 * radar as f64, east.atan2(north));
+        let report = Report { radar, time, range, azimuth, height: f64::NAN, place: None };
+        Update {
+            plot: TargetPlot { report, target: 1, turn_probability: 0.0 },
+            confirmed: true,
+            position,
+            velocity: [180.0, 90.0],
+            covariance: std::array::from_fn(|n| if n % 5 == 0 { 900.0 } else { 0.0 }),
+            innovation: [f64::NAN; 2],
+            innovation_covariance: [f64::NAN; 4],
+        }
+    };
+    (0..5).map(row).collect()
+}
+
+fn two() -> Registrar {
+    let radars = vec![radar([0.0; 3], 50.0, 0.08), radar([6e4, 0.0, 0.0], 50.0, 0.08)];
+    Registrar::new(radars, vec![[0.0; ERRORS]; 2], vec![PRIOR; 2])
+}
+
+#[test]
+fn the_first_block_teaches_and_moves_the_track() {
+    let mut registrar = two();
+    registrar.learn(&rows(), &[], &[[0.0; 2]; 2], 8.0);
+    assert_eq!(registrar.mean.amax(), 0.0);
+    let before = registrar.tracks[&1].clone();
+    let learnt = registrar.learn(&[], &[], &[[0.0; 2]; 2], 60.0);
+    let offset = registrar.errors()[1][0];
+    assert!((50.0..150.0).contains(&offset), "{offset}");
+    assert!(registrar.sigmas()[1][0] < 0.9 * PRIOR[0]);
+    let by = [0, 1].map(|k| std::array::from_fn(|j| registrar.mean[ERRORS * k + j]));
+    let (number, _, moved) = learnt.tracks[0];
+    assert_eq!((number, moved), (1, before.moved(&by)));
+    assert!(moved[0].hypot(moved[1]) > 5.0, "{moved:?}");
+    assert!((registrar.tracks[&1].position[0] - before.position[0] - moved[0]).abs() < 1e-9);
+}
+
+#[test]
+fn innovations_in_turns_say_nothing_of_noise() {
+    let mut registrar = two();
+    let mut row = rows()[0].clone();
+    row.innovation_covariance = [1e4, 0.0, 0.0, 1e4];
+    let seen = |registrar: &Registrar, row: &Update| {
+        let report = &row.plot.report;
+        Sighting::new(report, 0.0, &registrar.radars[0], [1.0; 2]).unwrap()
+    };
+    for (turning, grown) in [(0.5, false), (0.0, true)] {
+        row.plot.turn_probability = turning;
+        for i in 0..20 {
+            row.innovation = [600.0, 600.0].map(|off| if i % 2 == 0 { off } else { -off });
+            let seen = seen(&registrar, &row);
+            registrar.watch(&row, &seen);
+        }
+        assert_eq!(registrar.factor[0] != [1.0; 2], grown);
+    }
+}

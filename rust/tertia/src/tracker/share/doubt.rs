@@ -21,7 +21,7 @@ enum Taken {
     Nothing,
     Plot(u32),
     /// A plot in the guard gate, and the probability that the target accelerated.
-    Guarded(u32, f64),
+    Guarded(u32),
     /// A plot that is also that of another row of the part.
     Shared(u32, usize),
 }
@@ -30,7 +30,7 @@ impl Taken {
     fn plot(self) -> Option<u32> {
         match self {
             Self::Nothing => None,
-            Self::Plot(plot) | Self::Guarded(plot, _) | Self::Shared(plot, _) => Some(plot),
+            Self::Plot(plot) | Self::Guarded(plot) | Self::Shared(plot, _) => Some(plot),
         }
     }
 }
@@ -407,12 +407,12 @@ impl Share {
                 let candidates = plots_of(&group[row], claimed).filter(free);
                 let scores = candidates.filter_map(|&plot| {
                     let measured = &plots[plot as usize];
-                    let (score, probability) = state.guarded_score(measured, odds, settings)?;
-                    Some((score, plot, probability))
+                    let surprise = state.guarded_score(measured, odds, settings)?;
+                    Some((surprise.gain, plot))
                 });
                 let best = scores.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
-                if let Some((score, plot, probability)) = best.filter(|best| best.0 > 0.0) {
-                    survivor.taken[i] = Taken::Guarded(plot, probability);
+                if let Some((score, plot)) = best.filter(|best| best.0 > 0.0) {
+                    survivor.taken[i] = Taken::Guarded(plot);
                     survivor.weight += score;
                 }
             }

@@ -18,6 +18,20 @@ const UNNOTICED: f64 = 0.05;
 const NEAR: f64 = 4.6;
 const SURE: f64 = 4.6;
 
+/// Why a track may take a plot outside of its gate.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::tracker) struct Surprise {
+    /// Score of the plot, and the odds of its radar in it.
+    pub gain: f64,
+    pub odds: f64,
+    /// Probability that the target has accelerated, by how much, m/s², and for how long.
+    pub probability: f64,
+    pub acceleration: f64,
+    pub gap: f64,
+    /// Whether turns of any rate may have begun.
+    pub is_sharp: bool,
+}
+
 impl Fork {
     /// An estimate with the covariance of both, about what is shown.
     pub fn widened(&self, shown: &Estimate<4>) -> Estimate<4> {
@@ -37,17 +51,25 @@ impl Track {
         plot: &Measured,
         odds: f64,
         settings: &Settings,
-    ) -> Option<(f64, f64)> {
+    ) -> Option<Surprise> {
         let here = self.brought_here(plot, settings);
         let (z, r) = (here.position, here.covariance());
         let y = [z[0] - self.estimate.mean[0], z[1] - self.estimate.mean[1]];
         let (sigma, gap) = self.unnoticed(settings);
+        let surprise = |gain: f64, probability: f64| Surprise {
+            gain,
+            odds,
+            probability,
+            acceleration: sigma,
+            gap,
+            is_sharp: false,
+        };
         let wide = (0.5 * sigma * gap * gap).powi(2);
         let wide = Plane { xx: wide, xy: 0.0, yy: wide };
         if let Association::Paper(q) = settings.association {
             // always widened
             let score = paper_score(&self.estimate, z, r.plus(wide), q, settings.guard)?;
-            return Some((score + self.also(plot, settings).ln(), 1.0));
+            return Some(surprise(score + self.also(plot, settings).ln(), 1.0));
         }
         let s = self.estimate.position_covariance().plus(r).plus(wide);
         let d = s.inverse().form(y);
@@ -61,13 +83,16 @@ impl Track {
         let ratio = if always { f64::INFINITY } else { (accelerated - straight).exp() };
         let probability = 1.0 - 1.0 / (1.0 + ratio);
         let density = accelerated - probability.ln();
-        Some((odds + density + self.also(plot, settings).ln(), probability))
+        Some(surprise(odds + density + self.also(plot, settings).ln(), probability))
     }
 
-    /// Corrects by a plot for which the target accelerated with this probability.
-    pub fn take_guarded(&mut self, plot: &Measured, probability: f64, settings: &Settings) {
-        let (sigma, gap) = self.unnoticed(settings);
-        self.filter.widen(sigma, gap, probability);
+    /// Corrects by a plot for which the target accelerated.
+    pub fn take_guarded(&mut self, plot: &Measured, surprise: &Surprise, settings: &Settings) {
+        let Surprise { acceleration, gap, probability, is_sharp, .. } = *surprise;
+        self.filter.widen(acceleration, gap, probability);
+        if is_sharp {
+            self.filter.free_turns();
+        }
         self.estimate = self.filter.estimate();
         self.correct(plot, settings);
     }
@@ -75,10 +100,14 @@ impl Track {
     /// Whether a choice may be left to the next plot. Hypotheses do that by themselves, the methods of the
     /// paper decide at once, and plans are not to be found and lost with states.
     fn may_fork(&self, settings: &Settings) -> bool {
+        self.is_free(settings) && self.plan().is_none()
+    }
+
+    /// Whether neither hypotheses nor the methods of the paper decide.
+    pub(super) fn is_free(&self, settings: &Settings) -> bool {
         settings.limits().is_none()
             && !matches!(settings.association, Association::Paper(_))
             && !matches!(settings.motion, Motion::Window(_))
-            && self.plan().is_none()
     }
 
     /// Logarithm of the odds that a plot is an outlier, where so large a share of a radar's plots is, against
@@ -97,27 +126,30 @@ impl Track {
         odds + (density * self.also(plot, settings)).ln() - gain
     }
 
-    /// Takes a plot of the guard gate that has this gain, with the odds of its radar, by an acceleration with
-    /// this probability; unless it is more likely that it is one of the outliers that have this share among
-    /// the plots of the radar. Returns whether it is taken.
+    /// Takes a plot by an acceleration, unless it is more likely that it is one of the outliers of the radar.
+    /// Returns whether it is taken.
     pub fn take_or_fork(
         &mut self,
         plot: &Measured,
-        (gain, odds, probability): (f64, f64, f64),
+        surprise: &Surprise,
         outliers: &Outliers,
         settings: &Settings,
     ) -> bool {
-        if !self.may_fork(settings) {
-            self.take_guarded(plot, probability, settings);
-            return true;
-        }
-        self.stray = None;
+        let Surprise { gain, odds, is_sharp, .. } = *surprise;
         let log_odds = self.outlier_odds(plot, (gain, odds), outliers, settings);
         let is_taken = log_odds < 0.0;
+        if !self.may_fork(settings) {
+            let is_taken = is_taken || !is_sharp;
+            if is_taken {
+                self.take_guarded(plot, surprise, settings);
+            }
+            return is_taken;
+        }
+        self.stray = None;
         let before = self.fork.take();
         let mut state = self.clone();
         let accelerated = if is_taken { &mut *self } else { &mut state };
-        accelerated.take_guarded(plot, probability, settings);
+        accelerated.take_guarded(plot, surprise, settings);
         let fork = Fork {
             state,
             log_odds: (-log_odds.abs()).max(-SURE),

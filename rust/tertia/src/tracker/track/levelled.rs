@@ -136,7 +136,6 @@ impl Track {
         true
     }
 
-    /// Moves the track as its height changes.
     /// Moves by position and velocity as they are at a time; so do the states that it may have instead.
     pub fn shift(&mut self, time: f64, [x, y, vx, vy]: [f64; 4]) {
         let ahead = self.time - time;
@@ -150,6 +149,7 @@ impl Track {
         }
     }
 
+    /// Moves the track as its height changes.
     fn move_with(&mut self, height: f64) {
         if let Some(lean) = &self.lean {
             self.filter.shift(&lean.step(height));

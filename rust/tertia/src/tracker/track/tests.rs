@@ -49,6 +49,7 @@ fn a_miss_is_counted_once_per_scan_of_a_radar_that_covers_the_target() {
         Stage::Confirmed => panic!("two plots confirm nothing"),
     };
     let (_, before) = evidence(&track);
+    let mut existence = track.existence;
     let mut rows = Vec::new();
     let mut until = |track: &mut Track, end: f64| {
         track.miss(end, &settings, |track, radar| rows.push((track.time, radar)));
@@ -64,6 +65,11 @@ fn a_miss_is_counted_once_per_scan_of_a_radar_that_covers_the_target() {
     let (misses, after) = evidence(&track);
     assert_eq!(misses, 2);
     assert_within(1e-12, after - before, 2.0 * 0.1_f64.ln());
+    for _ in 0..2 {
+        existence.wait(4.0, 4.0);
+        existence.miss(0, &settings);
+    }
+    assert_within(1e-12, track.existence.probability(), existence.probability());
     assert!(!track.is_alive(&settings));
 }
 

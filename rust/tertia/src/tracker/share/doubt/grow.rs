@@ -61,12 +61,12 @@ impl Doubt {
                         state.existence.see(gain, radar, settings);
                         state.correct(plot, settings);
                     }
-                    (Taken::Guarded(plot, probability), _) => {
+                    (Taken::Guarded(plot), _) => {
                         let plot = &plots[plot as usize];
-                        let score = state.guarded_score(plot, odds, settings);
-                        let gain = score.map_or(0.0, |score| score.0);
-                        state.existence.see(gain, radar, settings);
-                        state.take_guarded(plot, probability, settings);
+                        if let Some(surprise) = state.guarded_score(plot, odds, settings) {
+                            state.existence.see(surprise.gain, radar, settings);
+                            state.take_guarded(plot, &surprise, settings);
+                        }
                     }
                     (Taken::Shared(plot, at), Some(other)) => {
                         // it says little about which of the two is there

@@ -1,0 +1,65 @@
+"""Degrees that were given as radians, and are small enough to be radians."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import FloatArray
+from tertia.sensors._kinds import ANGLES, KINDS
+
+# radians do not fit where fewer instants agree; degrees do where more agree
+_SHARES = 0.5, 0.9
+# an instant agrees unless its p-value is smaller
+_CHANCES = 1e-3, 0.02
+# degrees of freedom that must agree; whether two bearings meet or diverge is worth half of one
+_EVIDENCE = 4.0
+# nobody measures radians so badly; it may be a sigma in degrees as well
+_DIFFUSE = 0.2
+
+Columns = Sequence[npt.NDArray[Any]]
+
+
+def warn_if_degrees(
+    columns: Columns,
+    values: FloatArray,
+    sigmas: FloatArray,
+    solve: Callable[[FloatArray, FloatArray], Columns],
+) -> None:
+    """Warn where angles do not fit as radians, but would as degrees.
+
+    `columns` are status, degrees of freedom, statistic and p-value as found from `values` of shape
+    (..., 5, K) and `sigmas`, in radians; `solve` finds them for others. Only recordings of which
+    most instants fail are solved again.
+    """
+    if _agreement(columns, _CHANCES[0])[0] >= _SHARES[0]:
+        return
+    angles = [KINDS.index(kind) for kind in KINDS if kind in ANGLES]
+    turned, small = values.copy(), sigmas.copy()
+    turned[..., angles, :] = np.radians(values[..., angles, :])
+    small[..., angles, :] = np.radians(sigmas[..., angles, :])
+    diffuse = bool((sigmas[..., angles, :] > _DIFFUSE).any())
+    for scale in (sigmas, small) if diffuse else (sigmas,):
+        share, evidence = _agreement(solve(turned, scale), _CHANCES[1])
+        if share >= _SHARES[1] and evidence >= _EVIDENCE:
+            warnings.warn(
+                "most angles contradict each other as radians, and fit as degrees; if they are "
+                "degrees, pass degrees=True",
+                stacklevel=3,
+            )
+            return
+
+
+def _agreement(columns: Columns, chance: float) -> tuple[float, float]:
+    """Return the share of instants whose measurements agree, and how much that tells."""
+    status, freedom, _, pvalue = (np.asarray(column) for column in columns[:4])
+    tried = freedom >= 0
+    agrees = tried & (status == 0) & ~(pvalue < chance)
+    if not tried.any():
+        return 1.0, 0.0
+    evidence = np.sum(np.where(agrees, np.maximum(freedom, 0.5), 0.0))
+    return float(np.mean(agrees[tried])), float(evidence)

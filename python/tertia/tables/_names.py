@@ -1,0 +1,43 @@
+"""Names of columns as people write them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from difflib import SequenceMatcher
+
+# of a name that must be there, and of one that may be
+NEAR, VERY_NEAR = 0.75, 0.85
+_UNIT = re.compile(r"_(m_s2|m_s|deg_s|m2|km|nm|ft|kt|m|deg|rad|ms|s)$")
+
+
+def plain_name(name: object) -> str:
+    """Return a name without what is written in different ways: `Azimuth [deg]` is azimuth_deg."""
+    return re.sub(r"[\W_]+", "_", str(name)).strip("_").casefold() or str(name)
+
+
+def hint(columns: Iterable[str], there: Sequence[object], near: float = NEAR) -> str:
+    """Return which name is meant by one of some columns, as the end of a message, or nothing."""
+    found = [(_alike(column, name), str(name)) for column in columns for name in there]
+    likeness, name = max(found, default=(0.0, ""))
+    if likeness > 1.0:
+        return f"; {name} is in another unit"
+    return f"; is {name} meant?" if likeness >= near else ""
+
+
+def misspelt(columns: Sequence[str], known: Iterable[str], there: Iterable[object]) -> str | None:
+    """Return which column that nobody knows may be one of some that are not there."""
+    plain = set(map(plain_name, known))
+    said = hint(columns, [name for name in there if plain_name(name) not in plain], VERY_NEAR)
+    return f"has no column {' or '.join(columns)}{said}" if said else None
+
+
+def _alike(column: str, name: object) -> float:
+    """Return how alike two names are without their units, beyond 1 if only these differ."""
+    one, other = (_UNIT.sub("", plain_name(text)) for text in (column, name))
+    units = [plain_name(text)[len(stem) :] for text, stem in ((column, one), (name, other))]
+    if one == other and all(units):
+        return 2.0
+    # letters in another order are a slip of the hand
+    swapped = len(one) > 3 and sorted(one) == sorted(other)
+    return 1.0 if swapped else SequenceMatcher(None, one, other).ratio()

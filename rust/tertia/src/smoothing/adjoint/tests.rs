@@ -1,0 +1,52 @@
+//! Beside the smoother by rows.
+
+use super::super::smoother::{self, Workspace};
+use super::super::track::Noise;
+use super::*;
+
+/// The same as by rows of information, with missing numbers, equal and irregular times.
+#[test]
+fn both_ways_of_smoothing_agree() {
+    let time: Vec<f64> = (0..60).map(|i| f64::from(i - i % 7 / 6) * 0.7).collect();
+    let mut y: Vec<f64> = (0..120).map(|i| (f64::from(i) * 1.7).sin() * 3.0 + 900.0).collect();
+    for at in [0, 9, 44, 45, 46, 47, 80] {
+        y[at] = f64::NAN;
+    }
+    let noise = [4.0, 1.5, 1.5, 2.0];
+    let track = Track::try_new(2, &time, &y, Noise::Same(&noise), None).unwrap();
+    for jerk in [0.0, 1e-8, 1e-2, 10.0] {
+        let [mut mean, mut quick] = [vec![0.0; 360], vec![0.0; 360]];
+        let [mut covariance, mut own] = [vec![0.0; 2160], vec![0.0; 2160]];
+        let [mut innovation, mut whitened] = [vec![0.0; 120], vec![0.0; 120]];
+        let mut out = crate::smoothing::Smoothed {
+            mean: &mut mean,
+            covariance: &mut covariance,
+            innovation: &mut innovation,
+        };
+        let expected =
+            smoother::by_rows(&track, jerk, &mut Workspace::default(), &mut out).log_likelihood;
+        let mut adjoint = Adjoint::<2, 6>::default();
+        let mut out = Smoothed {
+            mean: &mut quick,
+            covariance: &mut own,
+            components: 6,
+            innovation: &mut whitened,
+            loss: f64::INFINITY,
+        };
+        let summary = adjoint.smooth(&track, jerk, &mut out).unwrap();
+        assert!((summary.log_likelihood - expected).abs() < 1e-9 * expected.abs());
+        for (own, other) in innovation.iter().zip(&whitened) {
+            assert_eq!(own.is_nan(), other.is_nan());
+            assert!(own.is_nan() || (own - other).abs() < 1e-9, "{own} {other}");
+        }
+        for k in 0..60 {
+            for i in 0..6 {
+                let sigma = covariance[(k * 6 + i) * 6 + i].sqrt();
+                let error = (mean[k * 6 + i] - quick[k * 6 + i]).abs() / sigma;
+                assert!(error < 1e-9, "jerk {jerk}, instant {k}, component {i}: {error}");
+                let ratio = own[(k * 6 + i) * 6 + i] / (sigma * sigma);
+                assert!((ratio - 1.0).abs() < 1e-7, "{jerk} {k} {i} {ratio}");
+            }
+        }
+    }
+}

@@ -1,0 +1,59 @@
+//! The smoother by covariances for as many axes as a track has, where it is as exact as that by rows.
+
+use super::adjoint::{self, Adjoint};
+use super::results::{Smoothed, Summary};
+use super::track::Track;
+
+/// Distance of a plot from the trend, in least standard deviations, from which on the state is not
+/// exact enough as one number.
+const FARTHEST: f64 = 1e5;
+
+/// Ratio of the longest step to the shortest beyond which the same holds for undoing a step.
+const UNEVEN: f64 = 1e2;
+/// Ratio of a variance to what is left of it beyond which too many digits are lost.
+const LOSS: f64 = 1e3;
+
+/// Buffers for one axis, two and three.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Quick {
+    one: Adjoint<1, 3>,
+    two: Adjoint<2, 6>,
+    three: Adjoint<3, 9>,
+}
+
+impl Quick {
+    /// The likelihood; `None` where digits would be lost.
+    pub fn likelihood(&mut self, track: &Track<'_>, jerk: f64) -> Option<Summary> {
+        match track.dimension {
+            1 => self.one.likelihood(track, jerk),
+            2 => self.two.likelihood(track, jerk),
+            3 => self.three.likelihood(track, jerk),
+            _ => None,
+        }
+    }
+
+    /// States, covariances and innovations, likewise.
+    pub fn smooth(
+        &mut self,
+        track: &Track<'_>,
+        jerk: f64,
+        out: &mut Smoothed<'_>,
+    ) -> Option<Summary> {
+        if jerk == 0.0 || track.farthest() > FARTHEST || track.unevenness() > UNEVEN {
+            return None;
+        }
+        let mut out = adjoint::Smoothed {
+            mean: out.mean,
+            covariance: out.covariance,
+            components: 3 * track.dimension,
+            innovation: out.innovation,
+            loss: LOSS,
+        };
+        match track.dimension {
+            1 => self.one.smooth(track, jerk, &mut out),
+            2 => self.two.smooth(track, jerk, &mut out),
+            3 => self.three.smooth(track, jerk, &mut out),
+            _ => None,
+        }
+    }
+}

@@ -1,0 +1,131 @@
+//! The tracks of the sensors, row by row.
+
+use super::row::Row;
+use super::shadow::Shadow;
+use super::share::mapped;
+use super::target::Tracklet;
+use super::tracklet::{Behind, behind};
+use crate::base::error::Result;
+use crate::sensors::Radar;
+use serde::{Deserialize, Serialize};
+use std::num::NonZero;
+
+/// Scans after which a track is forgotten.
+pub(super) const FORGOTTEN: f64 = 6.0;
+/// Time of a row, ns.
+const ROW_NS: f64 = 2000.0;
+
+/// A track of a sensor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Member {
+    pub id: u64,
+    pub last: Row,
+    pub before: [Option<Row>; 2],
+    pub pending: Vec<Tracklet>,
+    /// The filter that may have made it.
+    shadow: Shadow,
+    pub target: Option<u64>,
+}
+
+/// Takes the rows of the tracks in order of time, `next` being the id of the next track; rows after `time`
+/// go to `waiting`, and those that waited are taken. Cost O(N log N) for N rows, and O(M) for M tracks.
+pub(super) fn take(
+    members: &mut Vec<Member>,
+    waiting: &mut Vec<Row>,
+    next: &mut u64,
+    rows: &[Row],
+    time: f64,
+    radars: &[Radar],
+    n_threads: Option<NonZero<usize>>,
+) -> Result<()> {
+    let mut all = std::mem::take(waiting);
+    all.extend_from_slice(rows);
+    let mut order: Vec<_> =
+        all.iter().enumerate().map(|(i, row)| (row.sensor, row.track, row.time, i)).collect();
+    order.sort_unstable_by(|a, b| {
+        (a.0, a.1).cmp(&(b.0, b.1)).then(a.2.total_cmp(&b.2)).then(a.3.cmp(&b.3))
+    });
+    let (known, mut at, mut begun) = (members.len(), 0, None);
+    // rows of tracks that go on, those of one track together
+    let mut added: Vec<(usize, Row)> = Vec::with_capacity(order.len());
+    for (.., i) in order {
+        let row = all[i];
+        if row.time > time {
+            waiting.push(row);
+            continue;
+        }
+        let place = (row.sensor, row.track);
+        while at < known && members[at].place() < place {
+            at += 1;
+        }
+        let own = if begun == Some(place) { members.len() - 1 } else { at };
+        let radar = &radars[row.sensor];
+        let is_known = begun == Some(place) || (at < known && members[at].place() == place);
+        if !is_known {
+            members.push(Member::new(*next, row, radar));
+            *next += 1;
+            begun = Some(place);
+            continue;
+        }
+        let newest = added.last().filter(|(member, _)| *member == own);
+        let newest = newest.map_or(members[own].last.time, |(_, row)| row.time);
+        if row.time - newest > FORGOTTEN * radar.scan_period {
+            // the number is used again
+            while added.pop_if(|(member, _)| *member == own).is_some() {}
+            members[own] = Member::new(*next, row, radar);
+            *next += 1;
+        } else if row.time > newest {
+            added.push((own, row));
+        }
+    }
+    added.sort_by_key(|&(own, _)| own);
+    let mut rows = added.chunk_by(|a, b| a.0 == b.0).peekable();
+    let mut work: Vec<(&mut Member, &[(usize, Row)])> = Vec::new();
+    for (i, member) in members.iter_mut().enumerate() {
+        if let Some(own) = rows.next_if(|own| own[0].0 == i) {
+            work.push((member, own));
+        }
+    }
+    mapped(work.into_iter(), ROW_NS, n_threads, |(member, rows)| {
+        rows.iter().for_each(|(_, row)| member.add(*row, &radars[row.sensor]));
+        Ok(())
+    })?;
+    if begun.is_some() {
+        // two runs that are in order
+        members.sort_by_key(Member::place);
+    }
+    Ok(())
+}
+
+impl Member {
+    fn new(id: u64, row: Row, radar: &Radar) -> Self {
+        let shadow = Shadow::new(&row, radar);
+        let mut member =
+            Self { id, last: row, before: [None; 2], pending: Vec::new(), shadow, target: None };
+        member.look_behind(None, radar);
+        member
+    }
+
+    /// Its sensor and number.
+    fn place(&self) -> (usize, i64) {
+        (self.last.sensor, self.last.track)
+    }
+
+    /// Adds a row, and the plot behind it.
+    fn add(&mut self, row: Row, radar: &Radar) {
+        self.before = [Some(self.last), self.before[0]];
+        self.last = row;
+        let plot = self.shadow.follow(&row, radar);
+        self.look_behind(plot, radar);
+    }
+
+    /// Keeps what is behind the last row: this plot, or what can be known without its filter.
+    fn look_behind(&mut self, plot: Option<[f64; 2]>, radar: &Radar) {
+        let (place, own) = match behind(plot, &self.last, &self.before, radar) {
+            Behind::Plot(place) => (place, None),
+            Behind::State(place, covariance) => (place, Some(covariance)),
+            Behind::Nothing => return,
+        };
+        self.pending.push(Tracklet::new(&self.last, place, own, radar));
+    }
+}

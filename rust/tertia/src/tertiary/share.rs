@@ -1,0 +1,31 @@
+//! Work on many targets, by several threads.
+
+use crate::base::batch::for_each_row;
+use crate::base::error::Result;
+use std::num::NonZero;
+
+/// Work from which on a batch may be stopped half done, which would leave the picture so.
+const STOPPABLE_NS: f64 = 1e8;
+
+/// The results of `work` on all items, in their order, whatever the number of threads; `nanoseconds` is
+/// the time of one item.
+///
+/// # Errors
+/// That of the first item that failed.
+pub(super) fn mapped<I: Send, T: Send>(
+    items: impl ExactSizeIterator<Item = I> + Send,
+    nanoseconds: f64,
+    n_threads: Option<NonZero<usize>>,
+    work: impl Fn(I) -> Result<T> + Sync,
+) -> Result<Vec<T>> {
+    let cost = (nanoseconds * items.len() as f64).min(STOPPABLE_NS);
+    let mut found: Vec<Option<T>> = Vec::new();
+    found.resize_with(items.len(), || None);
+    let rows = items.zip(&mut found);
+    let work = |(): &mut (), (item, out): (I, &mut Option<T>)| {
+        *out = Some(work(item)?);
+        Ok(())
+    };
+    for_each_row(rows, cost, n_threads, || (), work).map_err(|failed| failed.error)?;
+    Ok(found.into_iter().flatten().collect())
+}
