@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import BoolArray, FloatArray, require_each, samples
+from tertia._arrays import BoolArray, FloatArray, require_between, samples
 
 # with the noise as stated, then as found
 _ROUNDS = 2
@@ -37,7 +37,7 @@ def trusted(fused: tuple[list[FloatArray], BoolArray], shape: tuple[int, ...]) -
 def deviations(bias_sigma: npt.ArrayLike, sensors: int) -> FloatArray:
     """Return the standard deviations of systematic errors: one for all, or one for each."""
     bias = samples(bias_sigma, "bias_sigma")
-    require_each(bias, bias >= 0, "bias_sigma", "a number that is not negative, or inf")
+    require_between(bias, "bias_sigma", "a number that is not negative, or inf", 0.0, np.inf)
     if bias.shape not in {(), (sensors,)}:
         raise ValueError(f"bias_sigma has shape {bias.shape}; it must be () or ({sensors},)")
     return bias
@@ -47,7 +47,7 @@ def prior_of(bias_sigma: npt.ArrayLike, radars: int) -> FloatArray:
     """Return the standard deviation of each radar's error before its plots."""
     prior = np.empty(radars)
     prior[...] = deviations(bias_sigma, radars)
-    if np.all(np.isinf(prior)):
+    if prior.min() == np.inf:
         raise ValueError(
             "bias_sigma is infinite for every radar; what all radars have in common needs one that "
             "is finite"

@@ -15,8 +15,9 @@ from tertia._arrays import (
     Systematic,
     finite,
     real,
-    require_each,
+    require_between,
     samples,
+    spread,
     threads,
 )
 from tertia._result import Result
@@ -41,6 +42,7 @@ FusionMethod: TypeAlias = Literal[
 ]
 
 Outage: TypeAlias = Literal["excluded", "printed"]
+_OUTAGES = get_args(Outage)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -270,14 +272,14 @@ def fuse_series(
         "outlier_gate": real(outlier_gate, "outlier_gate"),
     }
     prior = prior_of(bias_sigma, radars)
-    if initial is not None and prior.any():
+    biased = bool(prior.any())
+    if initial is not None and biased:
         raise ValueError("initial has the systematic errors in it; leave it out with a bias_sigma")
     fused = _core.fuse_series(arguments, threads(n_threads))
-    variance = np.broadcast_to(stated, plots.shape)
-    instants = finite(model.dt * np.arange(steps) if time is None else time, "time")
-    lasting, phi = _lasting(correlation_time, plots, variance, instants, wrap)
+    variance = spread(stated, plots.shape)
+    lasting, phi = _lasting(correlation_time, plots, variance, (time, model.dt), wrap)
     one = trusted(fused, phi.shape)
-    if prior.any():
+    if biased:
         angle = fused[0][0][..., 0]
         one = registered(arguments, angle, prior, (1 + phi) / (1 - phi), threads(n_threads))
     (mean, upper, weights, noise, innovation, innovation_variance), outlier = one.fused
@@ -299,7 +301,7 @@ def fuse_series(
     )
     if third_filter is None:
         return found
-    noise_of_mean = np.mean(np.broadcast_to(stated, plots.shape), axis=-2) / radars
+    noise_of_mean = np.mean(variance, axis=-2) / radars
     again = filter_series(
         mean[..., 0], noise_of_mean, third_filter, time=time, period=wrap, n_threads=n_threads
     )
@@ -309,7 +311,7 @@ def fuse_series(
 
 def _require_paper(method: str, outage: str, third_filter: SingerModel | None) -> None:
     """Fail where options of the paper's rule are wrong, or given for another one."""
-    if outage not in get_args(Outage):
+    if outage not in _OUTAGES:
         raise ValueError(f"outage is {outage!r}; it must be 'excluded' or 'printed'")
     if third_filter is not None:
         _require_model(third_filter)
@@ -321,30 +323,39 @@ def _lasting(
     correlation_time: npt.ArrayLike | None,
     plots: FloatArray,
     variance: FloatArray,
-    time: FloatArray,
+    when: tuple[npt.ArrayLike | None, float],
     period: float | None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return correlation times (..., K) and the correlations of successive plots, (..., K)."""
+    """Return correlation times (..., K) and the correlations of successive plots, (..., K).
+
+    `when` is the time of each step, and that between two where the former is not given.
+    """
     *batch, radars, steps = plots.shape
     phi = np.zeros((*batch, radars))
-    if correlation_time is not None and not np.any(correlation_time):
+    given = None if correlation_time is None else _correlation_times(correlation_time, radars)
+    if given is not None and not given.any():
         return phi, phi
-    instants = np.broadcast_to(time, (*batch, steps))
-    if correlation_time is None:
+    time, step = when
+    own = step * np.arange(steps, dtype=np.float64) if time is None else finite(time, "time")
+    instants = np.broadcast_to(own, (*batch, steps))
+    if given is None:
         lasting = correlation_times(plots, variance, instants, period)
     else:
-        given = finite(correlation_time, "correlation_time")
-        if given.shape not in {(), (radars,)}:
-            raise ValueError(
-                f"correlation_time has shape {given.shape}; it must be () or ({radars},)"
-            )
-        require_each(given, given >= 0, "correlation_time", "a number that is not negative")
         lasting = np.broadcast_to(given, phi.shape).copy()
     for place in np.ndindex(*phi.shape):
-        own = instants[place[:-1]][~np.isnan(plots[place])]
-        if lasting[place] > 0 and own.size > 1:
-            phi[place] = np.exp(-np.median(np.diff(own)) / lasting[place])
+        seen = instants[place[:-1]][~np.isnan(plots[place])]
+        if lasting[place] > 0 and seen.size > 1:
+            phi[place] = np.exp(-np.median(np.diff(seen)) / lasting[place])
     return lasting, phi
+
+
+def _correlation_times(value: npt.ArrayLike, radars: int) -> FloatArray:
+    """Return correlation times, one for all or one for each."""
+    given = samples(value, "correlation_time")
+    require_between(given, "correlation_time", "a number that is not negative", 0.0)
+    if given.shape not in {(), (radars,)}:
+        raise ValueError(f"correlation_time has shape {given.shape}; it must be () or ({radars},)")
+    return given
 
 
 def _variances(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import FloatArray
+from tertia._arrays import BoolArray, FloatArray
 from tertia.sensors._kinds import ANGLES, KINDS
 
 # radians do not fit where fewer instants agree; degrees do where more agree
@@ -36,7 +36,8 @@ def warn_if_degrees(
     (..., 5, K) and `sigmas`, in radians; `solve` finds them for others. Only recordings of which
     most instants fail are solved again.
     """
-    if _agreement(columns, _CHANCES[0])[0] >= _SHARES[0]:
+    tried, agrees = _agreement(columns, _CHANCES[0])
+    if not tried or agrees >= _SHARES[0] * tried:
         return
     angles = [KINDS.index(kind) for kind in KINDS if kind in ANGLES]
     turned, small = values.copy(), sigmas.copy()
@@ -44,8 +45,9 @@ def warn_if_degrees(
     small[..., angles, :] = np.radians(sigmas[..., angles, :])
     diffuse = bool((sigmas[..., angles, :] > _DIFFUSE).any())
     for scale in (sigmas, small) if diffuse else (sigmas,):
-        share, evidence = _agreement(solve(turned, scale), _CHANCES[1])
-        if share >= _SHARES[1] and evidence >= _EVIDENCE:
+        found = solve(turned, scale)
+        tried, agrees = _agreement(found, _CHANCES[1])
+        if agrees >= _SHARES[1] * tried and _evidence(found, _CHANCES[1]) >= _EVIDENCE:
             warnings.warn(
                 "most angles contradict each other as radians, and fit as degrees; if they are "
                 "degrees, pass degrees=True",
@@ -54,12 +56,19 @@ def warn_if_degrees(
             return
 
 
-def _agreement(columns: Columns, chance: float) -> tuple[float, float]:
-    """Return the share of instants whose measurements agree, and how much that tells."""
-    status, freedom, _, pvalue = (np.asarray(column) for column in columns[:4])
-    tried = freedom >= 0
-    agrees = tried & (status == 0) & ~(pvalue < chance)
-    if not tried.any():
-        return 1.0, 0.0
-    evidence = np.sum(np.where(agrees, np.maximum(freedom, 0.5), 0.0))
-    return float(np.mean(agrees[tried])), float(evidence)
+def _agreement(columns: Columns, chance: float) -> tuple[int, int]:
+    """Return how many instants were tried, and of how many of them the measurements agree."""
+    tried = int(np.count_nonzero(columns[1] >= 0))
+    return tried, int(np.count_nonzero(_agrees(columns, chance)))
+
+
+def _evidence(columns: Columns, chance: float) -> float:
+    """Return how much the instants tell whose measurements agree."""
+    worth = np.maximum(columns[1], 0.5)
+    return float(np.sum(np.where(_agrees(columns, chance), worth, 0.0)))
+
+
+def _agrees(columns: Columns, chance: float) -> BoolArray:
+    status, freedom, _, pvalue = columns[:4]
+    agrees: BoolArray = (freedom >= 0) & (status == 0) & ~(pvalue < chance)
+    return agrees

@@ -299,7 +299,7 @@ def locate(
         tuple(measured),
         estimated=unknown,
         arrivals=arrivals,
-        systematic=said(free, tells=bool((result[-2][1] > 0).any())),
+        systematic=said(free, tells=bool(np.count_nonzero(result[-2][1] > 0))),
         bias=own.found(
             {kind: sigma for kind, (_, sigma) in measured.items()},
             [each + shared for each, shared in zip(growth, common, strict=True)],

@@ -296,8 +296,7 @@ def stack_stations(
     known = sequence_of(stations, Station, "stations")
     positions = [station.position for station in known]
     try:
-        shape = positions[0].shape
-        fixed = len(shape) == 1 and all(position.shape == shape for position in positions)
+        fixed = {position.shape for position in positions} in ({(2,)}, {(3,)})
         each = positions if fixed else np.broadcast_arrays(*positions)
         places = np.array(each) if fixed else np.stack(each, axis=-2)
     except ValueError:
@@ -362,7 +361,7 @@ def _own_bias(bias: Bias | None) -> Bias | None:
 def _all_axes(stations: Sequence[Station], d: int) -> FloatArray | None:
     """Return the axes of all stations, None if all are those of the frame."""
     own = [station.axes for station in stations]
-    if all(axes is None for axes in own):
+    if not [axes for axes in own if axes is not None]:
         return None
     each = [np.eye(d) if station.axes is None else station.axes for station in stations]
     return np.stack(np.broadcast_arrays(*each), axis=-3)
