@@ -66,7 +66,7 @@ figures: $(WHEEL)
 # everything that the pages cite, and the tables of docs/performance.md
 bench: $(WHEEL) $(VENV)/.bench
 	-$(BIN)/python -m pip install --quiet --no-deps "norfair>=2.3" # asks for a NumPy that others refuse
-	$(BIN)/python benches/performance.py
+	$(BIN)/python benches/performance.py --long
 
 # instructions of the kernels, compared with benches/instructions.txt; `--record` writes that file
 counts:

@@ -1,12 +1,16 @@
 """How times grow: the exponents of tracker, tables, `locate`, `reconstruct` and weights.
 
 Times are fitted by a power of the size, over all sizes; the smaller ones cost little more than the
-call. Tracker and tables are measured in processes of their own, by wall clock, the others by CPU
-time on one thread. Exponents are those of the time of a plot (0: linear), of a recording, of an
-instant with so many stations, of a trajectory, of a covariance of weights, and of smoothed tracks
-by how long they are.
+call. Tracker and tables are measured in processes of their own, by wall clock unless `--clock cpu`
+says otherwise, the others by CPU time on one thread. Exponents are those of the time of a plot (0:
+linear), of a recording, of an instant with so many stations, of a trajectory, of a covariance of
+weights, and of smoothed tracks by how long they are.
+
+    python benches/growth.py           # tracker up to 20,000 aircraft, tables up to 10 million rows
+    python benches/growth.py --long    # up to 50,000 and 100 million: 4 GB of memory, 3 of disk
 """
 
+import argparse
 import subprocess
 import sys
 from functools import partial
@@ -28,6 +32,10 @@ from tertia.trajectory import reconstruct
 FAULTY = 0.05
 # elements of the covariances that fit into a cache
 IN_CACHE = 2**17
+LONG = {
+    "large_tables.py": ("--rows", *(str(10**power) for power in (5, 6, 7, 8))),
+    "tracker_throughput.py": ("--aircraft", "100", "1000", "5000", "20000", "50000"),
+}
 
 
 def positions():
@@ -126,12 +134,17 @@ def flown(hours, aircraft=5):
 
 
 def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--long", action="store_true", help="the largest tables and pictures, too")
+    parser.add_argument("--clock", choices=("wall", "cpu"), default="wall", help="of these two")
+    options = parser.parse_args()
     positions()
     smoothed_tracks()
     trajectories()
     covariances()
-    for script in ("large_tables.py", "tracker_throughput.py"):
-        subprocess.run([sys.executable, str(Path(__file__).with_name(script))], check=True)
+    for script, sizes in LONG.items():
+        command = [sys.executable, str(Path(__file__).with_name(script)), "--clock", options.clock]
+        subprocess.run([*command, *(sizes if options.long else ())], check=True)
 
 
 if __name__ == "__main__":

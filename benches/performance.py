@@ -1,6 +1,7 @@
 """Everything that the pages cite, in one run, and the tables of `docs/performance.md` from it.
 
     python benches/performance.py              # ten minutes on two cores without other load
+    python benches/performance.py --long       # twenty: growth up to the largest sizes, as the page
     python benches/performance.py --steps kalman growth    # some of it; the page is not written
 
 Runs the comparisons with other libraries, Criterion's with the crate adskalman, pytest-benchmark's
@@ -35,8 +36,8 @@ SCENES = ("--clutter", "0", "50", "--radars", "1", "--aircraft", "4", "--encount
 TRACKERS = ("Tertia", "Stone Soup GNN", "Stone Soup JPDA", "norfair")
 
 
-def steps(folder):
-    """Commands by name."""
+def steps(folder, *, long):
+    """Commands by name, growth up to the largest sizes or not."""
     python = [sys.executable]
     found = {name: [*python, str(BENCHES / "peers" / f"{name}.py")] for name in PEERS}
     tracker = [*python, str(BENCHES / "peers" / "tracker.py"), *SCENES, "--trackers", *TRACKERS]
@@ -45,17 +46,17 @@ def steps(folder):
     found["calls"] = [*calls, f"--benchmark-json={folder / 'calls.json'}"]
     # without plots, which take longer than the runs
     found["criterion"] = ["cargo", "bench", "--bench", "kalman", "--", "one series", "--noplot"]
-    found["growth"] = [*python, str(BENCHES / "growth.py")]
+    found["growth"] = [*python, str(BENCHES / "growth.py"), *(["--long"] if long else [])]
     found["memory"] = [*python, str(BENCHES / "memory.py")]
     return found
 
 
-def run(names, folder):
+def run(names, folder, *, long):
     """Run steps; return everything kept, and the names of those that failed."""
     kept, failed = folder / "kept.jsonl", []
     kept.touch()
     environment = os.environ | {"TERTIA_BENCHES": str(kept)}
-    for name, command in steps(folder).items():
+    for name, command in steps(folder, long=long).items():
         if name not in names:
             continue
         start, cpu = time.perf_counter(), of_children()
@@ -136,10 +137,10 @@ def growth(found):
     for one in found:
         if "exponent" in one:
             pairs = zip(one["sizes"], one["costs"], strict=True)
-            each = ", ".join(f"{number(n)}: {number(cost)}" for n, cost in pairs)
+            each = ", ".join(f"{n:,}".removesuffix(".0") + f": {number(cost)}" for n, cost in pairs)
             law = f"{one['quantity']}^{one['exponent']:.2f}"
-            rows.append([one["work"], law, f"{each} {one['unit']}"])
-    return markdown(["work", "time grows as", "at"], rows)
+            rows.append([one["work"], law, f"{one['last']:.2f}", f"{each} {one['unit']}"])
+    return markdown(["work", "time grows as", "last two", "at"], rows)
 
 
 def memory(found):
@@ -175,10 +176,12 @@ TABLES = {
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     with tempfile.TemporaryDirectory() as folder:
-        every = list(steps(Path(folder)))
+        every = list(steps(Path(folder), long=False))
         parser.add_argument("--steps", nargs="+", choices=every, default=every)
-        chosen = parser.parse_args().steps
-        found, failed = run(chosen, Path(folder))
+        parser.add_argument("--long", action="store_true", help="growth up to the largest sizes")
+        options = parser.parse_args()
+        chosen = options.steps
+        found, failed = run(chosen, Path(folder), long=options.long)
     for name, table in TABLES.items():
         text = table(found)
         print(f"\n{text}", end="")

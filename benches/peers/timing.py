@@ -80,17 +80,22 @@ def report(title, best, unit="ns"):
 
 def report_growth(title, quantity, sizes, costs, unit="ns"):
     """Print and keep nanoseconds by size, and the exponent of their growth."""
-    _, exponent = fit_growth(np.asarray(sizes, dtype=float), np.asarray(costs))
+    sizes, costs = np.asarray(sizes), np.asarray(costs)
+    _, exponent = fit_growth(sizes, costs)
+    # small sizes cost little more than the call
+    _, last = fit_growth(sizes[-2:], costs[-2:])
     shown = [cost / UNITS[unit] for cost in costs]
     listed = ", ".join(f"{size:,}: {cost:.3g}" for size, cost in zip(sizes, shown, strict=True))
-    print(f"{title}: {quantity}^{exponent:.3f}; {unit} by {quantity}: {listed}", flush=True)
+    law = f"{quantity}^{exponent:.3f}, at the end ^{last:.3f}"
+    print(f"{title}: {law}; {unit} by {quantity}: {listed}", flush=True)
     keep(
         work=title,
         quantity=quantity,
-        sizes=list(map(int, sizes)),
+        sizes=sizes.tolist(),
         costs=shown,
         unit=unit,
         exponent=exponent,
+        last=last,
     )
 
 
