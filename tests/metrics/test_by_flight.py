@@ -7,7 +7,7 @@ import pytest
 import scipy.stats
 
 from tertia.metrics import Truth, indicators
-from tertia.metrics._by_flight import root_by_flight, share_by_flight, share_interval
+from tertia.metrics._by_flight import mean_by_flight, share_by_flight, share_interval
 
 
 def test_wilson_of_962_of_1000():
@@ -62,7 +62,7 @@ def test_intervals_hold_where_flights_differ(flights):
         cover["independent"].append(low <= 0.95 <= high)
         scale = random.gamma(4.0, 0.25, flights)
         squares = scale * random.chisquare(2 * counts) / 2
-        found = root_by_flight(squares, counts, 0.95, None)
+        found = mean_by_flight(squares, counts, 0.95, None, count=1, root=True)
         cover["root"].append(found.low <= 1.0 <= found.high)
     assert 0.90 < np.mean(cover["share"]) < 0.985
     assert 0.88 < np.mean(cover["root"]) < 0.985

@@ -1,16 +1,16 @@
 """The page of `tertia report` in a browser: it works, without network, wide and narrow."""
 
 import json
+import re
 import shutil
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import polars as pl
 import pytest
-from typer.testing import CliRunner
-
-from tertia import cli
+from terminal import run
 
 pytest.importorskip("plotly")
 pytest.importorskip("jinja2")
@@ -28,26 +28,24 @@ END = "return scrollY + innerHeight >= document.documentElement.scrollHeight - 2
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a page with every section."""
+    """Return a page with every section, of radars on the earth, with dates."""
     folder = tmp_path_factory.mktemp("scene")
     output = folder / "report.html"
-    command = ["simulate", str(folder), "--set-up", "tma", "--aircraft", "6", "--radar-count", "2"]
-    for arguments in (
-        [*command, "--duration", "300", "--station-count", "3"],
-        ["report", str(folder / "plots.csv"), "--output", str(output), "--by", "target"]
-        + [
-            part
-            for name, file in (
-                ("sensors", "sensors.toml"),
-                ("plans", "plans.json"),
-                ("truth", "truth.csv"),
-                ("bearings", "bearings.csv"),
-            )
-            for part in (f"--{name}", str(folder / file))
-        ],
-    ):
-        result = CliRunner().invoke(cli.app, arguments, catch_exceptions=False)
-        assert result.exit_code == 0, result.stderr
+    scene = ("--set-up", "tma", "--aircraft", 6, "--radar-count", 2, "--station-count", 3)
+    place = ("--origin", "50.1,14.26", "--duration", 300)
+    assert run("simulate", folder, *scene, *place).code == 0
+    files = {name: folder / f"{name}.csv" for name in ("plots", "truth", "bearings")}
+    for file in files.values():
+        frame = pl.read_csv(file, infer_schema_length=None)
+        time = pl.datetime(2026, 3, 1) + pl.duration(milliseconds=1000 * pl.col("time_s"))
+        text = time.dt.to_string("%Y-%m-%dT%H:%M:%S%.3fZ")
+        frame.with_columns(text.alias("time_s")).write_csv(file)
+    done = run(
+        *("report", files["plots"], "--output", output, "--by", "target"),
+        *("--sensors", folder / "sensors.toml", "--plans", folder / "plans.json"),
+        *("--truth", files["truth"], "--bearings", files["bearings"]),
+    )
+    assert done.code == 0, done.err
     return output
 
 
@@ -127,8 +125,8 @@ def test_a_page_of_bearings_alone(browser: Any, page: Path) -> None:
     alone = page.with_name("bearings.html")
     files = ["--sensors", str(page.with_name("sensors.toml"))]
     files += ["--bearings", str(page.with_name("bearings.csv")), "--by", "target"]
-    done = CliRunner().invoke(cli.app, ["report", *files, "--output", str(alone)])
-    assert done.exit_code == 0, done.stderr
+    done = run("report", *files, "--output", alone)
+    assert done.code == 0, done.err
     for log in ("browser", "performance"):
         browser.get_log(log)
     visit(browser, alone)
@@ -170,16 +168,16 @@ def test_nothing_is_cut_off(opened: Any) -> None:
 
 def test_every_control(opened: Any) -> None:
     """Sections, play, slider, ellipses, legends and the theme do what they say."""
-    run = opened.execute_script
+    script = opened.execute_script
     for link in opened.find_elements("css selector", "nav a"):
         link.click()
         name = link.get_attribute("href").split("#")[1]
         top = f"return document.getElementById('{name}').getBoundingClientRect().top"
-        until(lambda top=top: -1 <= run(top) < 80 or run(END), f"{name} is not shown")
+        until(lambda top=top: -1 <= script(top) < 80 or script(END), f"{name} is not shown")
 
     play = opened.find_element("id", "play")
     # so slow that the end does not come meanwhile, however busy the machine is
-    run("document.getElementById('speed').value = 1")
+    script("document.getElementById('speed').value = 1")
     before = slider(opened)
     click(opened, play)
     until(lambda: slider(opened) > before, "time stands still")
@@ -195,26 +193,26 @@ def test_every_control(opened: Any) -> None:
     # HOME and END
     handle.send_keys("\ue011")
     clock = "return document.getElementById('clock').value"
-    until(lambda: run(clock).startswith("0 of"), "time does not go back")
-    until(lambda: run(shown) == 0, "somebody has a track at the beginning")
+    until(lambda: script(clock) < "00:01:00", "time does not go back")
+    until(lambda: script(shown) == 0, "somebody has a track at the beginning")
     handle.send_keys("\ue010")
-    until(lambda: run(shown) > 0, "nobody has a track at the end")
+    until(lambda: script(shown) > 0, "nobody has a track at the end")
 
     width = (
-        "const x = document.getElementById('figure-map').data.at(-3).x.slice(0, 25);"
+        "const x = document.getElementById('figure-map').data.at(-4).x.slice(0, 25);"
         "return Math.max(...x) - Math.min(...x)"
     )
-    small = run(width)
-    run(
+    small = script(width)
+    script(
         "const f = document.getElementById('factor'); f.selectedIndex = f.options.length - 1;"
         "f.dispatchEvent(new Event('change'))"
     )
-    until(lambda: run(width) > 1.5 * small, "ellipses do not grow")
+    until(lambda: script(width) > 1.5 * small, "ellipses do not grow")
 
     colour = "return getComputedStyle(document.body).backgroundColor"
-    light = run(colour)
+    light = script(colour)
     click(opened, opened.find_element("id", "theme"))
-    assert run(colour) != light
+    assert script(colour) != light
 
 
 def test_legends(opened: Any) -> None:
@@ -235,3 +233,42 @@ def test_legends(opened: Any) -> None:
         ),
         "a legend does nothing",
     )
+
+
+def test_times_are_those_of_the_day(opened: Any) -> None:
+    """Seconds since midnight are dates on all axes of time, and none is on others."""
+    axes = opened.execute_script(
+        "return [...document.querySelectorAll('.plot')]"
+        ".map((p) => [p.layout.xaxis.title.text, p._fullLayout.xaxis.type, p.data.length])"
+    )
+    assert {kind for title, kind, _ in axes if title == "time (UTC)"} == {"date"}
+    assert sum(title == "time (UTC)" for title, *_ in axes) >= 6
+    assert {kind for title, kind, _ in axes if title != "time (UTC)"} == {"linear"}
+    first = opened.execute_script(
+        "return new Date(document.getElementById('figure-updates').data[0].x[0]).toISOString()"
+    )
+    assert first.startswith("2026-03-01T00:0")
+
+
+def test_the_map_has_degrees_and_distances(opened: Any) -> None:
+    texts = opened.execute_script(
+        "return [...document.querySelectorAll('#figure-map .textpoint text')]"
+        ".map((t) => t.textContent)"
+    )
+    for pattern in (r"\d+(\.\d+)?° N", r"\d+(\.\d+)?° E", r"\d+ km", "radar-1"):
+        assert any(re.fullmatch(pattern, text) for text in texts), (pattern, texts)
+
+
+def test_tables_are_files(opened: Any, tmp_path: Path) -> None:
+    """Each table is downloaded by its link, without a network, with all its rows."""
+    behaviour = {"behavior": "allow", "downloadPath": str(tmp_path)}
+    opened.execute_cdp_cmd("Browser.setDownloadBehavior", behaviour)
+    tables = opened.find_elements("css selector", ".scroll")
+    assert len(tables) >= 8
+    for table in tables:
+        name = table.get_attribute("id")
+        click(opened, opened.find_element("css selector", f"#{name}-note a"))
+        file = tmp_path / f"{name}.csv"
+        until(file.exists, f"{name} is not downloaded")
+        rows = table.find_elements("css selector", "tbody tr")
+        assert len(pl.read_csv(file, infer_schema_length=None)) == len(rows)

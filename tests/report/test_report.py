@@ -1,9 +1,11 @@
 """The report: its page, its summary and its command."""
 
+import io
 import json
 import re
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import polars as pl
@@ -102,7 +104,7 @@ def test_figures_are_those_of_evaluate(scene: Path, summary: dict[str, Any]) -> 
         assert page[row["figure"]] == pytest.approx(row["value"], rel=1e-9), row["figure"]
     rows = summary["requirements"]
     own = {row["figure"]: row for row in rows if row["tracks"] == "all radars together"}
-    assert len(own) == 10
+    assert len(own) == 13
     for figure, row in own.items():
         assert row["value"] == page[figure]
         assert row["low"] is None or row["low"] <= row["value"]
@@ -168,7 +170,7 @@ def test_dates_and_hostile_names(tmp_path: Path) -> None:
     options = ("--sensors", tmp_path / "radars.toml", "--output", tmp_path / "page.html")
     assert run("report", tmp_path / "plots.csv", *options).code == 0
     html = (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert "time (s since 2024-05-01 00:00)" in html
+    assert '"title":"time (as recorded)","zero":1714521600000.0' in html
     assert name not in html
     assert "&lt;/script&gt;&lt;b&gt;&amp;" in html
 
@@ -285,6 +287,66 @@ def test_what_has_one_name_has_one_value(summary: dict[str, Any]) -> None:
     text = next(one for one in summary["findings"] if one.startswith("All radars together"))
     (rmse,) = found["all radars together", "RMSE"]
     assert f"RMSE {float(rmse):.3g} m" in text
+
+
+def test_tables_can_be_taken_as_csv(summary: dict[str, Any], scene: Path) -> None:
+    """Each table has its link, whose values are those of the summary, and not computed again."""
+    html = (scene / "page.html").read_text(encoding="utf-8")
+    found = {
+        name: pl.read_csv(io.StringIO(unquote(text)), infer_schema_length=None)
+        for name, text in re.findall(
+            r'<a download="([a-z-]+)\.csv" href="data:text/csv;charset=utf-8,([^"]*)"', html
+        )
+    }
+    assert found.keys() == set(re.findall(r'tabindex="0" id="([a-z-]+)"', html))
+    emitters = [{k: v for k, v in row.items() if k != "bearings"} for row in summary["emitters"]]
+    bearings = [
+        {"emitter": row["emitter"]} | one for row in summary["emitters"] for one in row["bearings"]
+    ]
+    tables = {
+        "radar-table": summary["radars"],
+        "fusion-table": summary["fusion"],
+        "requirement-table": summary["requirements"],
+        "evaluation-table": summary["evaluation"],
+        "audit-table": summary["audit"],
+        "plan-table": summary["conformance"],
+        "emitter-table": emitters,
+        "bearing-table": bearings,
+    }
+    for name, rows in tables.items():
+        assert found.pop(name).equals(as_read(rows)), name
+    [(name, tracks)] = found.items()
+    assert (name, len(tracks)) == ("track-table", summary["tracks"])
+
+
+def as_read(rows: list[dict[str, Any]]) -> pl.DataFrame:
+    """Return rows as if they had been written and read; an empty text is read as nothing."""
+    frame = pl.DataFrame(rows, infer_schema_length=None).with_columns(
+        pl.col(pl.String).replace("", None)
+    )
+    return pl.read_csv(frame.write_csv().encode(), infer_schema_length=None)
+
+
+def test_bearings_have_the_time_scale_of_the_plots(scene: Path, tmp_path: Path) -> None:
+    """Dates of both are from the same midnight, and dates do not go with seconds."""
+    for name in ("plots", "bearings"):
+        frame = pl.read_csv(scene / f"{name}.csv", infer_schema_length=None).head(3000)
+        time = pl.datetime(2024, 5, 1, 6) + pl.duration(milliseconds=1000 * pl.col("time_s"))
+        frame.with_columns(time.dt.to_string("%Y-%m-%dT%H:%M:%S%.3fZ").alias("time_s")).write_csv(
+            tmp_path / f"{name}.csv"
+        )
+    command = ("report", tmp_path / "plots.csv", "--sensors", scene / "sensors.toml")
+    command += ("--by", "target", "--output", tmp_path / "page.html", "--bearings")
+    assert run(*command, tmp_path / "bearings.csv").code == 0
+    html = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert '"title":"time (UTC)","zero":1714521600000.0' in html
+    charts = json.loads(re.findall(r"^const charts = (.*);$", html, re.MULTILINE)[0])
+    for name in ("updates", *(one for one in charts if one.startswith("bearings-"))):
+        time = [x for trace in charts[name]["data"] for x in trace["x"] if x is not None]
+        assert 6 * 3600 <= min(time) < max(time) < 6.2 * 3600, name
+    done = run(*command, scene / "bearings.csv")
+    assert done.code != 0
+    assert "must both be dates, or both be seconds" in done.err
 
 
 def test_the_page_tells_which_radar_is_bad_and_how(summary: dict[str, Any], scene: Path) -> None:

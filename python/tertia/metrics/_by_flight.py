@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import statistics
+
 import numpy as np
 
 from tertia import _core
-from tertia._arrays import FloatArray
+from tertia._arrays import FloatArray, IntArray
 from tertia.metrics._indicator import Indicator
 
 # how much less than independent values a record is worth where it shows nothing of that
-_USUAL_EFFECT = 4.0
+USUAL_EFFECT = 4.0
 _RESAMPLED, _AT_ONCE = 2000, 100
 
 
@@ -27,7 +29,7 @@ def share_by_flight(
     if not total:
         return Indicator(np.nan, np.nan, np.nan, 0, 0.0, "")
     share = float(hits.sum()) / total
-    number, freedom = total / _USUAL_EFFECT, np.inf
+    number, freedom = total / USUAL_EFFECT, np.inf
     if flights > 1 and 0.0 < share < 1.0:
         by_flight = flights / (flights - 1) * np.sum((hits - share * counts) ** 2) / total**2
         effect = max(1.0, float(by_flight) / (share * (1.0 - share) / total))
@@ -54,26 +56,79 @@ def share_interval(
     return low, high
 
 
-def root_by_flight(
-    squares: FloatArray, counts: FloatArray, level: float, limit: float | None
+def mean_by_flight(
+    totals: FloatArray,
+    weights: FloatArray,
+    level: float,
+    limit: float | None,
+    *,
+    count: int,
+    root: bool = False,
 ) -> Indicator:
-    """Return the root of the mean square of flights, with percentiles of resampled flights."""
-    squares, counts = squares[counts > 0], counts[counts > 0]
-    total, flights = float(counts.sum()), len(counts)
-    if not total:
+    """Return the mean of flights or its root, with percentiles of resampled flights."""
+    totals, weights = totals[weights > 0], weights[weights > 0]
+    flights, of = len(weights), np.sqrt if root else np.positive
+    if not flights:
         return Indicator(np.nan, np.nan, np.nan, 0, 0.0, "")
-    root = float(np.sqrt(squares.sum() / total))
+    value = float(of(totals.sum() / weights.sum()))
     low, high = 0.0, np.inf
     if flights > 1:
         rng = np.random.default_rng(0)
-        roots = []
+        values = []
         for _ in range(_RESAMPLED // _AT_ONCE):
             chosen = rng.integers(flights, size=(_AT_ONCE, flights))
-            roots.append(np.sqrt(squares[chosen].sum(axis=1) / counts[chosen].sum(axis=1)))
+            values.append(of(totals[chosen].sum(axis=1) / weights[chosen].sum(axis=1)))
         outside = 0.5 * (1.0 - level)
-        low, high = np.quantile(np.concatenate(roots), [outside, 1.0 - outside]).tolist()
+        low, high = np.quantile(np.concatenate(values), [outside, 1.0 - outside]).tolist()
     verdict = _verdict(low, high, limit, least=False)
-    return Indicator(root, low, high, int(total), float(flights), verdict)
+    return Indicator(value, low, high, count, float(flights), verdict)
+
+
+def root_by_pair(
+    pairs: tuple[IntArray, IntArray], squares: FloatArray, level: float, limit: float | None
+) -> Indicator:
+    """Return the root mean square of pairs of flights, each of which may be in many pairs.
+
+    Its variance is the jackknife's, which leaves out one flight at a time with all of its pairs;
+    the interval is that of the logarithm. It is unbounded if one flight is in all pairs.
+    """
+    number = len(squares)
+    if not number:
+        return Indicator(np.nan, np.nan, np.nan, 0, 0.0, "")
+    both, pair = np.unique(np.stack(pairs, axis=1), axis=0, return_inverse=True)
+    total, count = np.bincount(pair.ravel(), squares), np.bincount(pair.ravel())
+    flights, which = np.unique(both, return_inverse=True)
+    left = number - np.bincount(which.ravel(), np.repeat(count, 2))
+    root, low, high = float(np.sqrt(np.mean(squares))), 0.0, np.inf
+    if np.all(left > 0):
+        without = total.sum() - np.bincount(which.ravel(), np.repeat(total, 2))
+        roots = np.sqrt(np.maximum(without, 0.0) / left)
+        spread = float(np.sqrt((len(flights) - 1) * np.var(roots)))
+        z = statistics.NormalDist().inv_cdf(0.5 + 0.5 * level)
+        share = z * spread / root if root else 0.0
+        low, high = (root * float(np.exp(sign * share)) for sign in (-1.0, 1.0))
+    verdict = _verdict(low, high, limit, least=False)
+    return Indicator(root, low, high, number, float(len(both)), verdict)
+
+
+def rate(
+    count: int, exposure: float, level: float, limit: float | None, *, effect: float = 1.0
+) -> Indicator:
+    """Return a number per exposure, with Byar's approximation of the exact Poisson interval.
+
+    `effect` is the variance of the number over that of independent events.
+    """
+    if not exposure:
+        return Indicator(np.nan, np.nan, np.nan, count, count / effect, "")
+    z, number = statistics.NormalDist().inv_cdf(0.5 + 0.5 * level), count / effect
+    low, high = (
+        effect / exposure * n * (1.0 - 1.0 / (9.0 * n) + sign * z / (3.0 * n**0.5)) ** 3
+        if n
+        else 0.0
+        for n, sign in ((number, -1.0), (number + 1.0, 1.0))
+    )
+    verdict = _verdict(low, high, limit, least=False)
+    return Indicator(count / exposure, low, high, count, number, verdict)
 
 
 def _verdict(low: float, high: float, limit: float | None, *, least: bool) -> str:

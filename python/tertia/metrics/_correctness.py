@@ -1,19 +1,18 @@
-"""Runs of large errors, and heights and identities of tracks, versus truth."""
+"""Runs of large errors, heights and identities of tracks, and false updates, versus truth."""
 
 from __future__ import annotations
-
-import statistics
 
 import numpy as np
 
 from tertia._arrays import BoolArray, FloatArray, IntArray
-from tertia._units import FOOT
-from tertia.metrics._indicator import Indicator
+from tertia._units import FOOT, NAUTICAL_MILE
 from tertia.metrics._matching import Matching, Tracks
 from tertia.metrics._truth import Truth
 
 # a height that is farther off is wrong; half a nautical mile is a large error
 HEIGHT_TOLERANCE, LARGE_ERROR = 300.0 * FOOT, 926.0
+# side of a square of 900 NM²
+_SIDE = 30.0 * NAUTICAL_MILE
 # large errors one after the other that make a run
 _RUN = 3
 
@@ -59,15 +58,17 @@ def with_any(truth: Truth, known: BoolArray | None) -> BoolArray:
     return found
 
 
-def rate(count: int, hours: float, level: float, limit: float | None) -> Indicator:
-    """Return a number per hour, with Byar's approximation of the exact Poisson interval."""
-    z = statistics.NormalDist().inv_cdf(0.5 + 0.5 * level)
-    ends = [
-        n * (1.0 - 1.0 / (9.0 * n) + sign * z / (3.0 * n**0.5)) ** 3 if n else 0.0
-        for n, sign in ((count, -1.0), (count + 1, 1.0))
-    ]
-    low, high = (end / hours if hours else np.nan for end in ends)
-    verdict = ""
-    if limit is not None and hours:
-        verdict = "met" if high <= limit else "not met" if low > limit else "not shown"
-    return Indicator(count / hours if hours else np.nan, low, high, count, float(count), verdict)
+def squares_of(positions: FloatArray) -> int:
+    """Return the number of squares of 900 NM² with a position, from the south-western corner on."""
+    square = np.floor((positions[:, :2] - positions[:, :2].min(axis=0)) / _SIDE)
+    return len(np.unique(square, axis=0))
+
+
+def clumping(track: IntArray, usual: float) -> float:
+    """Return the variance of a number of false updates over that of independent ones.
+
+    They come as tracks: with n updates each the variance is Σn², and not Σn. Without any it is the
+    usual one.
+    """
+    counts = np.unique(track, return_counts=True)[1]
+    return float(np.sum(counts**2) / np.sum(counts)) if len(counts) else usual

@@ -23,6 +23,8 @@ MOST_NEES = 5.991464547107979
 REQUIRED = {
     "probability_of_update": ("probability of update", ""),
     "long_gap_ratio": ("share missed in long gaps", ""),
+    "data_age": ("age of the data, mean", "s"),
+    "pair_time_offset": ("time between updates of close targets, RMS", "s"),
     "rmse": ("RMSE", "m"),
     "large_error_ratio": ("share in runs of large errors", ""),
     "probability_of_height_update": ("probability of update, right height", ""),
@@ -31,6 +33,7 @@ REQUIRED = {
     "wrong_identity_ratio": ("share of wrong identities", ""),
     "continuity": ("share of targets with one track", ""),
     "false_tracks_per_hour": ("false tracks per hour", "/h"),
+    "false_update_density": ("false updates in 450 intervals", "/900 NM²"),
 }
 PARTS = ("GOSPA", "localisation", "missed", "false")
 
@@ -199,7 +202,7 @@ def requirements(
         for key, (name, unit) in REQUIRED.items()
     ]
     # without heights or identities nothing is said of them, unless it is required
-    return [row for row in rows if row[1].count or row[2] is not None or row[3] == "/h"]
+    return [row for row in rows if row[1].count or row[2] is not None or row[3].startswith("/")]
 
 
 def _or_none(of: Callable[[Any], Any], values: FloatArray | BoolArray) -> float | None:

@@ -54,8 +54,8 @@ def digits(value: float) -> str:
 
 def text(value: float, low: float, high: float) -> tuple[str, str]:
     """Return a figure and its interval, to about a quarter of the interval's length."""
-    # a bound of such a size says nothing
-    bounded = high <= _MOST_RATIO * max(abs(value), abs(low))
+    # a bound of such a size says nothing, unless nothing was found
+    bounded = high <= _MOST_RATIO * max(abs(value), abs(low)) or (value == 0 and high < math.inf)
     length = high - low if bounded else abs(value)
     places = 2
     if 0 < length < math.inf:

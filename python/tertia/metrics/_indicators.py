@@ -17,17 +17,25 @@ from tertia._arrays import (
     real,
 )
 from tertia._result import Result
-from tertia.metrics._by_flight import root_by_flight, share_by_flight
+from tertia.metrics._by_flight import (
+    USUAL_EFFECT,
+    mean_by_flight,
+    rate,
+    root_by_pair,
+    share_by_flight,
+)
 from tertia.metrics._correctness import (
     LARGE_ERROR,
+    clumping,
     heights,
     identities,
     in_runs,
-    rate,
+    squares_of,
     with_any,
 )
 from tertia.metrics._indicator import Indicator
 from tertia.metrics._matching import Matching, Tracks, match_tracks
+from tertia.metrics._timing import ages, offsets
 from tertia.metrics._truth import Truth
 
 # a gap is long beyond three update intervals and a tenth
@@ -36,6 +44,8 @@ LONG_GAP = 3.3
 LIMITED = {
     "probability_of_update": True,
     "long_gap_ratio": False,
+    "data_age": False,
+    "pair_time_offset": False,
     "rmse": False,
     "large_error_ratio": False,
     "probability_of_height_update": True,
@@ -44,7 +54,10 @@ LIMITED = {
     "wrong_identity_ratio": False,
     "continuity": True,
     "false_tracks_per_hour": False,
+    "false_update_density": False,
 }
+# intervals to which the density of false updates refers: an hour of 8 s each
+_INTERVALS = 450
 _NONE = -1
 # share of an interval by which an update may be late
 TOLERANCE = 0.1
@@ -72,6 +85,10 @@ class Indicators(Result):
         Number of track swaps: a target continues under another track.
     latency : ndarray of shape (K,)
         Seconds from the first time of a target to its first update; nan where it has none.
+    data_age : Indicator
+        Mean age in seconds of the last update, while a target is followed.
+    pair_time_offset : Indicator
+        Root mean square time in seconds between the updates of two close targets.
     rmse : Indicator
         Root mean square distance of the updates from their targets, in metres.
     large_error_ratio : Indicator
@@ -85,6 +102,8 @@ class Indicators(Result):
         Fraction of the targets with a track that kept its number.
     false_tracks_per_hour : Indicator
         False tracks per hour of the recording.
+    false_update_density : Indicator
+        False updates per 900 square nautical miles and 450 update intervals.
     matching : Matching
         Target of each update; the order of targets is that of `matching.targets`.
     """
@@ -98,6 +117,8 @@ class Indicators(Result):
     missed_targets: int
     switches: int
     latency: FloatArray
+    data_age: Indicator
+    pair_time_offset: Indicator
     rmse: Indicator
     large_error_ratio: Indicator
     probability_of_height_update: Indicator
@@ -106,6 +127,7 @@ class Indicators(Result):
     wrong_identity_ratio: Indicator
     continuity: Indicator
     false_tracks_per_hour: Indicator
+    false_update_density: Indicator
     matching: Matching
 
     def __repr__(self) -> str:
@@ -174,12 +196,20 @@ def indicators(
     matter since two such targets seem apart that are not. What a height or an identity is probable
     to be updated with is counted as positions are, from the first right one on.
 
+    The age grows from zero at an update until the next, so that its mean over time is half the
+    interval where all is regular. Gaps longer than 3.3 intervals are not in it: they are long gaps.
+    Targets are close within 10 nautical miles; each update of one is compared with the nearest of
+    the other, if there is one within half an interval. For the density the area is that of the
+    squares of 30 nautical miles in which anything is or is shown.
+
     Updates of one flight are not independent, so intervals are by flight. Shares have Wilson's
     (1927), with the number of updates divided by the design effect, the variance by flight over
     that of independent updates (Kish 1965), and quantiles of Student's distribution. Where all or
     none took place, or there is one flight only, the design effect is taken to be 4. The root mean
-    square has percentiles of 2000 samples of the flights; that of one flight is unbounded. False
-    tracks per hour have Byar's approximation of the Poisson interval.
+    square and the mean age have percentiles of 2000 samples of the flights; those of one flight are
+    unbounded. Offsets of pairs that share a flight are correlated: their variance is the
+    jackknife's by flight. False tracks per hour have Byar's approximation of the Poisson interval,
+    and so has the density, of fewer updates, since those of one track come together.
 
     Examples
     --------
@@ -209,6 +239,9 @@ missed, 0 switches, RMSE 0 m)
     squares = np.sum(matching.error[matching.matched] ** 2, axis=-1)
     flights = len(truth)
 
+    def total(flight: IntArray, values: FloatArray | None = None) -> FloatArray:
+        return np.bincount(flight, values, minlength=flights).astype(np.float64)
+
     def share(name: str, hits: IntArray | FloatArray, counts: IntArray | FloatArray) -> Indicator:
         values = hits.astype(np.float64), counts.astype(np.float64)
         return share_by_flight(*values, level, required.get(name), least=LIMITED[name])
@@ -229,22 +262,39 @@ missed, 0 switches, RMSE 0 m)
     has_identity = with_any(truth, truth.identity >= 0 if truth.identity is not None else None)
     has_height &= bool(height.any())
     has_identity &= bool(identity.any())
-    hours = float(np.ptp(truth.time)) / 3600.0
+    duration = float(np.ptp(truth.time))
+    position = np.asarray(tracks.position, dtype=np.float64)
+    aged, gap = ages(of, times, LONG_GAP * interval)
+    one, other, off = offsets(matching, times, position, interval)
+    area = squares_of(np.concatenate([truth.position, position]))
+    idle = ~matching.matched
     return Indicators(
         probability_of_update=share("probability_of_update", expected - missed, expected),
         long_gap_ratio=share("long_gap_ratio", long, expected),
         expected_updates=expected,
         missed_updates=missed,
-        false_updates=int(np.count_nonzero(~matching.matched)),
+        false_updates=int(np.count_nonzero(idle)),
         false_tracks=false_tracks,
         missed_targets=int(np.count_nonzero(~seen)),
         switches=int(matching.switches.sum()),
         latency=first - truth.first,
-        rmse=root_by_flight(
-            np.bincount(of[matching.matched], squares, minlength=flights).astype(float),
-            np.bincount(of[matching.matched], minlength=flights).astype(float),
+        data_age=mean_by_flight(
+            total(aged, gap**2 / 2),
+            total(aged, gap),
+            level,
+            required.get("data_age"),
+            count=len(gap),
+        ),
+        pair_time_offset=root_by_pair(
+            (one, other), off**2, level, required.get("pair_time_offset")
+        ),
+        rmse=mean_by_flight(
+            total(of[matching.matched], squares),
+            total(of[matching.matched]),
             level,
             required.get("rmse"),
+            count=len(squares),
+            root=True,
         ),
         large_error_ratio=ratio("large_error_ratio", runs, matching.matched),
         probability_of_height_update=updates(
@@ -257,7 +307,14 @@ missed, 0 switches, RMSE 0 m)
         wrong_identity_ratio=ratio("wrong_identity_ratio", identity & ~identity_right, identity),
         continuity=share("continuity", seen & (matching.switches == 0), seen),
         false_tracks_per_hour=rate(
-            false_tracks, hours, level, required.get("false_tracks_per_hour")
+            false_tracks, duration / 3600.0, level, required.get("false_tracks_per_hour")
+        ),
+        false_update_density=rate(
+            int(np.count_nonzero(idle)),
+            area * duration / (_INTERVALS * interval),
+            level,
+            required.get("false_update_density"),
+            effect=clumping(track[idle], USUAL_EFFECT),
         ),
         matching=matching,
     )

@@ -105,19 +105,20 @@ def _emitter_table(finders: Finders) -> Table:
         "Positions from the bearings of all direction finders, each with the sigma estimated from "
         "its record. A small p-value means that a bearing or a sigma is wrong."
     )
-    return table("emitter-table", caption, columns, rows)
+    values = [
+        {name: value for name, value in row.items() if name != "bearings"}
+        for row in emitter_rows(finders)
+    ]
+    return table("emitter-table", caption, columns, rows, values)
 
 
 def _bearing_table(finders: Finders) -> Table:
-    rows = [
-        one
-        | {
-            "emitter": row["emitter"],
-            "bearing": plus_minus(one["bearing_deg"], one["sigma_deg"]),
-        }
+    values = [
+        {"emitter": row["emitter"], **one}
         for row in emitter_rows(finders)
         for one in row["bearings"]
     ]
+    rows = [one | {"bearing": plus_minus(one["bearing_deg"], one["sigma_deg"])} for one in values]
     columns = {
         "emitter": "emitter",
         "station": "finder",
@@ -125,7 +126,7 @@ def _bearing_table(finders: Finders) -> Table:
         "count": "measured",
         "outliers": "outliers",
     }
-    return table("bearing-table", "Bearings by the default, robust method.", columns, rows)
+    return table("bearing-table", "Bearings by the default, robust method.", columns, rows, values)
 
 
 def finder_panels(finders: Finders, time: str) -> list[Panel]:

@@ -9,6 +9,7 @@ import numpy as np
 from tertia._arrays import FloatArray, IntArray
 from tertia.report._analysis import Analysis
 from tertia.report._figures import COLOURS, GREY, joined, line, numbers, plane, triangles
+from tertia.report._grid import grid
 from tertia.tracker import TrackTable
 
 # rows of tracks, plots and positions of the truth in a page at most
@@ -26,7 +27,8 @@ def map_of(analysis: Analysis) -> dict[str, Any]:
     """Return the data and layout of the map, and the data of the player."""
     joint, own = analysis.joint, analysis.joint[analysis.joint.confirmed]
     rows = _thinned(own)
-    data: list[dict[str, Any]] = [_plots(analysis)]
+    low, high = _corners(analysis, own)
+    data: list[dict[str, Any]] = [*grid(analysis.radars, low, high), _plots(analysis)]
     if analysis.plans:
         data.append(_plans(analysis))
     if analysis.truth is not None:
@@ -45,13 +47,8 @@ def map_of(analysis: Analysis) -> dict[str, Any]:
     known = analysis.plots.time[np.isfinite(analysis.plots.time)]
     first, last = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
     layout = plane()
-    places = np.array([radar.position[:2] for radar in analysis.radars])
-    # clutter may be farther away
-    seen = np.concatenate([own.position, places]) / 1e3
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    room = _ROOM * max(float(np.max(high - low)), 1.0)
-    for axis, first_one, last_one in zip(("xaxis", "yaxis"), low - room, high + room, strict=True):
-        layout[axis]["range"] = [float(first_one), float(last_one)]
+    for axis, *ends in zip(("xaxis", "yaxis"), low.tolist(), high.tolist(), strict=True):
+        layout[axis]["range"] = ends
     return {
         "data": data,
         "layout": layout,
@@ -66,6 +63,15 @@ def map_of(analysis: Analysis) -> dict[str, Any]:
             "factor": factor,
         },
     }
+
+
+def _corners(analysis: Analysis, table: TrackTable) -> tuple[FloatArray, FloatArray]:
+    """Return the corners of the map in kilometres; clutter may be farther away."""
+    places = np.array([radar.position[:2] for radar in analysis.radars])
+    seen = np.concatenate([table.position, places]) / 1e3
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    room = _ROOM * max(float(np.max(high - low)), 1.0)
+    return low - room, high + room
 
 
 def _thinned(table: TrackTable) -> list[IntArray]:

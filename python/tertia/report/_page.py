@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
+from datetime import datetime, timezone
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
@@ -37,10 +38,14 @@ def page(
     finders: Finders,
     numbers: dict[str, Any],
     title: str,
-    since: str | None,
+    since: datetime | None,
 ) -> str:
     """Return the page as HTML."""
-    time = "time (s)" if since is None else f"time (s since {since})"
+    time, zero = "time (s)", None
+    if since is not None:
+        time = "time (as recorded)" if since.tzinfo is None else "time (UTC)"
+        # the page shows dates without a zone
+        zero = 1e3 * (since if since.tzinfo else since.replace(tzinfo=timezone.utc)).timestamp()
     sections = [] if analysis is None else _radar_sections(analysis, time)
     heard = Section(
         "finders", "Direction finders", finder_panels(finders, time), finder_tables(finders)
@@ -66,6 +71,7 @@ def page(
         # the library itself
         plotly=Markup(get_plotlyjs()),
         charts=_script(charts),
+        time=_script({"title": time, "zero": zero}),
         map=None if analysis is None else _script(_map.map_of(analysis)),
     )
 

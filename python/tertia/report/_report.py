@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -74,7 +75,7 @@ def make(
     update_interval: float | None = None,
     limits: Mapping[str, float] | None = None,
     title: str = "Tracks",
-    since: str | None = None,
+    since: datetime | None = None,
     progress: Callable[[str, float], None] | None = None,
     **options: Any,
 ) -> Report:
@@ -111,8 +112,9 @@ def make(
         are met.
     title : str
         The title of the page.
-    since : str, optional
-        Date and time at which the time scale is zero, as text.
+    since : datetime.datetime, optional
+        Date and time at which the time scale is zero: axes then show times of day, in UTC if it has
+        a time zone.
     progress : callable, optional
         Called before each step with its name and the fraction completed, 0 to 1.
     **options

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import csv
+import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +22,12 @@ from tertia.report._analysis import (
     Analysis,
     within,
 )
-from tertia.report._requirements import CAPTION, COLUMNS, requirement_cells
+from tertia.report._requirements import (
+    CAPTION,
+    COLUMNS,
+    requirement_cells,
+    requirement_rows,
+)
 
 Row = dict[str, Any]
 # rows of a table in a page at most
@@ -31,13 +39,14 @@ KINDS = ("range", "m", " m"), ("azimuth", "deg", "°")
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table: its name, caption, columns, and rows of text."""
+    """A table: its name, caption, columns, and rows of text; all its values as CSV."""
 
     name: str
     caption: str
     columns: list[str]
     rows: list[list[str]]
-    more: int = 0
+    more: int
+    csv: str
 
 
 def text(value: object) -> str:
@@ -256,10 +265,30 @@ def tables(analysis: Analysis) -> dict[str, list[Table]]:
     }
 
 
-def table(name: str, caption: str, columns: dict[str, str], rows: list[Row]) -> Table:
-    """Return a table of the columns by their titles, without the rows beyond `ROWS`."""
+def table(
+    name: str,
+    caption: str,
+    columns: dict[str, str],
+    rows: list[Row],
+    values: Sequence[Row] | None = None,
+) -> Table:
+    """Return a table of the columns by their titles, without the rows beyond `ROWS`.
+
+    `values` are the rows of the summary where those of the table have texts.
+    """
     cells = [[text(row.get(key)) for key in columns] for row in rows[:ROWS]]
-    return Table(name, caption, list(columns.values()), cells, max(0, len(rows) - ROWS))
+    more = max(0, len(rows) - ROWS)
+    return Table(name, caption, list(columns.values()), cells, more, _csv(values or rows))
+
+
+def _csv(rows: Sequence[Row]) -> str:
+    """Return all rows, in full precision."""
+    file = io.StringIO()
+    names = dict.fromkeys(name for row in rows for name in row)
+    writer = csv.DictWriter(file, list(names), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return file.getvalue()
 
 
 def _radar_table(analysis: Analysis) -> Table:
@@ -296,7 +325,7 @@ def _radar_table(analysis: Analysis) -> Table:
         "from targets that several radars see (– where the plots do not determine them). "
         "Normalised squared innovations are 1 per axis where noise and motion are as stated."
     )
-    return table("radar-table", caption, columns, rows)
+    return table("radar-table", caption, columns, rows, radar_rows(analysis))
 
 
 def reference_rows(analysis: Analysis) -> list[Row]:
@@ -350,7 +379,8 @@ def _fusion_table(analysis: Analysis) -> Table:
 
 
 def _requirement_table(analysis: Analysis) -> Table:
-    return table("requirement-table", CAPTION, COLUMNS, requirement_cells(analysis))
+    cells, values = requirement_cells(analysis), requirement_rows(analysis)
+    return table("requirement-table", CAPTION, COLUMNS, cells, values)
 
 
 def _evaluation_table(analysis: Analysis) -> Table:
@@ -386,7 +416,7 @@ def _audit_table(analysis: Analysis) -> Table:
         "Errors versus stated covariances, with intervals of 95 % that allow for time-correlated "
         "errors: the updates are worth fewer independent ones. The factors are those of sigmas."
     )
-    return table("audit-table", caption, columns, rows)
+    return table("audit-table", caption, columns, rows, audit_rows(analysis))
 
 
 def _plan_table(analysis: Analysis) -> Table:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -90,21 +91,26 @@ def report(
         fail("give files of plots, or --bearings", WRONG_USAGE)
     if not files and (plans is not None or truth is not None):
         fail("--plans and --truth are for plots: give files of plots", WRONG_USAGE)
-    heard = _heard(bearings, sensors, by or [])
-    given: dict[str, Any] = {"since": heard.pop("since")}
+    given: dict[str, Any] = {}
+    clock: Clock | None = None
     if files:
         names = column_names(column)
         place = pair(origin, "--origin", float)
-        given = _seen(files, sensors, plans=plans, truth=truth, place=place, flat=flat, names=names)
-        if clock_period is not None and given["since"] is not None:
+        given, clock = _seen(
+            files, sensors, plans=plans, truth=truth, place=place, flat=flat, names=names
+        )
+        if clock_period is not None and clock.dated:
             raise ValueError("clock_period is for seconds; these plots have dates")
         given |= {"motion": motion, "clock_period": clock_period, "limits": read_limits(limits)}
         given |= {"max_distance": max_distance, "update_interval": update_interval}
+    if bearings is not None:
+        heard, clock = _heard(bearings, sensors, by or [], clock)
+        given |= heard
     shown = files or ([] if bearings is None else [bearings])
     with _bar() as tell:
         page = pages.make(
             **given,
-            **heard,
+            since=_since(clock),
             title=f"Report on {', '.join(path.name for path in shown)}",
             progress=tell,
         )
@@ -123,8 +129,8 @@ def _seen(
     place: tuple[float, float] | None,
     flat: bool,
     names: dict[str, str],
-) -> dict[str, Any]:
-    """Read plots, radars, plans and truth."""
+) -> tuple[dict[str, Any], Clock]:
+    """Read plots, radars, plans and truth; return the clock of the plots as well."""
     plots = read.plots(*files)
     radars = read.read_radars(sensors, plots, flat=flat)
     filed = read.read_plans(plans, place, radars)
@@ -132,21 +138,21 @@ def _seen(
     clock = recording.clock
     if place is None and radars.frame is not None:
         place = radars.frame.latitude, radars.frame.longitude
-    return {
+    given = {
         "plots": recording.plots,
         "sensors": radars.items,
         "plans": filed,
         "truth": None
         if truth is None
         else truth_of(read.truth(truth), clock, place, identity=recording.identity),
-        "since": _since(clock),
     }
+    return given, clock
 
 
-def _heard(bearings: Path | None, sensors: Path, by: list[str]) -> dict[str, Any]:
-    """Read bearings and stations."""
-    if bearings is None:
-        return {"since": None}
+def _heard(
+    bearings: Path, sensors: Path, by: list[str], clock: Clock | None
+) -> tuple[dict[str, Any], Clock]:
+    """Read bearings and stations, in the time scale of plots if there are any."""
     stations = read.read_stations(sensors).flat()
     targets = [
         one
@@ -155,19 +161,19 @@ def _heard(bearings: Path | None, sensors: Path, by: list[str]) -> dict[str, Any
     ]
     if not targets:
         fail(f"{bearings} has no azimuths")
+    own = Clock.of(pl.concat([target.moments for target in targets]), midnight=True)
+    if clock is not None and clock.dated != own.dated:
+        fail(f"time_s of {bearings} and of the plots must both be dates, or both be seconds")
+    clock = clock or own
     emitters = [
         Emitter(
             ", ".join(str(cell) for cell in target.keys.row(0)) if by else "the emitter",
-            target.times,
+            clock.seconds(target.moments),
             target.values["azimuth"],
         )
         for target in targets
     ]
-    return {
-        "stations": stations.items,
-        "bearings": emitters,
-        "since": _since(Clock.of(targets[0].moments)),
-    }
+    return {"stations": stations.items, "bearings": emitters}, clock
 
 
 @contextmanager
@@ -186,12 +192,12 @@ def _bar() -> Iterator[Callable[[str, float], None]]:
         yield lambda what, share: bar.update(task, description=what, completed=share)
 
 
-def _since(clock: Clock) -> str | None:
+def _since(clock: Clock | None) -> datetime | None:
     """Return the midnight from which dates are counted."""
-    if not clock.dated:
+    if clock is None or not clock.dated:
         return None
-    midnight = clock.moments(np.zeros(1)).dt.strftime("%Y-%m-%d").item()
-    return f"{midnight} 00:00"
+    zero: datetime = clock.moments(np.zeros(1)).item()
+    return zero if zero.tzinfo is None else zero.astimezone(timezone.utc)
 
 
 def _say(page: Report) -> None:

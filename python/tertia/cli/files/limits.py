@@ -18,11 +18,8 @@ else:
     import tomli as tomllib
 
 # keys of the file, and the indicators that they limit
-_KEYS = {
-    **{name: name for name in LIMITED if name != "rmse"},
-    "rmse_m": "rmse",
-    "large_error_m": "large_error",
-}
+_UNITS = {"data_age": "_s", "pair_time_offset": "_s", "rmse": "_m", "large_error": "_m"}
+_KEYS = {f"{name}{_UNITS.get(name, '')}": name for name in (*LIMITED, "large_error")}
 LimitFile: TypeAlias = Annotated[
     Path | None,
     typer.Option(

@@ -1,0 +1,67 @@
+"""When targets are updated: the age of what is shown, and offsets between close targets."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tertia._arrays import FloatArray, IntArray
+from tertia._units import NAUTICAL_MILE
+from tertia.metrics._gospa import pairs_within
+from tertia.metrics._matching import Matching
+
+# two targets that are nearer than this are close
+CLOSE = 10.0 * NAUTICAL_MILE
+
+
+def ages(target: IntArray, time: FloatArray, longest: float) -> tuple[IntArray, FloatArray]:
+    """Return the target of each gap between its updates, and the gap, if it is not too long.
+
+    Updates without a target, -1, have no gaps.
+    """
+    rows = np.flatnonzero(target >= 0)
+    rows = rows[np.lexsort((time[rows], target[rows]))]
+    own, gap = target[rows], np.diff(time[rows])
+    kept = (np.diff(own) == 0) & (gap <= longest)
+    return own[1:][kept], gap[kept]
+
+
+def offsets(
+    matching: Matching, time: FloatArray, position: FloatArray, update_interval: float
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return pairs of close targets, and seconds from an update of one to the other's nearest.
+
+    Each update of either target counts, if the other one has an update within half an interval.
+    """
+    half = update_interval / 2
+    rows = np.flatnonzero(matching.matched)
+    rows = rows[np.argsort(time[rows], kind="stable")]
+    target, when = matching.target[rows], time[rows]
+    place = (position[rows] - matching.error[rows])[:, :2]
+    first, second = _candidates(when, place, half)
+    kept = (target[first] != target[second]) & (when[second] - when[first] <= half)
+    first, second = first[kept], second[kept]
+    # from either side
+    row, other = np.concatenate([first, second]), np.concatenate([second, first])
+    off = np.abs(when[other] - when[row])
+    order = np.lexsort((off, target[other], row))
+    row, partner, off = row[order], target[other][order], off[order]
+    nearest = np.append(True, (np.diff(row) != 0) | (np.diff(partner) != 0))[: len(row)]
+    pair = np.sort(np.column_stack([target[row[nearest]], partner[nearest]]), axis=1)
+    return pair[:, 0], pair[:, 1], off[nearest]
+
+
+def _candidates(time: FloatArray, place: FloatArray, half: float) -> tuple[IntArray, IntArray]:
+    """Return pairs of rows that are close in space, and in this half interval or the next."""
+    if not len(time):
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    part = np.floor((time - time[0]) / half)
+    _, starts = np.unique(part, return_index=True)
+    ends = np.searchsorted(part, part[starts] + 1, side="right")
+    found = []
+    for begin, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        own = np.searchsorted(part, part[begin], side="right")
+        row, column, _ = pairs_within(place[begin:own], place[begin:end], CLOSE)
+        later = column > row
+        found.append(begin + np.stack([row[later], column[later]]))
+    first, second = np.concatenate(found, axis=1)
+    return first, second
