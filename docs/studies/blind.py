@@ -41,8 +41,8 @@ def findings(rng: np.random.Generator, faulty: int, fault: dict[str, float]) -> 
             errors[name] = np.where(np.arange(len(real)) == faulty, value, 0.0)
     traffic = simulate.dense_traffic(25, area=(150e3, 150e3), duration=900.0, rng=rng)
     seen = simulate.radar_plots(traffic, real, clutter=10, bias=Bias(**errors), rng=rng)
-    told: list[str] = report.make(seen.plots, RADARS).summary["findings"]
-    return told
+    stated: list[str] = report.make(seen.plots, RADARS).summary["findings"]
+    return stated
 
 
 def blind() -> str:
@@ -54,9 +54,9 @@ def blind() -> str:
         for scene in range(SCENES):
             rng = generator(291, number, scene)
             faulty = int(rng.integers(len(RADARS)))
-            told = findings(rng, faulty, fault)
-            right = [text for text in told if text.startswith(f"radar-{faulty + 1}: {words}")]
-            named, others = named + bool(right), others + len(told) - len(right)
+            stated = findings(rng, faulty, fault)
+            right = [text for text in stated if text.startswith(f"radar-{faulty + 1}: {words}")]
+            named, others = named + bool(right), others + len(stated) - len(right)
             example = example or "".join(right)
         rows.append([title, f"{named} of {SCENES}", str(others), example])
     return markdown(["fault of one radar", "named", "other findings", "the first one"], rows)

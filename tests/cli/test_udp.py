@@ -146,7 +146,7 @@ def test_truncated_times_are_completed(sites: Path) -> None:
         time.sleep(1.0)
         out, err = end(process)
     assert "60 plots arrived" in err
-    assert "no service message has told the time yet" in err
+    assert "the time of day is not known before a service message" in err
     found = pl.read_csv(io.StringIO(out.decode()), infer_schema_length=None)
     assert set(found["mode_3a"]) == {2303}
     assert found["time_s"].max() == MIDNIGHT + 57.0

@@ -226,7 +226,7 @@ def fuse(
         raise ValueError(f"estimates has shape {x.shape}; it must be (..., K, m)")
     sensors, m = x.shape[-2:]
     _require_paper(method, corrections, covariances)
-    # without covariances, any: that of the result is not told
+    # without covariances, any do: that of the result is not returned
     s = samples([np.eye(m)] * sensors if covariances is None else covariances, "covariances")
     given = {"estimates": (x, (sensors, m)), "covariances": (s, (sensors, m, m))}
     if corrections is not None:

@@ -45,9 +45,9 @@ def identities(tracks: Tracks, truth: Truth, matching: Matching) -> tuple[BoolAr
     """Return which updates have an identity that can be judged, and which of these are right."""
     true = truth.identity_at(matching.target, tracks.time)
     own = getattr(tracks, "identity", None)
-    told = np.full(len(true), -1) if own is None else np.asarray(own)
-    known = (told >= 0) & (true >= 0)
-    return known, known & (told == true)
+    reported = np.full(len(true), -1) if own is None else np.asarray(own)
+    known = (reported >= 0) & (true >= 0)
+    return known, known & (reported == true)
 
 
 def with_any(truth: Truth, known: BoolArray | None) -> BoolArray:

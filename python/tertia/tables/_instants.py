@@ -10,7 +10,7 @@ from tertia._arrays import FloatArray, IntArray
 from tertia.bearing import estimate_bearing
 from tertia.screening import unwrap_about_median
 
-# fewer have no scatter that could be told
+# with fewer no scatter can be estimated
 _FEWEST = 5
 # of kinds that repeat
 PERIODS = {"azimuth": 360.0}

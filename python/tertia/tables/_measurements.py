@@ -252,7 +252,7 @@ def _refuse_impossible(measured: pl.DataFrame, records: Records, *, repeated: bo
     )
     again = ~keys.select(pl.struct(pl.all()).is_first_distinct()).to_series()
     if "time" not in records.column and again.any():
-        # several instants, of which nothing is told
+        # several instants, of which nothing is known
         records.source[0].require(*TIME.columns)
     reason = (
         "a second {kind} of the same sensor at time_s {time}: group several targets by a column"

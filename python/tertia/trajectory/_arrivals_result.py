@@ -15,7 +15,7 @@ from tertia.trajectory._clocks import ClockBias
 
 # deviation of the speed from what was given, in sigmas, above which it is not believed
 ALARM = 3.0
-# correlation of successive residuals above which it is told
+# correlation of successive residuals above which it is reported
 CORRELATED = 0.2
 
 

@@ -73,7 +73,7 @@ class Datagrams:
             if packet.startswith(_SERVICE):
                 self._service = [packet[: int.from_bytes(packet[1:3], "big")]]
         if found.truncated_times:
-            self._leave_out(len(packets), "no service message has told the time yet")
+            self._leave_out(len(packets), "the time of day is not known before a service message")
             return self._none()
         if found.other_packets:
             self._leave_out(found.other_packets, "a packet has no ASTERIX")
