@@ -287,8 +287,24 @@ def gaps(folder: Path, rng: Rng) -> None:
     pl.DataFrame({"time_s": time, "azimuth_deg": angle % 360}).write_csv(folder / "truth.csv")
 
 
+def drive(folder: Path, rng: Rng) -> None:
+    """Write azimuths of a beacon on a car at four finders, 5 % of them wrong; GPS knows the way."""
+    moments = np.arange(0.0, 1200.0, 2.0)
+    way = path(49.190, 16.600, 0.0, 10.0, moments, turn=0.7)
+    way = way + 0.004 * np.sin(moments / 170.0)[:, np.newaxis]
+    columns = {"time_s": moments, "latitude_deg": way[:, 0], "longitude_deg": way[:, 1]}
+    places = {"hill": (49.30, 16.45), "tower": (49.32, 16.75), "roof": (49.05, 16.70)}
+    for name, place in (places | {"mast": (49.08, 16.42)}).items():
+        angle = azimuths(*place, way) + rng.normal(0, 0.2, len(way))
+        wrong = rng.random(len(way)) < 0.05
+        angle[wrong] = rng.uniform(0, 360, wrong.sum())
+        columns[f"{name}_deg"] = angle % 360
+    pl.DataFrame(columns).write_csv(folder / "drive.csv")
+
+
 SCENES: dict[str, Callable[[Path, Rng], None]] = {
-    one.__name__: one for one in (bearings, telemetry, arrivals, misaligned, periods, adsb, gaps)
+    one.__name__: one
+    for one in (bearings, telemetry, arrivals, misaligned, periods, adsb, gaps, drive)
 }
 
 
