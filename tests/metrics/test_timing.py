@@ -96,6 +96,23 @@ class TestOffset:
         assert np.mean(independent) < 0.5
 
 
+@pytest.mark.parametrize(("far", "count"), [(18.5e3, 2), (18.6e3, 1), (40e3, 0)])
+def test_false_tracks_near_targets(far, count):
+    """A target flies east; of two tracks beside it the second comes 100 m nearer, for a moment."""
+    time = np.arange(0.0, 3601.0, 4.0)
+    place = np.column_stack([50.0 * time, 0.0 * time])
+    second = place + np.array([0.0, far])
+    second[50, 1] -= 100.0
+    position = np.concatenate([place, place + np.array([0.0, far]), second])
+    track = np.arange(3).repeat(len(time))
+    tracks = SimpleNamespace(time=np.tile(time, 3), track=track, position=position)
+    truth = Truth([0, 3600], [1, 1], [[0, 0], [180e3, 0]])
+    found = indicators(tracks, truth, **OPTIONS, limits={"near_false_tracks_per_hour": 8.0})
+    assert found.false_tracks == found.false_tracks_per_hour.value == 2
+    assert found.near_false_tracks_per_hour.value == count
+    assert found.near_false_tracks_per_hour.verdict == "met"
+
+
 class TestDensity:
     def test_by_hand(self):
         """Three false tracks with 2, 3 and 5 updates in an hour; two squares, 40 NM apart."""

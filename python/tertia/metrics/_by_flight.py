@@ -95,9 +95,10 @@ def root_by_pair(
     number = len(squares)
     if not number:
         return Indicator(np.nan, np.nan, np.nan, 0, 0.0, "")
-    both, pair = np.unique(np.stack(pairs, axis=1), axis=0, return_inverse=True)
-    total, count = np.bincount(pair.ravel(), squares), np.bincount(pair.ravel())
-    flights, which = np.unique(both, return_inverse=True)
+    base = int(pairs[1].max()) + 1
+    both, pair = np.unique(pairs[0] * base + pairs[1], return_inverse=True)
+    total, count = np.bincount(pair, squares), np.bincount(pair)
+    flights, which = np.unique(np.stack(np.divmod(both, base), axis=1), return_inverse=True)
     left = number - np.bincount(which.ravel(), np.repeat(count, 2))
     root, low, high = float(np.sqrt(np.mean(squares))), 0.0, np.inf
     if np.all(left > 0):

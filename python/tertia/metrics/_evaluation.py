@@ -33,6 +33,7 @@ REQUIRED = {
     "wrong_identity_ratio": ("share of wrong identities", ""),
     "continuity": ("share of targets with one track", ""),
     "false_tracks_per_hour": ("false tracks per hour", "/h"),
+    "near_false_tracks_per_hour": ("false tracks near targets, per hour", "/h"),
     "false_update_density": ("false updates in 450 intervals", "/900 NM²"),
 }
 PARTS = ("GOSPA", "localisation", "missed", "false")

@@ -35,7 +35,7 @@ from tertia.metrics._correctness import (
 )
 from tertia.metrics._indicator import Indicator
 from tertia.metrics._matching import Matching, Tracks, match_tracks
-from tertia.metrics._timing import ages, offsets
+from tertia.metrics._timing import ages, near_any, offsets
 from tertia.metrics._truth import Truth
 
 # a gap is long beyond three update intervals and a tenth
@@ -54,6 +54,7 @@ LIMITED = {
     "wrong_identity_ratio": False,
     "continuity": True,
     "false_tracks_per_hour": False,
+    "near_false_tracks_per_hour": False,
     "false_update_density": False,
 }
 # intervals to which the density of false updates refers: an hour of 8 s each
@@ -102,6 +103,8 @@ class Indicators(Result):
         Fraction of the targets with a track that kept its number.
     false_tracks_per_hour : Indicator
         False tracks per hour of the recording.
+    near_false_tracks_per_hour : Indicator
+        Those of them that are close to a target at some update.
     false_update_density : Indicator
         False updates per 900 square nautical miles and 450 update intervals.
     matching : Matching
@@ -127,6 +130,7 @@ class Indicators(Result):
     wrong_identity_ratio: Indicator
     continuity: Indicator
     false_tracks_per_hour: Indicator
+    near_false_tracks_per_hour: Indicator
     false_update_density: Indicator
     matching: Matching
 
@@ -198,7 +202,7 @@ def indicators(
 
     The age grows from zero at an update until the next, so that its mean over time is half the
     interval where all is regular. Gaps longer than 3.3 intervals are not in it: they are long gaps.
-    Targets are close within 10 nautical miles; each update of one is compared with the nearest of
+    Close is within 10 nautical miles; each update of one is compared with the nearest of
     the other, if there is one within half an interval. For the density the area is that of the
     squares of 30 nautical miles in which anything is or is shown.
 
@@ -234,8 +238,8 @@ missed, 0 switches, RMSE 0 m)
     of = matching.target
     expected, missed, long, first = _updates(truth, of, times, interval)
     _, track = np.unique(np.asarray(tracks.track), return_inverse=True)
-    shows = np.bincount(track, matching.matched)
-    false_tracks = int(np.count_nonzero(2 * shows < np.bincount(track)))
+    is_false = 2 * np.bincount(track, matching.matched) < np.bincount(track)
+    false_tracks = int(np.count_nonzero(is_false))
     squares = np.sum(matching.error[matching.matched] ** 2, axis=-1)
     flights = len(truth)
 
@@ -268,6 +272,9 @@ missed, 0 switches, RMSE 0 m)
     one, other, off = offsets(matching, times, position, interval)
     area = squares_of(np.concatenate([truth.position, position]))
     idle = ~matching.matched
+    of_false = is_false[track]
+    close = near_any(truth, times[of_false], position[of_false])
+    near_false = len(np.unique(track[of_false][close]))
     return Indicators(
         probability_of_update=share("probability_of_update", expected - missed, expected),
         long_gap_ratio=share("long_gap_ratio", long, expected),
@@ -308,6 +315,9 @@ missed, 0 switches, RMSE 0 m)
         continuity=share("continuity", seen & (matching.switches == 0), seen),
         false_tracks_per_hour=rate(
             false_tracks, duration / 3600.0, level, required.get("false_tracks_per_hour")
+        ),
+        near_false_tracks_per_hour=rate(
+            near_false, duration / 3600.0, level, required.get("near_false_tracks_per_hour")
         ),
         false_update_density=rate(
             int(np.count_nonzero(idle)),

@@ -1,13 +1,14 @@
-"""When targets are updated: the age of what is shown, and offsets between close targets."""
+"""When targets are updated: the age of what is shown, offsets between close targets."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from tertia._arrays import FloatArray, IntArray
+from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia._units import NAUTICAL_MILE
 from tertia.metrics._gospa import pairs_within
 from tertia.metrics._matching import Matching
+from tertia.metrics._truth import Truth
 
 # two targets that are nearer than this are close
 CLOSE = 10.0 * NAUTICAL_MILE
@@ -48,6 +49,15 @@ def offsets(
     nearest = np.append(True, (np.diff(row) != 0) | (np.diff(partner) != 0))[: len(row)]
     pair = np.sort(np.column_stack([target[row[nearest]], partner[nearest]]), axis=1)
     return pair[:, 0], pair[:, 1], off[nearest]
+
+
+def near_any(truth: Truth, time: FloatArray, position: FloatArray) -> BoolArray:
+    """Return which positions are close to a target."""
+    found = np.zeros(len(time), dtype=bool)
+    for target in range(len(truth)):
+        off = position - truth.at(target, time)
+        found |= np.linalg.norm(off[:, :2], axis=1) < CLOSE
+    return found
 
 
 def _candidates(time: FloatArray, place: FloatArray, half: float) -> tuple[IntArray, IntArray]:
