@@ -248,6 +248,12 @@ def test_times_are_those_of_the_day(opened: Any) -> None:
         "return new Date(document.getElementById('figure-updates').data[0].x[0]).toISOString()"
     )
     assert first.startswith("2026-03-01T00:0")
+    cells = opened.execute_script(
+        "return [...document.querySelectorAll('#track-table tbody td:nth-child(3)')]"
+        ".map((t) => t.textContent)"
+    )
+    assert cells
+    assert all(re.fullmatch(r"00:0\d:\d\d", cell) for cell in cells)
 
 
 def test_the_map_has_degrees_and_distances(opened: Any) -> None:

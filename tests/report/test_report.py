@@ -3,6 +3,7 @@
 import io
 import json
 import re
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -16,6 +17,7 @@ from terminal import run
 from tertia import report, simulate
 from tertia.location import Station
 from tertia.report._bearings import hear
+from tertia.report._times import Times
 from tertia.sensors import Bias
 from tertia.tracker import Plots, Radar
 
@@ -347,6 +349,33 @@ def test_bearings_have_the_time_scale_of_the_plots(scene: Path, tmp_path: Path) 
     done = run(*command, scene / "bearings.csv")
     assert done.code != 0
     assert "must both be dates, or both be seconds" in done.err
+
+
+@pytest.mark.parametrize(
+    ("since", "title", "column", "text", "sentence"),
+    [
+        (None, "time (s)", "from (s)", "36,610", "36,610 s"),
+        (datetime(2024, 5, 1), "time (as recorded)", "from", "10:10:10", "10:10:10"),
+        (datetime(2024, 5, 1, tzinfo=timezone.utc), "time (UTC)", "from", "10:10:10", "10:10:10"),
+        (
+            datetime(2024, 5, 1, tzinfo=timezone(timedelta(hours=2))),
+            "time (UTC)",
+            "from",
+            "08:10:10",
+            "08:10:10",
+        ),
+    ],
+)
+def test_texts_of_times(
+    since: datetime | None, title: str, column: str, text: str, sentence: str
+) -> None:
+    times = Times(since)
+    assert (times.title, times.column("from")) == (title, column)
+    assert (times.text(36_610.0), times.at(36_610.0)) == (text, sentence)
+    assert times.text(None) is None
+    if since is not None:
+        assert str(times.text(86_400.0 + 36_610.0)) == f"2024-05-02 {text}"
+        assert times.zero == 1e3 * since.replace(tzinfo=since.tzinfo or timezone.utc).timestamp()
 
 
 def test_the_page_tells_which_radar_is_bad_and_how(summary: dict[str, Any], scene: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
-from datetime import datetime, timezone
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
@@ -19,6 +18,7 @@ from tertia.report._coverage import coverage_panels
 from tertia.report._figures import Panel
 from tertia.report._finders import finder_panels, finder_tables
 from tertia.report._tables import Table, tables, text
+from tertia.report._times import Times
 
 _TEMPLATE = "page.html"
 
@@ -38,17 +38,12 @@ def page(
     finders: Finders,
     numbers: dict[str, Any],
     title: str,
-    since: datetime | None,
+    times: Times,
 ) -> str:
     """Return the page as HTML."""
-    time, zero = "time (s)", None
-    if since is not None:
-        time = "time (as recorded)" if since.tzinfo is None else "time (UTC)"
-        # the page shows dates without a zone
-        zero = 1e3 * (since if since.tzinfo else since.replace(tzinfo=timezone.utc)).timestamp()
-    sections = [] if analysis is None else _radar_sections(analysis, time)
+    sections = [] if analysis is None else _radar_sections(analysis, times)
     heard = Section(
-        "finders", "Direction finders", finder_panels(finders, time), finder_tables(finders)
+        "finders", "Direction finders", finder_panels(finders, times.title), finder_tables(finders)
     )
     # before the long table of tracks
     sections.insert(max(len(sections) - 1, 0), heard)
@@ -71,13 +66,13 @@ def page(
         # the library itself
         plotly=Markup(get_plotlyjs()),
         charts=_script(charts),
-        time=_script({"title": time, "zero": zero}),
+        time=_script({"title": times.title, "zero": times.zero}),
         map=None if analysis is None else _script(_map.map_of(analysis)),
     )
 
 
-def _radar_sections(analysis: Analysis, time: str) -> list[Section]:
-    rows = tables(analysis)
+def _radar_sections(analysis: Analysis, times: Times) -> list[Section]:
+    rows, time = tables(analysis, times), times.title
     return [
         Section(
             "radars",

@@ -16,6 +16,7 @@ from tertia.metrics import Truth
 from tertia.report._analysis import Analysis, analyse
 from tertia.report._bearings import Emitter, Finders, hear
 from tertia.report._summary import summary
+from tertia.report._times import Times
 from tertia.sensors import Radar, Station
 from tertia.tracker import Motion, Plots, TrackTable
 
@@ -202,5 +203,6 @@ def make(
         tell("direction finders", number / len(bearings))
         heard.append(hear(emitter, stations))
     finders = Finders(stations, heard)
-    numbers = summary(analysis, finders)
-    return Report(page(analysis, finders, numbers, title, since), numbers)
+    times = Times(since)
+    numbers = summary(analysis, finders, times)
+    return Report(page(analysis, finders, numbers, title, times), numbers)

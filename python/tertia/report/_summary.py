@@ -21,6 +21,7 @@ from tertia.report._tables import (
     text,
     track_rows,
 )
+from tertia.report._times import Times
 from tertia.tracker import PlotStatus
 
 # standard errors beyond which a finding is shown, and relative size of noise and bias that matters
@@ -43,13 +44,13 @@ _NOTHING: Row = {
 }
 
 
-def summary(analysis: Analysis | None, finders: Finders) -> Row:
+def summary(analysis: Analysis | None, finders: Finders, scale: Times) -> Row:
     """Return all results as numbers, lists and texts for JSON; unknown values are None."""
     times = [heard.emitter.time for heard in finders.heard]
     found = []
     if analysis is not None:
         times.append(analysis.plots.time)
-        found = _radar_findings(analysis)
+        found = _radar_findings(analysis, scale)
     time = np.concatenate([np.zeros(0), *times])
     time = time[np.isfinite(time)]
     return {
@@ -81,14 +82,14 @@ def _of_radars(analysis: Analysis) -> Row:
     }
 
 
-def _radar_findings(analysis: Analysis) -> list[str]:
+def _radar_findings(analysis: Analysis, scale: Times) -> list[str]:
     """Return the findings, as sentences."""
     found = []
     for row in radar_rows(analysis):
         found += _noise_findings(row) + _bias_findings(row)
     left = [one for one in analysis.followed if np.isfinite(one.left)]
     if left:
-        listed = ", ".join(f"{one.name} at {one.left:.0f} s" for one in left[:8])
+        listed = ", ".join(f"{one.name} at {scale.at(one.left)}" for one in left[:8])
         more = f", and {len(left) - 8} more" if len(left) > 8 else ""
         found.append(f"Left their plans: {listed}{more}.")
     if TOGETHER in analysis.judged:

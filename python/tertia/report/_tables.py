@@ -28,6 +28,7 @@ from tertia.report._requirements import (
     requirement_cells,
     requirement_rows,
 )
+from tertia.report._times import Times
 
 Row = dict[str, Any]
 # rows of a table in a page at most
@@ -251,7 +252,7 @@ def track_rows(analysis: Analysis) -> list[Row]:
     return rows
 
 
-def tables(analysis: Analysis) -> dict[str, list[Table]]:
+def tables(analysis: Analysis, times: Times) -> dict[str, list[Table]]:
     """Return the tables of each section."""
     return {
         "radars": [_radar_table(analysis), *_reference_tables(analysis)],
@@ -260,8 +261,8 @@ def tables(analysis: Analysis) -> dict[str, list[Table]]:
         if analysis.judged
         else [],
         "audit": [_audit_table(analysis)] if analysis.audits else [],
-        "plans": [_plan_table(analysis)] if analysis.followed else [],
-        "tracks": [_track_table(analysis)],
+        "plans": [_plan_table(analysis, times)] if analysis.followed else [],
+        "tracks": [_track_table(analysis, times)],
     }
 
 
@@ -419,31 +420,32 @@ def _audit_table(analysis: Analysis) -> Table:
     return table("audit-table", caption, columns, rows, audit_rows(analysis))
 
 
-def _plan_table(analysis: Analysis) -> Table:
+def _plan_table(analysis: Analysis, times: Times) -> Table:
     columns = {
         "plan": "plan",
         "track": "track",
-        "first_s": "from (s)",
-        "last_s": "to (s)",
+        "first_s": times.column("from"),
+        "last_s": times.column("to"),
         "conforms": "share on the plan",
         "cross_track_rms_m": "RMS cross-track on the plan (m)",
         "largest_cross_track_m": "largest cross-track (m)",
-        "left_s": "left (s)",
-        "back_s": "back (s)",
+        "left_s": times.column("left"),
+        "back_s": times.column("back"),
     }
     caption = (
         "Conformance: a plan counts as left where at least five successive plots do not conform to "
         "it, for at least three scans of the slowest radar."
     )
-    return table("plan-table", caption, columns, plan_rows(analysis))
+    values = plan_rows(analysis)
+    return table("plan-table", caption, columns, _timed(values, times), values)
 
 
-def _track_table(analysis: Analysis) -> Table:
+def _track_table(analysis: Analysis, times: Times) -> Table:
     columns = {
         "track": "track",
         "plan": "plan",
-        "first_s": "from (s)",
-        "last_s": "to (s)",
+        "first_s": times.column("from"),
+        "last_s": times.column("to"),
         "plots": "plots",
         "probability_of_update": "updated scans",
         "speed_m_s": "speed (m/s)",
@@ -451,4 +453,12 @@ def _track_table(analysis: Analysis) -> Table:
         "turning": "share in turns",
         "sigma_m": "stated sigma (m)",
     }
-    return table("track-table", "Tracks of all radars together.", columns, track_rows(analysis))
+    values = track_rows(analysis)
+    caption = "Tracks of all radars together."
+    return table("track-table", caption, columns, _timed(values, times), values)
+
+
+def _timed(rows: list[Row], times: Times) -> list[Row]:
+    """Return rows with times as texts."""
+    names = ("first_s", "last_s", "left_s", "back_s")
+    return [row | {name: times.text(row[name]) for name in names if name in row} for row in rows]

@@ -1,0 +1,47 @@
+"""Times on a page: in seconds, or as times of day."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime, timedelta, timezone
+
+_DAY = 86_400.0
+
+
+@dataclass(frozen=True, slots=True)
+class Times:
+    """Texts of times, whose zero is at `since`, if that is known."""
+
+    since: datetime | None
+
+    @property
+    def title(self) -> str:
+        """Title of an axis of time."""
+        if self.since is None:
+            return "time (s)"
+        return "time (as recorded)" if self.since.tzinfo is None else "time (UTC)"
+
+    @property
+    def zero(self) -> float | None:
+        """Milliseconds from 1970 to zero, for dates without a zone in the browser."""
+        if self.since is None:
+            return None
+        zoned = self.since if self.since.tzinfo else self.since.replace(tzinfo=timezone.utc)
+        return 1e3 * zoned.timestamp()
+
+    def column(self, name: str) -> str:
+        """Return the title of a column of times."""
+        return f"{name} (s)" if self.since is None else name
+
+    def text(self, seconds: float | None) -> str | None:
+        """Return a time of day, with the date after the first day; or seconds."""
+        if seconds is None or self.since is None:
+            return None if seconds is None else f"{seconds:,.0f}"
+        when = self.since + timedelta(seconds=seconds)
+        if when.tzinfo:
+            when = when.astimezone(timezone.utc)
+        return f"{when:%H:%M:%S}" if 0 <= seconds < _DAY else f"{when:%Y-%m-%d %H:%M:%S}"
+
+    def at(self, seconds: float) -> str:
+        """Return a time as it stands in a sentence."""
+        return f"{self.text(seconds)} s" if self.since is None else str(self.text(seconds))
