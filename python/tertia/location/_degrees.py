@@ -18,26 +18,33 @@ _SHARES = 0.5, 0.9
 _CHANCES = 1e-3, 0.02
 # degrees of freedom that must agree; whether two bearings meet or diverge is worth half of one
 _EVIDENCE = 4.0
+# share of outliers with which an instant still fits, and the mean square of what is left
+_FEW, _SQUARE = 0.25, 2.0
 # nobody measures radians so badly; it may be a sigma in degrees as well
 _DIFFUSE = 0.2
 
 Columns = Sequence[npt.NDArray[Any]]
+# positions, covariances, residuals and outliers (..., 5, K), and columns
+Found = Sequence[Any]
 
 
 def warn_if_degrees(
-    columns: Columns,
+    found: Found,
     values: FloatArray,
     sigmas: FloatArray,
-    solve: Callable[[FloatArray, FloatArray], Columns],
+    solve: Callable[[FloatArray, FloatArray], Found],
 ) -> None:
     """Warn where angles do not fit as radians, but would as degrees.
 
-    `columns` are status, degrees of freedom, statistic and p-value as found from `values` of shape
-    (..., 5, K) and `sigmas`, in radians; `solve` finds them for others. Only recordings of which
-    most instants fail are solved again.
+    `found` is what the kernel finds from `values` of shape (..., 5, K) and `sigmas`, in radians;
+    `solve` finds it for others. Only recordings of which most instants fail are solved again, for
+    that takes long; a few faults are no failure.
     """
-    tried, agrees = _agreement(columns, _CHANCES[0])
+    tried, agrees = _agreement(found[-1], _CHANCES[0])
     if not tried or agrees >= _SHARES[0] * tried:
+        return
+    fits = _agrees(found[-1], _CHANCES[0]) | _fits_without_few(found)
+    if np.count_nonzero(fits) >= _SHARES[0] * tried:
         return
     angles = [KINDS.index(kind) for kind in KINDS if kind in ANGLES]
     turned, small = values.copy(), sigmas.copy()
@@ -45,9 +52,9 @@ def warn_if_degrees(
     small[..., angles, :] = np.radians(sigmas[..., angles, :])
     diffuse = bool((sigmas[..., angles, :] > _DIFFUSE).any())
     for scale in (sigmas, small) if diffuse else (sigmas,):
-        found = solve(turned, scale)
-        tried, agrees = _agreement(found, _CHANCES[1])
-        if agrees >= _SHARES[1] * tried and _evidence(found, _CHANCES[1]) >= _EVIDENCE:
+        columns = solve(turned, scale)[-1]
+        tried, agrees = _agreement(columns, _CHANCES[1])
+        if agrees >= _SHARES[1] * tried and _evidence(columns, _CHANCES[1]) >= _EVIDENCE:
             warnings.warn(
                 "most angles contradict each other as radians, and fit as degrees; if they are "
                 "degrees, pass degrees=True",
@@ -72,3 +79,19 @@ def _agrees(columns: Columns, chance: float) -> BoolArray:
     status, freedom, _, pvalue = columns[:4]
     agrees: BoolArray = (freedom >= 0) & (status == 0) & ~(pvalue < chance)
     return agrees
+
+
+def _fits_without_few(found: Found) -> BoolArray:
+    """Return which instants fit, but for a few measurements that were left out."""
+    _, _, residual, outlier, columns = found
+    status, freedom = columns[:2]
+    axes = (-2, -1)
+    few = np.count_nonzero(outlier, axis=axes)
+    squares = np.sum(np.where(outlier | np.isnan(residual), 0.0, residual) ** 2, axis=axes)
+    fits: BoolArray = (
+        (status == 0)
+        & (few <= _FEW * np.count_nonzero(~np.isnan(residual), axis=axes))
+        & (few > 0)
+        & (squares <= _SQUARE * (freedom - few))
+    )
+    return fits

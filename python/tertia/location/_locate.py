@@ -292,7 +292,7 @@ def locate(
     )
     result = solve(*rows[2:4])
     if not degrees and any(kind in measured for kind in ANGLES):
-        warn_if_degrees(result[-2], *rows[2:4], lambda *others: solve(*others)[-2])
+        warn_if_degrees(result[:-1], *rows[2:4], lambda *others: solve(*others)[:-1])
     growth, factor, _, common = result[-1]
     location = location_of(
         result[:-1],

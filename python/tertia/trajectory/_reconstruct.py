@@ -274,12 +274,12 @@ def _warn_if_degrees(record: dict[str, Any], found: dict[str, Any]) -> None:
         *(sigmas.size * [False], False, 1),
     )
 
-    def solve(values: FloatArray, sigmas: FloatArray) -> Sequence[npt.NDArray[Any]]:
-        return _core.locate(*rows, values, sigmas, *options)[-2]
+    def solve(values: FloatArray, sigmas: FloatArray) -> Sequence[Any]:
+        return _core.locate(*rows, values, sigmas, *options)[:-1]
 
     known = sigmas[np.newaxis]
-    columns = solve(values, known) if found["failure"] is not None else found["fixes"][-1]
-    warn_if_degrees(columns, values, known, solve)
+    fixes = solve(values, known) if found["failure"] is not None else found["fixes"]
+    warn_if_degrees(fixes, values, known, solve)
 
 
 def _rows(array: FloatArray, axes: int) -> FloatArray:
