@@ -145,7 +145,11 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "other errors": audit.other_errors,
         "verdicts": audit.verdicts,
     },
-    "tertiary.md": {"association": tertiary.association, "fusion": tertiary.fusion},
+    "tertiary.md": {
+        "association": tertiary.association,
+        "fusion": tertiary.fusion,
+        "expectations": tertiary.expectations,
+    },
     "registration.md": {
         "coverage": registration.coverage,
         "aligned": registration.aligned,

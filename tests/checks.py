@@ -123,7 +123,7 @@ def assert_batch_is_loop(function, *batched, names=None):
 def assert_threads(function, names=None):
     """`function(n_threads=...)`."""
     alone = function(n_threads=1)
-    for n_threads in (2, 5, None):
+    for n_threads in (2, 3, 8, None):
         assert_same(function(n_threads=n_threads), alone, names)
 
 

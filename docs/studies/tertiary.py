@@ -15,7 +15,7 @@ from tertia._arrays import FloatArray, IntArray
 from tertia.sensors import Bias, Radar
 from tertia.simulate import Traffic
 from tertia.tertiary import FusionCentre, SensorTracks, SystemTracks
-from tertia.tracker import Plots, Tracker, track
+from tertia.tracker import CvModel, ImmModel, Plots, Tracker, track
 
 SEED = 21
 SCENES = repetitions(10, 1)
@@ -25,6 +25,13 @@ SHIFT = (150.0, 0.15)
 WHOLE = ("routes", "dense")
 KINDS = ("routes", "dense", "pairs", "dense, biased", "pairs, biased")
 PLACES = ((0.0, 0.0), (60e3, 20e3), (-20e3, 90e3))
+# what the tracker expects of traffic: by default, and where nobody turns or accelerates
+MODELS = {
+    "the default: turns, and .1 m/s² on straight legs": ImmModel(),
+    "no turns, .01 m/s²": CvModel(straight_sigma=0.01),
+    "no turns, .0001 m/s²": CvModel(straight_sigma=1e-4),
+}
+STEADY = 300.0
 ACCURACY = ((75.0, 0.10, 6.0), (50.0, 0.08, 4.0), (100.0, 0.12, 10.0))
 
 
@@ -299,3 +306,36 @@ def fusion() -> str:
         rows += [[kind, f"`{method}`", *against_central(kind, method)] for method in methods]
     head = ["", "method", "position rms", "median", "NEES", "in turns", "straight on"]
     return markdown(head, rows)
+
+
+def expectations() -> str:
+    """Return NEES of a tracker of all plots, without turns, by what its model expects."""
+    squared: dict[str, list[FloatArray]] = defaultdict(list)
+    radars = [replace(radar, bias=Bias()) for radar in sensors()]
+    for seed in range(SCENES):
+        random = np.random.default_rng([SEED, 99, seed])
+        flown = simulate.dense_traffic(
+            150, area=(160e3, 160e3), duration=600.0, turning_share=0.0, rng=random
+        )
+        record = simulate.radar_plots(
+            flown, radars, clutter=20, identity_missing_probability=1.0, rng=random
+        )
+        for name, model in MODELS.items():
+            table = track(record.plots, radars, motion=model)
+            target = np.where(table.plot >= 0, record.target[table.plot], -1)
+            rows = np.flatnonzero(table.confirmed & (target >= 0) & (table.time > STEADY))
+            truth = np.concatenate(flown.at(target[rows], table.time[rows]), axis=1)
+            error = np.hstack([table.position, table.velocity])[rows] - truth
+            near = np.hypot(*error[:, :2].T) < ASTRAY
+            error, covariance = error[near], table.covariance[rows][near]
+            sizes = []
+            for size in (2, 4):
+                e, p = error[:, :size], covariance[:, :size, :size]
+                scaled = np.linalg.solve(p, e[..., np.newaxis])[..., 0]
+                sizes.append(np.sum(e * scaled) / e.size)
+            squared[name].append(np.array([np.mean(error[:, :2] ** 2), *sizes]))
+    rows_ = []
+    for name, each in squared.items():
+        square, position, both = np.mean(each, axis=0)
+        rows_.append([name, f"{np.sqrt(2 * square):.1f} m", f"{position:.2f}", f"{both:.2f}"])
+    return markdown(["model", "position rms", "NEES of the position", "and the velocity"], rows_)
