@@ -8,6 +8,7 @@ import scipy.stats
 
 from tertia.metrics import Truth, indicators
 from tertia.metrics._by_flight import mean_by_flight, share_by_flight, share_interval
+from tertia.metrics._indicator import text
 
 
 def test_wilson_of_962_of_1000():
@@ -104,3 +105,10 @@ def test_limits_are_met_not_met_or_not_shown():
     ):
         with pytest.raises(ValueError, match=message):
             indicators(tracks, truth, **options, **wrong)
+
+
+def test_texts_of_intervals():
+    assert text(0.0, 0.0, 1.2) == ("0.0", "(0.0 to 1.2)")
+    assert text(0.0, 0.0, np.inf) == ("0.00", "(at least 0.00)")
+    assert text(2.0, 1.0, 5000.0) == ("2.0", "(at least 1.0)")
+    assert text(2.0, 1.5, 2.5) == ("2.0", "(1.5 to 2.5)")
