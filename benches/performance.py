@@ -28,6 +28,7 @@ TOP = BENCHES.parent
 PAGE = "performance.md"
 sys.path.insert(0, str(TOP / "docs"))
 
+import targets  # noqa: E402
 from studies.pages import markdown, write  # noqa: E402
 
 PEERS = ("kalman", "screening", "weights", "location", "smoothing", "association")
@@ -149,8 +150,14 @@ def memory(found):
     return markdown(["work", "peak memory of the process"], rows)
 
 
-def machine(found):
-    """What the tables were made on, and what was not there."""
+def wanted(found):
+    """Version 0.1, the targets, and what was measured; in bold what is reached."""
+    head = ["work", "version 0.1", "target", "now", "what stands in the way"]
+    return markdown(head, targets.rows(found, processor()[1], number))
+
+
+def processor():
+    """Name and largest vectors of the processor."""
     try:
         info = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:
@@ -159,7 +166,12 @@ def machine(found):
     flags = set(info.split())
     levels = {"avx512f": "AVX-512", "avx2": "AVX2"}
     level = next((name for flag, name in levels.items() if flag in flags), "SSE2")
-    cores = f"{os.cpu_count()} cores of {model[1] if model else platform.machine()}, {level}"
+    return model[1] if model else platform.machine(), level
+
+
+def machine(found):
+    """What the tables were made on, and what was not there."""
+    cores = f"{os.cpu_count()} cores of {', '.join(processor())}"
     absent = sorted({one["missing"] for one in found if "missing" in one})
     left_out = f" Not installed, and left out: {', '.join(absent)}." if absent else ""
     return f"Version {tertia.__version__}, {time.strftime('%d %B %Y')}, {cores}.{left_out}\n"
@@ -168,6 +180,7 @@ def machine(found):
 TABLES = {
     "machine": machine,
     "comparison": comparison,
+    "wanted": wanted,
     "growth": growth,
     "memory": memory,
 }

@@ -15,6 +15,7 @@ from timing import least, optional, report
 import numpy as np
 from scipy.signal import savgol_filter
 
+from tertia.kalman import SingerModel, smooth_series
 from tertia.smoothing import local_polynomial, smooth
 
 filterpy = optional("filterpy.kalman")
@@ -121,9 +122,20 @@ def tracks():
     report("smooth, one axis, 10,000 instants, an instant", least(problems))
 
 
+def angles():
+    """One series of angles with the variance of each plot, and one in twenty missing."""
+    z = series(10_000)
+    z[7::20] = np.nan
+    variance = 1.0 + 1e-3 * (np.arange(len(z)) % 7)
+    model = SingerModel(5.0, 1 / 20, 0.003)
+    call = partial(smooth_series, z, variance, model, n_threads=1)
+    report("smooth_series, 10,000 plots, a step", least({"Tertia": (call, len(z))}))
+
+
 def main():
     polynomials(100_000)
     tracks()
+    angles()
 
 
 if __name__ == "__main__":
