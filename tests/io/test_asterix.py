@@ -68,7 +68,9 @@ def test_plots(save: Save) -> None:
         ("25/13", None, None, None, None, 20),
     ]
     assert (found.skipped, found.repeated, found.other_packets) == ({}, 0, 0)
-    assert repr(found) == "AsterixRecording(40 plots, 2 sensors, 0 tracks, 0 reports, 0 positions)"
+    assert repr(found) == (
+        "AsterixRecording(40 plots, 2 sensors, 0 tracks, 0 reports, 0 positions, 0 messages)"
+    )
 
 
 def test_what_is_garbled_or_not_validated_is_unknown(save: Save) -> None:
@@ -130,10 +132,10 @@ def test_system_tracks_and_reports(save: Save) -> None:
         }
     )
     path = save(
-        reference.block(62, tracks) + reference.block(65, b"\x00") + reference.block(21, report)
+        reference.block(62, tracks) + reference.block(247, b"\x00") + reference.block(21, report)
     )
     found = read_asterix(path)
-    assert found.skipped == {65: 1}
+    assert found.skipped == {247: 1}
     row = found.tracks.row(0, named=True)
     assert (row["time_s"], row["sensor"], row["target"]) == (45_827.5, "25/100", "4713")
     assert (row["latitude_deg"], row["longitude_deg"]) == pytest.approx((45.4, -15.1), abs=6e-6)
@@ -284,19 +286,77 @@ def test_mutated_recordings_are_read_or_refused(save: Save) -> None:
 
 def test_other_categories_are_named_and_counted(save: Save, radars: Path) -> None:
     pytest.importorskip("pyproj")
-    others = reference.block(65, b"\x00") + 2 * reference.block(253, b"\x00")
+    others = reference.block(247, b"\x00") + 2 * reference.block(253, b"\x00")
     path = save(flight() + others)
-    assert read_asterix(path).skipped == {65: 1, 253: 2}
+    assert read_asterix(path).skipped == {247: 1, 253: 2}
     code, _, err = run("track", path, "--sensors", radars)
     assert code == 0
     assert (
-        f"{path}: not read are 1 blocks of category 65 (tracker service), 2 blocks of category 253 "
+        f"{path}: not read are 1 blocks of category 247 (versions), 2 blocks of category 253 "
         "(unknown)\n"
     ) in err
 
 
 def angles(bits: int, *degrees: float) -> bytes:
     return b"".join(struct.pack(">i", round(a / (180 / 2**bits))) for a in degrees)
+
+
+def test_messages_of_a_tracker_about_its_sensors_and_itself(save: Save) -> None:
+    head = {1: bytes([25, 100]), 2: b"\x07"}
+    sensor = {**head, 4: bytes(RADAR), 3: reference.time_of_day(50.0)}
+    # degraded, PSR and MLT failed; overload in transmission, time invalid, no plots
+    sensor[5] = bytes([0b0110_0011, 0b0010_1100])
+    sensor |= {6: struct.pack(">h", -250), 7: struct.pack(">hh", 150, -128)}
+    sensor |= {8: struct.pack(">h", 8192), 9: struct.pack(">hh", -30, 64)}
+    sensor |= {10: struct.pack(">h", -4096), 11: struct.pack(">h", 2048)}
+    held = {**sensor, 3: reference.time_of_day(51.0), 5: bytes([0b0000_0001, 0b1000_0000])}
+    far = {**head, 4: bytes([25, 13]), 3: reference.time_of_day(52.0), 5: b"\xc0"}
+    system = {1: bytes([25, 100]), 2: b"\x01", 3: b"\x07", 4: reference.time_of_day(53.0)}
+    ended = {**system, 2: b"\x02", 5: b"\x09"}
+    service = {**system, 2: b"\x03", 7: b"\x04"}
+    contents = reference.block(63, *map(reference.record, (sensor, held, far)))
+    contents += reference.block(
+        65, *map(reference.record, ({**system, 6: b"\x70"}, ended, service))
+    )
+    found = read_asterix(save(contents)).messages
+    assert found["time_s"].to_list() == [50.0, 51.0, 52.0, 53.0, 53.0]
+    assert found["sensor"].to_list() == ["25/12", "25/12", "25/13", "25/100", "25/100"]
+    assert found["source"].to_list() == ["25/100"] * 5
+    assert found["service"].to_list() == [7] * 5
+    states = ["degraded", "inhibited", "not connected", "degraded", None]
+    assert found["state"].to_list() == states
+    assert found["failed"].to_list() == ["psr+multilateration", "", "", None, None]
+    assert found["overload"].to_list() == [True, False, None, True, None]
+    assert found["time_valid"].to_list() == [False, True, None, False, None]
+    assert found["plots_missing"].to_list() == [True, False, None, None, None]
+    assert found["service_report"].to_list() == [None] * 4 + [4]
+    biases = found.select(pl.selectors.matches("bias|gain"))
+    assert biases.row(0) == pytest.approx(
+        (-0.25, 0.0015, -1852.0, 45.0, -3e-4, 926.0, -22.5, 11.25)
+    )
+    assert biases.row(2) == (None,) * 8
+
+
+def test_messages_of_sensors_about_themselves(save: Save) -> None:
+    """North markers and sectors alone say nothing of a state."""
+    head = {1: bytes(RADAR), 2: b"\x01", 3: reference.time_of_day(10.0)}
+    states = [{6: b"\x80\x00"}, {6: b"\x80\x88"}, {6: b"\x80\x52"}, {6: b"\x10\x10"}]
+    errors = {12: struct.pack(">bb", -64, 32)}
+    contents = reference.block(34, *(reference.record(head | one) for one in (*states, errors)))
+    contents += reference.block(34, reference.service(RADAR, 1, 11.0))
+    old = {1: bytes(RADAR), 2: b"\x01", 4: reference.time_of_day(12.0), 10: errors[12]}
+    contents += reference.block(2, reference.record(old))
+    multilateration = {1: bytes([25, 60]), 2: b"\x02", 3: reference.time_of_day(13.0)}
+    contents += reference.block(19, reference.record(multilateration | {4: b"\xb0"}))
+    found = read_asterix(save(contents)).messages
+    assert found["time_s"].to_list() == [10.0, 10.0, 10.0, 10.0, 12.0, 13.0]
+    assert found["sensor"].to_list() == found["source"].to_list()
+    own = ["operational", "inhibited", "operational", None, None, "inhibited"]
+    assert found["state"].to_list() == own
+    assert found["overload"].to_list() == [False, True, True, None, None, True]
+    assert found["time_valid"].to_list() == [True, True, False, None, None, False]
+    apart = found.select("collimation_range_m", "collimation_azimuth_deg")
+    assert apart.rows()[3:5] == [(-926.0, 0.703125)] * 2
 
 
 def test_multilateration(save: Save) -> None:
@@ -578,12 +638,27 @@ def test_what_is_missing_is_told_in_one_line(
 
 
 def test_a_recording_of_other_things_is_told(save: Save, radars: Path) -> None:
-    code, out, err = run("track", save(reference.block(65, b"\x00")), "--sensors", radars)
+    system = {1: bytes([25, 100]), 2: b"\x01", 4: reference.time_of_day(53.0), 6: b"\x00"}
+    others = reference.block(65, reference.record(system)) + reference.block(247, b"\x00")
+    code, out, err = run("track", save(others), "--sensors", radars)
     assert (code, out, err.count("\n")) == (1, "", 1)
     assert (
-        "has no plots (categories 48, 1) of targets, but 1 blocks of category 65 (tracker service)"
-        in err
+        "has no plots (categories 48, 1) of targets, but 1 messages (63, 65 and others), 1 blocks "
+        "of category 247 (versions)" in err
     )
+
+
+def test_radars_that_should_not_be_used_are_told(save: Save, radars: Path) -> None:
+    pytest.importorskip("pyproj")
+    head = {1: bytes(RADAR), 2: b"\x01", 3: reference.time_of_day(86_395.0)}
+    messages = [reference.record(head | {6: b"\x80" + state}) for state in (b"\x82", b"\x80")]
+    path = save(flight() + reference.block(34, *messages))
+    code, _, err = run("track", path, "--sensors", radars)
+    assert code == 0
+    assert err.splitlines()[:2] == [
+        f"{path}: radar 25/12 said at times that its time source is invalid",
+        f"{path}: radar 25/12 said at times that it is not released for operational use",
+    ]
 
 
 def test_codes_count_where_nobody_has_an_address(save: Save, tmp_path: Path) -> None:
@@ -708,6 +783,7 @@ def system_tracks(count: int = 200) -> pl.DataFrame:
             "mode_3a": [None if k % 5 == 0 else f"{k:04o}" for k in range(count)],
             "callsign": [None if k % 3 == 0 else f"TRT {k}" for k in range(count)],
             "confirmed": rng.random(count) < 0.5,
+            "coasted": rng.random(count) < 0.5,
             **{
                 name: [None if k % 4 == 0 else k % 3 for k in range(count)]
                 for name in ("transversal", "longitudinal", "vertical")
@@ -743,10 +819,21 @@ def test_another_decoder_reads_what_was_written(tmp_path: Path) -> None:
             record, rest = edition.cv_record.parse(base.ParsingMode.StrictParsing, rest)
             records.append(record)
     assert len(records) == 40
-    for record, east in zip(records, tracks["east_m"], strict=True):
+    expected = tracks.select("east_m", "confirmed", "coasted").rows()
+    for record, (east, confirmed, coasted) in zip(records, expected, strict=True):
         item = record.get_item("100")
         found = item and item.variation.get_item("X").variation.content.as_quantity("m")
         assert found == east
+        status = record.get_item("080").variation
+        assert status.get_item("CNF").as_uint() == (not confirmed)
+        there = status.get_item("CST")
+        assert (there is not None and there.as_uint() == 1) == coasted
+
+
+def test_a_row_without_a_plot_is_coasted(tmp_path: Path) -> None:
+    rows = pl.DataFrame({"time_s": [1.0, 2.0], "track": [1, 1], "plot": [None, 3]})
+    write_asterix(rows, tmp_path / "tracks.ast")
+    assert read_asterix(tmp_path / "tracks.ast").tracks["coasted"].to_list() == [True, False]
 
 
 @pytest.mark.parametrize(

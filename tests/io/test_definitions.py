@@ -83,8 +83,11 @@ def test_records_are_those_of_libasterix(
     )
     rng = np.random.default_rng([category, number])
     decoded = 0
+    lists = getattr(one.cv_uap, "cv_uaps", {"": getattr(one.cv_uap, "cv_record", None)})
+    longest = max(each.cv_fspec_max_bytes for each in lists.values())
     for _ in range(RECORDS):
-        contents = octets(rng, int(rng.integers(1, 6)))
+        # some of which are longer than any
+        contents = octets(rng, int(rng.integers(1, longest + 2)))
         begin, end = np.array([0]), np.array([len(contents)])
         expected = parsed(one.cv_uap, contents)
         if isinstance(expected, ValueError):

@@ -33,7 +33,7 @@ FIELDS: dict[int, dict[str, set[str]]] = {
         "161": {""},
         "200": {"GSP", "HDG"},
     },
-    2: {"010": {"SAC", "SIC"}, "000": {""}, "030": {""}, "041": {""}},
+    2: {"010": {"SAC", "SIC"}, "000": {""}, "030": {""}, "041": {""}, "090": {"RE", "AE"}},
     10: _COMMON
     | _SURFACE
     | {
@@ -46,7 +46,7 @@ FIELDS: dict[int, dict[str, set[str]]] = {
         "200": {"GSP", "TRA"},
         "500": {"DEVX", "DEVY", "COVXY"},
     },
-    19: _COMMON | {"600": _POSITION, "610": {""}},
+    19: _COMMON | {"550": {"NOGO", "OVL", "TSV"}, "600": _POSITION, "610": {""}},
     20: _COMMON
     | _SURFACE
     | {
@@ -68,6 +68,8 @@ FIELDS: dict[int, dict[str, set[str]]] = {
         "000": {""},
         "030": {""},
         "041": {""},
+        "050": {"COM/NOGO", "COM/OVLRDP", "COM/OVLXMT", "COM/TSV"},
+        "090": {"RNG", "AZM"},
         "120": {"HGT", *_POSITION},
     },
     48: _COMMON
@@ -84,7 +86,7 @@ FIELDS: dict[int, dict[str, set[str]]] = {
     62: {
         "010": {"SAC", "SIC"},
         **{item: {""} for item in ("040", "070", "130", "136", "220")},
-        "080": {"CNF"},
+        "080": {"CNF", "CST"},
         "060": {"V", "G", "MODE3A"},
         "100": {"X", "Y"},
         "105": _POSITION,
@@ -93,6 +95,19 @@ FIELDS: dict[int, dict[str, set[str]]] = {
         "380": {"ADR", "ID"},
         "200": {"TRANS", "LONG", "VERT"},
         "500": {"APC/X", "APC/Y", "COV", "APW/LAT", "APW/LON", "ATV/X", "ATV/Y"},
+    },
+    63: {
+        "010": {"SAC", "SIC"},
+        "050": {"SAC", "SIC"},
+        "060": {"CON", "PSR", "SSR", "MDS", "ADS", "MLT", "OPS", "ODP", "OXT", "TSV", "NPW"},
+        "080": {"SRG", "SRB"},
+        "090": {"PRG", "PRB"},
+        **{item: {""} for item in ("015", "030", "070", "081", "091", "092")},
+    },
+    65: {
+        "010": {"SAC", "SIC"},
+        "040": {"NOGO", "OVL", "TSV"},
+        **{item: {""} for item in ("000", "015", "030", "050")},
     },
 }
 _HEAD = """\
@@ -209,7 +224,7 @@ def _field(name: str, at: int, size: int, element: Any) -> str:
     signed = getattr(content, "cv_signedness", None)
     sign = "s" if signed is not None and signed.__name__ == "Signed" else "u"
     scale = [repr(float(content.cv_lsb)), content.cv_unit] if hasattr(content, "cv_lsb") else []
-    return _list(name or "=", at, size, sign, *scale)
+    return _list(name or "=", at, size, sign, *filter(None, scale))
 
 
 def _list(*parts: object) -> str:

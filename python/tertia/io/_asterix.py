@@ -1,4 +1,4 @@
-"""Recordings of radars in ASTERIX: plots, service messages of radars, system tracks, ADS-B."""
+"""Recordings of radars in ASTERIX: plots, service and status messages, system tracks, ADS-B."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ class AsterixRecording:
         `height_m`, `flight_level`, `east_m`, `north_m`, `east_sigma_m`, `north_sigma_m` and
         `covariance_east_north_m2` (I062/500), `speed_m_s`, `course_deg`, `icao_address`,
         `mode_3a`, `callsign`, `velocity_east_m_s`, `velocity_north_m_s` and their sigmas,
-        `vertical_rate_m_s`, `confirmed`, and the codes of I062/200: `transversal`, `longitudinal`,
-        `vertical`.
+        `vertical_rate_m_s`, `confirmed`, `coasted` (without a plot), and the codes of I062/200:
+        `transversal`, `longitudinal`, `vertical`.
     reports : DataFrame
         ADS-B reports (category 21): `time_s`, `sensor`, `target`, `latitude_deg`,
         `longitude_deg`, `height_m`, `flight_level`, `speed_m_s`, `course_deg`, `icao_address`,
@@ -45,6 +45,16 @@ class AsterixRecording:
     positions : DataFrame
         Target reports of surface movement and multilateration systems (categories 10 and 20), with
         the first columns of `tracks`, up to `callsign`; `target` is the track number.
+    messages : DataFrame
+        What sensors say of themselves (categories 2, 19, 34), and a tracker of its sensors (63) and
+        of itself (65), in messages that have some of it: `time_s`, `sensor`, which is meant,
+        `source`, who says so, `service` (I063/015); `state` (`operational`, `degraded`,
+        `initialising`, `not connected`, `inhibited`, `unknown`), `failed` (of `psr`, `ssr`,
+        `mode-s`, `ads-b`, `multilateration`, with `+` between them), `overload`, `time_valid`,
+        `plots_missing`, `service_report` (the code of I065/050); `time_bias_s`, `range_gain`,
+        `range_bias_m`, `azimuth_bias_deg` (Mode S or SSR), `psr_range_gain`, `psr_range_bias_m`,
+        `psr_azimuth_bias_deg`, `psr_elevation_bias_deg`; `collimation_range_m` and
+        `collimation_azimuth_deg`, by which primary plots differ from secondary ones.
     skipped : dict of int to int
         Data blocks of other categories, by category.
     damaged : int
@@ -71,6 +81,7 @@ class AsterixRecording:
     tracks: pl.DataFrame
     reports: pl.DataFrame
     positions: pl.DataFrame
+    messages: pl.DataFrame
     skipped: dict[int, int]
     damaged: int
     lost_bytes: int
@@ -95,6 +106,7 @@ class AsterixRecording:
             "tracks": self.tracks,
             "reports": self.reports,
             "positions": self.positions,
+            "messages": self.messages,
         }
         listed = ", ".join(f"{table.height} {name}" for name, table in parts.items())
         return f"AsterixRecording({listed})"
@@ -130,7 +142,8 @@ def read_asterix(path: str | Path | Sequence[bytes]) -> AsterixRecording:
     beyond 86400 if a recording passes midnight. Mode 3/A codes and flight levels that are garbled
     or not validated are null. Times of category 1 are truncated to 512 s; they are completed by the
     full times of the service messages (category 2) of the same radar. Duplicates, for example from
-    two network lines, are removed.
+    two network lines, are removed. Range gains and biases of messages are those of
+    `tertia.sensors.Bias` (I063/080); the document does not say which sign the others have.
 
     Each category is decoded by the edition that decodes most of its first twenty data blocks; of
     equal ones by the newest.
@@ -145,7 +158,7 @@ def read_asterix(path: str | Path | Sequence[bytes]) -> AsterixRecording:
     ...     _ = path.write_bytes(block)
     ...     recording = read_asterix(path)
     >>> recording
-    AsterixRecording(1 plots, 1 sensors, 0 tracks, 0 reports, 0 positions)
+    AsterixRecording(1 plots, 1 sensors, 0 tracks, 0 reports, 0 positions, 0 messages)
     >>> recording.plots.select("sensor", "range_nm", "azimuth_deg", "mode_3a").row(0)
     ('23/2', 64.0, 45.0, '2322')
     """
@@ -182,7 +195,8 @@ def write_asterix(
         Rows of `tables.track`, or of `read_asterix(...).tracks`: `time_s` and `track` (or
         `target`), and any of `latitude_deg` and `longitude_deg`, `east_m` and `north_m`,
         `velocity_east_m_s` and `velocity_north_m_s` (or `speed_m_s` and `course_deg`), `height_m`,
-        `flight_level`, `vertical_rate_m_s`, `icao_address`, `mode_3a`, `callsign`, `confirmed`;
+        `flight_level`, `vertical_rate_m_s`, `icao_address`, `mode_3a`, `callsign`, `confirmed`,
+        `coasted` (or `plot`, null where there is none);
         `east_sigma_m`, `north_sigma_m`, `covariance_east_north_m2` and the sigmas of the velocities
         (I062/500); `transversal`, `longitudinal`, `vertical`, the codes of I062/200. Missing items
         are null.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +13,27 @@ import polars as pl
 
 from tertia import _core
 from tertia._arrays import FloatArray, IntArray
-from tertia.io._asterix_rows import ROWS, TIMES, Items, is_of_target, services, surface_plots
+from tertia.io._asterix_rows import (
+    ROWS,
+    TIMES,
+    Items,
+    is_of_target,
+    services,
+    status,
+    surface_plots,
+)
 from tertia.io._categories import (
     COLUMNS,
     KNOWN,
+    MESSAGES,
     MULTILATERATION,
     OLD_PLOTS,
     PLOTS,
     REPORTS,
+    SENSOR_STATUS,
     SENSORS,
     SERVICES,
+    STATUS,
     SURFACE,
     TRACKS,
 )
@@ -111,16 +123,15 @@ class Reader:
         contents = self.payloads[0] if len(self.payloads) == 1 else b"".join(self.payloads)
         records: dict[int, _Records] = {}
         damage: list[tuple[int, int, str]] = []
-        for number in sorted({*COLUMNS, *SERVICES} & set(category.tolist())):
+        for number in sorted({*COLUMNS, *MESSAGES} & set(category.tolist())):
             [own] = np.nonzero(category == number)
             definition = _edition(number, contents, begin[own], end[own])
             block, columns, wrong = _core.asterix_records(
                 definition, contents, begin[own], end[own]
             )
-            _, editions, fields = _DEFINITIONS[definition]
-            self.editions[number] = editions[0]
+            self.editions[number] = _DEFINITIONS[definition][1][0]
             damage += [(int(own[where]), at, reason) for where, at, reason in wrong]
-            records[number] = _Records(own[block], fields, columns)
+            records[number] = _Records(own[block], definition, columns)
         if OLD_PLOTS in records:
             records[OLD_PLOTS].repeat_sources()
         self._say_damage(damage, category)
@@ -159,8 +170,14 @@ class Reader:
         if SURFACE in records:
             measured = records[SURFACE].rows(SURFACE, surface_plots, PLOTS)
             tables[PLOTS].append(measured.filter(pl.col("range_nm").is_not_null()))
+        told = [records[one].rows(one, status, SENSOR_STATUS) for one in MESSAGES if one in records]
+        said = pl.any_horizontal(pl.col(*STATUS).is_not_null())
+        tables[SENSOR_STATUS] = [one.filter(said) for one in told]
         joined = {number: _joined(number, parts) for number, parts in tables.items()}
-        distinct = {number: one.unique(maintain_order=True) for number, one in joined.items()}
+        distinct = {
+            number: one.unique(maintain_order=True) if one.height else one
+            for number, one in joined.items()
+        }
         plots = distinct[PLOTS]
         return {
             "plots": plots,
@@ -168,6 +185,7 @@ class Reader:
             "tracks": distinct[TRACKS],
             "reports": distinct[REPORTS],
             "positions": pl.concat([distinct[SURFACE], distinct[MULTILATERATION]]),
+            "messages": distinct[SENSOR_STATUS],
             "repeated": joined[PLOTS].height - plots.height,
         }
 
@@ -175,22 +193,19 @@ class Reader:
 class _Records:
     """Records of a category: their data blocks and columns."""
 
-    def __init__(
-        self, block: IntArray, fields: list[tuple[str, float, str]], columns: list[IntArray]
-    ) -> None:
-        self.block = block
-        self.items = Items(fields)
-        names = [name for name, *_ in fields]
+    def __init__(self, block: IntArray, definition: int, columns: list[IntArray]) -> None:
+        self.block, self.definition = block, definition
+        names = [name for name, *_ in _DEFINITIONS[definition][2]]
         raw = pl.DataFrame(dict(zip(names, columns, strict=True)))
-        self.frame = raw.select(
-            pl.when(pl.col(name) != _MISSING).then(pl.col(name)).alias(name) for name in names
-        )
+        self.frame = raw.select(pl.when(pl.all() != _MISSING).then(pl.all()))
         self.time: FloatArray = np.empty(0)
 
     def times(self, number: int) -> FloatArray:
         """Return the times of day, nan where there is none."""
-        each = pl.coalesce([self.items.number(item, "s") for item in TIMES[number]])
-        return self.frame.select(each.fill_null(np.nan))[:, 0].to_numpy()
+        items = _items(self.definition)
+        each = pl.coalesce([items.number(item, "s") for item in TIMES[number]])
+        # nan where null
+        return self.frame.select(each)[:, 0].to_numpy()
 
     def repeat_sources(self) -> None:
         """Let a record without a source have that of the record before, in the same block."""
@@ -207,16 +222,34 @@ class _Records:
 
     def rows(self, number: int, convert: Any, table: int | None = None) -> pl.DataFrame:
         """Return the rows of a table, with the data blocks of the records."""
-        columns = convert(self.items)
         found = self.frame.select(
             pl.Series("block", self.block),
             pl.Series("time_s", self.time).fill_nan(None),
-            self.items.sensor().alias("sensor"),
-            *(value.alias(name) for name, value in columns.items()),
-            of_target=is_of_target(number, self.items),
+            *_columns(self.definition, convert, table or number),
         )
-        kinds = _schema(COLUMNS.get(table or number, {}))
-        return found.filter("of_target").drop("of_target").cast(kinds)
+        if number == SURFACE:
+            found = found.filter("of_target")
+        return found.drop("of_target")
+
+
+@cache
+def _items(definition: int) -> Items:
+    return Items(_DEFINITIONS[definition][2])
+
+
+@cache
+def _columns(definition: int, convert: Any, table: int) -> list[pl.Expr]:
+    """Return the columns of a table of records, and whether these are of a target."""
+    items = _items(definition)
+    kinds = _schema(COLUMNS.get(table, {}))
+    columns = {"sensor": items.sensor(), **convert(items)}
+    return [
+        *(
+            (value.cast(kinds[name]) if name in kinds else value).alias(name)
+            for name, value in columns.items()
+        ),
+        is_of_target(_DEFINITIONS[definition][0], items).alias("of_target"),
+    ]
 
 
 def _edition(number: int, contents: bytes, begin: IntArray, end: IntArray) -> int:
@@ -271,9 +304,9 @@ def _joined(number: int, parts: list[pl.DataFrame]) -> pl.DataFrame:
 def _sensors(messages: list[_Records], plots: pl.DataFrame) -> pl.DataFrame:
     """Return one row per sensor that sent plots or service messages."""
     counts = plots.drop_nulls("sensor").group_by("sensor").agg(plot_count=pl.len().cast(pl.Int64))
-    told = [one.rows(0, services).drop_nulls("sensor") for one in messages]
+    told = [one.rows(0, services) for one in messages]
     if told:
-        every = pl.concat(told).sort("block", maintain_order=True)
+        every = pl.concat(told).drop_nulls("sensor").sort("block", maintain_order=True)
         norths = pl.col("time_s").filter(pl.col("kind") == _NORTH_MARKER)
         turns = pl.col("scan_period_s").filter(pl.col("scan_period_s") > 0)
         said = every.group_by("sensor").agg(
@@ -283,12 +316,13 @@ def _sensors(messages: list[_Records], plots: pl.DataFrame) -> pl.DataFrame:
             ),
         )
         counts = said.join(counts, on="sensor", how="full", coalesce=True)
-    found = counts.with_columns(
-        pl.lit(None).alias(name) for name in SENSORS if name not in counts.columns
-    )
+    else:
+        counts = counts.with_columns(
+            pl.lit(None).alias(name) for name in (*_PLACE, "scan_period_s")
+        )
     codes = pl.col("sensor").str.split("/").list.eval(pl.element().cast(pl.Int64))
     return (
-        found.select(pl.col(name).cast(kind) for name, kind in _schema(SENSORS).items())
+        counts.select(pl.col(name).cast(kind) for name, kind in _schema(SENSORS).items())
         .with_columns(pl.col("plot_count").fill_null(0))
         .sort(codes.list.get(0), codes.list.get(1))
     )

@@ -13,7 +13,9 @@ from tertia.io._categories import (
     OLD_PLOTS,
     PLOTS,
     REPORTS,
+    SENSOR_STATUS,
     SURFACE,
+    TRACKER_STATUS,
     TRACKS,
     VELOCITIES,
 )
@@ -31,6 +33,13 @@ _DETECTIONS = (
     "mode-s-all-call+psr",
     "mode-s-roll-call+psr",
 )
+# of I063/060, I065/040, I019/550; a radar is released for operational use or not (I034/050)
+_SENSOR_STATES = ("operational", "degraded", "initialising", "not connected")
+_TRACKER_STATES = ("operational", "degraded", "not connected", "unknown")
+_SYSTEM_STATES = ("operational", "degraded", "inhibited", "unknown")
+_RADAR_STATES = ("operational", "inhibited")
+# parts of a sensor in I063/060
+_PARTS = {"PSR": "psr", "SSR": "ssr", "MDS": "mode-s", "ADS": "ads-b", "MLT": "multilateration"}
 # of I010/020: multilateration, ADS-B and others are no plots of a radar
 _SURFACE_PSR = 3
 # metres of a degree of latitude, of which an accuracy needs three digits
@@ -83,14 +92,19 @@ class Items:
         """Return a mode 3/A code."""
         return _text(self.sound(item, "MODE3A"), "{:04o}".format)
 
-    def sensor(self) -> pl.Expr:
-        """Return who reports, by its codes."""
-        both = self.whole("010", "SAC") * 256 + self.whole("010", "SIC")
+    def sensor(self, item: str = "010") -> pl.Expr:
+        """Return who reports, or another sensor, by its codes."""
+        both = self.whole(item, "SAC") * 256 + self.whole(item, "SIC")
         return _text(both, lambda codes: f"{codes >> 8}/{codes & 255}")
 
     def flag(self, item: str, *parts: str) -> pl.Expr:
         """Return whether one of some bits is set."""
         return pl.any_horizontal([self.whole(item, part).fill_null(0) > 0 for part in parts])
+
+    def name(self, item: str, part: str, names: Sequence[str]) -> pl.Expr:
+        """Return the name of a code."""
+        code = self.whole(item, part)
+        return code.replace_strict(dict(enumerate(names)), default=None, return_dtype=pl.String)
 
 
 # where the time of day is; that of the position comes first. Old plots have it truncated
@@ -105,6 +119,8 @@ TIMES = {
     TRACKS: ("070",),
     19: ("140",),
     34: ("030",),
+    SENSOR_STATUS: ("030",),
+    TRACKER_STATUS: ("030",),
 }
 
 
@@ -239,6 +255,8 @@ def _tracks(items: Items) -> Rows:
         **dict(zip(VELOCITIES, [*velocity, *sigmas], strict=True)),
         "vertical_rate_m_s": items.number("220", "ft/min") * FOOT / 60,
         "confirmed": items.whole("080", "CNF") == 0,
+        # an octet that is left out is 0
+        "coasted": pl.when(items.whole("080", "CNF").is_not_null()).then(items.flag("080", "CST")),
         **{name: items.whole("200", part) for name, part in MODES.items()},
     }
 
@@ -303,6 +321,56 @@ def services(items: Items) -> Rows:
     }
 
 
+def status(items: Items) -> Rows:
+    """Return what messages say of the state and the errors of a sensor or a system."""
+    own = items.whole("060", "CON")
+    held = (own == 0) & (items.whole("060", "OPS") == 1)
+    failed = [
+        pl.when(items.whole("060", part) == 1).then(pl.lit(name)) for part, name in _PARTS.items()
+    ]
+    # of one category each
+    overloads = [("050", "COM", "OVLRDP"), ("050", "COM", "OVLXMT"), ("550", "OVL"), ("040", "OVL")]
+    overloads += [("060", "ODP"), ("060", "OXT")]
+    clocks = [("050", "COM", "TSV"), ("550", "TSV"), ("040", "TSV"), ("060", "TSV")]
+    offset = pl.coalesce(items.number("090", "NM", "RNG"), items.number("090", "NM", "RE"))
+    return {
+        "sensor": pl.coalesce(items.sensor("050"), items.sensor()),
+        "source": items.sensor(),
+        "service": items.whole("015"),
+        "state": pl.coalesce(
+            pl.when(held).then(pl.lit("inhibited")),
+            items.name("060", "CON", _SENSOR_STATES),
+            items.name("040", "NOGO", _TRACKER_STATES),
+            items.name("550", "NOGO", _SYSTEM_STATES),
+            items.name("050/COM", "NOGO", _RADAR_STATES),
+        ),
+        "failed": pl.when(own.is_not_null()).then(
+            pl.concat_str(failed, separator="+", ignore_nulls=True)
+        ),
+        "overload": _any_of(items, overloads),
+        "time_valid": ~_any_of(items, clocks),
+        "plots_missing": items.whole("060", "NPW") == 1,
+        "service_report": items.whole("050"),
+        "time_bias_s": items.number("070", "ms") / 1000,
+        "range_gain": items.number("080", "", "SRG"),
+        "range_bias_m": items.number("080", "NM", "SRB") * NAUTICAL_MILE,
+        "azimuth_bias_deg": items.number("081", "°"),
+        "psr_range_gain": items.number("090", "", "PRG"),
+        "psr_range_bias_m": items.number("090", "NM", "PRB") * NAUTICAL_MILE,
+        "psr_azimuth_bias_deg": items.number("091", "°"),
+        "psr_elevation_bias_deg": items.number("092", "°"),
+        "collimation_range_m": offset * NAUTICAL_MILE,
+        "collimation_azimuth_deg": pl.coalesce(
+            items.number("090", "°", "AZM"), items.number("090", "°", "AE")
+        ),
+    }
+
+
+def _any_of(items: Items, parts: Sequence[tuple[str, ...]]) -> pl.Expr:
+    """Return whether one of some bits is set, null where a record has none of them."""
+    return pl.max_horizontal([items.whole(*part) for part in parts]) > 0
+
+
 def _signed_square(root: pl.Expr) -> pl.Expr:
     return root * root.abs()
 
@@ -320,12 +388,11 @@ def _text(codes: pl.Expr, name: Callable[[int], str | None]) -> pl.Expr:
     """Return texts of whole numbers, each different one made once."""
 
     def texts(column: pl.Series) -> pl.Series:
-        known = column.unique().drop_nulls()
-        if known.is_empty():
-            return pl.repeat(None, len(column), dtype=pl.String, eager=True)
-        named: pl.Series = column.replace_strict(
-            known, [name(code) for code in known], default=None, return_dtype=pl.String
-        )
+        named: pl.Series = column.cast(pl.String)
+        if column.null_count() < len(column):
+            known = column.unique()
+            names = [None if code is None else name(code) for code in known.to_list()]
+            named = column.replace_strict(known, names, default=None, return_dtype=pl.String)
         return named
 
     return codes.map_batches(texts, return_dtype=pl.String)

@@ -58,7 +58,7 @@ def asterix_blocks(tracks: pl.DataFrame, source: tuple[int, int]) -> list[bytes]
         9: table.code(),
         11: _compound([table.address(), table.callsign()]),
         12: table.number(),
-        13: table.confirmed(),
+        13: table.status(),
         15: table.movement(),
         17: table.item({"flight_level": 0.25}, 2),
         18: table.item({"height_m": 6.25 * FOOT}, 2),
@@ -101,7 +101,8 @@ class _Table:
         """Return a column as numbers, nan where there is none."""
         if name not in self.tracks.columns:
             return np.full(self.count, np.nan)
-        values: FloatArray = self.tracks[name].cast(pl.Float64).fill_null(np.nan).to_numpy()
+        # nan where null
+        values: FloatArray = self.tracks[name].cast(pl.Float64).to_numpy()
         return values
 
     def item(self, scales: dict[str, float], size: int, *, signed: bool = True) -> _Item:
@@ -132,7 +133,7 @@ class _Table:
         time = self.tracks["time_s"]
         if time.dtype.is_temporal():
             time = time.dt.timestamp("us") / 1e6
-        seconds = time.cast(pl.Float64).fill_null(np.nan).to_numpy()
+        seconds = time.cast(pl.Float64).to_numpy()
         # the last step before midnight may round to it
         steps = np.rint(seconds % _DAY * 128) % (_DAY * 128)
         return self._steps("time_s", steps, 3, signed=False)
@@ -154,11 +155,21 @@ class _Table:
         root = np.sign(covariance) * np.sqrt(np.abs(covariance))
         return self._steps(name, root / 0.5, 2, signed=True)
 
-    def confirmed(self) -> _Item:
-        if "confirmed" not in self.tracks.columns:
-            return self.constant(b"\0")
-        tentative = ~self.tracks["confirmed"].cast(pl.Boolean).fill_null(True).to_numpy()
-        return _Item((tentative[:, None] * 2).astype(np.uint8), np.ones(self.count, bool))
+    def status(self) -> _Item:
+        """Return whether tracks are confirmed and, in the fourth octet, coasted: without a plot."""
+        octets = np.zeros((self.count, 4), np.uint8)
+        octets[:, 0] = 2 * ~self._flags("confirmed", default=True)
+        plotless = self.tracks["plot"].is_null() if "plot" in self.tracks.columns else False
+        coasted = self._flags("coasted", default=False) | np.asarray(plotless)
+        octets[coasted] |= np.array([1, 1, 1, 0x80], np.uint8)
+        written = coasted[:, None] | (np.arange(4) == 0)
+        return _Item(octets, np.ones(self.count, bool), written)
+
+    def _flags(self, name: str, *, default: bool) -> BoolArray:
+        if name not in self.tracks.columns:
+            return np.full(self.count, default)
+        flags: BoolArray = self.tracks[name].cast(pl.Boolean).fill_null(default).to_numpy()
+        return flags
 
     def movement(self) -> _Item:
         """Return the modes of movement; what is not known is undetermined, 3."""
@@ -185,6 +196,8 @@ class _Table:
         if name not in self.tracks.columns:
             return self.nothing()
         column = self.tracks[name].cast(pl.String)
+        if column.null_count() == self.count:
+            return self.nothing()
         known = column.unique().drop_nulls()
         try:
             numbers = {text: number(text) for text in known}

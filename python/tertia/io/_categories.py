@@ -6,6 +6,10 @@ OLD_PLOTS = 1
 SURFACE, MULTILATERATION, REPORTS, PLOTS, TRACKS = 10, 20, 21, 48, 62
 # service messages: of radars, old, of multilateration and of radars
 SERVICES = (2, 19, 34)
+# messages that say how sensors and systems are: these, and those of a tracker of its sensors and of
+# itself
+SENSOR_STATUS, TRACKER_STATUS = 63, 65
+MESSAGES = (*SERVICES, SENSOR_STATUS, TRACKER_STATUS)
 # titles of what is not read
 TITLES = {
     4: "safety nets",
@@ -20,8 +24,6 @@ TITLES = {
     23: "ADS-B service",
     25: "ground system status",
     32: "flight plans",
-    63: "sensor status",
-    65: "tracker service",
     150: "flight plans of Maastricht",
     205: "radio direction finders",
     240: "radar video",
@@ -83,7 +85,28 @@ COLUMNS[TRACKS] = COLUMNS[TRACKS] | {
     **dict.fromkeys(VELOCITIES, _NUMBER),
     "vertical_rate_m_s": _NUMBER,
     "confirmed": _FLAG,
+    "coasted": _FLAG,
     **dict.fromkeys(MODES, "Int64"),
 }
+# what messages say; a row has some of these
+STATUS = {
+    "state": _TEXT,
+    "failed": _TEXT,
+    "overload": _FLAG,
+    "time_valid": _FLAG,
+    "plots_missing": _FLAG,
+    "service_report": "Int64",
+    "time_bias_s": _NUMBER,
+    "range_gain": _NUMBER,
+    "range_bias_m": _NUMBER,
+    "azimuth_bias_deg": _NUMBER,
+    "psr_range_gain": _NUMBER,
+    "psr_range_bias_m": _NUMBER,
+    "psr_azimuth_bias_deg": _NUMBER,
+    "psr_elevation_bias_deg": _NUMBER,
+    "collimation_range_m": _NUMBER,
+    "collimation_azimuth_deg": _NUMBER,
+}
+COLUMNS[SENSOR_STATUS] = {**_COMMON, "source": _TEXT, "service": "Int64", **STATUS}
 SENSORS = {"sensor": _TEXT, **_PLACE, "scan_period_s": _NUMBER, "plot_count": "Int64"}
-KNOWN = frozenset({*TITLES, *COLUMNS, *SERVICES})
+KNOWN = frozenset({*TITLES, *COLUMNS, *MESSAGES})

@@ -36,6 +36,16 @@ def _doubt_rest(path: Path, found: AsterixRecording) -> None:
         )
 
 
+def _doubt_radars(path: Path, messages: pl.DataFrame) -> None:
+    """Print of which radars the messages say that their plots should not be used."""
+    for what, wrong in (
+        ("its time source is invalid", ~pl.col("time_valid")),
+        ("it is not released for operational use", pl.col("state") == "inhibited"),
+    ):
+        for radar in messages.filter(wrong)["sensor"].unique(maintain_order=True):
+            doubt(f"{path}: radar {radar} said at times that {what}")
+
+
 def measured(found: AsterixRecording) -> pl.DataFrame:
     """Return the plots of targets that a radar has measured."""
     left_out = pl.col("simulated") | pl.col("field_monitor") | (pl.col("detection") == "none")
@@ -60,6 +70,7 @@ def plots(path: Path) -> Part:
     ):
         if count:
             doubt(f"{path}: {counted(count, noun)} left out: {why}")
+    _doubt_radars(path, found.messages.filter(pl.col("sensor").is_in(seen["sensor"].unique())))
     if found.truncated_times:
         doubt(f"{path}: times are those of a clock of 512 s: no service message has a full time")
     # an identity that nobody has is none
@@ -115,6 +126,7 @@ def _contents(found: AsterixRecording) -> str:
         "system tracks (62)": found.tracks.height,
         "ADS-B reports (21)": found.reports.height,
         "positions (10, 20)": found.positions.height,
+        "messages (63, 65 and others)": found.messages.height,
     }
     listed = [f"{count} {name}" for name, count in counts.items() if count]
     return ", ".join(filter(None, [*listed, found.skipped_text()])) or "nothing else"
