@@ -2,7 +2,8 @@
 
 `python benches/live.py [PLOTS_PER_SECOND [SECONDS]]`: `tertia track --udp --send` receives what
 twenty radars see; the latency of a row is the time from the sending of its plot to the arrival of
-its record.
+its record. Rows without a plot (coasted) come when no plot can come any more, a quarter of a scan
+after its time; they are counted apart.
 """
 
 import signal
@@ -17,7 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tertia._arrays import FloatArray, IntArray
+from tertia import _core
+from tertia._arrays import BoolArray, FloatArray, IntArray
 
 RADARS, PERIOD, LATENCY, STEP = 20, 4.0, 0.05, 0.02
 COMMAND = [sys.executable, "-c", "from tertia.cli import main; main()", "track"]
@@ -49,11 +51,6 @@ def blocks(plots: FloatArray, now: float) -> list[bytes]:
 
 def main(rate: float = 20_000.0, seconds: float = 30.0) -> None:
     """Send, receive, and print."""
-    random = np.random.default_rng(1)
-    aircraft = round(rate * PERIOD / RADARS)
-    start = random.uniform([-80e3, 5e3], [280e3, 150e3], (aircraft, 2))
-    speed = 200 * random.standard_normal((aircraft, 2)) / np.sqrt(2)
-    turn = random.permutation(aircraft)
     heard: list[tuple[float, bytes]] = []
     listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 25)
@@ -83,31 +80,46 @@ def main(rate: float = 20_000.0, seconds: float = 30.0) -> None:
         )
         assert process.stderr is not None
         process.stderr.readline()
-        sent = send(port, start, speed, turn, seconds)
+        sent = send(port, Traffic(rate), seconds)
         time.sleep(2.0)
         process.send_signal(signal.SIGINT)
         said = process.communicate()[1].decode().strip()
     show(heard, sent, seconds, said)
 
 
-def send(port: int, start: FloatArray, speed: FloatArray, turn: IntArray, seconds: float) -> int:
-    """Send the plots of a radar's sector at each step, in real time."""
-    random = np.random.default_rng(2)
+class Traffic:
+    """Aircraft that fly straight on, and what twenty radars see of them."""
+
+    def __init__(self, rate: float) -> None:
+        random = np.random.default_rng(1)
+        self.count = round(rate * PERIOD / RADARS)
+        self._start = random.uniform([-80e3, 5e3], [280e3, 150e3], (self.count, 2))
+        self._speed = 200 * random.standard_normal((self.count, 2)) / np.sqrt(2)
+        self._turn = random.permutation(self.count)
+        self._random = np.random.default_rng(2)
+
+    def seen(self, step: int, since: float) -> FloatArray:
+        """Return the plots of a step, of a sector of each radar, at a time since the beginning."""
+        steps, parts = round(PERIOD / STEP), []
+        for radar in range(RADARS):
+            own = self._turn[(step + radar * 7) % steps :: steps]
+            place = self._start[own] + self._speed[own] * since - [10_000 * radar, 0.0]
+            reach = np.hypot(*place.T) + 50 * self._random.standard_normal(len(own))
+            angle = np.degrees(np.arctan2(*place.T))
+            angle += 0.07 * self._random.standard_normal(len(own))
+            parts.append(np.column_stack([np.full(len(own), radar), own, reach, angle % 360]))
+        return np.concatenate(parts)
+
+
+def send(port: int, traffic: Traffic, seconds: float) -> int:
+    """Send the plots of each step in real time, and return their number."""
     to = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     begin, count = time.time(), 0
-    steps = round(PERIOD / STEP)
     for step in range(round(seconds / STEP)):
         while (wait := begin + step * STEP - time.time()) > 0:
             time.sleep(wait)
         now = time.time()
-        rows = []
-        for radar in range(RADARS):
-            own = turn[(step + radar * 7) % steps :: steps]
-            place = start[own] + speed[own] * (now - begin) - [10_000 * radar, 0.0]
-            reach = np.hypot(*place.T) + 50 * random.standard_normal(len(own))
-            angle = np.degrees(np.arctan2(*place.T)) + 0.07 * random.standard_normal(len(own))
-            rows.append(np.column_stack([np.full(len(own), radar), own, reach, angle % 360]))
-        plots = np.concatenate(rows)
+        plots = traffic.seen(step, now - begin)
         count += len(plots)
         for packet in blocks(plots, now):
             to.sendto(packet, ("127.0.0.1", port))
@@ -115,14 +127,32 @@ def send(port: int, start: FloatArray, speed: FloatArray, turn: IntArray, second
     return count
 
 
+def rows(packet: bytes) -> tuple[IntArray, IntArray]:
+    """Return the times of day of the records of a packet in 1/128 s, and which are coasted."""
+    every = enumerate(_core.asterix_definitions())
+    number, names = next((k, [name for name, *_ in one[2]]) for k, one in every if one[0] == 62)
+    _, columns, _ = _core.asterix_records(number, packet, np.array([3]), np.array([len(packet)]))
+    return columns[names.index("070")], columns[names.index("080/CST")]
+
+
 def show(heard: list[tuple[float, bytes]], sent: int, seconds: float, said: str) -> None:
     """Print what arrived, and how late."""
-    # of the first record in each packet: four octets of specification, the source, the time
-    late = [at % 86_400 - int.from_bytes(one[9:12], "big") / 128 for at, one in heard]
-    half, most, worst = np.quantile(late, [0.5, 0.99, 1.0]) * 1e3
+    found = [(at, *rows(packet)) for at, packet in heard]
+    late = np.concatenate([at % 86_400 - time / 128 for at, time, _ in found]) * 1e3
+    coasted = np.concatenate([flag for _, _, flag in found]) == 1
     print(f"{sent} plots sent, {sent / seconds:,.0f} a second; {said}")
-    print(f"{len(late)} packets came back, {half:.0f} ms later (median), 99 % within {most:.0f} ms")
-    print(f"the last of all {worst:.0f} ms")
+    show_latencies(late, coasted)
+
+
+def show_latencies(late: FloatArray, coasted: BoolArray) -> None:
+    """Print how many milliseconds rows are late."""
+    for what, which in (("rows with a plot", ~coasted), ("coasted rows", coasted)):
+        if which.any():
+            half, most, worst = np.quantile(late[which], [0.5, 0.99, 1.0])
+            print(
+                f"{which.sum()} {what} came back, {half:.0f} ms later (median), 99 % within "
+                f"{most:.0f} ms, the last {worst:.0f} ms"
+            )
 
 
 if __name__ == "__main__":

@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from difflib import SequenceMatcher
+from functools import lru_cache
 
 # of a name that must be there, and of one that may be
 NEAR, VERY_NEAR = 0.75, 0.85
 _UNIT = re.compile(r"_(m_s2|m_s|deg_s|m2|km|nm|ft|kt|m|deg|rad|ms|s)$")
 
 
+@lru_cache(maxsize=1024)
 def plain_name(name: object) -> str:
     """Return a name without what is written in different ways: `Azimuth [deg]` is azimuth_deg."""
     return re.sub(r"[\W_]+", "_", str(name)).strip("_").casefold() or str(name)

@@ -39,6 +39,8 @@ _SPELLING = {16: "hexadecimal digits", 8: "octal digits", 10: "a whole number, 0
 MARKS = ("", "-", "na", "nan", "null", "none")
 _AS_OTHERS = "a number of seconds or a date with time, as the others are"
 _SAY_FORMAT = "; or give --time-format, as %d.%m.%Y %H:%M:%S"
+# what Polars adds to the name of a column that a header has again
+AGAIN = "_duplicated_0"
 # so many values show whether a unit is right
 _DOUBTFUL_COUNT, _DOUBTFUL_SPREAD, _LEAST_RANGE = 20, 1.0, 1000.0
 # the year 5138, in seconds
@@ -168,12 +170,13 @@ class Part:
         """Return the column of this name, or the one that differs in case, spaces or brackets."""
         there = names(self.table)
         alike = [one for one in there if plain_name(one) == plain_name(name)]
-        if name in there or not alike:
-            return name
-        if len(alike) > 1:
+        if name not in there and len(alike) > 1:
             listed = " and ".join(map(str, alike))
             raise ColumnError(f"{self.called} has the columns {listed} for {name}", column=name)
-        return str(alike[0])
+        found = name if name in there or not alike else str(alike[0])
+        if f"{found}{AGAIN}" in there:
+            raise ColumnError(f"{self.called} has two columns {found}", column=name)
+        return found
 
     def has(self, name: str) -> bool:
         """Return whether there is a column of this name, or nearly."""
@@ -387,9 +390,10 @@ class Reader:
             found = self.identities(values, name)
         else:
             found = self.numbers(values, positive=one.positive)
-            allowed = f"it must be between {-one.most:g} and {one.most:g}"
-            beyond = (found.abs() > one.most) & found.is_finite()
-            self.refuse(beyond, f"{values.name} is {{:g}}; {allowed}", found)
+            if one.most < math.inf:
+                allowed = f"it must be between {-one.most:g} and {one.most:g}"
+                beyond = (found.abs() > one.most) & found.is_finite()
+                self.refuse(beyond, f"{values.name} is {{:g}}; {allowed}", found)
             if self.problems is None:
                 doubt_unit(name, found)
             if one.columns[name] != 1.0:
@@ -419,9 +423,9 @@ class Reader:
 
     def refuse(self, wrong: pl.Series, reason: str, values: pl.Series | str) -> None:
         """Refuse rows that are wrong; `reason` is formatted with the value."""
-        rows = wrong.fill_null(False).arg_true()
-        if not len(rows):
+        if not wrong.any():
             return
+        rows = wrong.fill_null(False).arg_true()
         column = values if isinstance(values, str) else values.name
 
         def said(row: int) -> str:
@@ -519,13 +523,20 @@ class Reader:
         """Return identities as numbers, -1 where there is none."""
         if values.dtype.is_float():
             values = self.numbers(values).fill_nan(None).cast(pl.Int64, strict=False)
-        text = without_marks(values.cast(pl.String)).alias(values.name)
         base = IDENTITIES[name]
+        text = _without_marks(pl.first())
         # programs that know numbers alone write 4204.0
-        found = text.str.replace(r"\.0+$", "").str.to_integer(base=base, strict=False)
-        bad = text.is_not_null() & ~(found >= 0).fill_null(False)
-        self.refuse(bad, f"{text.name} is {{!r}}; it must be {_SPELLING[base]}", text)
-        return found.set(bad, None).fill_null(NO_IDENTITY)
+        number = text.str.replace(r"\.0+$", "").str.to_integer(base=base, strict=False)
+        found = values.cast(pl.String).to_frame().select(text=text, number=number)
+        bad = pl.col("text").is_not_null() & ~(pl.col("number") >= 0).fill_null(False)
+        checked = found.select(bad=bad, number=pl.when(~bad).then("number").fill_null(NO_IDENTITY))
+        self.refuse(
+            checked["bad"],
+            f"{values.name} is {{!r}}; it must be {_SPELLING[base]}",
+            found["text"].alias(values.name),
+        )
+        numbers: pl.Series = checked["number"]
+        return numbers
 
 
 def _absent(kind: Kind, count: int) -> pl.Series:
@@ -541,8 +552,12 @@ def _absent(kind: Kind, count: int) -> pl.Series:
 
 def without_marks(column: pl.Series) -> pl.Series:
     """Return text without surrounding spaces, null if it marks a missing value."""
-    column = column.str.strip_chars()
-    return column.set(column.str.to_lowercase().is_in(MARKS).fill_null(False), None)
+    return column.to_frame().select(_without_marks(pl.first())).to_series()
+
+
+def _without_marks(column: pl.Expr) -> pl.Expr:
+    text = column.str.strip_chars()
+    return pl.when(~text.str.to_lowercase().is_in(MARKS)).then(text)
 
 
 def _names(column: pl.Series) -> pl.Series:
