@@ -15,8 +15,9 @@ import numpy as np
 import polars as pl
 import pytest
 from terminal import run
+from typer.main import get_command
 
-from tertia import tables
+from tertia import cli, tables
 from tertia.geo import LocalFrame
 from tertia.sensors import Station
 from tertia.tracker import Plots, Radar, track
@@ -382,6 +383,45 @@ def test_outputs(name: str, command: str, suffix: str, tmp_path: Path) -> None:
     assert re.fullmatch(f"tertia: cannot write .*{said}.*\n", done.err), done.err
 
 
+def test_measurements_are_not_overwritten(tmp_path: Path) -> None:
+    plots, sensors = scene(tmp_path, Case())
+    before = plots.read_bytes()
+    other = tmp_path / "other.csv"
+    other.symlink_to(plots)
+    for output in (plots, other):
+        done = run("track", plots, "--sensors", sensors, "--output", output)
+        assert (done.code, done.out) == (2, "")
+        assert done.err == f"tertia: cannot write {output}: it has the measurements\n"
+    assert plots.read_bytes() == before
+
+
+@pytest.mark.parametrize("command", ["register", "report"])
+def test_noise_beyond_any_direction(command: str, tmp_path: Path) -> None:
+    """Kilometres for metres: the azimuths of the targets say nothing."""
+    radars = "".join(
+        f'[[radar]]\nname = "{name}"\neast_m = {east}\nnorth_m = 0\nrange_sigma_m = 50\n'
+        "azimuth_sigma_deg = 0.08\nscan_period_s = 4\n"
+        for name, east in (("east", 0), ("west", 20))
+    )
+    rng = np.random.default_rng(1)
+    lines = ["time_s,sensor,range_m,azimuth_deg,mode_3a"]
+    for k in range(100):
+        for one, name in enumerate(("east", "west")):
+            for code in range(1, 9):
+                place = 10 * code + 0.8 * k + rng.normal(0, 0.05)
+                row = (4 * k + one, name, place, rng.uniform(0, 360), f"{code:04o}")
+                lines.append(",".join(map(str, row)))
+    (tmp_path / "s.toml").write_text(radars, encoding="utf-8")
+    (tmp_path / "plots.csv").write_text("\n".join(lines), encoding="utf-8")
+    output = tmp_path / ("out.html" if command == "report" else "out.csv")
+    done = run(
+        command, tmp_path / "plots.csv", "--sensors", tmp_path / "s.toml", "--output", output
+    )
+    assert done.code == 0, done.err
+    assert "are they kilometres or nautical miles" in done.err
+    assert "degrees=True" not in done.err
+
+
 STATIONS = """[[station]]
 name = "A"
 east_m = 0.0
@@ -446,6 +486,22 @@ GROUPS: dict[str, tuple[str, list[str], tuple[str, ...], str | None]] = {
         "locate", ["time_s,sensor,range_m", "0,A,-45", "0,B,20"], ("--sensors", "{stations}"),
         "line 2: range is -45; it must be positive",
     ),
+    "a column twice": (
+        "bearing", ["azimuth_deg,azimuth_deg", *(f"{50 + k % 3},{k}" for k in range(20))], (),
+        "has two columns azimuth_deg",
+    ),
+    "no ranges of a radar beside finders": (
+        "track", ["time_s,sensor,distance,azimuth_deg", "0,west,20000,45", "4,west,20100,45"],
+        ("--sensors", "{mixed}"), "table.csv has no column range_m or range_nm; it has",
+    ),
+    "tracks at one time": (
+        "evaluate", ["time_s,track,east_m,north_m", "0,1,0,0", "0,1,1,0"], ("--truth", "{truth}"),
+        "give update_interval",
+    ),
+    "tracks of another time": (
+        "evaluate", ["time_s,track,east_m,north_m", "9,1,0,0", "13,1,1,0"],
+        ("--truth", "{truth}"), "no time of .*table.csv is within those of .*truth.csv",
+    ),
     "a track of one row": (
         "evaluate", ["time_s,track,east_m,north_m", "0,1,0,0"], ("--truth", "{truth}"),
         "give update_interval",
@@ -459,6 +515,7 @@ def test_small_and_crooked_groups(name: str, tmp_path: Path) -> None:
     files = {
         "stations": ("stations.toml", STATIONS),
         "twice": ("twice.toml", STATIONS.replace('"B"', '"A"')),
+        "mixed": ("mixed.toml", SENSORS + STATIONS),
         "truth": ("truth.csv", "time_s,target,east_m,north_m\n0,1,0,0\n"),
     }
     paths = {key: tmp_path / file for key, (file, _) in files.items()}
@@ -488,6 +545,18 @@ def test_settings_are_options_of_the_command(tmp_path: Path) -> None:
     # the command line comes first
     assert run("track", "--settings", settings, "--motion", "imm", "--output", told).code == 0
     assert not pl.read_parquet(told).equals(pl.read_parquet(plain))
+
+
+COMMANDS = getattr(get_command(cli.app), "commands")  # noqa: B009  # of a group of commands
+
+
+@pytest.mark.parametrize("command", sorted(COMMANDS))
+def test_every_command_has_settings(command: str, tmp_path: Path) -> None:
+    settings = tmp_path / "settings.toml"
+    settings.write_text(f"[{command}]\ntime-format = '%d'\nnonsense = 1\n", encoding="utf-8")
+    done = run(command, "--settings", settings)
+    assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
+    assert f"nonsense is no option of {command}; it has " in done.err
 
 
 @pytest.mark.parametrize(

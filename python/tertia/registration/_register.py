@@ -15,6 +15,7 @@ from tertia.registration._errors import Errors, errors
 from tertia.registration._registration import NoiseHistory, Registration
 from tertia.registration._states import Common, Run, alone
 from tertia.sensors import ByKind, PositionSensor, Radar, Station
+from tertia.sensors._sensors import WIDEST_BEAM
 from tertia.tracker import Plots, TrackTable, track
 from tertia.tracker._earth import in_plane
 from tertia.tracker._sensors import interval, sensors_of
@@ -223,7 +224,9 @@ def with_noise(radar: Radar, sigma: FloatArray) -> Radar:
     range_sigma, azimuth_sigma = np.where(
         np.isfinite(sigma), sigma, [radar.range_sigma, radar.azimuth_sigma]
     )
-    return replace(radar, range_sigma=float(range_sigma), azimuth_sigma=float(azimuth_sigma))
+    # beyond this it is no radar, for example where ranges are in another unit
+    azimuth_sigma = min(float(azimuth_sigma), WIDEST_BEAM)
+    return replace(radar, range_sigma=float(range_sigma), azimuth_sigma=azimuth_sigma)
 
 
 def corrected(states: Common, registration: Registration, radars: Sequence[Radar]) -> Common:

@@ -36,7 +36,7 @@ _WITH_SIGMAS = (*STATION_KINDS, "arrival_time")
 _own_sigmas = attrgetter(*(f"{kind}_sigma" for kind in _WITH_SIGMAS))
 
 # a radar's beam is narrow: beyond this sigma its plots would lie along arcs
-_WIDEST_BEAM = 0.5
+WIDEST_BEAM = 0.5
 # in seconds; ADS-B may be up to .4 s late (DO-260B; George, Tuladhar and Sivananthan 2020)
 _LATENCY_SIGMA = 0.2
 # in seconds; a target is expected in every scan, so that shorter ones take for ever
@@ -230,10 +230,10 @@ class Radar:
             raise ValueError(f"{missing} is None; both resolutions must be given, or none")
         for key, size in cell.items():
             object.__setattr__(self, key, None if size is None else _sigma(size, key, degrees))
-        if self.azimuth_sigma > _WIDEST_BEAM:
+        if self.azimuth_sigma > WIDEST_BEAM:
             raise ValueError(
                 f"azimuth_sigma is {self.azimuth_sigma:g}; that of a radar must be at most "
-                f"{_WIDEST_BEAM} rad; are these degrees? pass degrees=True"
+                f"{WIDEST_BEAM} rad; are these degrees? pass degrees=True"
             )
         if self.scan_period < _FASTEST_SCAN:
             raise ValueError(

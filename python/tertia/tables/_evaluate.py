@@ -173,8 +173,12 @@ def evaluation_of(
         raise RecordError(reason, column="time_s")
     both = pl.concat([one.to_frame("time") for one in times], how="vertical_relaxed")
     clock = Clock.of(both["time"])
+    seconds = [clock.seconds(one) for one in times]
+    if all(map(len, seconds)) and max(map(np.min, seconds)) > min(map(np.max, seconds)):
+        one, two = tracks[0].called, truth[0].called
+        raise RecordError(f"no time of {one} is within those of {two}", column="time_s")
     rows = _rows(shown, clock)
-    usual = usual_periods(rows)
+    usual = [period for period in usual_periods(rows) if period > 0.0]
     if interval is None and not usual:
         raise ValueError("no track has two updates by one sensor: give update_interval")
     required = usual[0] if interval is None else interval

@@ -280,12 +280,20 @@ def recording_of(
     radars: Sensors[Any] = sensors_of(sensors)
     schema = {**schema_of(radars), **NUMBERED}
     records = read(source, schema, columns=columns, sensors=radars.names)
+    if "range" not in records.column and _is_of_radar(records.rows["sensor"], radars):
+        called = columns or {}
+        source[0].require(*(called.get(name, name) for name in PLOTS["range"].columns))
     clock = Clock.of(records.rows["time"], midnight=True)
     identity = records.column.get("identity", "identity")
     names = [name for name in REPLIES if name in records.column and name != identity]
     replies = replies_of(records.rows, names)
     plots = plots_of(records.rows, clock, radars)
     return Recording(plots, radars, clock, identity, replies, _numbers(records))
+
+
+def _is_of_radar(sensor: pl.Series, sensors: Sensors[Any]) -> bool:
+    """Return whether one of some rows is of a radar."""
+    return any(isinstance(sensors.items[one], Radar) for one in sensor.unique().to_list())
 
 
 def _numbers(records: Records) -> IntArray:

@@ -17,7 +17,7 @@ from tertia.cli.files import asterix
 from tertia.cli.files.text import Dialect, decoded, foreign, read_text, too_long
 from tertia.cli.terminal.say import WRONG_USAGE, fail, reading
 from tertia.geo import LocalFrame, SystemPlane
-from tertia.tables._records import Part, Source
+from tertia.tables._records import AGAIN, Part, Source
 from tertia.tables._sensors import (
     GEODETIC,
     LOCAL,
@@ -83,6 +83,8 @@ def batches(path: Path, columns: Sequence[str]) -> Iterator[pl.DataFrame]:
         rows = pl.scan_ipc(path, glob=False)
     elif kind == ".csv" and has_lines(path) and Dialect.of(path).is_plain:
         rows = pl.scan_csv(path, infer_schema=False, glob=False)
+        if any(name.endswith(AGAIN) for name in rows.collect_schema()):
+            return
         # a blank line is no row
         rows = rows.filter(~pl.all_horizontal(pl.all().is_null()))
     else:

@@ -9,7 +9,7 @@ import math
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -67,6 +67,7 @@ def command(function: Callable[..., Any]) -> Callable[..., None]:
         time_format = TIME_FORMAT.set(options.pop("time_format"))
         try:
             with _mistakes():
+                _keep_measurements(options)
                 if not as_json:
                     function(**options)
                     return
@@ -90,6 +91,17 @@ def command(function: Callable[..., Any]) -> Callable[..., None]:
     )
     run.__annotations__ = function.__annotations__ | {name: one[0] for name, one in added.items()}
     return run
+
+
+def _keep_measurements(options: Mapping[str, Any]) -> None:
+    """Refuse a result that would be written over the measurements."""
+    given = options.get("files") or [options.get("file")]
+    for result in (options.get("output"), options.get("plot_file")):
+        for path in given:
+            # a name that is too long is told where it is used
+            with contextlib.suppress(OSError):
+                if result is not None and path is not None and result.samefile(path):
+                    fail(f"cannot write {result}: it has the measurements", WRONG_USAGE)
 
 
 @contextlib.contextmanager
