@@ -1,11 +1,14 @@
 """Every result is a table of pandas, Polars and pyarrow, and is shown by Jupyter."""
 
 import builtins
+import contextlib
 import dataclasses
 import importlib
+import inspect
 import pkgutil
 from collections.abc import Callable, Iterator
-from typing import Any
+from enum import IntEnum
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 import polars as pl
@@ -14,7 +17,7 @@ import pytest
 import tertia
 from tertia import association, fusion, kalman, location, metrics, screening, smoothing, tracker
 from tertia._result import Result
-from tertia.sensors import Station
+from tertia.sensors import Bias, Station
 from tertia.trajectory import reconstruct
 
 RNG = np.random.default_rng(5)
@@ -80,6 +83,11 @@ RESULTS: dict[str, tuple[Callable[[], Any], int, set[str]]] = {
         lambda: fusion.fuse_series(ANGLES, 0.01, MODEL, period=360.0),
         40,
         {"mean_0", "sigma_0"},
+    ),
+    "bias": (
+        lambda: Bias(range=[30.0, -20.0], azimuth_sigma=1e-3),
+        2,
+        {"range_m", "azimuth", "azimuth_sigma", "time_s"},
     ),
     "plots": (plots, 20, {"time_s", "range_m", "azimuth", "sensor"}),
     "tracks": (
@@ -151,7 +159,7 @@ def test_without_polars_jupyter_shows_text(monkeypatch: pytest.MonkeyPatch) -> N
 
 # what goes in, and what belongs to others
 NO_RESULTS = {
-    "Atmosphere", "Bias", "ByKind", "ClockBias", "Column", "FiledPlan", "FlightPlan", "LocalFrame",
+    "Atmosphere", "ByKind", "ClockBias", "Column", "FiledPlan", "FlightPlan", "LocalFrame",
     "SystemPlane", "Station", "Radar", "ImmModel", "CvModel", "SingerModel", "WindowModel", "Mht",
     "PaperScore", "PlanModel", "Truth", "Turns", "JacobianOperator", "AsterixRecording",
     "Indicator",
@@ -169,6 +177,32 @@ def public_dataclasses() -> Iterator[type]:
             one = getattr(found, name)
             if isinstance(one, type) and dataclasses.is_dataclass(one):
                 yield one
+
+
+def returned(kind: Any) -> Iterator[type]:
+    """Yield the classes of this library in an annotation."""
+    if isinstance(kind, type) and kind.__module__.startswith("tertia."):
+        yield kind
+    for part in get_args(kind):
+        yield from returned(part)
+
+
+def test_every_function_returns_results() -> None:
+    """Also where the class of a result is not public."""
+    found = set()
+    for module in pkgutil.iter_modules(tertia.__path__):
+        if module.name.startswith("_") or module.name in {"cli", "interop", "plot", "report"}:
+            continue
+        public = importlib.import_module(f"tertia.{module.name}")
+        for name in getattr(public, "__all__", ()):
+            one = getattr(public, name)
+            # a name that type checkers alone know
+            with contextlib.suppress(NameError):
+                if inspect.isfunction(one):
+                    found |= set(returned(get_type_hints(one).get("return")))
+    assert len(found) > 20
+    missing = {one.__name__ for one in found if not issubclass(one, (Result, IntEnum))}
+    assert missing <= NO_RESULTS
 
 
 def test_every_result_is_one() -> None:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,7 @@ from tertia._arrays import (
     require_each,
     scalar_or_array,
 )
+from tertia._result import Result
 from tertia.sensors._kinds import ANGLES, angle_sigma
 
 # systematic errors of a radar, and their standard deviations
@@ -42,7 +43,7 @@ _NO_DEVIATION: dict[str, Any] = {
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
-class Bias:
+class Bias(Result):
     """Systematic errors of a sensor, assumed or estimated.
 
     After its bias is subtracted, a measurement has only the systematic error of the bias, which is
@@ -97,6 +98,9 @@ class Bias:
     >>> bias[1]
     Bias(azimuth=-0.00436, azimuth_sigma=0.00175)
     """
+
+    _rows: ClassVar = ("range", 0)
+    _omitted: ClassVar = ("drift_share", "drift_time", *_NO_DEVIATION, "deviation_covariance")
 
     range: float | FloatArray
     range_gain: float | FloatArray
