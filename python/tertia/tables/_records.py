@@ -19,6 +19,7 @@ import polars as pl
 
 from tertia._arrays import IntArray
 from tertia.tables._frames import height, names, series
+from tertia.tables._marks import names_without_marks, unmarked, without_marks
 from tertia.tables._names import hint, misspelt, plain_name
 from tertia.tables._times import (
     in_format,
@@ -35,8 +36,6 @@ IDENTITIES = {"icao_address": 16, "mode_3a": 8, "identity": 10}
 _HALF_DAY = 43_200.0
 _DIGITS = {16: "{:06X}", 8: "{:04o}"}
 _SPELLING = {16: "hexadecimal digits", 8: "octal digits", 10: "a whole number, 0 or more"}
-# cells of text that hold nothing
-MARKS = ("", "-", "na", "nan", "null", "none")
 _AS_OTHERS = "a number of seconds or a date with time, as the others are"
 _SAY_FORMAT = "; or give --time-format, as %d.%m.%Y %H:%M:%S"
 # what Polars adds to the name of a column that a header has again
@@ -383,7 +382,7 @@ class Reader:
             if self.problems is None:
                 doubt_time(name, found)
         elif one.kind == "name":
-            found = _names(values.cast(pl.String))
+            found = names_without_marks(values.cast(pl.String))
         elif one.kind == "flag":
             found = values.cast(pl.String).str.to_lowercase() == "true"
         elif one.kind == "identity":
@@ -411,7 +410,7 @@ class Reader:
                 self.part.require(*(self.called.get(one, one) for one in SENSOR.columns))
             return pl.repeat(0, count, dtype=pl.Int64, eager=True)
         column = self.part.column(self.called.get(name, name))
-        found = _names(series(self.part.table, column).cast(pl.String))
+        found = names_without_marks(series(self.part.table, column).cast(pl.String))
         self.refuse(found.is_null(), f"{column} is missing", column)
         unknown = ~found.is_in(known) & found.is_not_null()
         self.refuse(unknown, f"{column} is {{!r}}; the sensors are {', '.join(known)}", found)
@@ -524,7 +523,7 @@ class Reader:
         if values.dtype.is_float():
             values = self.numbers(values).fill_nan(None).cast(pl.Int64, strict=False)
         base = IDENTITIES[name]
-        text = _without_marks(pl.first())
+        text = unmarked(pl.first())
         # programs that know numbers alone write 4204.0
         number = text.str.replace(r"\.0+$", "").str.to_integer(base=base, strict=False)
         found = values.cast(pl.String).to_frame().select(text=text, number=number)
@@ -548,27 +547,6 @@ def _absent(kind: Kind, count: int) -> pl.Series:
     if kind == "identity":
         return pl.repeat(NO_IDENTITY, count, dtype=pl.Int64, eager=True)
     return pl.repeat(None, count, dtype=pl.Boolean if kind == "flag" else pl.String, eager=True)
-
-
-def without_marks(column: pl.Series) -> pl.Series:
-    """Return text without surrounding spaces, null if it marks a missing value."""
-    return column.to_frame().select(_without_marks(pl.first())).to_series()
-
-
-def _without_marks(column: pl.Expr) -> pl.Expr:
-    text = column.str.strip_chars()
-    return pl.when(~text.str.to_lowercase().is_in(MARKS)).then(text)
-
-
-def _names(column: pl.Series) -> pl.Series:
-    """Return the same of names, of which a few come often."""
-    each = column.unique()
-    return column if without_marks(each).equals(each) else without_marks(column)
-
-
-def is_mark(text: str) -> bool:
-    """Return whether a text marks a missing value."""
-    return text.strip().lower() in MARKS
 
 
 def doubt_unit(name: str, values: pl.Series) -> None:

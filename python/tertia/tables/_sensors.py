@@ -14,8 +14,9 @@ from tertia._arrays import FloatArray
 from tertia.geo import LocalFrame, SystemPlane
 from tertia.sensors import Bias, PositionSensor, Radar, Station
 from tertia.tables._groups import known
+from tertia.tables._marks import is_mark
 from tertia.tables._names import VERY_NEAR, hint, plain_name
-from tertia.tables._records import RecordError, doubt, is_mark
+from tertia.tables._records import RecordError, doubt
 
 if TYPE_CHECKING:
     import polars as pl

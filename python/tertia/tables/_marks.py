@@ -1,0 +1,29 @@
+"""Cells of text that mark a missing value."""
+
+from __future__ import annotations
+
+import polars as pl
+
+_MARKS = ("", "-", "na", "nan", "null", "none")
+
+
+def is_mark(text: str) -> bool:
+    """Return whether a text marks a missing value."""
+    return text.strip().lower() in _MARKS
+
+
+def unmarked(column: pl.Expr) -> pl.Expr:
+    """Return text without surrounding spaces, null if it marks a missing value."""
+    text = column.str.strip_chars()
+    return pl.when(~text.str.to_lowercase().is_in(_MARKS)).then(text)
+
+
+def without_marks(column: pl.Series) -> pl.Series:
+    """Return the same of a column."""
+    return column.to_frame().select(unmarked(pl.first())).to_series()
+
+
+def names_without_marks(column: pl.Series) -> pl.Series:
+    """Return the same of names, of which a few come often."""
+    each = column.unique()
+    return column if without_marks(each).equals(each) else without_marks(column)
