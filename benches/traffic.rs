@@ -31,6 +31,7 @@ pub fn radars(extent: f64) -> Vec<Radar> {
         max_range: f64::INFINITY,
         detection_probability: 0.9,
         resolution: None,
+        ways: None,
     };
     vec![at(0.25, 0.25), at(0.75, 0.25), at(0.25, 0.75), at(0.75, 0.75)]
 }
@@ -62,6 +63,7 @@ pub fn scans(count: usize, aircraft: usize, extent: f64, radars: &[Radar]) -> Ve
                         radar: index,
                         height: f64::NAN,
                         identity: -1,
+                        detection: None,
                         report: None,
                     });
                 }

@@ -343,6 +343,7 @@ class Radar:
         max_range: float,
         detection_probability: float,
         resolution: list[float] | None = None,
+        channels: list[list[float] | None] | None = None,
     ) -> Radar: ...
 
 @final

@@ -1,5 +1,7 @@
 """What radars see of traffic."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from checks import assert_refused
@@ -7,13 +9,14 @@ from scipy import stats
 from simulate.aircraft import radar, zigzag
 
 from tertia.geo import SystemPlane
-from tertia.sensors import Bias, Radar
+from tertia.sensors import Bias, Channel, Radar
 from tertia.simulate import (
     dense_traffic,
     encounter,
     flights,
     radar_plots,
 )
+from tertia.tracker import NO_IDENTITY
 
 
 def test_a_plot_is_where_the_beam_and_the_aircraft_are():
@@ -254,3 +257,48 @@ def test_a_flight_alone_with_the_clutter(crowd):
     inside = (record.plots.time > span[0]) & (record.plots.time < span[1])
     assert np.sum(alone.target == -1) == np.sum(inside & (record.target == -1))
     assert len(record.alone(12345)) == 0
+
+
+def test_a_radar_with_channels_says_what_it_detected_by():
+    """In as many plots as the products of probabilities say, each with the noise of its channel."""
+    channels = {
+        "psr": Channel(0.8, range_sigma=80.0, azimuth_sigma=0.004, clutter_per_scan=30.0),
+        "ssr": Channel(0.7, range_sigma=20.0, azimuth_sigma=0.001, clutter_per_scan=3.0),
+    }
+    tower = replace(radar(), max_range=90e3, detection_probability=None, channels=channels)
+    traffic = dense_traffic(300, area=(60e3, 60e3), rng=32)
+    record = radar_plots(traffic, [tower], phase=0.0, clutter=99.0, rng=2)
+    met = radar_plots(traffic, [radar()], phase=0.0, rng=1)
+    real = record.target >= 0
+    detection = record.plots.detection
+    share = [np.mean(detection[real] == k) for k in range(5)]
+    expected = np.array([0.8 * 0.3, 0.2 * 0.7, 0.8 * 0.7, 0.0, 0.0]) / (1 - 0.2 * 0.3)
+    n = np.sum(real)
+    assert np.max(np.abs(share - expected)) < 4 * np.sqrt(0.25 / n)
+    assert abs(n / len(met) - 0.94) < 4 * np.sqrt(0.94 * 0.06 / len(met))
+    # an echo alone has neither identity nor height
+    silent = real & (detection == 0)
+    assert np.all(record.plots.identity[silent] == NO_IDENTITY)
+    assert np.all(np.isnan(record.plots.height[silent]))
+    answered = real & (detection != 0)
+    assert np.all(np.isfinite(record.plots.height[answered]))
+    for code, sigma in ((0, 80.0), (1, 20.0), (2, 20.0)):
+        own = real & (detection == code)
+        position, _ = traffic.at(record.target[own], record.plots.time[own])
+        height = traffic.height[record.target[own], 0]
+        off = record.plots.range[own] - np.hypot(np.hypot(*(position - tower.position).T), height)
+        assert np.std(off) == pytest.approx(sigma, rel=4 / np.sqrt(2 * np.sum(own)))
+    # what channels state, and not what is given for radars that state nothing
+    scans = (np.max(traffic.end) - np.min(traffic.start)) / tower.scan_period
+    for code, mean in ((0, 30.0), (1, 3.0)):
+        count = np.sum(~real & (detection == code))
+        assert abs(count - mean * scans) < 4 * np.sqrt(mean * scans)
+    assert set(detection[~real]) == {0, 1}
+
+
+def test_clutter_is_of_the_first_channel_that_states_none():
+    for name, code in (("psr", 0), ("ssr", 1), ("mode-s", 3)):
+        channels = {"mode-s": Channel(0.9), name: Channel(0.8)}
+        tower = replace(radar(), max_range=90e3, detection_probability=None, channels=channels)
+        record = radar_plots(dense_traffic(2, rng=1), [tower], clutter=20.0, rng=2)
+        assert set(record.plots.detection[record.target < 0]) == {code}

@@ -15,7 +15,7 @@ from tertia.registration._errors import Errors, errors
 from tertia.registration._registration import NoiseHistory, Registration
 from tertia.registration._states import Common, Run, alone
 from tertia.sensors import ByKind, PositionSensor, Radar, Station
-from tertia.sensors._sensors import WIDEST_BEAM
+from tertia.sensors._channels import WIDEST_BEAM
 from tertia.tracker import Plots, TrackTable, track
 from tertia.tracker._earth import in_plane
 from tertia.tracker._sensors import interval, sensors_of

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
@@ -23,6 +23,7 @@ from tertia._arrays import (
     sequence_of,
 )
 from tertia.sensors._bias import ERRORS, RADAR_LIMITS, Bias
+from tertia.sensors._channels import Channel, channels_of, narrow, ways
 from tertia.sensors._kinds import KINDS, STATION_KINDS, Kind, angle_sigma
 from tertia.sensors._positions import PositionSensor
 
@@ -35,8 +36,8 @@ _ORTHONORMAL = 1e-9
 _WITH_SIGMAS = (*STATION_KINDS, "arrival_time")
 _own_sigmas = attrgetter(*(f"{kind}_sigma" for kind in _WITH_SIGMAS))
 
-# a radar's beam is narrow: beyond this sigma its plots would lie along arcs
-WIDEST_BEAM = 0.5
+# probability that a radar detects a target
+_DETECTED = 0.9
 # in seconds; ADS-B may be up to .4 s late (DO-260B; George, Tuladhar and Sivananthan 2020)
 _LATENCY_SIGMA = 0.2
 # in seconds; a target is expected in every scan, so that shorter ones take for ever
@@ -156,7 +157,12 @@ class Radar:
     max_range : float
         Largest range of detections in metres.
     detection_probability : float
-        Probability that a target within range is detected in a scan.
+        Probability that a target within range is detected in a scan, by default 0.9; that of the
+        channels, where these are given.
+    channels : dict of str to Channel, or None
+        How it detects by echoes ("psr") and by replies ("ssr", "mode-s"), independently. Plots then
+        count by what they were detected by (`Plots.detection`), and those without that have the
+        sigmas of the radar. None: all its plots are alike.
     range_resolution, azimuth_resolution : float or None
         Differences in metres and in radians at each of which two targets make one plot with a
         probability of a half. Both or none: without them every target has a plot of its own.
@@ -186,6 +192,7 @@ class Radar:
     scan_period: float
     max_range: float
     detection_probability: float
+    channels: Mapping[str, Channel] | None
     range_resolution: float | None
     azimuth_resolution: float | None
     bias: Bias | None
@@ -200,7 +207,8 @@ class Radar:
         azimuth_sigma: float,
         scan_period: float,
         max_range: float = np.inf,
-        detection_probability: float = 0.9,
+        detection_probability: float | None = None,
+        channels: Mapping[str, Channel] | None = None,
         range_resolution: float | None = None,
         azimuth_resolution: float | None = None,
         bias: Bias | None = None,
@@ -213,7 +221,8 @@ class Radar:
             raise TypeError(f"frame is {frame!r}; it must be a SystemPlane")
         if place.shape not in {(2,), (3,)}:
             raise ValueError(f"position has shape {place.shape}; it must be (2,) or (3,)")
-        detected = probability(detection_probability, "detection_probability")
+        own = channels_of(channels)
+        detected = _detected(detection_probability, own)
         limit = real(max_range, "max_range")
         if not limit > 0.0:
             raise ValueError(f"max_range is {limit}; it must be positive")
@@ -230,11 +239,7 @@ class Radar:
             raise ValueError(f"{missing} is None; both resolutions must be given, or none")
         for key, size in cell.items():
             object.__setattr__(self, key, None if size is None else _sigma(size, key, degrees))
-        if self.azimuth_sigma > WIDEST_BEAM:
-            raise ValueError(
-                f"azimuth_sigma is {self.azimuth_sigma:g}; that of a radar must be at most "
-                f"{WIDEST_BEAM} rad; are these degrees? pass degrees=True"
-            )
+        narrow(self.azimuth_sigma)
         if self.scan_period < _FASTEST_SCAN:
             raise ValueError(
                 f"scan_period is {self.scan_period:g}; it must be at least {_FASTEST_SCAN} s"
@@ -242,6 +247,7 @@ class Radar:
         object.__setattr__(self, "position", place)
         object.__setattr__(self, "max_range", limit)
         object.__setattr__(self, "detection_probability", detected)
+        object.__setattr__(self, "channels", own)
         object.__setattr__(self, "bias", _own_bias(bias))
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "frame", frame)
@@ -347,6 +353,19 @@ def require_dimension(array: FloatArray, name: str, shape: str) -> None:
     """Fail unless the last axis is east, north and perhaps up."""
     if array.ndim < 1 or array.shape[-1] not in {2, 3}:
         raise ValueError(f"{name} has shape {array.shape}; it must be {shape}")
+
+
+def _detected(given: float | None, channels: Mapping[str, Channel] | None) -> float:
+    """Return the probability that a radar detects a target."""
+    if channels is None:
+        return probability(_DETECTED if given is None else given, "detection_probability")
+    own = 1.0 - ways(channels)[""]
+    # a copy of a radar is made with both
+    if given not in {None, own}:
+        raise ValueError(
+            f"detection_probability is {given}; where there are channels it is theirs, {own:g}"
+        )
+    return own
 
 
 def _own_bias(bias: Bias | None) -> Bias | None:

@@ -21,6 +21,7 @@ from tertia._arrays import (
 )
 from tertia._units import FLIGHT_LEVEL
 from tertia.sensors import Bias, Radar
+from tertia.sensors._channels import DETECTIONS, NO_DETECTION, sigmas_of, ways
 from tertia.simulate._parameters import _number, _require
 from tertia.simulate._traffic import Traffic
 from tertia.tracker import NO_IDENTITY, Plots
@@ -103,6 +104,9 @@ def radar_plots(
     the flight has a height, the range is the slant range, even if the plot has no height. Clutter
     has a Poisson number, is uniform over the area within range, and has no identity.
 
+    A radar with channels detects each aircraft by all of them, and a plot by echo alone has neither
+    identity nor height. Its channels make the clutter that they state.
+
     Radars with a `frame` are on the earth: the traffic is in that plane, its heights are above the
     ellipsoid, and each radar sees it by its own vertical and true north.
 
@@ -113,7 +117,8 @@ def radar_plots(
     radars : sequence of K Radar
         The radars; their height is 0 where the position has none.
     clutter : array_like of shape () or (K,)
-        Mean number of false plots per scan; needs a finite `max_range`.
+        Mean number of false plots per scan; needs a finite `max_range`. Where a radar has channels,
+        of the first one of psr, ssr and mode-s, if that states none.
     phase : array_like of shape () or (K,), optional
         A time at which the beam points north; by default uniform over a scan.
     bias : Bias, optional
@@ -175,7 +180,7 @@ def radar_plots(
     parts, numbers = [_nothing()], [np.zeros(0, dtype=np.int64)]
     for k, radar in enumerate(stations):
         flight, time = _meetings(traffic, radar, float(north[k]))
-        parts += [
+        own = [
             _seen(
                 traffic,
                 radar,
@@ -186,9 +191,10 @@ def radar_plots(
                 defects=defects,
                 random=random,
             ),
-            _clutter(traffic, radar, mean=float(false[k]), north=float(north[k]), random=random),
+            *_clutter(traffic, radar, mean=float(false[k]), north=float(north[k]), random=random),
         ]
-        numbers.append(np.full(len(parts[-2]["time"]) + len(parts[-1]["time"]), k))
+        parts += own
+        numbers.append(np.full(sum(len(part["time"]) for part in own), k))
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     columns["sensor"] = np.concatenate(numbers)
     order = np.argsort(columns["time"], kind="stable")
@@ -274,7 +280,8 @@ def _seen(
     """Return the plots of aircraft that are within range and detected."""
     position, _, height = traffic._state(flight, time)
     distance, direction = _polar(radar, position, height)
-    seen = random.uniform(size=len(flight)) < radar.detection_probability
+    draw = random.uniform(size=len(flight))
+    seen = draw < radar.detection_probability
     seen &= distance <= radar.max_range
     twice = seen & (random.uniform(size=len(flight)) < defects.duplicate)
     rows = np.concatenate([np.flatnonzero(seen), np.flatnonzero(twice)])
@@ -282,21 +289,41 @@ def _seen(
     outlier = random.uniform(size=n) < defects.outlier
     error = random.standard_normal((2, n)) * np.where(outlier, defects.size, 1.0)
     late = time[rows] >= since
-    azimuth = direction[rows] + late * bias.azimuth + radar.azimuth_sigma * error[1]
+    detection, sigma = _detected(radar, draw[rows])
+    azimuth = direction[rows] + late * bias.azimuth + sigma[1] * error[1]
     slant = distance[rows] * (1.0 + late * bias.range_gain) + late * bias.range
     # transponders report hundreds of feet
     reported = np.round(height[rows] / FLIGHT_LEVEL) * FLIGHT_LEVEL
     reported[random.uniform(size=n) < defects.no_height] = np.nan
+    identity = _identity(traffic.identity[flight[rows]], defects, random)
+    silent = detection == DETECTIONS.index("psr")
+    reported[silent], identity[silent] = np.nan, NO_IDENTITY
     return {
         "time": time[rows] + late * bias.time,
-        "range": np.abs(slant + radar.range_sigma * error[0]),
+        "range": np.abs(slant + sigma[0] * error[0]),
         "azimuth": azimuth % (2 * np.pi),
         "height": reported,
-        "identity": _identity(traffic.identity[flight[rows]], defects, random),
+        "identity": identity,
+        "detection": detection,
         "target": flight[rows],
         "outlier": outlier,
         "duplicate": np.arange(n) >= np.count_nonzero(seen),
     }
+
+
+def _detected(radar: Radar, draw: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return what aircraft were detected by, by uniform numbers, and sigmas of their plots."""
+    detection = np.full(len(draw), NO_DETECTION)
+    own = radar.range_sigma, radar.azimuth_sigma
+    sigma = np.tile(np.array(own)[:, np.newaxis], len(draw))
+    end = 0.0
+    for name, chance in ways(radar.channels or {}).items():
+        if name and radar.channels is not None:
+            rows = (draw >= end) & (draw < end + chance)
+            end += chance
+            detection[rows] = DETECTIONS.index(name)
+            sigma[:, rows] = np.array(sigmas_of(radar.channels, name, own))[:, np.newaxis]
+    return detection, sigma
 
 
 def _identity(identity: IntArray, defects: _Defects, random: np.random.Generator) -> IntArray:
@@ -316,8 +343,32 @@ def _clutter(
     mean: float,
     north: float,
     random: np.random.Generator,
+) -> list[dict[str, npt.NDArray[np.generic]]]:
+    """Return false plots while there is traffic, by channel."""
+    means = {"": mean}
+    if radar.channels is not None:
+        stated = {name: one.clutter_per_scan for name, one in radar.channels.items()}
+        first = next(iter(stated))
+        means = {
+            name: (mean if name == first else 0.0) if count is None else count
+            for name, count in stated.items()
+        }
+    return [
+        _false(traffic, radar, name, mean=count, north=north, random=random)
+        for name, count in means.items()
+    ]
+
+
+def _false(
+    traffic: Traffic,
+    radar: Radar,
+    detection: str,
+    *,
+    mean: float,
+    north: float,
+    random: np.random.Generator,
 ) -> dict[str, npt.NDArray[np.generic]]:
-    """Return false plots while there is traffic, at times when the beam has their azimuths."""
+    """Return false plots of a channel, at times when the beam has their azimuths."""
     if mean == 0.0 or not len(traffic):
         return _nothing()
     limit = radar.max_range
@@ -328,6 +379,8 @@ def _clutter(
     columns = _nothing(n)
     columns["time"], columns["azimuth"] = time, _beam(radar, north, time) % (2 * np.pi)
     columns["range"] = limit * np.sqrt(random.uniform(size=n))
+    if detection:
+        columns["detection"] = np.full(n, DETECTIONS.index(detection))
     return columns
 
 
@@ -336,6 +389,7 @@ def _nothing(n: int = 0) -> dict[str, npt.NDArray[np.generic]]:
     return {
         **dict.fromkeys(("time", "range", "azimuth", "height"), np.full(n, np.nan)),
         "identity": np.full(n, NO_IDENTITY),
+        "detection": np.full(n, NO_DETECTION),
         "target": np.full(n, CLUTTER),
         "outlier": np.zeros(n, dtype=np.bool_),
         "duplicate": np.zeros(n, dtype=np.bool_),

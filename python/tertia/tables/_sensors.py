@@ -12,7 +12,7 @@ import numpy as np
 
 from tertia._arrays import FloatArray
 from tertia.geo import LocalFrame, SystemPlane
-from tertia.sensors import Bias, PositionSensor, Radar, Station
+from tertia.sensors import Bias, Channel, PositionSensor, Radar, Station
 from tertia.tables._groups import known
 from tertia.tables._marks import is_mark
 from tertia.tables._names import VERY_NEAR, hint, plain_name
@@ -36,7 +36,16 @@ _RADAR = {
     "azimuth_sigma": ("azimuth_sigma_deg", math.pi / 180),
     "scan_period": ("scan_period_s", 1.0),
 }
-_OPTIONAL = {"max_range": "max_range_m", "detection_probability": "detection_probability"}
+_DETECTION = "detection_probability"
+_OPTIONAL = {"max_range": "max_range_m", "detection_probability": _DETECTION}
+# channels of a radar, as columns call them, and what is known of each
+_CHANNELS = {"psr": "psr", "ssr": "ssr", "mode-s": "mode_s"}
+_CHANNEL = {
+    "detection_probability": ("detection_probability", 1.0),
+    "range_sigma": ("range_sigma_m", 1.0),
+    "azimuth_sigma": ("azimuth_sigma_deg", math.pi / 180),
+    "clutter_per_scan": ("clutter_per_scan", 1.0),
+}
 _RESOLUTION = {
     "range_resolution": ("range_resolution_m", 1.0),
     "azimuth_resolution": ("azimuth_resolution_deg", math.pi / 180),
@@ -51,7 +60,7 @@ _POSITION_SIGMA = "position_sigma_m"
 _POSITION_SENSOR = {
     "position_sigma": _POSITION_SIGMA,
     "update_interval": "update_interval_s",
-    "detection_probability": "detection_probability",
+    "detection_probability": _DETECTION,
 }
 # its systematic errors, and whether there are none
 _BIAS = {
@@ -267,6 +276,11 @@ def radar_rows(sensors: Sensors[Radar]) -> pl.DataFrame:
         columns[column] = [getattr(one, key) / unit for one in sensors.items]
     for key, column in _OPTIONAL.items():
         columns[column] = known(np.array([getattr(one, key) for one in sensors.items]))
+    # that of channels is not stated twice
+    columns[_DETECTION] = [
+        None if one.channels else one.detection_probability for one in sensors.items
+    ]
+    columns |= _channel_columns([one.channels or {} for one in sensors.items])
     for key, (column, unit) in _RESOLUTION.items():
         sizes = [getattr(one, key) for one in sensors.items]
         columns[column] = [None if size is None else size / unit for size in sizes]
@@ -276,6 +290,19 @@ def radar_rows(sensors: Sensors[Radar]) -> pl.DataFrame:
             if kind != "elevation":
                 columns[column] = [None if one is None else one / unit for one in values]
     return pl.DataFrame(columns)
+
+
+def _channel_columns(channels: Sequence[Mapping[str, Channel]]) -> dict[str, list[float | None]]:
+    """Return the columns of the channels that radars have."""
+    columns: dict[str, list[float | None]] = {}
+    for name, prefix in _CHANNELS.items():
+        if any(name in own for own in channels):
+            for key, (column, unit) in _CHANNEL.items():
+                cells = [getattr(own.get(name), key, None) for own in channels]
+                columns[f"{prefix}_{column}"] = [
+                    None if one is None else one / unit for one in cells
+                ]
+    return columns
 
 
 def stations(
@@ -423,6 +450,7 @@ def _radar(cells: _Cells, place: FloatArray, frame: SystemPlane | None = None) -
         if size is not None:
             options[key] = size * unit
     options["bias"] = _bias(cells)
+    options["channels"] = _channels(cells)
     sigma = math.degrees(options["azimuth_sigma"])
     if sigma < _DOUBTFUL_SIGMA:
         doubt(
@@ -430,6 +458,26 @@ def _radar(cells: _Cells, place: FloatArray, frame: SystemPlane | None = None) -
             "hold degrees"
         )
     return cells.made(Radar, place, options)
+
+
+def _channels(cells: _Cells) -> dict[str, Channel] | None:
+    """Return the channels of a radar, None where none is described."""
+    found = {}
+    for name, prefix in _CHANNELS.items():
+        columns = {key: f"{prefix}_{column}" for key, (column, _) in _CHANNEL.items()}
+        given = {key: cells.number(column) for key, column in columns.items()}
+        if all(number is None for number in given.values()):
+            continue
+        cells.required(columns["detection_probability"])
+        options: dict[str, Any] = {
+            key: None if number is None else number * _CHANNEL[key][1]
+            for key, number in given.items()
+        }
+        try:
+            found[name] = Channel(**options)
+        except ValueError as error:
+            raise cells.error(f"{cells.name}, {prefix}: {error}") from None
+    return found or None
 
 
 def _bias(cells: _Cells) -> Bias | None:

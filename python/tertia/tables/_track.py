@@ -16,6 +16,7 @@ from tertia.flightplan import FlightPlan
 from tertia.geo import SystemPlane
 from tertia.sensors import Bias, PositionSensor, Radar
 from tertia.sensors._sensors import own_biases
+from tertia.tables._detections import DETECTION, detections_of, refuse_unknown
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import known, named
 from tertia.tables._records import (
@@ -213,8 +214,10 @@ def track(
         One row per plot, in any order: `time_s` (seconds, or dates with time), `range_m` or
         `range_nm`, and `azimuth_deg`; `sensor`, its name, if there are several; and, if known,
         `height_m` or `flight_level`, and `icao_address` (hexadecimal), `mode_3a` (octal) or
-        `identity`, of which the first one there is tells targets apart; `callsign`; and `plot`, the
-        number of the plot in a recording of which this is a part, see `stitch`. Reports of a
+        `identity`, of which the first one there is tells targets apart; `callsign`; `detection`,
+        where radars have channels: psr, ssr, psr+ssr, mode-s or psr+mode-s, or as `read_asterix`
+        calls them; and `plot`, the number of the plot in a recording of which this is a part, see
+        `stitch`. Reports of a
         `PositionSensor` have `east_m` and `north_m`, or `latitude_deg` and `longitude_deg` where
         radars are on the earth, instead of range and azimuth; and, if known, `east_sigma_m`,
         `north_sigma_m` and `covariance_east_north_m2`.
@@ -287,6 +290,7 @@ def recording_of(
     identity = records.column.get("identity", "identity")
     names = [name for name in REPLIES if name in records.column and name != identity]
     replies = replies_of(records.rows, names)
+    refuse_unknown(records)
     plots = plots_of(records.rows, clock, radars)
     return Recording(plots, radars, clock, identity, replies, _numbers(records))
 
@@ -310,7 +314,9 @@ def _numbers(records: Records) -> IntArray:
 
 def schema_of(sensors: Sensors[Any]) -> Schema:
     """Return what rows of plots of these sensors hold."""
-    return PLOTS if all(isinstance(one, Radar) for one in sensors.items) else REPORTS
+    schema = PLOTS if all(isinstance(one, Radar) for one in sensors.items) else REPORTS
+    has_channels = any(getattr(one, "channels", None) is not None for one in sensors.items)
+    return {**schema, **DETECTION} if has_channels else schema
 
 
 def reporting(sensors: Sensors[Any]) -> BoolArray:
@@ -330,6 +336,7 @@ def plots_of(rows: pl.DataFrame, clock: Clock, sensors: Sensors[Any]) -> Plots:
         sensor=sensor,
         height=rows["height"].to_numpy(),
         identity=rows["identity"].to_numpy(),
+        detection=detections_of(rows),
         position=place,
         covariance=spread,
     )

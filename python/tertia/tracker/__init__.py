@@ -6,7 +6,7 @@ positions are local east and north in metres.
 """
 
 from tertia.kalman import SingerModel
-from tertia.sensors import PositionSensor, Radar
+from tertia.sensors import Channel, PositionSensor, Radar
 from tertia.tracker._models import (
     Association,
     AssociationName,
@@ -36,6 +36,7 @@ __all__ = [
     "NO_IDENTITY",
     "Association",
     "AssociationName",
+    "Channel",
     "Column",
     "CvModel",
     "ImmModel",

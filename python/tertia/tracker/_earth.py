@@ -10,6 +10,7 @@ import numpy as np
 from tertia import _core
 from tertia._arrays import FloatArray
 from tertia.sensors import Radar
+from tertia.sensors._channels import DETECTIONS, sigmas_of, ways
 
 if TYPE_CHECKING:
     from tertia.geo import SystemPlane
@@ -48,7 +49,7 @@ def positions(
     if len(heights):
         level = np.full(len(plots), np.mean(heights))
         spread = (_LEVEL_SIGMA**2 + np.sum((heights - level[0]) ** 2)) / (1 + len(heights))
-    sigma = np.array([[one.range_sigma, one.azimuth_sigma] for one in sensors])[plots.sensor]
+    sigma = _sigmas(plots, sensors)
     height_sigma = np.where(known, _HEIGHT_SIGMA, np.sqrt(spread))
     columns = np.column_stack([plots.range, plots.azimuth, np.where(known, plots.height, level)])
     seen = _core.plots_in_plane(sites, plane._frame, plots.sensor, columns)
@@ -58,6 +59,18 @@ def positions(
     places = np.array([one.position[:2] for one in sensors])[plots.sensor]
     offset = (seen[:, :2] - places) * np.exp(0.5 * sigma[:, 1:] ** 2)
     return places + offset, scaled @ scaled.swapaxes(1, 2)
+
+
+def _sigmas(plots: Plots, sensors: Sequence[Radar]) -> FloatArray:
+    """Return the standard deviations of ranges and azimuths, (N, 2)."""
+    each = np.array([[one.range_sigma, one.azimuth_sigma] for one in sensors])
+    found: FloatArray = each[plots.sensor]
+    for k, radar in enumerate(sensors):
+        for name in ways(radar.channels or {}):
+            if name:
+                own = (plots.sensor == k) & (plots.detection == DETECTIONS.index(name))
+                found[own] = sigmas_of(radar.channels or {}, name, (each[k, 0], each[k, 1]))
+    return found
 
 
 def in_plane(plots: Plots, sensors: Sequence[Any]) -> Plots:

@@ -12,6 +12,7 @@ from tertia import _core
 from tertia._arrays import finite, integer, positive, real
 from tertia.kalman import SingerModel
 from tertia.sensors import Radar
+from tertia.sensors._channels import CHANNELS, sigmas_of
 from tertia.tracker._earth import reach
 
 MotionName: TypeAlias = Literal["imm", "cv", "singer", "window"]
@@ -266,7 +267,29 @@ def core_radar(radar: Radar) -> _core.Radar:
         max_range=reach(radar),
         detection_probability=radar.detection_probability,
         resolution=None if size is None or angle is None else [size, angle],
+        channels=_core_channels(radar),
     )
+
+
+def _core_channels(radar: Radar) -> list[list[float] | None] | None:
+    """Return the numbers of a primary, a secondary and a mode S channel, where there are any."""
+    if radar.channels is None:
+        return None
+    own, sigmas = radar.channels, (radar.range_sigma, radar.azimuth_sigma)
+    return [
+        [
+            own[name].detection_probability,
+            *sigmas_of(own, name, sigmas),
+            _number_or_nan(own[name].clutter_per_scan),
+        ]
+        if name in own
+        else None
+        for name in CHANNELS
+    ]
+
+
+def _number_or_nan(value: float | None) -> float:
+    return np.nan if value is None else value
 
 
 def _require_positive(model: Any) -> None:

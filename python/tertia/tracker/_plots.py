@@ -14,6 +14,7 @@ from tertia import _core
 from tertia._arrays import FloatArray, IntArray, array_of, radians, samples, sequence_of
 from tertia._result import Result
 from tertia.sensors import Radar
+from tertia.sensors._channels import NO_DETECTION, detections
 from tertia.tracker._earth import plane_of, positions
 from tertia.tracker._models import core_radar
 
@@ -48,6 +49,10 @@ class Plots(Result):
         Metres; nan where it is not known.
     identity : ndarray of int, shape (N,)
         Reply of the transponder, for example a code or an address; -1 where there is none.
+    detection : ndarray of int, shape (N,)
+        What the plot was detected by: the index of psr, ssr, psr+ssr, mode-s or psr+mode-s, -1
+        where that is not known. It may be given by these names. It counts where the radar has
+        `channels`, and one that these cannot make counts as not known.
     position : ndarray of shape (N, 2) or None
         East and north in metres, of sensors that report positions; nan for plots of radars.
     covariance : ndarray of shape (N, 2, 2) or None
@@ -58,7 +63,8 @@ class Plots(Result):
     Raises
     ------
     ValueError
-        Columns of different shapes, or an azimuth of more than two turns.
+        Columns of different shapes, an azimuth of more than two turns, or a detection of another
+        name.
     TypeError
         A column of the wrong type.
     """
@@ -71,6 +77,7 @@ class Plots(Result):
     sensor: IntArray
     height: FloatArray
     identity: IntArray
+    detection: IntArray
     position: FloatArray | None
     covariance: FloatArray | None
     sensor_position: FloatArray | None
@@ -84,6 +91,7 @@ class Plots(Result):
         sensor: npt.ArrayLike = 0,
         height: npt.ArrayLike = np.nan,
         identity: npt.ArrayLike = NO_IDENTITY,
+        detection: npt.ArrayLike = NO_DETECTION,
         position: npt.ArrayLike | None = None,
         covariance: npt.ArrayLike | None = None,
         sensor_position: npt.ArrayLike | None = None,
@@ -99,6 +107,7 @@ class Plots(Result):
             "sensor": _whole(sensor, "sensor"),
             "height": samples(height, "height"),
             "identity": _whole(identity, "identity"),
+            "detection": detections(detection),
         }
         for key, values in columns.items():
             try:

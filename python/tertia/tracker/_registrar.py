@@ -266,7 +266,7 @@ def _joined(parts: Sequence[Plots]) -> Plots:
     """Return the plots of several scans."""
     columns: dict[str, Any] = {
         name: np.concatenate([getattr(part, name) for part in parts])
-        for name in ("time", "range", "azimuth", "sensor", "height", "identity")
+        for name in ("time", "range", "azimuth", "sensor", "height", "identity", "detection")
     }
     for name in ("position", "covariance", "sensor_position"):
         given = [getattr(part, name) for part in parts]

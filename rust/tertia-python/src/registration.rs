@@ -275,7 +275,7 @@ pub fn register_errors<'py>(
     sigma: Input<'py>,
     start: Input<'py>,
 ) -> PyResult<([Array<'py>; 4], [usize; 2])> {
-    let radars: Vec<_> = radars.iter().map(|radar| radar.0).collect();
+    let radars: Vec<_> = radars.iter().map(|radar| radar.0.clone()).collect();
     let plots = plots.read(radars.len())?;
     let [mean, sigma, start] = [(mean, "mean"), (sigma, "sigma"), (start, "start")]
         .map(|(input, name)| input.points::<ERRORS>(name, 1));
@@ -307,7 +307,7 @@ pub fn register_start<'py>(
     radars: Vec<PyRef<'py, Radar>>,
     sigma: Input<'py>,
 ) -> PyResult<([Array<'py>; 3], Vec<usize>)> {
-    let radars: Vec<_> = radars.iter().map(|radar| radar.0).collect();
+    let radars: Vec<_> = radars.iter().map(|radar| radar.0.clone()).collect();
     let sigma = sigma.points::<ERRORS>("sigma", 1)?;
     same_length(radars.len(), &[sigma.len()])?;
     let tracks = tracks.read(radars.len())?;

@@ -89,7 +89,7 @@ impl FusionCentre {
         let rule = choice("method", method, &choices)?;
         let (mean, sigma) =
             (mean.points::<ERRORS>("mean", 1)?, sigma.points::<ERRORS>("sigma", 1)?);
-        let radars: Vec<_> = radars.iter().map(|radar| radar.0).collect();
+        let radars: Vec<_> = radars.iter().map(|radar| radar.0.clone()).collect();
         let sensors = radars.len();
         if mean.len() != sensors || sigma.len() != sensors {
             return Err(PyValueError::new_err("the columns differ in length"));

@@ -23,6 +23,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::borrow::Cow;
 use table::codes;
+use tertia::sensors::Detection;
 use tertia::tracker::{self, Command, Plane, Plot, Plots, Report, Table};
 
 /// Cost of a plot, for the choice of releasing the interpreter's lock.
@@ -43,7 +44,7 @@ impl PlotTracker {
         lag: f64,
     ) -> PyResult<Self> {
         let geometry = geometry.iter().map(|own| own.0).collect();
-        let radars = radars.iter().map(|radar| radar.0).collect();
+        let radars = radars.iter().map(|radar| radar.0.clone()).collect();
         let plans: Vec<_> = plans.iter().map(|route| route.plan().clone()).collect();
         let tracker = tracker::Tracker::try_new(settings.with(radars, geometry, plans.into()));
         let tracker = tracker.and_then(|tracker| tracker::LagTracker::try_new(tracker, lag));
@@ -251,6 +252,8 @@ pub struct Columns<'py> {
     height: Input<'py>,
     sensor: PyReadonlyArray1<'py, i64>,
     identity: PyReadonlyArray1<'py, i64>,
+    /// Index of what each was detected by, negative where that is not known.
+    detection: PyReadonlyArray1<'py, i64>,
     /// (N, 2), and their covariances, (N, 2, 2), of sensors that report positions.
     position: Option<Input<'py>>,
     covariance: Option<Input<'py>>,
@@ -264,6 +267,7 @@ pub struct View<'a> {
     height: Cow<'a, [f64]>,
     sensor: &'a [i64],
     identity: &'a [i64],
+    detection: &'a [i64],
     position: Option<Cow<'a, [f64]>>,
     covariance: Option<Cow<'a, [f64]>>,
 }
@@ -294,6 +298,7 @@ impl Plots for View<'_> {
             radar: self.sensor[index] as usize,
             height: self.height[index],
             identity: self.identity[index],
+            detection: Detection::of(self.detection[index]),
             report: self.report(index),
         }
     }
@@ -309,6 +314,7 @@ impl Columns<'_> {
             height: self.height.rows("height", 0)?.values,
             sensor: self.sensor.as_slice()?,
             identity: self.identity.as_slice()?,
+            detection: self.detection.as_slice()?,
             position: self
                 .position
                 .as_ref()
@@ -330,7 +336,9 @@ impl Columns<'_> {
             return Err(PyValueError::new_err("the columns of plots differ in length"));
         }
         let numbers = [&view.time, &view.range, &view.azimuth, &view.height];
-        if numbers.iter().any(|column| column.len() != count) || view.identity.len() != count {
+        let whole = [view.identity, view.detection];
+        let differs = whole.iter().any(|column| column.len() != count);
+        if differs || numbers.iter().any(|column| column.len() != count) {
             return Err(PyValueError::new_err("the columns of plots differ in length"));
         }
         let is_wrong = |&sensor: &i64| usize::try_from(sensor).map_or(true, |s| s >= sensors);

@@ -18,6 +18,7 @@ fn settings() -> Settings {
         max_range: 80e3,
         detection_probability: 0.95,
         resolution: None,
+        ways: None,
     };
     Settings::new(vec![radar], Motion::Imm(ImmModel::default()))
 }
@@ -44,6 +45,7 @@ fn scan(k: usize, random: &mut impl FnMut() -> f64) -> Vec<Plot> {
         radar: 0,
         height: f64::NAN,
         identity: -1,
+        detection: None,
         report: None,
     };
     plots.into_iter().map(plot).collect()

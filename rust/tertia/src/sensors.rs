@@ -4,9 +4,11 @@
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
+mod channel;
 mod measurement;
 mod radar;
 
+pub use channel::{Channel, Detection, Way, Ways};
 pub use measurement::predict;
 pub(crate) use measurement::{Kind, Measurement, Row, SMALL_TANGENT, TERMS, read};
 pub(crate) use radar::HEIGHT_SIGMA;

@@ -19,7 +19,7 @@ pub struct Registrar(core::Registrar);
 impl Registrar {
     #[new]
     fn new(radars: Vec<PyRef<'_, Radar>>, mean: Input<'_>, sigma: Input<'_>) -> PyResult<Self> {
-        let radars: Vec<_> = radars.iter().map(|radar| radar.0).collect();
+        let radars: Vec<_> = radars.iter().map(|radar| radar.0.clone()).collect();
         let mean = mean.points::<ERRORS>("mean", 1)?;
         let sigma = sigma.points::<ERRORS>("sigma", 1)?;
         same_length(radars.len(), &[mean.len(), sigma.len()])?;

@@ -1,5 +1,6 @@
 //! A radar: from range and azimuth to east and north, with their covariance.
 
+use super::channel::Ways;
 use crate::base::error::{Result, require, require_positive};
 use crate::base::plane::Plane;
 use serde::{Deserialize, Serialize};
@@ -10,7 +11,7 @@ pub(crate) const HEIGHT_SIGMA: f64 = 15.0;
 const LEAST_GROUND_SHARE: f64 = 1e-3;
 
 /// Where a radar is, and how it measures.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Radar {
     /// East, north and up, m.
     pub position: [f64; 3],
@@ -27,6 +28,8 @@ pub struct Radar {
     /// Differences of range, m, and azimuth, rad, at each of which two targets make one plot with a
     /// probability of a half; none: all targets are resolved.
     pub resolution: Option<[f64; 2]>,
+    /// The ways in which it detects a target, where its channels are known.
+    pub ways: Option<Box<Ways>>,
 }
 
 impl Radar {
@@ -126,6 +129,7 @@ pub(crate) fn radar_of([range_sigma, azimuth_sigma]: [f64; 2]) -> Radar {
         max_range: f64::INFINITY,
         detection_probability: 0.9,
         resolution: None,
+        ways: None,
     }
 }
 

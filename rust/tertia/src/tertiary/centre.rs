@@ -295,10 +295,10 @@ impl Centre {
         let noise = self.registrar.noise();
         let radars = self.settings.radars.iter().zip(noise);
         radars
-            .map(|(&radar, [range_sigma, azimuth_sigma])| Radar {
+            .map(|(radar, [range_sigma, azimuth_sigma])| Radar {
                 range_sigma,
                 azimuth_sigma,
-                ..radar
+                ..radar.clone()
             })
             .collect()
     }

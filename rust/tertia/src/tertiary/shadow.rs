@@ -60,6 +60,7 @@ mod tests {
         max_range: f64::INFINITY,
         detection_probability: 0.9,
         resolution: None,
+        ways: None,
     };
 
     /// Plots of a target that turns after 80 s, with errors of about a sigma, and the rows of a tracker

@@ -99,7 +99,7 @@ pub(super) fn reach(
     let noise = if geometry.is_position() {
         Plane { xx: spread.variance, xy: 0.0, yy: spread.variance }
     } else {
-        station.noise_at(centre, track.height() - station.position[2])
+        station.at_worst().noise_at(centre, track.height() - station.position[2])
     };
     let speed = track.estimate.mean[2].abs() + track.estimate.mean[3].abs();
     let (wide, margin) = track.reach(time, unseen);

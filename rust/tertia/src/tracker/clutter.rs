@@ -2,7 +2,7 @@
 
 use super::extent::Extent;
 use super::settings::Settings;
-use crate::sensors::Radar;
+use crate::sensors::{Detection, Radar, Way};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
@@ -13,13 +13,31 @@ const FEWEST: f64 = 1.0;
 /// Range of a radar without limit that has no plots yet, m.
 const NEAREST_LIMIT: f64 = 1e4;
 
+/// Plots of a radar, and how many of them were detected in each way.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Counts {
+    all: usize,
+    by: [usize; Detection::ALL.len()],
+}
+
+impl Counts {
+    pub fn add(&mut self, detection: Option<Detection>, counts: bool) {
+        self.all += usize::from(counts);
+        if let Some(detection) = detection {
+            self.by[detection as usize] += usize::from(counts);
+        }
+    }
+}
+
 /// The density of false plots of one radar.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Clutter {
     known: Option<f64>,
     /// Plots that belong to no track, and the scans in which they came, with fading weights.
     plots: f64,
     scans: f64,
+    /// The plots by way of detection, where the radar has several.
+    by_way: Vec<f64>,
     /// Until when they are counted, s.
     until: f64,
     farthest: f64,
@@ -34,20 +52,50 @@ impl Clutter {
             .geometry(sensor)
             .is_position()
             .then(|| Extent::new(settings.max_speed, settings.radars[sensor].scan_period));
-        Self { extent, ..Self::new(settings.clutter_density) }
+        let ways = settings.radars[sensor].ways.as_ref().map_or(0, |ways| ways.all().len());
+        Self { extent, by_way: vec![0.0; ways], ..Self::new(settings.clutter_density) }
     }
 
     fn new(density: f64) -> Self {
         let known = (!density.is_nan()).then_some(density);
         let until = f64::NEG_INFINITY;
         let farthest = NEAREST_LIMIT;
-        Self { known, plots: 0.0, scans: 0.0, until, farthest, extent: None }
+        let by_way = Vec::new();
+        Self { known, plots: 0.0, scans: 0.0, by_way, until, farthest, extent: None }
     }
 
     /// Such plots per square metre and scan, new targets included.
     pub fn density(&self, radar: &Radar) -> f64 {
-        let count = self.plots / self.scans.max(f64::MIN_POSITIVE);
-        self.known.unwrap_or_else(|| count.max(FEWEST) / self.area(radar))
+        self.known.unwrap_or_else(|| self.estimated(radar) / self.area(radar))
+    }
+
+    /// Such plots per scan as they were counted.
+    fn estimated(&self, radar: &Radar) -> f64 {
+        if radar.ways.is_some() {
+            return self.each(radar).map(|(.., count)| count).sum();
+        }
+        (self.plots / self.scans.max(f64::MIN_POSITIVE)).max(FEWEST)
+    }
+
+    /// The ways of a radar, the shares of the plots of targets that they have, and their plots per scan
+    /// that belong to no track.
+    fn each<'a>(&self, radar: &'a Radar) -> impl Iterator<Item = (&'a Way, f64, f64)> {
+        let ways = radar.ways.as_ref().map_or(&[][..], |ways| ways.all());
+        ways.iter().zip(&self.by_way).map(|(way, plots)| {
+            let share = way.probability / radar.detection_probability;
+            let count = plots / self.scans.max(f64::MIN_POSITIVE);
+            let known = way.clutter_per_scan;
+            let count = if known.is_nan() { count } else { known };
+            (way, share, count.max(FEWEST * share))
+        })
+    }
+
+    /// Logarithm of how much likelier targets are detected so than false plots are, by comparison with
+    /// all plots of the radar; 0 where the way is not known.
+    pub fn gain(&self, radar: &Radar, detection: Option<Detection>) -> f64 {
+        let Some(detection) = detection else { return 0.0 };
+        let own = self.each(radar).find(|(way, ..)| way.detection == detection);
+        own.map_or(0.0, |(_, share, count)| (share * self.estimated(radar) / count).ln())
     }
 
     /// Such plots per scan.
@@ -72,21 +120,32 @@ impl Clutter {
 
     /// Counts plots that belong to no track, from `begin` to `end`, and the scan before where nothing
     /// has been counted yet.
-    pub fn count(&mut self, plots: usize, [begin, end]: [f64; 2], period: f64) {
+    pub fn count(&mut self, counts: &Counts, [begin, end]: [f64; 2], radar: &Radar) {
+        let period = radar.scan_period;
         let scans = (end - self.until.max(begin - period)).max(0.0) / period;
         self.until = self.until.max(end);
         let kept = (-scans / MEMORY).exp();
-        self.plots = kept * self.plots + plots as f64;
+        self.plots = kept * self.plots + counts.all as f64;
         self.scans = kept * self.scans + scans;
+        if let Some(ways) = &radar.ways {
+            for (plots, way) in self.by_way.iter_mut().zip(ways.all()) {
+                *plots = kept * *plots + counts.by[way.detection as usize] as f64;
+            }
+        }
         if let Some(extent) = &mut self.extent {
             extent.fade(kept);
         }
     }
 
     /// Removes a plot of this time that was counted but belongs to a target.
-    pub fn discount(&mut self, time: f64, period: f64) {
-        let age = (self.until - time).max(0.0) / period;
-        self.plots = (self.plots - (-age / MEMORY).exp()).max(0.0);
+    pub fn discount(&mut self, time: f64, radar: &Radar, detection: Option<Detection>) {
+        let age = (self.until - time).max(0.0) / radar.scan_period;
+        let weight = (-age / MEMORY).exp();
+        self.plots = (self.plots - weight).max(0.0);
+        let all = radar.ways.as_ref().map_or(&[][..], |ways| ways.all());
+        if let Some(own) = all.iter().position(|way| Some(way.detection) == detection) {
+            self.by_way[own] = (self.by_way[own] - weight).max(0.0);
+        }
     }
 }
 
@@ -94,13 +153,13 @@ impl Clutter {
 mod tests {
     use super::*;
     use crate::base::checks::assert_within;
-    use crate::sensors::radar_of;
+    use crate::sensors::{Channel, radar_of};
     use crate::tracker::{ImmModel, Motion, Plot, Row, Tracker};
 
     #[test]
     fn first_plots_of_targets_that_are_confirmed_are_no_false_plots() {
         let radar = Radar { max_range: 1e5, ..radar_of([50.0, 1e-3]) };
-        let settings = Settings::new(vec![radar], Motion::Imm(ImmModel::default()));
+        let settings = Settings::new(vec![radar.clone()], Motion::Imm(ImmModel::default()));
         let mut tracker = Tracker::try_new(settings).unwrap();
         let (mut statuses, mut rows) = (Vec::new(), Vec::<Row>::new());
         for scan in 0..8 {
@@ -111,7 +170,8 @@ mod tests {
                     let time = 4.0 * (f64::from(scan) + azimuth / std::f64::consts::TAU);
                     let range = 4e4 + 200.0 * time;
                     let (height, identity) = (f64::NAN, -1);
-                    Plot { time, range, azimuth, radar: 0, height, identity, report: None }
+                    let (report, detection) = (None, None);
+                    Plot { time, range, azimuth, radar: 0, height, identity, detection, report }
                 })
                 .collect();
             tracker.track(&plots[..], None, &mut statuses, &mut rows, None).unwrap();
@@ -119,18 +179,70 @@ mod tests {
         assert_within(1e-12, tracker.clutter[0].plots(&radar), FEWEST);
     }
 
+    /// A radar of echoes with .85, of which so many false ones are known, and replies with .95.
+    fn with_channels(clutter_per_scan: f64) -> Radar {
+        let channel = |detection_probability, clutter_per_scan| {
+            Some(Channel { detection_probability, sigmas: [50.0, 1e-3], clutter_per_scan })
+        };
+        let radar = Radar { max_range: 1e5, ..radar_of([50.0, 1e-3]) };
+        let channels = [channel(0.85, clutter_per_scan), channel(0.95, f64::NAN), None];
+        radar.with_channels(channels).unwrap()
+    }
+
+    #[test]
+    fn plots_weigh_what_their_way_of_detection_says() {
+        let radar = with_channels(f64::NAN);
+        let settings = Settings::new(vec![radar.clone()], Motion::Cv(1.0));
+        let mut clutter = Clutter::of(&settings, 0);
+        let gain = |clutter: &Clutter, d| clutter.gain(&radar, Some(d));
+        // without false plots there are new targets alone, which are detected as others are
+        for detection in [Detection::Psr, Detection::Ssr, Detection::PsrSsr] {
+            assert!(gain(&clutter, detection).abs() < 1e-14);
+        }
+        assert_eq!(clutter.gain(&radar, None), 0.0);
+        let mut counts = Counts::default();
+        (0..100).for_each(|_| counts.add(Some(Detection::Psr), true));
+        counts.add(Some(Detection::Psr), false);
+        clutter.count(&counts, [0.0, 4.0], &radar);
+        // 100 echoes in two scans
+        let (seen, share) = (0.9925, 0.0425 / 0.9925);
+        let all = 50.0 + (0.1425 + 0.8075) / seen;
+        assert_within(1e-12, clutter.plots(&radar), all);
+        assert_within(1e-12, gain(&clutter, Detection::Psr), (share * all / 50.0).ln());
+        assert_within(1e-12, gain(&clutter, Detection::PsrSsr), all.ln());
+        // those that belong to targets were none
+        for _ in 0..100 {
+            clutter.discount(4.0, &radar, Some(Detection::Psr));
+        }
+        assert!(gain(&clutter, Detection::Psr).abs() < 1e-12);
+    }
+
+    #[test]
+    fn false_plots_that_are_known_are_not_counted() {
+        let radar = with_channels(40.0);
+        let settings = Settings::new(vec![radar.clone()], Motion::Cv(1.0));
+        let clutter = Clutter::of(&settings, 0);
+        assert_within(1e-12, clutter.plots(&radar), 40.0 + 0.95 / 0.9925);
+        // the shares of a density that is known are the same
+        let dense = Clutter::of(&Settings { clutter_density: 1e-9, ..settings }, 0);
+        assert_within(1e-12, dense.density(&radar), 1e-9);
+        let gains = [clutter, dense].map(|own| own.gain(&radar, Some(Detection::Psr)));
+        assert_within(1e-14, gains[0], gains[1]);
+    }
+
     #[test]
     fn a_plot_of_a_target_counts_as_if_it_had_never_been_counted() {
         let radar = Radar { max_range: 1e5, ..radar_of([50.0, 1e-3]) };
         let counted = |plots: usize| {
             let mut clutter = Clutter::new(f64::NAN);
-            clutter.count(plots, [0.0, 4.0], 4.0);
-            clutter.count(7, [4.0, 24.0], 4.0);
+            let counts = |all| Counts { all, ..Counts::default() };
+            clutter.count(&counts(plots), [0.0, 4.0], &radar);
+            clutter.count(&counts(7), [4.0, 24.0], &radar);
             clutter
         };
         let mut clutter = counted(90);
         for _ in 0..30 {
-            clutter.discount(4.0, 4.0);
+            clutter.discount(4.0, &radar, None);
         }
         assert_within(1e-13, clutter.plots(&radar), counted(60).plots(&radar));
         // the first plots were made in two scans, and have faded for five
@@ -139,7 +251,7 @@ mod tests {
         assert_within(1e-13, clutter.plots(&radar), expected);
         // no plots less than none
         for _ in 0..1000 {
-            clutter.discount(24.0, 4.0);
+            clutter.discount(24.0, &radar, None);
         }
         assert_within(1e-13, clutter.plots(&radar), FEWEST);
     }

@@ -93,7 +93,8 @@ struct Pairs<'a> {
 impl<'a> Pairs<'a> {
     fn of(plot: &'a Measured, settings: &Settings) -> Self {
         let radar = &settings.radars[plot.radar];
-        let r = radar.noise_at(plot.position, plot.height - radar.position[2]);
+        let seen = radar.detecting(plot.detection);
+        let r = seen.noise_at(plot.position, plot.height - radar.position[2]);
         Self { plot, soon: SOON * radar.scan_period, r: r.plus(r) }
     }
 

@@ -26,7 +26,10 @@ impl Spot {
         let plot = &track.first;
         let r = match plot.source {
             Source::Placed(noise) if settings.geometry(plot.radar).is_position() => noise,
-            _ => settings.radars[plot.radar].noise_at(plot.position, f64::NAN),
+            _ => {
+                let radar = settings.radars[plot.radar].detecting(plot.detection);
+                radar.noise_at(plot.position, f64::NAN)
+            }
         };
         Self { time: plot.time, position: plot.position, variance: r.xx + r.yy }
     }

@@ -13,7 +13,7 @@ use super::scan::{Scan, Sky};
 use super::settings::Settings;
 use super::share::{SHARES_PER_THREAD, run};
 use super::track::Track;
-use crate::base::error::{Error, Result, require};
+use crate::base::error::{Error, Result, require, require_positive};
 use crate::base::interrupt::poll;
 use crate::base::state::{restored, saved};
 use crate::sensors::Radar;
@@ -157,10 +157,9 @@ impl Tracker {
     /// A number that is not positive.
     pub fn set_noise(&mut self, noise: &[[f64; 2]]) -> Result<()> {
         for (radar, [range_sigma, azimuth_sigma]) in self.settings.radars.iter_mut().zip(noise) {
-            let changed =
-                Radar { range_sigma: *range_sigma, azimuth_sigma: *azimuth_sigma, ..*radar };
-            changed.check()?;
-            *radar = changed;
+            require_positive("range_sigma", *range_sigma)?;
+            require_positive("azimuth_sigma", *azimuth_sigma)?;
+            [radar.range_sigma, radar.azimuth_sigma] = [*range_sigma, *azimuth_sigma];
         }
         Ok(())
     }
@@ -265,7 +264,9 @@ impl Tracker {
             let (radar, stretch) = (&self.settings.radars[plot.radar], stretches[plot.radar]);
             let geometry = self.settings.geometry(plot.radar);
             let level = levels.get(i).unwrap_or(&self.level);
-            Measured::new(index(i), &plot, (radar, geometry), stretch, level)
+            let mut measured = Measured::new(index(i), &plot, (radar, geometry), stretch, level);
+            measured.gain = self.clutter[plot.radar].gain(radar, measured.detection);
+            measured
         };
         let mut waiting = std::mem::take(&mut self.waiting);
         if self.azimuths.any() {

@@ -8,7 +8,7 @@
 use super::outliers::Outliers;
 use super::plot::{Measured, Source};
 use super::settings::Settings;
-use crate::sensors::Radar;
+use crate::sensors::{Detection, Radar};
 use serde::{Deserialize, Serialize};
 
 /// Differences over which noise is found, and before which nothing is told or used.
@@ -136,6 +136,8 @@ struct Chain {
     positions: [[f64; 2]; 4],
     /// Whether heights are those of the tracks: the places of plots with their own are others.
     is_slant: bool,
+    /// By what the plots were detected.
+    detection: Option<Detection>,
 }
 
 /// The noise of one sensor.
@@ -185,13 +187,16 @@ impl Noise {
         let before = chain.times[0] - chain.times[1];
         let even = age > 0.0 && (chain.count < 2 || (age - before).abs() < EVEN * before);
         let is_slant = matches!(plot.source, Source::Slant { .. });
-        if chain.track != track || !even || age > 1.5 * period || is_slant != chain.is_slant {
+        let is_alike = is_slant == chain.is_slant && plot.detection == chain.detection;
+        if chain.track != track || !even || age > 1.5 * period || !is_alike {
             chain.count = 0;
         }
         let [a, b, c, d] = chain.positions;
         let z = plot.position;
         if chain.count >= 3 {
-            let (direction, sigmas) = axes(self.stated, plot, settings);
+            let way = settings.radars[plot.radar].way(plot.detection);
+            let stated = way.map_or(self.stated, |way| way.sigmas);
+            let (direction, sigmas) = axes(stated, plot, settings);
             let second = |x: [f64; 2], y: [f64; 2], z: [f64; 2]| {
                 let [east, north] = [0, 1].map(|i| x[i] - 2.0 * y[i] + z[i]);
                 let along = east * direction[0] + north * direction[1];
@@ -216,6 +221,7 @@ impl Noise {
             times: [plot.time, chain.times[0]],
             positions: [z, a, b, c],
             is_slant,
+            detection: plot.detection,
         };
     }
 
@@ -236,11 +242,17 @@ impl Noise {
 
     /// Standard deviations of range and azimuth for tracking, where these are assumed.
     pub fn use_with(&mut self, assumed: [f64; 2]) -> [f64; 2] {
+        let factors = self.factors();
         self.used = [0, 1].map(|i| {
-            let factor = factor(&self.sizes[i], &self.lasting);
+            let factor = factors[i];
             if factor > 1.0 { assumed[i].max(factor.sqrt() * self.stated[i]) } else { assumed[i] }
         });
         self.used
+    }
+
+    /// Variances over those that are stated, along and across the beam.
+    fn factors(&self) -> [f64; 2] {
+        self.sizes.map(|size| factor(&size, &self.lasting))
     }
 }
 
@@ -248,6 +260,11 @@ impl Noise {
 pub(super) fn use_found(radars: &mut [Radar], noise: &mut [Noise]) -> Vec<[f64; 2]> {
     let assumed: Vec<_> = radars.iter().map(|r| [r.range_sigma, r.azimuth_sigma]).collect();
     let found: Vec<_> = noise.iter_mut().zip(&assumed).map(|(n, own)| n.use_with(*own)).collect();
+    for ((radar, noise), own) in radars.iter_mut().zip(&*noise).zip(&assumed) {
+        if let Some(ways) = &mut radar.ways {
+            ways.assume(*own, noise.stated, noise.factors());
+        }
+    }
     assume(radars, &found);
     assumed
 }
@@ -284,7 +301,7 @@ mod tests {
     /// The noise found of a radar that states 50 m and .001, by sixteen straight tracks.
     fn found(noise: f64, correlation: f64, outliers: usize) -> Noise {
         let radar = radar_of([50.0, 1e-3]);
-        let settings = Settings::new(vec![radar], Motion::Imm(ImmModel::default()));
+        let settings = Settings::new(vec![radar.clone()], Motion::Imm(ImmModel::default()));
         let (mut found, mut random) = (Noise::new(&radar), Random::new(5));
         let mut normal = || {
             let (size, angle) = (1.0 - random.uniform(), TAU * random.uniform());

@@ -2,8 +2,9 @@
 
 use super::geometry::Geometry;
 use super::level::Level;
+use crate::base::exponential::exp;
 use crate::base::plane::Plane;
-use crate::sensors::Radar;
+use crate::sensors::{Detection, Radar};
 use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;
 
@@ -57,6 +58,8 @@ pub struct Plot {
     pub height: f64,
     /// Reply of the transponder; negative where there is none.
     pub identity: i64,
+    /// By what it was detected; none where that is not known.
+    pub detection: Option<Detection>,
     /// What a sensor of positions reports, in place of range and azimuth.
     pub report: Option<Report>,
 }
@@ -124,12 +127,13 @@ impl Plot {
         let pairs = numbers(self).into_iter().zip(numbers(other));
         let more = reported(self).into_iter().zip(reported(other));
         let order = pairs.chain(more).fold(times, |order, (a, b)| order.then(a.total_cmp(&b)));
-        order.then(self.identity.cmp(&other.identity))
+        order.then(self.identity.cmp(&other.identity)).then(self.detection.cmp(&other.detection))
     }
 
     /// East and north with their covariance; none where the plot is invalid or straight above the
     /// radar.
     pub fn to_cartesian(&self, radar: &Radar) -> Option<([f64; 2], Plane)> {
+        let radar = radar.detecting(self.detection);
         let position = radar.position_of(self.range, self.azimuth, self.height);
         let position = position.filter(|_| self.is_valid())?;
         Some((position, radar.noise_at(position, self.height - radar.position[2])))
@@ -226,9 +230,21 @@ pub(super) struct Measured {
     pub source: Source,
     pub height: f64,
     pub identity: i64,
+    /// By what it was detected, where its radar has channels for that.
+    pub detection: Option<Detection>,
+    /// Logarithm of how much likelier targets make such plots than false ones come so, by comparison
+    /// with all plots of the radar.
+    pub gain: f64,
 }
 
 impl Measured {
+    /// The density of false plots that are detected as this one, as if targets made all their plots so,
+    /// where that of all is `density`.
+    #[inline]
+    pub fn rivals(&self, density: f64) -> f64 {
+        if self.gain == 0.0 { density } else { density * exp(-self.gain) }
+    }
+
     /// A plot that can be used, in the plane; `stretch` is that of the radar, `level` that of the
     /// traffic.
     #[inline]
@@ -239,9 +255,14 @@ impl Measured {
         stretch: f64,
         level: &Level,
     ) -> Self {
-        let &Plot { time, range, azimuth, radar: number, height, identity, report } = plot;
+        let &Plot { time, range, azimuth, radar: number, height, identity, report, .. } = plot;
         let polar = [range, azimuth];
         let mut own = Self { index, time, radar: number, height, identity, ..Self::default() };
+        own.detection = radar.known(plot.detection);
+        let (radar, stretch) = match radar.way(own.detection) {
+            None => (radar, stretch),
+            Some(_) => (radar.detecting(own.detection), radar.detecting(own.detection).stretch()),
+        };
         if let (Geometry::Position(sigma), Some(report)) = (geometry, report) {
             let noise = report.noise(*sigma).unwrap_or_default();
             (own.position, own.source) = (report.position, Source::Placed(noise));

@@ -6,7 +6,7 @@
 
 use super::claim::{Claim, Spread};
 use super::cluster::{Cells, Clusters};
-use super::clutter::Clutter;
+use super::clutter::{Clutter, Counts};
 use super::doubles::{self, Doubles, Near};
 use super::ended::Ended;
 use super::noise::Noise;
@@ -19,6 +19,7 @@ use super::sharp::{self, Known};
 use super::strays;
 use super::track::Track;
 use crate::association::Grid;
+use crate::sensors::Radar;
 
 /// Not placed yet.
 const NOWHERE: u32 = u32::MAX;
@@ -36,7 +37,7 @@ pub(super) struct Scan {
     /// Whether there are positions among them.
     reports: bool,
     /// Plots of each radar that belonged to no track.
-    unused: Vec<usize>,
+    unused: Vec<Counts>,
     /// The plots of all radars.
     grid: Grid,
     points: Vec<[f64; 2]>,
@@ -150,14 +151,14 @@ impl Scan {
         let settings = sky.settings;
         self.reports = plots.iter().any(|plot| settings.geometry(plot.radar).is_position());
         self.unused.clear();
-        self.unused.resize(settings.radars.len(), 0);
+        self.unused.resize(settings.radars.len(), Counts::default());
         let radars = &sky.settings.radars;
         self.points.clear();
         self.points.extend(plots.iter().map(|plot| plot.position));
         for plot in plots {
             sky.clutter[plot.radar].saw(&radars[plot.radar], plot.position);
         }
-        let cell = radars.iter().map(|radar| {
+        let cell = radars.iter().map(Radar::at_worst).map(|radar| {
             let far = radar.azimuth_sigma * radar.max_range.min(1e5);
             7.0 * (radar.range_sigma + far) + 500.0
         });
@@ -348,8 +349,8 @@ impl Scan {
             if let Some(stray) = given.stray {
                 sky.noise[stray.radar].outliers.strayed(&stray);
             }
-            if let Some((radar, time)) = given.begun {
-                sky.clutter[radar].discount(time, settings.radars[radar].scan_period);
+            if let Some((radar, time, detection)) = given.begun {
+                sky.clutter[radar].discount(time, &settings.radars[radar], detection);
             }
             if row.is_some_and(|row| row.confirmed) {
                 let plot = &plots[given.plot as usize];
@@ -385,8 +386,9 @@ impl Scan {
                 continue;
             }
             let radar = &sky.settings.radars[plot.radar];
-            let (density, false_plots) =
-                (sky.clutter[plot.radar].density(radar), sky.clutter[plot.radar].plots(radar));
+            let clutter = &sky.clutter[plot.radar];
+            let [density, false_plots] =
+                [clutter.density(radar), clutter.plots(radar)].map(|all| plot.rivals(all));
             let reports = self.reports && sky.settings.geometry(plot.radar).is_position();
             if reports && self.is_near(plot, &now, sky.settings) {
                 left = true;
@@ -404,7 +406,7 @@ impl Scan {
             }
             *sky.next_number += 1;
             let is_double = self.doubled[i] > density;
-            self.unused[plot.radar] += usize::from(!is_double);
+            self.unused[plot.radar].add(plot.detection, !is_double);
             let track_or_not = PlotStatus::Track(track.number);
             report(plot.index, if is_double { PlotStatus::Duplicate } else { track_or_not });
             if sky.rows.wants(false) {
@@ -440,9 +442,10 @@ impl Scan {
         let (Some((first, _)), Some((last, _))) = (settled().next(), settled().next_back()) else {
             return;
         };
-        for (radar, &count) in self.unused.iter().enumerate() {
-            let period = sky.settings.radars[radar].scan_period;
-            sky.clutter[radar].count(count, [first.time, last.time], period);
+        for (clutter, (counts, radar)) in
+            sky.clutter.iter_mut().zip(self.unused.iter().zip(&sky.settings.radars))
+        {
+            clutter.count(counts, [first.time, last.time], radar);
         }
     }
 }

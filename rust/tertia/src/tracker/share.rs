@@ -11,6 +11,7 @@ use super::settings::Settings;
 use super::track::Track;
 use crate::association::{Assigner, Grid, Pair};
 use crate::base::batch::for_each_row;
+use crate::sensors::Detection;
 use std::num::NonZero;
 
 mod doubt;
@@ -20,6 +21,9 @@ pub(super) const SHARES_PER_THREAD: usize = 8;
 /// Nothing was given to a claim.
 const NOTHING: u32 = u32::MAX;
 
+/// Radar, time and detection of a plot.
+type Begun = (usize, f64, Option<Detection>);
+
 /// A plot that was given to a track.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Given {
@@ -27,8 +31,8 @@ pub(super) struct Given {
     place: u32,
     pub plot: u32,
     pub track: u64,
-    /// Radar and time of the first plot of a track that is confirmed by this one.
-    pub begun: Option<(usize, f64)>,
+    /// The first plot of a track that is confirmed by this one.
+    pub begun: Option<Begun>,
     /// Radar of a plot before that was an outlier, as this one shows.
     pub outlier: Option<usize>,
     /// Another one that was no plot of the track.
@@ -247,15 +251,18 @@ impl Share {
                 let taken = |pair: &&Pair| self.columns[pair.column as usize] == plot;
                 let gain = pairs[..end].iter().find(taken).map_or(0.0, |pair| pair.gain);
                 let density = clutter[measured.radar].density(radar);
-                let others =
-                    if confirmed { 0.0 } else { (1.0 + others[plot as usize] / density).ln() };
+                let other = || others[plot as usize] / measured.rivals(density);
+                let others = if confirmed { 0.0 } else { (1.0 + other()).ln() };
                 let gain = track.evidence_of(measured, gain, density, settings);
                 track.credit(gain, others, measured.radar, settings);
             }
             track.correct(measured, settings);
             let with_row = with_rows || track.is_confirmed();
-            let begun = (!confirmed && track.is_confirmed())
-                .then_some((track.first.radar, track.first.time));
+            let begun = (!confirmed && track.is_confirmed()).then_some((
+                track.first.radar,
+                track.first.time,
+                track.first.detection,
+            ));
             let place = group[0].rank + claim.rank;
             self.give(place, plot, track, measured, with_row, (begun, outlier, stray));
         }
@@ -303,7 +310,7 @@ impl Share {
         track: &Track,
         measured: &Measured,
         with_row: bool,
-        (begun, outlier, stray): (Option<(usize, f64)>, Option<usize>, Option<Stray>),
+        (begun, outlier, stray): (Option<Begun>, Option<usize>, Option<Stray>),
     ) {
         let row = if with_row { self.rows.len() as u32 } else { NOTHING };
         if with_row {

@@ -35,7 +35,7 @@ pub(super) fn find(
     let points: Vec<[f64; 2]> = confirmed.iter().map(|&k| tracks[k].estimate.position()).collect();
     let mut grid = Grid::default();
     let reach = |plot: usize| {
-        let radar = &settings.radars[plots[plot].radar];
+        let radar = settings.radars[plots[plot].radar].at_worst();
         let r = radar.noise_at(plots[plot].position, f64::NAN);
         (FARTHEST * r.xx.max(r.yy)).sqrt() + settings.max_speed * radar.scan_period
     };
@@ -57,7 +57,7 @@ pub(super) fn find(
                 track.is_due(plot, radar) && plot.time - track.seen < LATELY * track.period;
             if is_missed && radar.covers(track.estimate.position()) {
                 let (place, p) = track.position_at(plot.time);
-                let s = p.plus(radar.noise_at(place, f64::NAN));
+                let s = p.plus(radar.detecting(plot.detection).noise_at(place, f64::NAN));
                 let d = s.inverse().form([x - place[0], y - place[1]]);
                 if d < FARTHEST {
                     nearest = if d < nearest.0 { (d, confirmed[k]) } else { nearest };
@@ -67,7 +67,8 @@ pub(super) fn find(
         });
         found[i] += known.share() * sum;
         if nearest.0 < FARTHEST {
-            let odds = known.share().max(NOT_RARE) * sum / clutter[plot.radar].density(radar);
+            let density = plot.rivals(clutter[plot.radar].density(radar));
+            let odds = known.share().max(NOT_RARE) * sum / density;
             let weight = odds / (1.0 + odds);
             tracks[nearest.1].stray = Some(Stray { radar: plot.radar, square: nearest.0, weight });
         }

@@ -285,7 +285,7 @@ impl Track {
         (sigma, (self.time - self.seen).min(longest))
     }
 
-    /// Likelihood ratio of height and identity.
+    /// Likelihood ratio of height, identity and detection.
     #[inline]
     pub fn also(&self, plot: &Measured, settings: &Settings) -> f64 {
         let height = match self.vertical {
@@ -300,7 +300,9 @@ impl Track {
             Some(_) if plot.identity >= 0 => settings.identity_error_probability,
             _ => 1.0,
         };
-        height * identity
+        // by what it was detected
+        let detection = if plot.gain == 0.0 { 1.0 } else { exp(plot.gain) };
+        height * identity * detection
     }
 
     /// Corrects by a plot.

@@ -32,6 +32,7 @@ fn plot((time, way, radar_index): (f64, f64, usize)) -> Plot {
         radar: radar_index,
         height: f64::NAN,
         identity: -1,
+        detection: None,
         report: None,
     }
 }

@@ -42,7 +42,7 @@ impl Track {
         plot: &Measured,
         settings: &Settings,
     ) -> (Plane, Option<Vertical>, Option<Box<Lean>>) {
-        let radar = &settings.radars[plot.radar];
+        let radar = settings.radars[plot.radar].detecting(plot.detection);
         match plot.source {
             Source::Polar => {
                 (radar.noise_at(plot.position, plot.height - radar.position[2]), None, None)
@@ -72,7 +72,7 @@ impl Track {
     pub(super) fn brought_here(&self, plot: &Measured, settings: &Settings) -> Here {
         let t = plot.time - self.time;
         let x = &self.estimate.mean;
-        let radar = &settings.radars[plot.radar];
+        let radar = settings.radars[plot.radar].detecting(plot.detection);
         let (mut place, mut by_height, mut variance) = (plot.position, [0.0; 2], 0.0);
         let mut noise = match plot.source {
             Source::Polar => {

@@ -5,7 +5,7 @@ use crate::tracker::ImmModel;
 
 fn settings() -> Settings {
     let radar = Radar { max_range: 1e5, ..radar_of([50.0, 1e-3]) };
-    let near = Radar { max_range: 1e4, ..radar };
+    let near = Radar { max_range: 1e4, ..radar.clone() };
     Settings::new(vec![radar, near], Motion::Imm(ImmModel::default()))
 }
 

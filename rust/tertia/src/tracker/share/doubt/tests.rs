@@ -30,7 +30,16 @@ fn radar() -> Radar {
 
 fn plot(time: f64, [x, y]: [f64; 2]) -> Plot {
     let (range, azimuth) = (x.hypot(y) / radar().stretch(), x.atan2(y));
-    Plot { time, range, azimuth, radar: 0, height: f64::NAN, identity: -1, report: None }
+    Plot {
+        time,
+        range,
+        azimuth,
+        radar: 0,
+        height: f64::NAN,
+        identity: -1,
+        detection: None,
+        report: None,
+    }
 }
 
 /// Numbers of hypotheses before each scan, and the states in the end.
