@@ -35,7 +35,7 @@ def radar_with(psr: float, ssr: float) -> Radar:
         "ssr": Channel(ssr, range_sigma=SSR[0], azimuth_sigma=SSR[1]),
     }
     return Radar(
-        range_sigma=PSR[0], azimuth_sigma=PSR[1], scan_period=4.0, max_range=REACH,
+        (0.0, 0.0, 0.0), range_sigma=PSR[0], azimuth_sigma=PSR[1], scan_period=4.0, max_range=REACH,
         channels=channels,
     )  # fmt: skip
 
@@ -52,13 +52,13 @@ def plain(radar: Radar) -> Radar:
 
 
 def seen(radar: Radar, clutter: float, seed: int) -> Scene:
-    """Simulate aircraft on routes, and what the radar sees; replies have no codes or heights."""
+    """Simulate aircraft on routes, and what the radar sees; replies have heights and no codes."""
     traffic = simulate.flights(
         simulate.routes("middle", AIRCRAFT, rng=seed), wind=15.0, rng=seed + 1
     )
     found = simulate.radar_plots(
         traffic, [radar], clutter=clutter, identity_missing_probability=1.0,
-        height_missing_probability=1.0, rng=seed + 2,
+        rng=seed + 2,
     )  # fmt: skip
     early = found.plots.time < END
     plots, target = found.plots[early], found.target[early]

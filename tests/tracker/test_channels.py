@@ -143,7 +143,7 @@ def test_replies_are_stronger_evidence_than_echoes_in_clutter():
         for t in time
     ]
     own = line(12)
-    first = {}
+    doubt = {}
     for name in ("psr", "psr+ssr"):
         tracker = Tracker([RADAR])
         for k, clutter in enumerate(false):
@@ -153,10 +153,10 @@ def test_replies_are_stronger_evidence_than_echoes_in_clutter():
                 for c in ("time", "range", "azimuth", "detection")
             }
             table = tracker.update(Plots(**columns), time=float(time[k]) + 3.95)
-            if np.any(table.confirmed & (table.plot == 121 * k + 120)):
-                first.setdefault(name, k)
-    assert first["psr+ssr"] == 2
-    assert first["psr"] > 3
+            row = table[table.confirmed & (table.plot == 121 * k + 120)]
+            if len(row):
+                doubt.setdefault(name, 1.0 - row.existence_probability[0])
+    assert doubt["psr+ssr"] < 1e-2 * doubt["psr"]
 
 
 def test_clutter_that_is_stated_is_taken_as_it_is():

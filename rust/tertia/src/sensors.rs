@@ -8,13 +8,13 @@ mod channel;
 mod measurement;
 mod radar;
 
-pub use channel::{Channel, Detection, Way, Ways};
+pub use channel::{Channel, Detection, Way};
 pub use measurement::predict;
 pub(crate) use measurement::{Kind, Measurement, Row, SMALL_TANGENT, TERMS, read};
 pub(crate) use radar::HEIGHT_SIGMA;
-pub use radar::Radar;
 #[cfg(test)]
 pub(crate) use radar::radar_of;
+pub use radar::{Radar, Ways};
 
 /// Kinds of measurements, in the order of an instant's rows: ranges, azimuths, elevations, the
 /// differences of each station's range and that of the first, and arrivals: times of arrival, in

@@ -1,6 +1,6 @@
 //! A radar: from range and azimuth to east and north, with their covariance.
 
-use super::channel::Ways;
+use super::channel::{Channel, Detection, Way, ways};
 use crate::base::error::{Result, require, require_positive};
 use crate::base::plane::Plane;
 use serde::{Deserialize, Serialize};
@@ -118,6 +118,93 @@ impl Radar {
     }
 }
 
+/// The ways of a radar to detect a target.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Ways {
+    each: Vec<Way>,
+    /// The radar with the noise of each, and with the largest of all.
+    seen: Vec<Radar>,
+    worst: Radar,
+}
+
+impl Ways {
+    fn new(radar: &Radar, channels: [Option<Channel>; 3]) -> Self {
+        let each = ways(channels);
+        let plain = Radar { ways: None, ..*radar };
+        let mut ways = Self { seen: vec![plain.clone(); each.len()], each, worst: plain };
+        let own = [radar.range_sigma, radar.azimuth_sigma];
+        ways.assume(own, own, [1.0; 2]);
+        ways
+    }
+
+    /// All of them.
+    pub fn all(&self) -> &[Way] {
+        &self.each
+    }
+
+    fn index(&self, detection: Detection) -> Option<usize> {
+        self.each.iter().position(|way| way.detection == detection)
+    }
+
+    /// Sets the noise of all ways, where the radar itself is assumed to have these standard deviations
+    /// in place of those that it states, and the variances of its noise are so many times as large.
+    pub(crate) fn assume(&mut self, assumed: [f64; 2], stated: [f64; 2], factors: [f64; 2]) {
+        let mut most = assumed;
+        for (way, radar) in self.each.iter().zip(&mut self.seen) {
+            let used = [0, 1].map(|i| {
+                let (own, more) = (way.sigmas[i], assumed[i].powi(2) - stated[i].powi(2));
+                (own * own + more.max(0.0)).sqrt().max(factors[i].sqrt() * own)
+            });
+            most = [0, 1].map(|i| f64::max(most[i], used[i]));
+            [radar.range_sigma, radar.azimuth_sigma] = used;
+        }
+        [self.worst.range_sigma, self.worst.azimuth_sigma] = most;
+    }
+}
+
+impl Radar {
+    /// The same with a primary channel, a secondary one and one of mode S, or some of them: it detects
+    /// what one of them detects.
+    ///
+    /// # Errors
+    /// A number outside its domain, or no channel.
+    pub fn with_channels(self, channels: [Option<Channel>; 3]) -> Result<Self> {
+        channels.iter().flatten().try_for_each(Channel::check)?;
+        let any = channels.iter().any(Option::is_some);
+        require("channels", 0.0, any, "one channel or more")?;
+        let ways = Ways::new(&self, channels);
+        let detection_probability = ways.each.iter().map(|way| way.probability).sum();
+        Ok(Self { detection_probability, ways: Some(Box::new(ways)), ..self })
+    }
+
+    /// The detection of a plot, if it is one of this radar's.
+    #[inline]
+    pub(crate) fn known(&self, detection: Option<Detection>) -> Option<Detection> {
+        self.way(detection).map(|way| way.detection)
+    }
+
+    /// The way of a plot.
+    #[inline]
+    pub(crate) fn way(&self, detection: Option<Detection>) -> Option<&Way> {
+        let ways = self.ways.as_ref()?;
+        Some(&ways.each[ways.index(detection?)?])
+    }
+
+    /// The radar with the noise of plots that were detected so.
+    #[inline]
+    pub(crate) fn detecting(&self, detection: Option<Detection>) -> &Self {
+        let Some(ways) = &self.ways else { return self };
+        let index = detection.and_then(|detection| ways.index(detection));
+        index.map_or(self, |index| &ways.seen[index])
+    }
+
+    /// The radar with the largest noise of its plots.
+    #[inline]
+    pub(crate) fn at_worst(&self) -> &Self {
+        self.ways.as_ref().map_or(self, |ways| &ways.worst)
+    }
+}
+
 /// A radar at the origin with these standard deviations of range and azimuth, for tests.
 #[cfg(test)]
 pub(crate) fn radar_of([range_sigma, azimuth_sigma]: [f64; 2]) -> Radar {
@@ -136,6 +223,7 @@ pub(crate) fn radar_of([range_sigma, azimuth_sigma]: [f64; 2]) -> Radar {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::checks::assert_within;
 
     #[test]
     fn noise_along_the_beam_grows_towards_the_zenith() {
@@ -149,5 +237,59 @@ mod tests {
             let found = radar.noise_at([0.0, ground], up).yy;
             assert!((found / expected - 1.0).abs() < 1e-4, "{ground} {up}: {found} {expected}");
         }
+    }
+
+    fn channel(detection_probability: f64, sigmas: [f64; 2]) -> Option<Channel> {
+        Some(Channel { detection_probability, sigmas, clutter_per_scan: f64::NAN })
+    }
+
+    fn probability(radar: &Radar, detection: Detection) -> f64 {
+        radar.way(Some(detection)).unwrap().probability
+    }
+
+    #[test]
+    fn channels_detect_independently() {
+        let [psr, ssr] = [channel(0.85, [60.0, 2e-3]), channel(0.95, [30.0, 1e-3])];
+        let radar = radar_of([50.0, 1e-3]).with_channels([psr, ssr, None]).unwrap();
+        for (detection, expected) in
+            [(Detection::PsrSsr, 0.8075), (Detection::Ssr, 0.1425), (Detection::Psr, 0.0425)]
+        {
+            assert_within(1e-14, probability(&radar, detection), expected);
+        }
+        assert_within(1e-14, 1.0 - radar.detection_probability, 0.0075);
+        assert_eq!(radar.known(Some(Detection::ModeS)), None);
+        assert_eq!(radar_of([50.0, 1e-3]).known(Some(Detection::Psr)), None);
+    }
+
+    #[test]
+    fn a_target_answers_one_kind_of_interrogation() {
+        let [psr, ssr, mode_s] = [0.8, 0.9, 0.98].map(|p| channel(p, [50.0, 1e-3]));
+        let radar = radar_of([50.0, 1e-3]).with_channels([psr, ssr, mode_s]).unwrap();
+        assert_within(1e-14, probability(&radar, Detection::PsrModeS), 0.8 * 0.49);
+        assert_within(1e-14, probability(&radar, Detection::Ssr), 0.2 * 0.45);
+        assert_within(1e-14, probability(&radar, Detection::Psr), 0.8 * (0.05 + 0.01));
+        assert_within(1e-14, radar.detection_probability, 1.0 - 0.2 * 0.06);
+        assert!(radar_of([50.0, 1e-3]).with_channels([None; 3]).is_err());
+        assert!(
+            radar_of([50.0, 1e-3]).with_channels([channel(1.0, [1.0; 2]), None, None]).is_err()
+        );
+    }
+
+    #[test]
+    fn noise_is_that_of_the_reply_and_grows_with_what_is_assumed() {
+        let [psr, ssr] = [channel(0.85, [60.0, 2e-3]), channel(0.95, [30.0, 1e-3])];
+        let mut radar = radar_of([50.0, 1e-3]).with_channels([psr, ssr, None]).unwrap();
+        let sigma = |radar: &Radar, detection| radar.detecting(Some(detection)).range_sigma;
+        assert_within(1e-14, sigma(&radar, Detection::PsrSsr), 30.0);
+        assert_within(1e-14, sigma(&radar, Detection::Psr), 60.0);
+        assert_within(1e-14, radar.detecting(None).range_sigma, 50.0);
+        let ways = radar.ways.as_mut().unwrap();
+        ways.assume([130.0, 1e-3], [50.0, 1e-3], [1.0, 1.0]);
+        assert_within(1e-14, sigma(&radar, Detection::Psr), f64::hypot(60.0, 120.0));
+        let ways = radar.ways.as_mut().unwrap();
+        ways.assume([50.0, 1e-3], [50.0, 1e-3], [4.0, 1.0]);
+        assert_within(1e-14, sigma(&radar, Detection::Ssr), 60.0);
+        assert_within(1e-14, radar.at_worst().range_sigma, 120.0);
+        assert_within(1e-14, radar.at_worst().azimuth_sigma, 2e-3);
     }
 }
