@@ -256,7 +256,7 @@ mod tests {
         {
             assert_within(1e-14, probability(&radar, detection), expected);
         }
-        assert_within(1e-14, 1.0 - radar.detection_probability, 0.0075);
+        assert_within(1e-12, 1.0 - radar.detection_probability, 0.0075);
         assert_eq!(radar.known(Some(Detection::ModeS)), None);
         assert_eq!(radar_of([50.0, 1e-3]).known(Some(Detection::Psr)), None);
     }
