@@ -142,8 +142,11 @@ def reconstruct(
     assumed about the positions, because a bias can look like a curve of the path: a Kalman filter
     of c and g gives their likelihood on a grid, over which the results are averaged. Only c is
     removed from the measurements; what may be left of it, and the variance of g, are propagated
-    into the covariance. What is stated of a variance, but neither scatters nor contradicts, is then
-    taken to be common to all stations. Where nothing lasts, nothing is added.
+    into the covariance. What all stations of a kind have in common is then taken to be as large as
+    what contradicts, or as what is stated of a variance but neither scatters nor contradicts.
+    Where nothing lasts, nothing is removed, and what cannot be excluded is in the covariance. Of
+    range differences the errors are those of the receivers. With three degrees of freedom and
+    more, limits of faults grow with the errors that last.
 
     With a sigma of inf, c is estimated with Tukey's weights about the track. Its covariance is
     A^-1 B A^-1, with A the derivative of the scores, and B their variance from the standard
@@ -475,6 +478,9 @@ def _prior(
         raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
     sigma = np.zeros((len(KINDS), k))
     sigma[: len(STATION_KINDS)] = given.sigma
+    if np.isnan(given.sigma[0]).all():
+        # ranges are not trusted, and neither are their differences
+        sigma[KINDS.index("range_difference")] = np.nan
     own = [bias] * k if bias is not None else [station.bias for station in stations]
     drift = np.array(
         [

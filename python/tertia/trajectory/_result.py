@@ -40,11 +40,12 @@ class Trajectory(Result):
         Measured minus predicted values, divided by their standard deviations.
     systematic : {"given", "estimated", "not included"}
         Whether the covariance has the systematic errors: as given, as found from contradictions
-        between the stations, or not, because nothing can tell.
+        between the stations, or not, because nothing can tell: nothing could contradict, or it
+        could in one way and does not.
     bias : Bias or None
         Systematic errors of the K stations, given or found: what was removed, and the standard
         deviations of what is left, with the share that drifts. A sigma of 0 means that none were
-        found. None with "temporal-first" and local polynomials.
+        found and none are likely. None with "temporal-first" and local polynomials.
     smoothed : SmoothedPositions or None
         Further results of the smoother: likelihood, jerk, innovations. None for local polynomials
         and for "temporal-first".

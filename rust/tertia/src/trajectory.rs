@@ -69,7 +69,7 @@ pub fn reconstruct<const D: usize, const N: usize>(
     jerk: Option<f64>,
     systematic: &Systematic,
 ) -> Result<Trajectory, Failure> {
-    let mut setting = Setting { record, jerk, smoother: Default::default() };
+    let mut setting = Setting { record, jerk, tolerance: 1.0, smoother: Default::default() };
     let measured = Rc::new(Measured::<D>::new(record, record.values.to_vec()));
     let found = Found::<D, N>::first(&mut setting, &measured)?;
     let found = found.without_outliers(&mut setting, &measured)?;

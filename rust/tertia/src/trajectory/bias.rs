@@ -11,7 +11,9 @@ use super::path::Plots;
 use super::tukey::{TAPERED, TUKEY, tukey};
 use super::weight::{chance, scale};
 use crate::base::small::{Factor, Matrix, Vector};
+use crate::sensors::Kind;
 use nalgebra::{DMatrix, DVector, SMatrix};
+use std::ops::Range;
 use std::rc::Rc;
 
 /// Change of a bias, in its standard errors, that ends the rounds.
@@ -38,7 +40,8 @@ pub(super) struct Biases {
 
 /// An instant with what biases do to it.
 pub(super) struct Instant<const D: usize> {
-    /// Number of the measurement, weight over σ², residual and derivatives.
+    /// Where a measurement stands in the instant, weight over σ², residual and derivatives; of
+    /// receivers less their mean, and the first one among them.
     pub rows: Vec<(usize, f64, f64, Vector<D>)>,
     /// `(J' W J)^-1`
     pub inverse: Option<Matrix<D>>,
@@ -46,6 +49,8 @@ pub(super) struct Instant<const D: usize> {
     solution: Vec<Vector<D>>,
     /// `I − H`, a row for each measurement.
     pub kept: Vec<f64>,
+    /// The rows of receivers, and the sum of their weights.
+    receivers: (Range<usize>, f64),
 }
 
 impl<const D: usize> Instant<D> {
@@ -57,36 +62,52 @@ impl<const D: usize> Instant<D> {
         weight: &[f64],
         columns: &[usize],
     ) -> Self {
-        let (mut rows, mut normal) = (Vec::new(), [[0.0; D]; D]);
+        let mut rows = Vec::new();
         for (m, row) in measured.rows(t, position) {
             if weight[m] > 0.0 {
                 let sigma = 1.0 / measured.precision(m);
+                let shared = match measured.one(m).kind {
+                    Kind::RangeDifference => measured.common / (sigma * sigma),
+                    _ => 0.0,
+                };
                 let gradient = row.gradient.map(|v| v * sigma);
-                for i in 0..D {
-                    for j in 0..D {
-                        normal[i][j] += weight[m] * gradient[i] * gradient[j];
-                    }
+                let own = weight[m] / (1.0 - shared);
+                rows.push((measured.column[m], own, row.residual * sigma, gradient));
+            }
+        }
+        let receivers = centred(&mut rows, measured);
+        let mut normal = [[0.0; D]; D];
+        for (_, weight, _, gradient) in &rows {
+            for i in 0..D {
+                for j in 0..D {
+                    normal[i][j] += weight * gradient[i] * gradient[j];
                 }
-                rows.push((m, weight[m], row.residual * sigma, gradient));
             }
         }
         let inverse = Factor::try_new(&normal, 0.0).map(|factor| factor.inverse());
         let own = inverse.unwrap_or([[0.0; D]; D]);
         let mut solution = vec![[0.0; D]; columns.len()];
         for (solution, column) in solution.iter_mut().zip(columns) {
-            let found = rows.iter().find(|(m, ..)| measured.column[*m] == *column);
+            let found = rows.iter().find(|(own, ..)| own == column);
             if let Some((_, w, _, gradient)) = found {
                 *solution = std::array::from_fn(|i| w * dot(&own[i], gradient));
             }
         }
         let mut kept = Vec::with_capacity(rows.len() * columns.len());
-        for (m, _, _, gradient) in &rows {
-            for (solution, column) in solution.iter().zip(columns) {
-                let unit = f64::from(u8::from(measured.column[*m] == *column));
-                kept.push(unit - dot(gradient, solution));
+        let (range, total) = &receivers;
+        let mean = |column| {
+            let own = rows[range.clone()].iter().find(|(own, ..)| *own == column);
+            own.map_or(0.0, |(_, w, ..)| w / total)
+        };
+        let means: Vec<f64> = columns.iter().map(|column| mean(*column)).collect();
+        for (at, (own, _, _, gradient)) in rows.iter().enumerate() {
+            for ((solution, column), mean) in solution.iter().zip(columns).zip(&means) {
+                let unit = f64::from(u8::from(own == column));
+                let mean = if range.contains(&at) { *mean } else { 0.0 };
+                kept.push(unit - mean - dot(gradient, solution));
             }
         }
-        Self { rows, inverse, solution, kept }
+        Self { rows, inverse, solution, kept, receivers }
     }
 
     /// Adds `(I − H)' diag(v) (I − H)`.
@@ -121,7 +142,9 @@ impl<const D: usize> Instant<D> {
     pub fn share(&self, i: usize) -> f64 {
         let (_, w, _, gradient) = &self.rows[i];
         let inverse = self.inverse.unwrap_or([[0.0; D]; D]);
-        1.0 - (0..D).map(|k| w * gradient[k] * dot(&inverse[k], gradient)).sum::<f64>()
+        let (receivers, total) = &self.receivers;
+        let mean = if receivers.contains(&i) { w / total } else { 0.0 };
+        1.0 - mean - (0..D).map(|k| w * gradient[k] * dot(&inverse[k], gradient)).sum::<f64>()
     }
 }
 
@@ -144,10 +167,10 @@ impl Biases {
         let mut size = DVector::<f64>::zeros(p);
         for instant in &instants {
             instant.add_information(|i| instant.rows[i].1, &mut information);
-            for (kept, (m, w, r, _)) in instant.kept.chunks_exact(p).zip(&instant.rows) {
+            for (kept, (own, w, r, _)) in instant.kept.chunks_exact(p).zip(&instant.rows) {
                 for a in 0..p {
                     scores[a] += kept[a] * w * r;
-                    if found.measured.column[*m] == columns[a] {
+                    if *own == columns[a] {
                         size[a] += w;
                     }
                 }
@@ -157,7 +180,7 @@ impl Biases {
         let size = size.map(f64::sqrt);
         let inverse = inverted(&information, &spurious, &size, columns)? / slope;
         let values = &inverse * scores;
-        let covariance = covariance(record, &found.measured, &instants, &inverse, &values);
+        let covariance = covariance(record, &instants, &inverse, &values);
         let (responses, spread) = responses(&instants, p);
         Ok(Self { columns: columns.to_vec(), values, covariance, responses, spread })
     }
@@ -201,6 +224,37 @@ impl Biases {
         add_covariance::<N>(&means, &self.covariance, covariance);
         Ok(())
     }
+}
+
+/// Adds the first receiver to range differences, whose error they share, and subtracts the mean of
+/// the receivers from each: what they have in common says nothing. Which rows they are, and the sum of
+/// their weights.
+fn centred<const D: usize>(
+    rows: &mut Vec<(usize, f64, f64, Vector<D>)>,
+    measured: &Measured<D>,
+) -> (Range<usize>, f64) {
+    let (first, k) = (measured.reference, measured.receivers());
+    let from = rows.iter().position(|(column, ..)| (first..first + k).contains(column));
+    let Some(from) = from.filter(|_| measured.common > 0.0) else { return (0..0, 1.0) };
+    let is_one = |(column, ..): &(usize, f64, f64, Vector<D>)| (first..first + k).contains(column);
+    let to = from + rows[from..].iter().take_while(|row| is_one(row)).count();
+    rows.insert(to, (first, 1.0 / measured.common, 0.0, [0.0; D]));
+    let own = &mut rows[from..=to];
+    let (mut total, mut residual, mut gradient) = (0.0, 0.0, [0.0; D]);
+    for (_, w, r, g) in own.iter() {
+        total += w;
+        residual += w * r;
+        for i in 0..D {
+            gradient[i] += w * g[i];
+        }
+    }
+    for (_, _, r, g) in own {
+        *r -= residual / total;
+        for i in 0..D {
+            g[i] -= gradient[i] / total;
+        }
+    }
+    (from..to + 1, total)
 }
 
 /// What biases of 1 add to the positions of the instants, (P, N, D), nan where there is none, and the
@@ -356,7 +410,6 @@ fn inverted(
 /// larger.
 fn covariance<const D: usize>(
     record: &Record<'_>,
-    measured: &Measured<D>,
     instants: &[Instant<D>],
     inverse: &DMatrix<f64>,
     values: &DVector<f64>,
@@ -365,22 +418,21 @@ fn covariance<const D: usize>(
     let left: Vec<Vec<f64>> = instants.iter().map(|instant| instant.left(values)).collect();
     let (mut squares, mut shares) = (vec![0.0; width], vec![0.0; width]);
     for (instant, left) in instants.iter().zip(&left) {
-        for (i, (m, w, ..)) in instant.rows.iter().enumerate() {
-            let column = measured.column[*m];
-            squares[column] += w * w * left[i] * left[i];
-            shares[column] += w * w * instant.share(i);
+        for (i, (column, w, ..)) in instant.rows.iter().enumerate() {
+            squares[*column] += w * w * left[i] * left[i];
+            shares[*column] += w * w * instant.share(i);
         }
     }
     let factor = if record.robust { TAPERED } else { 1.0 };
     let variance = |column: usize| {
         let found = squares[column] / shares[column].max(f64::MIN_POSITIVE);
-        (record.sigmas[column].powi(2) * factor).max(found)
+        (record.own_sigma(column).powi(2) * factor).max(found)
     };
     let mut noise = DMatrix::zeros(p, p);
     let mut parts = vec![Vec::with_capacity(instants.len()); p];
     for (instant, left) in instants.iter().zip(&left) {
         let rows = &instant.rows;
-        let spread = |i: usize| rows[i].1.powi(2) * variance(measured.column[rows[i].0]);
+        let spread = |i: usize| rows[i].1.powi(2) * variance(rows[i].0);
         instant.add_information(spread, &mut noise);
         let mut score = vec![0.0; p];
         for ((kept, (_, w, ..)), left) in instant.kept.chunks_exact(p).zip(rows).zip(left) {

@@ -6,6 +6,10 @@ use nalgebra::{DMatrix, DVector};
 
 /// Share of its information from which a direction is determined.
 const DETERMINED: f64 = 1e-9;
+/// Square of a contradiction over its noise from which it is seen surely.
+const SURE: f64 = 10.0;
+/// Numbers that the stated noise is worth, where it is larger than what is seen.
+const STATED: f64 = 8.0;
 
 /// Contradictions of blocks of instants: rows of `y = h (c + g) + e` with e of variance 1.
 pub(super) struct Blocks {
@@ -179,10 +183,25 @@ impl Blocks {
         Filtered { squares, log_determinant, mean: x, covariance }
     }
 
-    /// ln of the likelihood with the growth of the noise that is likeliest, at least 1; and that.
+    /// In how many independent ways constants of these standard deviations contradict surely.
+    pub fn ways(&self, sigma: &[f64]) -> usize {
+        let mut information = DMatrix::<f64>::zeros(self.size, self.size);
+        for row in self.rows.iter().flat_map(|rows| rows.chunks_exact(self.size + 1)) {
+            let h = DVector::from_fn(self.size, |i, _| row[i] * sigma[i]);
+            information += &h * h.transpose();
+        }
+        information.symmetric_eigenvalues().iter().filter(|v| **v > SURE).count()
+    }
+
+    /// ln of the likelihood with the growth of the noise that is likeliest, and that. Below 1 it is
+    /// shrunk: errors that last also show where noise is smaller than stated.
     pub fn likelihood(&self, filtered: &Filtered) -> (f64, f64) {
         let count = self.count as f64;
-        let growth = (filtered.squares / count.max(1.0)).max(1.0);
+        let growth = if filtered.squares > count {
+            filtered.squares / count.max(1.0)
+        } else {
+            (filtered.squares + STATED) / (count + STATED)
+        };
         let sum = filtered.log_determinant + count * growth.ln() + filtered.squares / growth;
         (-0.5 * sum, growth)
     }

@@ -21,6 +21,8 @@ pub struct Fixes {
     pub outlier: Vec<bool>,
     /// What else came out of each instant.
     pub fixes: Vec<Fix>,
+    /// By how much larger errors may be than stated without being left out.
+    pub(super) tolerance: f64,
 }
 
 impl Fixes {
@@ -29,6 +31,7 @@ impl Fixes {
         record: &Record<'_>,
         measured: &Measured<D>,
         trust: &[f64],
+        tolerance: f64,
         before: Option<(&Self, &[f64])>,
     ) -> Result<Self, Failure> {
         let (n, width) = (record.len(), record.width());
@@ -46,11 +49,15 @@ impl Fixes {
                 let weight = trust[t * width + place];
                 let value = measured.values[t * width + place];
                 values.push(if weight == 0.0 { f64::NAN } else { value });
-                sigmas.push(record.sigmas[place] / if weight == 0.0 { 1.0 } else { weight.sqrt() });
+                let root = if weight == 0.0 { 1.0 } else { weight.sqrt() };
+                sigmas.push(tolerance * record.sigmas[place] / root);
             }
         }
         let mut new = Self::empty(changed.len(), width, D);
         new.fill::<D>(record, &changed, &values, &sigmas);
+        if tolerance != 1.0 {
+            new.as_stated(tolerance);
+        }
         let all = match before {
             None => new,
             Some((old, _)) => {
@@ -66,6 +73,13 @@ impl Fixes {
             }
         };
         all.located()
+    }
+
+    /// What standard deviations that were enlarged make of what came out, undone.
+    fn as_stated(&mut self, tolerance: f64) {
+        self.tolerance = tolerance;
+        self.residual.iter_mut().for_each(|v| *v *= tolerance);
+        self.covariance.iter_mut().for_each(|v| *v /= tolerance * tolerance);
     }
 
     /// Locates all instants, from these values and standard deviations (N, 5, K).
@@ -98,6 +112,7 @@ impl Fixes {
             residual: vec![f64::NAN; n * width],
             outlier: vec![false; n * width],
             fixes: vec![Fix::UNKNOWN; n],
+            tolerance: 1.0,
         }
     }
 

@@ -34,6 +34,8 @@ pub(super) struct Found<const D: usize, const N: usize> {
 pub(super) struct Setting<'a, const D: usize, const N: usize> {
     pub record: &'a Record<'a>,
     pub jerk: Option<f64>,
+    /// See `Fixes`.
+    pub tolerance: f64,
     pub smoother: Smoother<D, N>,
 }
 
@@ -66,8 +68,13 @@ impl<const D: usize, const N: usize> Found<D, N> {
         setting: &mut Setting<'_, D, N>,
         measured: &Rc<Measured<D>>,
     ) -> Result<Self, Failure> {
-        let trust = vec![1.0; measured.values.len()];
-        Self::made(setting, measured, setting.jerk, trust, None, D)
+        let made = |setting: &mut Setting<'_, D, N>| {
+            let trust = vec![1.0; measured.values.len()];
+            Self::made(setting, measured, setting.jerk, trust, None, D)
+        };
+        let found = made(setting)?;
+        setting.tolerance = found.tolerance(setting.record, measured);
+        if setting.tolerance > 1.0 { made(setting) } else { Ok(found) }
     }
 
     /// Locates every instant with these weights, and smooths.
@@ -81,7 +88,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
     ) -> Result<Self, Failure> {
         let same = before.filter(|before| Rc::ptr_eq(&before.measured, measured));
         let old = same.map(|before| (&before.fixes, before.trust.as_slice()));
-        let fixes = Fixes::locate(setting.record, measured, &trust, old)?;
+        let fixes = Fixes::locate(setting.record, measured, &trust, setting.tolerance, old)?;
         let plots = plots_of(&fixes, D);
         let near = before.map(|before| before.path.fit.jerk);
         // where nothing will be linearised, this is the last word
@@ -183,7 +190,8 @@ impl<const D: usize, const N: usize> Found<D, N> {
             let robust = self.is_robust(record, t);
             for (m, row) in self.measured.rows(t, &self.fixes.position[t * D..][..D]) {
                 let at = t * width + self.measured.column[m];
-                let inside = if robust { tukey(row.residual) } else { 1.0 };
+                let size = row.residual / self.fixes.tolerance;
+                let inside = if robust { tukey(size) } else { 1.0 };
                 used[at] = if row.residual.is_nan() { 0.0 } else { self.trust[at] * inside };
             }
         }
@@ -198,6 +206,9 @@ impl<const D: usize, const N: usize> Found<D, N> {
     ) -> Result<Self, Failure> {
         let robust = setting.record.robust;
         let same = Rc::ptr_eq(&self.measured, measured);
+        if !same {
+            setting.tolerance = self.tolerance(setting.record, measured);
+        }
         let mut found = self;
         for pass in 0..if robust { PASSES } else { 1 } {
             let judged = robust && (pass > 0 || same);

@@ -14,8 +14,8 @@ const SHARES: [f64; 4] = [0.12, 0.35, 0.7, 1.0];
 const TIMES: [f64; 4] = [0.5, 0.15, 0.05, 0.015];
 /// Correlation times are longer than so many blocks.
 const RESOLVED: f64 = 1.5;
-/// Odds of no lasting errors of a kind over those of one scale.
-const NOTHING: f64 = 15.0;
+/// Odds of no lasting errors over any.
+const NOTHING: f64 = 2.0;
 /// Scales of one kind or all with which nothing must be gained where nothing lasts.
 const PROBES: [f64; 2] = [0.25, 1.0];
 /// Scales where there are several kinds.
@@ -23,7 +23,7 @@ const LEVELS: [f64; 4] = [0.15, 0.5, 1.5, 5.0];
 /// Standard deviation of the logarithms of scales of different kinds.
 const ALIKE: f64 = 0.6;
 /// ln of the likelihood ratio below which a point does not count.
-const FALL: f64 = 4.0;
+const FALL: f64 = 6.0;
 
 /// How large a part of lasting errors changes, and how.
 #[derive(Clone, Copy, Debug)]
@@ -58,7 +58,7 @@ impl<'a> Grid<'a> {
         };
         let sigma = |c: &usize| {
             let given = prior.sigma[*c];
-            if given.is_nan() { record.sigmas[*c] } else { given }
+            if given.is_nan() { record.own_sigma(*c) } else { given }
         };
         let span = record.time[record.len() - 1] - record.time[0];
         let step = span / blocks.time.len() as f64;
@@ -108,12 +108,18 @@ impl<'a> Grid<'a> {
             }
         }
         let each = (own.len() as f64).ln();
+        let total: f64 = SCALES.iter().map(|scale| cauchy(*scale)).sum();
         match self.kinds {
             0 => own.iter().map(|own| self.judged(&[], *own, 0.0)).collect(),
             1 => {
                 let none = self.judged(&[0.0], own[0], NOTHING.ln());
+                if self.blocks.count == 0 {
+                    // nothing can tell
+                    return vec![none];
+                }
                 let some = SCALES.iter().flat_map(|scale| own.iter().map(move |own| (scale, own)));
-                let some = some.map(|(scale, own)| self.judged(&[*scale], *own, -each));
+                let prior = |scale: f64| (cauchy(scale) / total).ln() - each;
+                let some = some.map(|(scale, own)| self.judged(&[*scale], *own, prior(*scale)));
                 std::iter::once(none).chain(some).collect()
             }
             _ => self.several(&own),
@@ -150,7 +156,7 @@ impl<'a> Grid<'a> {
             (0..self.kinds as u32).map(|kind| LEVELS[place(kind)]).collect()
         };
         let total: f64 = (0..count).map(|number| unlike(&scales(number)).exp()).sum();
-        let each = (SCALES.len() as f64 / total).ln();
+        let each = -total.ln();
         let mut found = vec![(none.clone(), least.0 + NOTHING.ln(), least.1)];
         for scales in (0..count).map(scales) {
             let (value, growth) = value(&scales, unlike(&scales) + each);
@@ -179,8 +185,14 @@ impl<'a> Grid<'a> {
     }
 }
 
-/// ln of how likely it is that scales differ as much.
+/// A half-Cauchy density of a scale about 1, per logarithm.
+fn cauchy(scale: f64) -> f64 {
+    scale / (1.0 + scale * scale)
+}
+
+/// ln of how likely scales are, and that they differ as much.
 fn unlike(scales: &[f64]) -> f64 {
     let mean = scales.iter().map(|scale| scale.ln()).sum::<f64>() / scales.len() as f64;
-    scales.iter().map(|scale| -0.5 * ((scale.ln() - mean) / ALIKE).powi(2)).sum()
+    let differences = scales.iter().map(|scale| -0.5 * ((scale.ln() - mean) / ALIKE).powi(2));
+    cauchy(mean.exp()).ln() + differences.sum::<f64>()
 }

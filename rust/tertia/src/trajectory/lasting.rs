@@ -20,10 +20,15 @@ use crate::sensors::KINDS;
 use nalgebra::{DMatrix, DVector};
 use std::rc::Rc;
 
-/// Probability of no lasting errors from which there are none.
+/// Probability of no lasting errors from which none are removed.
 const CERTAIN: f64 = 0.8;
-/// Likelihood ratio below which a point of the grid does not count.
-const UNLIKELY: f64 = 0.01;
+/// Ways in which errors may contradict of which none does, if there are no errors.
+const TELLING: usize = 2;
+/// Variance of lasting errors, over what the smoother leaves of the noise, that is none.
+const NEGLIGIBLE: f64 = 0.1;
+/// Probability below which a point of the grid does not count, over that of the best: many together
+/// may.
+const UNLIKELY: f64 = 3e-4;
 /// Blocks of instants in the memory of the smoother, at least in the record, and at most times the
 /// columns.
 const IN_MEMORY: f64 = 4.0;
@@ -58,8 +63,10 @@ pub(super) struct Lasting {
     growth: f64,
     /// Probability that nothing lasts.
     nothing: f64,
-    /// Numbers that contradict.
-    count: usize,
+    /// Instants over which the smoother averages.
+    memory: f64,
+    /// In how many ways errors of the stated size would contradict.
+    ways: usize,
     share: f64,
     time: f64,
 }
@@ -101,10 +108,9 @@ impl Lasting {
         let memory = memory(record, found);
         let length = length(record, memory, columns.len());
         let blocks = Blocks::new(record, &instants, before, length, taper);
-        let memory = lasting(record, memory);
         let mut lasting = Self::of(record, &blocks, prior, columns, memory);
         let variances = left(FALL_OF_VARIANCES);
-        lasting.share_declared(record, found, &instants, before, variances, prior);
+        lasting.share_declared(record, &instants, before, variances, prior);
         lasting
     }
 
@@ -117,6 +123,12 @@ impl Lasting {
         memory: f64,
     ) -> Self {
         let c = columns.len();
+        let times_of_memory = lasting(record, memory);
+        let stated = |column: &usize| {
+            let given = prior.sigma[*column];
+            if given.is_nan() { record.own_sigma(*column) } else { given }
+        };
+        let sigmas: Vec<f64> = columns.iter().map(stated).collect();
         let grid = Grid::new(record, blocks, prior, columns);
         let points = grid.searched();
         let top = points.iter().map(|one| one.1).fold(f64::NEG_INFINITY, f64::max);
@@ -131,7 +143,8 @@ impl Lasting {
             common: vec![0.0; c],
             growth: 0.0,
             nothing: 0.0,
-            count: blocks.count,
+            memory,
+            ways: blocks.ways(&sigmas),
             share: 0.0,
             time: f64::INFINITY,
         };
@@ -155,7 +168,7 @@ impl Lasting {
             lasting.constant += filtered.covariance * (w * growth);
             for (at, own) in point.drift.iter().enumerate() {
                 lasting.drift[at] += w * growth * own;
-                let left = point.kernel.averaged(memory / point.time[at]);
+                let left = point.kernel.averaged(times_of_memory / point.time[at]);
                 lasting.smooth[at] += w * growth * own * left;
             }
             parts.push((w, mean));
@@ -175,12 +188,12 @@ impl Lasting {
         lasting
     }
 
-    /// What is stated of the variance but neither scatters nor contradicts must be common to all
-    /// stations of the kind.
-    fn share_declared<const D: usize, const N: usize>(
+    /// What all stations of a kind have in common contradicts nothing. It is taken to be as large as
+    /// what contradicts, and at least what is stated of the variance but neither scatters nor
+    /// contradicts.
+    fn share_declared<const D: usize>(
         &mut self,
         record: &Record<'_>,
-        found: &Found<D, N>,
         instants: &[Instant<D>],
         before: &DVector<f64>,
         expected: f64,
@@ -191,8 +204,8 @@ impl Lasting {
         let (mut squares, mut shares) = ([0.0; KINDS], [0.0; KINDS]);
         for instant in instants {
             let left = instant.left(&change);
-            for (i, ((m, w, ..), left)) in instant.rows.iter().zip(left).enumerate() {
-                let kind = found.measured.column[*m] / k;
+            for (i, ((column, w, ..), left)) in instant.rows.iter().zip(left).enumerate() {
+                let kind = column / k;
                 squares[kind] += w * left * left;
                 shares[kind] += instant.share(i);
             }
@@ -206,17 +219,38 @@ impl Lasting {
             }
             let scatter = squares[kind] / shares[kind] / expected;
             let scatter = scatter * (1.0 + SURELY * (2.0 / shares[kind]).sqrt());
-            let variance = |i: &usize| record.sigmas[self.columns[*i]].powi(2);
+            let variance = |i: &usize| record.own_sigma(self.columns[*i]).powi(2);
             let contradicted = |i: &usize| (self.values[*i].powi(2) + self.drift[*i]) / variance(i);
             let contradicts = own.iter().map(contradicted).sum::<f64>() / own.len() as f64;
-            let rest = 1.0 - scatter - contradicts;
-            for i in own.iter().filter(|_| rest > 0.0) {
+            let rest = (1.0 - scatter - contradicts).max(contradicts);
+            for i in &own {
                 self.common[*i] = (rest * variance(i)).sqrt();
             }
         }
     }
 
-    /// Whether nothing lasts.
+    /// What is likely although nothing is removed: errors that last, if they cannot be excluded.
+    fn not_removed(mut self, record: &Record<'_>) -> Self {
+        self.constant += &self.values * self.values.transpose();
+        self.values.fill(0.0);
+        let own = |i: usize| {
+            let variance = self.constant[(i, i)] + self.smooth[i];
+            variance / record.own_sigma(self.columns[i]).powi(2)
+        };
+        let most = (0..self.columns.len()).map(own).fold(0.0, f64::max);
+        if most * self.memory < NEGLIGIBLE {
+            self.constant.fill(0.0);
+            self.drift.fill(0.0);
+            self.smooth.fill(0.0);
+        }
+        self
+    }
+
+    fn is_zero(&self) -> bool {
+        (0..self.columns.len()).all(|i| self.sigma(i) == 0.0)
+    }
+
+    /// Whether nothing lasts, as it seems.
     pub fn is_nothing(&self) -> bool {
         self.nothing >= CERTAIN
     }
@@ -226,9 +260,14 @@ impl Lasting {
     }
 
     /// Measurements without what was found, within their domain.
-    pub fn removed_from(&self, values: &[f64], width: usize) -> Vec<f64> {
-        let mut removed = values.to_vec();
+    pub fn removed_from(&self, record: &Record<'_>) -> Vec<f64> {
+        let (width, reference) = (record.width(), record.reference());
+        let mut removed = record.values.to_vec();
+        let first = self.columns.iter().position(|column| *column == reference);
+        let first = first.map_or(0.0, |at| self.values[at]);
         for (column, value) in self.columns.iter().zip(&self.values) {
+            let is_difference = record.kind_of(*column) == record.kind_of(reference);
+            let value = if is_difference { value - first } else { *value };
             for row in removed.chunks_exact_mut(width) {
                 row[*column] = in_domain(*column, width, row[*column] - value);
             }
@@ -247,7 +286,7 @@ impl Lasting {
         if self.growth > 1.0 {
             covariance.iter_mut().for_each(|v| *v *= self.growth);
         }
-        if self.is_nothing() {
+        if self.is_zero() {
             return Ok(());
         }
         let (responses, spread) = answers(setting.record, found, &self.columns);
@@ -272,11 +311,11 @@ impl Lasting {
         let mut sigma: Vec<f64> =
             prior.sigma.iter().map(|s| if s.is_nan() { 0.0 } else { *s }).collect();
         for (i, column) in self.columns.iter().enumerate() {
-            let nothing = self.is_nothing();
-            value[*column] = if nothing { 0.0 } else { self.values[i] };
-            sigma[*column] = if nothing { 0.0 } else { self.sigma(i) };
+            value[*column] = self.values[i];
+            sigma[*column] = self.sigma(i);
         }
-        let is_told = self.count > 0;
+        // with one way, errors as large as stated leave no contradiction now and then
+        let is_told = self.ways >= if self.is_nothing() { TELLING } else { 1 };
         LastingErrors { value, sigma, share: self.share, time: self.time, is_told }
     }
 }
@@ -356,8 +395,12 @@ pub(super) fn rounds<const D: usize, const N: usize>(
     }
     let none = DVector::zeros(columns.len());
     let mut lasting = Lasting::estimate(setting.record, &found, prior, &columns, &none);
-    for round in 1..=if lasting.is_nothing() { 0 } else { ROUNDS } {
-        let values = lasting.removed_from(setting.record.values, setting.record.width());
+    if lasting.is_nothing() {
+        let lasting = lasting.not_removed(setting.record);
+        return Ok((found, Some(lasting)));
+    }
+    for round in 1..=ROUNDS {
+        let values = lasting.removed_from(setting.record);
         let measured = Rc::new(Measured::new(setting.record, values));
         found = found.without_outliers(setting, &measured)?;
         let removed = lasting.values;

@@ -52,6 +52,26 @@ impl<'a> Record<'a> {
         if least.is_nan() { 0.0 } else { self.correlation * least * least }
     }
 
+    /// The standard deviation of a number of an instant, of range differences that of the receiver
+    /// alone; of the first receiver where they share its error.
+    pub(super) fn own_sigma(&self, column: usize) -> f64 {
+        let (sigma, common) = (self.sigmas[column], self.common_variance());
+        match column {
+            _ if common == 0.0 || self.kind_of(column) != Kind::RangeDifference as usize => sigma,
+            _ if column == self.reference() => common.sqrt(),
+            _ => (sigma * sigma - common).sqrt(),
+        }
+    }
+
+    pub(super) fn kind_of(&self, column: usize) -> usize {
+        column * KINDS / self.width()
+    }
+
+    /// The number of an instant that range differences do not have: the first receiver.
+    pub(super) fn reference(&self) -> usize {
+        Kind::RangeDifference as usize * self.width() / KINDS
+    }
+
     pub(super) fn stations_at(&self, instant: usize, d: usize) -> &'a [f64] {
         part(self.stations, instant, self.width() / KINDS * d)
     }
@@ -76,6 +96,9 @@ pub(super) struct Measured<const D: usize> {
     /// The first measurement of each instant, and the number of all.
     first: Vec<usize>,
     origins: Vec<Vector<D>>,
+    /// Variance of the first receiver, which range differences share, and its number.
+    pub common: f64,
+    pub reference: usize,
 }
 
 impl<const D: usize> Measured<D> {
@@ -91,12 +114,18 @@ impl<const D: usize> Measured<D> {
             first.push(list.len());
             origins.push(std::array::from_fn(|i| stations[i]));
         }
-        Self { values, list, column, first, origins }
+        let (common, reference) = (record.common_variance(), record.reference());
+        Self { values, list, column, first, origins, common, reference }
     }
 
     /// Numbers of the measurements of an instant.
     pub fn instant(&self, t: usize) -> Range<usize> {
         self.first[t]..self.first[t + 1]
+    }
+
+    /// Number of stations.
+    pub fn receivers(&self) -> usize {
+        self.reference / Kind::RangeDifference as usize
     }
 
     /// Number of all measurements.

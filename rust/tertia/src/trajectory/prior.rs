@@ -1,6 +1,7 @@
 //! What is known of errors that last before anything is measured.
 
 use super::measured::Record;
+use crate::sensors::KINDS;
 
 /// What is assumed of the lasting errors.
 #[derive(Clone, Debug)]
@@ -20,6 +21,12 @@ impl Prior {
     pub(super) fn columns(&self, record: &Record<'_>) -> Vec<usize> {
         let width = record.width();
         let seen = |at: &usize| record.values.iter().skip(*at).step_by(width).any(|v| !v.is_nan());
-        (0..width).filter(|at| self.sigma[*at] != 0.0).filter(seen).collect()
+        let reference = record.reference();
+        let differences = record.common_variance() > 0.0
+            && (reference..reference + width / KINDS).any(|at| seen(&at));
+        (0..width)
+            .filter(|at| self.sigma[*at] != 0.0)
+            .filter(|at| seen(at) || (differences && *at == reference))
+            .collect()
     }
 }

@@ -60,13 +60,16 @@ fn shifts<const D: usize, const N: usize>(
     for (t, instant) in instants.iter().enumerate() {
         let p = found.path.position::<D>(t);
         let Some(inverse) = instant.inverse else { continue };
-        let mut pull = [0.0; D];
+        let mut errors = vec![0.0; record.width()];
         let pairs = measured.rows(t, p).zip(found.measured.rows(t, p));
         for ((m, there), (_, here)) in pairs.filter(|((m, _), _)| weight[*m] > 0.0) {
-            let sigma = 1.0 / measured.precision(m);
-            let error = (there.residual - here.residual) * sigma;
+            let error = (there.residual - here.residual) / measured.precision(m);
+            errors[measured.column[m]] = error;
+        }
+        let mut pull = [0.0; D];
+        for (column, w, _, gradient) in &instant.rows {
             for i in 0..D {
-                pull[i] += weight[m] * error * here.gradient[i] * sigma;
+                pull[i] += w * errors[*column] * gradient[i];
             }
         }
         for i in 0..D {

@@ -1,7 +1,7 @@
 //! Tukey's weights, and which measurements the rest of the path contradicts.
 
 use super::found::Found;
-use super::measured::{REDUNDANCY, Record};
+use super::measured::{Measured, REDUNDANCY, Record};
 use super::tukey::tukey;
 use crate::base::distribution::normal_two_sided_quantile;
 
@@ -15,6 +15,10 @@ const REDUNDANT: f64 = 0.1;
 const FAINT: f64 = 0.01;
 /// Size of what is not by chance, in standard errors: one-sided 5 %.
 const CHANCE: f64 = 0.1;
+/// Instants over which a running median tells errors that last from single faults, and the variance
+/// of a median of so many normal errors, over theirs.
+const RUNNING: usize = 5;
+const OF_MEDIANS: f64 = 0.287;
 /// Relative standard error of a median size of normal errors, times the root of their number.
 const MEDIAN_ERROR: f64 = 1.17;
 
@@ -56,7 +60,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
         }
         let scale = scale(&mut sizes);
         let limit = normal_two_sided_quantile(FALSE_ALARM / sizes.len() as f64) * scale;
-        let doubted = normal_two_sided_quantile(DOUBTED);
+        let doubted = normal_two_sided_quantile(DOUBTED) * self.fixes.tolerance;
         let mut trust = vec![1.0; self.trust.len()];
         for t in 0..record.len() {
             let own = self.measured.instant(t);
@@ -79,6 +83,42 @@ impl<const D: usize, const N: usize> Found<D, N> {
             }
         }
         trust
+    }
+
+    /// By how much errors that last make residuals larger than stated, at instants that are located
+    /// robustly; at least 1. What lasts is no fault: with limits for the noise alone, the largest of
+    /// them would be left out, and the others would be taken for all that there is.
+    pub(super) fn tolerance(&self, record: &Record<'_>, measured: &Measured<D>) -> f64 {
+        let mut series = vec![Vec::new(); record.width()];
+        let (mut count, mut rest) = (0, 0);
+        for t in (0..record.len()).filter(|&t| record.robust && self.fixes.is_located(t)) {
+            let own = measured.instant(t).len();
+            if own < D + REDUNDANCY {
+                continue;
+            }
+            (count, rest) = (count + own, rest + own - D);
+            for (m, row) in measured.rows(t, self.path.position::<D>(t)) {
+                series[measured.column[m]].push(row.residual);
+            }
+        }
+        let windows = series.iter().flat_map(|own| own.windows(RUNNING));
+        let mut sizes: Vec<f64> = windows
+            .filter(|window| window.iter().all(|v| v.is_finite()))
+            .map(|window| {
+                let mut own: [f64; RUNNING] = std::array::from_fn(|i| window[i]);
+                own.sort_unstable_by(f64::total_cmp);
+                own[RUNNING / 2].abs()
+            })
+            .collect();
+        if sizes.is_empty() {
+            return 1.0;
+        }
+        let middle = sizes.len() / 2;
+        let median = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let margin = 1.0 + chance() * MEDIAN_ERROR * (RUNNING as f64 / sizes.len() as f64).sqrt();
+        let size = median / normal_two_sided_quantile(0.5) / margin;
+        let lasting = (size * size - OF_MEDIANS).max(0.0) * count as f64 / rest as f64;
+        (1.0 + lasting).sqrt()
     }
 
     /// Sizes of the residuals of an instant about what follows without the measurement, over their
