@@ -284,3 +284,53 @@ def test_drifting_direction_finders_as_recorded():
     enough = np.sum(~np.isnan(azimuth), axis=-1) >= 3
     error = np.linalg.norm(track.position - truth, axis=-1)[enough]
     assert np.all(np.percentile(error, [50, 90, 99]) < [219, 400, 500])
+
+
+def test_clocks_of_receivers_that_walk_are_found():
+    """Errors of receivers last in range differences, whichever receiver they are taken to."""
+    trusted, default = [], []
+    for run in range(8):
+        rng = np.random.default_rng([41, run])
+        truth = way(rng)
+        places = np.vstack([PLACES, [[0.0, 1400.0], [1500.0, 100.0]]])
+        far = np.linalg.norm(truth[:, np.newaxis] - places, axis=-1)
+        walks = np.cumsum(0.5 * rng.standard_normal(far.shape), axis=0)
+        far += 3.0 * rng.standard_normal(far.shape) + walks + 4.0 * rng.standard_normal(6)
+        stated = {"range_difference": far[:, 1:] - far[:, :1]}
+        stated["range_difference_sigma"] = 3.0 * np.sqrt(2.0)
+        stations = [Station(place) for place in places]
+        trusted.append(inside(reconstruct(stations, TIMES, bias=Bias(), **stated), truth))
+        track = reconstruct(stations, TIMES, **stated)
+        default.append(inside(track, truth))
+        assert track.systematic == "estimated"
+    assert np.mean(default) > 0.85
+    assert np.mean(default) > np.mean(trusted) + 0.2
+
+
+def test_large_errors_that_last_are_no_faults():
+    """They would be left out as outliers, and what remained be taken for all that there is."""
+    found = []
+    for run in range(8):
+        rng = np.random.default_rng([42, run])
+        truth = way(rng)
+        places = np.vstack([PLACES, [[0.0, 1400.0], [1500.0, 100.0]]])
+        azimuth = directions(truth, places)
+        lasting = 4.0 * np.repeat(rng.standard_normal((12, 6)), 10, axis=0)
+        measured = azimuth + SIGMA * (lasting + rng.standard_normal(azimuth.shape))
+        bias = reconstruct(finders(places), TIMES, azimuth=measured).bias
+        found.append(np.mean(np.square(bias.azimuth_sigma) + np.square(bias.azimuth)))
+    assert 3.2 < np.sqrt(np.mean(found)) / SIGMA < 5.0
+
+
+def test_three_bearings_of_one_place_exclude_no_lasting_errors():
+    """Their errors contradict in one way only, which large ones leave silent now and then."""
+    said = []
+    for run in range(6):
+        rng = np.random.default_rng([43, run])
+        truth = np.full((120, 2), [100.0, 200.0]) + 0.05 * TIMES[:, np.newaxis]
+        azimuth = directions(truth, PLACES)
+        measured = azimuth + SIGMA * rng.standard_normal(azimuth.shape)
+        three = reconstruct(finders(PLACES[:3]), TIMES, azimuth=measured[:, :3])
+        four = reconstruct(finders(), TIMES, azimuth=measured)
+        said.append((three.systematic, four.systematic))
+    assert said.count(("not included", "estimated")) >= 3
