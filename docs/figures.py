@@ -31,6 +31,7 @@ from studies import (
     fusion,
     geo,
     honest_series,
+    initiation,
     instant,
     invented,
     location,
@@ -190,6 +191,8 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "identification": flightplan.identification,
         "passing times": flightplan.passing,
         "blocking": flightplan.blocking,
+        "initiation": initiation.initiation,
+        "false tracks": initiation.false_tracks,
     },
     "smooth-tracks.md": {
         "accuracy": smooth_tracks.accuracy,

@@ -396,6 +396,7 @@ class TrackerSettings:
         motion: Motion,
         association: TrackAssociation,
         flown_probability: float,
+        initiation: bool,
         wind: list[float],
         wind_sigma: float,
         confirmation: tuple[int, int] | float,

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import finite, integer, positive, real
+from tertia._arrays import finite, flag, integer, positive, real
 from tertia.kalman import SingerModel
 from tertia.sensors import Radar
 from tertia.sensors._channels import CHANNELS, sigmas_of
@@ -140,17 +140,28 @@ class PlanModel:
     wind_sigma : float
         Standard deviation of the wind in metres per second: 20 if it is unknown, about 6 if it is
         known.
+    initiation : bool
+        Whether a new target is expected where a flight is due that has no track yet. Such tracks
+        are confirmed earlier, and by two plots where there are few false ones. Not for primary
+        radars that see echoes of the scan before: two of these are enough then.
+
+    Raises
+    ------
+    ValueError, TypeError
+        A number outside its domain, or of the wrong type.
     """
 
     flown_probability: float
     wind: tuple[float, float]
     wind_sigma: float
+    initiation: bool
 
     def __init__(
         self,
         flown_probability: float = 0.8,
         wind: npt.ArrayLike = (0.0, 0.0),
         wind_sigma: float = 20.0,
+        initiation: bool = False,
     ) -> None:
         probability = real(flown_probability, "flown_probability")
         if not 0.0 <= probability < 1.0:
@@ -166,6 +177,7 @@ class PlanModel:
         object.__setattr__(self, "flown_probability", probability)
         object.__setattr__(self, "wind", (float(air[0]), float(air[1])))
         object.__setattr__(self, "wind_sigma", sigma)
+        object.__setattr__(self, "initiation", flag(initiation, "initiation"))
 
 
 @dataclass(frozen=True, slots=True)

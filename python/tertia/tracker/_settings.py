@@ -55,6 +55,7 @@ def core_settings(
         motion=moves,
         association=core_association(association),
         flown_probability=model.flown_probability,
+        initiation=model.initiation,
         wind=list(model.wind),
         wind_sigma=model.wind_sigma,
         confirmation=_confirmation(confirmation),

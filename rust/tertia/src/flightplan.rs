@@ -26,6 +26,7 @@ mod turn;
 pub(crate) use capture::hazard;
 pub use capture::{Capture, capture, capture_in_wind, lead_in_wind, lead_ratio};
 pub use correlation::{Decision, Link, Sighting, Status, decide, mean_scores, score};
+pub(crate) use correlation::{along, expected, is_due};
 pub use monitor::{Monitor, Verdict};
 pub use plan::Plan;
 pub use route::{Projection, Route};

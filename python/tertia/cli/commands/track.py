@@ -73,6 +73,9 @@ def track(
         typer.Option(metavar="EAST,NORTH", help="Velocity of the air to the east and north, m/s."),
     ] = "0,0",
     wind_sigma: Annotated[float, typer.Option(help="Sigma of the wind in m/s.")] = 20.0,
+    initiation: Annotated[
+        bool, typer.Option(help="Expect new targets where flights are due.")
+    ] = False,
     confirmation: Annotated[
         str,
         typer.Option(metavar="M,N", help="M plots in N scans confirm a track."),
@@ -165,7 +168,7 @@ def track(
     options: dict[str, Any] = {
         "motion": motion,
         "plan_model": PlanModel(
-            flown_probability, pair(wind, "--wind", float) or (0.0, 0.0), wind_sigma
+            flown_probability, pair(wind, "--wind", float) or (0.0, 0.0), wind_sigma, initiation
         ),
         "association": association,
         "confirmation": pair(confirmation, "--confirmation", int),

@@ -110,7 +110,7 @@ impl TrackerSettings {
     /// None: the guard acceleration of the motion, and a clutter density that is estimated.
     #[new]
     #[pyo3(signature = (
-        *, motion, association, flown_probability, wind, wind_sigma, confirmation, coasting, clutter_density,
+        *, motion, association, flown_probability, initiation, wind, wind_sigma, confirmation, coasting, clutter_density,
         max_speed, gate_probability, guard_acceleration, identity_error_probability,
         emergency_codes
     ))]
@@ -119,6 +119,7 @@ impl TrackerSettings {
         motion: &Motion,
         association: &TrackAssociation,
         flown_probability: f64,
+        initiation: bool,
         wind: [f64; 2],
         wind_sigma: f64,
         confirmation: Confirmation,
@@ -134,6 +135,7 @@ impl TrackerSettings {
         let settings = tracker::Settings {
             association: association.0,
             flown_probability,
+            initiation,
             wind,
             wind_sigma,
             confirmation: confirmation.into(),

@@ -12,6 +12,8 @@ const COURSE_SIGMA: f64 = 3.0 * PI / 180.0;
 const SPEED_SIGMA: f64 = 12.0;
 const TIME_SIGMA: f64 = 120.0;
 const HEIGHT_SIGMA: f64 = 150.0;
+/// Standard deviations from where a flight is due beyond which it is not expected.
+const FARTHEST: f64 = 4.0;
 /// Smallest score of a plan with the same identity, and without it.
 const LEAST_SAME: f64 = -25.0;
 const LEAST: f64 = -8.0;
@@ -99,6 +101,44 @@ pub fn score(route: &Route, seen: &Sighting) -> f64 {
         best = best.max(-0.5 * sum);
     }
     best
+}
+
+/// Whether a flight is under way at a time, as far as it may be early or late.
+pub fn is_due(route: &Route, time: f64) -> bool {
+    let [first, .., last] = route.times() else { return false };
+    (first - FARTHEST * TIME_SIGMA..=last + FARTHEST * TIME_SIGMA).contains(&time)
+}
+
+/// Where a flight is expected at a time: the density (1/m²) at a position, of 700 m across its route and
+/// 120 s along it, and the velocity of the flight there; none far from it. O(legs).
+pub fn expected(route: &Route, time: f64, position: Vector) -> Option<(f64, Vector)> {
+    let due = route.distance(time);
+    let (place, _) = route.path(due);
+    let along_sigma = TIME_SIGMA * route.speeds()[route.leg_at(due)];
+    let away = norm([position[0] - place[0], position[1] - place[1]]);
+    if away > FARTHEST * (along_sigma + OFFSET_SIGMA) {
+        return None;
+    }
+    let near = route.project(position);
+    let along = (near.along_track - due) / along_sigma;
+    let aside = near.cross_track / OFFSET_SIGMA;
+    if along.abs() > FARTHEST || aside.abs() > FARTHEST {
+        return None;
+    }
+    let speed = route.speeds()[near.leg];
+    let density = (-0.5 * (along * along + aside * aside)).exp();
+    let velocity = near.course.map(|part| speed * part);
+    Some((density / (2.0 * PI * along_sigma * OFFSET_SIGMA), velocity))
+}
+
+/// Density (1/m²) at a position of places that are anywhere along a route, and 700 m across it. O(legs).
+pub fn along(route: &Route, position: Vector) -> f64 {
+    let near = route.project(position);
+    let aside = near.cross_track / OFFSET_SIGMA;
+    if !(0.0..=route.length()).contains(&near.along_track) || aside.abs() > FARTHEST {
+        return 0.0;
+    }
+    (-0.5 * aside * aside).exp() / ((2.0 * PI).sqrt() * OFFSET_SIGMA * route.length())
 }
 
 /// Fills the mean scores of plans over the sightings that are there, nan for none, and returns their
@@ -198,6 +238,30 @@ mod tests {
         assert_eq!((seen.speed_variance, seen.course_variance), (9.0, 50.0 / 4e4));
         let expected = -0.5 * 1400.0_f64.powi(2) / (700.0_f64.powi(2) + 7e5);
         assert!((score(&route(0.0), &seen) - expected).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_flight_is_expected_about_where_it_is_due() {
+        let route = route(0.0);
+        let (density, velocity) = expected(&route, 100.0, [2e4 + 24e3, -700.0]).unwrap();
+        assert!((velocity[0] - 200.0).abs() < 1e-9 && velocity[1].abs() < 1e-9);
+        let highest = 1.0 / (2.0 * PI * 700.0 * 24e3);
+        assert!((density / highest - (-1.0_f64).exp()).abs() < 1e-12);
+        assert!(expected(&route, 100.0, [2e4, 2900.0]).is_none());
+        assert!(expected(&route, 100.0, [12e4, 0.0]).is_none());
+        let steps = |n: i32, size: f64| (-n..=n).map(move |k| f64::from(k) * size);
+        let total: f64 = steps(50, 2000.0)
+            .flat_map(|x| steps(60, 50.0).map(move |y| [5e4 + x, y]))
+            .filter_map(|z| expected(&route, 250.0, z))
+            .map(|(density, _)| density * 1e5)
+            .sum();
+        assert!((total - 1.0).abs() < 1e-3, "{total}");
+        let total: f64 = steps(60, 2000.0)
+            .flat_map(|x| steps(60, 50.0).map(move |y| [5e4 + x, y]))
+            .map(|z| along(&route, z) * 1e5)
+            .sum();
+        assert!((total - 1.0).abs() < 0.03, "{total}");
+        assert!(is_due(&route, -480.0) && is_due(&route, 980.0) && !is_due(&route, 981.0));
     }
 
     #[test]

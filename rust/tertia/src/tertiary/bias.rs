@@ -48,11 +48,14 @@ pub(super) fn propagated(j: &Matrix4<f64>, block: &Matrix4<f64>, k: &Matrix4<f64
 
 #[inline]
 fn product(a: &Matrix4<f64>, b: &Matrix4<f64>) -> Matrix4<f64> {
-    let a = &a.data.0;
-    let column = |b: [f64; 4]| -> [f64; 4] {
-        std::array::from_fn(|i| a[0][i] * b[0] + a[1][i] * b[1] + a[2][i] * b[2] + a[3][i] * b[3])
-    };
-    Matrix4::from(b.data.0.map(column))
+    let (a, mut product) = (&a.data.0, *b);
+    for b in &mut product.data.0 {
+        let [p, q, r, s] = *b;
+        for i in 0..4 {
+            b[i] = a[0][i] * p + a[1][i] * q + a[2][i] * r + a[3][i] * s;
+        }
+    }
+    product
 }
 
 /// The state without these errors.

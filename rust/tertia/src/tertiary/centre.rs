@@ -73,7 +73,8 @@ pub struct Centre {
     settings: Settings,
     registrar: Registrar,
     /// In the order of their sensors and numbers.
-    members: Vec<Member>,
+    #[expect(clippy::vec_box, reason = "they are a kilobyte each, and change their places")]
+    members: Vec<Box<Member>>,
     waiting: Vec<Row>,
     targets: BTreeMap<u64, Target>,
     pairs: Pairs,

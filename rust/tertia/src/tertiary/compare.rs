@@ -14,12 +14,27 @@ pub struct Distance {
 impl Distance {
     /// Of a difference d with the covariance T; none where T is not positive definite.
     pub fn new(difference: &Vector4<f64>, covariance: Matrix4<f64>) -> Option<Self> {
-        let factor = Cholesky::new(covariance)?;
-        let lower = factor.l_dirty();
-        let z = lower.solve_lower_triangular(difference)?;
-        let pivots = (0..4).map(|i| lower[(i, i)]).product::<f64>();
-        let ln_determinant = 4.0 * std::f64::consts::TAU.ln() + 2.0 * pivots.ln();
-        Some(Self { squared: z.norm_squared(), ln_determinant })
+        // L D L' = T and L z = d in plain loops, which compilers unroll; columns are rows
+        let (mut t, mut z) = (covariance.data.0, difference.data.0[0]);
+        let (mut squared, mut determinant) = (0.0, 1.0);
+        for k in 0..4 {
+            let own = t[k];
+            let pivot = own[k];
+            if pivot.is_nan() || pivot <= 0.0 {
+                return None;
+            }
+            squared += z[k] * z[k] / pivot;
+            determinant *= pivot;
+            for i in k + 1..4 {
+                let share = own[i] / pivot;
+                z[i] -= share * z[k];
+                for (column, other) in t.iter_mut().zip(own).take(i + 1).skip(k + 1) {
+                    column[i] -= share * other;
+                }
+            }
+        }
+        let ln_determinant = 4.0 * std::f64::consts::TAU.ln() + determinant.ln();
+        Some(Self { squared, ln_determinant })
     }
 
     /// Log-likelihood ratio of one target against two of a density (per m² and (m/s)²).

@@ -29,8 +29,9 @@ pub(super) struct Member {
 
 /// Takes the rows of the tracks in order of time, `next` being the id of the next track; rows after `time`
 /// go to `waiting`, and those that waited are taken. Cost O(N log N) for N rows, and O(M) for M tracks.
+#[expect(clippy::vec_box, reason = "they are a kilobyte each, and change their places")]
 pub(super) fn take(
-    members: &mut Vec<Member>,
+    members: &mut Vec<Box<Member>>,
     waiting: &mut Vec<Row>,
     next: &mut u64,
     rows: &[Row],
@@ -62,7 +63,7 @@ pub(super) fn take(
         let radar = &radars[row.sensor];
         let is_known = begun == Some(place) || (at < known && members[at].place() == place);
         if !is_known {
-            members.push(Member::new(*next, row, radar));
+            members.push(Box::new(Member::new(*next, row, radar)));
             *next += 1;
             begun = Some(place);
             continue;
@@ -72,7 +73,7 @@ pub(super) fn take(
         if row.time - newest > FORGOTTEN * radar.scan_period {
             // the number is used again
             while added.pop_if(|(member, _)| *member == own).is_some() {}
-            members[own] = Member::new(*next, row, radar);
+            *members[own] = Member::new(*next, row, radar);
             *next += 1;
         } else if row.time > newest {
             added.push((own, row));
@@ -83,7 +84,7 @@ pub(super) fn take(
     let mut work: Vec<(&mut Member, &[(usize, Row)])> = Vec::new();
     for (i, member) in members.iter_mut().enumerate() {
         if let Some(own) = rows.next_if(|own| own[0].0 == i) {
-            work.push((member, own));
+            work.push((&mut **member, own));
         }
     }
     mapped(work.into_iter(), ROW_NS, n_threads, |(member, rows)| {
@@ -92,7 +93,7 @@ pub(super) fn take(
     })?;
     if begun.is_some() {
         // two runs that are in order
-        members.sort_by_key(Member::place);
+        members.sort_by_key(|member| member.place());
     }
     Ok(())
 }

@@ -137,12 +137,8 @@ impl Pairs {
         let places: Vec<_> = samples.iter().map(place_of).collect();
         let own: Vec<_> = samples.iter().map(|one| one.covariance + known.added(one)).collect();
         // compact, as most of what is near is far in terms of its variance
-        let spots: Vec<_> = samples
-            .iter()
-            .zip(&own)
-            .map(|(one, p)| (one.sensor, place_of(one), [p[(0, 0)], p[(1, 1)]]))
-            .collect();
-        let largest = spots.iter().flat_map(|spot| spot.2).fold(0.0, f64::max);
+        let spots: Vec<_> = samples.iter().zip(&own).map(|(one, p)| Spot::new(one, p)).collect();
+        let largest = spots.iter().flat_map(|spot| spot.variance).fold(0.0, f64::max);
         let by_hand = !manual.joined.is_empty();
         let reach = |variance: f64| (FAR * (variance + largest)).sqrt().min(REACH);
         let grid = Grid::new(&places, reach(largest).max(1.0))?;
@@ -160,12 +156,12 @@ impl Pairs {
                 if j <= i {
                     return;
                 }
-                let (sensor, place, variance) = spots[j];
+                let spot = &spots[j];
                 let is_far = |k: usize| {
-                    let d = places[i][k] - place[k];
-                    d * d > FAR * (p[(k, k)] + variance[k])
+                    let d = places[i][k] - spot.place[k];
+                    d * d > FAR * (p[(k, k)] + spot.variance[k])
                 };
-                if sensor != a.sensor && (by_hand || !(is_far(0) || is_far(1))) {
+                if spot.sensor != a.sensor && (by_hand || !(is_far(0) || is_far(1))) {
                     near.push(j);
                 }
             });
@@ -173,13 +169,16 @@ impl Pairs {
             let mut old =
                 before[before.partition_point(|(key, _)| key.0 < a.id)..].iter().peekable();
             for &j in near.iter() {
-                let b = &samples[j];
-                let pair = (a.id, b.id);
+                let pair = (a.id, spots[j].id);
                 while old.next_if(|(key, _)| *key < pair).is_some() {}
                 let history = old.next_if(|(key, _)| *key == pair).map(|&(_, history)| history);
+                let joined = by_hand && manual.joined.contains(&pair);
+                if history.is_none() && !joined && spots[i].is_apart(&spots[j]) {
+                    continue;
+                }
+                let b = &samples[j];
                 let total = own[i] + own[j];
                 let d = a.mean - b.mean;
-                let joined = by_hand && manual.joined.contains(&pair);
                 let block = &blocks[a.sensor * sensors + b.sensor];
                 let cross = propagated(&a.sensitivity, block, &b.sensitivity);
                 let distance = Distance::new(&d, total - cross - cross.transpose());
@@ -216,6 +215,35 @@ impl Pairs {
     }
 }
 
+/// What a first look at a track needs.
+struct Spot {
+    id: u64,
+    sensor: usize,
+    place: [f64; 2],
+    variance: [f64; 2],
+    height: f64,
+    age: f64,
+}
+
+impl Spot {
+    fn new(one: &Sample, p: &Matrix4<f64>) -> Self {
+        let (place, variance) = (place_of(one), [p[(0, 0)], p[(1, 1)]]);
+        let &Sample { id, sensor, height, age, .. } = one;
+        Self { id, sensor, place, variance, height, age }
+    }
+
+    /// Whether the heights are those of two targets.
+    fn is_apart(&self, other: &Self) -> bool {
+        let up = self.height - other.height;
+        up * up > APART * APART * height_variance([self.age, other.age])
+    }
+}
+
+/// Variance of the difference of two heights of these ages.
+fn height_variance([a, b]: [f64; 2]) -> f64 {
+    2.0 * HEIGHT * HEIGHT + CLIMB * CLIMB * (a * a + b * b)
+}
+
 fn place_of(sample: &Sample) -> [f64; 2] {
     [sample.mean[0], sample.mean[1]]
 }
@@ -237,7 +265,7 @@ fn judged(
     let mut apart = false;
     let up = a.height - b.height;
     if up.is_finite() {
-        let variance = 2.0 * HEIGHT * HEIGHT + CLIMB * CLIMB * (a.age * a.age + b.age * b.age);
+        let variance = height_variance([a.age, b.age]);
         apart = up * up > APART * APART * variance;
         score -= 0.5 * (up * up / variance + (std::f64::consts::TAU * variance).ln()) - LAYER.ln();
     }

@@ -1,6 +1,7 @@
 //! The density of plots that belong to no track.
 
 use super::extent::Extent;
+use super::prospects::There;
 use super::settings::Settings;
 use crate::sensors::{Detection, Radar, Way};
 use serde::{Deserialize, Serialize};
@@ -10,22 +11,26 @@ use std::f64::consts::PI;
 const MEMORY: f64 = 10.0;
 /// False plots and new targets in a scan, at least.
 const FEWEST: f64 = 1.0;
+/// Plots on routes, and elsewhere, before any was seen.
+const BEFOREHAND: f64 = 1.0;
 /// Range of a radar without limit that has no plots yet, m.
 const NEAREST_LIMIT: f64 = 1e4;
 
-/// Plots of a radar, and how many of them were detected in each way.
+/// Plots of a radar, how many of them were detected in each way, and what plans say of their places, summed.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Counts {
     all: usize,
     by: [usize; Detection::ALL.len()],
+    there: There,
 }
 
 impl Counts {
-    pub fn add(&mut self, detection: Option<Detection>, counts: bool) {
-        self.all += usize::from(counts);
+    pub fn add(&mut self, detection: Option<Detection>, there: There) {
+        self.all += 1;
         if let Some(detection) = detection {
-            self.by[detection as usize] += usize::from(counts);
+            self.by[detection as usize] += 1;
         }
+        self.there.add(there, 1.0);
     }
 }
 
@@ -38,6 +43,8 @@ pub(super) struct Clutter {
     scans: f64,
     /// The plots by way of detection, where the radar has several.
     by_way: Vec<f64>,
+    /// Sums of what plans say of where these plots are.
+    there: There,
     /// Until when they are counted, s.
     until: f64,
     farthest: f64,
@@ -60,8 +67,16 @@ impl Clutter {
         let known = (!density.is_nan()).then_some(density);
         let until = f64::NEG_INFINITY;
         let farthest = NEAREST_LIMIT;
-        let by_way = Vec::new();
-        Self { known, plots: 0.0, scans: 0.0, by_way, until, farthest, extent: None }
+        Self {
+            known,
+            plots: 0.0,
+            scans: 0.0,
+            by_way: Vec::new(),
+            there: There::default(),
+            until,
+            farthest,
+            extent: None,
+        }
     }
 
     /// Such plots per square metre and scan, new targets included.
@@ -103,12 +118,23 @@ impl Clutter {
         self.density(radar) * self.area(radar)
     }
 
-    fn area(&self, radar: &Radar) -> f64 {
+    pub fn area(&self, radar: &Radar) -> f64 {
         if let Some(extent) = &self.extent {
             return extent.area();
         }
         let radius = radar.max_range.min(self.farthest);
         PI * radius * radius
+    }
+
+    /// Density of such plots where flights are due over the mean, at least 1; none before a first scan.
+    pub fn crowding(&self) -> Option<f64> {
+        let mean = self.there.due / self.plots.max(f64::MIN_POSITIVE);
+        (self.scans > 0.0).then(|| mean.max(1.0))
+    }
+
+    /// Share of such plots that are along routes, beyond those that are everywhere.
+    pub fn on_routes(&self) -> f64 {
+        (self.there.routed + BEFOREHAND) / (self.plots + 2.0 * BEFOREHAND)
     }
 
     pub fn saw(&mut self, radar: &Radar, position: [f64; 2]) {
@@ -126,6 +152,8 @@ impl Clutter {
         self.until = self.until.max(end);
         let kept = (-scans / MEMORY).exp();
         self.plots = kept * self.plots + counts.all as f64;
+        self.there.fade(kept);
+        self.there.add(counts.there, 1.0);
         self.scans = kept * self.scans + scans;
         if let Some(ways) = &radar.ways {
             for (plots, way) in self.by_way.iter_mut().zip(ways.all()) {
@@ -137,11 +165,17 @@ impl Clutter {
         }
     }
 
-    /// Removes a plot of this time that was counted but belongs to a target.
-    pub fn discount(&mut self, time: f64, radar: &Radar, detection: Option<Detection>) {
+    /// Removes a plot of this time, detection and place that was counted but belongs to a target.
+    pub fn discount(
+        &mut self,
+        time: f64,
+        radar: &Radar,
+        (detection, there): (Option<Detection>, There),
+    ) {
         let age = (self.until - time).max(0.0) / radar.scan_period;
         let weight = (-age / MEMORY).exp();
         self.plots = (self.plots - weight).max(0.0);
+        self.there.add(there, -weight);
         let all = radar.ways.as_ref().map_or(&[][..], |ways| ways.all());
         if let Some(own) = all.iter().position(|way| Some(way.detection) == detection) {
             self.by_way[own] = (self.by_way[own] - weight).max(0.0);
@@ -201,8 +235,7 @@ mod tests {
         }
         assert_eq!(clutter.gain(&radar, None), 0.0);
         let mut counts = Counts::default();
-        (0..100).for_each(|_| counts.add(Some(Detection::Psr), true));
-        counts.add(Some(Detection::Psr), false);
+        (0..100).for_each(|_| counts.add(Some(Detection::Psr), There::default()));
         clutter.count(&counts, [0.0, 4.0], &radar);
         // 100 echoes in two scans
         let (seen, share) = (0.9925, 0.0425 / 0.9925);
@@ -212,7 +245,7 @@ mod tests {
         assert_within(1e-12, gain(&clutter, Detection::PsrSsr), all.ln());
         // those that belong to targets were none
         for _ in 0..100 {
-            clutter.discount(4.0, &radar, Some(Detection::Psr));
+            clutter.discount(4.0, &radar, (Some(Detection::Psr), There::default()));
         }
         assert!(gain(&clutter, Detection::Psr).abs() < 1e-12);
     }
@@ -242,7 +275,7 @@ mod tests {
         };
         let mut clutter = counted(90);
         for _ in 0..30 {
-            clutter.discount(4.0, &radar, None);
+            clutter.discount(4.0, &radar, (None, There::default()));
         }
         assert_within(1e-13, clutter.plots(&radar), counted(60).plots(&radar));
         // the first plots were made in two scans, and have faded for five
@@ -251,7 +284,7 @@ mod tests {
         assert_within(1e-13, clutter.plots(&radar), expected);
         // no plots less than none
         for _ in 0..1000 {
-            clutter.discount(24.0, &radar, None);
+            clutter.discount(24.0, &radar, (None, There::default()));
         }
         assert_within(1e-13, clutter.plots(&radar), FEWEST);
     }

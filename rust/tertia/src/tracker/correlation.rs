@@ -87,6 +87,11 @@ impl Correlation {
         found.plan
     }
 
+    /// Takes the plan by which the track was found.
+    pub fn accept(&mut self) {
+        self.status = Status::Accepted;
+    }
+
     /// Begins a link: the one that was found, or one that was made by hand.
     pub fn begin(&mut self, own: Option<i64>, by_hand: bool) {
         let status = if by_hand { Status::Manual } else { self.status };
@@ -135,6 +140,6 @@ impl Correlation {
 }
 
 /// Whether plan and track have identities that differ.
-fn contradicts(plan: &Plan, own: Option<i64>) -> bool {
+pub(super) fn contradicts(plan: &Plan, own: Option<i64>) -> bool {
     plan.identity >= 0 && own.is_some_and(|own| own != plan.identity)
 }

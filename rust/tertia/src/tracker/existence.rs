@@ -26,6 +26,11 @@ impl Existence {
         Self { odds: NEW_TARGETS / false_plots.max(1.0) }
     }
 
+    /// A target is so many times as likely where it was first seen.
+    pub fn favour(&mut self, ratio: f64) {
+        self.odds *= ratio;
+    }
+
     /// Odds below which a chain that began so is given up.
     pub fn hopeless(self) -> f64 {
         HOPELESS * self.odds

@@ -5,6 +5,7 @@ use super::estimate::{Estimate, Moments};
 use super::kinematics;
 use super::motion::{ImmModel, Motion};
 use super::plan::Guide;
+use super::prospects::Prospects;
 use super::settings::Settings;
 use super::window::Window;
 use crate::base::plane::Plane;
@@ -31,6 +32,8 @@ pub(super) enum Filter {
     Singer(Box<Estimate<6>>),
     Multiple(Box<Multiple>),
     Window(Box<Window>),
+    /// Before it is confirmed, where flights are due.
+    Planned(Box<Prospects>),
 }
 
 impl Filter {
@@ -59,6 +62,7 @@ impl Filter {
                 multiple.predict(settings, noise, t, period);
             }
             (Self::Window(window), Motion::Window(_)) => window.predict(settings, t, period),
+            (Self::Planned(prospects), Motion::Cv(sigma)) => prospects.predict(*sigma, t, period),
             _ => unreachable!("a filter is made by its motion"),
         }
     }
@@ -77,6 +81,7 @@ impl Filter {
                 let e = window.estimate();
                 each(one(e.position(), e.position_covariance()));
             }
+            Self::Planned(prospects) => prospects.components(each),
         }
     }
 
@@ -91,6 +96,7 @@ impl Filter {
             }
             (Self::Multiple(multiple), _) => multiple.correct(z, r),
             (Self::Window(window), Motion::Window(model)) => window.correct(model, z, r),
+            (Self::Planned(prospects), _) => prospects.correct(z, r),
             _ => unreachable!("a filter is made by its motion"),
         }
     }
@@ -106,6 +112,15 @@ impl Filter {
             },
             Self::Multiple(multiple) => multiple.estimate(),
             Self::Window(window) => window.estimate(),
+            Self::Planned(prospects) => *prospects.unplanned(),
+        }
+    }
+
+    /// What flights it may be, if it is not confirmed.
+    pub fn prospects(&self) -> Option<&Prospects> {
+        match self {
+            Self::Planned(prospects) => Some(prospects),
+            _ => None,
         }
     }
 
@@ -114,7 +129,7 @@ impl Filter {
         match self {
             Self::Multiple(multiple) => multiple.turn_probability(),
             Self::Window(window) => f64::from(u8::from(window.turns())),
-            Self::Straight(_) | Self::Singer(_) => 0.0,
+            Self::Straight(_) | Self::Singer(_) | Self::Planned(_) => 0.0,
         }
     }
 
@@ -123,7 +138,7 @@ impl Filter {
         match self {
             Self::Multiple(multiple) => multiple.guide.as_ref(),
             Self::Window(window) => window.guide.as_ref(),
-            Self::Straight(_) | Self::Singer(_) => None,
+            Self::Straight(_) | Self::Singer(_) | Self::Planned(_) => None,
         }
     }
 
@@ -137,7 +152,7 @@ impl Filter {
                 multiple.guide = guide;
             }
             Self::Window(window) => window.guide = guide,
-            Self::Straight(_) | Self::Singer(_) => {}
+            Self::Straight(_) | Self::Singer(_) | Self::Planned(_) => {}
         }
     }
 
@@ -171,7 +186,7 @@ impl Filter {
                 }
             }
             Self::Window(window) => window.leave_plan(),
-            Self::Straight(_) | Self::Singer(_) => {}
+            Self::Straight(_) | Self::Singer(_) | Self::Planned(_) => {}
         }
     }
 
@@ -179,7 +194,7 @@ impl Filter {
         match self {
             Self::Multiple(multiple) => multiple.guide.as_mut(),
             Self::Window(window) => window.guide.as_mut(),
-            Self::Straight(_) | Self::Singer(_) => None,
+            Self::Straight(_) | Self::Singer(_) | Self::Planned(_) => None,
         }
     }
 
@@ -194,7 +209,7 @@ impl Filter {
                 }
             }
             Self::Window(window) => window.follow(settings, time, period),
-            Self::Straight(_) | Self::Singer(_) => {}
+            Self::Straight(_) | Self::Singer(_) | Self::Planned(_) => {}
         }
     }
 
@@ -208,6 +223,7 @@ impl Filter {
             }
             Self::Multiple(multiple) => multiple.banks_mut().for_each(|bank| bank.shift(by)),
             Self::Window(window) => window.shift(by),
+            Self::Planned(prospects) => prospects.each(|estimate| estimate.mean += by),
         }
     }
 
@@ -237,6 +253,7 @@ impl Filter {
                 }
             }),
             Self::Window(window) => window.widen(&extra),
+            Self::Planned(prospects) => prospects.each(|estimate| estimate.covariance += extra),
         }
     }
 }

@@ -179,7 +179,7 @@ impl Filter {
         match self {
             Self::Straight(e) => one(e.position(), e.position_covariance()),
             Self::Singer(e) => one(e.position(), e.position_covariance()),
-            Self::Window(_) => {
+            Self::Window(_) | Self::Planned(_) => {
                 let e = self.estimate();
                 one(e.position(), e.position_covariance())
             }
@@ -192,8 +192,8 @@ impl Filter {
         match self {
             Self::Straight(estimate) => estimate.shift(&by[0]),
             Self::Singer(estimate) => estimate.shift(&by[0]),
-            // the line is that of plots of one target
-            Self::Window(_) => {}
+            // the line is that of plots of one target, and what is not confirmed takes no merged ones
+            Self::Window(_) | Self::Planned(_) => {}
             Self::Multiple(multiple) => {
                 let (parts, _) = by.as_chunks::<MODELS>();
                 let before = multiple.bank.probability;

@@ -13,6 +13,7 @@ use super::noise::Noise;
 use super::plot::{Measured, PlotStatus};
 use super::resume::resume;
 use super::row::{Row, Rows};
+use super::schedule::Schedule;
 use super::settings::Settings;
 use super::share::{Share, Shares, View};
 use super::sharp::{self, Known};
@@ -105,9 +106,11 @@ impl Scan {
         self.others.clone_from(&self.doubled);
         let tracks = (&mut sky.tracks[..], sky.settings);
         strays::find(near, used, tracks, (sky.noise, sky.clutter), &mut self.others);
+        let mut schedule = Schedule::at(self.plots.first(), sky.tracks, sky.settings);
+        schedule.crowd((&self.plots, used.0), (sky.clutter, sky.settings), &mut self.others);
         loop {
             self.take(sky, false, [oldest, hold], &mut report);
-            if !self.begin(sky, hold, &mut report) {
+            if !self.begin(sky, &schedule, hold, &mut report) {
                 break;
             }
         }
@@ -349,8 +352,8 @@ impl Scan {
             if let Some(stray) = given.stray {
                 sky.noise[stray.radar].outliers.strayed(&stray);
             }
-            if let Some((radar, time, detection)) = given.begun {
-                sky.clutter[radar].discount(time, &settings.radars[radar], detection);
+            if let Some((radar, time, place)) = given.begun {
+                sky.clutter[radar].discount(time, &settings.radars[radar], place);
             }
             if row.is_some_and(|row| row.confirmed) {
                 let plot = &plots[given.plot as usize];
@@ -375,6 +378,7 @@ impl Scan {
     fn begin<R: Rows>(
         &mut self,
         sky: &mut Sky<'_, R>,
+        schedule: &Schedule,
         hold: f64,
         report: &mut impl FnMut(usize, PlotStatus),
     ) -> bool {
@@ -401,12 +405,17 @@ impl Scan {
             // where there are more of other plots, more false tracks begin
             let false_plots = false_plots * (1.0 + (self.others[i] - self.doubled[i]) / density);
             let mut track = Track::new(*sky.next_number, plot, false_plots, sky.settings);
+            if let Some(expected) = schedule.expected(i, plot, sky.clutter, sky.settings) {
+                track.expect(expected);
+            }
             if sky.noise[plot.radar].outliers.are_many() {
                 track.require_more();
             }
             *sky.next_number += 1;
             let is_double = self.doubled[i] > density;
-            self.unused[plot.radar].add(plot.detection, !is_double);
+            if !is_double {
+                self.unused[plot.radar].add(plot.detection, track.there);
+            }
             let track_or_not = PlotStatus::Track(track.number);
             report(plot.index, if is_double { PlotStatus::Duplicate } else { track_or_not });
             if sky.rows.wants(false) {

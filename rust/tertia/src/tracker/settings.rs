@@ -81,6 +81,8 @@ pub struct Settings {
     pub emergency_codes: Vec<i64>,
     /// Probability that a planned turn is flown, before any was seen; 0: plans have no influence.
     pub flown_probability: f64,
+    /// Whether plans say where new targets are expected.
+    pub initiation: bool,
     /// Velocity of the air, east and north, m/s.
     pub wind: [f64; 2],
     /// Its standard deviation, m/s.
@@ -109,6 +111,7 @@ impl Settings {
             identity_error_probability: 1e-3,
             emergency_codes: Vec::new(),
             flown_probability: 0.8,
+            initiation: false,
             wind: [0.0; 2],
             wind_sigma: 20.0,
         }

@@ -6,6 +6,7 @@ use super::clutter::Clutter;
 use super::noise::Noise;
 use super::outliers::Stray;
 use super::plot::Measured;
+use super::prospects::There;
 use super::row::Row;
 use super::settings::Settings;
 use super::track::Track;
@@ -21,8 +22,8 @@ pub(super) const SHARES_PER_THREAD: usize = 8;
 /// Nothing was given to a claim.
 const NOTHING: u32 = u32::MAX;
 
-/// Radar, time and detection of a plot.
-type Begun = (usize, f64, Option<Detection>);
+/// Radar and time of a plot; by what it was detected, and what plans say of the place.
+type Begun = (usize, f64, (Option<Detection>, There));
 
 /// A plot that was given to a track.
 #[derive(Clone, Copy, Debug)]
@@ -261,7 +262,7 @@ impl Share {
             let begun = (!confirmed && track.is_confirmed()).then_some((
                 track.first.radar,
                 track.first.time,
-                track.first.detection,
+                (track.first.detection, track.there),
             ));
             let place = group[0].rank + claim.rank;
             self.give(place, plot, track, measured, with_row, (begun, outlier, stray));

@@ -13,6 +13,7 @@ use super::motion::Motion;
 use super::outliers::Stray;
 use super::plan::Guide;
 use super::plot::Measured;
+use super::prospects::{Prospects, There};
 use super::settings::{Confirmation, MAX_DELAY, Settings};
 use super::tree::Tree;
 use crate::base::exponential::exp;
@@ -103,6 +104,8 @@ pub(super) struct Track {
     fork: Option<Box<Fork>>,
     /// A plot that may have been of the target, since its last one.
     pub stray: Option<Stray>,
+    /// What plans say of where its first plot was.
+    pub there: There,
 }
 
 /// What the target does if it is not what is shown.
@@ -160,6 +163,7 @@ impl Track {
             tree: None,
             fork: None,
             stray: None,
+            there: There::default(),
         };
         track.take(plot, settings);
         track
@@ -436,6 +440,7 @@ impl Track {
             None => self.beams.push(Expected { radar: plot.radar, time: next, seen: plot.time }),
         }
         self.set_due(settings);
+        let plots_less = usize::from(self.filter.prospects().is_some_and(Prospects::is_planned));
         if let Stage::Tentative { hits, plots, evidence, .. } = &mut self.stage {
             *hits += usize::from(counts);
             let is_likely = match settings.confirmation {
@@ -444,9 +449,9 @@ impl Track {
                 Confirmation::Existence(least) => self.existence.probability() >= least,
             };
             let held = |e: &Expected| settings.held.get(e.radar) == Some(&true);
-            if *hits >= *plots && is_likely && !self.beams.all().iter().any(held) {
-                self.stage = Stage::Confirmed;
-                self.filter = Filter::new(&settings.motion, self.estimate);
+            let enough = *hits + plots_less >= *plots;
+            if enough && is_likely && !self.beams.all().iter().any(held) {
+                self.confirm(settings);
             }
         }
     }

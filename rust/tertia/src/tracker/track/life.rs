@@ -1,6 +1,9 @@
 //! Which plots are never a track's, and tracks that go on with the past of another.
 
+use super::super::correlation::contradicts;
+use super::super::filter::Filter;
 use super::super::plot::Measured;
+use super::super::prospects::{Expected, Prospects};
 use super::super::settings::{Confirmation, Settings};
 use super::{Stage, Track};
 use crate::flightplan::Status;
@@ -12,6 +15,38 @@ const LEAST_ODDS: f64 = 0.01 / 0.99;
 const SCANS_BEFORE: f64 = 2.5;
 
 impl Track {
+    /// Begins where flights are due.
+    pub fn expect(&mut self, expected: Expected) {
+        self.there = expected.there;
+        if let Stage::Tentative { evidence, least, .. } = &mut self.stage {
+            *evidence += expected.ratio.ln();
+            *least *= expected.ratio;
+        }
+        self.existence.favour(expected.ratio);
+        if let Some(prospects) = Prospects::new(expected, self.estimate) {
+            self.filter = Filter::Planned(Box::new(prospects));
+        }
+    }
+
+    /// Confirms it, with the plan by which it was found, if there is one.
+    pub(super) fn confirm(&mut self, settings: &Settings) {
+        self.stage = Stage::Confirmed;
+        let flight = self.filter.prospects().map(|prospects| {
+            let (estimate, plan) = prospects.decide();
+            self.estimate = estimate;
+            plan
+        });
+        self.filter = Filter::new(&settings.motion, self.estimate);
+        let own = self.identity();
+        let is_possible = |plan: &usize| {
+            settings.plans.available(*plan).is_some_and(|plan| !contradicts(plan, own))
+        };
+        if let Some(plan) = flight.flatten().filter(is_possible) {
+            self.correlation.accept();
+            self.correlate(plan, settings, false);
+        }
+    }
+
     /// Whether the track goes on: plots enough at the beginning, and not too long without one.
     pub fn is_alive(&self, settings: &Settings) -> bool {
         let silence = self.time - self.seen;

@@ -1,0 +1,214 @@
+//! A track that begins where flights are due: it may be one of them, or any other target.
+
+use super::bank::Component;
+use super::estimate::{Estimate, Moments};
+use super::kinematics;
+use crate::base::plane::Plane;
+use nalgebra::{Matrix2, Vector2};
+use serde::{Deserialize, Serialize};
+
+/// Standard deviations of a flight's speed, m/s, and of its course, rad; its acceleration, m/s².
+const SPEED_SIGMA: f64 = 15.0;
+const COURSE_SIGMA: f64 = 4.0 * std::f64::consts::PI / 180.0;
+const STRAIGHT_SIGMA: f64 = 0.3;
+/// Probability of flights from which on one plot less confirms a track, and that of one of them from
+/// which on the track is given its plan.
+const PLANNED: f64 = 0.9;
+const SURE: f64 = 0.95;
+/// Probability below which a flight is left out.
+const LEAST: f64 = 1e-3;
+
+/// What plans say of a place: the density of flights that are due, over the mean and that of false plots, and
+/// the probability that a false plot here is one of those on routes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct There {
+    pub due: f64,
+    pub routed: f64,
+}
+
+impl There {
+    /// Adds those of another place with a weight; no less than none are left.
+    pub fn add(&mut self, other: Self, weight: f64) {
+        self.due = (self.due + weight * other.due).max(0.0);
+        self.routed = (self.routed + weight * other.routed).max(0.0);
+    }
+
+    pub fn fade(&mut self, kept: f64) {
+        self.due *= kept;
+        self.routed *= kept;
+    }
+}
+
+/// What plans say of a first plot.
+pub(super) struct Expected {
+    /// How many times as likely a target is here as without plans.
+    pub ratio: f64,
+    pub there: There,
+    /// Density of false plots where flights are due over its mean.
+    pub crowding: f64,
+    /// Plans, probabilities and velocities.
+    pub flights: Vec<(usize, f64, [f64; 2])>,
+}
+
+/// A flight that the target may be.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Flight {
+    plan: usize,
+    probability: f64,
+    estimate: Estimate<4>,
+}
+
+/// What a track may be.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Prospects {
+    /// Any target, and its probability.
+    unplanned: Estimate<4>,
+    probability: f64,
+    flights: Vec<Flight>,
+    crowding: f64,
+}
+
+impl Prospects {
+    /// Of a first plot; `unplanned` is the state of any target. None where no flight is likely.
+    pub fn new(expected: Expected, unplanned: Estimate<4>) -> Option<Self> {
+        let likely = expected.flights.into_iter().filter(|flight| flight.1 > LEAST);
+        let flights: Vec<_> = likely
+            .map(|(plan, probability, velocity)| {
+                let estimate = flying(unplanned, velocity);
+                Flight { plan, probability, estimate }
+            })
+            .collect();
+        let planned: f64 = flights.iter().map(|flight| flight.probability).sum();
+        let (probability, crowding) = (1.0 - planned, expected.crowding);
+        (planned > 0.0).then_some(Self { unplanned, probability, flights, crowding })
+    }
+
+    /// The state of any target.
+    pub fn unplanned(&self) -> &Estimate<4> {
+        &self.unplanned
+    }
+
+    /// Whether it is likely a flight.
+    pub fn is_planned(&self) -> bool {
+        self.flights.iter().map(|flight| flight.probability).sum::<f64>() > PLANNED
+    }
+
+    /// The mean of all that it may be, and the plan of which it is for sure.
+    pub fn decide(&self) -> (Estimate<4>, Option<usize>) {
+        let mut moments = Moments::about(self.unplanned.mean);
+        moments.add(self.probability, &self.unplanned);
+        self.flights.iter().for_each(|flight| moments.add(flight.probability, &flight.estimate));
+        let sure = self.flights.iter().find(|flight| flight.probability > SURE);
+        (moments.estimate(), sure.map(|flight| flight.plan))
+    }
+
+    /// Calls `each` with the position that each expects, and its probability; where flights are due a plot
+    /// counts less, as there are more false ones.
+    pub fn components(&self, mut each: impl FnMut(Component)) {
+        let mut one = |probability, e: &Estimate<4>| {
+            let (position, covariance) = (e.position(), e.position_covariance());
+            each(Component { probability, position, covariance });
+        };
+        one(self.probability, &self.unplanned);
+        for flight in &self.flights {
+            one(flight.probability / self.crowding, &flight.estimate);
+        }
+    }
+
+    /// Predicts over the time `t`; `sigma` is the acceleration of any target.
+    pub fn predict(&mut self, sigma: f64, t: f64, period: f64) {
+        kinematics::straight(&mut self.unplanned, t, sigma * sigma * period);
+        for flight in &mut self.flights {
+            let q = STRAIGHT_SIGMA * STRAIGHT_SIGMA * period;
+            kinematics::straight(&mut flight.estimate, t, q);
+        }
+    }
+
+    /// Corrects by a plot.
+    pub fn correct(&mut self, z: [f64; 2], r: Plane) {
+        let any = self.probability * self.unplanned.correct(z, r);
+        let each: Vec<_> = self
+            .flights
+            .iter_mut()
+            .map(|flight| flight.probability * flight.estimate.correct(z, r) / self.crowding)
+            .collect();
+        let total = any + each.iter().sum::<f64>();
+        if total == 0.0 {
+            // all exclude it, so it says nothing
+            return;
+        }
+        self.probability = any / total;
+        for (flight, own) in self.flights.iter_mut().zip(each) {
+            flight.probability = own / total;
+        }
+    }
+
+    /// Changes the state of all that it may be.
+    pub fn each(&mut self, change: impl Fn(&mut Estimate<4>)) {
+        change(&mut self.unplanned);
+        self.flights.iter_mut().for_each(|flight| change(&mut flight.estimate));
+    }
+}
+
+/// A flight at the same place.
+fn flying(mut estimate: Estimate<4>, velocity: [f64; 2]) -> Estimate<4> {
+    let v = Vector2::from(velocity);
+    let across = v.dot(&v) * COURSE_SIGMA.powi(2);
+    let u = v.try_normalize(0.0).unwrap_or(Vector2::x());
+    let along = u * u.transpose();
+    let covariance = along * SPEED_SIGMA.powi(2) + (Matrix2::identity() - along) * across;
+    estimate.mean.fixed_rows_mut::<2>(2).copy_from(&v);
+    estimate.covariance.fixed_view_mut::<2, 2>(2, 2).copy_from(&covariance);
+    estimate
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{SMatrix, SVector};
+
+    fn prospects(crowding: f64) -> Prospects {
+        let diagonal = SVector::from([1e4, 1e4, 175.0 * 175.0, 175.0 * 175.0]);
+        let start =
+            Estimate { mean: SVector::zeros(), covariance: SMatrix::from_diagonal(&diagonal) };
+        let flights = vec![(4, 0.4, [0.0, 200.0]), (7, 0.1, [200.0, 0.0]), (9, 1e-4, [0.0; 2])];
+        let expected = Expected { ratio: 2.0, there: There::default(), crowding, flights };
+        Prospects::new(expected, start).unwrap()
+    }
+
+    #[test]
+    fn a_plot_where_a_flight_is_expected_makes_it_sure() {
+        let r = Plane { xx: 1e4, xy: 0.0, yy: 1e4 };
+        let mut own = prospects(1.0);
+        assert_eq!(own.flights.len(), 2);
+        assert!(!own.is_planned());
+        own.predict(1.0, 10.0, 10.0);
+        let mut densities = Vec::new();
+        own.components(|one| {
+            let (s, [x, y]) = (one.covariance.plus(r), one.position);
+            let d = s.inverse().form([-x, 2000.0 - y]);
+            densities.push(one.probability * (-0.5 * d).exp() / s.determinant().sqrt());
+        });
+        own.correct([0.0, 2000.0], r);
+        let total: f64 = densities.iter().sum();
+        assert!((own.flights[0].probability - densities[1] / total).abs() < 1e-12);
+        assert!(own.is_planned() && own.decide().1 == Some(4));
+        // where there are ten times as many false plots it is less so
+        let mut other = prospects(10.0);
+        other.predict(1.0, 10.0, 10.0);
+        other.correct([0.0, 2000.0], r);
+        let odds = |of: &Prospects| of.flights[0].probability / of.probability;
+        assert!((odds(&own) / odds(&other) - 10.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_target_that_flies_elsewhere_is_any() {
+        let mut own = prospects(1.0);
+        own.predict(1.0, 10.0, 10.0);
+        own.correct([-1500.0, -1500.0], Plane { xx: 1e4, xy: 0.0, yy: 1e4 });
+        assert!(own.probability > 0.999);
+        let (estimate, plan) = own.decide();
+        assert_eq!(plan, None);
+        assert!((estimate.mean - own.unplanned.mean).amax() < 1.0);
+    }
+}
