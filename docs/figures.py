@@ -158,6 +158,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "live": registration.live,
         "demo": registration_demo.table,
         "bound": registration_bound.table,
+        "drift": registration_bound.drift,
         "grid": registration_start.grid,
         "changes": registration_start.changes,
         "recordings": registration_recordings.table,

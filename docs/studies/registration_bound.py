@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -17,12 +17,14 @@ from tertia.sensors import RADAR_LIMITS, Bias, Radar
 from tertia.tracker import Plots, Tracker
 
 SEED, DURATION = 47, 600.0
-SCENES = repetitions(40, 1)
+SCENES, LIVE_SCENES = repetitions(40, 1), repetitions(10)
 # accelerations of a flight between its plots, straight on and in turns that are known, m/s2
 STRAIGHT, TURN = 0.05, 3.0
-# errors that wander, in their limits per root of a second, by steps of so many seconds
-WANDER, STEP = 0.2 / np.sqrt(600.0), 30.0
-DRAWS = ("normal", "uniform", "wandering")
+# errors that drift as trackers assume it, by steps of so many seconds
+STEP, DRIFT_TIME = 30.0, float(RADAR_LIMITS.drift_time or np.inf)
+STEPS, REST = int(DURATION / STEP), np.exp(-STEP / DRIFT_TIME)
+DRAWS = ("normal", "uniform", "drifting")
+CONSTANT = replace(RADAR_LIMITS, drift_share=0.0)
 LIMITS = columns(RADAR_LIMITS, "_sigma")
 PLOTS = ("time", "range", "azimuth", "sensor", "height", "identity")
 
@@ -58,10 +60,12 @@ def scene(name: simulate.SetUpName, draw: str, seed: int) -> Scene:
     first = random.standard_normal((RADARS, len(ERRORS)))
     if draw == "uniform":
         first = random.uniform(-1.0, 1.0, first.shape)
-    steps = int(DURATION / STEP)
-    wander = WANDER * np.sqrt(STEP) * random.standard_normal((steps, *first.shape))
-    wander[0] = 0.0
-    errors = LIMITS * (first + (draw == "wandering") * np.cumsum(wander, axis=0))
+    errors = np.empty((STEPS, *first.shape))
+    new = np.asarray(random.standard_normal(errors.shape))
+    for i in range(STEPS):
+        errors[i] = LIMITS * first
+        if draw == "drifting":
+            first = REST * first + np.sqrt(1.0 - REST**2) * new[i]
     traffic = simulate.flights(
         simulate.routes(name, FLIGHTS, rng=random), wind=setting.wind, rng=random
     )
@@ -75,7 +79,7 @@ def scene(name: simulate.SetUpName, draw: str, seed: int) -> Scene:
     )
     record = record[record.plots.time < DURATION]
     given = {column: getattr(record.plots, column) for column in PLOTS}
-    own = errors[(given["time"] / STEP).astype(int).clip(0, steps - 1), given["sensor"]]
+    own = errors[step_of(given["time"]), given["sensor"]]
     own = np.where(record.target[:, np.newaxis] >= 0, own, 0.0)
     given["range"] = given["range"] * (1.0 + own[:, 1]) + own[:, 0]
     given["azimuth"] = given["azimuth"] + own[:, 2]
@@ -86,21 +90,35 @@ def scene(name: simulate.SetUpName, draw: str, seed: int) -> Scene:
     return Scene(shown, record.target[order], used[order], traffic, stated, real, errors)
 
 
-@cache
-def bound(name: simulate.SetUpName, draw: str, seed: int) -> FloatArray:
-    """Return the smallest covariance of constant errors, in their limits, (4 K, 4 K).
+def step_of(time: FloatArray) -> IntArray:
+    """Return in which step of the drift times are."""
+    return (time / STEP).astype(int).clip(0, STEPS - 1)
 
-    Whole flights whose turns are known, without outliers, and with the true noise.
+
+@cache
+def bound(name: simulate.SetUpName, draw: str, seed: int, steps: int) -> FloatArray:
+    """Return the smallest standard deviations at the end, in limits, (K, 4).
+
+    Whole flights whose turns are known, without outliers, and with the true noise; of errors that
+    are constant, in one step, or of those that drift. The latter is the bound of a Kalman filter
+    that knows the flights.
     """
-    case, information = scene(name, draw, seed), np.eye(RADARS * len(ERRORS))
+    case, order = scene(name, draw, seed), RADARS * len(ERRORS)
+    path = np.eye(steps)
+    if steps > 1:
+        # a drift is normal and independent from step to step
+        path = (path - np.eye(steps, k=-1) * REST) / np.sqrt(1.0 - REST**2)
+        path[0] = np.eye(steps)[0]
+    information = np.kron(path.T @ path, np.eye(order))
     for flight in np.unique(case.target[case.used]):
         rows = np.flatnonzero(case.used & (case.target == flight))
         if len(rows) > 3:
-            information += _of_flight(case, rows, int(flight))
-    return np.asarray(np.linalg.inv(information))
+            information += _of_flight(case, rows, int(flight), steps)
+    variance = np.diagonal(np.linalg.inv(information))[-order:]
+    return np.sqrt(variance).reshape(RADARS, -1)
 
 
-def _of_flight(case: Scene, rows: IntArray, flight: int) -> FloatArray:
+def _of_flight(case: Scene, rows: IntArray, flight: int, steps: int) -> FloatArray:
     """Return what the plots of a flight tell of the errors."""
     time, sensor = case.plots.time[rows], case.plots.sensor[rows]
     position, velocity, height = case.traffic._state(np.full(len(rows), flight), time)
@@ -119,8 +137,8 @@ def _of_flight(case: Scene, rows: IntArray, flight: int) -> FloatArray:
         np.stack([zero, zero, ground, late[:, 1]], axis=-1),
     ]
     own = np.stack(rows_of, axis=1) * LIMITS
-    design = np.zeros((len(rows), 2, RADARS, len(ERRORS)))
-    design[np.arange(len(rows)), :, sensor] = own
+    design = np.zeros((len(rows), 2, steps, RADARS, len(ERRORS)))
+    design[np.arange(len(rows)), :, np.minimum(step_of(time), steps - 1), sensor] = own
     # where random accelerations between plots take the target
     gap = np.diff(time)
     sample = ((time[:-1] - case.traffic.start[flight]) / case.traffic.step).astype(int)
@@ -141,9 +159,9 @@ def _of_flight(case: Scene, rows: IntArray, flight: int) -> FloatArray:
     return np.asarray(products[4:, 4:] - mixed.T @ np.linalg.solve(seen, mixed))
 
 
-def online(case: Scene) -> Bias:
+def online(case: Scene, sensors: Sequence[Radar]) -> Bias:
     """Return the errors that a tracker knows at the end."""
-    tracker = Tracker(case.stated, registration=True)
+    tracker = Tracker(sensors, registration=True)
     for some, end in pieces(case.plots, DURATION):
         tracker.update(some, time=end)
     return tracker.bias
@@ -151,39 +169,55 @@ def online(case: Scene) -> Bias:
 
 @cache
 def run(name: simulate.SetUpName, draw: str, way: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return errors, what is claimed, and the bound, in limits, (scenes, K, 4) each."""
+    """Return errors, what is claimed, and both bounds (2), in limits, (scenes, K, 4) each."""
     off, claimed, least = [], [], []
-    for seed in range(SCENES):
+    for seed in range(SCENES if way == "batch" else LIVE_SCENES):
         case = scene(name, draw, seed)
-        found = register(case.plots, case.stated).bias if way == "batch" else online(case)
+        if way == "batch":
+            found = register(case.plots, case.stated).bias
+        elif way == "drifting":
+            found = online(case, case.stated)
+        else:
+            found = online(case, [replace(one, bias=CONSTANT) for one in case.stated])
         off.append((columns(found) - case.errors[-1]) / LIMITS)
         claimed.append(columns(found, "_sigma") / LIMITS)
-        if draw == "wandering":
-            smallest = np.full(2 * (RADARS * len(ERRORS),), np.nan)
-        else:
-            smallest = bound(name, draw, seed)
-        least.append(np.sqrt(np.diagonal(smallest)).reshape(RADARS, -1))
+        # no bound of constants holds for errors that drift, and only a tracker may assume drift
+        bounds = [draw != "drifting", way == "drifting"]
+        least.append(
+            [
+                bound(name, draw, seed, steps) if holds else np.full((RADARS, len(ERRORS)), np.nan)
+                for steps, holds in zip((1, STEPS), bounds, strict=True)
+            ]
+        )
     return np.array(off), np.array(claimed), np.array(least)
 
 
-def _cases() -> Iterator[tuple[simulate.SetUpName, str, str]]:
-    for way, draws in (("batch", DRAWS[:2]), ("online", DRAWS)):
+def _rows(cases: Iterable[tuple[str, Sequence[str]]], bounds: int) -> Iterator[list[str]]:
+    """Return errors over their bounds, and how often they are within two standard deviations."""
+    for way, draws in cases:
         for name in SET_UPS:
             for draw in draws:
-                yield name, draw, way
+                off, claimed, least = run(name, draw, way)
+                smallest = np.sqrt(np.mean(least**2, axis=(0, 2)))
+                ratio = (np.sqrt(np.mean(off**2, axis=(0, 1))) / smallest)[:bounds, :3]
+                cells = ["-" if np.isnan(one) else f"{one:.2f}" for one in ratio.ravel()]
+                inside = np.abs(off) < 2 * claimed
+                each = [f"{one:.0%}" for one in np.mean(inside, axis=(0, 1))]
+                yield [way, name, draw, *cells, *each, f"{np.mean(inside):.1%}"]
+
+
+KNOWN = ("range", "gain", "azimuth")
+WITHIN = [*(f"within 2σ: {one}" for one in (*KNOWN, "time")), "all"]
 
 
 def table() -> str:
-    """Return errors over their bound, and how often they are within two standard deviations."""
-    rows = []
-    for name, draw, way in _cases():
-        off, claimed, least = run(name, draw, way)
-        ratio = np.sqrt(np.mean(off**2, axis=(0, 1)) / np.mean(least**2, axis=(0, 1)))
-        inside = np.abs(off) < 2 * claimed
-        cells: Sequence[str] = ["-" if np.isnan(one) else f"{one:.2f}" for one in ratio[:3]]
-        each = [f"{one:.0%}" for one in np.mean(inside, axis=(0, 1))]
-        rows.append([way, name, draw, *cells, *each, f"{np.mean(inside):.1%}"])
-    head = ["", "set-up", "errors", "range", "gain", "azimuth"]
-    return markdown(
-        [*head, *(f"within 2σ: {one}" for one in ("range", "gain", "azimuth", "time")), "all"], rows
-    )
+    """Return the errors of recordings over the bound."""
+    rows = [row[1:] for row in _rows([("batch", DRAWS[:2])], 1)]
+    return markdown(["", "errors", *KNOWN, *WITHIN], rows)
+
+
+def drift() -> str:
+    """Return the errors of trackers over the bounds, without drift and with it."""
+    rows = list(_rows([("constant", DRAWS[:2]), ("drifting", DRAWS)], 2))
+    head = ["assumed", "set-up", "errors", *KNOWN, *(f"with drift: {one}" for one in KNOWN)]
+    return markdown([*head, *WITHIN], rows)

@@ -612,7 +612,9 @@ def register_errors(
 
 @final
 class Registrar:
-    def __new__(cls, radars: list[Radar], mean: FloatArray, sigma: FloatArray) -> Registrar: ...
+    def __new__(
+        cls, radars: list[Radar], mean: FloatArray, sigma: FloatArray, drift: FloatArray
+    ) -> Registrar: ...
     def correct(self, plots: Plots) -> list[FloatArray]: ...
     def learn(
         self,
@@ -640,6 +642,7 @@ class FusionCentre:
         registers: bool,
         mean: FloatArray,
         sigma: FloatArray,
+        drift: FloatArray,
     ) -> FusionCentre: ...
     def update(
         self, tracks: dict[str, Any], time: float, n_threads: int | None

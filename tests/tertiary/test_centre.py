@@ -289,3 +289,30 @@ def test_fused_tracks_are_as_good_as_a_tracker_of_all_plots_in_turns():
     square = np.einsum("ni,nij,nj->n", error, inverse, error) / 2
     near = np.linalg.norm(error, axis=1) < 2000.0
     assert 0.7 < np.mean(square[near]) < 1.2
+
+
+def test_a_target_moves_when_the_errors_of_its_sensor_are_found():
+    """Without new rows it moves as far as the ranges of its sensor are found to be longer."""
+    radars = [RADARS[0], replace(RADARS[1], bias=Bias(range_sigma=100.0))]
+    traffic = simulate.dense_traffic(20, area=(1e5, 1e5), turning_share=0.0, duration=100.0, rng=1)
+    bias = Bias(range=[0.0, 150.0])
+    record = simulate.radar_plots(traffic, radars, bias=bias, rng=2)
+    plots, lone, rows = record.plots, record.target == 2, []
+    # the first sensor sees the others from 20 s on, the second one the lone target until 38 s
+    seen = [(plots.time > 20.0) & ~lone, (plots.time < 38.0) | ~lone]
+    for k, radar in enumerate(radars):
+        own = np.flatnonzero((plots.sensor == k) & seen[k])
+        table = track(plots[own]._replaced(sensor=np.zeros(len(own), int)), [radar])
+        rows.append(SensorTracks.of(table, sensor=k))
+    number = table.track[(table.plot >= 0) & lone[own[table.plot]]][-1]
+    tracks, centre, found = SensorTracks.concatenate(rows), FusionCentre(radars), []
+    for end in np.arange(5.0, 50.0, 5.0):
+        now = (tracks.time > end - 5.0) & (tracks.time <= end)
+        picture = centre.update(tracks[now], time=end)
+        found.append((picture[picture.members[:, 1] == number], centre.bias.range[1]))
+    (before, unknown), (after, offset) = found[-2:]
+    assert unknown == 0.0
+    assert offset > 100.0
+    moved = (after.position - before.position - 5.0 * before.velocity)[0]
+    away = before.position[0] - radars[1].position
+    assert_allclose(moved, -offset * away / np.linalg.norm(away), atol=0.05 * offset)

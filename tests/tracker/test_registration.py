@@ -111,8 +111,29 @@ def test_one_radar_determines_nothing():
     for some, end in scans(plots[plots.sensor == 0]):
         tracker.update(some, time=end)
     np.testing.assert_array_equal(columns(tracker.bias), 0.0)
+    # what drifts stays as uncertain as the prior
     sigma = columns(tracker.bias, "_sigma")[0]
-    assert np.all(sigma >= columns(RADAR_LIMITS, "_sigma"))
+    np.testing.assert_allclose(sigma, columns(RADAR_LIMITS, "_sigma"), rtol=1e-9)
+
+
+def test_errors_drift_as_their_bias_says():
+    plots, known = recording(), []
+    given = [RADAR_LIMITS, Bias(range_sigma=100.0, azimuth_sigma=0.1, time_sigma=0.1, degrees=True)]
+    drifts = [(0.0, None), (1.0, 30e3), (0.5, 15e3), (1.0, 3e3)]
+    given += [replace(given[1], drift_share=share, drift_time=time) for share, time in drifts]
+    for bias in given:
+        tracker = Tracker([replace(one, bias=bias) for one in RADARS])
+        for some, end in scans(plots):
+            tracker.update(some, time=end)
+        known.append(columns(tracker.bias, "_sigma"))
+    default = followed(plots)[0].bias
+    limits, silent, constant, drifting, half, fast = known
+    np.testing.assert_array_equal(limits, columns(default, "_sigma"))
+    np.testing.assert_array_equal(silent, constant)
+    np.testing.assert_array_equal(half, drifting)
+    unknown = constant > 0.0
+    assert np.all(constant[unknown] < drifting[unknown])
+    assert np.all(drifting[unknown] < fast[unknown])
 
 
 def test_a_sudden_change_is_found():

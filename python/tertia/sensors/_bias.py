@@ -26,6 +26,8 @@ from tertia.sensors._kinds import ANGLES, angle_sigma
 # systematic errors of a radar, and their standard deviations
 KINDS = ("range", "range_gain", "azimuth", "time")
 ERRORS = (*KINDS, *(f"{kind}_sigma" for kind in KINDS))
+# correlation time of the slow part of systematic errors that is assumed, in seconds
+DRIFT_TIME = 30_000.0
 # of a bias, the same for all sensors
 _ALIKE = (
     "drift_share",
@@ -363,5 +365,5 @@ RADAR_LIMITS = Bias(
     azimuth_sigma=float(np.radians(0.1)),
     time_sigma=0.1,
     drift_share=1.0,
-    drift_time=30_000.0,
+    drift_time=DRIFT_TIME,
 )

@@ -22,7 +22,8 @@ from tertia._arrays import (
     scalar_or_array,
     sequence_of,
 )
-from tertia.sensors._bias import ERRORS, RADAR_LIMITS, Bias
+from tertia.sensors._bias import DRIFT_TIME, ERRORS, RADAR_LIMITS, Bias
+from tertia.sensors._bias import KINDS as ERROR_KINDS
 from tertia.sensors._channels import Channel, channels_of, narrow, ways
 from tertia.sensors._kinds import KINDS, STATION_KINDS, Kind, angle_sigma
 from tertia.sensors._positions import PositionSensor
@@ -321,11 +322,32 @@ def own_biases(sensors: Sequence[Radar | PositionSensor | Station]) -> Bias:
     return Bias(**columns)
 
 
+def drift_rates(sensors: Sequence[Radar | PositionSensor | Station]) -> FloatArray:
+    """Return the rates at which systematic errors return to their prior, (K, 4), 1/s.
+
+    An error of which a share drifts counts as one that drifts as a whole, as much more slowly.
+    """
+    biases = [_bias_of(sensor) for sensor in sensors]
+    return np.array([[_drift_rate(bias, kind) for kind in ERROR_KINDS] for bias in biases])
+
+
+def _drift_rate(bias: Bias | None, kind: str) -> float:
+    """Return the rate at which a systematic error returns to its prior; 0 where it is constant."""
+    given = Bias() if bias is None else bias
+    is_estimated = bias is None or getattr(bias, f"{kind}_sigma") is None
+    share, time = given.drift_share, given.drift_time
+    if share is None:
+        share = 1.0 if is_estimated else 0.0
+    return share / (DRIFT_TIME if time is None else time)
+
+
 def _bias_of(sensor: Radar | PositionSensor | Station) -> Bias | None:
     """Return the bias of a sensor; None: that of a radar within the limits."""
     if sensor.bias is not None or isinstance(sensor, Radar):
         return sensor.bias
-    return Bias(time_sigma=_LATENCY_SIGMA if isinstance(sensor, PositionSensor) else 0.0)
+    if isinstance(sensor, PositionSensor):
+        return Bias(time_sigma=_LATENCY_SIGMA, drift_share=1.0)
+    return Bias()
 
 
 def _error(bias: Bias | None, kind: str) -> float:

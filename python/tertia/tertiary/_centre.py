@@ -24,7 +24,7 @@ from tertia._arrays import (
 from tertia._result import Result
 from tertia.sensors import Bias, Radar
 from tertia.sensors._bias import KINDS
-from tertia.sensors._sensors import own_biases
+from tertia.sensors._sensors import drift_rates, own_biases
 from tertia.tertiary._tracks import SensorTracks
 from tertia.tracker._earth import plane_of
 from tertia.tracker._models import core_radar
@@ -195,7 +195,8 @@ class FusionCentre:
             for suffix in ("", "_sigma")
         )
         radars = [core_radar(radar) for radar in self.sensors]
-        self._core = _core.FusionCentre(radars, **options, mean=mean, sigma=sigma)
+        drift = drift_rates(self.sensors)
+        self._core = _core.FusionCentre(radars, **options, mean=mean, sigma=sigma, drift=drift)
         self._time = -np.inf
 
     @property

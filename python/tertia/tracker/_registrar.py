@@ -10,7 +10,7 @@ import numpy as np
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.sensors import Bias, PositionSensor, Radar, Station
-from tertia.sensors._sensors import own_biases
+from tertia.sensors._sensors import drift_rates, own_biases
 from tertia.tracker._earth import in_plane
 from tertia.tracker._plots import Plots
 from tertia.tracker._sensors import Sensor, core_sensors, interval
@@ -205,7 +205,9 @@ class Registrar:
 
     def _start_from(self, bias: Bias) -> None:
         radars, _ = core_sensors(self.sensors, "cv")
-        self._core = _core.Registrar(radars, columns_of(bias), columns_of(bias, "_sigma"))
+        self._core = _core.Registrar(
+            radars, columns_of(bias), columns_of(bias, "_sigma"), drift_rates(self.sensors)
+        )
 
     def __getstate__(self) -> dict[str, Any]:
         """Return all that is known."""

@@ -68,7 +68,8 @@ pub struct FusionCentre {
 
 #[pymethods]
 impl FusionCentre {
-    /// Errors (K, 4) as they are known before, and their standard deviations.
+    /// Errors (K, 4) as they are known before, their standard deviations, and the rates at which they
+    /// drift.
     #[new]
     fn new(
         radars: Vec<PyRef<'_, Radar>>,
@@ -77,6 +78,7 @@ impl FusionCentre {
         registers: bool,
         mean: Input<'_>,
         sigma: Input<'_>,
+        drift: Input<'_>,
     ) -> PyResult<Self> {
         let choices = [
             ("tracklets", Rule::Tracklets),
@@ -87,14 +89,15 @@ impl FusionCentre {
             ("paper", Rule::Paper),
         ];
         let rule = choice("method", method, &choices)?;
-        let (mean, sigma) =
-            (mean.points::<ERRORS>("mean", 1)?, sigma.points::<ERRORS>("sigma", 1)?);
+        let [mean, sigma, drift] = [(mean, "mean"), (sigma, "sigma"), (drift, "drift")]
+            .map(|(input, name)| input.points::<ERRORS>(name, 1));
+        let (mean, sigma, drift) = (mean?, sigma?, drift?);
         let radars: Vec<_> = radars.iter().map(|radar| radar.0.clone()).collect();
         let sensors = radars.len();
-        if mean.len() != sensors || sigma.len() != sensors {
+        if [&mean, &sigma, &drift].iter().any(|own| own.len() != sensors) {
             return Err(PyValueError::new_err("the columns differ in length"));
         }
-        let errors = mean.into_iter().zip(sigma).map(|(mean, sigma)| [mean, sigma]).collect();
+        let errors = (0..sensors).map(|k| [mean[k], sigma[k], drift[k]]).collect();
         let centre = Centre::new(Settings { radars, rule, cross_correlation, registers, errors });
         Ok(Self { centre, sensors })
     }

@@ -9,6 +9,7 @@
 //! | `sighting`, `block` | what plots of one target by several radars say of the errors of the radars | O(n K²) |
 //! | `recording` | the errors of the radars from all blocks of a recording | O(N log N + N K²) |
 //! | `live` | the errors scan by scan, from a few dozen targets | O(K³) a scan |
+//! | `gaussian` | what is known of the errors, and how it ages | O(K³) |
 //! | `followed` | the tracks, and what the errors add to their covariances | O(R²) a row of R radars |
 //! | `vote` | sudden changes that are larger than the gates, by the tracks that miss their plots | O(V²) |
 //! | `alarm` | radars whose last plots do not fit their tracks | O(1) a plot |
@@ -24,6 +25,7 @@ mod common;
 mod correction;
 mod exchange;
 mod followed;
+mod gaussian;
 mod lines;
 mod live;
 mod noise;

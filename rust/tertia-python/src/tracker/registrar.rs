@@ -18,12 +18,18 @@ pub struct Registrar(core::Registrar);
 #[pymethods]
 impl Registrar {
     #[new]
-    fn new(radars: Vec<PyRef<'_, Radar>>, mean: Input<'_>, sigma: Input<'_>) -> PyResult<Self> {
+    fn new(
+        radars: Vec<PyRef<'_, Radar>>,
+        mean: Input<'_>,
+        sigma: Input<'_>,
+        drift: Input<'_>,
+    ) -> PyResult<Self> {
         let radars: Vec<_> = radars.iter().map(|radar| radar.0.clone()).collect();
         let mean = mean.points::<ERRORS>("mean", 1)?;
         let sigma = sigma.points::<ERRORS>("sigma", 1)?;
-        same_length(radars.len(), &[mean.len(), sigma.len()])?;
-        Ok(Self(core::Registrar::new(radars, mean, sigma)))
+        let drift = drift.points::<ERRORS>("drift", 1)?;
+        same_length(radars.len(), &[mean.len(), sigma.len(), drift.len()])?;
+        Ok(Self(core::Registrar::new(radars, mean, sigma, &drift)))
     }
 
     /// Times, ranges and azimuths of plots without the errors known, (N,) each.
@@ -75,7 +81,7 @@ impl Registrar {
         })?;
         table.upper(py, "covariance", |values| {
             for (upper, (_, added)) in values.chunks_exact_mut(10).zip(&rows) {
-                for (place, &at) in UPPER.iter().enumerate().filter(|(n, _)| n / 4 <= n % 4) {
+                for (at, place) in [0, 1, 2, 3, 5, 6, 7, 10, 11, 15].into_iter().enumerate() {
                     upper[at] += added[place];
                 }
             }
@@ -154,13 +160,17 @@ fn updates(
             own.map_or(Report { time: time[i], ..missed(radar) }, |own| report(&plots.get(own)));
         let pair = |values: &[f64]| [values[2 * i], values[2 * i + 1]];
         let upper = &covariance[10 * i..][..10];
+        let mut whole = [0.0; 16];
+        for (place, at) in UPPER.into_iter().enumerate() {
+            whole[place] = upper[at];
+        }
         let own = &spread[3 * i..][..3];
         Update {
             plot: TargetPlot { report, target: track[i], turn_probability: turning[i] },
             confirmed: confirmed[i],
             position: pair(&position),
             velocity: pair(&velocity),
-            covariance: UPPER.map(|at| upper[at]),
+            covariance: whole,
             innovation: pair(&innovation),
             innovation_covariance: [own[0], own[1], own[1], own[2]],
         }

@@ -118,8 +118,8 @@ impl TrackColumns {
             _ => None,
         };
         self.values(py, name, own, |array| {
-            let values: Vec<f64> = array.call_method0("ravel")?.extract()?;
-            Ok(values)
+            let values: PyReadonlyArray1<'_, f64> = array.call_method0("ravel")?.extract()?;
+            Ok(values.as_slice()?.to_vec())
         })
     }
 
@@ -128,7 +128,10 @@ impl TrackColumns {
             Data::Integers(values) => Some(values.clone()),
             _ => None,
         };
-        self.values(py, name, own, |array| array.extract())
+        self.values(py, name, own, |array| {
+            let values: PyReadonlyArray1<'_, i64> = array.extract()?;
+            Ok(values.as_slice()?.to_vec())
+        })
     }
 
     pub fn flags(&self, py: Python<'_>, name: &str) -> PyResult<Vec<bool>> {

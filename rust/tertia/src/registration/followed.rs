@@ -167,26 +167,29 @@ impl Followed {
         velocity: [f64; 2],
         unknowns: &[Option<(usize, f64)>; ERRORS],
     ) {
-        let ([u, v], weights) = (seen.axes, sigma.map(|sigma| 1.0 / (sigma * sigma)));
-        let weight = |i: usize, j: usize| weights[0] * u[i] * u[j] + weights[1] * v[i] * v[j];
+        let [u, v] = seen.axes;
+        let (a, b) = (1.0 / (sigma[0] * sigma[0]), 1.0 / (sigma[1] * sigma[1]));
+        let weight = |i: usize, j: usize| a * u[i] * u[j] + b * v[i] * v[j];
         let (east, both, north) = (weight(0, 0), weight(0, 1), weight(1, 1));
-        let [a, b] = [0, 4].map(|row| std::array::from_fn::<f64, 4, _>(|i| covariance[row + i]));
-        let mut gain: Gain = [
-            std::array::from_fn(|i| a[i] * east + b[i] * both),
-            std::array::from_fn(|i| a[i] * both + b[i] * north),
-        ];
+        let mut gain: Gain = [[0.0; 4]; 2];
+        for i in 0..4 {
+            let (a, b) = (covariance[i], covariance[4 + i]);
+            gain[0][i] = a * east + b * both;
+            gain[1][i] = a * both + b * north;
+        }
         // that of a filter of several models is of no one gain; a track goes to a plot at most
         let middle = 0.5 * (gain[0][0] + gain[1][1]);
         let determinant = gain[0][0] * gain[1][1] - gain[0][1] * gain[1][0];
         let most = middle + (middle * middle - determinant).max(0.0).sqrt();
         if most > 1.0 {
-            gain = gain.map(|column| column.map(|value| value / most));
+            gain.as_flattened_mut().iter_mut().for_each(|value| *value /= most);
         }
-        for (own, sigma) in own.into_iter().zip(sigma) {
-            self.share = self.share.min((own / sigma).powi(2));
+        for axis in 0..2 {
+            let share = own[axis] / sigma[axis];
+            self.share = self.share.min(share * share);
         }
-        let wider = [0, 1].map(|axis| sigma[axis] * sigma[axis] - own[axis] * own[axis]);
-        let wide = |i: usize, j: usize| wider[0] * u[i] * u[j] + wider[1] * v[i] * v[j];
+        let [a, b] = [sigma[0] * sigma[0] - own[0] * own[0], sigma[1] * sigma[1] - own[1] * own[1]];
+        let wide = |i: usize, j: usize| a * u[i] * u[j] + b * v[i] * v[j];
         self.exceed(&gain, [wide(0, 0), wide(0, 1), wide(1, 1)]);
         let own = displaced(seen, velocity, unknowns);
         self.update(seen.radar, &gain, &own);
@@ -199,9 +202,12 @@ impl Followed {
         self.part(radar);
         for (k, _, part) in &mut self.parts {
             let seen = if *k == radar { own } else { &[[0.0; 2]; ERRORS] };
-            for (row, own) in part.iter_mut().zip(seen) {
-                let moved = [own[0] - row[0], own[1] - row[1]];
-                *row = std::array::from_fn(|i| row[i] + (east[i] * moved[0] + north[i] * moved[1]));
+            for j in 0..ERRORS {
+                let row = &mut part[j];
+                let (a, b) = (seen[j][0] - row[0], seen[j][1] - row[1]);
+                for i in 0..4 {
+                    row[i] += east[i] * a + north[i] * b;
+                }
             }
         }
     }
@@ -213,13 +219,14 @@ impl Followed {
         let [east, north] = gain;
         let [a, b, ..] = self.excess;
         let (xx, xy, yy) = (a[0] + xx, a[1] + xy, b[1] + yy);
-        for (i, row) in self.excess.iter_mut().enumerate() {
+        for i in 0..4 {
             let along = east[i] * xx + north[i] * xy - a[i];
             let across = east[i] * xy + north[i] * yy - b[i];
-            *row = std::array::from_fn(|j| {
+            let row = &mut self.excess[i];
+            for j in 0..4 {
                 let before = east[i] * a[j] + north[i] * b[j];
-                row[j] + (along * east[j] + across * north[j] - before)
-            });
+                row[j] += along * east[j] + across * north[j] - before;
+            }
         }
     }
 
@@ -229,13 +236,16 @@ impl Followed {
     pub fn limit(&mut self, covariance: &[f64; 16]) {
         let most = 1.0 - 0.5 * self.share;
         for _ in 0..HALVINGS {
-            let left: [[f64; 4]; 4] = std::array::from_fn(|i| {
-                std::array::from_fn(|j| most * covariance[4 * i + j] - self.excess[i][j])
-            });
+            let mut left = [[0.0; 4]; 4];
+            for i in 0..4 {
+                for j in 0..4 {
+                    left[i][j] = most * covariance[4 * i + j] - self.excess[i][j];
+                }
+            }
             if is_regular(left) {
                 return;
             }
-            self.excess = self.excess.map(|row| row.map(|value| 0.5 * value));
+            self.excess.as_flattened_mut().iter_mut().for_each(|value| *value *= 0.5);
         }
         self.excess = [[0.0; 4]; 4];
     }
@@ -253,14 +263,19 @@ impl Followed {
             for (other, _, second) in &self.parts[n + 1..] {
                 add_product(&mut product, errors.of(*k, *other), second);
             }
-            for (i, sum) in sum.iter_mut().enumerate() {
-                *sum = combined(*sum, &part.map(|row| row[i]), &product);
+            for i in 0..4 {
+                let column = [part[0][i], part[1][i], part[2][i], part[3][i]];
+                sum[i] = combined(sum[i], &column, &product);
             }
         }
-        std::array::from_fn(|n| {
-            let (i, j) = (n / 4, n % 4);
-            sum[i][j] + sum[j][i] - 0.5 * (self.excess[i][j] + self.excess[j][i])
-        })
+        let mut added = [0.0; 16];
+        for i in 0..4 {
+            for j in 0..4 {
+                let excess = 0.5 * (self.excess[i][j] + self.excess[j][i]);
+                added[4 * i + j] = sum[i][j] + sum[j][i] - excess;
+            }
+        }
+        added
     }
 
     /// By how much it moves when the errors of the radars are found to be larger by this, in units of
@@ -269,9 +284,9 @@ impl Followed {
     pub fn moved(&self, by: &[Errors]) -> [f64; 4] {
         let mut sum = [0.0; 4];
         for (k, _, part) in &self.parts {
-            for (row, by) in part.iter().zip(by[*k]) {
-                for (sum, own) in sum.iter_mut().zip(row) {
-                    *sum -= own * by;
+            for (row, by) in part.iter().zip(&by[*k]) {
+                for i in 0..4 {
+                    sum[i] -= row[i] * by;
                 }
             }
         }
@@ -308,6 +323,7 @@ fn is_regular(mut a: [[f64; 4]; 4]) -> bool {
 }
 
 /// By how much a unit of each error moves a plot.
+#[inline(always)]
 fn displaced(
     seen: &Sighting,
     velocity: [f64; 2],
@@ -315,17 +331,23 @@ fn displaced(
 ) -> [[f64; 2]; ERRORS] {
     let [u, v] = seen.axes;
     let [along, across] = seen.design(velocity.into());
-    std::array::from_fn(|j| {
-        let sigma = unknowns[j].map_or(0.0, |(_, sigma)| sigma);
-        [0, 1].map(|side| sigma * (u[side] * along[j] + v[side] * across[j]))
-    })
+    let mut moved = [[0.0; 2]; ERRORS];
+    for j in 0..ERRORS {
+        if let Some((_, sigma)) = unknowns[j] {
+            moved[j] = [
+                sigma * (u[0] * along[j] + v[0] * across[j]),
+                sigma * (u[1] * along[j] + v[1] * across[j]),
+            ];
+        }
+    }
+    moved
 }
 
 /// `sum + a b`
 #[inline(always)]
 fn add_product(sum: &mut Part, a: &Part, b: &Part) {
-    for (sum, a) in sum.iter_mut().zip(a) {
-        *sum = combined(*sum, a, b);
+    for i in 0..ERRORS {
+        sum[i] = combined(sum[i], &a[i], b);
     }
 }
 

@@ -9,13 +9,14 @@ use super::block::{Known, Unknowns};
 use super::change::{Scan, changed};
 use super::exchange::{Learnt, Update};
 use super::followed::{self, Blocks, Followed};
+use super::gaussian::Gaussian;
 use super::recording::{STATED, Sums, TargetPlot, for_each, numbered, scans};
 use super::sighting::{CLOCK, ERRORS, Errors, Report, Sighting};
 use super::vote::{suspects, vote};
 use super::watch::Watch;
 use crate::base::state::{restored, saved};
 use crate::sensors::Radar;
-use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
+use nalgebra::DMatrix;
 use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -23,9 +24,6 @@ use std::collections::BTreeMap;
 /// Scans by which the clock that is taken out of the plots of a radar changes at once: more would put
 /// plots before those that were tracked.
 const CLOCK_STEP: f64 = 0.25;
-/// Standard deviations of the prior by which errors wander within ten minutes.
-const WANDER: f64 = 0.2;
-const WANDER_TIME: f64 = 600.0;
 /// Redundant measurements that the noise is known by at most.
 const MEMORY: f64 = 150.0;
 /// Seconds in which a sudden change is sought, and its size in standard deviations of the prior.
@@ -54,8 +52,7 @@ pub struct Registrar {
     /// Means before anything was seen, in their units.
     start: Vec<Errors>,
     /// What is known since, in units of the prior.
-    mean: DVector<f64>,
-    covariance: DMatrix<f64>,
+    known: Gaussian,
     /// Clocks as they are taken out of plots, s.
     clocks: Vec<f64>,
     factor: Vec<[f64; 2]>,
@@ -73,20 +70,27 @@ pub struct Registrar {
 }
 
 impl Registrar {
-    /// Of radars whose errors have these means and standard deviations; 0 is no error.
+    /// Of radars whose errors have these means and standard deviations; 0 is no error. They drift back
+    /// to the means at these rates, 1/s; 0 is constant.
     ///
     /// # Panics
     /// If the lengths differ.
-    pub fn new(radars: Vec<Radar>, start: Vec<Errors>, sigma: Vec<Errors>) -> Self {
-        assert!(start.len() == radars.len() && sigma.len() == radars.len());
-        let (k, order) = (radars.len(), sigma.iter().flatten().filter(|one| **one > 0.0).count());
+    pub fn new(
+        radars: Vec<Radar>,
+        start: Vec<Errors>,
+        sigma: Vec<Errors>,
+        drift: &[Errors],
+    ) -> Self {
+        assert!([start.len(), sigma.len(), drift.len()].iter().all(|&count| count == radars.len()));
+        let k = radars.len();
+        let unknown = sigma.iter().flatten().zip(drift.iter().flatten());
+        let rates = unknown.filter(|(sigma, _)| **sigma > 0.0).map(|(_, rate)| *rate).collect();
         Self {
             clocks: start.iter().map(|errors| errors[CLOCK]).collect(),
             radars,
             sigma,
             start,
-            mean: DVector::zeros(order),
-            covariance: DMatrix::identity(order, order),
+            known: Gaussian::new(rates),
             factor: vec![[1.0; 2]; k],
             squares: vec![[0.0; 2]; k],
             redundancy: vec![[0.0; 2]; k],
@@ -105,7 +109,7 @@ impl Registrar {
     pub fn errors(&self) -> Vec<Errors> {
         let mut errors = self.start.clone();
         for_each(&self.unknowns(), |k, j, column, sigma| {
-            errors[k][j] += self.mean[column] * sigma;
+            errors[k][j] += self.known.mean[column] * sigma;
         });
         errors
     }
@@ -123,7 +127,7 @@ impl Registrar {
     pub fn sigmas(&self) -> Vec<Errors> {
         let mut found = vec![[0.0; ERRORS]; self.radars.len()];
         for_each(&self.unknowns(), |k, j, column, sigma| {
-            found[k][j] = self.covariance[(column, column)].max(0.0).sqrt() * sigma;
+            found[k][j] = self.known.covariance[(column, column)].max(0.0).sqrt() * sigma;
         });
         found
     }
@@ -136,7 +140,7 @@ impl Registrar {
         for_each(&unknowns, |k, j, row, sigma| {
             for_each(&unknowns, |l, i, column, other| {
                 let place = (ERRORS * k + j, ERRORS * l + i);
-                all[place] = self.covariance[(row, column)] * sigma * other;
+                all[place] = self.known.covariance[(row, column)] * sigma * other;
             });
         });
         all
@@ -208,23 +212,20 @@ impl Registrar {
             moved: &moved,
             errors: &errors,
         });
-        let mut tracks = Vec::new();
-        for (number, track) in &mut self.tracks {
-            let by = track.moved(&moved);
-            tracks.push((*number, track.row_time, by));
-            for i in 0..2 {
-                track.position[i] += by[i];
-                track.velocity[i] += by[2 + i];
-            }
-        }
+        let tracks = self.shift(&moved);
         self.end(loose, time);
         Learnt { rows, tracks }
     }
 
-    /// The same without loose plots; returns what the errors add to the covariance of each target, in
-    /// the order of these.
-    pub(crate) fn learn_last(&mut self, updates: &[Update], time: f64) -> Vec<(i64, [f64; 16])> {
-        let (applied, _) = self.begin(updates, time);
+    /// The same without loose plots; returns what the errors add to the covariance of each target of
+    /// these rows, in their order, and by how much all targets move, at the times of their last rows.
+    #[allow(clippy::type_complexity)] // two columns
+    pub(crate) fn learn_last(
+        &mut self,
+        updates: &[Update],
+        time: f64,
+    ) -> (Vec<(i64, [f64; 16])>, Vec<(i64, f64, [f64; 4])>) {
+        let (applied, moved) = self.begin(updates, time);
         let (unknowns, errors) = (self.unknowns(), self.blocks());
         for update in updates {
             self.carry(update, &applied, &unknowns);
@@ -234,8 +235,23 @@ impl Registrar {
         targets.dedup();
         let added = |target: i64| (target, self.tracks[&target].added(&errors));
         let added = targets.into_iter().map(added).collect();
+        let moved = self.shift(&moved);
         self.end(&[], time);
-        added
+        (added, moved)
+    }
+
+    /// Moves the tracks by what the errors are found to be larger: numbers, times, and by how much.
+    fn shift(&mut self, by: &[Errors]) -> Vec<(i64, f64, [f64; 4])> {
+        let mut tracks = Vec::with_capacity(self.tracks.len());
+        for (number, track) in &mut self.tracks {
+            let by = track.moved(by);
+            tracks.push((*number, track.row_time, by));
+            for i in 0..2 {
+                track.position[i] += by[i];
+                track.velocity[i] += by[2 + i];
+            }
+        }
+        tracks
     }
 
     /// Learns from blocks that end by a time; returns the noise that was applied before, with and
@@ -244,14 +260,17 @@ impl Registrar {
         let own = (0..self.radars.len()).map(|k| self.own_noise(k));
         let applied = self.noise().into_iter().zip(own).map(|(wide, own)| [wide, own]).collect();
         let blocks = self.closed(updates, time, scans(&self.radars));
-        let (before, changes) = (self.mean.clone(), self.changes.len());
-        self.wander(time);
+        let (before, changes) = (self.known.mean.clone(), self.changes.len());
+        if self.time.is_finite() && time > self.time {
+            self.known.drift(time - self.time);
+        }
+        self.time = self.time.max(time);
         self.step(&blocks, time);
         let mut moved = vec![[0.0; ERRORS]; self.radars.len()];
         // errors that are new are not those of the plots before
         if self.changes.len() == changes {
             for_each(&self.unknowns(), |k, j, column, _| {
-                moved[k][j] = self.mean[column] - before[column];
+                moved[k][j] = self.known.mean[column] - before[column];
             });
         }
         (applied, moved)
@@ -305,7 +324,7 @@ impl Registrar {
         let unknowns = self.unknowns();
         let columns: Vec<_> =
             unknowns.iter().map(|own| own.map(|one| one.map(|(column, _)| column))).collect();
-        Blocks::new(&self.covariance, &columns)
+        Blocks::new(&self.known.covariance, &columns)
     }
 
     /// Raises noise that has grown suddenly, and counts plots that are far off.
@@ -315,16 +334,15 @@ impl Registrar {
             return;
         }
         let k = seen.radar;
-        let s = Matrix2::from_row_slice(&update.innovation_covariance);
         let [xx, xy, _, yy] = update.innovation_covariance;
         let square = e[0] * e[0] * yy - 2.0 * e[0] * e[1] * xy + e[1] * e[1] * xx;
         self.alarms[k].see(square / (xx * yy - xy * xy));
         let noise = seen.noise(self.own_noise(k));
-        for (axis, noise) in noise.into_iter().enumerate() {
-            let direction = seen.axes[axis];
-            let variance = direction.dot(&(s * direction));
-            let innovation = direction.dot(&Vector2::from(e));
-            let found = self.watches[k][axis].see(innovation, variance, noise * noise);
+        for axis in 0..2 {
+            let (east, north) = (seen.axes[axis][0], seen.axes[axis][1]);
+            let variance = east * (east * xx + 2.0 * north * xy) + north * north * yy;
+            let (innovation, noise) = (east * e[0] + north * e[1], noise[axis] * noise[axis]);
+            let found = self.watches[k][axis].see(innovation, variance, noise);
             if let Some(growth) = found {
                 let square = growth * self.factor[k][axis].powi(2);
                 self.factor[k][axis] = square.sqrt();
@@ -344,10 +362,10 @@ impl Registrar {
                 continue;
             };
             for ((column, sigma), moved) in [range, azimuth].into_iter().zip(moved) {
-                self.mean[column] += moved / sigma;
+                self.known.mean[column] += moved / sigma;
             }
             for (column, _) in own.iter().flatten() {
-                self.covariance[(*column, *column)] += VOTED;
+                self.known.covariance[(*column, *column)] += VOTED;
             }
             self.loose.retain(|plot| plot.radar != k);
             // their plots may be of other targets
@@ -357,23 +375,12 @@ impl Registrar {
         }
     }
 
-    /// Lets the errors wander.
-    fn wander(&mut self, time: f64) {
-        if self.time.is_finite() && time > self.time {
-            let grown = WANDER * WANDER * (time - self.time) / WANDER_TIME;
-            for i in 0..self.mean.len() {
-                self.covariance[(i, i)] += grown;
-            }
-        }
-        self.time = self.time.max(time);
-    }
-
     /// Updates by the blocks of a scan.
     fn step(&mut self, blocks: &[Vec<TargetPlot>], time: f64) {
-        let (order, unknowns) = (self.mean.len(), self.unknowns());
+        let (order, unknowns) = (self.known.mean.len(), self.unknowns());
         let mut sums = Sums::new(order, self.radars.len());
         let errors = self.errors();
-        let mut known = Known::new(&self.covariance);
+        let mut known = Known::new(&self.known.covariance);
         for block in blocks {
             sums.add(block, &self.radars, &unknowns, &errors, &self.factor, &mut known);
         }
@@ -382,22 +389,12 @@ impl Registrar {
             return;
         }
         let information = sums.information - DMatrix::identity(order, order);
-        let score = sums.score + &information * &self.mean;
-        let (mean, covariance) = (self.mean.clone(), self.covariance.clone());
-        self.update(&information, &score);
+        let score = sums.score + &information * &self.known.mean;
+        let (mean, covariance) = (self.known.mean.clone(), self.known.covariance.clone());
+        self.known.update(&information, &score);
         self.recent.retain(|scan| time - scan.time <= CHANGE_TIME);
         self.recent.push(Scan { time, information, score, mean, covariance });
         self.find_change(time);
-    }
-
-    /// Updates by normal equations about errors of zero.
-    fn update(&mut self, information: &DMatrix<f64>, score: &DVector<f64>) {
-        let order = self.mean.len();
-        let sum = DMatrix::identity(order, order) + &self.covariance * information;
-        let Some(inverse) = sum.try_inverse() else { return };
-        let covariance = inverse * &self.covariance;
-        self.covariance = 0.5 * (&covariance + covariance.transpose());
-        self.mean += &self.covariance * (score - information * &self.mean);
     }
 
     fn learn_noise(&mut self, sums: &Sums) {
@@ -421,13 +418,13 @@ impl Registrar {
         for_each(&self.unknowns(), |k, _, column, _| own[k].push(column));
         let Some((from, radar)) = changed(&self.recent, &own, CHANGE) else { return };
         let scans = std::mem::take(&mut self.recent);
-        self.mean = scans[from].mean.clone();
-        self.covariance = scans[from].covariance.clone();
+        self.known.mean = scans[from].mean.clone();
+        self.known.covariance = scans[from].covariance.clone();
         for &column in &own[radar] {
-            self.covariance[(column, column)] += CHANGE * CHANGE;
+            self.known.covariance[(column, column)] += CHANGE * CHANGE;
         }
         for scan in &scans[from..] {
-            self.update(&scan.information, &scan.score);
+            self.known.update(&scan.information, &scan.score);
         }
         self.changes.push((time, radar));
     }

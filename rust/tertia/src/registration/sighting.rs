@@ -148,8 +148,8 @@ impl Sighting {
     /// How far a unit of each error moves the plot along both axes, at this velocity.
     pub fn design(&self, velocity: Vector2<f64>) -> [Errors; 2] {
         let slope = self.range / self.ground;
-        let late = self.axes.map(|axis| -axis.dot(&velocity));
-        [[slope, slope * self.range, 0.0, late[0]], [0.0, 0.0, self.ground, late[1]]]
+        let [along, across] = [-self.axes[0].dot(&velocity), -self.axes[1].dot(&velocity)];
+        [[slope, slope * self.range, 0.0, along], [0.0, 0.0, self.ground, across]]
     }
 }
 

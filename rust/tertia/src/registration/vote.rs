@@ -7,9 +7,8 @@
 
 use super::followed::Followed;
 use super::sighting::Report;
-use crate::base::angle::{median, nearest};
+use crate::base::angle::median;
 use crate::sensors::Radar;
-use std::f64::consts::TAU;
 
 /// Scans of the radar in which a track has a plot, or misses it.
 const WINDOW: f64 = 1.3;
@@ -75,17 +74,17 @@ pub(super) fn vote<'a>(
     if !is_suspect(covered.len(), covered.len() - missing.len()) {
         return None;
     }
-    let own: Vec<&Report> = loose
-        .iter()
-        .filter(|plot| plot.radar == k && plot.time >= since && plot.time <= time)
-        .collect();
-    let votes: Vec<(usize, [f64; 2])> = missing
-        .iter()
-        .take(VOTERS)
-        .enumerate()
-        .flat_map(|(i, track)| own.iter().map(move |plot| (i, off(track, plot, radar))))
-        .filter(|(_, [range, azimuth])| range.abs() < FAR && azimuth.abs() < WIDE)
-        .collect();
+    let mut votes: Vec<(usize, [f64; 2])> = Vec::new();
+    for plot in loose.iter().filter(|plot| plot.radar == k) {
+        if plot.time < since || plot.time > time {
+            continue;
+        }
+        let seen = Seen::new(plot, radar);
+        let tracks = missing.iter().take(VOTERS).enumerate();
+        votes.extend(tracks.filter_map(|(i, track)| Some((i, seen.off(track)?))));
+    }
+    // the votes of a track one after the other
+    votes.sort_by_key(|(track, _)| *track);
     let sigma = [radar.range_sigma, radar.azimuth_sigma];
     let agreeing = |centre: &[f64; 2]| {
         let near = |vote: &[f64; 2]| {
@@ -107,14 +106,40 @@ pub(super) fn vote<'a>(
     (best.len() >= enough && beyond).then_some(moved)
 }
 
-/// Range and azimuth of a plot less those of the track at its time.
-fn off(track: &Followed, plot: &Report, radar: &Radar) -> [f64; 2] {
-    let ahead = plot.time - track.time;
-    let [east, north] =
-        [0, 1].map(|i| track.position[i] + ahead * track.velocity[i] - radar.position[i]);
-    let up = if plot.height.is_finite() { plot.height - radar.position[2] } else { 0.0 };
-    let range = east.hypot(north).hypot(up);
-    [plot.range - range, nearest(plot.azimuth - east.atan2(north), 0.0, TAU)]
+/// A plot as its radar sees it.
+struct Seen {
+    time: f64,
+    range: f64,
+    /// Sine and cosine of its azimuth.
+    direction: [f64; 2],
+    /// Of its radar, and how high it is above that.
+    site: [f64; 2],
+    up: f64,
+}
+
+impl Seen {
+    fn new(plot: &Report, radar: &Radar) -> Self {
+        let [x, y, z] = radar.position;
+        let up = if plot.height.is_finite() { plot.height - z } else { 0.0 };
+        let direction = plot.azimuth.sin_cos().into();
+        Self { time: plot.time, range: plot.range, direction, site: [x, y], up }
+    }
+
+    /// Range and azimuth of the plot less those of a track at its time; none where these are too far.
+    fn off(&self, track: &Followed) -> Option<[f64; 2]> {
+        let ahead = self.time - track.time;
+        let [east, north] =
+            [0, 1].map(|i| track.position[i] + ahead * track.velocity[i] - self.site[i]);
+        let [sine, cosine] = self.direction;
+        let (along, across) = (east * sine + north * cosine, east * cosine - north * sine);
+        // by its tangent: most tracks are farther aside
+        let is_near = across.abs() < WIDE * along;
+        if !is_near {
+            return None;
+        }
+        let range = self.range - (east * east + north * north + self.up * self.up).sqrt();
+        (range.abs() < FAR).then(|| [range, -across.atan2(along)])
+    }
 }
 
 #[cfg(test)]

@@ -40,8 +40,9 @@ pub struct Settings {
     pub cross_correlation: [f64; 2],
     /// Whether the errors of the sensors are estimated.
     pub registers: bool,
-    /// Systematic errors as they are known before, and their standard deviations.
-    pub errors: Vec<[Errors; 2]>,
+    /// Systematic errors as they are known before, their standard deviations, and the rates at which
+    /// they drift, 1/s.
+    pub errors: Vec<[Errors; 3]>,
 }
 
 /// A target of the picture.
@@ -85,9 +86,10 @@ pub struct Centre {
 impl Centre {
     /// A centre that knows no tracks.
     pub fn new(settings: Settings) -> Self {
-        let [start, sigma] = [0, 1].map(|at| settings.errors.iter().map(|one| one[at]).collect());
+        let [start, sigma, drift] =
+            [0, 1, 2].map(|at| settings.errors.iter().map(|one| one[at]).collect::<Vec<_>>());
         Self {
-            registrar: Registrar::new(settings.radars.clone(), start, sigma),
+            registrar: Registrar::new(settings.radars.clone(), start, sigma, &drift),
             settings,
             members: Vec::new(),
             waiting: Vec::new(),
@@ -284,9 +286,16 @@ impl Centre {
     /// Learns the errors of the sensors, in order of time.
     fn learn(&mut self, mut learnt: Vec<Update>, time: f64) {
         learnt.sort_by(|a, b| a.plot.report.time.total_cmp(&b.plot.report.time));
-        for (number, added) in self.registrar.learn_last(&learnt, time) {
+        let (added, moved) = self.registrar.learn_last(&learnt, time);
+        for (number, added) in added {
             if let Some(target) = self.targets.get_mut(&(number as u64)) {
                 target.added = nalgebra::SMatrix::from_row_slice(&added);
+            }
+        }
+        for (number, at, by) in moved {
+            let target = self.targets.get_mut(&(number as u64));
+            if let Some(follower) = target.and_then(|target| target.follower.as_mut()) {
+                follower.shift(at, by);
             }
         }
     }

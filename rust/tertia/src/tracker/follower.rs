@@ -49,6 +49,13 @@ impl Follower {
         }
     }
 
+    /// Moves the estimate by what its position and velocity were off at a time.
+    pub fn shift(&mut self, time: f64, [east, north, east_rate, north_rate]: [f64; 4]) {
+        let ahead = self.time - time;
+        let place = [east + ahead * east_rate, north + ahead * north_rate];
+        self.bank.shift(&[place[0], place[1], east_rate, north_rate].into());
+    }
+
     /// Position and velocity.
     pub fn estimate(&self) -> Estimate<4> {
         self.bank.estimate()

@@ -1,15 +1,20 @@
 use super::*;
 use crate::registration::sighting::tests::{PRIOR, close, radar};
-use nalgebra::Matrix4;
+use nalgebra::{Matrix2, Matrix4, Vector2};
 
 fn registrar() -> Registrar {
-    Registrar::new(vec![radar([0.0; 3], 50.0, 0.08)], vec![[0.0; ERRORS]], vec![PRIOR])
+    Registrar::new(
+        vec![radar([0.0; 3], 50.0, 0.08)],
+        vec![[0.0; ERRORS]],
+        vec![PRIOR],
+        &[[0.0; ERRORS]],
+    )
 }
 
 #[test]
 fn what_the_errors_add_to_a_track() {
     let mut registrar = registrar();
-    registrar.covariance = 0.09 * DMatrix::identity(4, 4);
+    registrar.known.covariance = 0.09 * DMatrix::identity(4, 4);
     let (radar, time, range, height) = (0, 4.0, 5e4, f64::NAN);
     let azimuth = 30_000_f64.atan2(40_000.0);
     let report = Report { radar, time, range, azimuth, height, place: None };
@@ -119,7 +124,7 @@ fn a_vote_throws_open_blocks_away() {
 #[test]
 fn a_clock_is_taken_out_by_steps() {
     let mut registrar = registrar();
-    registrar.mean[CLOCK] = -25.0;
+    registrar.known.mean[CLOCK] = -25.0;
     for expected in [-1.0, -2.0, -2.5, -2.5] {
         registrar.learn(&[], &[], &[], 0.0);
         let [.., clock] = registrar.taken_out()[0];
@@ -153,20 +158,20 @@ fn rows() -> Vec<Update> {
 
 fn two() -> Registrar {
     let radars = vec![radar([0.0; 3], 50.0, 0.08), radar([6e4, 0.0, 0.0], 50.0, 0.08)];
-    Registrar::new(radars, vec![[0.0; ERRORS]; 2], vec![PRIOR; 2])
+    Registrar::new(radars, vec![[0.0; ERRORS]; 2], vec![PRIOR; 2], &[[0.0; ERRORS]; 2])
 }
 
 #[test]
 fn the_first_block_teaches_and_moves_the_track() {
     let mut registrar = two();
     registrar.learn(&rows(), &[], &[[0.0; 2]; 2], 8.0);
-    assert_eq!(registrar.mean.amax(), 0.0);
+    assert_eq!(registrar.known.mean.amax(), 0.0);
     let before = registrar.tracks[&1].clone();
     let learnt = registrar.learn(&[], &[], &[[0.0; 2]; 2], 60.0);
     let offset = registrar.errors()[1][0];
     assert!((50.0..150.0).contains(&offset), "{offset}");
     assert!(registrar.sigmas()[1][0] < 0.9 * PRIOR[0]);
-    let by = [0, 1].map(|k| std::array::from_fn(|j| registrar.mean[ERRORS * k + j]));
+    let by = [0, 1].map(|k| std::array::from_fn(|j| registrar.known.mean[ERRORS * k + j]));
     let (number, _, moved) = learnt.tracks[0];
     assert_eq!((number, moved), (1, before.moved(&by)));
     assert!(moved[0].hypot(moved[1]) > 5.0, "{moved:?}");

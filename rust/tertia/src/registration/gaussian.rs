@@ -1,0 +1,85 @@
+//! What is known of the errors of all radars, in units of the prior: one Gaussian.
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+/// Errors of which each is Gauss–Markov with the variance of the prior, or constant.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Gaussian {
+    pub mean: DVector<f64>,
+    pub covariance: DMatrix<f64>,
+    /// Over which time each error forgets, as a rate: 1/s; 0 is constant.
+    rates: Vec<f64>,
+}
+
+impl Gaussian {
+    /// The prior of errors that drift at these rates.
+    pub fn new(rates: Vec<f64>) -> Self {
+        let order = rates.len();
+        Self { mean: DVector::zeros(order), covariance: DMatrix::identity(order, order), rates }
+    }
+
+    /// Lets the errors drift for some seconds. What nothing is known of stays as uncertain as the prior.
+    pub fn drift(&mut self, seconds: f64) {
+        let rest: Vec<f64> = self.rates.iter().map(|rate| (-rate * seconds).exp()).collect();
+        for (i, a) in rest.iter().enumerate() {
+            self.mean[i] *= a;
+            for (j, b) in rest.iter().enumerate() {
+                self.covariance[(i, j)] *= a * b;
+            }
+            self.covariance[(i, i)] += 1.0 - a * a;
+        }
+    }
+
+    /// Updates by normal equations about errors of zero. Cost O(q³).
+    pub fn update(&mut self, information: &DMatrix<f64>, score: &DVector<f64>) {
+        let order = self.mean.len();
+        let sum = DMatrix::identity(order, order) + &self.covariance * information;
+        let Some(inverse) = sum.try_inverse() else { return };
+        let covariance = inverse * &self.covariance;
+        self.covariance = 0.5 * (&covariance + covariance.transpose());
+        self.mean += &self.covariance * (score - information * &self.mean);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seen() -> Gaussian {
+        let mut errors = Gaussian::new(vec![0.0, 1e-3]);
+        errors.update(
+            &DMatrix::from_row_slice(2, 2, &[3.0, 1.0, 1.0, 3.0]),
+            &DVector::from_row_slice(&[2.0, -1.0]),
+        );
+        errors
+    }
+
+    #[test]
+    fn an_error_drifts_back_to_its_prior() {
+        let (before, mut after) = (seen(), seen());
+        after.drift(500.0);
+        let rest = (-0.5_f64).exp();
+        assert_eq!(after.mean[0], before.mean[0]);
+        assert_eq!(after.covariance[(0, 0)], before.covariance[(0, 0)]);
+        assert!((after.mean[1] - rest * before.mean[1]).abs() < 1e-15);
+        let variance = rest * rest * (before.covariance[(1, 1)] - 1.0) + 1.0;
+        assert!((after.covariance[(1, 1)] - variance).abs() < 1e-15);
+        assert!((after.covariance[(0, 1)] - rest * before.covariance[(0, 1)]).abs() < 1e-15);
+        after.drift(1e6);
+        assert!((after.covariance[(1, 1)] - 1.0).abs() < 1e-12);
+        assert!(after.mean[1].abs() < 1e-12);
+    }
+
+    #[test]
+    fn normal_equations_are_solved() {
+        // (I + Y)⁻¹ of Y = [3 1; 1 3]: [4 −1; −1 4] / 15
+        let errors = seen();
+        let expected = [4.0 / 15.0, -1.0 / 15.0, -1.0 / 15.0, 4.0 / 15.0];
+        for (found, expected) in errors.covariance.iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-15);
+        }
+        assert!((errors.mean[0] - 9.0 / 15.0).abs() < 1e-15);
+        assert!((errors.mean[1] + 6.0 / 15.0).abs() < 1e-15);
+    }
+}
