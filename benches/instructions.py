@@ -1,4 +1,4 @@
-"""Instructions of twelve kernels, which do not depend on the load of the machine.
+"""Instructions of kernels, which do not depend on the load of the machine.
 
     python benches/instructions.py            # compare with benches/instructions.txt
     python benches/instructions.py --record   # write that file

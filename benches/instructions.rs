@@ -1,4 +1,4 @@
-//! Twelve kernels whose instructions `benches/instructions.py` counts: `instructions KERNEL TIMES`
+//! Kernels whose instructions `benches/instructions.py` counts: `instructions KERNEL TIMES`
 //! runs one of them so many times, `instructions` alone prints their names.
 
 mod traffic;
@@ -12,8 +12,11 @@ use tertia::bearing::{BlockOutput, Estimator, Method, RobustRule, Shared};
 use tertia::fusion::{Beliefs, Centre, RadarReport, Rule};
 use tertia::kalman::{Batch, End, Filter, PerStep, Row, Series, Singer, Steps, Table, smooth};
 use tertia::location::{Instant, Locator, Output};
+use tertia::registration::{Errors, Report, TargetPlot, register};
 use tertia::screening::mask;
 use tertia::sensors::KINDS;
+use tertia::smoothing::{self, Noise, Options, Smoothed, Track};
+use tertia::tertiary;
 use tertia::tracker::{ImmModel, Motion, Settings, Tracker};
 use traffic::{SPACING, radars, scans};
 
@@ -21,7 +24,7 @@ type Kernel = Box<dyn FnMut()>;
 type Prepare = fn() -> Kernel;
 
 const ONE: Option<NonZero<usize>> = NonZero::new(1);
-const KERNELS: [(&str, Prepare); 12] = [
+const KERNELS: [(&str, Prepare); 17] = [
     ("mask", || masks(1, 100_000)),
     ("mask batch", || masks(400, 100)),
     ("estimate_bearing", bearings),
@@ -34,6 +37,11 @@ const KERNELS: [(&str, Prepare); 12] = [
     ("locate robust", positions),
     ("associate", associations),
     ("tracker scan", tracks),
+    ("smooth", || smoothed_track(1e-3)),
+    ("smooth by rows", || smoothed_track(0.0)),
+    ("smooth and noise", noisy_track),
+    ("register", registered),
+    ("centre cycle", pictures),
 ];
 /// Steps of a series in a block.
 const STEPS: usize = 200;
@@ -287,6 +295,146 @@ fn tracks() -> Kernel {
         for plots in black_box(&scans) {
             rows.clear();
             tracker.track(&plots[..], None, &mut statuses, &mut rows, ONE).unwrap();
+        }
+    })
+}
+
+/// Plots in two axes.
+fn positions_of(count: usize) -> (Vec<f64>, Vec<f64>) {
+    let at = |i: usize| {
+        let turned = 0.02 * i as f64;
+        [200.0 * turned.cos() + noise(2 * i), 200.0 * turned.sin() + noise(2 * i + 1)]
+    };
+    ((0..count).flat_map(at).collect(), (0..count).map(|i| i as f64).collect())
+}
+
+/// Where a smoothed track of two axes goes.
+struct Room([Vec<f64>; 3]);
+
+impl Room {
+    fn new(count: usize) -> Self {
+        Self([6, 36, 2].map(|numbers| vec![0.0; numbers * count]))
+    }
+
+    fn results(&mut self) -> Smoothed<'_> {
+        let [mean, covariance, innovation] = &mut self.0;
+        Smoothed { mean, covariance, innovation }
+    }
+}
+
+/// A track whose jerk is known; without jerk it is smoothed by rows of information.
+fn smoothed_track(jerk: f64) -> Kernel {
+    let (y, time) = positions_of(1_000);
+    let (mut room, mut workspace) = (Room::new(time.len()), Default::default());
+    Box::new(move || {
+        let noise = Noise::Same(&[1.0, 0.1, 0.1, 1.0]);
+        let track = Track::try_new(2, &time, black_box(&y), noise, None).unwrap();
+        black_box(smoothing::smooth(&track, jerk, &mut workspace, &mut room.results()));
+    })
+}
+
+/// Ten plots, of which nothing else is known.
+fn noisy_track() -> Kernel {
+    let (y, time) = positions_of(10);
+    let (mut room, mut workspace) = (Room::new(time.len()), Default::default());
+    let mut outlier = vec![false; time.len()];
+    let options = Options { jerk: None, correlation_time: None, robust: true };
+    Box::new(move || {
+        let noise = Noise::Same(&[1.0, 0.0, 0.0, 1.0]);
+        let track = Track::try_new(2, &time, black_box(&y), noise, None).unwrap();
+        let mut results = room.results();
+        let found = &mut outlier;
+        black_box(smoothing::smooth_with_noise(
+            &track,
+            &options,
+            &mut workspace,
+            &mut results,
+            found,
+        ));
+    })
+}
+
+/// Position and velocity of an aircraft that flies straight.
+fn flown(aircraft: usize, time: f64) -> [f64; 4] {
+    let [x, y, course] = [0.618_033_988_7, 0.754_877_666_2, 0.569_840_291]
+        .map(|factor| (factor * (aircraft + 1) as f64).fract());
+    let (sine, cosine) = (TAU * course).sin_cos();
+    let [vx, vy] = [200.0 * sine, 200.0 * cosine];
+    [1e5 * x + vx * time, 1e5 * y + vy * time, vx, vy]
+}
+
+/// Systematic errors as they are known before.
+const UNKNOWN: Errors = [100.0, 1e-4, 0.005, 0.1];
+
+/// Plots of twenty aircraft by four radars, one of which is turned.
+fn registered() -> Kernel {
+    const SCANS: usize = 20;
+    let radars = radars(1e5);
+    let plot = |target: usize, scan: usize, radar: usize| {
+        let time = 4.0 * scan as f64 + radar as f64;
+        let [x, y, ..] = flown(target, time);
+        let [east, north, _] = radars[radar].position;
+        let at = 8 * (SCANS * target + scan) + 2 * radar;
+        let turned = if radar == 2 { 0.004 } else { 0.0 };
+        let report = Report {
+            radar,
+            time,
+            range: (x - east).hypot(y - north) + 50.0 * noise(at),
+            azimuth: (x - east).atan2(y - north) + turned + 0.0014 * noise(at + 1),
+            height: f64::NAN,
+            place: None,
+        };
+        TargetPlot { report, target: target as i64, turn_probability: 0.0 }
+    };
+    let scan = |target, scan| (0..4).map(move |radar| (target, scan, radar));
+    let plots: Vec<TargetPlot> = (0..20)
+        .flat_map(|target| (0..SCANS).flat_map(move |k| scan(target, k)))
+        .map(|(target, scan, radar)| plot(target, scan, radar))
+        .collect();
+    let (zero, sigma) = (vec![[0.0; 4]; 4], vec![UNKNOWN; 4]);
+    Box::new(move || {
+        black_box(register(black_box(&plots), &radars, [&zero, &sigma], &zero));
+    })
+}
+
+/// Ten pictures of a hundred aircraft, of the tracks of four sensors.
+fn pictures() -> Kernel {
+    const CYCLES: usize = 10;
+    let settings = tertiary::Settings {
+        radars: radars(1e5),
+        rule: tertiary::Rule::Tracklets,
+        cross_correlation: [0.0; 2],
+        registers: true,
+        errors: vec![[[0.0; 4], UNKNOWN, [1.0 / 30_000.0; 4]]; 4],
+    };
+    let row = |time: f64, aircraft: usize, sensor: usize| {
+        let mut state = flown(aircraft, time);
+        let at = 4 * (400 * time as usize + 4 * aircraft + sensor);
+        for (i, (value, sigma)) in state.iter_mut().zip([50.0, 50.0, 5.0, 5.0]).enumerate() {
+            *value += sigma * noise(at + i);
+        }
+        let mut covariance = [0.0; 16];
+        for (i, variance) in [2500.0, 2500.0, 25.0, 25.0].into_iter().enumerate() {
+            covariance[5 * i] = variance;
+        }
+        tertiary::Row {
+            sensor,
+            track: aircraft as i64,
+            time,
+            state,
+            covariance,
+            height: f64::NAN,
+            identity: -1,
+            turn_probability: 0.0,
+        }
+    };
+    let cycles: Vec<Vec<tertiary::Row>> = (0..CYCLES)
+        .map(|k| (0..400).map(|i| row(4.0 * k as f64, i / 4, i % 4)).collect())
+        .collect();
+    Box::new(move || {
+        let mut centre = tertiary::Centre::new(settings.clone());
+        for (k, rows) in black_box(&cycles).iter().enumerate() {
+            black_box(centre.update(rows, 4.0 * k as f64, ONE).unwrap());
         }
     })
 }
