@@ -194,7 +194,7 @@ def test_summary(write: Write, stations: Path) -> None:
         for kind, statistics in result.statistics.items()
         for k in range(3)
     }
-    assert {tuple(row[:2]): row[2:] for row in rows if len(row) == 6} == expected
+    assert {tuple(row[:2]): row[2:6] for row in rows if len(row) == 8} == expected
     sigma = np.median(np.sqrt(np.sum(result.sigma**2, axis=1)))
     told = f"39 of 40 instants located, 40 with a position, median sigma {sigma:.3g} m\n"
     assert told in done.out

@@ -78,7 +78,8 @@ class Positions(Generic[R]):
     @property
     def sensors(self) -> pl.DataFrame:
         """One row per target, sensor and kind."""
-        return pl.concat([one.sensors for one in self.targets])
+        # only targets with systematic errors have columns for them
+        return pl.concat([one.sensors for one in self.targets], how="diagonal")
 
     @property
     def measurements(self) -> pl.DataFrame:

@@ -319,7 +319,10 @@ def _bias(
     values, sigmas, share, time, _ = found
     own = np.reshape([values, sigmas], (2, len(KINDS), -1))
     for at, kind in enumerate(STATION_KINDS):
-        fields |= {kind: given.value[at] + own[0, at], f"{kind}_sigma": own[1, at]}
+        # no angle is less known than one that is uniform
+        most = np.pi / np.sqrt(3.0) if kind in ANGLES else np.inf
+        sigma = np.where(np.isinf(own[1, at]), np.inf, np.minimum(own[1, at], most))
+        fields |= {kind: given.value[at] + own[0, at], f"{kind}_sigma": sigma}
     return Bias(**fields, drift_share=share, drift_time=time)
 
 
