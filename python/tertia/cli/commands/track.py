@@ -35,8 +35,8 @@ from tertia.tracker import AssociationName, MotionName, PlanModel, ProfileName, 
 EXAMPLES = (
     "tertia track plots.csv --sensors sensors.toml --output tracks.csv --plot tracks.png",
     "tertia track plots.csv --sensors sensors.toml --plans plans.json --output tracks.parquet",
-    "tail -f plots.csv | tertia track --stream --sensors sensors.toml",
-    "tail -f lines.jsonl | tertia track --stream --control --sensors sensors.toml",
+    "tail -n +1 -f plots.csv | tertia track --stream --sensors sensors.toml",
+    "tail -n +1 -f lines.jsonl | tertia track --stream --control --sensors sensors.toml",
     "tertia track north.csv south.csv --sensors radars.csv --column range_nm=rho --coasting 3",
 )
 _FIGURE_SIZE = (11.0, 9.0)
