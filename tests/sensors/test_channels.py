@@ -72,6 +72,13 @@ def test_what_is_refused(call, error, text):
     assert_refused(call, error, text)
 
 
+def test_azimuths_of_a_channel_may_be_in_degrees():
+    assert Channel(0.9, azimuth_sigma=0.2, degrees=True).azimuth_sigma == np.radians(0.2)
+    with pytest.raises(ValueError, match=r"azimuth_sigma is 2\.0; .*pass degrees=True"):
+        Channel(0.9, azimuth_sigma=2.0)
+    assert Channel(0.9, azimuth_sigma=2.0, degrees=True).azimuth_sigma == np.radians(2.0)
+
+
 def test_detections_are_names_or_indices():
     names = ["psr", "ssr", "psr+ssr", "mode-s", "psr+mode-s", "", None]
     plots = Plots(np.arange(7.0), detection=np.array(names, dtype=object))

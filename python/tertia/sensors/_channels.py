@@ -27,6 +27,11 @@ WIDEST_BEAM = 0.5
 class Channel:
     """A channel of a radar: its echoes ("psr") or replies ("ssr", "mode-s").
 
+    Parameters
+    ----------
+    degrees : bool
+        Whether `azimuth_sigma` is given in degrees; radians are stored.
+
     Attributes
     ----------
     detection_probability : float
@@ -69,14 +74,14 @@ class Channel:
         range_sigma: float | None = None,
         azimuth_sigma: float | None = None,
         clutter_per_scan: float | None = None,
+        degrees: bool = False,
     ) -> None:
         detected = probability(detection_probability, "detection_probability")
         distance = None if range_sigma is None else positive_number(range_sigma, "range_sigma")
         angle = None
         if azimuth_sigma is not None:
-            radians = angle_sigma(
-                real(azimuth_sigma, "azimuth_sigma"), "azimuth_sigma", degrees=False
-            )
+            stated = real(azimuth_sigma, "azimuth_sigma")
+            radians = angle_sigma(stated, "azimuth_sigma", degrees=degrees)
             angle = narrow(positive_number(radians, "azimuth_sigma"))
         false = None
         if clutter_per_scan is not None:
