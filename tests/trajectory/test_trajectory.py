@@ -463,6 +463,68 @@ def test_positions_are_as_close_as_they_say_with_faults(sizes):
     assert np.all((mean[1:] > 0.6) & (mean[1:] < 1.5))
 
 
+def one_after_another(rng, gross, count=240):
+    """Return times, positions, stations and azimuths of which each has a time of its own."""
+    times = np.sort(rng.uniform(0.0, 7200.0, count))
+    truth = np.column_stack([900 * np.sin(times / 1300), 700 * np.cos(times / 1900)])
+    places = np.array([[-1500.0, 900.0], [1400.0, 1000.0], [200.0, -1600.0]])
+    offset = truth[:, np.newaxis] - places
+    azimuth = np.arctan2(offset[..., 0], offset[..., 1])
+    azimuth += np.deg2rad(3.0) * rng.standard_normal(azimuth.shape)
+    wrong = rng.random(azimuth.shape) < gross
+    azimuth = np.where(wrong, rng.uniform(-np.pi, np.pi, azimuth.shape), azimuth)
+    azimuth[rng.integers(0, 3, count)[:, np.newaxis] != np.arange(3)] = np.nan
+    stations = [Station(place, azimuth_sigma=np.deg2rad(3.0), bias=Bias()) for place in places]
+    return times, truth, stations, azimuth, wrong & ~np.isnan(azimuth)
+
+
+@pytest.mark.parametrize("gross", [0.0, 0.25])
+def test_bearings_that_each_have_a_time_of_their_own(gross):
+    """No instant has a position; the path fits all bearings together."""
+    squares, sizes, said, missed = [], [], [], []
+    for run in range(12):
+        rng = np.random.default_rng([25, run])
+        times, truth, stations, azimuth, wrong = one_after_another(rng, gross)
+        track = reconstruct(stations, times, azimuth=azimuth)
+        assert not track.fixes.success.any()
+        assert not track.outlier.azimuth[np.isnan(azimuth)].any()
+        best = reconstruct(stations, times, azimuth=np.where(wrong, np.nan, azimuth))
+        error = track.position - truth
+        sizes.append([np.mean(error**2), np.mean((best.position - truth) ** 2)])
+        solved = np.linalg.solve(track.covariance[:, :2, :2], error[..., np.newaxis])[..., 0]
+        squares.append(np.mean(np.sum(error * solved, axis=-1)) / 2)
+        said.append(np.mean(np.sum(error * solved, axis=-1) < stats.chi2.isf(0.05, 2)))
+        missed.append(np.mean(track.outlier.azimuth[wrong]) if wrong.any() else 1.0)
+    found, possible = np.sqrt(np.mean(sizes, axis=0))
+    assert found < 1.15 * possible
+    assert np.mean(said) > 0.88
+    assert 0.6 < np.mean(squares) < 1.4
+    # few of those that point anywhere point at the target
+    assert np.mean(missed) > 0.9
+
+
+def test_with_many_faults_the_path_is_as_good_as_without_them():
+    """Three bearings an instant, three of ten wrong: the path tells what an instant cannot."""
+    sizes = []
+    for run in range(10):
+        rng = np.random.default_rng([26, run])
+        times = 5.0 * np.arange(120)
+        truth = np.column_stack([800 * np.sin(times / 110), 600 * np.cos(times / 150)])
+        places = np.array([[-1500.0, 1000.0], [1500.0, 900.0], [0.0, -1800.0]])
+        offset = truth[:, np.newaxis] - places
+        noise = rng.standard_normal((120, 3))
+        wrong = rng.random((120, 3)) < 0.3
+        size = rng.uniform(5.0, 15.0, (120, 3)) * rng.choice([-1.0, 1.0], (120, 3))
+        sigma = np.deg2rad(2.0)
+        azimuth = np.arctan2(offset[..., 0], offset[..., 1]) + sigma * (noise + wrong * size)
+        stations = [Station(place, azimuth_sigma=sigma, bias=Bias()) for place in places]
+        track = reconstruct(stations, times, azimuth=azimuth)
+        best = reconstruct(stations, times, azimuth=np.where(wrong, np.nan, azimuth))
+        sizes.append([np.mean((one.position - truth) ** 2) for one in (track, best)])
+    found, possible = np.sqrt(np.mean(sizes, axis=0))
+    assert found < 1.15 * possible
+
+
 def test_the_track_contradicts_nothing_without_faults():
     count = 0
     for run in np.arange(RUNS):
@@ -714,9 +776,11 @@ def test_the_jerk_is_weighted_by_its_likelihood_and_the_fourth_root_of_itself():
     path = 2e3 + np.outer(time, [10.0, 5.0]) + np.outer(time**2, [0.01, -0.025])
     measured = np.linalg.norm(path[:, np.newaxis] - places, axis=-1)
     measured += random.normal(0.0, 20.0, measured.shape)
-    found = reconstruct(stations, time, range=measured)
+    # a noise that is fitted would depend on the jerk
+    options = {"range": measured, "spatial": "least-squares"}
+    found = reconstruct(stations, time, **options)
     jerks = np.geomspace(1e-10, 10.0, 80)
-    known = [reconstruct(stations, time, range=measured, jerk=jerk) for jerk in jerks]
+    known = [reconstruct(stations, time, jerk=jerk, **options) for jerk in jerks]
     likelihood = np.array([one.smoothed.log_likelihood for one in known])
 
     def spread(power):

@@ -15,7 +15,7 @@ from tertia.sensors import Station
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import Progress, as_names, beside, known, prefixed
 from tertia.tables._instants import check_tolerance
-from tertia.tables._measurements import Target, read_targets, taken
+from tertia.tables._measurements import Target, doubt_instants, read_targets, taken
 from tertia.tables._positions import (
     EMISSION,
     PROTECTION_LEVEL,
@@ -177,6 +177,8 @@ def locations_of(
         timed=False,
         tolerance=check_tolerance(tolerance),
     )
+    for target in targets:
+        doubt_instants(target)
     start = None if initial is None else np.asarray(initial, dtype=np.float64)
     asked = probability, risk
     located = [_locate(one, stations, start, asked, **options) for one in progress(targets)]
@@ -211,7 +213,7 @@ def _locate(
         regions = _regions(found, *asked)
     except ValueError as error:
         raise RecordError(prefixed(target.name, error)) from error
-    measured = of_measurements(target, found.residual, found.outlier, found)
+    measured = of_measurements(target, found.residual, found.outlier, np.atleast_1d(found.success))
     rows = {
         "time_s": target.moments,
         **coordinates(found.position, found.covariance),
@@ -219,7 +221,7 @@ def _locate(
         **covariances(found.covariance),
         **_emission(found),
         **regions,
-        **of_instants(target, measured, found),
+        **of_instants(target, measured, found, np.atleast_1d(found.success)),
     }
     return Located(
         target,

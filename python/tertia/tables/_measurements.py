@@ -163,16 +163,13 @@ def read_targets(
     group = np.empty(records.rows.height, dtype=np.int64)
     group[groups.order] = groups.group
     measured = measured.with_columns(group=group[measured["record"].to_numpy()])
-    targets = [
+    return [
         _target(rows, groups.keys[k : k + 1], sensors, clock, tolerance, records)
         for k, rows in enumerate(measured.partition_by("group", maintain_order=True))
     ]
-    for target in targets:
-        _doubt_instants(target)
-    return targets
 
 
-def _doubt_instants(target: Target) -> None:
+def doubt_instants(target: Target) -> None:
     """Warn where sensors never measure at the same time, which no instant survives."""
     sites = target.rows.group_by("step").agg(pl.col("site").n_unique())["site"]
     if len(sites) > 1 and sites.max() == 1 and target.rows["site"].n_unique() > 1:

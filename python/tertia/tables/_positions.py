@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 import polars as pl
 
-from tertia._arrays import FloatArray
+from tertia._arrays import BoolArray, FloatArray
 from tertia.location import Location, LocationStatus
 from tertia.sensors import ByKind, Station
 from tertia.tables._groups import beside, known
@@ -133,16 +133,16 @@ def of_measurements(
     target: Target,
     residuals: ByKind,
     outliers: ByKind,
-    fixes: Location,
+    judged: BoolArray,
 ) -> pl.DataFrame:
-    """Return the measurements with their residuals and outlier flags."""
+    """Return the measurements with their residuals, and outlier flags of `judged` instants (N,)."""
     residual = np.full(target.rows.height, np.nan)
     outlier = np.zeros(target.rows.height, dtype=bool)
     for kind, step, site, own in target.by_kind():
         first = int(kind == "range_difference")
         residual[own] = getattr(residuals, kind)[step, site - first]
         outlier[own] = getattr(outliers, kind)[step, site - first]
-    decided = np.asarray(fixes.success)[target.rows["step"].to_numpy()]
+    decided = judged[target.rows["step"].to_numpy()]
     return target.rows.select(
         "step",
         "site",
@@ -155,7 +155,9 @@ def of_measurements(
     )
 
 
-def of_instants(target: Target, measurements: pl.DataFrame, fixes: Location) -> dict[str, Any]:
+def of_instants(
+    target: Target, measurements: pl.DataFrame, fixes: Location, judged: BoolArray
+) -> dict[str, Any]:
     """Return the columns on how each instant was located, null if it was not."""
     located = pl.Series(np.asarray(fixes.success))
     outliers = measurements.filter("outlier")
@@ -174,7 +176,7 @@ def of_instants(target: Target, measurements: pl.DataFrame, fixes: Location) -> 
         counts[0],
         degrees.set(~located, None),
         known(np.asarray(fixes.pvalue)),
-        counts[1].set(~located, None),
+        counts[1].set(~pl.Series(judged), None),
         which,
         pl.Series(status, dtype=pl.String),
     )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from tertia._arrays import FloatArray
+from tertia._arrays import BoolArray, FloatArray
 from tertia.sensors import Kind, Station
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import Progress, as_names, beside, prefixed
@@ -149,7 +149,7 @@ def _path(
         found = reconstruct_path(stations, target.times, **measured, **options)
     except ValueError as error:
         raise RecordError(prefixed(target.name, error)) from error
-    judged = of_measurements(target, found.residual, found.outlier, found.fixes)
+    judged = of_measurements(target, found.residual, found.outlier, _has_position(found))
     return Located(
         target,
         found,
@@ -158,6 +158,10 @@ def _path(
         _rows(target, sensors, found, judged),
         _with_bias(of_sensors(target, judged), found, sensors.names),
     )
+
+
+def _has_position(found: Trajectory) -> BoolArray:
+    return np.asarray(np.isfinite(found.position).all(axis=1))
 
 
 def _stated(sigmas: Mapping[Kind, FloatArray], kind: Kind, k: int) -> float | None:
@@ -193,7 +197,7 @@ def _rows(
         **coordinates(found.velocity, parts[1], *_MOTION[0]),
         **coordinates(found.acceleration, parts[2], *_MOTION[1]),
         **covariances(parts[0]),
-        **of_instants(target, measured, found.fixes),
+        **of_instants(target, measured, found.fixes, _has_position(found)),
     }
     return beside(target.keys, pl.DataFrame(rows))
 

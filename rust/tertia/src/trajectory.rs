@@ -69,7 +69,7 @@ pub fn reconstruct<const D: usize, const N: usize>(
     jerk: Option<f64>,
     systematic: &Systematic,
 ) -> Result<Trajectory, Failure> {
-    let mut setting = Setting { record, jerk, tolerance: 1.0, smoother: Default::default() };
+    let mut setting = Setting { record, jerk, smoother: Default::default() };
     let measured = Rc::new(Measured::<D>::new(record, record.values.to_vec()));
     let found = Found::<D, N>::first(&mut setting, &measured)?;
     let found = found.without_outliers(&mut setting, &measured)?;
@@ -84,7 +84,8 @@ pub fn reconstruct<const D: usize, const N: usize>(
             (found, lasting.map(|lasting| Effect::Lasting(lasting, prior)))
         }
     };
-    found.relinearise(&mut setting, jerk, 0)?;
+    let scale = effect.as_ref().and_then(Effect::noise).unwrap_or(found.scale);
+    found.relinearise(&mut setting, jerk, scale)?;
     let track = found.plots.track(record.time, D)?;
     let fit = setting.smoother.with_error(&track, found.path.fit);
     let (best, innovation) = setting.smoother.finish(&track, fit);
@@ -102,6 +103,7 @@ pub fn reconstruct<const D: usize, const N: usize>(
         survey::add_errors(&mut setting, &found, sigma, best.fit.jerk, &mut covariance)?;
     }
     let outlier = (0..found.trust.len()).map(|at| found.is_outlier(at)).collect();
+    let fixes = found.fixes.without(record, &found.measured, |at| found.trust[at] < 0.5);
     let residual = residuals::<D, N>(record, found.measured.values.clone(), &best.mean);
     Ok(Trajectory {
         covariance,
@@ -115,7 +117,7 @@ pub fn reconstruct<const D: usize, const N: usize>(
         outlier,
         residual,
         bias: effect.map(|effect| effect.by_station(record)),
-        fixes: found.fixes,
+        fixes,
     })
 }
 
@@ -126,6 +128,14 @@ enum Effect<'a> {
 }
 
 impl Effect<'_> {
+    /// Standard deviation of the noise over what is stated, if contradictions tell.
+    fn noise(&self) -> Option<f64> {
+        match self {
+            Self::Biases(..) => None,
+            Self::Lasting(lasting, _) => lasting.noise(),
+        }
+    }
+
     fn add<const D: usize, const N: usize>(
         &self,
         setting: &mut Setting<'_, D, N>,

@@ -35,12 +35,14 @@ def say_located(one: Located[Any]) -> None:
     error = f", median sigma {np.median(total):.3g} m" if total.size else ""
     known = np.count_nonzero(np.isfinite(one.result.position).all(axis=1))
     said = f"{np.count_nonzero(located)} of {counted(located.size, 'instant')} located"
-    if known > np.count_nonzero(located):
-        said += f", {known} with a position"
+    alone = known > np.count_nonzero(located)
+    if alone:
+        said = f"{known} of {counted(located.size, 'instant')} with a position"
     typer.echo(": ".join(filter(None, [one.target.name, said + error])))
     numbers, counts = np.unique(np.asarray(fixes.status)[~located], return_counts=True)
     for number, count in zip(numbers, counts, strict=True):
-        typer.echo(f"  {counted(int(count), 'instant')} not located: {reason(int(number))}")
+        what = "without a position on its own" if alone else "not located"
+        typer.echo(f"  {counted(int(count), 'instant')} {what}: {reason(int(number))}")
     doubtful = (np.asarray(fixes.pvalue) < _DOUBTFUL) & (np.asarray(fixes.outlier.count) == 0)
     if np.sum(doubtful) > _MANY * np.sum(located):
         typer.echo(

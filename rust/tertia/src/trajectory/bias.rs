@@ -43,7 +43,7 @@ pub(super) struct Instant<const D: usize> {
     /// Where a measurement stands in the instant, weight over σ², residual and derivatives; of
     /// receivers less their mean, and the first one among them.
     pub rows: Vec<(usize, f64, f64, Vector<D>)>,
-    /// `(J' W J)^-1`
+    /// `(J' W J)^-1`, of what an instant does not determine by an anchor.
     pub inverse: Option<Matrix<D>>,
     /// `A` of each bias.
     solution: Vec<Vector<D>>,
@@ -61,22 +61,31 @@ impl<const D: usize> Instant<D> {
         position: &[f64],
         weight: &[f64],
         columns: &[usize],
+        anchor: f64,
     ) -> Self {
-        let mut rows = Vec::new();
-        for (m, row) in measured.rows(t, position) {
-            if weight[m] > 0.0 {
-                let sigma = 1.0 / measured.precision(m);
-                let shared = match measured.one(m).kind {
-                    Kind::RangeDifference => measured.common / (sigma * sigma),
-                    _ => 0.0,
-                };
-                let gradient = row.gradient.map(|v| v * sigma);
-                let own = weight[m] / (1.0 - shared);
-                rows.push((measured.column[m], own, row.residual * sigma, gradient));
-            }
-        }
+        Self::of_rows(measured, rows_of(measured, t, position, weight), columns, anchor)
+    }
+
+    /// Several instants as one, of which nothing is known of a shift that they have in common.
+    pub fn together(
+        measured: &Measured<D>,
+        instants: impl Iterator<Item = (usize, Vector<D>)>,
+        weight: &[f64],
+        columns: &[usize],
+    ) -> Self {
+        let rows = instants.flat_map(|(t, p)| rows_of(measured, t, &p, weight)).collect();
+        Self::of_rows(measured, rows, columns, 0.0)
+    }
+
+    fn of_rows(
+        measured: &Measured<D>,
+        mut rows: Vec<(usize, f64, f64, Vector<D>)>,
+        columns: &[usize],
+        anchor: f64,
+    ) -> Self {
         let receivers = centred(&mut rows, measured);
-        let mut normal = [[0.0; D]; D];
+        let mut normal: Matrix<D> =
+            std::array::from_fn(|i| std::array::from_fn(|j| if i == j { anchor } else { 0.0 }));
         for (_, weight, _, gradient) in &rows {
             for i in 0..D {
                 for j in 0..D {
@@ -88,9 +97,10 @@ impl<const D: usize> Instant<D> {
         let own = inverse.unwrap_or([[0.0; D]; D]);
         let mut solution = vec![[0.0; D]; columns.len()];
         for (solution, column) in solution.iter_mut().zip(columns) {
-            let found = rows.iter().find(|(own, ..)| own == column);
-            if let Some((_, w, _, gradient)) = found {
-                *solution = std::array::from_fn(|i| w * dot(&own[i], gradient));
+            for (_, w, _, gradient) in rows.iter().filter(|(own, ..)| own == column) {
+                for i in 0..D {
+                    solution[i] += w * dot(&own[i], gradient);
+                }
             }
         }
         let mut kept = Vec::with_capacity(rows.len() * columns.len());
@@ -156,12 +166,8 @@ impl Biases {
         columns: &[usize],
     ) -> Result<Self, Failure> {
         let (weight, slope) = weights(record, found);
-        let instants: Vec<Instant<D>> = (0..record.len())
-            .map(|t| {
-                let p = found.path.position::<D>(t);
-                Instant::new(&found.measured, t, p, &weight, columns)
-            })
-            .collect();
+        let instants: Vec<Instant<D>> =
+            (0..record.len()).map(|t| found.instant(t, &weight, columns)).collect();
         let p = columns.len();
         let (mut information, mut scores) = (DMatrix::zeros(p, p), DVector::zeros(p));
         let mut size = DVector::<f64>::zeros(p);
@@ -224,6 +230,29 @@ impl Biases {
         add_covariance::<N>(&means, &self.covariance, covariance);
         Ok(())
     }
+}
+
+/// Where each measurement of an instant stands, weight over σ², residual and derivatives.
+fn rows_of<const D: usize>(
+    measured: &Measured<D>,
+    t: usize,
+    position: &[f64],
+    weight: &[f64],
+) -> Vec<(usize, f64, f64, Vector<D>)> {
+    let mut rows = Vec::new();
+    for (m, row) in measured.rows(t, position) {
+        if weight[m] > 0.0 {
+            let sigma = 1.0 / measured.precision(m);
+            let shared = match measured.one(m).kind {
+                Kind::RangeDifference => measured.common / (sigma * sigma),
+                _ => 0.0,
+            };
+            let gradient = row.gradient.map(|v| v * sigma);
+            let own = weight[m] / (1.0 - shared);
+            rows.push((measured.column[m], own, row.residual * sigma, gradient));
+        }
+    }
+    rows
 }
 
 /// Adds the first receiver to range differences, whose error they share, and subtracts the mean of
@@ -321,7 +350,7 @@ pub(super) fn weights<const D: usize, const N: usize>(
 ) -> (Vec<f64>, f64) {
     let measured = &found.measured;
     let mut residual = vec![f64::NAN; measured.len()];
-    for t in (0..record.len()).filter(|&t| found.fixes.is_located(t)) {
+    for t in 0..record.len() {
         for (m, row) in measured.rows(t, found.path.position::<D>(t)) {
             if !found.is_outlier(t * record.width() + measured.column[m]) {
                 residual[m] = row.residual;
@@ -363,7 +392,7 @@ fn spurious<const D: usize, const N: usize>(
         for shift in root.l().column_iter() {
             let at = |sign: f64| {
                 let moved: Vector<D> = std::array::from_fn(|i| p[i] + sign * shift[i]);
-                Instant::new(&found.measured, t, &moved, weight, columns)
+                Instant::new(&found.measured, t, &moved, weight, columns, found.anchor[t])
             };
             let (mut ahead, behind) = (at(1.0), at(-1.0));
             for (a, b) in ahead.kept.iter_mut().zip(&behind.kept) {

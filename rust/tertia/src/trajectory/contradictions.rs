@@ -1,7 +1,6 @@
 //! Contradictions between the stations, in blocks of instants, and the filter of lasting errors.
 
 use super::bias::Instant;
-use super::measured::Record;
 use nalgebra::{DMatrix, DVector};
 
 /// Share of its information from which a direction is determined.
@@ -109,7 +108,7 @@ impl Blocks {
     /// `before` was removed from the measurements; `taper` is what weights make of the slope and
     /// the standard deviation of the scores.
     pub fn new<const D: usize>(
-        record: &Record<'_>,
+        time: &[f64],
         instants: &[Instant<D>],
         before: &DVector<f64>,
         length: usize,
@@ -117,7 +116,7 @@ impl Blocks {
     ) -> Self {
         let size = before.len();
         let mut blocks = Self { size, time: Vec::new(), rows: Vec::new(), count: 0 };
-        for (own, times) in instants.chunks(length).zip(record.time.chunks(length)) {
+        for (own, times) in instants.chunks(length).zip(time.chunks(length)) {
             let (mut information, mut scores) = (DMatrix::zeros(size, size), DVector::zeros(size));
             let mut weight = 0.0;
             for instant in own {

@@ -2,9 +2,14 @@
 
 use super::failure::Failure;
 use super::measured::{Measured, REDUNDANCY, Record};
+use crate::base::angle::nearest;
 use crate::batch::for_each_row;
 use crate::location::{BLOCK, Fix, Instant, Locator, Method, Output, Status, Workspace};
+use crate::sensors::Kind;
+use std::f64::consts::TAU;
 
+/// Measurements of a running median.
+const RUNNING: usize = 5;
 /// Cost of an instant per number, for the choice of threads.
 const LOCATE_NS: f64 = 500.0;
 
@@ -21,65 +26,77 @@ pub struct Fixes {
     pub outlier: Vec<bool>,
     /// What else came out of each instant.
     pub fixes: Vec<Fix>,
-    /// By how much larger errors may be than stated without being left out.
-    pub(super) tolerance: f64,
 }
 
 impl Fixes {
-    /// Locates instants with these weights; those that are as before are not located again.
-    pub(super) fn locate<const D: usize>(
-        record: &Record<'_>,
-        measured: &Measured<D>,
-        trust: &[f64],
-        tolerance: f64,
-        before: Option<(&Self, &[f64])>,
-    ) -> Result<Self, Failure> {
-        let (n, width) = (record.len(), record.width());
-        let changed: Vec<usize> = match before {
-            None => (0..n).collect(),
-            Some((_, old)) => {
-                let pairs = trust.chunks_exact(width).zip(old.chunks_exact(width));
-                pairs.enumerate().filter(|(_, (new, old))| new != old).map(|(t, _)| t).collect()
-            }
-        };
-        let mut values = Vec::with_capacity(changed.len() * width);
-        let mut sigmas = Vec::with_capacity(changed.len() * width);
-        for &t in &changed {
-            for place in 0..width {
-                let weight = trust[t * width + place];
-                let value = measured.values[t * width + place];
-                values.push(if weight == 0.0 { f64::NAN } else { value });
-                let root = if weight == 0.0 { 1.0 } else { weight.sqrt() };
-                sigmas.push(tolerance * record.sigmas[place] / root);
-            }
-        }
-        let mut new = Self::empty(changed.len(), width, D);
-        new.fill::<D>(record, &changed, &values, &sigmas);
-        if tolerance != 1.0 {
-            new.as_stated(tolerance);
-        }
-        let all = match before {
-            None => new,
-            Some((old, _)) => {
-                let mut all = old.clone();
-                for (at, &t) in changed.iter().enumerate() {
-                    copy(&mut all.position, t, &new.position, at, D);
-                    copy(&mut all.covariance, t, &new.covariance, at, D * D);
-                    copy(&mut all.residual, t, &new.residual, at, width);
-                    copy(&mut all.outlier, t, &new.outlier, at, width);
-                    all.fixes[t] = new.fixes[at];
-                }
-                all
-            }
-        };
-        all.located()
+    /// Locates all instants on their own.
+    pub(super) fn alone<const D: usize>(record: &Record<'_>, measured: &Measured<D>) -> Self {
+        let all: Vec<usize> = (0..record.len()).collect();
+        let mut own = Self::empty(all.len(), record.width(), D);
+        own.relocate::<D>(record, &all, &measured.values);
+        own
     }
 
-    /// What standard deviations that were enlarged make of what came out, undone.
-    fn as_stated(&mut self, tolerance: f64) {
-        self.tolerance = tolerance;
-        self.residual.iter_mut().for_each(|v| *v *= tolerance);
-        self.covariance.iter_mut().for_each(|v| *v /= tolerance * tolerance);
+    /// Locates all instants, and for the beginning of a path those with little redundancy by running
+    /// medians of what the stations measured.
+    pub(super) fn first<const D: usize>(
+        record: &Record<'_>,
+        measured: &Measured<D>,
+    ) -> Result<(Self, Self), Failure> {
+        let own = Self::alone(record, measured);
+        let is_sure =
+            |t: usize| own.is_located(t) && own.fixes[t].degrees_of_freedom >= REDUNDANCY as i64;
+        let open: Vec<usize> = (0..record.len()).filter(|&t| !is_sure(t)).collect();
+        let mut start = own.clone();
+        if record.robust && !open.is_empty() {
+            start.relocate::<D>(record, &open, &running_medians(record, &measured.values, &open));
+            for &t in &open {
+                if !start.is_located(t) && own.is_located(t) {
+                    start.take::<D>(t, &own, t, record.width());
+                }
+            }
+        }
+        Ok((own, start.located()?))
+    }
+
+    /// Located again without outliers, where there are any or the measurements are others.
+    pub(super) fn without<const D: usize>(
+        mut self,
+        record: &Record<'_>,
+        measured: &Measured<D>,
+        is_outlier: impl Fn(usize) -> bool,
+    ) -> Self {
+        let width = record.width();
+        let is_other = |at: usize| {
+            let (value, old) = (measured.values[at], record.values[at]);
+            !old.is_nan() && (is_outlier(at) || value != old)
+        };
+        let open: Vec<usize> =
+            (0..record.len()).filter(|t| (t * width..(t + 1) * width).any(is_other)).collect();
+        let kept = |at: usize| if is_outlier(at) { f64::NAN } else { measured.values[at] };
+        let values: Vec<f64> =
+            open.iter().flat_map(|t| (t * width..(t + 1) * width).map(kept)).collect();
+        self.relocate::<D>(record, &open, &values);
+        self
+    }
+
+    /// Locates these instants from these values.
+    fn relocate<const D: usize>(&mut self, record: &Record<'_>, open: &[usize], values: &[f64]) {
+        let width = record.width();
+        let mut new = Self::empty(open.len(), width, D);
+        new.fill::<D>(record, open, values, &record.sigmas.repeat(open.len()));
+        for (at, &t) in open.iter().enumerate() {
+            self.take::<D>(t, &new, at, width);
+        }
+    }
+
+    /// Takes an instant from others.
+    fn take<const D: usize>(&mut self, t: usize, other: &Self, at: usize, width: usize) {
+        copy(&mut self.position, t, &other.position, at, D);
+        copy(&mut self.covariance, t, &other.covariance, at, D * D);
+        copy(&mut self.residual, t, &other.residual, at, width);
+        copy(&mut self.outlier, t, &other.outlier, at, width);
+        self.fixes[t] = other.fixes[at];
     }
 
     /// Locates all instants, from these values and standard deviations (N, 5, K).
@@ -95,7 +112,7 @@ impl Fixes {
     }
 
     /// Fails if no instant is.
-    fn located(self) -> Result<Self, Failure> {
+    pub(super) fn located(self) -> Result<Self, Failure> {
         if (0..self.fixes.len()).any(|t| self.is_located(t)) {
             return Ok(self);
         }
@@ -112,7 +129,6 @@ impl Fixes {
             residual: vec![f64::NAN; n * width],
             outlier: vec![false; n * width],
             fixes: vec![Fix::UNKNOWN; n],
-            tolerance: 1.0,
         }
     }
 
@@ -182,4 +198,37 @@ impl Fixes {
 
 fn copy<T: Copy>(to: &mut [T], t: usize, from: &[T], at: usize, size: usize) {
     to[t * size..][..size].copy_from_slice(&from[at * size..][..size]);
+}
+
+/// Medians of what each station measured nearest to these instants; none where the nearest is farther
+/// than its measurements mostly are from each other.
+fn running_medians(record: &Record<'_>, values: &[f64], open: &[usize]) -> Vec<f64> {
+    let (width, time) = (record.width(), record.time);
+    let mut medians = vec![f64::NAN; open.len() * width];
+    for column in 0..width {
+        let turns = record.kind_of(column) == Kind::Azimuth as usize;
+        let value = |t: usize| values[t * width + column];
+        let known: Vec<usize> = (0..record.len()).filter(|&t| !value(t).is_nan()).collect();
+        let mut gaps: Vec<f64> = known.windows(2).map(|at| time[at[1]] - time[at[0]]).collect();
+        if gaps.is_empty() {
+            continue;
+        }
+        let middle = gaps.len() / 2;
+        let longest = *gaps.select_nth_unstable_by(middle, f64::total_cmp).1;
+        for (own, &t) in medians.iter_mut().skip(column).step_by(width).zip(open) {
+            let after = known.partition_point(|&at| at < t);
+            let around = after.saturating_sub(1)..(after + 1).min(known.len());
+            let far = |at: &usize| (time[known[*at]] - time[t]).abs();
+            let closest = around.min_by(|a, b| far(a).total_cmp(&far(b)));
+            let Some(at) = closest.filter(|at| far(at) <= longest) else { continue };
+            let first = at.saturating_sub(RUNNING / 2).min(known.len().saturating_sub(RUNNING));
+            let last = (first + RUNNING).min(known.len());
+            let centre = value(known[at]);
+            let of = |t: &usize| if turns { nearest(value(*t), centre, TAU) } else { value(*t) };
+            let mut near: Vec<f64> = known[first..last].iter().map(of).collect();
+            let middle = near.len() / 2;
+            *own = *near.select_nth_unstable_by(middle, f64::total_cmp).1;
+        }
+    }
+    medians
 }

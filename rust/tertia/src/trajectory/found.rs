@@ -1,41 +1,55 @@
-//! Positions of the instants, smoothed, without what the smooth path contradicts.
+//! Positions along time that fit all measurements at once, without what contradicts the others.
+//!
+//! What an instant measured is linearised about the path, also where it does not determine a
+//! position: one bearing is a line, to which the path is drawn. Each measurement belongs to the noise
+//! or to the outliers, with a probability that follows from how far it is from the path without it.
+//! As a path through many outliers is a bad beginning, the noise is first taken to be as large as the
+//! residuals are, then step by step as small as it is.
 
+use super::bias::Instant;
 use super::failure::Failure;
 use super::fixes::Fixes;
-use super::measured::{Measured, REDUNDANCY, Record};
+use super::measured::{Measured, Record};
 use super::path::{Path, Plots, Smoother};
-use super::tukey::{EFFICIENCY, tukey};
+use super::weight::Mixture;
 use crate::base::small::{Factor, Matrix, Vector};
 use crate::sensors::Kind;
 use crate::smoothing::JerkFit;
+use std::ops::Range;
 use std::rc::Rc;
 
-/// Rounds of looking for measurements that the path contradicts.
-const PASSES: usize = 5;
-/// Change of a weight that needs no other round.
-const UNCHANGED: f64 = 0.05;
-/// Rounds with the same jerk.
-const RELINEARISED: usize = 2;
+/// Most rounds of weights with the noise as large as it is.
+const ROUNDS: usize = 20;
+/// Change of a position, over the standard deviation, that needs no other round.
+const UNCHANGED: f64 = 0.003;
+/// Share of the measurements whose weights may change with the jerk as it is.
+const FEW: f64 = 0.01;
+/// Variance of a direction that an instant does not determine, over that of the path: from which it
+/// is none, and with which it stays where it is.
+const UNDETERMINED: f64 = 1e4;
+const ANCHOR: f64 = 1e6;
+/// Information of an anchor over the largest of the instant, at least.
+const LEAST_ANCHOR: f64 = 1e-11;
 
 /// What has been found so far.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Found<const D: usize, const N: usize> {
     pub measured: Rc<Measured<D>>,
-    /// Weights by the path, (N, 5, K); 0 where it contradicts.
+    /// Probabilities that measurements are no outliers, (N, 5, K).
     pub trust: Vec<f64>,
     pub fixes: Fixes,
     pub plots: Plots,
     pub path: Path,
-    /// Weights with which the measurements are in the positions.
-    pub used: Vec<f64>,
+    /// Information that holds the position where the instant does not determine it (N).
+    pub anchor: Vec<f64>,
+    /// Standard deviation of the noise over what is stated, at least 1.
+    pub scale: f64,
 }
 
 /// How a path is smoothed: the jerk, if it is given, and buffers.
 pub(super) struct Setting<'a, const D: usize, const N: usize> {
     pub record: &'a Record<'a>,
     pub jerk: Option<f64>,
-    /// See `Fixes`.
-    pub tolerance: f64,
     pub smoother: Smoother<D, N>,
 }
 
@@ -51,100 +65,108 @@ impl<const D: usize, const N: usize> Setting<'_, D, N> {
         plots: &Plots,
         jerk: Option<f64>,
         near: Option<f64>,
-        components: usize,
     ) -> Result<Path, Failure> {
         let track = plots.track(self.record.time, D)?;
         let fit = match jerk {
             Some(jerk) => known(jerk),
             None => self.smoother.fit(&track, near),
         };
-        Ok(self.smoother.smooth(&track, fit, components))
+        Ok(self.smoother.smooth(&track, fit, D))
     }
 }
 
 impl<const D: usize, const N: usize> Found<D, N> {
-    /// Locates and smooths what was measured, all of it.
+    /// Locates every instant, by the measurements nearby where its own are too few, and smooths.
     pub fn first(
         setting: &mut Setting<'_, D, N>,
         measured: &Rc<Measured<D>>,
     ) -> Result<Self, Failure> {
-        let made = |setting: &mut Setting<'_, D, N>| {
-            let trust = vec![1.0; measured.values.len()];
-            Self::made(setting, measured, setting.jerk, trust, None, D)
-        };
-        let found = made(setting)?;
-        setting.tolerance = found.tolerance(setting.record, measured);
-        if setting.tolerance > 1.0 { made(setting) } else { Ok(found) }
-    }
-
-    /// Locates every instant with these weights, and smooths.
-    fn made(
-        setting: &mut Setting<'_, D, N>,
-        measured: &Rc<Measured<D>>,
-        jerk: Option<f64>,
-        trust: Vec<f64>,
-        before: Option<&Self>,
-        components: usize,
-    ) -> Result<Self, Failure> {
-        let same = before.filter(|before| Rc::ptr_eq(&before.measured, measured));
-        let old = same.map(|before| (&before.fixes, before.trust.as_slice()));
-        let fixes = Fixes::locate(setting.record, measured, &trust, setting.tolerance, old)?;
-        let plots = plots_of(&fixes, D);
-        let near = before.map(|before| before.path.fit.jerk);
-        // where nothing will be linearised, this is the last word
-        let last = if plots.count(D) < 2 { D } else { 0 };
-        let path = setting.smoothed(&plots, jerk, near, last)?;
+        let record = setting.record;
+        let trust = vec![1.0; measured.values.len()];
+        let (fixes, start) = Fixes::first(record, measured)?;
+        let plots = plots_of(&start, D);
+        let path = setting.smoothed(&plots, setting.jerk, None)?;
         let measured = Rc::clone(measured);
-        let mut found = Self { measured, trust, fixes, plots, path, used: Vec::new() };
-        found.used = found.weights(setting.record);
-        for round in 1..=RELINEARISED {
-            let components = if round == RELINEARISED { components } else { 0 };
-            found.relinearise(setting, Some(found.path.fit.jerk), components)?;
+        let anchor = vec![0.0; record.len()];
+        let mut found = Self { measured, trust, fixes, plots, path, anchor, scale: 1.0 };
+        if !record.robust {
+            for _ in 0..2 {
+                found.relinearise(setting, Some(found.path.fit.jerk), 1.0)?;
+            }
         }
         Ok(found)
     }
 
-    /// Linearises about the path in place of each position, whose error is larger.
+    /// Linearises what was measured about the path, with a noise so many times as large as stated, and
+    /// smooths.
     pub fn relinearise(
         &mut self,
         setting: &mut Setting<'_, D, N>,
         jerk: Option<f64>,
-        components: usize,
+        scale: f64,
     ) -> Result<(), Failure> {
         if self.plots.count(D) < 2 {
             // a single position is its own path
             return Ok(());
         }
         let near = Some(self.path.fit.jerk);
-        let mut plots = self.plots.clone();
-        for t in (0..setting.record.len()).filter(|&t| self.fixes.is_located(t)) {
+        let mut plots = Plots::none(setting.record.len(), D);
+        for t in 0..setting.record.len() {
+            let Some((inverse, step)) = self.step(setting.record, t, scale) else { continue };
             let p = self.path.position::<D>(t);
-            let Some((inverse, step)) = self.step(setting.record, t, p) else { continue };
-            let factor = if self.is_robust(setting.record, t) { EFFICIENCY } else { 1.0 };
             for i in 0..D {
                 plots.position[t * D + i] = p[i] + step[i];
                 for j in 0..D {
-                    plots.covariance[(t * D + i) * D + j] = factor * inverse[i][j];
+                    plots.covariance[(t * D + i) * D + j] = inverse[i][j];
                 }
             }
         }
-        self.path = setting.smoothed(&plots, jerk, near, components)?;
+        self.path = setting.smoothed(&plots, jerk, near)?;
         self.plots = plots;
         Ok(())
     }
 
-    /// The covariance of an instant's position about another one, and the way to it.
-    fn step(&self, record: &Record<'_>, t: usize, p: &[f64]) -> Option<(Matrix<D>, Vector<D>)> {
-        if p.iter().any(|v| v.is_nan()) {
+    /// The covariance of an instant's position about the path, and the way to it.
+    fn step(
+        &mut self,
+        record: &Record<'_>,
+        t: usize,
+        scale: f64,
+    ) -> Option<(Matrix<D>, Vector<D>)> {
+        let p = self.path.position::<D>(t);
+        let spread: f64 = self.path.covariance[t * D * D..][..D * D].iter().step_by(D + 1).sum();
+        if p.iter().any(|v| v.is_nan()) || !spread.is_finite() {
             return None;
         }
-        let width = self.trust.len() / self.fixes.fixes.len();
+        let (mut normal, mut right) = self.information(record, t);
+        normal.iter_mut().flatten().chain(&mut right).for_each(|v| *v /= scale * scale);
+        if let Some(factor) = Factor::try_new(&normal, 0.0) {
+            let inverse = factor.inverse();
+            if (0..D).map(|i| inverse[i][i]).sum::<f64>() < UNDETERMINED * spread {
+                self.anchor[t] = 0.0;
+                return Some((inverse, factor.solve(&right)));
+            }
+        }
+        let largest: f64 = (0..D).map(|i| normal[i][i]).sum();
+        if largest == 0.0 {
+            return None;
+        }
+        let anchor = (1.0 / (ANCHOR * spread)).max(LEAST_ANCHOR * largest);
+        self.anchor[t] = anchor * scale * scale;
+        (0..D).for_each(|i| normal[i][i] += anchor);
+        let factor = Factor::try_new(&normal, 0.0)?;
+        Some((factor.inverse(), factor.solve(&right)))
+    }
+
+    /// What an instant says of its position, and of the way to it from the path.
+    fn information(&self, record: &Record<'_>, t: usize) -> (Matrix<D>, Vector<D>) {
+        let width = record.width();
         let (mut normal, mut right) = ([[0.0; D]; D], [0.0; D]);
         let common = record.common_variance();
         // the error that range differences share is one unknown more: its column, row and right
         let (mut column, mut corner, mut rest) = ([0.0; D], 1.0, 0.0);
-        for (m, row) in self.measured.rows(t, p) {
-            let weight = self.used[t * width + self.measured.column[m]];
+        for (m, row) in self.measured.rows(t, self.path.position::<D>(t)) {
+            let weight = self.trust[t * width + self.measured.column[m]];
             if weight == 0.0 {
                 continue;
             }
@@ -174,60 +196,122 @@ impl<const D: usize, const N: usize> Found<D, N> {
                 normal[i][j] -= column[i] * column[j] / corner;
             }
         }
-        let factor = Factor::try_new(&normal, 0.0)?;
-        Some((factor.inverse(), factor.solve(&right)))
+        (normal, right)
     }
 
-    /// Whether an instant is located robustly.
-    fn is_robust(&self, record: &Record<'_>, t: usize) -> bool {
-        record.robust && self.fixes.fixes[t].degrees_of_freedom >= REDUNDANCY as i64
-    }
-
-    /// The weights with which the measurements are in the positions.
-    fn weights(&self, record: &Record<'_>) -> Vec<f64> {
-        let (width, mut used) = (record.width(), vec![0.0; self.trust.len()]);
-        for t in (0..record.len()).filter(|&t| self.fixes.is_located(t)) {
-            let robust = self.is_robust(record, t);
-            for (m, row) in self.measured.rows(t, &self.fixes.position[t * D..][..D]) {
-                let at = t * width + self.measured.column[m];
-                let size = row.residual / self.fixes.tolerance;
-                let inside = if robust { tukey(size) } else { 1.0 };
-                used[at] = if row.residual.is_nan() { 0.0 } else { self.trust[at] * inside };
-            }
-        }
-        used
-    }
-
-    /// Leaves out what the smooth path contradicts, until nothing else is.
+    /// Fits the path to these measurements without what contradicts it, until nothing changes.
     pub fn without_outliers(
-        self,
+        mut self,
         setting: &mut Setting<'_, D, N>,
         measured: &Rc<Measured<D>>,
     ) -> Result<Self, Failure> {
-        let robust = setting.record.robust;
-        let same = Rc::ptr_eq(&self.measured, measured);
-        if !same {
-            setting.tolerance = self.tolerance(setting.record, measured);
+        self.measured = Rc::clone(measured);
+        if self.plots.count(D) < 2 {
+            // the others of its instant are all that a measurement is compared with
+            let pairs = self.trust.iter_mut().zip(&self.fixes.outlier);
+            pairs.filter(|(_, outlier)| **outlier).for_each(|(trust, _)| *trust = 0.0);
+            return Ok(self);
         }
-        let mut found = self;
-        for pass in 0..if robust { PASSES } else { 1 } {
-            let judged = robust && (pass > 0 || same);
-            let trust = if judged { found.trusted(setting.record) } else { found.trust.clone() };
-            let pairs = trust.iter().zip(&found.trust);
-            let unchanged = pairs.fold(0.0_f64, |most, (new, old)| most.max((new - old).abs()));
-            if unchanged < UNCHANGED && Rc::ptr_eq(&found.measured, measured) {
+        if !setting.record.robust {
+            self.relinearise(setting, setting.jerk, 1.0)?;
+            self.relinearise(setting, setting.jerk, 1.0)?;
+            return Ok(self);
+        }
+        let mut mixture = Mixture::new(&self);
+        let mut best = None;
+        while let Some(sharper) = mixture.sharper() {
+            self.weigh_twice(setting, &mut mixture, true)?;
+            keep(&mut best, &mixture, &self);
+            mixture = sharper;
+        }
+        if let Some((likeliest, found)) = best {
+            self.weigh_twice(setting, &mut mixture, true)?;
+            if likeliest.log_likelihood > mixture.log_likelihood {
+                (mixture, self) = (likeliest, found);
+            }
+        }
+        for _ in 0..ROUNDS {
+            if !self.weigh_twice(setting, &mut mixture, false)? {
                 break;
             }
-            let jerk = Some(found.path.fit.jerk);
-            found = Self::made(setting, measured, jerk, trust, Some(&found), 0)?;
-            found.relinearise(setting, setting.jerk, D)?;
         }
-        Ok(found)
+        Ok(self)
     }
 
-    /// What was left out in space, or is contradicted.
+    /// Judges the measurements by the path, and smooths, once with a new jerk and once with the same:
+    /// whether the second time has changed anything. The noise may be held.
+    fn weigh_twice(
+        &mut self,
+        setting: &mut Setting<'_, D, N>,
+        mixture: &mut Mixture,
+        is_held: bool,
+    ) -> Result<bool, Failure> {
+        self.weigh(setting, mixture, is_held, true)?;
+        self.weigh(setting, mixture, is_held, false)
+    }
+
+    /// Judges the measurements by the path, and smooths: whether anything has changed.
+    fn weigh(
+        &mut self,
+        setting: &mut Setting<'_, D, N>,
+        mixture: &mut Mixture,
+        is_held: bool,
+        refits: bool,
+    ) -> Result<bool, Failure> {
+        let trust = self.trusted(setting.record, mixture, is_held);
+        let pairs = trust.iter().zip(&self.trust);
+        let change: f64 = pairs.map(|(new, old)| (new - old).abs()).sum();
+        let is_other = self.scale != mixture.noise || change > FEW * self.measured.len() as f64;
+        let before = self.path.mean.clone();
+        let jerk = match setting.jerk {
+            None if !refits || !is_other => Some(self.path.fit.jerk),
+            jerk => jerk,
+        };
+        self.trust = trust;
+        self.scale = mixture.noise;
+        self.relinearise(setting, jerk, mixture.noise)?;
+        Ok(self.moved(&before) > UNCHANGED)
+    }
+
+    /// An instant with what biases do to it, about the path.
+    pub fn instant(&self, t: usize, weight: &[f64], columns: &[usize]) -> Instant<D> {
+        let p = self.path.position::<D>(t);
+        Instant::new(&self.measured, t, p, weight, columns, self.anchor[t])
+    }
+
+    /// Several instants as one, with what biases do to them.
+    pub fn together(&self, own: Range<usize>, weight: &[f64], columns: &[usize]) -> Instant<D> {
+        let at = |t: usize| (t, std::array::from_fn(|i| self.path.position::<D>(t)[i]));
+        Instant::together(&self.measured, own.map(at), weight, columns)
+    }
+
+    /// The largest change of a coordinate, over its standard deviation.
+    fn moved(&self, before: &[f64]) -> f64 {
+        let mut most = 0.0_f64;
+        for (t, old) in before.chunks_exact(N).enumerate() {
+            for (i, (new, old)) in self.path.position::<D>(t).iter().zip(old).enumerate() {
+                let sigma = self.path.covariance[(t * D + i) * D + i].sqrt();
+                most = most.max((new - old).abs() / sigma);
+            }
+        }
+        most
+    }
+
+    /// Whether the others contradict a measurement more than not.
     pub fn is_outlier(&self, at: usize) -> bool {
-        self.fixes.outlier[at] || self.trust[at] == 0.0
+        self.trust[at] < 0.5
+    }
+}
+
+/// Keeps what is likelier.
+fn keep<const D: usize, const N: usize>(
+    best: &mut Option<(Mixture, Found<D, N>)>,
+    mixture: &Mixture,
+    found: &Found<D, N>,
+) {
+    let likelier = |(one, _): &(Mixture, _)| mixture.log_likelihood > one.log_likelihood;
+    if best.as_ref().is_none_or(likelier) {
+        *best = Some((mixture.clone(), found.clone()));
     }
 }
 

@@ -18,6 +18,7 @@ use super::measured::{Measured, Record, in_domain};
 use super::prior::Prior;
 use crate::sensors::KINDS;
 use nalgebra::{DMatrix, DVector};
+use std::ops::Range;
 use std::rc::Rc;
 
 /// Probability of no lasting errors from which none are removed.
@@ -61,6 +62,8 @@ pub(super) struct Lasting {
     common: Vec<f64>,
     /// Variance of the other errors, averaged over a block, over what is expected.
     growth: f64,
+    /// Numbers that contradict.
+    redundant: usize,
     /// Probability that nothing lasts.
     nothing: f64,
     /// Instants over which the smoother averages.
@@ -96,18 +99,28 @@ impl Lasting {
         before: &DVector<f64>,
     ) -> Self {
         let (weight, slope) = weights(record, found);
-        let of =
-            |t| Instant::new(&found.measured, t, found.path.position::<D>(t), &weight, columns);
-        let instants: Vec<Instant<D>> = (0..record.len()).map(of).collect();
+        let memory = memory(record, found);
+        let together = together(record, found, memory);
+        let parts: Vec<Range<usize>> = (0..record.len())
+            .step_by(together)
+            .map(|first| first..(first + together).min(record.len()))
+            .collect();
+        let of = |own: &Range<usize>| match together {
+            1 => found.instant(own.start, &weight, columns),
+            _ => found.together(own.clone(), &weight, columns),
+        };
+        let instants: Vec<Instant<D>> = parts.iter().map(of).collect();
+        let mean =
+            |own: &Range<usize>| record.time[own.clone()].iter().sum::<f64>() / own.len() as f64;
+        let time: Vec<f64> = parts.iter().map(mean).collect();
         let rows = instants.iter().flat_map(|own| (0..own.rows.len()).map(|i| own.share(i)));
         let (sum, count) = rows.fold((0.0, 0.0), |(sum, count), v| (sum + v, count + 1.0));
         let share = sum / f64::max(count, 1.0);
         let left =
             |[own, part]: [f64; 2]| (1.0 - (own + part * share) * (1.0 - slope)).max(LEAST_FALL);
         let taper = (1.0 - share * (1.0 - slope), left(FALL_OF_SQUARES).sqrt());
-        let memory = memory(record, found);
-        let length = length(record, memory, columns.len());
-        let blocks = Blocks::new(record, &instants, before, length, taper);
+        let length = length(instants.len(), memory / together as f64, columns.len());
+        let blocks = Blocks::new(&time, &instants, before, length, taper);
         let mut lasting = Self::of(record, &blocks, prior, columns, memory);
         let variances = left(FALL_OF_VARIANCES);
         lasting.share_declared(record, &instants, before, variances, prior);
@@ -142,6 +155,7 @@ impl Lasting {
             smooth: vec![0.0; c],
             common: vec![0.0; c],
             growth: 0.0,
+            redundant: blocks.count,
             nothing: 0.0,
             memory,
             ways: blocks.ways(&sigmas),
@@ -255,6 +269,11 @@ impl Lasting {
         self.nothing >= CERTAIN
     }
 
+    /// Standard deviation of the noise over what is stated, where contradictions tell.
+    pub fn noise(&self) -> Option<f64> {
+        (self.redundant > 0).then(|| self.growth.sqrt())
+    }
+
     fn sigma(&self, i: usize) -> f64 {
         (self.constant[(i, i)] + self.drift[i] + self.common[i].powi(2)).sqrt()
     }
@@ -283,9 +302,6 @@ impl Lasting {
         jerk: f64,
         covariance: &mut [f64],
     ) -> Result<(), Failure> {
-        if self.growth > 1.0 {
-            covariance.iter_mut().for_each(|v| *v *= self.growth);
-        }
         if self.is_zero() {
             return Ok(());
         }
@@ -349,7 +365,7 @@ fn answers<const D: usize, const N: usize>(
     columns: &[usize],
 ) -> (Vec<Vec<f64>>, Vec<f64>) {
     let (weight, _) = weights(record, found);
-    let of = |t| Instant::new(&found.measured, t, found.path.position::<D>(t), &weight, columns);
+    let of = |t| found.instant(t, &weight, columns);
     let instants: Vec<Instant<D>> = (0..record.len()).map(of).collect();
     responses(&instants, columns.len())
 }
@@ -366,9 +382,23 @@ fn memory<const D: usize, const N: usize>(record: &Record<'_>, found: &Found<D, 
     ratios.get(ratios.len() / 2).copied().unwrap_or(1.0)
 }
 
+/// Instants that are taken as one, where they have fewer measurements than coordinates: as many as have
+/// enough to contradict, and few of those over which the smoother averages.
+fn together<const D: usize, const N: usize>(
+    record: &Record<'_>,
+    found: &Found<D, N>,
+    memory: f64,
+) -> usize {
+    let each = found.measured.len() as f64 / record.len() as f64;
+    if each >= D as f64 || record.common_variance() > 0.0 {
+        return 1;
+    }
+    let wished = (2.0 * D as f64 + 2.0) / each;
+    (wished.min(memory / IN_MEMORY) as usize).max(1)
+}
+
 /// Instants in a block: a part of the memory of the smoother.
-fn length(record: &Record<'_>, memory: f64, columns: usize) -> usize {
-    let n = record.len();
+fn length(n: usize, memory: f64, columns: usize) -> usize {
     let wished = (memory / IN_MEMORY) as usize;
     wished.min(n / LEAST_BLOCKS).max(n.div_ceil(MOST_NUMBERS / columns)).max(1)
 }

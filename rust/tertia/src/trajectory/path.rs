@@ -15,6 +15,10 @@ pub(super) struct Plots {
 }
 
 impl Plots {
+    pub fn none(n: usize, d: usize) -> Self {
+        Self { position: vec![f64::NAN; n * d], covariance: vec![f64::NAN; n * d * d] }
+    }
+
     pub fn is_known(&self, t: usize, d: usize) -> bool {
         self.covariance[t * d * d..][..d * d].iter().all(|v| v.is_finite())
     }

@@ -15,7 +15,7 @@ pub fn by_polynomials<const D: usize, const N: usize>(
     polynomials: Polynomials,
 ) -> Result<Trajectory, Failure> {
     let measured = Measured::<D>::new(record, record.values.to_vec());
-    let fixes = Fixes::locate(record, &measured, &vec![1.0; record.values.len()], 1.0, None)?;
+    let fixes = Fixes::alone(record, &measured).located()?;
     let coordinate = |axis: usize| -> Noisy {
         let of = |t: usize| {
             let variance = fixes.covariance[(t * D + axis) * D + axis];

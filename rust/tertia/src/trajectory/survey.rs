@@ -52,9 +52,8 @@ fn shifts<const D: usize, const N: usize>(
     measured: &Measured<D>,
     weight: &[f64],
 ) -> (Vec<f64>, Vec<f64>) {
-    let instants: Vec<Instant<D>> = (0..record.len())
-        .map(|t| Instant::new(&found.measured, t, found.path.position::<D>(t), weight, &[]))
-        .collect();
+    let instants: Vec<Instant<D>> =
+        (0..record.len()).map(|t| found.instant(t, weight, &[])).collect();
     let (_, spread) = responses(&instants, 0);
     let mut shift = vec![f64::NAN; record.len() * D];
     for (t, instant) in instants.iter().enumerate() {

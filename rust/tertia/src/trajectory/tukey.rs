@@ -3,12 +3,8 @@
 /// For an efficiency of 95 % with normal noise.
 pub(super) const TUKEY: f64 = 4.685;
 const Q: f64 = 1.0 / (TUKEY * TUKEY);
-/// Means of Tukey's weight, slope and squared score with normal errors, what is beyond left out.
-const MEAN_WEIGHT: f64 = 1.0 - 2.0 * Q + 3.0 * Q * Q;
-const MEAN_SLOPE: f64 = 1.0 - 6.0 * Q + 15.0 * Q * Q;
+/// Mean of the squared score of Tukey's weights with normal errors, what is beyond left out.
 const MEAN_SQUARE: f64 = 1.0 - 12.0 * Q + 90.0 * Q * Q - 420.0 * Q * Q * Q + 945.0 * Q * Q * Q * Q;
-/// Of the estimate: variance times the sum of its weights.
-pub(super) const EFFICIENCY: f64 = MEAN_WEIGHT * MEAN_SQUARE / (MEAN_SLOPE * MEAN_SLOPE);
 /// Mean squared score over mean squared weight.
 pub(super) const TAPERED: f64 =
     MEAN_SQUARE / (1.0 - 4.0 * Q + 18.0 * Q * Q - 60.0 * Q * Q * Q + 105.0 * Q * Q * Q * Q);
