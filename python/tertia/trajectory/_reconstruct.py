@@ -1,4 +1,4 @@
-"""Trajectories from measurements of several stations at common times."""
+"""Trajectories from measurements of several stations."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def reconstruct(
     degrees: bool = False,
     n_threads: int | None = None,
 ) -> Trajectory:
-    """Reconstruct a trajectory from the measurements of several stations at common times.
+    """Reconstruct a trajectory from the measurements of several stations.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def reconstruct(
         (N, D). If their axes change over time, the order must be "spatial-first". With a
         `position_sigma`, which is that of an error common to all instants, also the smoother "rts".
     time : array_like of shape (N,)
-        Times of the instants, not decreasing.
+        Times of the instants, not decreasing. An instant may have a single measurement.
     range, azimuth, elevation : array_like of shape (N, K), optional
         Measurements in metres and radians, nan where there is none.
     range_difference : array_like of shape (N, K - 1), optional
@@ -85,9 +85,8 @@ def reconstruct(
         See `tertia.location.locate`.
     order : {"spatial-first", "temporal-first"}
         "spatial-first": instants are located, then positions are smoothed over time;
-        "temporal-first": each series of measurements is smoothed over time, then positions are
-        computed. The latter does not need measurements at the same instants: nan between the first
-        and the last measurement of a station is filled.
+        "temporal-first": each series of measurements is smoothed over time, and nan between its
+        first and last measurement filled, then positions are computed.
     spatial : {"robust", "least-squares"}
         How each instant is located.
     smoother : {"rts", "local-polynomial"}
@@ -129,11 +128,13 @@ def reconstruct(
 
     Notes
     -----
-    With "rts" and "robust", a measurement is also left out if both the rest of the track (1 % for
-    the whole record) and the other measurements of its instant (1 %) contradict it. Instants with
-    one or two degrees of freedom have Tukey's weights about the track. Positions are linearised
-    about the track. The covariance includes the uncertainty of the fitted jerk: it is the mean over
-    the intensities q, weighted by likelihood and a prior on log q proportional to q^(1/4).
+    With "rts", measurements are linearised about the track, also where those of an instant do not
+    determine a position. With "robust", each is noise or an outlier, both normal about the track
+    without it; its weight is the probability that it is noise. Their sizes and the share of
+    outliers are the likeliest ones, by expectation and maximisation, from a noise as large as the
+    residuals of the first track down to that stated. The covariance includes the uncertainty of the
+    fitted jerk: it is the mean over the intensities q, weighted by likelihood and a prior on log q
+    proportional to q^(1/4).
 
     Systematic errors: what a station measures of a kind has an error c + g(t), with c constant and
     g Gauss-Markov. To first order it adds A_t (c + g) to the position, with A_t the matrix of the
@@ -145,8 +146,8 @@ def reconstruct(
     into the covariance. What all stations of a kind have in common is then taken to be as large as
     what contradicts, or as what is stated of a variance but neither scatters nor contradicts.
     Where nothing lasts, nothing is removed, and what cannot be excluded is in the covariance. Of
-    range differences the errors are those of the receivers. With three degrees of freedom and
-    more, limits of faults grow with the errors that last.
+    range differences the errors are those of the receivers. Limits of faults grow with the errors
+    that last.
 
     With a sigma of inf, c is estimated with Tukey's weights about the track. Its covariance is
     A^-1 B A^-1, with A the derivative of the scores, and B their variance from the standard
