@@ -222,7 +222,7 @@ def test_rows_of_measurements(write: Write, stations: Path, tmp_path: Path) -> N
     assert pl.read_parquet(output).rows() == expected
 
 
-def test_a_sigma_per_measurement_must_be_that_of_a_station(
+def test_sigmas_of_measurements_replace_those_of_stations(
     write: Write, stations: Path, tmp_path: Path
 ) -> None:
     head = HEAD + ",range_sigma_m"
@@ -232,12 +232,9 @@ def test_a_sigma_per_measurement_must_be_that_of_a_station(
     measured: dict[str, Any] = {kind: v * UNITS[kind][1] for kind, v in Z.items()}
     check(frame, reconstruct(others, TIMES, **measured))
     rows = [line + (",30" if line.startswith("9.0,B") else ",25") for line in lines()]
-    done = run(write(rows, head), "--sensors", stations)
-    assert (done.code, done.err) == (
-        1,
-        "tertia: the sigma of the range of B changes over time; a path takes one for each sensor "
-        "and kind\n",
-    )
+    frame = track(write(rows, head), "--sensors", stations, folder=tmp_path)
+    each = np.where((TIMES == 9.0)[:, np.newaxis] & (np.array(NAMES) == "B"), 30.0, 25.0)
+    check(frame, reconstruct(others, TIMES, range_sigma=each, **measured))
 
 
 def test_range_differences(write: Write, tmp_path: Path) -> None:

@@ -503,6 +503,30 @@ def test_bearings_that_each_have_a_time_of_their_own(gross):
     assert np.mean(missed) > 0.9
 
 
+def test_measurements_of_different_sigmas():
+    """Each counts by its own; one that is missing has none."""
+    truth = turn(INSTANTS)
+    rng = np.random.default_rng(27)
+    factor = np.where(rng.random((60, 3)) < 0.5, 1.0, 5.0)
+    noise = {kind: SIGMAS[kind] * rng.standard_normal((60, 3)) for kind in SIGMAS}
+    measured = {kind: values + factor * noise[kind] for kind, values in ideal(truth[0]).items()}
+    measured["range"][3, 1] = np.nan
+    sigmas = {f"{kind}_sigma": factor * SIGMAS[kind] for kind in SIGMAS}
+    both = [
+        reconstruct(network(), INSTANTS, bias=Bias(), **measured, **one) for one in (sigmas, {})
+    ]
+    better, worse = (rmse(track, truth) for track in both)
+    assert better < 0.8 * worse
+    assert 0.5 < np.mean(nees(both[0], truth)) < 1.5
+    sigmas["range_sigma"][3, 1] = 1e3
+    again = reconstruct(network(), INSTANTS, bias=Bias(), **measured, **sigmas)
+    np.testing.assert_array_equal(again.position, both[0].position)
+    with pytest.raises(
+        ValueError, match=r"range_sigma has shape \(2, 3\); it must be \(3,\) or \(60, 3\)"
+    ):
+        reconstruct(network(), INSTANTS, range=measured["range"], range_sigma=np.ones((2, 3)))
+
+
 def test_with_many_faults_the_path_is_as_good_as_without_them():
     """Three bearings an instant, three of ten wrong: the path tells what an instant cannot."""
     sizes = []

@@ -50,8 +50,7 @@ def reconstruct(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per sensor and time, or per measurement, as for `locate`. Each sensor has one sigma
-        per kind.
+        One row per sensor and time, or per measurement, as for `locate`.
     sensors : sequence of Station
         The stations, with the names used in the table.
     columns : mapping of str to str, optional
@@ -72,7 +71,7 @@ def reconstruct(
     Raises
     ------
     RecordError
-        As for `locate`; also sigmas that change, or too few measurements to reconstruct a path.
+        As for `locate`; also too few measurements to reconstruct a path.
     ValueError
         An option outside its domain.
     TypeError
@@ -130,21 +129,19 @@ def _path(
         raise RecordError(f"{target.name}: nothing was measured")
     if "arrival_time" in target.values:
         raise RecordError(f"{target.name}: paths take no arrival_time_s; locate each instant")
-    sigmas = _constant(target, target.sensors)
-    stations = [
-        Station(
-            one.position,
-            name=one.name,
-            axes=one.axes,
-            range_sigma=_stated(sigmas, "range", k),
-            azimuth_sigma=_stated(sigmas, "azimuth", k),
-            elevation_sigma=_stated(sigmas, "elevation", k),
-        )
-        for k, one in enumerate(target.sensors.items)
-    ]
+    stations = [Station(one.position, name=one.name, axes=one.axes) for one in target.sensors.items]
     measured: dict[str, Any] = dict(target.measured())
-    if "range_difference" in sigmas:
-        measured["range_difference_sigma"] = sigmas["range_difference"][1:]
+    for kind, sigma in target.all_sigmas(target.sensors).items():
+        of_stations = _of_stations(target, kind, sigma)
+        if kind == "range_difference":
+            if of_stations is None:
+                raise RecordError(
+                    f"{target.name}: sigmas of range differences change over time; a path takes "
+                    "one for each sensor"
+                )
+            measured["range_difference_sigma"] = of_stations[1:]
+        else:
+            measured[f"{kind}_sigma"] = sigma if of_stations is None else of_stations
     try:
         found = reconstruct_path(stations, target.times, **measured, **options)
     except ValueError as error:
@@ -164,24 +161,13 @@ def _has_position(found: Trajectory) -> BoolArray:
     return np.asarray(np.isfinite(found.position).all(axis=1))
 
 
-def _stated(sigmas: Mapping[Kind, FloatArray], kind: Kind, k: int) -> float | None:
-    return float(sigmas[kind][k]) if kind in sigmas else None
-
-
-def _constant(target: Target, sensors: Sensors[Station]) -> dict[Kind, FloatArray]:
-    """Return the standard deviation of each station, (K,); it must not change."""
-    constant = {}
-    for kind, sigma in target.all_sigmas(sensors).items():
-        own = np.where(np.isnan(target.values[kind]), np.nan, sigma)
-        least, largest = np.fmin.reduce(own), np.fmax.reduce(own)
-        changing = np.flatnonzero(largest > least)
-        if changing.size:
-            raise RecordError(
-                f"the sigma of the {kind.replace('_', ' ')} of {sensors.names[changing[0]]} "
-                "changes over time; a path takes one for each sensor and kind"
-            )
-        constant[kind] = np.where(np.isnan(least), sigma[0], least)
-    return constant
+def _of_stations(target: Target, kind: Kind, sigma: FloatArray) -> FloatArray | None:
+    """Return the sigma of each station, (K,); None where those of its measurements differ."""
+    own = np.where(np.isnan(target.values[kind]), np.nan, sigma)
+    least, largest = np.fmin.reduce(own), np.fmax.reduce(own)
+    if np.any(largest > least):
+        return None
+    return np.asarray(np.where(np.isnan(least), sigma[0], least))
 
 
 def _rows(

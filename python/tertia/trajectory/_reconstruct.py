@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Literal, NoReturn, TypeAlias, get_args
@@ -15,7 +16,6 @@ from tertia._arrays import (
     FloatArray,
     finite,
     instance,
-    positive,
     radians,
     real,
     samples,
@@ -24,7 +24,7 @@ from tertia._arrays import (
 from tertia.location import LocationStatus
 from tertia.location._bias import Given, given_biases, said
 from tertia.location._degrees import warn_if_degrees
-from tertia.location._readers import checked, correlation_of
+from tertia.location._readers import checked, correlation_of, deviations
 from tertia.location._result import location_of
 from tertia.sensors import Bias, Kind, Station
 from tertia.sensors._kinds import ANGLES, KINDS, STATION_KINDS
@@ -53,6 +53,9 @@ def reconstruct(
     azimuth: npt.ArrayLike | None = None,
     elevation: npt.ArrayLike | None = None,
     range_difference: npt.ArrayLike | None = None,
+    range_sigma: npt.ArrayLike | None = None,
+    azimuth_sigma: npt.ArrayLike | None = None,
+    elevation_sigma: npt.ArrayLike | None = None,
     range_difference_sigma: npt.ArrayLike | None = None,
     range_difference_correlation: float = 0.5,
     order: Order = "spatial-first",
@@ -79,8 +82,10 @@ def reconstruct(
         Measurements in metres and radians, nan where there is none.
     range_difference : array_like of shape (N, K - 1), optional
         See `tertia.location.locate`.
+    range_sigma, azimuth_sigma, elevation_sigma : array_like of shape (K,) or (N, K), optional
+        Standard deviations of the stations, or of each measurement, in place of the stations' own.
     range_difference_sigma : array_like of shape (K - 1,), optional
-        Their standard deviations.
+        Those of the range differences.
     range_difference_correlation : float
         See `tertia.location.locate`.
     order : {"spatial-first", "temporal-first"}
@@ -188,9 +193,12 @@ def reconstruct(
     instants = _instants(time)
     places, axes, sigmas = _places(stations, len(instants))
     k = places.shape[-2]
-    if range_difference_sigma is not None:
-        sigma = positive(range_difference_sigma, "range_difference_sigma")
-        sigmas["range_difference"] = np.broadcast_to(sigma, max(k - 1, sigma.size))
+    stated = (range_sigma, azimuth_sigma, elevation_sigma, range_difference_sigma)
+    sigmas |= {
+        kind: deviations(sigma, None, kind, k, degrees=degrees)
+        for kind, sigma in zip(KINDS, stated, strict=False)
+        if sigma is not None
+    }
     columns = zip(KINDS, (range, azimuth, elevation, range_difference, None), strict=True)
     measured = {
         kind: _checked(values, sigmas.get(kind), kind, (len(instants), k), degrees=degrees)
@@ -215,10 +223,7 @@ def reconstruct(
         if (order, smoother) != ("spatial-first", "rts"):
             raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
         prior["deviation"] = curves[1].ravel().tolist()
-    values, deviations = (
-        np.full((len(instants), len(KINDS), k), np.nan),
-        np.full((len(KINDS), k), np.nan),
-    )
+    values, own = np.full((2, len(instants), len(KINDS), k), np.nan)
     for kind, array in measured.items():
         at, first = KINDS.index(kind), int(kind == "range_difference")
         known = array - given.value[at] if kind in STATION_KINDS else array
@@ -226,14 +231,17 @@ def reconstruct(
             known = known - curves[0]
         if kind == "range":
             known = np.where(known > 0, known, np.nan)
-        values[:, at, first:], deviations[at, first:] = known, sigmas[kind]
+        values[:, at, first:], own[:, at, first:] = known, sigmas[kind]
+    usual = _usual(own, values)
+    differ = any(sigma.ndim > 1 for sigma in sigmas.values())
     record = {
         "stations": places,
         "axes": axes,
         "surveys": None if surveys is None else surveys.tolist(),
         "time": instants,
         "values": values,
-        "sigmas": deviations,
+        "sigmas": usual,
+        "own_sigmas": np.where(np.isnan(values), usual, own) if differ else None,
         "correlation": correlation_of(range_difference_correlation),
         "robust": spatial == "robust",
     }
@@ -267,6 +275,15 @@ def reconstruct(
         bias=_bias(given, found["bias"]),
         smoothed=None if smoothed is None else _smoothed(mean, smoothed),
     )
+
+
+def _usual(sigmas: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the median standard deviation of what each station measured of a kind, (5, K)."""
+    measured = np.where(np.isnan(values), np.nan, sigmas)
+    with warnings.catch_warnings():
+        # of what was not measured there is none
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return np.asarray(np.nanmedian(measured, axis=0))
 
 
 def _warn_if_degrees(record: dict[str, Any], found: dict[str, Any]) -> None:
@@ -390,11 +407,12 @@ def _checked(
         )
     if sigma is None:
         raise ValueError(f"{kind}_sigma is missing")
-    if sigma.shape != (count,):
-        raise ValueError(f"{kind}_sigma has shape {sigma.shape}; it must be ({count},)")
-    missing = np.flatnonzero(np.isnan(sigma) & ~np.isnan(array).all(axis=0))
+    if sigma.shape not in {(count,), (n, count)}:
+        each = "" if kind == "range_difference" else f" or ({n}, {count})"
+        raise ValueError(f"{kind}_sigma has shape {sigma.shape}; it must be ({count},){each}")
+    missing = np.argwhere(np.isnan(sigma) & ~np.isnan(array))
     if missing.size:
-        raise ValueError(f"{kind}_sigma of station {missing[0]} is missing")
+        raise ValueError(f"{kind}_sigma of station {missing[0][1]} is missing")
     return checked(array, kind, k)
 
 

@@ -34,7 +34,7 @@ pub struct Reconstructed<'py> {
 }
 
 /// What stations measured: positions (K, D) or (N, K, D), axes, standard deviations of the
-/// positions (K), times, values (N, 5, K) and standard deviations (5, K).
+/// positions (K), times, values (N, 5, K) and standard deviations (5, K), or of each (N, 5, K).
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Measured<'py> {
@@ -44,6 +44,7 @@ pub struct Measured<'py> {
     time: Input<'py>,
     values: Input<'py>,
     sigmas: Input<'py>,
+    own_sigmas: Option<Input<'py>>,
     correlation: f64,
     robust: bool,
 }
@@ -83,6 +84,7 @@ pub fn reconstruct<'py>(
     let time = measured.time.rows("time", 0)?;
     let (values, sigmas) =
         (measured.values.blocks("values", 2)?, measured.sigmas.blocks("sigmas", 2)?);
+    let own = measured.own_sigmas.as_ref().map(|own| own.blocks("sigmas", 2)).transpose()?;
     let record = Record {
         stations: &stations.values,
         axes: axes.as_ref().map(|axes| &*axes.values),
@@ -90,6 +92,7 @@ pub fn reconstruct<'py>(
         time: &time.values,
         values: &values.values,
         sigmas: &sigmas.values,
+        own_sigmas: own.as_ref().map(|own| &*own.values),
         correlation: measured.correlation,
         robust: measured.robust,
         n_threads,
@@ -98,6 +101,7 @@ pub fn reconstruct<'py>(
     let fits = |size: usize, count: usize| size == count || size == n * count;
     let k = record.sigmas.len() / KINDS;
     let shapes = record.values.len() == n * KINDS * k
+        && record.own_sigmas.is_none_or(|own| own.len() == n * KINDS * k)
         && fits(record.stations.len(), k * d)
         && record.surveys.is_none_or(|surveys| surveys.len() == k)
         && record.axes.is_none_or(|axes| fits(axes.len(), k * d * d))

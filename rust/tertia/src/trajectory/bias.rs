@@ -22,6 +22,8 @@ const SETTLED: f64 = 0.01;
 const UNOBSERVABLE: f64 = 1e-9;
 /// Share of the information that may come from errors of the positions.
 const SPURIOUS: f64 = 0.1;
+/// Ratio of the largest and the least variance of a position that is determined.
+const REGULAR: f64 = 1e11;
 /// Share of an unobservable direction from which a bias is named.
 const NAMED: f64 = 0.1;
 
@@ -93,7 +95,10 @@ impl<const D: usize> Instant<D> {
                 }
             }
         }
-        let inverse = Factor::try_new(&normal, 0.0).map(|factor| factor.inverse());
+        let trace = |matrix: &Matrix<D>| (0..D).map(|i| matrix[i][i]).sum::<f64>();
+        let inverse = Factor::try_new(&normal, 0.0)
+            .map(|factor| factor.inverse())
+            .filter(|inverse| trace(inverse) * trace(&normal) < REGULAR);
         let own = inverse.unwrap_or([[0.0; D]; D]);
         let mut solution = vec![[0.0; D]; columns.len()];
         for (solution, column) in solution.iter_mut().zip(columns) {

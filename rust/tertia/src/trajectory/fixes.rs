@@ -84,7 +84,8 @@ impl Fixes {
     fn relocate<const D: usize>(&mut self, record: &Record<'_>, open: &[usize], values: &[f64]) {
         let width = record.width();
         let mut new = Self::empty(open.len(), width, D);
-        new.fill::<D>(record, open, values, &record.sigmas.repeat(open.len()));
+        let sigmas: Vec<f64> = open.iter().flat_map(|&t| record.sigmas_at(t)).copied().collect();
+        new.fill::<D>(record, open, values, &sigmas);
         for (at, &t) in open.iter().enumerate() {
             self.take::<D>(t, &new, at, width);
         }

@@ -29,7 +29,7 @@ const FEW: f64 = 0.01;
 const UNDETERMINED: f64 = 1e4;
 const ANCHOR: f64 = 1e6;
 /// Information of an anchor over the largest of the instant, at least.
-const LEAST_ANCHOR: f64 = 1e-11;
+const LEAST_ANCHOR: f64 = 1e-10;
 
 /// What has been found so far.
 #[derive(Clone, Debug)]
@@ -140,16 +140,17 @@ impl<const D: usize, const N: usize> Found<D, N> {
         }
         let (mut normal, mut right) = self.information(record, t);
         normal.iter_mut().flatten().chain(&mut right).for_each(|v| *v /= scale * scale);
-        if let Some(factor) = Factor::try_new(&normal, 0.0) {
-            let inverse = factor.inverse();
-            if (0..D).map(|i| inverse[i][i]).sum::<f64>() < UNDETERMINED * spread {
-                self.anchor[t] = 0.0;
-                return Some((inverse, factor.solve(&right)));
-            }
-        }
         let largest: f64 = (0..D).map(|i| normal[i][i]).sum();
         if largest == 0.0 {
             return None;
+        }
+        if let Some(factor) = Factor::try_new(&normal, 0.0) {
+            let inverse = factor.inverse();
+            let widest: f64 = (0..D).map(|i| inverse[i][i]).sum();
+            if widest < UNDETERMINED * spread && widest * largest < 1.0 / LEAST_ANCHOR {
+                self.anchor[t] = 0.0;
+                return Some((inverse, factor.solve(&right)));
+            }
         }
         let anchor = (1.0 / (ANCHOR * spread)).max(LEAST_ANCHOR * largest);
         self.anchor[t] = anchor * scale * scale;

@@ -24,8 +24,10 @@ pub struct Record<'a> {
     /// Ranges, azimuths, elevations and range differences of each instant, N 5 K numbers, nan where
     /// there is none.
     pub values: &'a [f64],
-    /// Their standard deviations, 5 K numbers.
+    /// Their standard deviations, 5 K numbers: those that they mostly have.
     pub sigmas: &'a [f64],
+    /// Their own, N 5 K numbers, where they differ.
+    pub own_sigmas: Option<&'a [f64]>,
     /// Correlation of the errors of range differences of an instant.
     pub correlation: f64,
     /// Whether instants are located robustly.
@@ -72,6 +74,11 @@ impl<'a> Record<'a> {
         Kind::RangeDifference as usize * self.width() / KINDS
     }
 
+    /// The standard deviations of the numbers of an instant.
+    pub(super) fn sigmas_at(&self, instant: usize) -> &'a [f64] {
+        self.own_sigmas.map_or(self.sigmas, |own| &own[instant * self.width()..][..self.width()])
+    }
+
     pub(super) fn stations_at(&self, instant: usize, d: usize) -> &'a [f64] {
         part(self.stations, instant, self.width() / KINDS * d)
     }
@@ -107,7 +114,8 @@ impl<const D: usize> Measured<D> {
         let mut origins = Vec::with_capacity(record.len());
         for (t, own) in values.chunks_exact(record.width()).enumerate() {
             let stations = record.stations_at(t, D);
-            read(stations, record.axes_at(t, D), own, record.sigmas, |place, measurement| {
+            let sigmas = record.sigmas_at(t);
+            read(stations, record.axes_at(t, D), own, sigmas, |place, measurement| {
                 list.push(measurement);
                 column.push(place);
             });

@@ -30,8 +30,10 @@ pub fn temporal_first<const D: usize, const N: usize>(
     let fixes = Fixes::of::<D>(record, &smoothed.value[0], &smoothed.sigma[0])?;
     let motion = Motion::<D>::new(record)?;
     let unit = vec![1.0; record.width()];
-    let measured =
-        Measured::<D>::new(&Record { sigmas: &unit, ..*record }, smoothed.value[0].clone());
+    let measured = Measured::<D>::new(
+        &Record { sigmas: &unit, own_sigmas: None, ..*record },
+        smoothed.value[0].clone(),
+    );
     let (mut mean, mut variance) =
         (vec![f64::NAN; record.len() * N], vec![f64::INFINITY; record.len() * N]);
     for t in 0..record.len() {
@@ -111,8 +113,9 @@ fn series(record: &Record<'_>, column: usize) -> Noisy {
         }
         last = *value;
     }
-    let variance = record.sigmas[column].powi(2);
-    let variances = y.iter().map(|v| if v.is_nan() { 1.0 } else { variance }).collect();
+    let variance = |t: usize| record.sigmas_at(t)[column].powi(2);
+    let variances =
+        y.iter().enumerate().map(|(t, v)| if v.is_nan() { 1.0 } else { variance(t) }).collect();
     (y, variances)
 }
 
