@@ -43,6 +43,8 @@ _CONSTANT = (
     "drift_share",
     "drift_time",
 )
+# share of instants with outliers from which angles may be in degrees
+_CONTRADICTED = 0.25
 
 
 def reconstruct(
@@ -299,7 +301,10 @@ def _warn_if_degrees(record: dict[str, Any], found: dict[str, Any]) -> None:
         return _core.locate(*rows, values, sigmas, *options)[:-1]
 
     known = sigmas[np.newaxis]
-    fixes = solve(values, known) if found["failure"] is not None else found["fixes"]
+    # fixes without what contradicts the path say little where most of it does
+    fixes = found.get("fixes")
+    if fixes is None or np.mean(found["outlier"].any(axis=(-2, -1))) > _CONTRADICTED:
+        fixes = solve(values, known)
     warn_if_degrees(fixes, values, known, solve)
 
 

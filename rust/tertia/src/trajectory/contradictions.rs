@@ -1,6 +1,6 @@
 //! Contradictions between the stations, in blocks of instants, and the filter of lasting errors.
 
-use super::bias::Instant;
+use super::instant::Instant;
 use nalgebra::{DMatrix, DVector};
 
 /// Share of its information from which a direction is determined.

@@ -1,35 +1,23 @@
 //! Positions along time that fit all measurements at once, without what contradicts the others.
 //!
 //! What an instant measured is linearised about the path, also where it does not determine a
-//! position: one bearing is a line, to which the path is drawn. Each measurement belongs to the noise
-//! or to the outliers, with a probability that follows from how far it is from the path without it.
-//! As a path through many outliers is a bad beginning, the noise is first taken to be as large as the
-//! residuals are, then step by step as small as it is.
+//! position: one bearing is a line, to which the path is drawn.
 
-use super::bias::Instant;
 use super::failure::Failure;
 use super::fixes::Fixes;
+use super::instant::{Instant, LEAST_ANCHOR};
 use super::measured::{Measured, Record};
 use super::path::{Path, Plots, Smoother};
-use super::weight::Mixture;
 use crate::base::small::{Factor, Matrix, Vector};
 use crate::sensors::Kind;
 use crate::smoothing::JerkFit;
 use std::ops::Range;
 use std::rc::Rc;
 
-/// Most rounds of weights with the noise as large as it is.
-const ROUNDS: usize = 20;
-/// Change of a position, over the standard deviation, that needs no other round.
-const UNCHANGED: f64 = 0.003;
-/// Share of the measurements whose weights may change with the jerk as it is.
-const FEW: f64 = 0.01;
 /// Variance of a direction that an instant does not determine, over that of the path: from which it
 /// is none, and with which it stays where it is.
 const UNDETERMINED: f64 = 1e4;
 const ANCHOR: f64 = 1e6;
-/// Information of an anchor over the largest of the instant, at least.
-const LEAST_ANCHOR: f64 = 1e-10;
 
 /// What has been found so far.
 #[derive(Clone, Debug)]
@@ -200,80 +188,6 @@ impl<const D: usize, const N: usize> Found<D, N> {
         (normal, right)
     }
 
-    /// Fits the path to these measurements without what contradicts it, until nothing changes.
-    pub fn without_outliers(
-        mut self,
-        setting: &mut Setting<'_, D, N>,
-        measured: &Rc<Measured<D>>,
-    ) -> Result<Self, Failure> {
-        self.measured = Rc::clone(measured);
-        if self.plots.count(D) < 2 {
-            // the others of its instant are all that a measurement is compared with
-            let pairs = self.trust.iter_mut().zip(&self.fixes.outlier);
-            pairs.filter(|(_, outlier)| **outlier).for_each(|(trust, _)| *trust = 0.0);
-            return Ok(self);
-        }
-        if !setting.record.robust {
-            self.relinearise(setting, setting.jerk, 1.0)?;
-            self.relinearise(setting, setting.jerk, 1.0)?;
-            return Ok(self);
-        }
-        let mut mixture = Mixture::new(&self);
-        let mut best = None;
-        while let Some(sharper) = mixture.sharper() {
-            self.weigh_twice(setting, &mut mixture, true)?;
-            keep(&mut best, &mixture, &self);
-            mixture = sharper;
-        }
-        if let Some((likeliest, found)) = best {
-            self.weigh_twice(setting, &mut mixture, true)?;
-            if likeliest.log_likelihood > mixture.log_likelihood {
-                (mixture, self) = (likeliest, found);
-            }
-        }
-        for _ in 0..ROUNDS {
-            if !self.weigh_twice(setting, &mut mixture, false)? {
-                break;
-            }
-        }
-        Ok(self)
-    }
-
-    /// Judges the measurements by the path, and smooths, once with a new jerk and once with the same:
-    /// whether the second time has changed anything. The noise may be held.
-    fn weigh_twice(
-        &mut self,
-        setting: &mut Setting<'_, D, N>,
-        mixture: &mut Mixture,
-        is_held: bool,
-    ) -> Result<bool, Failure> {
-        self.weigh(setting, mixture, is_held, true)?;
-        self.weigh(setting, mixture, is_held, false)
-    }
-
-    /// Judges the measurements by the path, and smooths: whether anything has changed.
-    fn weigh(
-        &mut self,
-        setting: &mut Setting<'_, D, N>,
-        mixture: &mut Mixture,
-        is_held: bool,
-        refits: bool,
-    ) -> Result<bool, Failure> {
-        let trust = self.trusted(setting.record, mixture, is_held);
-        let pairs = trust.iter().zip(&self.trust);
-        let change: f64 = pairs.map(|(new, old)| (new - old).abs()).sum();
-        let is_other = self.scale != mixture.noise || change > FEW * self.measured.len() as f64;
-        let before = self.path.mean.clone();
-        let jerk = match setting.jerk {
-            None if !refits || !is_other => Some(self.path.fit.jerk),
-            jerk => jerk,
-        };
-        self.trust = trust;
-        self.scale = mixture.noise;
-        self.relinearise(setting, jerk, mixture.noise)?;
-        Ok(self.moved(&before) > UNCHANGED)
-    }
-
     /// An instant with what biases do to it, about the path.
     pub fn instant(&self, t: usize, weight: &[f64], columns: &[usize]) -> Instant<D> {
         let p = self.path.position::<D>(t);
@@ -286,33 +200,9 @@ impl<const D: usize, const N: usize> Found<D, N> {
         Instant::together(&self.measured, own.map(at), weight, columns)
     }
 
-    /// The largest change of a coordinate, over its standard deviation.
-    fn moved(&self, before: &[f64]) -> f64 {
-        let mut most = 0.0_f64;
-        for (t, old) in before.chunks_exact(N).enumerate() {
-            for (i, (new, old)) in self.path.position::<D>(t).iter().zip(old).enumerate() {
-                let sigma = self.path.covariance[(t * D + i) * D + i].sqrt();
-                most = most.max((new - old).abs() / sigma);
-            }
-        }
-        most
-    }
-
     /// Whether the others contradict a measurement more than not.
     pub fn is_outlier(&self, at: usize) -> bool {
         self.trust[at] < 0.5
-    }
-}
-
-/// Keeps what is likelier.
-fn keep<const D: usize, const N: usize>(
-    best: &mut Option<(Mixture, Found<D, N>)>,
-    mixture: &Mixture,
-    found: &Found<D, N>,
-) {
-    let likelier = |(one, _): &(Mixture, _)| mixture.log_likelihood > one.log_likelihood;
-    if best.as_ref().is_none_or(likelier) {
-        *best = Some((mixture.clone(), found.clone()));
     }
 }
 

@@ -9,11 +9,12 @@
 //! Only c is removed from the measurements. What may be left of it, and g as large as it is before
 //! anything is known of it, go through the smoother into the covariance of the path.
 
-use super::bias::{Instant, add_covariance, responses, smoothed, weights};
+use super::bias::{add_covariance, smoothed, weights};
 use super::contradictions::Blocks;
 use super::failure::Failure;
 use super::found::{Found, Setting};
 use super::grid::Grid;
+use super::instant::{Instant, responses};
 use super::measured::{Measured, Record, in_domain};
 use super::prior::Prior;
 use crate::sensors::KINDS;

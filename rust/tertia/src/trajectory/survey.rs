@@ -1,8 +1,9 @@
 //! What errors of the stations' own positions, the same at all instants, add to the covariance.
 
-use super::bias::{Instant, add_covariance, responses, smoothed, weights};
+use super::bias::{add_covariance, smoothed, weights};
 use super::failure::Failure;
 use super::found::{Found, Setting};
+use super::instant::{Instant, responses};
 use super::measured::{Measured, Record};
 use crate::sensors::KINDS;
 use nalgebra::DMatrix;

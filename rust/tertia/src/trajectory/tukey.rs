@@ -1,4 +1,6 @@
-//! Tukey's biweight.
+//! Tukey's biweight, and the size of residuals to which it belongs.
+
+use crate::base::distribution::normal_two_sided_quantile;
 
 /// For an efficiency of 95 % with normal noise.
 pub(super) const TUKEY: f64 = 4.685;
@@ -8,6 +10,10 @@ const MEAN_SQUARE: f64 = 1.0 - 12.0 * Q + 90.0 * Q * Q - 420.0 * Q * Q * Q + 945
 /// Mean squared score over mean squared weight.
 pub(super) const TAPERED: f64 =
     MEAN_SQUARE / (1.0 - 4.0 * Q + 18.0 * Q * Q - 60.0 * Q * Q * Q + 105.0 * Q * Q * Q * Q);
+/// Size of what is not by chance, in standard errors: one-sided 5 %.
+const CHANCE: f64 = 0.1;
+/// Relative standard error of a median size of normal errors, times the root of their number.
+pub(super) const MEDIAN_ERROR: f64 = 1.17;
 
 /// Tukey's weight; 1 where there is no residual.
 pub(super) fn tukey(residual: f64) -> f64 {
@@ -16,4 +22,20 @@ pub(super) fn tukey(residual: f64) -> f64 {
     }
     let share = (residual.abs() / TUKEY).min(1.0);
     (1.0 - share * share).powi(2)
+}
+
+/// The number of standard errors that is exceeded by chance in one case of 20.
+pub(super) fn chance() -> f64 {
+    normal_two_sided_quantile(CHANCE)
+}
+
+/// By how much residuals are larger than their standard deviations say, at least 1: from their
+/// median, less what it may be off by chance.
+pub(super) fn scale(sizes: &mut [f64]) -> f64 {
+    let n = sizes.len();
+    let (below, &mut upper, _) = sizes.select_nth_unstable_by(n / 2, f64::total_cmp);
+    let lower = below.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let median = if n % 2 == 1 { upper } else { 0.5 * (lower + upper) };
+    let margin = 1.0 + chance() * MEDIAN_ERROR / (n as f64).sqrt();
+    (median / normal_two_sided_quantile(0.5) / margin).max(1.0)
 }

@@ -1,0 +1,221 @@
+//! An instant about a position: residuals, derivatives, and what biases do to them.
+
+use super::measured::Measured;
+use crate::base::small::{Factor, Matrix, Vector};
+use crate::sensors::Kind;
+use nalgebra::{DMatrix, DVector};
+use std::ops::Range;
+
+/// Information of an anchor over that of the instant, at least, where that does not determine a
+/// position.
+pub(super) const LEAST_ANCHOR: f64 = 1e-10;
+
+/// An instant with what biases do to it.
+pub(super) struct Instant<const D: usize> {
+    /// Where a measurement stands in the instant, weight over σ², residual and derivatives; of
+    /// receivers less their mean, and the first one among them.
+    pub rows: Vec<(usize, f64, f64, Vector<D>)>,
+    /// `(J' W J)^-1`, of what an instant does not determine by an anchor.
+    pub inverse: Option<Matrix<D>>,
+    /// `A` of each bias.
+    solution: Vec<Vector<D>>,
+    /// `I − H`, a row for each measurement.
+    pub kept: Vec<f64>,
+    /// The rows of receivers, and the sum of their weights.
+    receivers: (Range<usize>, f64),
+}
+
+impl<const D: usize> Instant<D> {
+    /// About a position, with a weight over σ² for each measurement of the record.
+    pub fn new(
+        measured: &Measured<D>,
+        t: usize,
+        position: &[f64],
+        weight: &[f64],
+        columns: &[usize],
+        anchor: f64,
+    ) -> Self {
+        Self::of_rows(measured, rows_of(measured, t, position, weight), columns, anchor)
+    }
+
+    /// Several instants as one, of which nothing is known of a shift that they have in common.
+    pub fn together(
+        measured: &Measured<D>,
+        instants: impl Iterator<Item = (usize, Vector<D>)>,
+        weight: &[f64],
+        columns: &[usize],
+    ) -> Self {
+        let rows = instants.flat_map(|(t, p)| rows_of(measured, t, &p, weight)).collect();
+        Self::of_rows(measured, rows, columns, 0.0)
+    }
+
+    fn of_rows(
+        measured: &Measured<D>,
+        mut rows: Vec<(usize, f64, f64, Vector<D>)>,
+        columns: &[usize],
+        anchor: f64,
+    ) -> Self {
+        let receivers = centred(&mut rows, measured);
+        let mut normal: Matrix<D> =
+            std::array::from_fn(|i| std::array::from_fn(|j| if i == j { anchor } else { 0.0 }));
+        for (_, weight, _, gradient) in &rows {
+            for i in 0..D {
+                for j in 0..D {
+                    normal[i][j] += weight * gradient[i] * gradient[j];
+                }
+            }
+        }
+        let inverse = inverse_of(normal);
+        let own = inverse.unwrap_or([[0.0; D]; D]);
+        let mut solution = vec![[0.0; D]; columns.len()];
+        for (solution, column) in solution.iter_mut().zip(columns) {
+            for (_, w, _, gradient) in rows.iter().filter(|(own, ..)| own == column) {
+                for i in 0..D {
+                    solution[i] += w * dot(&own[i], gradient);
+                }
+            }
+        }
+        let mut kept = Vec::with_capacity(rows.len() * columns.len());
+        let (range, total) = &receivers;
+        let mean = |column| {
+            let own = rows[range.clone()].iter().find(|(own, ..)| *own == column);
+            own.map_or(0.0, |(_, w, ..)| w / total)
+        };
+        let means: Vec<f64> = columns.iter().map(|column| mean(*column)).collect();
+        for (at, (own, _, _, gradient)) in rows.iter().enumerate() {
+            for ((solution, column), mean) in solution.iter().zip(columns).zip(&means) {
+                let unit = f64::from(u8::from(own == column));
+                let mean = if range.contains(&at) { *mean } else { 0.0 };
+                kept.push(unit - mean - dot(gradient, solution));
+            }
+        }
+        Self { rows, inverse, solution, kept, receivers }
+    }
+
+    /// Adds `(I − H)' diag(v) (I − H)`.
+    pub fn add_information(&self, v: impl Fn(usize) -> f64, sum: &mut DMatrix<f64>) {
+        let p = self.solution.len();
+        for (i, kept) in self.kept.chunks_exact(p.max(1)).enumerate() {
+            let v = v(i);
+            for a in 0..p {
+                for b in 0..p {
+                    sum[(a, b)] += kept[a] * v * kept[b];
+                }
+            }
+        }
+    }
+
+    /// Residuals less what the position and the biases take of them.
+    pub fn left(&self, values: &DVector<f64>) -> Vec<f64> {
+        let mut moved = [0.0; D];
+        let inverse = self.inverse.unwrap_or([[0.0; D]; D]);
+        for (_, w, r, gradient) in &self.rows {
+            for i in 0..D {
+                moved[i] += w * r * dot(&inverse[i], gradient);
+            }
+        }
+        let kept = self.kept.chunks_exact(values.len());
+        let bias = kept.map(|kept| kept.iter().zip(values).map(|(k, b)| k * b).sum::<f64>());
+        let rows = self.rows.iter().zip(bias);
+        rows.map(|((_, _, r, gradient), bias)| r - dot(gradient, &moved) - bias).collect()
+    }
+
+    /// Share of the error of each measurement that its residual has: `1 − H`.
+    pub fn share(&self, i: usize) -> f64 {
+        let (_, w, _, gradient) = &self.rows[i];
+        let inverse = self.inverse.unwrap_or([[0.0; D]; D]);
+        let (receivers, total) = &self.receivers;
+        let mean = if receivers.contains(&i) { w / total } else { 0.0 };
+        1.0 - mean - (0..D).map(|k| w * gradient[k] * dot(&inverse[k], gradient)).sum::<f64>()
+    }
+}
+
+/// Where each measurement of an instant stands, weight over σ², residual and derivatives.
+fn rows_of<const D: usize>(
+    measured: &Measured<D>,
+    t: usize,
+    position: &[f64],
+    weight: &[f64],
+) -> Vec<(usize, f64, f64, Vector<D>)> {
+    let mut rows = Vec::new();
+    for (m, row) in measured.rows(t, position) {
+        if weight[m] > 0.0 {
+            let sigma = 1.0 / measured.precision(m);
+            let shared = match measured.one(m).kind {
+                Kind::RangeDifference => measured.common / (sigma * sigma),
+                _ => 0.0,
+            };
+            let gradient = row.gradient.map(|v| v * sigma);
+            let own = weight[m] / (1.0 - shared);
+            rows.push((measured.column[m], own, row.residual * sigma, gradient));
+        }
+    }
+    rows
+}
+
+/// Adds the first receiver to range differences, whose error they share, and subtracts the mean of
+/// the receivers from each: what they have in common says nothing. Which rows they are, and the sum of
+/// their weights.
+fn centred<const D: usize>(
+    rows: &mut Vec<(usize, f64, f64, Vector<D>)>,
+    measured: &Measured<D>,
+) -> (Range<usize>, f64) {
+    let (first, k) = (measured.reference, measured.receivers());
+    let from = rows.iter().position(|(column, ..)| (first..first + k).contains(column));
+    let Some(from) = from.filter(|_| measured.common > 0.0) else { return (0..0, 1.0) };
+    let is_one = |(column, ..): &(usize, f64, f64, Vector<D>)| (first..first + k).contains(column);
+    let to = from + rows[from..].iter().take_while(|row| is_one(row)).count();
+    rows.insert(to, (first, 1.0 / measured.common, 0.0, [0.0; D]));
+    let own = &mut rows[from..=to];
+    let (mut total, mut residual, mut gradient) = (0.0, 0.0, [0.0; D]);
+    for (_, w, r, g) in own.iter() {
+        total += w;
+        residual += w * r;
+        for i in 0..D {
+            gradient[i] += w * g[i];
+        }
+    }
+    for (_, _, r, g) in own {
+        *r -= residual / total;
+        for i in 0..D {
+            g[i] -= gradient[i] / total;
+        }
+    }
+    (from..to + 1, total)
+}
+
+/// What biases of 1 add to the positions of the instants, (P, N, D), nan where there is none, and the
+/// covariances of the positions (N, D, D).
+pub(super) fn responses<const D: usize>(
+    instants: &[Instant<D>],
+    p: usize,
+) -> (Vec<Vec<f64>>, Vec<f64>) {
+    let mut responses = vec![vec![f64::NAN; instants.len() * D]; p];
+    let mut spread = vec![f64::NAN; instants.len() * D * D];
+    for (t, instant) in instants.iter().enumerate() {
+        let Some(inverse) = instant.inverse else { continue };
+        for (response, solution) in responses.iter_mut().zip(&instant.solution) {
+            response[t * D..][..D].copy_from_slice(solution);
+        }
+        for (i, row) in inverse.iter().enumerate() {
+            spread[(t * D + i) * D..][..D].copy_from_slice(row);
+        }
+    }
+    (responses, spread)
+}
+
+/// The inverse, with an anchor where it would be rounding.
+fn inverse_of<const D: usize>(mut normal: Matrix<D>) -> Option<Matrix<D>> {
+    let trace = |matrix: &Matrix<D>| (0..D).map(|i| matrix[i][i]).sum::<f64>();
+    let total = trace(&normal);
+    let own = Factor::try_new(&normal, 0.0).map(|factor| factor.inverse());
+    if own.as_ref().is_some_and(|own| trace(own) * total < 1.0 / LEAST_ANCHOR) {
+        return own;
+    }
+    (0..D).for_each(|i| normal[i][i] += LEAST_ANCHOR * total);
+    Factor::try_new(&normal, 0.0).map(|factor| factor.inverse())
+}
+
+fn dot<const D: usize>(a: &Vector<D>, b: &Vector<D>) -> f64 {
+    (0..D).map(|i| a[i] * b[i]).sum()
+}
