@@ -15,7 +15,7 @@ use tertia::location::{Instant, Locator, Output};
 use tertia::registration::{Errors, Report, TargetPlot, register};
 use tertia::screening::mask;
 use tertia::sensors::KINDS;
-use tertia::smoothing::{self, Noise, Options, Smoothed, Track};
+use tertia::smoothing::{self, Motion, Noise, Options, Smoothed, Track};
 use tertia::tertiary;
 use tertia::tracker::{ImmModel, Motion, Settings, Tracker};
 use traffic::{SPACING, radars, scans};
@@ -329,7 +329,12 @@ fn smoothed_track(jerk: f64) -> Kernel {
     Box::new(move || {
         let noise = Noise::Same(&[1.0, 0.1, 0.1, 1.0]);
         let track = Track::try_new(2, &time, black_box(&y), noise, None).unwrap();
-        black_box(smoothing::smooth(&track, jerk, &mut workspace, &mut room.results()));
+        black_box(smoothing::smooth(
+            &track,
+            Motion::with_jerk(jerk),
+            &mut workspace,
+            &mut room.results(),
+        ));
     })
 }
 

@@ -244,6 +244,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     },
     "smoothing.md": {
         "noise": honest_series.noise,
+        "motions": honest_series.motions,
         "degree coverage": smoothing.degree_coverage,
         "degrees chosen": smoothing.degrees_chosen,
         "ends": smoothing.ends,

@@ -262,3 +262,73 @@ def noise() -> str:
             cells.append(f"{rmse:.2f}; {nees:.2f}; {np.mean(held(found, truth)):.0%}")
         rows.append([case, *cells])
     return markdown(["RMSE over σ; NEES; inside 95 %", "noise as stated", "`smooth`"], rows)
+
+
+def motions() -> str:
+    """Return errors and coverage of smoothed positions by how the target moves."""
+    rows = []
+    for name, draw in MOTIONS.items():
+        cells = []
+        for steps, step in ((60, 1.0), (60, 5.0), (300, 5.0)):
+            rng = generator(97, sum(name.encode()), steps, int(step))
+            truth = step * np.cumsum(draw((repetitions(RUNS), steps, 2), step, rng), axis=1)
+            found = smooth(truth + rng.standard_normal(truth.shape), 1.0, dt=step)
+            rmse = np.sqrt(np.mean((found.position - truth) ** 2))
+            nees = np.mean(squares(found, truth)) / 2
+            wanders = np.mean(found.acceleration_noise > 0)
+            inside = np.mean(held(found, truth))
+            cells.append(f"{rmse:.2f}; {nees:.2f}; {inside:.0%}; {wanders:.0%}")
+        rows.append([name, *cells])
+    head = ["RMSE over σ; NEES; inside 95 %; wanders", "60 plots, 1 s", "60 plots, 5 s"]
+    return markdown([*head, "300 plots, 5 s"], rows)
+
+
+def _white_jerk(shape: tuple[int, ...], step: float, rng: np.random.Generator) -> FloatArray:
+    acceleration = 0.01 * np.sqrt(step) * np.cumsum(rng.standard_normal(shape), axis=1)
+    return np.asarray(step * np.cumsum(acceleration, axis=1))
+
+
+def _manoeuvring(shape: tuple[int, ...], step: float, rng: np.random.Generator) -> FloatArray:
+    return np.asarray(step * np.cumsum(_forgotten(shape, step, 0.05, rng), axis=1))
+
+
+def _wandering(shape: tuple[int, ...], step: float, rng: np.random.Generator) -> FloatArray:
+    return np.asarray(0.07 * np.sqrt(step) * np.cumsum(rng.standard_normal(shape), axis=1))
+
+
+def _heading(shape: tuple[int, ...], step: float, rng: np.random.Generator) -> FloatArray:
+    heading = np.cumsum(0.05 * np.sqrt(step) * rng.standard_normal(shape[:2]), axis=1)
+    return np.stack([np.sin(heading), np.cos(heading)], axis=-1)
+
+
+def _returning(shape: tuple[int, ...], step: float, rng: np.random.Generator) -> FloatArray:
+    return _forgotten(shape, step, 0.3, rng)
+
+
+def _forgotten(
+    shape: tuple[int, ...], step: float, size: float, rng: np.random.Generator
+) -> FloatArray:
+    """Return what is kept for 20 s."""
+    kept = np.exp(-step / 20.0)
+    values = size * rng.standard_normal(shape)
+    for k in range(1, shape[1]):
+        values[:, k] = kept * values[:, k - 1] + np.sqrt(1 - kept**2) * values[:, k]
+    return np.asarray(values)
+
+
+def _turns(shape: tuple[int, ...], step: float, rng: np.random.Generator) -> FloatArray:
+    rate = np.zeros(shape[:2])
+    for start in range(0, shape[1], 25):
+        rate[:, start : start + 12] = 0.1 * rng.standard_normal((shape[0], 1))
+    heading = step * np.cumsum(rate, axis=1)
+    return np.stack([np.sin(heading), np.cos(heading)], axis=-1)
+
+
+MOTIONS: dict[str, Callable[[tuple[int, ...], float, np.random.Generator], FloatArray]] = {
+    "white jerk": _white_jerk,
+    "acceleration kept for 20 s (Singer)": _manoeuvring,
+    "velocity that wanders": _wandering,
+    "heading that wanders": _heading,
+    "velocity kept for 20 s": _returning,
+    "straight, turns of 12 plots": _turns,
+}

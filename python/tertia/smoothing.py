@@ -106,6 +106,9 @@ class SmoothedPositions(Result):
     jerk_sigma : float or ndarray of shape (...)
         Standard uncertainty of `jerk`, to first order: that of its logarithm multiplied by `jerk`.
         0 if the jerk was given, inf if the plots do not determine it.
+    acceleration_noise : float or ndarray of shape (...)
+        Intensity of the white noise of the acceleration, in position² / time³: where it is above 0,
+        the velocity wanders at random, and the jerk hardly shows.
     outlier : ndarray of bool, of shape (..., N)
         Plots that were left out.
     correlation_time : float or ndarray of shape (...)
@@ -127,6 +130,7 @@ class SmoothedPositions(Result):
     count: int | IntArray
     jerk: float | FloatArray
     jerk_sigma: float | FloatArray
+    acceleration_noise: float | FloatArray
     outlier: BoolArray
     correlation_time: float | FloatArray
     noise_factor: float | FloatArray
@@ -183,8 +187,11 @@ class SmoothedPositions(Result):
         """Return the shape, the jerk, and what is unusual of the noise."""
         parts = [f"SmoothedPositions(position of shape {self.innovation.shape}"]
         if not isinstance(self.jerk, np.ndarray):
-            relative = self.jerk_sigma / self.jerk if self.jerk > 0 else np.inf
-            parts.append(f"jerk {self.jerk:.3g} ± {relative:.0%}")
+            if self.acceleration_noise > 0:
+                parts.append(f"acceleration noise {self.acceleration_noise:.3g}")
+            else:
+                relative = self.jerk_sigma / self.jerk if self.jerk > 0 else np.inf
+                parts.append(f"jerk {self.jerk:.3g} ± {relative:.0%}")
             if self.noise_factor > 1:
                 parts.append(f"noise factor {self.noise_factor:.2f}")
             if self.correlation_time > 0:
@@ -413,9 +420,20 @@ def smooth(
         "robust": flag(robust, "robust"),
     }
     (mean, matrix, innovation, outlier), scalars = _core.smooth(tracks, threads(n_threads))
-    likelihood, count, fitted, error, lasting, factor = map(scalar_or_array, scalars)
+    likelihood, count, found = scalars
+    jerk, jerk_sigma, wandering, lasting, factor = map(scalar_or_array, found)
     return SmoothedPositions(
-        mean, matrix, innovation, likelihood, count, fitted, error, outlier, lasting, factor
+        mean,
+        matrix,
+        innovation,
+        scalar_or_array(likelihood),
+        scalar_or_array(count),
+        jerk,
+        jerk_sigma,
+        wandering,
+        outlier,
+        lasting,
+        factor,
     )
 
 

@@ -74,13 +74,13 @@ def transition(t):
     return np.array([[1, t, t**2 / 2], [0, 1, t], [0, 0, 1]], dtype=object)
 
 
-def noise(t, q):
-    """Q of one axis: white jerk of the intensity q over the time t."""
-    return q * np.array(
+def noise(t, q, a=0):
+    """Q of one axis over the time t: white jerk and white acceleration of the intensities q and a."""
+    return np.array(
         [
-            [t**5 / 20, t**4 / 8, t**3 / 6],
-            [t**4 / 8, t**3 / 3, t**2 / 2],
-            [t**3 / 6, t**2 / 2, t],
+            [q * t**5 / 20 + a * t**3 / 3, q * t**4 / 8 + a * t**2 / 2, q * t**3 / 6],
+            [q * t**4 / 8 + a * t**2 / 2, q * t**3 / 3 + a * t, q * t**2 / 2],
+            [q * t**3 / 6, q * t**2 / 2, q * t],
         ],
         dtype=object,
     )
@@ -108,10 +108,11 @@ def _solve(lower, b):
     return b
 
 
-def smooth(y, covariance, times, q, initial=None, lasting=None):
+def smooth(y, covariance, times, q, initial=None, lasting=None, acceleration=0):
     """Mean (N, 3D) and covariance (N, 3D, 3D), innovations (N, D) and log L but for a constant.
 
-    `lasting` are the share of the noise that lasts and its correlation time.
+    `lasting` are the share of the noise that lasts and its correlation time, `acceleration` is the
+    intensity of white acceleration.
 
     All states are normal, and so are all plots: the states given the plots are one formula. What is
     not determined has nan and inf.
@@ -124,7 +125,8 @@ def smooth(y, covariance, times, q, initial=None, lasting=None):
         if initial is not None:
             mean0, first = exactly(initial[0]), exactly(initial[1])
         f = [np.kron(transition(s - t[0]), unit) for s in t]
-        deviations = [np.kron(noise(s - t[0], mpmath.mpf(q)), unit) for s in t]
+        intensities = mpmath.mpf(q), mpmath.mpf(acceleration)
+        deviations = [np.kron(noise(s - t[0], *intensities), unit) for s in t]
         joint = exactly(np.zeros((n * states, n * states)))
         for i in range(n):
             for j in range(i, n):

@@ -248,10 +248,14 @@ class TestTrack:
         d = 2
         y, times = gaps(series(40 * d, seed).reshape(40, d), 0.1, seed), np.arange(40.0)
         matrix = covariances(40, d, seed)
-        plain = smooth(y, matrix, time=times)
+        fitted = smooth(y, matrix, time=times)
         found = smooth(y * scale + shift, matrix * scale**2, time=times * pace + shift)
-        if plain.jerk > 0:
-            assert found.jerk == pytest.approx(plain.jerk * scale**2 / pace**5, rel=1e-3)
+        if fitted.acceleration_noise > 0:
+            expected = fitted.acceleration_noise * scale**2 / pace**3
+            assert found.acceleration_noise == pytest.approx(expected, rel=1e-3)
+        elif fitted.jerk > 0:
+            assert found.jerk == pytest.approx(fitted.jerk * scale**2 / pace**5, rel=1e-3)
+        plain = smooth(y, matrix, time=times, jerk=fitted.jerk)
         jerk = plain.jerk * scale**2 / pace**5
         found = smooth(y * scale + shift, matrix * scale**2, time=times * pace, jerk=jerk)
         unit = scale / pace ** np.repeat([0, 1, 2], d)
@@ -357,3 +361,58 @@ class TestTrack:
         found = smooth(np.empty((0, 2)), 1.0)
         assert found.mean.shape == (0, 6)
         assert smooth(np.empty((0, 4, 2)), 1.0).covariance.shape == (0, 4, 6, 6)
+
+
+def wandering(runs, n, step, seed, calmed=20.0):
+    """Positions in units of the noise, whose velocity wanders, and is forgotten after a time."""
+    random, kept = rng(seed), np.exp(-step / calmed)
+    velocity = np.zeros((runs, n, 2))
+    for k in range(1, n):
+        shock = 0.3 * np.sqrt(1 - kept**2) * random.standard_normal((runs, 2))
+        velocity[:, k] = kept * velocity[:, k - 1] + shock
+    truth = step * np.cumsum(velocity, axis=1)
+    return truth, truth + random.standard_normal(truth.shape)
+
+
+class TestWandering:
+    """A velocity that wanders is no white jerk, and no noise of the plots either."""
+
+    def test_parity(self):
+        _, y = wandering(1, 30, 5.0, 3)
+        times = 5.0 * np.arange(30) + rng(4).uniform(-2.0, 2.0, 30)
+        found = smooth(y[0], np.eye(2), time=times)
+        assert found.acceleration_noise > 0
+        mean, matrix, innovation, _ = reference.smooth(
+            y[0],
+            np.tile(np.eye(2), (30, 1, 1)),
+            times,
+            found.jerk,
+            acceleration=found.acceleration_noise,
+        )
+        sigma = np.sqrt(np.diagonal(matrix, axis1=1, axis2=2))
+        assert np.max(np.abs(found.mean - mean) / sigma) <= TRACK
+        scale = sigma[:, :, np.newaxis] * sigma[:, np.newaxis, :]
+        assert np.max(np.abs(found.covariance - matrix) / scale) <= TRACK
+        assert_close(found.innovation, innovation, TRACK, np.maximum(1, np.abs(innovation)))
+
+    @pytest.mark.parametrize(("n", "step"), [(60, 5.0), (300, 1.0), (300, 5.0)])
+    def test_error_bars(self, n, step):
+        """With white jerk alone, and what it does not explain taken for noise, the error was that of
+        the plots or twice as large."""
+        truth, y = wandering(30, n, step, n)
+        found = smooth_by_default(y, 1.0, dt=step)
+        error = found.position - truth
+        inverse = np.linalg.inv(found.position_covariance)
+        squares = np.einsum("...i,...ij,...j", error, inverse, error)
+        assert np.mean(found.acceleration_noise > 0) > 0.7
+        assert np.sqrt(np.mean(error**2)) < 0.75
+        assert np.mean(squares < 5.991) > 0.88
+
+    def test_white_jerk_is_told_from_it(self):
+        truth, y = simulated(40, np.arange(100.0), 2, 0.01, np.eye(2), seed=9)
+        found = smooth_by_default(y, 1.0)
+        assert np.mean(found.acceleration_noise > 0) < 0.05
+        given = smooth_by_default(y, 1.0, jerk=0.01)
+        np.testing.assert_array_equal(given.acceleration_noise, 0.0)
+        errors = [np.sqrt(np.mean((one.mean - truth)[..., :2] ** 2)) for one in (found, given)]
+        assert errors[0] < 1.02 * errors[1]

@@ -84,7 +84,7 @@ def reconstruct(
     >>> from tertia.sensors import Station
     >>> places = {"A": (0.0, 0.0), "B": (4e3, 0.0), "C": (0.0, 3e3)}
     >>> stations = [Station(p, name=name, range_sigma=1.0) for name, p in places.items()]
-    >>> way = np.column_stack([10.0 * np.arange(9), np.full(9, 1e3)])
+    >>> way = np.array([0.0, 1e3]) + np.arange(9)[:, np.newaxis] * [10.0, 5.0]
     >>> table = pl.concat(
     ...     pl.DataFrame({"time_s": np.arange(9.0), "range_m": np.linalg.norm(way - p, axis=1)})
     ...     .with_columns(sensor=pl.lit(name))
@@ -92,7 +92,7 @@ def reconstruct(
     ... )
     >>> path = tables.reconstruct(table, sensors=stations, jerk=0.0)
     >>> [round(v, 3) for v in path.select("velocity_east_m_s", "velocity_north_m_s").row(4)]
-    [10.0, 0.0]
+    [10.0, 5.0]
     """
     found = paths_of(
         source_of(table), sensors=sensors, columns=columns, by=by, tolerance=tolerance, **options

@@ -315,15 +315,14 @@ def _rows(array: FloatArray, axes: int) -> FloatArray:
 
 def _smoothed(mean: FloatArray, found: Sequence[Any]) -> SmoothedPositions:
     """Return the path as smoothed positions; outliers are those of the measurements."""
-    covariance, innovation, log_likelihood, count, jerk, jerk_sigma = found
+    covariance, innovation, log_likelihood, count, noise = found
     return SmoothedPositions(
         mean,
         covariance,
         innovation,
         log_likelihood,
         count,
-        jerk,
-        jerk_sigma,
+        *noise,
         outlier=np.zeros(len(mean), dtype=np.bool_),
         correlation_time=0.0,
         noise_factor=1.0,

@@ -5,8 +5,8 @@ use crate::arrays::{
 };
 use pyo3::prelude::*;
 use tertia::smoothing::{
-    self, Degree, Fit, JerkFit, Noise, NoiseFit, Options, Polynomial, Prior, Record, Smoothed,
-    Summary, Track, Workspace,
+    self, Degree, Fit, Motion, MotionFit, Noise, NoiseFit, Options, Polynomial, Prior, Record,
+    Smoothed, Summary, Track, Workspace,
 };
 
 /// Cost of an instant and tap of the polynomial, for the choice of threads.
@@ -19,8 +19,7 @@ const FIT: f64 = 20.0;
 type Fitted<'py> = (Output<'py>, Output<'py>, Output<'py, i64>, Array<'py>, Array<'py>);
 type States<'py> = (Output<'py>, Output<'py>, Output<'py>, Output<'py, bool>);
 /// Log-likelihoods, counts, jerks with their sigmas, correlation times, noise factors.
-type Smooth<'py> =
-    (States<'py>, (Array<'py>, Integers<'py>, Array<'py>, Array<'py>, Array<'py>, Array<'py>));
+type Smooth<'py> = (States<'py>, (Array<'py>, Integers<'py>, [Array<'py>; 5]));
 
 /// Value, sigma, degree, residual variance and degrees of freedom of every row. `time` and
 /// `variance` may have one row for all, `variance` one number in a row.
@@ -79,7 +78,8 @@ pub struct Tracks<'py> {
     robust: bool,
 }
 
-/// Means, covariances, innovations and outliers; likelihood, count, jerk and what is found of noise.
+/// Means, covariances, innovations and outliers; likelihood, count, jerk, noise of the
+/// acceleration, and what is found of noise.
 #[pyfunction]
 pub fn smooth<'py>(
     py: Python<'py>,
@@ -96,10 +96,10 @@ pub fn smooth<'py>(
     let (mut mean, mut matrices) = (new(&[n, states])?, new(&[n, states, states])?);
     let mut innovation = new(&[n, d])?;
     let mut outlier = Output::new(py, y.batch(), &[n])?;
-    let unknown = JerkFit { jerk: 0.0, relative_error: f64::NAN };
+    let unknown = MotionFit { motion: Motion::with_jerk(0.0), relative_error: f64::NAN };
     let unsmoothed = (
         Summary { log_likelihood: 0.0, count: 0 },
-        NoiseFit { jerk: unknown, correlation_time: 0.0, noise_factor: 1.0 },
+        NoiseFit { motion: unknown, correlation_time: 0.0, noise_factor: 1.0 },
     );
     let mut summaries = repeated(unsmoothed, y.count())?;
     let passes = if jerk.is_some() { 1.0 } else { 1.0 + FIT };
@@ -125,14 +125,19 @@ pub fn smooth<'py>(
         Ok(())
     })?;
     type Scalar = fn(&(Summary, NoiseFit)) -> f64;
-    let of: [Scalar; 5] = [
+    let of: [Scalar; 6] = [
         |(summary, _)| summary.log_likelihood,
-        |(_, noise)| noise.jerk.jerk,
-        |(_, noise)| noise.jerk.sigma(),
+        |(_, noise)| noise.motion.motion.jerk,
+        |(_, noise)| noise.motion.sigma(),
+        |(_, noise)| noise.motion.motion.acceleration,
         |(_, noise)| noise.correlation_time,
         |(_, noise)| noise.noise_factor,
     ];
-    let [likelihood, jerk, sigma, lasting, factor] = columns(py, y.batch(), &summaries, of)?;
+    let [likelihood, jerk, sigma, acceleration, lasting, factor] =
+        columns(py, y.batch(), &summaries, of)?;
     let count = array(py, y.batch(), summaries.iter().map(|(summary, _)| summary.count as i64))?;
-    Ok(((mean, matrices, innovation, outlier), (likelihood, count, jerk, sigma, lasting, factor)))
+    Ok((
+        (mean, matrices, innovation, outlier),
+        (likelihood, count, [jerk, sigma, acceleration, lasting, factor]),
+    ))
 }

@@ -13,8 +13,8 @@ use tertia::trajectory::{self, Failure, Polynomials, Prior, Record, Systematic, 
 /// dilutions and standard deviations, as of `locate`.
 type Located<'py> = (Array<'py>, Array<'py>, Array<'py>, Marks<'py>, [Array<'py>; 8]);
 
-/// Covariance, innovation, likelihood, count, jerk and its standard uncertainty.
-type Smoothed<'py> = (Array<'py>, Array<'py>, f64, usize, f64, f64);
+/// Covariance, innovation, likelihood, count, jerk and its standard uncertainty, noise of the acceleration.
+type Smoothed<'py> = (Array<'py>, Array<'py>, f64, usize, [f64; 3]);
 
 /// Biases and their standard deviations (5 K), share and correlation time of what drifts, and whether
 /// anything could contradict.
@@ -54,7 +54,7 @@ pub struct Measured<'py> {
 #[pyo3(from_item_all)]
 pub struct Steps {
     temporal_first: bool,
-    /// Window and degree, if it is not chosen; none: smoothed with white jerk.
+    /// Window and degree, if it is not chosen; none: smoothed with a model of the motion.
     polynomials: Option<(usize, Option<usize>)>,
     /// For positions.
     jerk: Option<f64>,
@@ -180,8 +180,7 @@ impl<'py> Reconstructed<'py> {
                 array(py, &[n, d], smoothed.innovation)?,
                 summary.log_likelihood,
                 summary.count,
-                fit.jerk,
-                fit.sigma(),
+                [fit.motion.jerk, fit.sigma(), fit.motion.acceleration],
             ))
         });
         Ok(Self {

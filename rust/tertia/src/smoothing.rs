@@ -1,13 +1,13 @@
 //! One target along time: a local polynomial, or the state of a motion with white jerk.
 //!
 //! `local_polynomial` fits a polynomial to the instants around each; [`smooth`] is the fixed-interval
-//! smoother of position, velocity and acceleration, [`fit_jerk`] finds how restless the target is.
+//! smoother of position, velocity and acceleration, [`fit_motion`] finds how restless the target is.
 
 pub(crate) mod adjoint;
 mod diffuse;
 mod faults;
+mod fit;
 mod information;
-mod jerk;
 mod lasting;
 mod motion;
 mod noise;
@@ -22,8 +22,9 @@ mod stencil;
 mod track;
 mod whitening;
 
-pub use jerk::{JerkFit, fit_jerk};
-pub(crate) use jerk::{relative_error, search};
+pub(crate) use fit::{Family, likeliest, likeliest_other, relative_error};
+pub use fit::{MotionFit, fit_motion};
+pub use motion::Motion;
 pub use noise::{NoiseFit, Options, smooth_with_noise};
 pub use polynomial::{Degree, Fit, Output, Polynomial};
 pub use record::Record;

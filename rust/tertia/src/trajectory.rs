@@ -16,10 +16,10 @@ mod fixes;
 mod found;
 mod grid;
 mod instant;
-mod jerk;
 mod lasting;
 mod measured;
 mod mixture;
+mod motion;
 mod outliers;
 mod path;
 mod prior;
@@ -41,6 +41,7 @@ pub use spatial::by_polynomials;
 pub use temporal::temporal_first;
 
 use crate::sensors::KINDS;
+use crate::smoothing::Motion;
 use bias::Biases;
 use found::{Found, Setting};
 use lasting::Lasting;
@@ -71,7 +72,8 @@ pub fn reconstruct<const D: usize, const N: usize>(
     jerk: Option<f64>,
     systematic: &Systematic,
 ) -> Result<Trajectory, Failure> {
-    let mut setting = Setting { record, jerk, smoother: Default::default() };
+    let motion = jerk.map(Motion::with_jerk);
+    let mut setting = Setting { record, motion, smoother: Default::default() };
     let measured = Rc::new(Measured::<D>::new(record, record.values.to_vec()));
     let found = Found::<D, N>::first(&mut setting, &measured)?;
     let found = found.without_outliers(&mut setting, &measured)?;
@@ -87,22 +89,22 @@ pub fn reconstruct<const D: usize, const N: usize>(
         }
     };
     let scale = effect.as_ref().and_then(Effect::noise).unwrap_or(found.scale);
-    found.relinearise(&mut setting, jerk, scale)?;
+    found.relinearise(&mut setting, motion, scale)?;
     let track = found.plots.track(record.time, D)?;
     let fit = setting.smoother.with_error(&track, found.path.fit);
     let (best, innovation) = setting.smoother.finish(&track, fit);
     let mut covariance = match jerk {
         Some(_) => best.covariance.clone(),
-        None => jerk::mixed(&mut setting, &found, &best)?,
+        None => motion::mixed(&mut setting, &found, &best)?,
     };
     if let Some(effect) = &effect {
-        effect.add(&mut setting, &found, best.fit.jerk, &mut covariance)?;
+        effect.add(&mut setting, &found, best.fit.motion, &mut covariance)?;
     }
     if let Systematic::Lasting(Prior { deviation: Some(sigma), .. }) = systematic {
-        lasting::add_deviation(&mut setting, &found, sigma, best.fit.jerk, &mut covariance)?;
+        lasting::add_deviation(&mut setting, &found, sigma, best.fit.motion, &mut covariance)?;
     }
     if let Some(sigma) = record.surveys {
-        survey::add_errors(&mut setting, &found, sigma, best.fit.jerk, &mut covariance)?;
+        survey::add_errors(&mut setting, &found, sigma, best.fit.motion, &mut covariance)?;
     }
     let outlier = (0..found.trust.len()).map(|at| found.is_outlier(at)).collect();
     let fixes = found.fixes.without(record, &found.measured, |at| found.trust[at] < 0.5);
@@ -142,12 +144,12 @@ impl Effect<'_> {
         &self,
         setting: &mut Setting<'_, D, N>,
         found: &Found<D, N>,
-        jerk: f64,
+        motion: Motion,
         covariance: &mut [f64],
     ) -> Result<(), Failure> {
         match self {
-            Self::Biases(biases, _) => biases.add_effect(setting, jerk, covariance),
-            Self::Lasting(lasting, _) => lasting.add_effect(setting, found, jerk, covariance),
+            Self::Biases(biases, _) => biases.add_effect(setting, motion, covariance),
+            Self::Lasting(lasting, _) => lasting.add_effect(setting, found, motion, covariance),
         }
     }
 

@@ -10,8 +10,8 @@
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
-use super::information::{Direction, Information, Logarithms, noise_root};
-use super::motion;
+use super::information::{Direction, Information, Logarithms};
+use super::motion::{self, Motion};
 use super::results::Summary;
 use super::rows::{invert, solve, triangularise};
 use super::track::{ENOUGH, Track};
@@ -70,27 +70,27 @@ pub(crate) struct Smoothed<'a> {
 
 impl<const D: usize, const N: usize> Adjoint<D, N> {
     /// The likelihood alone.
-    pub fn likelihood(&mut self, track: &Track<'_>, jerk: f64) -> Option<Summary> {
-        self.forwards(track, jerk, None, (&mut [], LOSS))
+    pub fn likelihood(&mut self, track: &Track<'_>, motion: Motion) -> Option<Summary> {
+        self.forwards(track, motion, None, (&mut [], LOSS))
     }
 
     /// States and covariances of all instants. Cost O(N).
     pub fn smooth(
         &mut self,
         track: &Track<'_>,
-        jerk: f64,
+        motion: Motion,
         out: &mut Smoothed<'_>,
     ) -> Option<Summary> {
         let opening = OPENING[usize::from(out.components > D)];
-        let summary = self.forwards(track, jerk, Some(opening), (out.innovation, out.loss))?;
-        self.backwards(track, jerk, out)?;
+        let summary = self.forwards(track, motion, Some(opening), (out.innovation, out.loss))?;
+        self.backwards(track, motion, out)?;
         Some(summary)
     }
 
     fn forwards(
         &mut self,
         track: &Track<'_>,
-        jerk: f64,
+        motion: Motion,
         opening: Option<usize>,
         (innovation, loss): (&mut [f64], f64),
     ) -> Option<Summary> {
@@ -99,10 +99,10 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
             return None;
         }
         self.steps.clear();
-        let (step, squares, logarithms) = self.open(track, jerk, opening, innovation)?;
+        let (step, squares, logarithms) = self.open(track, motion, opening, innovation)?;
         let steps = opening.map(|_| &mut self.steps);
         let filter =
-            Filter { track, jerk, start: self.start, step, squares, loss: loss.min(LOSS), steps };
+            Filter { track, motion, start: self.start, step, squares, loss: loss.min(LOSS), steps };
         let (squares, spread) = Arch::new().dispatch(filter)?;
         let later = innovation.chunks_exact_mut(D).skip(self.start + 1);
         for (out, step) in later.zip(self.steps.iter().skip(1)) {
@@ -121,7 +121,7 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
     pub(super) fn open(
         &mut self,
         track: &Track<'_>,
-        jerk: f64,
+        motion: Motion,
         least: Option<usize>,
         innovation: &mut [f64],
     ) -> Option<(Step<D, N>, f64, Logarithms)> {
@@ -131,7 +131,7 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
         let (mut squares, mut logarithms, mut settled) = (0.0, Logarithms::NONE, 0);
         for k in 0..track.len() {
             if k > 0 {
-                information.advance(N, track, k - 1, jerk, Direction::Forwards, &mut logarithms);
+                information.advance(N, track, k - 1, motion, Direction::Forwards, &mut logarithms);
             }
             if let Some(out) = innovation.chunks_exact_mut(D).nth(k) {
                 whitening.innovation(N, track, k, information, out);
@@ -162,7 +162,7 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
         None
     }
 
-    fn backwards(&self, track: &Track<'_>, jerk: f64, out: &mut Smoothed<'_>) -> Option<()> {
+    fn backwards(&self, track: &Track<'_>, motion: Motion, out: &mut Smoothed<'_>) -> Option<()> {
         let (mut l, mut big) = ([0.0; N], [[0.0; N]; N]);
         let components = out.components;
         for k in (self.start..track.len()).rev() {
@@ -187,7 +187,7 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
                 move_back(t, &mut l, (components > 0).then_some(&mut big));
             }
         }
-        self.before(track, jerk, out, &l, &big)
+        self.before(track, motion, out, &l, &big)
     }
 
     /// The instants of the opening. The rows of information up to one, and those of its motion to the
@@ -195,7 +195,7 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
     fn before(
         &self,
         track: &Track<'_>,
-        jerk: f64,
+        motion: Motion,
         out: &mut Smoothed<'_>,
         l: &[f64; N],
         big: &Square<N>,
@@ -208,11 +208,11 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
         let (mut rows, mut sums) = (Vec::new(), vec![0.0; 2 * N + 1]);
         for k in (0..self.start).rev() {
             let t = track.times[k + 1] - track.times[k];
-            if t > 0.0 && jerk == 0.0 {
-                let back = motion::<D, N>(-t);
+            if t > 0.0 && motion.is_certain() {
+                let back = steady::<D, N>(-t);
                 (x, p) = (back * x, back * p * back.transpose());
             } else if t > 0.0 {
-                self.tie(track, k, jerk, &mut rows);
+                self.tie(track, k, motion, &mut rows);
                 triangularise(&mut rows, 2 * N + 1, N, &mut sums);
                 let row = |i: usize| &rows[i * (2 * N + 1)..][..2 * N + 1];
                 let triangle = SMatrix::<f64, N, N>::from_fn(|i, j| row(i)[j]);
@@ -242,7 +242,7 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
 
     /// Rows `[Λ^½, η, 0]` of what is known up to instant k and `[G^-1 F, 0, G^-1]` of the motion after
     /// it, with its noise `G G'`.
-    fn tie(&self, track: &Track<'_>, k: usize, jerk: f64, rows: &mut Vec<f64>) {
+    fn tie(&self, track: &Track<'_>, k: usize, motion: Motion, rows: &mut Vec<f64>) {
         rows.clear();
         for row in self.opening[k].chunks_exact(N + 1) {
             let own: f64 = (0..D).map(|i| row[i] * track.reference(k)[i]).sum();
@@ -251,7 +251,7 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
             rows.resize(rows.len() + N, 0.0);
         }
         let t = track.times[k + 1] - track.times[k];
-        let [g00, g10, g11, g20, g21, g22] = noise_root(t, jerk);
+        let [g00, g10, g11, g20, g21, g22] = motion.noise_root(t);
         let (h00, h11, h22) = (1.0 / g00, 1.0 / g11, 1.0 / g22);
         let h21 = -g21 * h11 * h22;
         let inverse = [
@@ -278,7 +278,7 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
 /// The filter by covariances, for the vectors of the machine.
 struct Filter<'a, const D: usize, const N: usize> {
     track: &'a Track<'a>,
-    jerk: f64,
+    motion: Motion,
     start: usize,
     step: Step<D, N>,
     squares: f64,
@@ -293,13 +293,13 @@ impl<const D: usize, const N: usize> WithSimd for Filter<'_, D, N> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Self::Output {
-        let Self { track, jerk, start, mut step, mut squares, loss, mut steps } = self;
+        let Self { track, motion, start, mut step, mut squares, loss, mut steps } = self;
         let mut spread = Logarithms::NONE;
         for k in start + 1..track.len() {
             if let Some(steps) = steps.as_deref_mut() {
                 steps.push(step.clone());
             }
-            step.predict(track.times[k] - track.times[k - 1], jerk);
+            step.predict(track.times[k] - track.times[k - 1], motion);
             squares += step.update(track, k, loss, &mut spread)?;
         }
         if let Some(steps) = steps {
@@ -316,11 +316,11 @@ impl<const D: usize, const N: usize> Step<D, N> {
 
     /// `x = F x`, `P = F P F' + Q`
     #[inline(always)]
-    pub(super) fn predict(&mut self, t: f64, jerk: f64) {
+    pub(super) fn predict(&mut self, t: f64, motion: Motion) {
         if t == 0.0 {
             return;
         }
-        motion::advance::<D, N>(&mut self.x, &mut self.p, t, jerk);
+        motion::advance::<D, N>(&mut self.x, &mut self.p, t, motion);
     }
 
     /// Takes in the plot of an instant, number by number: they are whitened. Returns the sum of
@@ -457,7 +457,7 @@ fn move_back<const N: usize>(t: f64, l: &mut [f64; N], big: Option<&mut Square<N
 }
 
 /// F over a time t.
-fn motion<const D: usize, const N: usize>(t: f64) -> SMatrix<f64, N, N> {
+fn steady<const D: usize, const N: usize>(t: f64) -> SMatrix<f64, N, N> {
     let mut f = SMatrix::<f64, N, N>::identity();
     for i in 0..D {
         f[(i, D + i)] = t;

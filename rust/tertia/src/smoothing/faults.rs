@@ -6,6 +6,7 @@
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
+use super::fit::Family;
 use super::lasting::{Faults, Found};
 use super::search::{Scale, Search};
 use super::track::Track;
@@ -43,10 +44,10 @@ pub(super) fn find_faults<const D: usize, const S: usize, const N: usize>(
     let mut near = search.low;
     let (mut found, mut misfit) = (Found::default(), vec![0.0; n]);
     for _ in 0..ROUNDS {
-        let best = search.best(0.0, 0.0, Scale::Free, &faults, near);
-        near = best.model.jerk.max(f64::MIN_POSITIVE).ln();
+        let best = search.best(Family::Jerk, (0.0, 0.0), Scale::Free, &faults, near);
+        near = best.model.motion.jerk.max(f64::MIN_POSITIVE).ln();
         // what outliers did to the jerk must not be in the vagueness of the first state
-        search.restart::<S>(best.model.jerk * best.factor.powi(2));
+        search.restart::<S>(best.model.motion.times(best.factor.powi(2)));
         search.engine.smooth(track, &best.model, &faults, &mut found)?;
         for k in 0..n {
             misfit[k] = of_plot::<D, S>(track, k, &found, faults.gross[k]);

@@ -6,6 +6,7 @@
 //! `x' = F x + G w` with w of unit variance; forwards `[R F^-1 G, R F^-1; I, 0]`, backwards
 //! `[R G, R F; I, 0]` is made triangular, and w is left out (Bierman 1977, chapter 6).
 
+use super::motion::Motion;
 use super::rows::{reduce, reflect, triangularise};
 use super::track::{ENOUGH, Seen, Track};
 
@@ -73,7 +74,7 @@ impl Information {
         n: usize,
         track: &Track<'_>,
         k: usize,
-        jerk: f64,
+        motion: Motion,
         direction: Direction,
         logarithms: &mut Logarithms,
     ) {
@@ -98,11 +99,11 @@ impl Information {
                 row[d + axis] += back * p;
             }
         };
-        if jerk == 0.0 {
+        if motion.is_certain() {
             self.rows.chunks_exact_mut(width).for_each(moved);
             return;
         }
-        let g = noise_root(t, jerk);
+        let g = motion.noise_root(t);
         let wide = n + width;
         let count = self.rows.len() / width;
         self.spare.clear();
@@ -199,20 +200,6 @@ pub(super) fn complete(
         }
     }
     triangularise(rows, width, n, sums);
-}
-
-/// The lower G with `G G^T = Q`, for one axis: white jerk of this intensity over the time t.
-pub(super) fn noise_root(t: f64, jerk: f64) -> [f64; 6] {
-    // Q = q [[t^5/20, t^4/8, t^3/6], [., t^3/3, t^2/2], [., ., t]]
-    let s = (jerk * t).sqrt();
-    [
-        s * t * t * 0.05_f64.sqrt(),
-        s * t * 20_f64.sqrt() / 8.0,
-        s * t / 48_f64.sqrt(),
-        s * 20_f64.sqrt() / 6.0,
-        s / 3_f64.sqrt(),
-        s / 3.0,
-    ]
 }
 
 /// A row times G of all axes.

@@ -9,7 +9,7 @@
 
 use super::adjoint::{self, Adjoint};
 use super::diffuse;
-use super::motion;
+use super::motion::{self, Motion};
 use super::rows::invert;
 use super::track::{ENOUGH, Track};
 use crate::base::small::{Matrix as Square, dot};
@@ -28,11 +28,11 @@ const FLOOR: f64 = 1e-13;
 /// How often smoothing begins anew near what it found.
 const ATTEMPTS: usize = 3;
 
-/// Jerk and noise, of which the white part has the variance `1 − share` of what is stated, and the
+/// Motion and noise, of which the white part has the variance `1 − share` of what is stated, and the
 /// lasting part `share`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Model {
-    pub jerk: f64,
+    pub motion: Motion,
     pub share: f64,
     /// Correlation time of the lasting part.
     pub time: f64,
@@ -91,10 +91,10 @@ pub(super) struct Lasting<const D: usize, const N: usize> {
 
 impl<const D: usize, const N: usize> Lasting<D, N> {
     /// None where the plots do not determine the state of each axis.
-    pub fn new<const S: usize>(track: &Track<'_>, jerk: f64) -> Option<Self> {
+    pub fn new<const S: usize>(track: &Track<'_>, motion: Motion) -> Option<Self> {
         assert!(track.dimension == D && S == 3 * D && N == 4 * D);
         let (x, p) =
-            if track.prior.is_empty() { vague::<D, S>(track, jerk)? } else { prior(track) };
+            if track.prior.is_empty() { vague::<D, S>(track, motion)? } else { prior(track) };
         let mut start = ([0.0; N], [[0.0; N]; N]);
         start.0[..S].copy_from_slice(&x);
         for i in 0..S {
@@ -249,18 +249,18 @@ fn decay(t: f64, model: &Model) -> f64 {
 /// A state at the first instant that agrees with the first plots, but has far too large a covariance.
 fn vague<const D: usize, const S: usize>(
     track: &Track<'_>,
-    jerk: f64,
+    motion: Motion,
 ) -> Option<([f64; S], Square<S>)> {
     if track.seen.iter().any(|seen| seen.count < ENOUGH) {
         return None;
     }
     let mut adjoint = Adjoint::<D, S>::default();
-    let (mut step, ..) = adjoint.open(track, jerk, None, &mut [])?;
+    let (mut step, ..) = adjoint.open(track, motion, None, &mut [])?;
     let t = track.times[adjoint.start] - track.times[0];
     let mut noise = adjoint::Step::<D, S>::new();
-    noise.predict(t, jerk);
+    noise.predict(t, motion);
     for part in [&mut step, &mut noise] {
-        part.predict(-t, 0.0);
+        part.predict(-t, Motion::with_jerk(0.0));
     }
     for i in 0..S {
         for j in 0..S {
@@ -308,7 +308,7 @@ impl<const D: usize, const N: usize> Step<D, N> {
         let t = track.times[k] - track.times[k - 1];
         if t > 0.0 {
             let phi = decay(t, model);
-            self.predict(t, phi, model.jerk);
+            self.predict(t, phi, model.motion);
         }
         if faults.jumps[k] {
             for (i, plot) in track.plot(k).iter().enumerate() {
@@ -319,7 +319,7 @@ impl<const D: usize, const N: usize> Step<D, N> {
     }
 
     #[inline(always)]
-    fn predict(&mut self, t: f64, phi: f64, jerk: f64) {
+    fn predict(&mut self, t: f64, phi: f64, motion: Motion) {
         for i in 3 * D..N {
             self.x[i] *= phi;
             for row in &mut self.p {
@@ -329,7 +329,7 @@ impl<const D: usize, const N: usize> Step<D, N> {
         for row in &mut self.p[3 * D..] {
             row.iter_mut().for_each(|p| *p *= phi);
         }
-        motion::advance::<D, N>(&mut self.x, &mut self.p, t, jerk);
+        motion::advance::<D, N>(&mut self.x, &mut self.p, t, motion);
         for i in 3 * D..N {
             self.p[i][i] += 1.0 - phi * phi;
         }

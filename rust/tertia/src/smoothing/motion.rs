@@ -1,9 +1,63 @@
-//! Motion of a state from one instant to the next, with a random jerk.
+//! Motion of a state from one instant to the next, with a random jerk, and a random acceleration besides.
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
 use crate::base::small::Matrix as Square;
+
+/// What drives a motion: the intensities of white noise in its jerk, and in its acceleration.
+///
+/// The acceleration of the state is what is left without its white noise. That alone is a velocity
+/// that wanders.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motion {
+    /// Intensity of the white jerk, in position² / time⁵.
+    pub jerk: f64,
+    /// Intensity of the white acceleration, in position² / time³.
+    pub acceleration: f64,
+}
+
+impl Motion {
+    /// With a white jerk alone.
+    pub fn with_jerk(jerk: f64) -> Self {
+        Self { jerk, acceleration: 0.0 }
+    }
+
+    /// With all noise so many times as intense.
+    pub(crate) fn times(self, factor: f64) -> Self {
+        Self { jerk: self.jerk * factor, acceleration: self.acceleration * factor }
+    }
+
+    /// Without noise.
+    pub(super) fn is_certain(self) -> bool {
+        self.jerk == 0.0 && self.acceleration == 0.0
+    }
+
+    /// The lower G with `G G^T = Q`, for one axis over the time t.
+    pub(super) fn noise_root(self, t: f64) -> [f64; 6] {
+        // Q = q [[t^5/20, t^4/8, t^3/6], [., t^3/3, t^2/2], [., ., t]]
+        let s = (self.jerk * t).sqrt();
+        if self.acceleration == 0.0 {
+            return [
+                s * t * t * 0.05_f64.sqrt(),
+                s * t * 20_f64.sqrt() / 8.0,
+                s * t / 48_f64.sqrt(),
+                s * 20_f64.sqrt() / 6.0,
+                s / 3_f64.sqrt(),
+                s / 3.0,
+            ];
+        }
+        // and a [[t^3/3, t^2/2], [., t]]: without cancellation, over powers of t
+        let (q, a) = (self.jerk * t * t * t, self.acceleration * t);
+        let (first, second) = (20.0 * a + 3.0 * q, 240.0 * a * a + 104.0 * a * q + 3.0 * q * q);
+        let g00 = (first / 60.0).sqrt();
+        let (g10, g20) = ((q / 8.0 + a / 2.0) / g00, q / 6.0 / g00);
+        let g11 = (second / (48.0 * first)).sqrt();
+        let g21 = q * (20.0 * a + q) / (4.0 * first) / g11;
+        let g22 = (q * (12.0 * a + q) * (60.0 * a + q) / (3.0 * second)).sqrt();
+        [g00 * t, g10, g11, g20 / t, g21 / t, g22 / t]
+    }
+}
 
 /// `x = F x`, `P = F P F' + Q` of the first `3 D` components: positions, velocities, accelerations.
 ///
@@ -13,7 +67,7 @@ pub(super) fn advance<const D: usize, const N: usize>(
     x: &mut [f64; N],
     p: &mut Square<N>,
     t: f64,
-    jerk: f64,
+    motion: Motion,
 ) {
     let half = 0.5 * t * t;
     advance_row::<D, N>(x, t, half);
@@ -33,7 +87,7 @@ pub(super) fn advance<const D: usize, const N: usize>(
             p[r][c] = p[c][r];
         }
     }
-    let q = jerk * t;
+    let q = motion.jerk * t;
     let (pp, pv, pa) = (q * t * t * t * t / 20.0, q * t * t * t / 8.0, q * t * t / 6.0);
     let (vv, va) = (q * t * t / 3.0, q * t / 2.0);
     for i in 0..D {
@@ -47,6 +101,16 @@ pub(super) fn advance<const D: usize, const N: usize>(
         p[2 * D + i][D + i] += va;
         p[2 * D + i][2 * D + i] += q;
     }
+    if motion.acceleration == 0.0 {
+        return;
+    }
+    let a = motion.acceleration * t;
+    for i in 0..D {
+        p[i][i] += a * t * t / 3.0;
+        p[i][D + i] += a * t / 2.0;
+        p[D + i][i] += a * t / 2.0;
+        p[D + i][D + i] += a;
+    }
 }
 
 /// `F x`, where x is any row of positions, velocities and accelerations.
@@ -56,5 +120,31 @@ pub(super) fn advance_row<const D: usize, const N: usize>(row: &mut [f64; N], t:
         let (v, a) = (row[D + i], row[2 * D + i]);
         row[i] += t * v + half * a;
         row[D + i] += t * a;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `G G'` is what `advance` adds to no covariance.
+    #[test]
+    fn the_root_is_that_of_the_noise() {
+        for (jerk, acceleration) in [(2.0, 0.0), (1e-9, 3.0), (4.0, 1e-9), (0.7, 0.2), (1e6, 5.0)] {
+            let motion = Motion { jerk, acceleration };
+            for t in [1e-3, 0.4, 1.0, 60.0] {
+                let (mut x, mut q) = ([0.0; 3], [[0.0; 3]; 3]);
+                advance::<1, 3>(&mut x, &mut q, t, motion);
+                let [g00, g10, g11, g20, g21, g22] = motion.noise_root(t);
+                let g = [[g00, 0.0, 0.0], [g10, g11, 0.0], [g20, g21, g22]];
+                for i in 0..3 {
+                    for j in 0..3 {
+                        let own: f64 = (0..3).map(|k| g[i][k] * g[j][k]).sum();
+                        let size = (q[i][i] * q[j][j]).sqrt();
+                        assert!((own - q[i][j]).abs() <= 1e-13 * size, "{motion:?} {t} {i} {j}");
+                    }
+                }
+            }
+        }
     }
 }

@@ -1,11 +1,13 @@
 //! How the noise of a track differs from what is stated: larger, lasting, with outliers and jumps.
 //!
 //! Where innovations look as they should, nothing is changed. Otherwise models of the noise are
-//! compared by their likelihood, each with its own jerk, and their estimates are averaged.
+//! compared by their likelihood, each with its own motion, and their estimates are averaged. One has
+//! white noise, and a velocity that wanders: what is no jerk need not be noise.
 
 use super::faults::find_faults;
-use super::jerk::{JerkFit, fit_jerk};
+use super::fit::{Family, MotionFit, fit_motion, median_step};
 use super::lasting::{Faults, Found};
+use super::motion::Motion;
 use super::results::{Smoothed, Summary};
 use super::search::{Candidate, Scale, Search};
 use super::smoother::{Workspace, smooth};
@@ -15,8 +17,9 @@ use crate::base::distribution::chi_square_upper;
 /// Correlations of successive plots that are tried, and shares of the noise that lasts.
 const CORRELATIONS: [f64; 7] = [0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98];
 const SHARES: [f64; 2] = [0.95, 0.6];
-/// Prior probability that the noise is white.
+/// Prior probability that the noise is white, and of those cases that the velocity wanders.
 const WHITE: f64 = 0.5;
+const WANDERING: f64 = 0.5;
 /// A model of less weight does not count.
 const LEAST_WEIGHT: f64 = 0.02;
 /// So many of their standard deviations are innovations allowed to be off.
@@ -38,8 +41,8 @@ pub struct Options {
 /// What was found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NoiseFit {
-    /// The jerk of the most likely model, with its uncertainty for noise as stated.
-    pub jerk: JerkFit,
+    /// The motion of the most likely model, with its uncertainty for noise as stated.
+    pub motion: MotionFit,
     /// Correlation time of the most likely model; 0 for white noise.
     pub correlation_time: f64,
     /// What the stated standard deviations are multiplied by, at least 1.
@@ -58,11 +61,11 @@ pub fn smooth_with_noise(
 ) -> (Summary, NoiseFit) {
     outlier.fill(false);
     let fit = match options.jerk {
-        Some(jerk) => JerkFit { jerk, relative_error: 0.0 },
-        None => fit_jerk(track, workspace),
+        Some(jerk) => MotionFit { motion: Motion::with_jerk(jerk), relative_error: 0.0 },
+        None => fit_motion(track, workspace),
     };
-    let summary = smooth(track, fit.jerk, workspace, out);
-    let mut noise = NoiseFit { jerk: fit, correlation_time: 0.0, noise_factor: 1.0 };
+    let summary = smooth(track, fit.motion, workspace, out);
+    let mut noise = NoiseFit { motion: fit, correlation_time: 0.0, noise_factor: 1.0 };
     if options.correlation_time.is_some_and(|time| time > 0.0)
         || is_suspicious(out.innovation, track.dimension, options)
     {
@@ -110,13 +113,14 @@ fn is_suspicious(innovation: &[f64], d: usize, options: &Options) -> bool {
 /// Replaces the results by those of the models that the plots ask for.
 fn improve<const D: usize, const S: usize, const N: usize>(
     track: &Track<'_>,
-    fit: &JerkFit,
+    fit: &MotionFit,
     options: &Options,
     out: &mut Smoothed<'_>,
     outlier: &mut [bool],
 ) -> Option<NoiseFit> {
     let mut search = Search::<D, N>::new::<S>(track, fit, options.jerk, out)?;
-    let mut near = if fit.jerk > 0.0 { fit.jerk.ln() } else { search.low };
+    let jerk = fit.motion.jerk;
+    let mut near = if jerk > 0.0 { jerk.ln() } else { search.low };
     let none = || vec![false; track.len()];
     let mut faults = Faults { gross: none(), jumps: none() };
     if let Some(found) = options.robust.then(|| find_faults::<D, S, N>(&mut search)).flatten() {
@@ -127,9 +131,12 @@ fn improve<const D: usize, const S: usize, const N: usize>(
     let best = &candidates[most];
     average::<D, S, N>(&mut search, &candidates, &weights, most, &faults, out)?;
     outlier.copy_from_slice(&faults.gross);
-    let jerk = options.jerk.unwrap_or(best.model.jerk * best.factor.powi(2));
+    let motion = match options.jerk {
+        Some(jerk) => Motion::with_jerk(jerk),
+        None => best.model.motion.times(best.factor.powi(2)),
+    };
     Some(NoiseFit {
-        jerk: JerkFit { jerk, ..*fit },
+        motion: MotionFit { motion, ..*fit },
         correlation_time: if best.model.share > 0.0 { best.model.time } else { 0.0 },
         noise_factor: best.factor.max(1.0),
     })
@@ -144,23 +151,29 @@ fn candidates<const D: usize, const N: usize>(
 ) -> (Vec<Candidate>, Vec<f64>) {
     let of = |scale| if options.robust { scale } else { Scale::Stated };
     let (prior, larger) = (of(Scale::Prior), of(Scale::Larger));
-    let white = search.best(0.0, 0.0, prior, faults, near);
+    let white = search.best(Family::Jerk, (0.0, 0.0), prior, faults, near);
     let mut found = vec![white];
     let mut log_prior = vec![WHITE.ln()];
+    if options.jerk.is_none() {
+        let near = Family::Acceleration.like(white.model.motion, search.track);
+        found.push(search.best(Family::Acceleration, (0.0, 0.0), prior, faults, near));
+        log_prior = vec![(WHITE * (1.0 - WANDERING)).ln(), (WHITE * WANDERING).ln()];
+    }
     match options.correlation_time {
         Some(0.0) => {}
         Some(time) => {
-            found = vec![search.best(SHARES[0], time, larger, faults, near)];
+            found = vec![search.best(Family::Jerk, (SHARES[0], time), larger, faults, near)];
+            log_prior = vec![0.0];
         }
         None => {
             let step = median_step(search.track);
             let count = CORRELATIONS.len() * SHARES.len();
             for share in SHARES {
-                let mut near = white.model.jerk.max(f64::MIN_POSITIVE).ln();
+                let mut near = white.model.motion.jerk.max(f64::MIN_POSITIVE).ln();
                 for correlation in CORRELATIONS {
                     let time = -step / f64::ln(correlation);
-                    let one = search.best(share, time, larger, faults, near);
-                    near = one.model.jerk.max(f64::MIN_POSITIVE).ln();
+                    let one = search.best(Family::Jerk, (share, time), larger, faults, near);
+                    near = one.model.motion.jerk.max(f64::MIN_POSITIVE).ln();
                     found.push(one);
                     log_prior.push(((1.0 - WHITE) / count as f64).ln());
                 }
@@ -176,12 +189,6 @@ fn candidates<const D: usize, const N: usize>(
         weights.iter_mut().for_each(|w| *w = if *w < LEAST_WEIGHT * sum { 0.0 } else { *w / sum });
     }
     (found, weights)
-}
-
-fn median_step(track: &Track<'_>) -> f64 {
-    let steps = track.times.windows(2).map(|pair| pair[1] - pair[0]);
-    let mut steps: Vec<f64> = steps.filter(|&t| t > 0.0).collect();
-    if steps.is_empty() { 1.0 } else { crate::base::angle::median(&mut steps) }
 }
 
 /// The mean over the models; the covariance has the spread between them. None, and nothing is written,

@@ -1,6 +1,7 @@
 //! The smoother by covariances for as many axes as a track has, where it is as exact as that by rows.
 
 use super::adjoint::{self, Adjoint};
+use super::motion::Motion;
 use super::results::{Smoothed, Summary};
 use super::track::Track;
 
@@ -23,11 +24,11 @@ pub(super) struct Quick {
 
 impl Quick {
     /// The likelihood; `None` where digits would be lost.
-    pub fn likelihood(&mut self, track: &Track<'_>, jerk: f64) -> Option<Summary> {
+    pub fn likelihood(&mut self, track: &Track<'_>, motion: Motion) -> Option<Summary> {
         match track.dimension {
-            1 => self.one.likelihood(track, jerk),
-            2 => self.two.likelihood(track, jerk),
-            3 => self.three.likelihood(track, jerk),
+            1 => self.one.likelihood(track, motion),
+            2 => self.two.likelihood(track, motion),
+            3 => self.three.likelihood(track, motion),
             _ => None,
         }
     }
@@ -36,10 +37,10 @@ impl Quick {
     pub fn smooth(
         &mut self,
         track: &Track<'_>,
-        jerk: f64,
+        motion: Motion,
         out: &mut Smoothed<'_>,
     ) -> Option<Summary> {
-        if jerk == 0.0 || track.farthest() > FARTHEST || track.unevenness() > UNEVEN {
+        if motion.jerk == 0.0 || track.farthest() > FARTHEST || track.unevenness() > UNEVEN {
             return None;
         }
         let mut out = adjoint::Smoothed {
@@ -50,9 +51,9 @@ impl Quick {
             loss: LOSS,
         };
         match track.dimension {
-            1 => self.one.smooth(track, jerk, &mut out),
-            2 => self.two.smooth(track, jerk, &mut out),
-            3 => self.three.smooth(track, jerk, &mut out),
+            1 => self.one.smooth(track, motion, &mut out),
+            2 => self.two.smooth(track, motion, &mut out),
+            3 => self.three.smooth(track, motion, &mut out),
             _ => None,
         }
     }

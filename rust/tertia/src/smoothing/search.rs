@@ -1,7 +1,8 @@
-//! The most likely jerk of a model of the noise, and the noise factor that goes with it.
+//! The most likely motion of a family with a model of the noise, and the noise factor that goes with it.
 
-use super::jerk::{JerkFit, range};
+use super::fit::{Family, MotionFit, range};
 use super::lasting::{Faults, Fit, Lasting, Model};
+use super::motion::Motion;
 use super::results::Smoothed;
 use super::track::Track;
 
@@ -9,12 +10,12 @@ use super::track::Track;
 const FACTOR_SIGMA: f64 = 0.5;
 /// The logarithm of the likelihood must gain this much for a noise factor other than 1.
 const FACTOR_GAIN: f64 = 2.0;
-/// Steps of the logarithm of the jerk, which are halved `HALVINGS` times; most of them.
+/// Steps of the logarithm of the intensity, which are halved `HALVINGS` times; most of them.
 const STEP: f64 = 2.0;
 const HALVINGS: usize = 4;
 const MOST_STEPS: usize = 60;
 
-/// A model at its most likely jerk.
+/// A model with its most likely motion.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Candidate {
     pub model: Model,
@@ -35,7 +36,7 @@ pub(super) enum Scale {
     Larger,
 }
 
-/// A search for the most likely jerk of models of noise.
+/// A search for the most likely motions with models of noise.
 pub(super) struct Search<'a, const D: usize, const N: usize> {
     pub track: &'a Track<'a>,
     pub engine: Lasting<D, N>,
@@ -52,48 +53,54 @@ impl<'a, const D: usize, const N: usize> Search<'a, D, N> {
     /// `white` is what was smoothed for white noise.
     pub fn new<const S: usize>(
         track: &'a Track<'a>,
-        fit: &JerkFit,
+        fit: &MotionFit,
         jerk: Option<f64>,
         white: &Smoothed<'_>,
     ) -> Option<Self> {
         let first = (white.mean[..S].to_vec(), white.covariance[..S * S].to_vec());
-        let engine = Lasting::new::<S>(track, fit.jerk)?.near(track, &first.0, &first.1);
+        let engine = Lasting::new::<S>(track, fit.motion)?.near(track, &first.0, &first.1);
         let used = if track.prior.is_empty() { S } else { 0 };
-        Some(Self { track, engine, jerk, first, used, low: range(track)?.0 })
+        Some(Self { track, engine, jerk, first, used, low: range(track, Family::Jerk.power())?.0 })
     }
 
-    /// Begins with a state as vague as such a jerk makes it.
-    pub fn restart<const S: usize>(&mut self, jerk: f64) {
-        if let Some(engine) = Lasting::new::<S>(self.track, jerk) {
+    /// Begins with a state as vague as such a motion makes it.
+    pub fn restart<const S: usize>(&mut self, motion: Motion) {
+        if let Some(engine) = Lasting::new::<S>(self.track, motion) {
             self.engine = engine.near(self.track, &self.first.0, &self.first.1);
         }
     }
 
-    /// The most likely jerk near the logarithm of one, and the noise factor. With that factor the
-    /// covariances and the jerk are both multiplied.
+    /// The most likely motion of a family near the logarithm of an intensity, and the noise factor. With
+    /// that factor the covariances and the intensities are both multiplied.
     pub fn best(
         &self,
-        share: f64,
-        time: f64,
+        family: Family,
+        (share, time): (f64, f64),
         scale: Scale,
         faults: &Faults,
         near: f64,
     ) -> Candidate {
         if let Some(jerk) = self.jerk {
             // the jerk is given, not its ratio to the noise
-            let mut found = self.candidate(share, time, jerk, scale, faults);
+            let of = |ratio| {
+                let model = Model { motion: Motion::with_jerk(ratio), share, time };
+                self.candidate(model, scale, faults)
+            };
+            let mut found = of(jerk);
             for _ in 0..4 {
-                let ratio = jerk / found.factor.powi(2);
-                found = self.candidate(share, time, ratio, scale, faults);
+                found = of(jerk / found.factor.powi(2));
             }
             return found;
         }
-        let of = |log: f64| self.candidate(share, time, log.exp(), scale, faults);
-        let mut log = near.max(self.low);
+        let motion = family.of(self.track);
+        let of =
+            |log: f64| self.candidate(Model { motion: motion(log), share, time }, scale, faults);
+        let low = range(self.track, family.power()).map_or(self.low, |(low, _)| low);
+        let mut log = near.max(low);
         let (mut best, mut step, mut steps) = (of(log), STEP, 0);
         for _ in 0..=HALVINGS {
             for direction in [step, -step] {
-                while steps < MOST_STEPS && log + direction >= self.low {
+                while steps < MOST_STEPS && log + direction >= low {
                     let other = of(log + direction);
                     steps += 1;
                     if other.value.is_nan() || other.value <= best.value {
@@ -107,15 +114,7 @@ impl<'a, const D: usize, const N: usize> Search<'a, D, N> {
         best
     }
 
-    fn candidate(
-        &self,
-        share: f64,
-        time: f64,
-        jerk: f64,
-        scale: Scale,
-        faults: &Faults,
-    ) -> Candidate {
-        let model = Model { jerk, share, time };
+    fn candidate(&self, model: Model, scale: Scale, faults: &Faults) -> Candidate {
         let fit = self.engine.fit(self.track, &model, faults);
         let n = fit.count.saturating_sub(self.used) as f64;
         let (log_factor, value) = scaled(&fit, n, scale);

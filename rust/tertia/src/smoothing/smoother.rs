@@ -6,6 +6,7 @@
 //! length and motion without noise are alike.
 
 use super::information::{Direction, Information, Logarithms, complete};
+use super::motion::Motion;
 use super::quick::Quick;
 use super::results::{Smoothed, Summary};
 use super::rows::{invert, solve};
@@ -39,23 +40,23 @@ macro_rules! with_order {
     };
 }
 
-/// Smooths a track whose jerk is white, of this intensity. Cost O(N D³).
+/// Smooths a track. Cost O(N D³).
 pub fn smooth(
     track: &Track<'_>,
-    jerk: f64,
+    motion: Motion,
     workspace: &mut Workspace,
     out: &mut Smoothed<'_>,
 ) -> Summary {
-    if let Some(summary) = workspace.quick.smooth(track, jerk, out) {
+    if let Some(summary) = workspace.quick.smooth(track, motion, out) {
         return summary;
     }
-    by_rows(track, jerk, workspace, out)
+    by_rows(track, motion, workspace, out)
 }
 
 /// The same for any track.
 pub(super) fn by_rows(
     track: &Track<'_>,
-    jerk: f64,
+    motion: Motion,
     workspace: &mut Workspace,
     out: &mut Smoothed<'_>,
 ) -> Summary {
@@ -63,15 +64,15 @@ pub(super) fn by_rows(
     let states = 3 * track.dimension;
     workspace.forwards.reserve(track.len() * states * (states + 1));
     let keep = Some(&mut *out.innovation);
-    let summary = with_order!(track.dimension, forwards(track, jerk, workspace, keep));
-    with_order!(track.dimension, backwards(track, jerk, workspace, out));
+    let summary = with_order!(track.dimension, forwards(track, motion, workspace, keep));
+    with_order!(track.dimension, backwards(track, motion, workspace, out));
     summary
 }
 
 /// The likelihood alone. Cost O(N D³).
-pub(crate) fn likelihood(track: &Track<'_>, jerk: f64, workspace: &mut Workspace) -> Summary {
-    let quick = workspace.quick.likelihood(track, jerk);
-    quick.unwrap_or_else(|| with_order!(track.dimension, forwards(track, jerk, workspace, None)))
+pub(crate) fn likelihood(track: &Track<'_>, motion: Motion, workspace: &mut Workspace) -> Summary {
+    let quick = workspace.quick.likelihood(track, motion);
+    quick.unwrap_or_else(|| with_order!(track.dimension, forwards(track, motion, workspace, None)))
 }
 
 /// The filter. With room for innovations, what the way back needs is kept.
@@ -79,7 +80,7 @@ pub(crate) fn likelihood(track: &Track<'_>, jerk: f64, workspace: &mut Workspace
 fn forwards(
     n: usize,
     track: &Track<'_>,
-    jerk: f64,
+    motion: Motion,
     workspace: &mut Workspace,
     mut innovations: Option<&mut [f64]>,
 ) -> Summary {
@@ -89,7 +90,7 @@ fn forwards(
     let (mut squares, mut logarithms) = (0.0, Logarithms::NONE);
     for k in 0..track.len() {
         if k > 0 {
-            information.advance(n, track, k - 1, jerk, Direction::Forwards, &mut logarithms);
+            information.advance(n, track, k - 1, motion, Direction::Forwards, &mut logarithms);
         }
         if let Some(innovations) = &mut innovations {
             let out = &mut innovations[k * d..][..d];
@@ -118,7 +119,7 @@ fn forwards(
 fn backwards(
     n: usize,
     track: &Track<'_>,
-    jerk: f64,
+    motion: Motion,
     workspace: &mut Workspace,
     out: &mut Smoothed<'_>,
 ) {
@@ -151,7 +152,7 @@ fn backwards(
         }
         if k > 0 {
             information.observe(n, track, k);
-            information.advance(n, track, k - 1, jerk, Direction::Backwards, &mut unused);
+            information.advance(n, track, k - 1, motion, Direction::Backwards, &mut unused);
         }
     }
 }
@@ -192,7 +193,7 @@ mod tests {
         let mut innovation = vec![0.0; n * d];
         let mut out =
             Smoothed { mean: &mut mean, covariance: &mut covariance, innovation: &mut innovation };
-        let summary = smooth(&track, jerk, &mut Workspace::default(), &mut out);
+        let summary = smooth(&track, Motion::with_jerk(jerk), &mut Workspace::default(), &mut out);
         (mean, covariance, summary)
     }
 

@@ -11,6 +11,7 @@ use super::measured::{Measured, Record, in_domain};
 use super::path::Plots;
 use super::tukey::{TAPERED, TUKEY, chance, scale, tukey};
 use crate::base::small::Vector;
+use crate::smoothing::Motion;
 use nalgebra::{DMatrix, DVector, SMatrix};
 use std::rc::Rc;
 
@@ -101,10 +102,10 @@ impl Biases {
     pub fn add_effect<const D: usize, const N: usize>(
         &self,
         setting: &mut Setting<'_, D, N>,
-        jerk: f64,
+        motion: Motion,
         covariance: &mut [f64],
     ) -> Result<(), Failure> {
-        let means = smoothed(setting, &self.responses, &self.spread, jerk)?;
+        let means = smoothed(setting, &self.responses, &self.spread, motion)?;
         add_covariance::<N>(&means, &self.covariance, covariance);
         Ok(())
     }
@@ -115,13 +116,13 @@ pub(super) fn smoothed<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     responses: &[Vec<f64>],
     spread: &[f64],
-    jerk: f64,
+    motion: Motion,
 ) -> Result<Vec<Vec<f64>>, Failure> {
     let mut means = Vec::new();
     for response in responses {
         let plots = Plots { position: response.clone(), covariance: spread.to_vec() };
         let track = plots.track(setting.record.time, D)?;
-        let mut mean = setting.smoother.smooth(&track, known(jerk), 0).mean;
+        let mut mean = setting.smoother.smooth(&track, known(motion), 0).mean;
         mean.iter_mut().filter(|v| v.is_nan()).for_each(|v| *v = 0.0);
         means.push(mean);
     }

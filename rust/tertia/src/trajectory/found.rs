@@ -10,7 +10,7 @@ use super::measured::{Measured, Record};
 use super::path::{Path, Plots, Smoother};
 use crate::base::small::{Factor, Matrix, Vector};
 use crate::sensors::Kind;
-use crate::smoothing::JerkFit;
+use crate::smoothing::{Motion, MotionFit};
 use std::ops::Range;
 use std::rc::Rc;
 
@@ -34,29 +34,29 @@ pub(super) struct Found<const D: usize, const N: usize> {
     pub scale: f64,
 }
 
-/// How a path is smoothed: the jerk, if it is given, and buffers.
+/// How a path is smoothed: the motion, if it is given, and buffers.
 pub(super) struct Setting<'a, const D: usize, const N: usize> {
     pub record: &'a Record<'a>,
-    pub jerk: Option<f64>,
+    pub motion: Option<Motion>,
     pub smoother: Smoother<D, N>,
 }
 
-/// An intensity that is given.
-pub(super) fn known(jerk: f64) -> JerkFit {
-    JerkFit { jerk, relative_error: 0.0 }
+/// A motion that is given.
+pub(super) fn known(motion: Motion) -> MotionFit {
+    MotionFit { motion, relative_error: 0.0 }
 }
 
 impl<const D: usize, const N: usize> Setting<'_, D, N> {
-    /// Smooths positions; without an intensity the likeliest one is taken, near that of before.
+    /// Smooths positions; without a motion the likeliest one is taken, near that of before.
     fn smoothed(
         &mut self,
         plots: &Plots,
-        jerk: Option<f64>,
-        near: Option<f64>,
+        motion: Option<Motion>,
+        near: Option<Motion>,
     ) -> Result<Path, Failure> {
         let track = plots.track(self.record.time, D)?;
-        let fit = match jerk {
-            Some(jerk) => known(jerk),
+        let fit = match motion {
+            Some(motion) => known(motion),
             None => self.smoother.fit(&track, near),
         };
         Ok(self.smoother.smooth(&track, fit, D))
@@ -73,13 +73,13 @@ impl<const D: usize, const N: usize> Found<D, N> {
         let trust = vec![1.0; measured.values.len()];
         let (fixes, start) = Fixes::first(record, measured)?;
         let plots = plots_of(&start, D);
-        let path = setting.smoothed(&plots, setting.jerk, None)?;
+        let path = setting.smoothed(&plots, setting.motion, None)?;
         let measured = Rc::clone(measured);
         let anchor = vec![0.0; record.len()];
         let mut found = Self { measured, trust, fixes, plots, path, anchor, scale: 1.0 };
         if !record.robust {
             for _ in 0..2 {
-                found.relinearise(setting, Some(found.path.fit.jerk), 1.0)?;
+                found.relinearise(setting, Some(found.path.fit.motion), 1.0)?;
             }
         }
         Ok(found)
@@ -90,14 +90,14 @@ impl<const D: usize, const N: usize> Found<D, N> {
     pub fn relinearise(
         &mut self,
         setting: &mut Setting<'_, D, N>,
-        jerk: Option<f64>,
+        motion: Option<Motion>,
         scale: f64,
     ) -> Result<(), Failure> {
         if self.plots.count(D) < 2 {
             // a single position is its own path
             return Ok(());
         }
-        let near = Some(self.path.fit.jerk);
+        let near = Some(self.path.fit.motion);
         let mut plots = Plots::none(setting.record.len(), D);
         for t in 0..setting.record.len() {
             let Some((inverse, step)) = self.step(setting.record, t, scale) else { continue };
@@ -109,7 +109,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
                 }
             }
         }
-        self.path = setting.smoothed(&plots, jerk, near)?;
+        self.path = setting.smoothed(&plots, motion, near)?;
         self.plots = plots;
         Ok(())
     }

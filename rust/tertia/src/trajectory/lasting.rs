@@ -18,6 +18,7 @@ use super::instant::{Instant, responses};
 use super::measured::{Measured, Record, in_domain};
 use super::prior::Prior;
 use crate::sensors::KINDS;
+use crate::smoothing::Motion;
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 use std::rc::Rc;
@@ -300,14 +301,14 @@ impl Lasting {
         &self,
         setting: &mut Setting<'_, D, N>,
         found: &Found<D, N>,
-        jerk: f64,
+        motion: Motion,
         covariance: &mut [f64],
     ) -> Result<(), Failure> {
         if self.is_zero() {
             return Ok(());
         }
         let (responses, spread) = answers(setting.record, found, &self.columns);
-        let means = smoothed(setting, &responses, &spread, jerk)?;
+        let means = smoothed(setting, &responses, &spread, motion)?;
         let k = setting.record.width() / KINDS;
         let c = self.columns.len();
         let mut whole = self.constant.clone();
@@ -342,7 +343,7 @@ pub(super) fn add_deviation<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     found: &Found<D, N>,
     sigma: &[f64],
-    jerk: f64,
+    motion: Motion,
     covariance: &mut [f64],
 ) -> Result<(), Failure> {
     let k = setting.record.width() / KINDS;
@@ -354,7 +355,7 @@ pub(super) fn add_deviation<const D: usize, const N: usize>(
             part.iter_mut().for_each(|v| *v *= s);
         }
     }
-    let means = smoothed(setting, &responses, &spread, jerk)?;
+    let means = smoothed(setting, &responses, &spread, motion)?;
     add_covariance::<N>(&means, &DMatrix::identity(k, k), covariance);
     Ok(())
 }

@@ -16,7 +16,7 @@ use std::rc::Rc;
 const ROUNDS: usize = 20;
 /// Change of a position, over the standard deviation, that needs no other round.
 const UNCHANGED: f64 = 0.003;
-/// Share of the measurements whose weights may change with the jerk as it is.
+/// Share of the measurements whose weights may change with the motion as it is.
 const FEW: f64 = 0.01;
 /// Size of a residual that others of the instant do not contradict: two-sided 1 %.
 const DOUBTED: f64 = 0.01;
@@ -46,8 +46,8 @@ impl<const D: usize, const N: usize> Found<D, N> {
             return Ok(self);
         }
         if !setting.record.robust {
-            self.relinearise(setting, setting.jerk, 1.0)?;
-            self.relinearise(setting, setting.jerk, 1.0)?;
+            self.relinearise(setting, setting.motion, 1.0)?;
+            self.relinearise(setting, setting.motion, 1.0)?;
             return Ok(self);
         }
         let mut mixture = Mixture::new(self.sizes(setting.record));
@@ -71,7 +71,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
         Ok(self)
     }
 
-    /// Judges the measurements by the path, and smooths, once with a new jerk and once with the same:
+    /// Judges the measurements by the path, and smooths, once with a new motion and once with the same:
     /// whether the second time has changed anything. The noise may be held.
     fn weigh_twice(
         &mut self,
@@ -96,13 +96,13 @@ impl<const D: usize, const N: usize> Found<D, N> {
         let change: f64 = pairs.map(|(new, old)| (new - old).abs()).sum();
         let is_other = self.scale != mixture.noise || change > FEW * self.measured.len() as f64;
         let before = self.path.mean.clone();
-        let jerk = match setting.jerk {
-            None if !refits || !is_other => Some(self.path.fit.jerk),
-            jerk => jerk,
+        let motion = match setting.motion {
+            None if !refits || !is_other => Some(self.path.fit.motion),
+            motion => motion,
         };
         self.trust = trust;
         self.scale = mixture.noise;
-        self.relinearise(setting, jerk, mixture.noise)?;
+        self.relinearise(setting, motion, mixture.noise)?;
         Ok(self.moved(&before) > UNCHANGED)
     }
 

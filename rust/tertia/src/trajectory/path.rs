@@ -4,7 +4,8 @@ use super::failure::Failure;
 use crate::base::interrupt::poll;
 use crate::smoothing::adjoint::{self, Adjoint};
 use crate::smoothing::{
-    JerkFit, Noise, Smoothed, Summary, Track, Workspace, likelihood, relative_error, search, smooth,
+    Family, Motion, MotionFit, Noise, Smoothed, Summary, Track, Workspace, likeliest,
+    likeliest_other, likelihood, relative_error, smooth,
 };
 
 /// Positions with their covariances, (N, D) and (N, D, D); nan where there is none.
@@ -40,7 +41,7 @@ pub(super) struct Path {
     pub mean: Vec<f64>,
     /// (N, R, R) of the first R components.
     pub covariance: Vec<f64>,
-    pub fit: JerkFit,
+    pub fit: MotionFit,
     pub summary: Summary,
 }
 
@@ -60,33 +61,39 @@ pub(super) struct Smoother<const D: usize, const N: usize> {
 }
 
 impl<const D: usize, const N: usize> Smoother<D, N> {
-    /// The likeliest intensity, near another one where that is known.
-    pub fn fit(&mut self, track: &Track<'_>, near: Option<f64>) -> JerkFit {
+    /// The likeliest motion, near another one where that is known.
+    pub fn fit(&mut self, track: &Track<'_>, near: Option<Motion>) -> MotionFit {
+        likeliest(track, near, &mut |motion| self.likelihood(track, motion))
+    }
+
+    /// The likeliest motion of the other family, with its error, if its likelihood is not below this one.
+    pub fn other(&mut self, track: &Track<'_>, motion: Motion, least: f64) -> Option<MotionFit> {
+        let value = &mut |motion| self.likelihood(track, motion);
+        let (fit, top) = likeliest_other(track, motion, least, value)?;
+        (top >= least).then(|| self.with_error(track, fit))
+    }
+
+    fn likelihood(&mut self, track: &Track<'_>, motion: Motion) -> f64 {
         let Self { quick, workspace, .. } = self;
-        search(track, near.filter(|q| *q > 0.0).map(f64::ln), &mut |log| {
-            let jerk = log.exp();
-            let summary = quick.likelihood(track, jerk);
-            summary.unwrap_or_else(|| likelihood(track, jerk, workspace)).log_likelihood
-        })
+        let summary = quick.likelihood(track, motion);
+        summary.unwrap_or_else(|| likelihood(track, motion, workspace)).log_likelihood
     }
 
     /// A fit with the error of its logarithm, if that is still to be found.
-    pub fn with_error(&mut self, track: &Track<'_>, fit: JerkFit) -> JerkFit {
+    pub fn with_error(&mut self, track: &Track<'_>, fit: MotionFit) -> MotionFit {
         if !fit.relative_error.is_nan() {
             return fit;
         }
-        let Self { quick, workspace, .. } = self;
-        let mut value = |log: f64| {
-            let summary = quick.likelihood(track, log.exp());
-            summary.unwrap_or_else(|| likelihood(track, log.exp(), workspace)).log_likelihood
-        };
-        let log = fit.jerk.ln();
+        let family = Family::that_has(fit.motion);
+        let of = family.of(track);
+        let mut value = |log: f64| self.likelihood(track, of(log));
+        let log = family.log(fit.motion);
         let top = value(log);
-        JerkFit { relative_error: relative_error(log, top, &mut value), ..fit }
+        MotionFit { relative_error: relative_error(log, top, &mut value), ..fit }
     }
 
     /// States, with covariances of the first components.
-    pub fn smooth(&mut self, track: &Track<'_>, fit: JerkFit, components: usize) -> Path {
+    pub fn smooth(&mut self, track: &Track<'_>, fit: MotionFit, components: usize) -> Path {
         poll();
         let n = track.len();
         let mut mean = vec![f64::NAN; n * N];
@@ -98,7 +105,7 @@ impl<const D: usize, const N: usize> Smoother<D, N> {
             innovation: &mut [],
             loss: f64::INFINITY,
         };
-        if let Some(summary) = self.quick.smooth(track, fit.jerk, &mut out) {
+        if let Some(summary) = self.quick.smooth(track, fit.motion, &mut out) {
             return Path { mean, covariance, fit, summary };
         }
         self.whole.resize(n * N * N, 0.0);
@@ -108,7 +115,7 @@ impl<const D: usize, const N: usize> Smoother<D, N> {
             covariance: &mut self.whole,
             innovation: &mut self.innovation,
         };
-        let summary = smooth(track, fit.jerk, &mut self.workspace, &mut out);
+        let summary = smooth(track, fit.motion, &mut self.workspace, &mut out);
         for (whole, own) in self
             .whole
             .chunks_exact(N * N)
@@ -122,13 +129,13 @@ impl<const D: usize, const N: usize> Smoother<D, N> {
     }
 
     /// States with all covariances and innovations, by the smoother that is exact for any track.
-    pub fn finish(&mut self, track: &Track<'_>, fit: JerkFit) -> (Path, Vec<f64>) {
+    pub fn finish(&mut self, track: &Track<'_>, fit: MotionFit) -> (Path, Vec<f64>) {
         let n = track.len();
         let (mut mean, mut covariance) = (vec![0.0; n * N], vec![0.0; n * N * N]);
         let mut innovation = vec![0.0; n * D];
         let mut out =
             Smoothed { mean: &mut mean, covariance: &mut covariance, innovation: &mut innovation };
-        let summary = smooth(track, fit.jerk, &mut self.workspace, &mut out);
+        let summary = smooth(track, fit.motion, &mut self.workspace, &mut out);
         (Path { mean, covariance, fit, summary }, innovation)
     }
 }

@@ -3,14 +3,14 @@
 use super::fixes::Fixes;
 use super::lasting::LastingErrors;
 use super::measured::{Measured, Record};
-use crate::smoothing::{JerkFit, Summary};
+use crate::smoothing::{MotionFit, Summary};
 
 /// What came out.
 #[derive(Clone, Debug)]
 pub struct Trajectory {
     /// Positions, velocities and accelerations (N, 3D); nan where unknown.
     pub mean: Vec<f64>,
-    /// Their covariances (N, 3D, 3D), ∞ where unknown, with the uncertainty of jerk and biases.
+    /// Their covariances (N, 3D, 3D), ∞ where unknown, with the uncertainty of motion and biases.
     pub covariance: Vec<f64>,
     /// What the smoother of positions found; none with polynomials, and of smoothed measurements.
     pub smoothed: Option<Smoothed>,
@@ -24,17 +24,17 @@ pub struct Trajectory {
     pub bias: Option<LastingErrors>,
 }
 
-/// What a smoother with white jerk found.
+/// What the smoother found.
 #[derive(Clone, Debug)]
 pub struct Smoothed {
-    /// Covariances of the states (N, 3D, 3D) without the uncertainty of jerk and biases.
+    /// Covariances of the states (N, 3D, 3D) without the uncertainty of motion and biases.
     pub covariance: Vec<f64>,
     /// Innovations (N, D).
     pub innovation: Vec<f64>,
     /// Likelihood and count.
     pub summary: Summary,
-    /// The jerk that was given or found.
-    pub fit: JerkFit,
+    /// The motion that was given or found.
+    pub fit: MotionFit,
 }
 
 impl Trajectory {

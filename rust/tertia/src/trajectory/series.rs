@@ -4,7 +4,7 @@ use super::failure::Failure;
 use super::measured::Record;
 use crate::base::error::Result;
 use crate::batch::for_each_row;
-use crate::smoothing::{self, Degree, Noise, Output, Polynomial, Track, Workspace, fit_jerk};
+use crate::smoothing::{self, Degree, Noise, Output, Polynomial, Track, Workspace, fit_motion};
 
 /// Highest degree that adaptive polynomials have.
 const MAX_DEGREE: usize = 3;
@@ -95,14 +95,14 @@ impl Series {
     ) -> Result<Self> {
         let n = time.len();
         let track = Track::try_new(1, time, y, Noise::Each(variance), None)?;
-        let fit = fit_jerk(&track, workspace);
+        let fit = fit_motion(&track, workspace);
         let (mut mean, mut covariance) = (vec![0.0; 3 * n], vec![0.0; 9 * n]);
         let mut out = smoothing::Smoothed {
             mean: &mut mean,
             covariance: &mut covariance,
             innovation: &mut vec![0.0; n],
         };
-        smoothing::smooth(&track, fit.jerk, workspace, &mut out);
+        smoothing::smooth(&track, fit.motion, workspace, &mut out);
         Ok(Self {
             value: [0, 1, 2].map(|i| mean.iter().skip(i).step_by(3).copied().collect()),
             sigma: [0, 1, 2]

@@ -6,6 +6,7 @@ use super::found::{Found, Setting};
 use super::instant::{Instant, responses};
 use super::measured::{Measured, Record};
 use crate::sensors::KINDS;
+use crate::smoothing::Motion;
 use nalgebra::DMatrix;
 
 /// Adds to the covariance of the states (N, 3D, 3D) what errors of these standard deviations (K) in
@@ -14,7 +15,7 @@ pub(super) fn add_errors<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     found: &Found<D, N>,
     sigma: &[f64],
-    jerk: f64,
+    motion: Motion,
     covariance: &mut [f64],
 ) -> Result<(), Failure> {
     let record = setting.record;
@@ -32,7 +33,7 @@ pub(super) fn add_errors<const D: usize, const N: usize>(
             spread = inverse;
         }
     }
-    let means = smoothed(setting, &moves, &spread, jerk)?;
+    let means = smoothed(setting, &moves, &spread, motion)?;
     add_covariance::<N>(&means, &DMatrix::identity(moves.len(), moves.len()), covariance);
     Ok(())
 }

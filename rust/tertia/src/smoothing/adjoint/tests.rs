@@ -14,7 +14,9 @@ fn both_ways_of_smoothing_agree() {
     }
     let noise = [4.0, 1.5, 1.5, 2.0];
     let track = Track::try_new(2, &time, &y, Noise::Same(&noise), None).unwrap();
-    for jerk in [0.0, 1e-8, 1e-2, 10.0] {
+    let wandering = [(1e-12, 1e-3), (1e-9, 2.0), (0.3, 0.3)];
+    let wandering = wandering.map(|(jerk, acceleration)| Motion { jerk, acceleration });
+    for motion in [0.0, 1e-8, 1e-2, 10.0].map(Motion::with_jerk).into_iter().chain(wandering) {
         let [mut mean, mut quick] = [vec![0.0; 360], vec![0.0; 360]];
         let [mut covariance, mut own] = [vec![0.0; 2160], vec![0.0; 2160]];
         let [mut innovation, mut whitened] = [vec![0.0; 120], vec![0.0; 120]];
@@ -24,7 +26,7 @@ fn both_ways_of_smoothing_agree() {
             innovation: &mut innovation,
         };
         let expected =
-            smoother::by_rows(&track, jerk, &mut Workspace::default(), &mut out).log_likelihood;
+            smoother::by_rows(&track, motion, &mut Workspace::default(), &mut out).log_likelihood;
         let mut adjoint = Adjoint::<2, 6>::default();
         let mut out = Smoothed {
             mean: &mut quick,
@@ -33,7 +35,7 @@ fn both_ways_of_smoothing_agree() {
             innovation: &mut whitened,
             loss: f64::INFINITY,
         };
-        let summary = adjoint.smooth(&track, jerk, &mut out).unwrap();
+        let summary = adjoint.smooth(&track, motion, &mut out).unwrap();
         assert!((summary.log_likelihood - expected).abs() < 1e-9 * expected.abs());
         for (own, other) in innovation.iter().zip(&whitened) {
             assert_eq!(own.is_nan(), other.is_nan());
@@ -43,9 +45,9 @@ fn both_ways_of_smoothing_agree() {
             for i in 0..6 {
                 let sigma = covariance[(k * 6 + i) * 6 + i].sqrt();
                 let error = (mean[k * 6 + i] - quick[k * 6 + i]).abs() / sigma;
-                assert!(error < 1e-9, "jerk {jerk}, instant {k}, component {i}: {error}");
+                assert!(error < 1e-9, "{motion:?}, instant {k}, component {i}: {error}");
                 let ratio = own[(k * 6 + i) * 6 + i] / (sigma * sigma);
-                assert!((ratio - 1.0).abs() < 1e-7, "{jerk} {k} {i} {ratio}");
+                assert!((ratio - 1.0).abs() < 1e-7, "{motion:?} {k} {i} {ratio}");
             }
         }
     }

@@ -1,22 +1,22 @@
-//! The covariance of the states with the uncertainty of the fitted jerk in it.
+//! The covariance of the states with the uncertainty of the fitted motion in it.
 
 use super::failure::Failure;
 use super::found::{Found, Setting, known};
 use super::path::Path;
+use crate::smoothing::{Family, MotionFit, Track};
 use nalgebra::SMatrix;
 
-/// Error of the logarithm of the jerk with which its likelihood is a parabola, almost.
+/// Error of the logarithm of the intensity with which its likelihood is a parabola, almost.
 const WELL_KNOWN: f64 = 1.0;
 const STEPS: [f64; 4] = [-2.0, -1.0, 1.0, 2.0];
-/// Power of the jerk in its prior: between a flat prior of the root, which is too careful where no
-/// jerk is seen, and one of the logarithm, which is not careful enough where it is.
+/// Power of the intensity in its prior: between a flat prior of the root, which is too careful where no
+/// noise is seen, and one of the logarithm, which is not careful enough where it is.
 const PRIOR: f64 = 0.25;
 const MARGIN: f64 = 2.0;
 const FALL: f64 = 8.0;
-const MOST_JERKS: i32 = 80;
-/// Instants that determine a state, and the power of the time with which jerk moves a position.
+const MOST_STEPS: i32 = 80;
+/// Instants that determine a state.
 const STATE: usize = 3;
-const STATE_POWER: f64 = 5.0;
 
 /// The mean over intensities by their likelihood, with a prior on their logarithm that rises with
 /// the fourth root of the intensity; the covariance of the best where no other is likely.
@@ -29,7 +29,7 @@ pub(super) fn mixed<const D: usize, const N: usize>(
     if paths.is_empty() {
         return Ok(best.covariance.clone());
     }
-    let value = |path: &Path| path.summary.log_likelihood + PRIOR * path.fit.jerk.ln();
+    let value = |(path, rise): &(Path, f64)| path.summary.log_likelihood + PRIOR * rise;
     let top = paths.iter().map(value).fold(f64::NEG_INFINITY, f64::max);
     let share: Vec<f64> = paths.iter().map(|path| (value(path) - top).exp()).collect();
     let total: f64 = share.iter().sum();
@@ -39,7 +39,7 @@ pub(super) fn mixed<const D: usize, const N: usize>(
             continue;
         }
         own.fill(0.0);
-        for (path, share) in paths.iter().zip(&share) {
+        for ((path, _), share) in paths.iter().zip(&share) {
             let change: [f64; N] =
                 std::array::from_fn(|i| path.mean[t * N + i] - best.mean[t * N + i]);
             for i in 0..N {
@@ -53,21 +53,28 @@ pub(super) fn mixed<const D: usize, const N: usize>(
     Ok(mixed)
 }
 
-/// Paths with all intensities that are likely; none where the record says nothing of it. Around a
-/// fitted one that is well known; else from hardly any on, until they are unlikely.
+/// Paths with all intensities that are likely, each with its logarithm less some constant; none where
+/// the record says nothing of it. Around a fitted one that is well known, and around that of the other
+/// family if that is likely; else from hardly any on, until they are unlikely.
 fn likely<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     found: &Found<D, N>,
     best: &Path,
-) -> Result<Vec<Path>, Failure> {
+) -> Result<Vec<(Path, f64)>, Failure> {
     let time = setting.record.time;
     let track = found.plots.track(time, D)?;
-    let (jerk, error) = (best.fit.jerk, best.fit.relative_error);
-    if jerk > 0.0 && error < WELL_KNOWN {
-        let near = STEPS
-            .map(|step| setting.smoother.smooth(&track, known(jerk * (step * error).exp()), N));
-        return Ok([vec![best.clone()], near.to_vec()].concat());
+    if is_well_known(&best.fit) {
+        let mut paths = around(setting, &track, best.clone());
+        let other =
+            setting.smoother.other(&track, best.fit.motion, best.summary.log_likelihood - FALL);
+        if let Some(fit) = other.filter(is_well_known) {
+            let path = setting.smoother.smooth(&track, fit, N);
+            paths.extend(around(setting, &track, path));
+        }
+        return Ok(paths);
     }
+    let family = Family::that_has(best.fit.motion);
+    let of = family.of(&track);
     let known_at: Vec<usize> = (0..time.len()).filter(|&t| found.plots.is_known(t, D)).collect();
     let mut times: Vec<f64> = known_at.iter().map(|&t| time[t]).collect();
     times.dedup();
@@ -81,17 +88,39 @@ fn likely<const D: usize, const N: usize>(
         nalgebra::DMatrix::from_fn(D, D, |i, j| matrix[(i, j)]).symmetric_eigenvalues().min()
     });
     // below the first one the motion is that of none; the likelihood falls as a power
-    let first = least.fold(f64::INFINITY, f64::min).ln() - STATE_POWER * span.ln() - MARGIN;
+    let first = least.fold(f64::INFINITY, f64::min).ln() - family.power() * span.ln() - MARGIN;
     let (mut paths, mut top) = (Vec::new(), f64::NEG_INFINITY);
-    for step in 0..MOST_JERKS {
-        let jerk = known((first + f64::from(step)).exp());
-        let path = setting.smoother.smooth(&track, jerk, N);
+    for step in 0..MOST_STEPS {
+        let motion = known(of(first + f64::from(step)));
+        let path = setting.smoother.smooth(&track, motion, N);
         let value = path.summary.log_likelihood;
-        paths.push(path);
+        paths.push((path, f64::from(step)));
         top = top.max(value);
         if value < top - FALL {
             break;
         }
     }
     Ok(paths)
+}
+
+/// Whether its likelihood is a parabola of the logarithm.
+fn is_well_known(fit: &MotionFit) -> bool {
+    fit.relative_error < WELL_KNOWN
+}
+
+/// A path with a well known intensity, and those with others around it, with their logarithms less its own.
+fn around<const D: usize, const N: usize>(
+    setting: &mut Setting<'_, D, N>,
+    track: &Track<'_>,
+    best: Path,
+) -> Vec<(Path, f64)> {
+    let family = Family::that_has(best.fit.motion);
+    let of = family.of(track);
+    let (log, error) = (family.log(best.fit.motion), best.fit.relative_error);
+    let mut paths = vec![(best, 0.0)];
+    for step in STEPS {
+        let path = setting.smoother.smooth(track, known(of(log + step * error)), N);
+        paths.push((path, step * error));
+    }
+    paths
 }

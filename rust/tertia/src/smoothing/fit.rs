@@ -1,0 +1,301 @@
+//! What drives a motion, by maximum likelihood.
+
+use super::motion::Motion;
+use super::smoother::{Workspace, likelihood};
+use super::track::Track;
+use crate::base::angle::median;
+
+/// What drives a track, with its uncertainty.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotionFit {
+    /// Without noise where that explains the track best, or where it cannot be determined.
+    pub motion: Motion,
+    /// Standard error of the logarithm of the intensities, from the curvature of the likelihood; ∞ where
+    /// undetermined.
+    pub relative_error: f64,
+}
+
+impl MotionFit {
+    /// Standard uncertainty of the jerk, to first order; ∞ where the acceleration is noise.
+    pub fn sigma(&self) -> f64 {
+        if self.relative_error.is_finite() && self.motion.acceleration == 0.0 {
+            self.relative_error * self.motion.jerk
+        } else {
+            f64::INFINITY
+        }
+    }
+
+    const UNDETERMINED: Self =
+        Self { motion: Motion { jerk: 0.0, acceleration: 0.0 }, relative_error: f64::INFINITY };
+}
+
+/// Motions of which one intensity varies.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Family {
+    /// White jerk.
+    Jerk,
+    /// White acceleration, beside a jerk that hardly shows within the track.
+    Acceleration,
+}
+
+impl Family {
+    /// Those of a track, from the logarithm of the intensity.
+    pub fn of(self, track: &Track<'_>) -> impl Fn(f64) -> Motion + use<> {
+        let least = range(track, JERK_POWER).map_or(0.0, |(low, _)| low.exp());
+        move |log: f64| match self {
+            Self::Jerk => Motion::with_jerk(log.exp()),
+            Self::Acceleration => Motion { jerk: least, acceleration: log.exp() },
+        }
+    }
+
+    /// Power of the time with which the noise moves a position.
+    pub fn power(self) -> f64 {
+        match self {
+            Self::Jerk => JERK_POWER,
+            Self::Acceleration => 3.0,
+        }
+    }
+
+    /// That of a motion.
+    pub fn that_has(motion: Motion) -> Self {
+        if motion.acceleration > 0.0 { Self::Acceleration } else { Self::Jerk }
+    }
+
+    pub fn other(self) -> Self {
+        match self {
+            Self::Jerk => Self::Acceleration,
+            Self::Acceleration => Self::Jerk,
+        }
+    }
+
+    /// The logarithm of the intensity with which a smoother averages about as long as with another motion.
+    pub fn like(self, motion: Motion, track: &Track<'_>) -> f64 {
+        let scale = track.scale.iter().fold(f64::INFINITY, |least, scale| least.min(*scale));
+        let density = (median_step(track) / (scale * scale)).ln();
+        let family = Self::that_has(motion);
+        // of noise of this density, (density / intensity)^(1 / (power + 1)) is averaged
+        let shorter = (family.log(motion) - density) / (family.power() + 1.0);
+        density + shorter * (self.power() + 1.0)
+    }
+
+    /// The logarithm of the intensity that varies.
+    pub fn log(self, motion: Motion) -> f64 {
+        match self {
+            Self::Jerk => motion.jerk.ln(),
+            Self::Acceleration => motion.acceleration.ln(),
+        }
+    }
+}
+
+const JERK_POWER: f64 = 5.0;
+/// Steps of the logarithm of the intensity, in which the likelihood changes slowly.
+const COARSE: f64 = 4.0;
+/// Relative to noise that shows within the shortest step, and within the track.
+const MARGINS: [f64; 2] = [1e-6, 1e2];
+/// More than this many steps towards motion that hides the noise are not made.
+const MOST_STEPS: usize = 200;
+/// The maximum is found to this, in the logarithm.
+const SETTLED: f64 = 1e-5;
+/// A gain of more is not by chance.
+const CERTAIN: f64 = 1.0;
+/// A gain of less is rounding.
+const GAIN: f64 = 1e-7;
+const GOLDEN: f64 = 0.381_966_011_250_105_1;
+
+/// The motion that makes the plots most likely, with white jerk or with white acceleration. Cost: some 30
+/// filters for each of them that is searched.
+pub fn fit_motion(track: &Track<'_>, workspace: &mut Workspace) -> MotionFit {
+    let mut value = |motion| likelihood(track, motion, workspace).log_likelihood;
+    likeliest(track, None, &mut value)
+}
+
+/// The same by any way to the likelihood, near another motion where that is known: of its family, or of the
+/// other one where that is likelier with an intensity that smooths as much.
+pub(crate) fn likeliest(
+    track: &Track<'_>,
+    near: Option<Motion>,
+    value: &mut impl FnMut(Motion) -> f64,
+) -> MotionFit {
+    let family = near.map_or(Family::Jerk, Family::that_has);
+    let log = near.map(|motion| family.log(motion)).filter(|log| log.is_finite());
+    let (fit, top) = search(track, family, log, value);
+    match likeliest_other(track, fit.motion, top, value) {
+        Some((other, higher)) if higher > top + CERTAIN => other,
+        _ => fit,
+    }
+}
+
+/// The likeliest motion of the other family, where that with an intensity that smooths as much has at least
+/// this likelihood. No error is found.
+pub(crate) fn likeliest_other(
+    track: &Track<'_>,
+    motion: Motion,
+    least: f64,
+    value: &mut impl FnMut(Motion) -> f64,
+) -> Option<(MotionFit, f64)> {
+    let other = Family::that_has(motion).other();
+    let like = other.like(motion, track);
+    let is_likely = like.is_finite() && value(other.of(track)(like)) >= least;
+    is_likely.then(|| search(track, other, Some(like), value))
+}
+
+/// The likeliest motion of a family and its likelihood, by any way to that. Near the logarithm of an intensity that
+/// has been found for almost the same plots the whole range is not searched, and no error is found.
+fn search(
+    track: &Track<'_>,
+    family: Family,
+    near: Option<f64>,
+    value: &mut impl FnMut(Motion) -> f64,
+) -> (MotionFit, f64) {
+    let Some((low, high)) = range(track, family.power()) else {
+        return (MotionFit::UNDETERMINED, f64::NAN);
+    };
+    let of = family.of(track);
+    let value = &mut |log: f64| value(of(log));
+    let (below, best) = match near.and_then(|near| climb(low, near, value)) {
+        Some(found) => found,
+        None => {
+            let (best, last) = scan(low, high, value);
+            if best.0 == last {
+                return (MotionFit { motion: of(last), relative_error: f64::INFINITY }, best.1);
+            }
+            (f64::INFINITY, best)
+        }
+    };
+    let (log, top) = maximum(value, best.0 - COARSE, best, best.0 + COARSE);
+    // of another intensity so far below, none need not be asked
+    let certain = top - below > CERTAIN;
+    if !certain && top - value(f64::NEG_INFINITY) < GAIN {
+        return (MotionFit::UNDETERMINED, top);
+    }
+    let relative_error = if near.is_some() { f64::NAN } else { relative_error(log, top, value) };
+    (MotionFit { motion: of(log), relative_error }, top)
+}
+
+/// The standard error of the logarithm of an intensity where the likelihood is greatest.
+pub(crate) fn relative_error(log: f64, top: f64, value: &mut impl FnMut(f64) -> f64) -> f64 {
+    // a step that lowers the likelihood by about 1/200 where it is a parabola
+    let mut step: f64 = 0.1;
+    let mut curvature = 0.0;
+    for _ in 0..3 {
+        curvature = (2.0 * top - value(log + step) - value(log - step)) / (step * step);
+        step = (0.1 / curvature.max(1e-2).sqrt()).clamp(1e-3, 1.0);
+    }
+    if curvature > 1e-3 { 1.0 / curvature.sqrt() } else { f64::INFINITY }
+}
+
+/// The best step from `low` to `high`, and beyond as long as the likelihood rises; and the last.
+fn scan(low: f64, high: f64, value: &mut impl FnMut(f64) -> f64) -> ((f64, f64), f64) {
+    let mut best = (low, value(low));
+    let (mut log, mut count) = (low, 1);
+    while log < high || (best.0 == log && count < MOST_STEPS) {
+        log += COARSE;
+        count += 1;
+        let own = (log, value(log));
+        if own.1 > best.1 {
+            best = own;
+        }
+    }
+    (best, log)
+}
+
+/// The best step above its neighbours, from that nearest to `near`, after the likelihood of the one
+/// below it; none at the low end.
+fn climb(low: f64, near: f64, value: &mut impl FnMut(f64) -> f64) -> Option<(f64, (f64, f64))> {
+    let mut at = ((near - low) / COARSE).round();
+    let mut of = |at: f64| value(low + at * COARSE);
+    let mut values = [of(at - 1.0), of(at), of(at + 1.0)];
+    for _ in 0..MOST_STEPS {
+        let [below, own, above] = values;
+        if at < 1.0 || !own.is_finite() {
+            return None;
+        }
+        if below > own {
+            at -= 1.0;
+            values = [of(at - 1.0), below, own];
+        } else if above > own {
+            at += 1.0;
+            values = [own, above, of(at + 1.0)];
+        } else {
+            return Some((below, (low + at * COARSE, own)));
+        }
+    }
+    None
+}
+
+pub(super) fn median_step(track: &Track<'_>) -> f64 {
+    let steps = track.times.windows(2).map(|pair| pair[1] - pair[0]);
+    let mut steps: Vec<f64> = steps.filter(|&t| t > 0.0).collect();
+    if steps.is_empty() { 1.0 } else { median(&mut steps) }
+}
+
+/// Logarithms of intensities that show within the track but hardly, and within the shortest step; they
+/// move a position with this power of the time.
+pub(super) fn range(track: &Track<'_>, power: f64) -> Option<(f64, f64)> {
+    if track.measured <= track.rank() {
+        return None;
+    }
+    let steps = track.times.windows(2).map(|pair| pair[1] - pair[0]);
+    let shortest = steps.filter(|&t| t > 0.0).fold(f64::INFINITY, f64::min);
+    if !shortest.is_finite() {
+        return None;
+    }
+    let widest = track.scale.iter().fold(0.0_f64, |widest, scale| widest.max(1.0 / scale));
+    let over = |t: f64| 2.0 * widest.ln() - power * t.ln();
+    Some((over(track.span()) + MARGINS[0].ln(), over(shortest) + MARGINS[1].ln()))
+}
+
+/// The maximum between two points, by Brent's method: parabolas, and golden sections where they fail.
+fn maximum(
+    f: &mut impl FnMut(f64) -> f64,
+    mut low: f64,
+    mut best: (f64, f64),
+    mut high: f64,
+) -> (f64, f64) {
+    let (mut second, mut third) = (best, best);
+    let (mut step, mut before) = (0.0_f64, 0.0_f64);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if (best.0 - middle).abs() <= 2.0 * SETTLED - 0.5 * (high - low) {
+            break;
+        }
+        let r = (best.0 - second.0) * (best.1 - third.1);
+        let q = (best.0 - third.0) * (best.1 - second.1);
+        let (mut p, mut q) = ((best.0 - third.0) * q - (best.0 - second.0) * r, 2.0 * (q - r));
+        if q > 0.0 {
+            p = -p;
+        }
+        q = q.abs();
+        let parabola =
+            p.abs() < (0.5 * q * before).abs() && p > q * (low - best.0) && p < q * (high - best.0);
+        before = step;
+        if parabola {
+            step = p / q;
+        } else {
+            before = if best.0 < middle { high - best.0 } else { low - best.0 };
+            step = GOLDEN * before;
+        }
+        let at = best.0 + if step.abs() < SETTLED { SETTLED.copysign(step) } else { step };
+        let new = (at, f(at));
+        if new.1 >= best.1 {
+            if at < best.0 {
+                high = best.0
+            } else {
+                low = best.0
+            }
+            (third, second, best) = (second, best, new);
+        } else {
+            if at < best.0 {
+                low = at
+            } else {
+                high = at
+            }
+            if new.1 >= second.1 || second.0 == best.0 {
+                (third, second) = (second, new);
+            } else if new.1 >= third.1 || third.0 == best.0 || third.0 == second.0 {
+                third = new;
+            }
+        }
+    }
+    best
+}
