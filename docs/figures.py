@@ -237,6 +237,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "biases": trajectory.biases,
         "finders": trajectory.finders,
         "lasting": trajectory.lasting,
+        "motions": trajectory.motions,
         "claims": trajectory.claims,
         "windows": trajectory.windows,
         "groups": trajectory.groups,

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from studies import honesty
+from studies.honest_series import MOTIONS
 from studies.honesty import BoolArray
 from studies.montecarlo import FloatArray, generator
 from studies.pages import markdown, repetitions
@@ -519,6 +520,47 @@ def _tracks(
         return np.concatenate(found)
 
     return run
+
+
+def motions() -> str:
+    """Return errors and coverage of the default by how the target moves."""
+    rows = []
+    for name, draw in MOTIONS.items():
+        cells = []
+        for kind, count, step in (("azimuth", 60, 5.0), ("range", 60, 5.0), ("range", 300, 2.0)):
+            found = []
+            for run in range(HONEST_RUNS):
+                rng = generator(103, sum(name.encode()), count, len(kind), run)
+                way = 10 * step * np.cumsum(draw((1, count, 2), step, rng)[0], axis=0)
+                way -= way.mean(axis=0)
+                way *= min(1.0, 1500.0 / np.abs(way).max())
+                truth = way + rng.uniform(-300.0, 300.0, 2)
+                found.append(_errors(str(kind), truth, step, rng))
+            error, squares = map(np.array, zip(*found, strict=True))
+            inside = np.mean(squares < LEVELS[2])
+            rmse = np.sqrt(np.mean(error**2))
+            cells.append(f"{rmse:.1f}; {np.mean(squares) / 2:.2f}; {inside:.0%}")
+        rows.append([name, *cells])
+    head = ["RMSE in m; NEES; inside 95 %", "bearings, 60 instants", "ranges, 60 instants"]
+    return markdown([*head, "ranges, 300 instants"], rows)
+
+
+def _errors(
+    kind: str, truth: FloatArray, step: float, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Return the errors of a path among four stations, and their normalised squares."""
+    places = np.array([[-2000.0, -1500.0], [2200.0, -1300.0], [1800.0, 1900.0], [-2100.0, 1700.0]])
+    east, north = np.moveaxis(truth[:, np.newaxis] - places, -1, 0)
+    ideal, sigma = (
+        (np.arctan2(east, north), 0.01) if kind == "azimuth" else (np.hypot(east, north), 20.0)
+    )
+    sigmas: dict[str, Any] = {f"{kind}_sigma": sigma}
+    stations = [Station(place, **sigmas) for place in places]
+    measured: dict[str, Any] = {kind: ideal + sigma * rng.standard_normal(ideal.shape)}
+    track = reconstruct(stations, step * np.arange(len(truth)), **measured)
+    error = track.position - truth
+    solved = np.linalg.solve(track.covariance[:, :2, :2], error[..., np.newaxis])[..., 0]
+    return error, np.sum(error * solved, axis=-1)
 
 
 def _wandering(rng: np.random.Generator, count: int, size: float, d: int) -> FloatArray:

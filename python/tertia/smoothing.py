@@ -338,7 +338,8 @@ def smooth(
         `correlation_time` of 0, takes all noise as stated.
     jerk : array_like of shape () or (...), optional
         Intensity of the white jerk of every axis, in position² / time⁵; 0 is constant acceleration.
-        By default its maximum-likelihood estimate for each target.
+        By default the most likely motion of each target is found: white jerk, or white acceleration
+        where that is likelier by more than chance.
     initial : (mean, covariance), optional
         Prior of the state at the first instant, of shapes (..., 3 D) and (..., 3 D, 3 D):
         positions, velocities, accelerations. By default nothing is known.
@@ -421,15 +422,15 @@ def smooth(
     }
     (mean, matrix, innovation, outlier), scalars = _core.smooth(tracks, threads(n_threads))
     likelihood, count, found = scalars
-    jerk, jerk_sigma, wandering, lasting, factor = map(scalar_or_array, found)
+    intensity, error, wandering, lasting, factor = map(scalar_or_array, found)
     return SmoothedPositions(
         mean,
         matrix,
         innovation,
         scalar_or_array(likelihood),
         scalar_or_array(count),
-        jerk,
-        jerk_sigma,
+        intensity,
+        error,
         wandering,
         outlier,
         lasting,

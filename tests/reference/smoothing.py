@@ -75,7 +75,7 @@ def transition(t):
 
 
 def noise(t, q, a=0):
-    """Q of one axis over the time t: white jerk and white acceleration of the intensities q and a."""
+    """Q of one axis over the time t: white jerk and acceleration of the intensities q and a."""
     return np.array(
         [
             [q * t**5 / 20 + a * t**3 / 3, q * t**4 / 8 + a * t**2 / 2, q * t**3 / 6],

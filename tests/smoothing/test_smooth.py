@@ -397,8 +397,7 @@ class TestWandering:
 
     @pytest.mark.parametrize(("n", "step"), [(60, 5.0), (300, 1.0), (300, 5.0)])
     def test_error_bars(self, n, step):
-        """With white jerk alone, and what it does not explain taken for noise, the error was that of
-        the plots or twice as large."""
+        """With white jerk alone, what it does not explain was taken for noise that lasts."""
         truth, y = wandering(30, n, step, n)
         found = smooth_by_default(y, 1.0, dt=step)
         error = found.position - truth

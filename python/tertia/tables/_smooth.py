@@ -54,7 +54,7 @@ def smooth(
     robust : bool
         Whether noise may be larger than stated, plots may be outliers, and the position may jump.
     jerk : float, optional
-        Intensity of the white jerk; by default the most likely one for each track.
+        Intensity of the white jerk; by default the most likely motion of each track is found.
 
     Returns
     -------

@@ -102,7 +102,8 @@ def reconstruct(
     window, degree
         Parameters of "local-polynomial".
     jerk : float, optional
-        Intensity of the white jerk for "rts"; by default the most likely one. With "temporal-first"
+        Intensity of the white jerk for "rts"; by default the most likely motion is found, which has
+        white jerk, or white acceleration: see `tertia.smoothing.smooth`. With "temporal-first"
         it is always fitted.
     bias : Bias, optional
         Systematic errors of the stations, in place of their own; `Bias()` trusts all stations.
@@ -315,14 +316,16 @@ def _rows(array: FloatArray, axes: int) -> FloatArray:
 
 def _smoothed(mean: FloatArray, found: Sequence[Any]) -> SmoothedPositions:
     """Return the path as smoothed positions; outliers are those of the measurements."""
-    covariance, innovation, log_likelihood, count, noise = found
+    covariance, innovation, log_likelihood, count, (jerk, jerk_sigma, wandering) = found
     return SmoothedPositions(
         mean,
         covariance,
         innovation,
         log_likelihood,
         count,
-        *noise,
+        jerk,
+        jerk_sigma,
+        wandering,
         outlier=np.zeros(len(mean), dtype=np.bool_),
         correlation_time=0.0,
         noise_factor=1.0,

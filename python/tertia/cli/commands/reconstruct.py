@@ -57,7 +57,9 @@ def reconstruct(
     ] = "adaptive",
     jerk: Annotated[
         float | None,
-        typer.Option(help="Intensity of the white jerk for rts in m²/s⁵; by default fitted."),
+        typer.Option(
+            help="Intensity of the white jerk for rts in m²/s⁵; by default the motion is fitted."
+        ),
     ] = None,
     bias: Annotated[
         str | None,
@@ -99,7 +101,7 @@ def reconstruct(
     positions.print_all(found, by or [])
     for one in found.targets:
         positions.say_located(one)
-        _say_jerk(one.result)
+        _say_motion(one.result)
     positions.write_all(
         found, output, measurements, lambda: [_line(one) for one in found.targets], "line"
     )
@@ -132,8 +134,11 @@ def _degree(text: str) -> int | Literal["adaptive"]:
         fail(f"--degree is {text!r}; it must be adaptive or a whole number", WRONG_USAGE)
 
 
-def _say_jerk(path: Trajectory) -> None:
+def _say_motion(path: Trajectory) -> None:
     if path.smoothed is None:
+        return
+    if wandering := float(path.smoothed.acceleration_noise):
+        typer.echo(f"  acceleration noise {wandering:.3g} (fitted: the velocity wanders)")
         return
     jerk, sigma = float(path.smoothed.jerk), float(path.smoothed.jerk_sigma)
     error = sigma / jerk if sigma and jerk else sigma

@@ -48,7 +48,9 @@ def smooth(
     ] = True,
     jerk: Annotated[
         float | None,
-        typer.Option(help="Intensity of the white jerk; by default found for each track."),
+        typer.Option(
+            help="Intensity of the white jerk; by default the motion of each track is found."
+        ),
     ] = None,
     output: Output = None,
 ) -> dict[str, Any]:

@@ -119,8 +119,13 @@ pub(crate) fn likeliest(
     let family = near.map_or(Family::Jerk, Family::that_has);
     let log = near.map(|motion| family.log(motion)).filter(|log| log.is_finite());
     let (fit, top) = search(track, family, log, value);
-    match likeliest_other(track, fit.motion, top, value) {
-        Some((other, higher)) if higher > top + CERTAIN => other,
+    // white jerk is left only for what is likelier by more than chance, and always asked
+    let (least, gain) = match family {
+        Family::Jerk => (top, CERTAIN),
+        Family::Acceleration => (f64::NEG_INFINITY, -CERTAIN),
+    };
+    match likeliest_other(track, fit.motion, least, value) {
+        Some((other, higher)) if higher > top + gain => other,
         _ => fit,
     }
 }
