@@ -15,7 +15,7 @@ use tertia::location::{Instant, Locator, Output};
 use tertia::registration::{Errors, Report, TargetPlot, register};
 use tertia::screening::mask;
 use tertia::sensors::KINDS;
-use tertia::smoothing::{self, Motion, Noise, Options, Smoothed, Track};
+use tertia::smoothing::{self, Noise, Options, ProcessNoise, Smoothed, Track};
 use tertia::tertiary;
 use tertia::tracker::{ImmModel, Motion, Settings, Tracker};
 use traffic::{SPACING, radars, scans};
@@ -331,7 +331,7 @@ fn smoothed_track(jerk: f64) -> Kernel {
         let track = Track::try_new(2, &time, black_box(&y), noise, None).unwrap();
         black_box(smoothing::smooth(
             &track,
-            Motion::with_jerk(jerk),
+            ProcessNoise::with_jerk(jerk),
             &mut workspace,
             &mut room.results(),
         ));

@@ -3,8 +3,8 @@
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use std::hint::black_box;
 use tertia::smoothing::{
-    Degree, Motion, Noise, Output, Polynomial, Record, Smoothed, Track, Workspace, fit_motion,
-    smooth,
+    Degree, Noise, Output, Polynomial, ProcessNoise, Record, Smoothed, Track, Workspace,
+    fit_process_noise, smooth,
 };
 
 const STEPS: usize = 10_000;
@@ -57,12 +57,12 @@ fn tracks(c: &mut Criterion) {
                     covariance: &mut matrices,
                     innovation: &mut innovation,
                 };
-                smooth(&track, Motion::with_jerk(1e-3), &mut workspace, &mut out)
+                smooth(&track, ProcessNoise::with_jerk(1e-3), &mut workspace, &mut out)
             });
         });
         let track = Track::try_new(d, &times, &y, noise, None).unwrap();
         group.bench_function(format!("{d} axes, fit of the motion"), |b| {
-            b.iter(|| fit_motion(black_box(&track), &mut workspace));
+            b.iter(|| fit_process_noise(black_box(&track), &mut workspace));
         });
     }
     group.finish();

@@ -5,8 +5,8 @@ use crate::arrays::{
 };
 use pyo3::prelude::*;
 use tertia::smoothing::{
-    self, Degree, Fit, Motion, MotionFit, Noise, NoiseFit, Options, Polynomial, Prior, Record,
-    Smoothed, Summary, Track, Workspace,
+    self, Degree, Fit, Noise, NoiseFit, Options, Polynomial, Prior, ProcessNoise, ProcessNoiseFit,
+    Record, Smoothed, Summary, Track, Workspace,
 };
 
 /// Cost of an instant and tap of the polynomial, for the choice of threads.
@@ -96,7 +96,8 @@ pub fn smooth<'py>(
     let (mut mean, mut matrices) = (new(&[n, states])?, new(&[n, states, states])?);
     let mut innovation = new(&[n, d])?;
     let mut outlier = Output::new(py, y.batch(), &[n])?;
-    let unknown = MotionFit { motion: Motion::with_jerk(0.0), relative_error: f64::NAN };
+    let unknown =
+        ProcessNoiseFit { motion: ProcessNoise::with_jerk(0.0), relative_error: f64::NAN };
     let unsmoothed = (
         Summary { log_likelihood: 0.0, count: 0 },
         NoiseFit { motion: unknown, correlation_time: 0.0, noise_factor: 1.0 },

@@ -1,7 +1,7 @@
 //! One target along time: a local polynomial, or the state of a motion with white jerk.
 //!
 //! `local_polynomial` fits a polynomial to the instants around each; [`smooth`] is the fixed-interval
-//! smoother of position, velocity and acceleration, [`fit_motion`] finds how restless the target is.
+//! smoother of position, velocity and acceleration, [`fit_process_noise`] finds how restless the target is.
 
 pub(crate) mod adjoint;
 mod diffuse;
@@ -23,8 +23,8 @@ mod track;
 mod whitening;
 
 pub(crate) use fit::{Family, likeliest, likeliest_other, relative_error};
-pub use fit::{MotionFit, fit_motion};
-pub use motion::Motion;
+pub use fit::{ProcessNoiseFit, fit_process_noise};
+pub use motion::ProcessNoise;
 pub use noise::{NoiseFit, Options, smooth_with_noise};
 pub use polynomial::{Degree, Fit, Output, Polynomial};
 pub use record::Record;

@@ -41,7 +41,7 @@ pub use spatial::by_polynomials;
 pub use temporal::temporal_first;
 
 use crate::sensors::KINDS;
-use crate::smoothing::Motion;
+use crate::smoothing::ProcessNoise;
 use bias::Biases;
 use found::{Found, Setting};
 use lasting::Lasting;
@@ -72,7 +72,7 @@ pub fn reconstruct<const D: usize, const N: usize>(
     jerk: Option<f64>,
     systematic: &Systematic,
 ) -> Result<Trajectory, Failure> {
-    let motion = jerk.map(Motion::with_jerk);
+    let motion = jerk.map(ProcessNoise::with_jerk);
     let mut setting = Setting { record, motion, smoother: Default::default() };
     let measured = Rc::new(Measured::<D>::new(record, record.values.to_vec()));
     let found = Found::<D, N>::first(&mut setting, &measured)?;
@@ -144,7 +144,7 @@ impl Effect<'_> {
         &self,
         setting: &mut Setting<'_, D, N>,
         found: &Found<D, N>,
-        motion: Motion,
+        motion: ProcessNoise,
         covariance: &mut [f64],
     ) -> Result<(), Failure> {
         match self {

@@ -11,7 +11,7 @@
 #![allow(clippy::needless_range_loop)]
 
 use super::information::{Direction, Information, Logarithms};
-use super::motion::{self, Motion};
+use super::motion::{self, ProcessNoise};
 use super::results::Summary;
 use super::rows::{invert, solve, triangularise};
 use super::track::{ENOUGH, Track};
@@ -70,7 +70,7 @@ pub(crate) struct Smoothed<'a> {
 
 impl<const D: usize, const N: usize> Adjoint<D, N> {
     /// The likelihood alone.
-    pub fn likelihood(&mut self, track: &Track<'_>, motion: Motion) -> Option<Summary> {
+    pub fn likelihood(&mut self, track: &Track<'_>, motion: ProcessNoise) -> Option<Summary> {
         self.forwards(track, motion, None, (&mut [], LOSS))
     }
 
@@ -78,7 +78,7 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
     pub fn smooth(
         &mut self,
         track: &Track<'_>,
-        motion: Motion,
+        motion: ProcessNoise,
         out: &mut Smoothed<'_>,
     ) -> Option<Summary> {
         let opening = OPENING[usize::from(out.components > D)];
@@ -90,7 +90,7 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
     fn forwards(
         &mut self,
         track: &Track<'_>,
-        motion: Motion,
+        motion: ProcessNoise,
         opening: Option<usize>,
         (innovation, loss): (&mut [f64], f64),
     ) -> Option<Summary> {
@@ -121,7 +121,7 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
     pub(super) fn open(
         &mut self,
         track: &Track<'_>,
-        motion: Motion,
+        motion: ProcessNoise,
         least: Option<usize>,
         innovation: &mut [f64],
     ) -> Option<(Step<D, N>, f64, Logarithms)> {
@@ -162,7 +162,12 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
         None
     }
 
-    fn backwards(&self, track: &Track<'_>, motion: Motion, out: &mut Smoothed<'_>) -> Option<()> {
+    fn backwards(
+        &self,
+        track: &Track<'_>,
+        motion: ProcessNoise,
+        out: &mut Smoothed<'_>,
+    ) -> Option<()> {
         let (mut l, mut big) = ([0.0; N], [[0.0; N]; N]);
         let components = out.components;
         for k in (self.start..track.len()).rev() {
@@ -195,7 +200,7 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
     fn before(
         &self,
         track: &Track<'_>,
-        motion: Motion,
+        motion: ProcessNoise,
         out: &mut Smoothed<'_>,
         l: &[f64; N],
         big: &Square<N>,
@@ -242,7 +247,7 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
 
     /// Rows `[Λ^½, η, 0]` of what is known up to instant k and `[G^-1 F, 0, G^-1]` of the motion after
     /// it, with its noise `G G'`.
-    fn tie(&self, track: &Track<'_>, k: usize, motion: Motion, rows: &mut Vec<f64>) {
+    fn tie(&self, track: &Track<'_>, k: usize, motion: ProcessNoise, rows: &mut Vec<f64>) {
         rows.clear();
         for row in self.opening[k].chunks_exact(N + 1) {
             let own: f64 = (0..D).map(|i| row[i] * track.reference(k)[i]).sum();
@@ -278,7 +283,7 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
 /// The filter by covariances, for the vectors of the machine.
 struct Filter<'a, const D: usize, const N: usize> {
     track: &'a Track<'a>,
-    motion: Motion,
+    motion: ProcessNoise,
     start: usize,
     step: Step<D, N>,
     squares: f64,
@@ -316,7 +321,7 @@ impl<const D: usize, const N: usize> Step<D, N> {
 
     /// `x = F x`, `P = F P F' + Q`
     #[inline(always)]
-    pub(super) fn predict(&mut self, t: f64, motion: Motion) {
+    pub(super) fn predict(&mut self, t: f64, motion: ProcessNoise) {
         if t == 0.0 {
             return;
         }

@@ -1,21 +1,21 @@
 //! What drives a motion, by maximum likelihood.
 
-use super::motion::Motion;
+use super::motion::ProcessNoise;
 use super::smoother::{Workspace, likelihood};
 use super::track::Track;
 use crate::base::angle::median;
 
 /// What drives a track, with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MotionFit {
+pub struct ProcessNoiseFit {
     /// Without noise where that explains the track best, or where it cannot be determined.
-    pub motion: Motion,
+    pub motion: ProcessNoise,
     /// Standard error of the logarithm of the intensities, from the curvature of the likelihood; ∞ where
     /// undetermined.
     pub relative_error: f64,
 }
 
-impl MotionFit {
+impl ProcessNoiseFit {
     /// Standard uncertainty of the jerk, to first order; ∞ where the acceleration is noise.
     pub fn sigma(&self) -> f64 {
         if self.relative_error.is_finite() && self.motion.acceleration == 0.0 {
@@ -25,8 +25,10 @@ impl MotionFit {
         }
     }
 
-    const UNDETERMINED: Self =
-        Self { motion: Motion { jerk: 0.0, acceleration: 0.0 }, relative_error: f64::INFINITY };
+    const UNDETERMINED: Self = Self {
+        motion: ProcessNoise { jerk: 0.0, acceleration: 0.0 },
+        relative_error: f64::INFINITY,
+    };
 }
 
 /// Motions of which one intensity varies.
@@ -40,11 +42,11 @@ pub(crate) enum Family {
 
 impl Family {
     /// Those of a track, from the logarithm of the intensity.
-    pub fn of(self, track: &Track<'_>) -> impl Fn(f64) -> Motion + use<> {
+    pub fn of(self, track: &Track<'_>) -> impl Fn(f64) -> ProcessNoise + use<> {
         let least = range(track, JERK_POWER).map_or(0.0, |(low, _)| low.exp());
         move |log: f64| match self {
-            Self::Jerk => Motion::with_jerk(log.exp()),
-            Self::Acceleration => Motion { jerk: least, acceleration: log.exp() },
+            Self::Jerk => ProcessNoise::with_jerk(log.exp()),
+            Self::Acceleration => ProcessNoise { jerk: least, acceleration: log.exp() },
         }
     }
 
@@ -57,7 +59,7 @@ impl Family {
     }
 
     /// That of a motion.
-    pub fn that_has(motion: Motion) -> Self {
+    pub fn that_has(motion: ProcessNoise) -> Self {
         if motion.acceleration > 0.0 { Self::Acceleration } else { Self::Jerk }
     }
 
@@ -69,7 +71,7 @@ impl Family {
     }
 
     /// The logarithm of the intensity with which a smoother averages about as long as with another motion.
-    pub fn like(self, motion: Motion, track: &Track<'_>) -> f64 {
+    pub fn like(self, motion: ProcessNoise, track: &Track<'_>) -> f64 {
         let scale = track.scale.iter().fold(f64::INFINITY, |least, scale| least.min(*scale));
         let density = (median_step(track) / (scale * scale)).ln();
         let family = Self::that_has(motion);
@@ -79,7 +81,7 @@ impl Family {
     }
 
     /// The logarithm of the intensity that varies.
-    pub fn log(self, motion: Motion) -> f64 {
+    pub fn log(self, motion: ProcessNoise) -> f64 {
         match self {
             Self::Jerk => motion.jerk.ln(),
             Self::Acceleration => motion.acceleration.ln(),
@@ -104,7 +106,7 @@ const GOLDEN: f64 = 0.381_966_011_250_105_1;
 
 /// The motion that makes the plots most likely, with white jerk or with white acceleration. Cost: some 30
 /// filters for each of them that is searched.
-pub fn fit_motion(track: &Track<'_>, workspace: &mut Workspace) -> MotionFit {
+pub fn fit_process_noise(track: &Track<'_>, workspace: &mut Workspace) -> ProcessNoiseFit {
     let mut value = |motion| likelihood(track, motion, workspace).log_likelihood;
     likeliest(track, None, &mut value)
 }
@@ -113,9 +115,9 @@ pub fn fit_motion(track: &Track<'_>, workspace: &mut Workspace) -> MotionFit {
 /// other one where that is likelier with an intensity that smooths as much.
 pub(crate) fn likeliest(
     track: &Track<'_>,
-    near: Option<Motion>,
-    value: &mut impl FnMut(Motion) -> f64,
-) -> MotionFit {
+    near: Option<ProcessNoise>,
+    value: &mut impl FnMut(ProcessNoise) -> f64,
+) -> ProcessNoiseFit {
     let family = near.map_or(Family::Jerk, Family::that_has);
     let log = near.map(|motion| family.log(motion)).filter(|log| log.is_finite());
     let (fit, top) = search(track, family, log, value);
@@ -134,10 +136,10 @@ pub(crate) fn likeliest(
 /// this likelihood. No error is found.
 pub(crate) fn likeliest_other(
     track: &Track<'_>,
-    motion: Motion,
+    motion: ProcessNoise,
     least: f64,
-    value: &mut impl FnMut(Motion) -> f64,
-) -> Option<(MotionFit, f64)> {
+    value: &mut impl FnMut(ProcessNoise) -> f64,
+) -> Option<(ProcessNoiseFit, f64)> {
     let other = Family::that_has(motion).other();
     let like = other.like(motion, track);
     let is_likely = like.is_finite() && value(other.of(track)(like)) >= least;
@@ -150,10 +152,10 @@ fn search(
     track: &Track<'_>,
     family: Family,
     near: Option<f64>,
-    value: &mut impl FnMut(Motion) -> f64,
-) -> (MotionFit, f64) {
+    value: &mut impl FnMut(ProcessNoise) -> f64,
+) -> (ProcessNoiseFit, f64) {
     let Some((low, high)) = range(track, family.power()) else {
-        return (MotionFit::UNDETERMINED, f64::NAN);
+        return (ProcessNoiseFit::UNDETERMINED, f64::NAN);
     };
     let of = family.of(track);
     let value = &mut |log: f64| value(of(log));
@@ -162,7 +164,10 @@ fn search(
         None => {
             let (best, last) = scan(low, high, value);
             if best.0 == last {
-                return (MotionFit { motion: of(last), relative_error: f64::INFINITY }, best.1);
+                return (
+                    ProcessNoiseFit { motion: of(last), relative_error: f64::INFINITY },
+                    best.1,
+                );
             }
             (f64::INFINITY, best)
         }
@@ -171,10 +176,10 @@ fn search(
     // of another intensity so far below, none need not be asked
     let certain = top - below > CERTAIN;
     if !certain && top - value(f64::NEG_INFINITY) < GAIN {
-        return (MotionFit::UNDETERMINED, top);
+        return (ProcessNoiseFit::UNDETERMINED, top);
     }
     let relative_error = if near.is_some() { f64::NAN } else { relative_error(log, top, value) };
-    (MotionFit { motion: of(log), relative_error }, top)
+    (ProcessNoiseFit { motion: of(log), relative_error }, top)
 }
 
 /// The standard error of the logarithm of an intensity where the likelihood is greatest.

@@ -6,7 +6,7 @@
 //! `x' = F x + G w` with w of unit variance; forwards `[R F^-1 G, R F^-1; I, 0]`, backwards
 //! `[R G, R F; I, 0]` is made triangular, and w is left out (Bierman 1977, chapter 6).
 
-use super::motion::Motion;
+use super::motion::ProcessNoise;
 use super::rows::{reduce, reflect, triangularise};
 use super::track::{ENOUGH, Seen, Track};
 
@@ -74,7 +74,7 @@ impl Information {
         n: usize,
         track: &Track<'_>,
         k: usize,
-        motion: Motion,
+        motion: ProcessNoise,
         direction: Direction,
         logarithms: &mut Logarithms,
     ) {

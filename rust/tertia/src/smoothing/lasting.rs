@@ -9,7 +9,7 @@
 
 use super::adjoint::{self, Adjoint};
 use super::diffuse;
-use super::motion::{self, Motion};
+use super::motion::{self, ProcessNoise};
 use super::rows::invert;
 use super::track::{ENOUGH, Track};
 use crate::base::small::{Matrix as Square, dot};
@@ -32,7 +32,7 @@ const ATTEMPTS: usize = 3;
 /// lasting part `share`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Model {
-    pub motion: Motion,
+    pub motion: ProcessNoise,
     pub share: f64,
     /// Correlation time of the lasting part.
     pub time: f64,
@@ -91,7 +91,7 @@ pub(super) struct Lasting<const D: usize, const N: usize> {
 
 impl<const D: usize, const N: usize> Lasting<D, N> {
     /// None where the plots do not determine the state of each axis.
-    pub fn new<const S: usize>(track: &Track<'_>, motion: Motion) -> Option<Self> {
+    pub fn new<const S: usize>(track: &Track<'_>, motion: ProcessNoise) -> Option<Self> {
         assert!(track.dimension == D && S == 3 * D && N == 4 * D);
         let (x, p) =
             if track.prior.is_empty() { vague::<D, S>(track, motion)? } else { prior(track) };
@@ -249,7 +249,7 @@ fn decay(t: f64, model: &Model) -> f64 {
 /// A state at the first instant that agrees with the first plots, but has far too large a covariance.
 fn vague<const D: usize, const S: usize>(
     track: &Track<'_>,
-    motion: Motion,
+    motion: ProcessNoise,
 ) -> Option<([f64; S], Square<S>)> {
     if track.seen.iter().any(|seen| seen.count < ENOUGH) {
         return None;
@@ -260,7 +260,7 @@ fn vague<const D: usize, const S: usize>(
     let mut noise = adjoint::Step::<D, S>::new();
     noise.predict(t, motion);
     for part in [&mut step, &mut noise] {
-        part.predict(-t, Motion::with_jerk(0.0));
+        part.predict(-t, ProcessNoise::with_jerk(0.0));
     }
     for i in 0..S {
         for j in 0..S {
@@ -319,7 +319,7 @@ impl<const D: usize, const N: usize> Step<D, N> {
     }
 
     #[inline(always)]
-    fn predict(&mut self, t: f64, phi: f64, motion: Motion) {
+    fn predict(&mut self, t: f64, phi: f64, motion: ProcessNoise) {
         for i in 3 * D..N {
             self.x[i] *= phi;
             for row in &mut self.p {

@@ -10,14 +10,14 @@ use crate::base::small::Matrix as Square;
 /// The acceleration of the state is what is left without its white noise. That alone is a velocity
 /// that wanders.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Motion {
+pub struct ProcessNoise {
     /// Intensity of the white jerk, in position² / time⁵.
     pub jerk: f64,
     /// Intensity of the white acceleration, in position² / time³.
     pub acceleration: f64,
 }
 
-impl Motion {
+impl ProcessNoise {
     /// With a white jerk alone.
     pub fn with_jerk(jerk: f64) -> Self {
         Self { jerk, acceleration: 0.0 }
@@ -67,7 +67,7 @@ pub(super) fn advance<const D: usize, const N: usize>(
     x: &mut [f64; N],
     p: &mut Square<N>,
     t: f64,
-    motion: Motion,
+    motion: ProcessNoise,
 ) {
     let half = 0.5 * t * t;
     advance_row::<D, N>(x, t, half);
@@ -131,7 +131,7 @@ mod tests {
     #[test]
     fn the_root_is_that_of_the_noise() {
         for (jerk, acceleration) in [(2.0, 0.0), (1e-9, 3.0), (4.0, 1e-9), (0.7, 0.2), (1e6, 5.0)] {
-            let motion = Motion { jerk, acceleration };
+            let motion = ProcessNoise { jerk, acceleration };
             for t in [1e-3, 0.4, 1.0, 60.0] {
                 let (mut x, mut q) = ([0.0; 3], [[0.0; 3]; 3]);
                 advance::<1, 3>(&mut x, &mut q, t, motion);

@@ -5,9 +5,9 @@
 //! white noise, and a velocity that wanders: what is no jerk need not be noise.
 
 use super::faults::find_faults;
-use super::fit::{Family, MotionFit, fit_motion, median_step};
+use super::fit::{Family, ProcessNoiseFit, fit_process_noise, median_step};
 use super::lasting::{Faults, Found};
-use super::motion::Motion;
+use super::motion::ProcessNoise;
 use super::results::{Smoothed, Summary};
 use super::search::{Candidate, Scale, Search};
 use super::smoother::{Workspace, smooth};
@@ -42,7 +42,7 @@ pub struct Options {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NoiseFit {
     /// The motion of the most likely model, with its uncertainty for noise as stated.
-    pub motion: MotionFit,
+    pub motion: ProcessNoiseFit,
     /// Correlation time of the most likely model; 0 for white noise.
     pub correlation_time: f64,
     /// What the stated standard deviations are multiplied by, at least 1.
@@ -61,8 +61,10 @@ pub fn smooth_with_noise(
 ) -> (Summary, NoiseFit) {
     outlier.fill(false);
     let fit = match options.jerk {
-        Some(jerk) => MotionFit { motion: Motion::with_jerk(jerk), relative_error: 0.0 },
-        None => fit_motion(track, workspace),
+        Some(jerk) => {
+            ProcessNoiseFit { motion: ProcessNoise::with_jerk(jerk), relative_error: 0.0 }
+        }
+        None => fit_process_noise(track, workspace),
     };
     let summary = smooth(track, fit.motion, workspace, out);
     let mut noise = NoiseFit { motion: fit, correlation_time: 0.0, noise_factor: 1.0 };
@@ -113,7 +115,7 @@ fn is_suspicious(innovation: &[f64], d: usize, options: &Options) -> bool {
 /// Replaces the results by those of the models that the plots ask for.
 fn improve<const D: usize, const S: usize, const N: usize>(
     track: &Track<'_>,
-    fit: &MotionFit,
+    fit: &ProcessNoiseFit,
     options: &Options,
     out: &mut Smoothed<'_>,
     outlier: &mut [bool],
@@ -132,11 +134,11 @@ fn improve<const D: usize, const S: usize, const N: usize>(
     average::<D, S, N>(&mut search, &candidates, &weights, most, &faults, out)?;
     outlier.copy_from_slice(&faults.gross);
     let motion = match options.jerk {
-        Some(jerk) => Motion::with_jerk(jerk),
+        Some(jerk) => ProcessNoise::with_jerk(jerk),
         None => best.model.motion.times(best.factor.powi(2)),
     };
     Some(NoiseFit {
-        motion: MotionFit { motion, ..*fit },
+        motion: ProcessNoiseFit { motion, ..*fit },
         correlation_time: if best.model.share > 0.0 { best.model.time } else { 0.0 },
         noise_factor: best.factor.max(1.0),
     })

@@ -1,7 +1,7 @@
 //! The smoother by covariances for as many axes as a track has, where it is as exact as that by rows.
 
 use super::adjoint::{self, Adjoint};
-use super::motion::Motion;
+use super::motion::ProcessNoise;
 use super::results::{Smoothed, Summary};
 use super::track::Track;
 
@@ -24,7 +24,7 @@ pub(super) struct Quick {
 
 impl Quick {
     /// The likelihood; `None` where digits would be lost.
-    pub fn likelihood(&mut self, track: &Track<'_>, motion: Motion) -> Option<Summary> {
+    pub fn likelihood(&mut self, track: &Track<'_>, motion: ProcessNoise) -> Option<Summary> {
         match track.dimension {
             1 => self.one.likelihood(track, motion),
             2 => self.two.likelihood(track, motion),
@@ -37,7 +37,7 @@ impl Quick {
     pub fn smooth(
         &mut self,
         track: &Track<'_>,
-        motion: Motion,
+        motion: ProcessNoise,
         out: &mut Smoothed<'_>,
     ) -> Option<Summary> {
         if motion.jerk == 0.0 || track.farthest() > FARTHEST || track.unevenness() > UNEVEN {

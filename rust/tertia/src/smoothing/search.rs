@@ -1,8 +1,8 @@
 //! The most likely motion of a family with a model of the noise, and the noise factor that goes with it.
 
-use super::fit::{Family, MotionFit, range};
+use super::fit::{Family, ProcessNoiseFit, range};
 use super::lasting::{Faults, Fit, Lasting, Model};
-use super::motion::Motion;
+use super::motion::ProcessNoise;
 use super::results::Smoothed;
 use super::track::Track;
 
@@ -53,7 +53,7 @@ impl<'a, const D: usize, const N: usize> Search<'a, D, N> {
     /// `white` is what was smoothed for white noise.
     pub fn new<const S: usize>(
         track: &'a Track<'a>,
-        fit: &MotionFit,
+        fit: &ProcessNoiseFit,
         jerk: Option<f64>,
         white: &Smoothed<'_>,
     ) -> Option<Self> {
@@ -64,7 +64,7 @@ impl<'a, const D: usize, const N: usize> Search<'a, D, N> {
     }
 
     /// Begins with a state as vague as such a motion makes it.
-    pub fn restart<const S: usize>(&mut self, motion: Motion) {
+    pub fn restart<const S: usize>(&mut self, motion: ProcessNoise) {
         if let Some(engine) = Lasting::new::<S>(self.track, motion) {
             self.engine = engine.near(self.track, &self.first.0, &self.first.1);
         }
@@ -83,7 +83,7 @@ impl<'a, const D: usize, const N: usize> Search<'a, D, N> {
         if let Some(jerk) = self.jerk {
             // the jerk is given, not its ratio to the noise
             let of = |ratio| {
-                let model = Model { motion: Motion::with_jerk(ratio), share, time };
+                let model = Model { motion: ProcessNoise::with_jerk(ratio), share, time };
                 self.candidate(model, scale, faults)
             };
             let mut found = of(jerk);

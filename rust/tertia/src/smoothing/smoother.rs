@@ -6,7 +6,7 @@
 //! length and motion without noise are alike.
 
 use super::information::{Direction, Information, Logarithms, complete};
-use super::motion::Motion;
+use super::motion::ProcessNoise;
 use super::quick::Quick;
 use super::results::{Smoothed, Summary};
 use super::rows::{invert, solve};
@@ -43,7 +43,7 @@ macro_rules! with_order {
 /// Smooths a track. Cost O(N D³).
 pub fn smooth(
     track: &Track<'_>,
-    motion: Motion,
+    motion: ProcessNoise,
     workspace: &mut Workspace,
     out: &mut Smoothed<'_>,
 ) -> Summary {
@@ -56,7 +56,7 @@ pub fn smooth(
 /// The same for any track.
 pub(super) fn by_rows(
     track: &Track<'_>,
-    motion: Motion,
+    motion: ProcessNoise,
     workspace: &mut Workspace,
     out: &mut Smoothed<'_>,
 ) -> Summary {
@@ -70,7 +70,11 @@ pub(super) fn by_rows(
 }
 
 /// The likelihood alone. Cost O(N D³).
-pub(crate) fn likelihood(track: &Track<'_>, motion: Motion, workspace: &mut Workspace) -> Summary {
+pub(crate) fn likelihood(
+    track: &Track<'_>,
+    motion: ProcessNoise,
+    workspace: &mut Workspace,
+) -> Summary {
     let quick = workspace.quick.likelihood(track, motion);
     quick.unwrap_or_else(|| with_order!(track.dimension, forwards(track, motion, workspace, None)))
 }
@@ -80,7 +84,7 @@ pub(crate) fn likelihood(track: &Track<'_>, motion: Motion, workspace: &mut Work
 fn forwards(
     n: usize,
     track: &Track<'_>,
-    motion: Motion,
+    motion: ProcessNoise,
     workspace: &mut Workspace,
     mut innovations: Option<&mut [f64]>,
 ) -> Summary {
@@ -119,7 +123,7 @@ fn forwards(
 fn backwards(
     n: usize,
     track: &Track<'_>,
-    motion: Motion,
+    motion: ProcessNoise,
     workspace: &mut Workspace,
     out: &mut Smoothed<'_>,
 ) {
@@ -193,7 +197,8 @@ mod tests {
         let mut innovation = vec![0.0; n * d];
         let mut out =
             Smoothed { mean: &mut mean, covariance: &mut covariance, innovation: &mut innovation };
-        let summary = smooth(&track, Motion::with_jerk(jerk), &mut Workspace::default(), &mut out);
+        let summary =
+            smooth(&track, ProcessNoise::with_jerk(jerk), &mut Workspace::default(), &mut out);
         (mean, covariance, summary)
     }
 

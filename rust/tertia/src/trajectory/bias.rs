@@ -11,7 +11,7 @@ use super::measured::{Measured, Record, in_domain};
 use super::path::Plots;
 use super::tukey::{TAPERED, TUKEY, chance, scale, tukey};
 use crate::base::small::Vector;
-use crate::smoothing::Motion;
+use crate::smoothing::ProcessNoise;
 use nalgebra::{DMatrix, DVector, SMatrix};
 use std::rc::Rc;
 
@@ -102,7 +102,7 @@ impl Biases {
     pub fn add_effect<const D: usize, const N: usize>(
         &self,
         setting: &mut Setting<'_, D, N>,
-        motion: Motion,
+        motion: ProcessNoise,
         covariance: &mut [f64],
     ) -> Result<(), Failure> {
         let means = smoothed(setting, &self.responses, &self.spread, motion)?;
@@ -116,7 +116,7 @@ pub(super) fn smoothed<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     responses: &[Vec<f64>],
     spread: &[f64],
-    motion: Motion,
+    motion: ProcessNoise,
 ) -> Result<Vec<Vec<f64>>, Failure> {
     let mut means = Vec::new();
     for response in responses {

@@ -10,7 +10,7 @@ use super::measured::{Measured, Record};
 use super::path::{Path, Plots, Smoother};
 use crate::base::small::{Factor, Matrix, Vector};
 use crate::sensors::Kind;
-use crate::smoothing::{Motion, MotionFit};
+use crate::smoothing::{ProcessNoise, ProcessNoiseFit};
 use std::ops::Range;
 use std::rc::Rc;
 
@@ -37,13 +37,13 @@ pub(super) struct Found<const D: usize, const N: usize> {
 /// How a path is smoothed: the motion, if it is given, and buffers.
 pub(super) struct Setting<'a, const D: usize, const N: usize> {
     pub record: &'a Record<'a>,
-    pub motion: Option<Motion>,
+    pub motion: Option<ProcessNoise>,
     pub smoother: Smoother<D, N>,
 }
 
 /// A motion that is given.
-pub(super) fn known(motion: Motion) -> MotionFit {
-    MotionFit { motion, relative_error: 0.0 }
+pub(super) fn known(motion: ProcessNoise) -> ProcessNoiseFit {
+    ProcessNoiseFit { motion, relative_error: 0.0 }
 }
 
 impl<const D: usize, const N: usize> Setting<'_, D, N> {
@@ -51,8 +51,8 @@ impl<const D: usize, const N: usize> Setting<'_, D, N> {
     fn smoothed(
         &mut self,
         plots: &Plots,
-        motion: Option<Motion>,
-        near: Option<Motion>,
+        motion: Option<ProcessNoise>,
+        near: Option<ProcessNoise>,
     ) -> Result<Path, Failure> {
         let track = plots.track(self.record.time, D)?;
         let fit = match motion {
@@ -90,7 +90,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
     pub fn relinearise(
         &mut self,
         setting: &mut Setting<'_, D, N>,
-        motion: Option<Motion>,
+        motion: Option<ProcessNoise>,
         scale: f64,
     ) -> Result<(), Failure> {
         if self.plots.count(D) < 2 {

@@ -18,7 +18,7 @@ use super::instant::{Instant, responses};
 use super::measured::{Measured, Record, in_domain};
 use super::prior::Prior;
 use crate::sensors::KINDS;
-use crate::smoothing::Motion;
+use crate::smoothing::ProcessNoise;
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 use std::rc::Rc;
@@ -301,7 +301,7 @@ impl Lasting {
         &self,
         setting: &mut Setting<'_, D, N>,
         found: &Found<D, N>,
-        motion: Motion,
+        motion: ProcessNoise,
         covariance: &mut [f64],
     ) -> Result<(), Failure> {
         if self.is_zero() {
@@ -343,7 +343,7 @@ pub(super) fn add_deviation<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     found: &Found<D, N>,
     sigma: &[f64],
-    motion: Motion,
+    motion: ProcessNoise,
     covariance: &mut [f64],
 ) -> Result<(), Failure> {
     let k = setting.record.width() / KINDS;

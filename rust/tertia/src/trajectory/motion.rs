@@ -3,7 +3,7 @@
 use super::failure::Failure;
 use super::found::{Found, Setting, known};
 use super::path::Path;
-use crate::smoothing::{Family, MotionFit, Track};
+use crate::smoothing::{Family, ProcessNoiseFit, Track};
 use nalgebra::SMatrix;
 
 /// Error of the logarithm of the intensity with which its likelihood is a parabola, almost.
@@ -104,7 +104,7 @@ fn likely<const D: usize, const N: usize>(
 }
 
 /// Whether its likelihood is a parabola of the logarithm.
-fn is_well_known(fit: &MotionFit) -> bool {
+fn is_well_known(fit: &ProcessNoiseFit) -> bool {
     fit.relative_error < WELL_KNOWN
 }
 

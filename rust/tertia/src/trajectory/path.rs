@@ -4,7 +4,7 @@ use super::failure::Failure;
 use crate::base::interrupt::poll;
 use crate::smoothing::adjoint::{self, Adjoint};
 use crate::smoothing::{
-    Family, Motion, MotionFit, Noise, Smoothed, Summary, Track, Workspace, likeliest,
+    Family, Noise, ProcessNoise, ProcessNoiseFit, Smoothed, Summary, Track, Workspace, likeliest,
     likeliest_other, likelihood, relative_error, smooth,
 };
 
@@ -41,7 +41,7 @@ pub(super) struct Path {
     pub mean: Vec<f64>,
     /// (N, R, R) of the first R components.
     pub covariance: Vec<f64>,
-    pub fit: MotionFit,
+    pub fit: ProcessNoiseFit,
     pub summary: Summary,
 }
 
@@ -62,25 +62,30 @@ pub(super) struct Smoother<const D: usize, const N: usize> {
 
 impl<const D: usize, const N: usize> Smoother<D, N> {
     /// The likeliest motion, near another one where that is known.
-    pub fn fit(&mut self, track: &Track<'_>, near: Option<Motion>) -> MotionFit {
+    pub fn fit(&mut self, track: &Track<'_>, near: Option<ProcessNoise>) -> ProcessNoiseFit {
         likeliest(track, near, &mut |motion| self.likelihood(track, motion))
     }
 
     /// The likeliest motion of the other family, with its error, if its likelihood is not below this one.
-    pub fn other(&mut self, track: &Track<'_>, motion: Motion, least: f64) -> Option<MotionFit> {
+    pub fn other(
+        &mut self,
+        track: &Track<'_>,
+        motion: ProcessNoise,
+        least: f64,
+    ) -> Option<ProcessNoiseFit> {
         let value = &mut |motion| self.likelihood(track, motion);
         let (fit, top) = likeliest_other(track, motion, least, value)?;
         (top >= least).then(|| self.with_error(track, fit))
     }
 
-    fn likelihood(&mut self, track: &Track<'_>, motion: Motion) -> f64 {
+    fn likelihood(&mut self, track: &Track<'_>, motion: ProcessNoise) -> f64 {
         let Self { quick, workspace, .. } = self;
         let summary = quick.likelihood(track, motion);
         summary.unwrap_or_else(|| likelihood(track, motion, workspace)).log_likelihood
     }
 
     /// A fit with the error of its logarithm, if that is still to be found.
-    pub fn with_error(&mut self, track: &Track<'_>, fit: MotionFit) -> MotionFit {
+    pub fn with_error(&mut self, track: &Track<'_>, fit: ProcessNoiseFit) -> ProcessNoiseFit {
         if !fit.relative_error.is_nan() {
             return fit;
         }
@@ -89,11 +94,11 @@ impl<const D: usize, const N: usize> Smoother<D, N> {
         let mut value = |log: f64| self.likelihood(track, of(log));
         let log = family.log(fit.motion);
         let top = value(log);
-        MotionFit { relative_error: relative_error(log, top, &mut value), ..fit }
+        ProcessNoiseFit { relative_error: relative_error(log, top, &mut value), ..fit }
     }
 
     /// States, with covariances of the first components.
-    pub fn smooth(&mut self, track: &Track<'_>, fit: MotionFit, components: usize) -> Path {
+    pub fn smooth(&mut self, track: &Track<'_>, fit: ProcessNoiseFit, components: usize) -> Path {
         poll();
         let n = track.len();
         let mut mean = vec![f64::NAN; n * N];
@@ -129,7 +134,7 @@ impl<const D: usize, const N: usize> Smoother<D, N> {
     }
 
     /// States with all covariances and innovations, by the smoother that is exact for any track.
-    pub fn finish(&mut self, track: &Track<'_>, fit: MotionFit) -> (Path, Vec<f64>) {
+    pub fn finish(&mut self, track: &Track<'_>, fit: ProcessNoiseFit) -> (Path, Vec<f64>) {
         let n = track.len();
         let (mut mean, mut covariance) = (vec![0.0; n * N], vec![0.0; n * N * N]);
         let mut innovation = vec![0.0; n * D];

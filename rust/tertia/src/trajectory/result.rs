@@ -3,7 +3,7 @@
 use super::fixes::Fixes;
 use super::lasting::LastingErrors;
 use super::measured::{Measured, Record};
-use crate::smoothing::{MotionFit, Summary};
+use crate::smoothing::{ProcessNoiseFit, Summary};
 
 /// What came out.
 #[derive(Clone, Debug)]
@@ -34,7 +34,7 @@ pub struct Smoothed {
     /// Likelihood and count.
     pub summary: Summary,
     /// The motion that was given or found.
-    pub fit: MotionFit,
+    pub fit: ProcessNoiseFit,
 }
 
 impl Trajectory {

@@ -4,7 +4,9 @@ use super::failure::Failure;
 use super::measured::Record;
 use crate::base::error::Result;
 use crate::batch::for_each_row;
-use crate::smoothing::{self, Degree, Noise, Output, Polynomial, Track, Workspace, fit_motion};
+use crate::smoothing::{
+    self, Degree, Noise, Output, Polynomial, Track, Workspace, fit_process_noise,
+};
 
 /// Highest degree that adaptive polynomials have.
 const MAX_DEGREE: usize = 3;
@@ -95,7 +97,7 @@ impl Series {
     ) -> Result<Self> {
         let n = time.len();
         let track = Track::try_new(1, time, y, Noise::Each(variance), None)?;
-        let fit = fit_motion(&track, workspace);
+        let fit = fit_process_noise(&track, workspace);
         let (mut mean, mut covariance) = (vec![0.0; 3 * n], vec![0.0; 9 * n]);
         let mut out = smoothing::Smoothed {
             mean: &mut mean,

@@ -6,7 +6,7 @@ use super::found::{Found, Setting};
 use super::instant::{Instant, responses};
 use super::measured::{Measured, Record};
 use crate::sensors::KINDS;
-use crate::smoothing::Motion;
+use crate::smoothing::ProcessNoise;
 use nalgebra::DMatrix;
 
 /// Adds to the covariance of the states (N, 3D, 3D) what errors of these standard deviations (K) in
@@ -15,7 +15,7 @@ pub(super) fn add_errors<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     found: &Found<D, N>,
     sigma: &[f64],
-    motion: Motion,
+    motion: ProcessNoise,
     covariance: &mut [f64],
 ) -> Result<(), Failure> {
     let record = setting.record;

@@ -15,8 +15,9 @@ fn both_ways_of_smoothing_agree() {
     let noise = [4.0, 1.5, 1.5, 2.0];
     let track = Track::try_new(2, &time, &y, Noise::Same(&noise), None).unwrap();
     let wandering = [(1e-12, 1e-3), (1e-9, 2.0), (0.3, 0.3)];
-    let wandering = wandering.map(|(jerk, acceleration)| Motion { jerk, acceleration });
-    for motion in [0.0, 1e-8, 1e-2, 10.0].map(Motion::with_jerk).into_iter().chain(wandering) {
+    let wandering = wandering.map(|(jerk, acceleration)| ProcessNoise { jerk, acceleration });
+    for motion in [0.0, 1e-8, 1e-2, 10.0].map(ProcessNoise::with_jerk).into_iter().chain(wandering)
+    {
         let [mut mean, mut quick] = [vec![0.0; 360], vec![0.0; 360]];
         let [mut covariance, mut own] = [vec![0.0; 2160], vec![0.0; 2160]];
         let [mut innovation, mut whitened] = [vec![0.0; 120], vec![0.0; 120]];
