@@ -28,7 +28,7 @@ pub fn temporal_first<const D: usize, const N: usize>(
 ) -> Result<Trajectory, Failure> {
     let smoothed = Smoothed::new(record, polynomials)?;
     let fixes = Fixes::of::<D>(record, &smoothed.value[0], &smoothed.sigma[0])?;
-    let motion = ProcessNoise::<D>::new(record)?;
+    let motion = Motion::<D>::new(record)?;
     let unit = vec![1.0; record.width()];
     let measured = Measured::<D>::new(
         &Record { sigmas: &unit, own_sigmas: None, ..*record },
@@ -168,14 +168,14 @@ impl<const D: usize> Solution<D> {
 }
 
 /// Velocities and accelerations of the stations.
-struct ProcessNoise<const D: usize> {
+struct Motion<const D: usize> {
     /// Of each instant, K D numbers; none if the stations stand still.
     derivatives: Option<[Vec<f64>; 2]>,
     size: usize,
     step: f64,
 }
 
-impl<const D: usize> ProcessNoise<D> {
+impl<const D: usize> Motion<D> {
     fn new(record: &Record<'_>) -> Result<Self, Failure> {
         let size = record.width() / KINDS * D;
         let mut steps: Vec<f64> =
