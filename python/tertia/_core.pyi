@@ -605,6 +605,7 @@ def calibrate(
 def register_errors(
     plots: dict[str, Any],
     radars: list[Radar],
+    slant: list[bool],
     mean: FloatArray,
     sigma: FloatArray,
     start: FloatArray,
@@ -613,7 +614,12 @@ def register_errors(
 @final
 class Registrar:
     def __new__(
-        cls, radars: list[Radar], mean: FloatArray, sigma: FloatArray, drift: FloatArray
+        cls,
+        radars: list[Radar],
+        slant: list[bool],
+        mean: FloatArray,
+        sigma: FloatArray,
+        drift: FloatArray,
     ) -> Registrar: ...
     def correct(self, plots: Plots) -> list[FloatArray]: ...
     def learn(

@@ -13,7 +13,7 @@ from tertia.sensors import Bias
 from tertia.sensors._sensors import own_biases
 from tertia.tracker import Plots, TrackTable
 from tertia.tracker._registrar import target_plots
-from tertia.tracker._sensors import Sensor, core_sensors
+from tertia.tracker._sensors import Sensor, core_sensors, slant
 from tertia.tracker._start import bias_of, columns_of
 
 
@@ -45,7 +45,12 @@ def errors(
     columns = target_plots(own, tracks, rows)
     sigma = columns_of(prior, "_sigma")
     (value, covariance, factor, redundancy), _ = _core.register_errors(
-        columns, core_sensors(sensors, "cv")[0], columns_of(given), sigma, columns_of(first)
+        columns,
+        core_sensors(sensors, "cv")[0],
+        slant(sensors),
+        columns_of(given),
+        sigma,
+        columns_of(first),
     )
     spread = np.sqrt(np.diagonal(covariance)).reshape(sigma.shape)
     return Errors(

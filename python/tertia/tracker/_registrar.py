@@ -13,7 +13,7 @@ from tertia.sensors import Bias, PositionSensor, Radar, Station
 from tertia.sensors._sensors import drift_rates, own_biases
 from tertia.tracker._earth import in_plane
 from tertia.tracker._plots import Plots
-from tertia.tracker._sensors import Sensor, core_sensors, interval
+from tertia.tracker._sensors import Sensor, core_sensors, interval, slant
 from tertia.tracker._start import bias_of, columns_of, start
 from tertia.tracker._table import TrackTable
 
@@ -206,7 +206,11 @@ class Registrar:
     def _start_from(self, bias: Bias) -> None:
         radars, _ = core_sensors(self.sensors, "cv")
         self._core = _core.Registrar(
-            radars, columns_of(bias), columns_of(bias, "_sigma"), drift_rates(self.sensors)
+            radars,
+            slant(self.sensors),
+            columns_of(bias),
+            columns_of(bias, "_sigma"),
+            drift_rates(self.sensors),
         )
 
     def __getstate__(self) -> dict[str, Any]:

@@ -37,6 +37,12 @@ def sensors_of(values: Any) -> tuple[Sensor, ...]:
     return tuple(values)
 
 
+def slant(sensors: Sequence[Sensor]) -> list[bool]:
+    """Return which sensors are radars whose ranges are slant also where no height is known."""
+    radars = [one if isinstance(one, Radar) else None for one in sensors]
+    return [one is not None and (one.site is not None or len(one.position) > 2) for one in radars]
+
+
 def interval(sensor: Sensor) -> float:
     """Return after how many seconds a sensor comes again to a target; 0 of one that may not."""
     if isinstance(sensor, Station):

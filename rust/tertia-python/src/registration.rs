@@ -271,6 +271,7 @@ pub fn register_errors<'py>(
     py: Python<'py>,
     plots: TargetPlots<'py>,
     radars: Vec<PyRef<'py, Radar>>,
+    slant: Vec<bool>,
     mean: Input<'py>,
     sigma: Input<'py>,
     start: Input<'py>,
@@ -281,9 +282,9 @@ pub fn register_errors<'py>(
         .map(|(input, name)| input.points::<ERRORS>(name, 1));
     let (mean, sigma, start) = (mean?, sigma?, start?);
     let k = radars.len();
-    same_length(k, &[mean.len(), sigma.len(), start.len()])?;
+    same_length(k, &[slant.len(), mean.len(), sigma.len(), start.len()])?;
     let found = release(py, BLOCK_NS * plots.len() as f64, || {
-        core::register(&plots, &radars, [&mean, &sigma], &start)
+        core::register(&plots, &radars, &slant, [&mean, &sigma], &start)
     })?;
     let order = ERRORS * k;
     Ok((

@@ -20,6 +20,7 @@ impl Registrar {
     #[new]
     fn new(
         radars: Vec<PyRef<'_, Radar>>,
+        slant: Vec<bool>,
         mean: Input<'_>,
         sigma: Input<'_>,
         drift: Input<'_>,
@@ -28,8 +29,8 @@ impl Registrar {
         let mean = mean.points::<ERRORS>("mean", 1)?;
         let sigma = sigma.points::<ERRORS>("sigma", 1)?;
         let drift = drift.points::<ERRORS>("drift", 1)?;
-        same_length(radars.len(), &[mean.len(), sigma.len(), drift.len()])?;
-        Ok(Self(core::Registrar::new(radars, mean, sigma, &drift)))
+        same_length(radars.len(), &[slant.len(), mean.len(), sigma.len(), drift.len()])?;
+        Ok(Self(core::Registrar::new(radars, slant, mean, sigma, &drift)))
     }
 
     /// Times, ranges and azimuths of plots without the errors known, (N,) each.

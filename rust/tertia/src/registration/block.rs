@@ -1,8 +1,9 @@
 //! What the plots of one target by several radars in a short time say of the errors of the radars.
 //!
 //! The target moves with constant acceleration, of which nothing is known but its size. Position,
-//! velocity and acceleration are projected out, so that no state of a target is needed. Errors are in
-//! units of their prior standard deviations. Cost O(n + q²) for n plots and q errors.
+//! velocity and acceleration are projected out, so that no state of a target is needed; so is the
+//! square of the height where ranges are slant and no height is known. Errors are in units of their
+//! prior standard deviations. Cost O(n + q²) for n plots and q errors.
 
 use super::sighting::{ERRORS, Sighting};
 use crate::base::matrix::solve_definite;
@@ -15,6 +16,9 @@ use std::collections::BTreeMap;
 const MOTION: usize = 6;
 /// Plots of which a block is.
 const FEWEST: usize = 3;
+/// Standard deviation of the square of a height over the largest: it is that of the target in all blocks,
+/// which must not say together what they assume.
+const WIDE: f64 = 30.0;
 
 /// Normal equations of the errors of the radars of one block, about the errors removed before.
 #[derive(Clone, Debug)]
@@ -34,6 +38,17 @@ pub(super) struct Block {
     seen: Vec<Seen>,
     /// The motion without errors, and by a unit of each.
     motion: Vec<[f64; MOTION]>,
+    /// What is to be said of the height, where it is not known.
+    lift: Option<Lift>,
+}
+
+/// The square of the height of a target, over its prior standard deviation.
+#[derive(Clone, Debug)]
+struct Lift {
+    /// By the measurements, and by a unit of each error.
+    value: Vec<f64>,
+    /// The motion by a unit.
+    motion: [f64; MOTION],
 }
 
 /// A plot of a block.
@@ -47,6 +62,8 @@ struct Seen {
     design: [[f64; ERRORS]; 2],
     /// Where the errors of its radar begin in the block.
     first: usize,
+    /// Change along by the height.
+    lift: f64,
 }
 
 /// The columns of the errors that a radar may have, among those of all radars, and their priors.
@@ -98,6 +115,13 @@ impl Block {
         let centre = sightings.iter().map(|one| one.position).sum::<Vector2<f64>>() / n as f64;
         let mut seen: Vec<Seen> =
             sightings.iter().map(|one| Seen::new(one, centre, middle, half)).collect();
+        let mut is_slant = false;
+        for (seen, one) in seen.iter_mut().zip(sightings) {
+            if let Some(highest) = one.highest {
+                seen.lift = one.lift(WIDE * highest) / one.sigma[0];
+                is_slant = true;
+            }
+        }
         let (mut normal, right) = normal_equations(&seen);
         let velocity = match velocity {
             Some(velocity) => velocity,
@@ -113,7 +137,8 @@ impl Block {
             seen.err(one, velocity, &unknowns[one.radar], &columns);
         }
         let (mut sums, rights) = products(&seen, right, columns.len());
-        let motion: Vec<[f64; MOTION]> = rights.iter().map(|one| rotated(&spread, one)).collect();
+        let mut motion: Vec<[f64; MOTION]> =
+            rights.iter().map(|one| rotated(&spread, one)).collect();
         for (j, right) in rights.iter().enumerate() {
             for (i, motion) in motion.iter().enumerate().take(j + 1) {
                 let explained: f64 = right.iter().zip(motion).map(|(a, b)| a * b).sum();
@@ -123,15 +148,34 @@ impl Block {
         }
         let q = columns.len();
         let reach = reach(&spread);
+        let mut redundancy: Vec<[f64; 2]> = seen.iter().map(|one| one.redundancy(&reach)).collect();
+        let last = motion.pop()?;
+        let lift = is_slant.then(|| {
+            let variance = 1.0 / (1.0 + sums[(q + 1, q + 1)]);
+            for (one, redundancy) in seen.iter().zip(&mut redundancy) {
+                let left = one.residual_of([one.lift, 0.0], &last);
+                for axis in 0..2 {
+                    redundancy[axis] -= left[axis] * left[axis] * variance;
+                }
+            }
+            let value: Vec<f64> = (0..=q).map(|j| sums[(q + 1, j)] * variance).collect();
+            for i in 0..=q {
+                for j in 0..=q {
+                    sums[(i, j)] -= value[i] * value[j] / variance;
+                }
+            }
+            Lift { value, motion: last }
+        });
         Some(Self {
             information: sums.view((1, 1), (q, q)).into_owned(),
             score: sums.view((1, 0), (q, 1)).column(0).into_owned(),
             square: sums[(0, 0)],
             free: 2 * n + 2 - MOTION,
-            redundancy: seen.iter().map(|one| one.redundancy(&reach)).collect(),
+            redundancy,
             columns,
             seen,
             motion,
+            lift,
         })
     }
 
@@ -156,7 +200,15 @@ impl Block {
                 *motion -= of_error * step;
             }
         }
-        self.seen.iter().map(|one| one.residual(&motion, step.as_slice())).collect()
+        let mut high = 0.0;
+        if let Some(lift) = &self.lift {
+            let by_errors: f64 = lift.value[1..].iter().zip(step.iter()).map(|(a, b)| a * b).sum();
+            high = lift.value[0] - by_errors;
+            for (motion, by_height) in motion.iter_mut().zip(&lift.motion) {
+                *motion -= by_height * high;
+            }
+        }
+        self.seen.iter().map(|one| one.residual(&motion, step.as_slice(), high)).collect()
     }
 }
 
@@ -170,6 +222,7 @@ impl Seen {
             axes,
             design: [[0.0; ERRORS]; 2],
             first: 0,
+            lift: 0.0,
         }
     }
 
@@ -198,16 +251,24 @@ impl Seen {
         [both[0], both[1]]
     }
 
-    fn residual(&self, motion: &[f64; MOTION], step: &[f64]) -> [f64; 2] {
+    fn residual(&self, motion: &[f64; MOTION], step: &[f64], high: f64) -> [f64; 2] {
+        let mut left = self.residual_of(self.place, motion);
+        for (left, design) in left.iter_mut().zip(&self.design) {
+            for (design, step) in design.iter().zip(&step[self.first..]) {
+                *left -= design * step;
+            }
+        }
+        left[0] -= self.lift * high;
+        left
+    }
+
+    /// What a motion leaves of numbers along and across.
+    fn residual_of(&self, numbers: [f64; 2], motion: &[f64; MOTION]) -> [f64; 2] {
         let t = self.time;
         let place = [0, 1].map(|side| motion[side] + t * (motion[2 + side] + t * motion[4 + side]));
         std::array::from_fn(|axis| {
             let direction = &self.axes[axis];
-            let mut left = self.place[axis] - direction[0] * place[0] - direction[1] * place[1];
-            for (design, step) in self.design[axis].iter().zip(&step[self.first..]) {
-                left -= design * step;
-            }
-            left
+            numbers[axis] - direction[0] * place[0] - direction[1] * place[1]
         })
     }
 
@@ -263,14 +324,15 @@ fn line(normal: &[[f64; MOTION]; MOTION], right: &[f64; MOTION]) -> Option<Vecto
     Some(Vector2::new(found[2], found[3]))
 }
 
-/// `[y G]ᵀ [y G]`, and `Hᵀ [y G]` by columns.
+/// `[y G]ᵀ [y G]`, and `Hᵀ [y G]` by columns, of which the last is that of the height.
 fn products(
     seen: &[Seen],
     right: [f64; MOTION],
     errors: usize,
 ) -> (DMatrix<f64>, Vec<[f64; MOTION]>) {
-    let mut sums = DMatrix::<f64>::zeros(1 + errors, 1 + errors);
-    let mut rights = vec![[0.0; MOTION]; 1 + errors];
+    let height = 1 + errors;
+    let mut sums = DMatrix::<f64>::zeros(height + 1, height + 1);
+    let mut rights = vec![[0.0; MOTION]; height + 1];
     rights[0] = right;
     for one in seen {
         let [along, across] = &one.design;
@@ -283,6 +345,12 @@ fn products(
             for i in 0..=j {
                 sums[(1 + one.first + i, column)] += along[i] * along[j] + across[i] * across[j];
             }
+            sums[(column, height)] += along[j] * one.lift;
+        }
+        if one.lift != 0.0 {
+            add_powers(&mut rights[height], one.in_plane(one.lift, 0.0), one.time);
+            sums[(0, height)] += one.place[0] * one.lift;
+            sums[(height, height)] += one.lift * one.lift;
         }
     }
     (sums, rights)

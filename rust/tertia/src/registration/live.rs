@@ -10,7 +10,7 @@ use super::change::{Scan, changed};
 use super::exchange::{Learnt, Update};
 use super::followed::{self, Blocks, Followed};
 use super::gaussian::Gaussian;
-use super::recording::{STATED, Sums, TargetPlot, for_each, numbered, scans};
+use super::recording::{STATED, Sums, TargetPlot, Ways, for_each, numbered, scans};
 use super::sighting::{CLOCK, ERRORS, Errors, Report, Sighting};
 use super::vote::{suspects, vote};
 use super::watch::Watch;
@@ -48,6 +48,8 @@ const FORGOTTEN: f64 = 10.0;
 #[derive(Clone, Debug, Serialize, Deserialize, PartialEq)]
 pub struct Registrar {
     radars: Vec<Radar>,
+    /// Whether ranges of each radar are slant where no height is known; so are all as soon as one is.
+    slant: Vec<bool>,
     sigma: Vec<Errors>,
     /// Means before anything was seen, in their units.
     start: Vec<Errors>,
@@ -70,24 +72,30 @@ pub struct Registrar {
 }
 
 impl Registrar {
-    /// Of radars whose errors have these means and standard deviations; 0 is no error. They drift back
+    /// Of radars, whose ranges may be `slant` where no height is known, and whose errors have these means and standard deviations; 0 is no error. They drift back
     /// to the means at these rates, 1/s; 0 is constant.
     ///
     /// # Panics
     /// If the lengths differ.
     pub fn new(
         radars: Vec<Radar>,
+        slant: Vec<bool>,
         start: Vec<Errors>,
         sigma: Vec<Errors>,
         drift: &[Errors],
     ) -> Self {
-        assert!([start.len(), sigma.len(), drift.len()].iter().all(|&count| count == radars.len()));
+        assert!(
+            [slant.len(), start.len(), sigma.len(), drift.len()]
+                .iter()
+                .all(|&count| count == radars.len())
+        );
         let k = radars.len();
         let unknown = sigma.iter().flatten().zip(drift.iter().flatten());
         let rates = unknown.filter(|(sigma, _)| **sigma > 0.0).map(|(_, rate)| *rate).collect();
         Self {
             clocks: start.iter().map(|errors| errors[CLOCK]).collect(),
             radars,
+            slant,
             sigma,
             start,
             known: Gaussian::new(rates),
@@ -259,6 +267,9 @@ impl Registrar {
     fn begin(&mut self, updates: &[Update], time: f64) -> (Vec<[[f64; 2]; 2]>, Vec<Errors>) {
         let own = (0..self.radars.len()).map(|k| self.own_noise(k));
         let applied = self.noise().into_iter().zip(own).map(|(wide, own)| [wide, own]).collect();
+        if updates.iter().any(|update| update.plot.report.height.is_finite()) {
+            self.slant.fill(true);
+        }
         let blocks = self.closed(updates, time, scans(&self.radars));
         let (before, changes) = (self.known.mean.clone(), self.changes.len());
         if self.time.is_finite() && time > self.time {
@@ -381,8 +392,9 @@ impl Registrar {
         let mut sums = Sums::new(order, self.radars.len());
         let errors = self.errors();
         let mut known = Known::new(&self.known.covariance);
+        let ways = Ways { radars: &self.radars, slant: &self.slant };
         for block in blocks {
-            sums.add(block, &self.radars, &unknowns, &errors, &self.factor, &mut known);
+            sums.add(block, &ways, &unknowns, &errors, &self.factor, &mut known);
         }
         self.learn_noise(&sums);
         if sums.blocks[0] == 0 || order == 0 {

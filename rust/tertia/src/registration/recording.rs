@@ -22,6 +22,8 @@ const LEFT_OUT: usize = 2;
 const OUTLIER: f64 = 3.5;
 /// Seconds for which the errors of reported positions last.
 const LASTING: f64 = 300.0;
+/// Mean of the square of any height over the largest.
+const MEAN_SQUARE: f64 = 1.0 / 3.0;
 /// Redundant measurements that the stated noise is worth.
 pub(super) const STATED: f64 = 10.0;
 const ROUNDS: usize = 4;
@@ -52,6 +54,13 @@ pub struct Registered {
     pub blocks: [usize; 2],
 }
 
+/// How radars measure.
+pub(super) struct Ways<'a> {
+    pub radars: &'a [Radar],
+    /// Whether ranges without a height are slant.
+    pub slant: &'a [bool],
+}
+
 /// Sums over the blocks of a round.
 pub(super) struct Sums {
     pub information: DMatrix<f64>,
@@ -63,7 +72,8 @@ pub(super) struct Sums {
 }
 
 /// Errors of radars by blocks of the plots of one target. Before, they have the means and standard
-/// deviations of `prior`, of which 0 is a trusted radar; they are sought from `start` on. What no
+/// deviations of `prior`, of which 0 is a trusted radar; they are sought from `start` on. Ranges of a
+/// radar may be `slant` where no height is known. What no
 /// block depends on keeps its prior. Cost O(N log N + N K²) in plots.
 ///
 /// # Panics
@@ -71,13 +81,16 @@ pub(super) struct Sums {
 pub fn register(
     plots: &[TargetPlot],
     radars: &[Radar],
+    slant: &[bool],
     [mean, sigma]: [&[Errors]; 2],
     start: &[Errors],
 ) -> Registered {
     assert!([mean, sigma, start].iter().all(|own| own.len() == radars.len()));
+    assert_eq!(slant.len(), radars.len());
     let unknowns = numbered(sigma);
     let order = unknowns.iter().flatten().flatten().count();
     let blocks = windows(plots, radars);
+    let ways = Ways { radars, slant };
     let mut errors = start.to_vec();
     let mut factor = vec![[1.0; 2]; radars.len()];
     let mut covariance = DMatrix::<f64>::identity(order, order);
@@ -87,7 +100,7 @@ pub fn register(
         let mut known = Known::new(&covariance);
         for block in &blocks {
             poll();
-            sums.add(block, radars, &unknowns, &errors, &factor, &mut known);
+            sums.add(block, &ways, &unknowns, &errors, &factor, &mut known);
         }
         let Some(cholesky) = sums.information.clone().cholesky() else { break };
         covariance = cholesky.inverse();
@@ -128,7 +141,7 @@ impl Sums {
     pub fn add(
         &mut self,
         plots: &[TargetPlot],
-        radars: &[Radar],
+        ways: &Ways<'_>,
         unknowns: &Unknowns,
         errors: &[Errors],
         factor: &[[f64; 2]],
@@ -136,7 +149,7 @@ impl Sums {
     ) {
         let turns = plots.iter().any(|plot| plot.turn_probability > TURNING);
         let acceleration = if turns { TURN } else { STRAIGHT };
-        let mut sightings = sightings(plots, radars, errors, factor);
+        let mut sightings = ways.sightings(plots, errors, factor);
         for left_out in 0..=LEFT_OUT {
             let Some(block) = Block::new(&sightings, unknowns, acceleration) else { return };
             let Some((step, misfit)) = block.fit(known) else { return };
@@ -246,30 +259,40 @@ fn windows(plots: &[TargetPlot], radars: &[Radar]) -> Vec<Vec<TargetPlot>> {
     blocks
 }
 
-/// Corrected plots in order of time; where a height is unknown, at the mean height of the others.
-fn sightings(
-    plots: &[TargetPlot],
-    radars: &[Radar],
-    errors: &[Errors],
-    factor: &[[f64; 2]],
-) -> Vec<Sighting> {
-    let heights = plots.iter().map(|plot| plot.report.height).filter(|height| height.is_finite());
-    let (sum, count) = heights.fold((0.0, 0.0), |(sum, count), height| (sum + height, count + 1.0));
-    let mean = sum / count;
-    let mut found: Vec<Sighting> = plots
-        .iter()
-        .filter_map(|plot| {
-            let k = plot.report.radar;
-            let report = plot.report.corrected(&errors[k]);
-            let height = if report.height.is_finite() { report.height } else { mean };
-            Sighting::new(&report, height, &radars[k], factor[k])
-        })
-        .collect();
-    found.sort_by(|a, b| a.time.total_cmp(&b.time));
-    if found.iter().any(|one| one.is_placed) {
-        keep_middle(&mut found, radars);
+impl Ways<'_> {
+    /// Corrected plots in order of time; where a height is unknown, at the mean height of the others, or at
+    /// any.
+    fn sightings(
+        &self,
+        plots: &[TargetPlot],
+        errors: &[Errors],
+        factor: &[[f64; 2]],
+    ) -> Vec<Sighting> {
+        let heights = plots.iter().map(|plot| plot.report.height).filter(|own| own.is_finite());
+        let (sum, count) = heights.fold((0.0, 0.0), |(sum, count), own| (sum + own, count + 1.0));
+        let mean = sum / count;
+        let ranges = plots.iter().filter(|plot| plot.report.range.is_finite());
+        let highest = ranges.map(|plot| plot.report.highest()).fold(f64::INFINITY, f64::min);
+        let mut found: Vec<Sighting> = plots
+            .iter()
+            .filter_map(|plot| {
+                let k = plot.report.radar;
+                let report = plot.report.corrected(&errors[k]);
+                let is_slant = mean.is_nan() && self.slant[k] && report.place.is_none();
+                let highest = is_slant.then_some(highest);
+                let assumed = highest.map_or(mean, |highest| (MEAN_SQUARE * highest).sqrt());
+                let height = if report.height.is_finite() { report.height } else { assumed };
+                let mut own = Sighting::new(&report, height, &self.radars[k], factor[k])?;
+                own.highest = highest;
+                Some(own)
+            })
+            .collect();
+        found.sort_by(|a, b| a.time.total_cmp(&b.time));
+        if found.iter().any(|one| one.is_placed) {
+            keep_middle(&mut found, self.radars);
+        }
+        found
     }
-    found
 }
 
 /// Keeps one of the positions that a sensor reports in a block, near its middle. Their errors last: those

@@ -13,6 +13,9 @@ pub(super) const CLOCK: usize = 3;
 const THIN: f64 = 1e-9;
 /// Ground range over slant range below which the target is overhead.
 const OVERHEAD: f64 = 1e-3;
+/// Heights of targets that are not known: up to this, m, and to this sine of the elevation.
+const HIGHEST: f64 = 12_000.0;
+const STEEP: f64 = 0.7;
 
 /// Offset of the range (m), gain of the range (1), azimuth (rad), clock (s): what was measured is
 /// `ρ_m = (1 + γ) ρ + δ`, `θ_m = θ + α`, at `t_m = t + τ`.
@@ -50,6 +53,11 @@ impl Report {
         self.range.is_finite() || self.place.is_some()
     }
 
+    /// Largest square of the height of a target that radars usually see at this range.
+    pub(super) fn highest(&self) -> f64 {
+        (STEEP * self.range).min(HIGHEST).powi(2)
+    }
+
     /// The plot without these errors.
     pub fn corrected(&self, errors: &Errors) -> Self {
         let [offset, gain, azimuth, clock] = *errors;
@@ -79,6 +87,8 @@ pub(super) struct Sighting {
     ground: f64,
     /// By how much an error of the height makes the ground range uncertain, metres.
     tilt: f64,
+    /// Largest square of the height, where the range is slant and the height not known.
+    pub highest: Option<f64>,
 }
 
 impl Sighting {
@@ -109,6 +119,7 @@ impl Sighting {
             range: plot.range,
             ground,
             tilt: HEIGHT_SIGMA * up / ground,
+            highest: None,
         };
         seen.sigma = seen.noise([radar.range_sigma * factor[0], radar.azimuth_sigma * factor[1]]);
         Some(seen)
@@ -133,6 +144,7 @@ impl Sighting {
             range: 0.0,
             ground: 1.0,
             tilt: 0.0,
+            highest: None,
         }
     }
 
@@ -143,6 +155,11 @@ impl Sighting {
         }
         let along = range * self.range / self.ground;
         [(along * along + self.tilt * self.tilt).sqrt(), azimuth * self.ground]
+    }
+
+    /// How far a square of the height moves the plot outwards that was not taken from that of its range.
+    pub fn lift(&self, square: f64) -> f64 {
+        0.5 * square / self.ground
     }
 
     /// How far a unit of each error moves the plot along both axes, at this velocity.

@@ -88,8 +88,10 @@ impl Centre {
     pub fn new(settings: Settings) -> Self {
         let [start, sigma, drift] =
             [0, 1, 2].map(|at| settings.errors.iter().map(|one| one[at]).collect::<Vec<_>>());
+        // reports of tracks are positions
+        let slant = vec![false; settings.radars.len()];
         Self {
-            registrar: Registrar::new(settings.radars.clone(), start, sigma, &drift),
+            registrar: Registrar::new(settings.radars.clone(), slant, start, sigma, &drift),
             settings,
             members: Vec::new(),
             waiting: Vec::new(),

@@ -5,6 +5,7 @@ use nalgebra::{Matrix2, Matrix4, Vector2};
 fn registrar() -> Registrar {
     Registrar::new(
         vec![radar([0.0; 3], 50.0, 0.08)],
+        vec![false],
         vec![[0.0; ERRORS]],
         vec![PRIOR],
         &[[0.0; ERRORS]],
@@ -158,7 +159,13 @@ fn rows() -> Vec<Update> {
 
 fn two() -> Registrar {
     let radars = vec![radar([0.0; 3], 50.0, 0.08), radar([6e4, 0.0, 0.0], 50.0, 0.08)];
-    Registrar::new(radars, vec![[0.0; ERRORS]; 2], vec![PRIOR; 2], &[[0.0; ERRORS]; 2])
+    Registrar::new(
+        radars,
+        vec![false; 2],
+        vec![[0.0; ERRORS]; 2],
+        vec![PRIOR; 2],
+        &[[0.0; ERRORS]; 2],
+    )
 }
 
 #[test]
