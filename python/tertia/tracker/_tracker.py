@@ -275,6 +275,13 @@ class Tracker:
             if end is not None:
                 end = float(self._continuous(np.array([end]), self.clock_period)[0])
         if self._registrar is not None:
+            fresh = self._core.copy() if recording and not self._core.plots else None
+            table = self._registered(self._registrar, plots, end, recording)
+            again = None if fresh is None else fresh.knowing(self._core)
+            if again is None:
+                return table
+            # the first plots were tracked before the noise was known
+            self._core, self._registrar = again, Registrar(self.sensors)
             return self._registered(self._registrar, plots, end, recording)
         rows = "recording" if recording else "confirmed"
         if any(one.bias is not None for one in self.sensors):

@@ -127,16 +127,26 @@ impl PlotTracker {
         Ok((TrackColumns::new(table), codes(py, &statuses)?))
     }
 
+    /// The same tracker once more.
+    fn copy(&self) -> Self {
+        Self(self.0.clone())
+    }
+
+    /// The same with the noise that a later one has found; none where that is as stated.
+    fn knowing(&self, later: &Self) -> Option<Self> {
+        self.0.clone().knowing(&later.0).map(Self)
+    }
+
     /// Noise of each radar over what it states.
     fn noise_factor<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         let factors: Vec<f64> = self.0.tracker().noise_factors().collect();
         array(py, &[factors.len()], factors)
     }
 
-    /// Standard deviations of range and azimuth as they were used last, (K, 2).
+    /// Standard deviations of range and azimuth, as they were used last and as they were found, (K, 2, 2).
     fn noise<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         let noise = self.0.tracker().noise();
-        array(py, &[noise.len(), 2], noise.into_flattened())
+        array(py, &[noise.len(), 2, 2], noise.into_flattened().into_flattened())
     }
 
     /// Makes all rows final.

@@ -60,7 +60,11 @@ impl Registrar {
         noise: Input<'py>,
         time: f64,
     ) -> PyResult<(Integers<'py>, Array<'py>, Array<'py>)> {
-        let noise = noise.pairs("noise")?;
+        let noise: Vec<[[f64; 2]; 2]> = noise
+            .points::<4>("noise", 2)?
+            .into_iter()
+            .map(|[a, b, c, d]| [[a, b], [c, d]])
+            .collect();
         same_length(self.0.errors().len(), &[noise.len()])?;
         let plots = plots.read(&plots.time, self.0.errors().len())?;
         let updates = updates(py, table, &plots, first)?;

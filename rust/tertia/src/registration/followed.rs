@@ -60,14 +60,13 @@ impl Blocks {
     }
 }
 
-/// Noise with and without what is not known of the errors, where a tracker has used this: more is noise
-/// that it has found.
-pub(super) fn use_noise(applied: &mut [[[f64; 2]; 2]], used: &[[f64; 2]]) {
-    for ([wide, own], used) in applied.iter_mut().zip(used) {
+/// Noise with and without what is not known of the errors, where a tracker has used this and found that:
+/// it tells errors that last from scan to scan, of which a block shows less than there is.
+pub(super) fn use_noise(applied: &mut [[[f64; 2]; 2]], used: &[[[f64; 2]; 2]]) {
+    for ([wide, own], [used, found]) in applied.iter_mut().zip(used) {
         for axis in 0..2 {
-            if used[axis] > wide[axis] {
-                (wide[axis], own[axis]) = (used[axis], used[axis]);
-            }
+            wide[axis] = wide[axis].max(used[axis]);
+            own[axis] = own[axis].max(found[axis]).min(wide[axis]);
         }
     }
 }

@@ -201,12 +201,13 @@ impl Registrar {
     }
 
     /// Learns from the rows of tracks and from plots that no confirmed track has, until a time. `used` are the
-    /// standard deviations of range and azimuth of each radar that the tracks were made with.
+    /// standard deviations of range and azimuth of each radar that the tracks were made with, and those that
+    /// the tracker has found for errors that last.
     pub fn learn(
         &mut self,
         updates: &[Update],
         loose: &[Report],
-        used: &[[f64; 2]],
+        used: &[[[f64; 2]; 2]],
         time: f64,
     ) -> Learnt {
         let (mut applied, moved) = self.begin(updates, time);

@@ -10,9 +10,10 @@ impl Tracker {
         self.noise.iter().map(Noise::told)
     }
 
-    /// Standard deviations of range (m) and azimuth (rad) of each radar, as they were used last.
-    pub fn noise(&self) -> Vec<[f64; 2]> {
-        self.noise.iter().map(|noise| noise.used).collect()
+    /// Standard deviations of range (m) and azimuth (rad) of each radar, as they were used last, and as they
+    /// were found; 0 where they are not surely larger than stated.
+    pub fn noise(&self) -> Vec<[[f64; 2]; 2]> {
+        self.noise.iter().map(|noise| [noise.used, noise.found()]).collect()
     }
 
     /// Takes over the noise that another tracker of the same sensors has found; returns whether any differs

@@ -227,7 +227,7 @@ impl Noise {
 
     /// Whether tracks differ for it.
     pub fn differs(&self) -> bool {
-        self.used.iter().zip(self.stated).any(|(used, stated)| *used > DIFFERENT * stated)
+        self.found().iter().zip(self.stated).any(|(found, stated)| *found > DIFFERENT * stated)
     }
 
     /// Noise over what is stated, of both coordinates together; nan before there are enough plots.
@@ -248,6 +248,13 @@ impl Noise {
             if factor > 1.0 { assumed[i].max(factor.sqrt() * self.stated[i]) } else { assumed[i] }
         });
         self.used
+    }
+
+    /// Standard deviations of range and azimuth that tracks should have; 0 where they are not surely larger
+    /// than stated.
+    pub fn found(&self) -> [f64; 2] {
+        let factors = self.factors();
+        [0, 1].map(|i| if factors[i] > 1.0 { factors[i].sqrt() * self.stated[i] } else { 0.0 })
     }
 
     /// Variances over those that are stated, along and across the beam.

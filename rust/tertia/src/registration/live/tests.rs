@@ -171,10 +171,10 @@ fn two() -> Registrar {
 #[test]
 fn the_first_block_teaches_and_moves_the_track() {
     let mut registrar = two();
-    registrar.learn(&rows(), &[], &[[0.0; 2]; 2], 8.0);
+    registrar.learn(&rows(), &[], &[[[0.0; 2]; 2]; 2], 8.0);
     assert_eq!(registrar.known.mean.amax(), 0.0);
     let before = registrar.tracks[&1].clone();
-    let learnt = registrar.learn(&[], &[], &[[0.0; 2]; 2], 60.0);
+    let learnt = registrar.learn(&[], &[], &[[[0.0; 2]; 2]; 2], 60.0);
     let offset = registrar.errors()[1][0];
     assert!((50.0..150.0).contains(&offset), "{offset}");
     assert!(registrar.sigmas()[1][0] < 0.9 * PRIOR[0]);
