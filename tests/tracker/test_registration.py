@@ -342,3 +342,57 @@ def test_large_errors_are_found_with_many_targets():
     assert len(_thinned(some, 2)) == len(some)
     nameless = replace(seen, identity=np.full(len(seen), -1))
     assert len(_thinned(nameless, 2)) == len(nameless)
+
+
+def without_heights(seed):
+    """Plots of radars that measure slant ranges of targets whose heights nobody knows."""
+    high = [replace(one, position=[*one.position, 0.0]) for one in RADARS]
+    traffic = simulate.dense_traffic(20, area=(1e5, 1e5), turning_share=0.1, rng=seed)
+    options = {"height_missing_probability": 1.0, "rng": seed + 50}
+    return high, simulate.radar_plots(traffic, high, **options).plots
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_unknown_heights_are_no_errors_of_ranges(seed):
+    """They made the ranges of both radars 300 to 800 m too long, with a sigma of 20 m."""
+    radars, plots = without_heights(seed)
+    tracker = Tracker(radars)
+    table = tracker._track(plots, None, True)
+    off, sigma = columns(tracker.bias), columns(tracker.bias, "_sigma")
+    assert np.all(np.abs(off) < 4.0 * sigma)
+    assert np.abs(off[:, 0]).max() < 150
+    assert len(np.unique(table.track)) == 20
+
+
+def lasting(plots, target, seed, kept=0.7):
+    """Plots whose errors are alike from scan to scan."""
+    random = np.random.default_rng(seed)
+    distance, azimuth = plots.range.copy(), plots.azimuth.copy()
+    for k, radar in enumerate(RADARS):
+        for one in range(20):
+            own = np.flatnonzero((plots.sensor == k) & (target == one))
+            error = random.standard_normal((2, len(own)))
+            for i in range(1, len(own)):
+                error[:, i] = kept * error[:, i - 1] + np.sqrt(1 - kept**2) * error[:, i]
+            distance[own] += radar.range_sigma * error[0]
+            azimuth[own] += radar.azimuth_sigma * error[1]
+    return replace(plots, range=distance, azimuth=azimuth % (2 * np.pi))
+
+
+def test_errors_that_last_are_in_the_first_rows_too():
+    """The first plots were tracked before the noise was known: their NEES was 2.6."""
+    exact = [replace(one, range_sigma=0.01, azimuth_sigma=1e-6) for one in RADARS]
+    found = []
+    for seed in (1, 2, 3):
+        traffic = simulate.dense_traffic(20, area=(1e5, 1e5), turning_share=0.1, rng=seed)
+        ideal = simulate.radar_plots(traffic, exact, rng=seed + 50)
+        table = track(lasting(ideal.plots, ideal.target, seed), RADARS)
+        rows = table[(table.plot >= 0) & (table.time < 150.0)]
+        place = ideal.plots[rows.plot]
+        radar = np.array([one.position for one in RADARS])[place.sensor]
+        ground = np.sqrt(place.range**2 - place.height**2)
+        way = np.column_stack([np.sin(place.azimuth), np.cos(place.azimuth)])
+        error = rows.position - (radar + ground[:, np.newaxis] * way)
+        inverse = np.linalg.inv(rows.covariance[:, :2, :2])
+        found.append(np.einsum("ni,nij,nj->n", error, inverse, error) / 2)
+    assert 0.7 < np.mean(np.concatenate(found)) < 1.5
