@@ -398,7 +398,7 @@ fn registered() -> Kernel {
         .collect();
     let (zero, sigma) = (vec![[0.0; 4]; 4], vec![UNKNOWN; 4]);
     Box::new(move || {
-        black_box(register(black_box(&plots), &radars, [&zero, &sigma], &zero));
+        black_box(register(black_box(&plots), &radars, &[false; 4], [&zero, &sigma], &zero));
     })
 }
 
