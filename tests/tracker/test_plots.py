@@ -75,6 +75,24 @@ def test_a_silence_is_believed_when_a_second_plot_comes():
     assert np.all(found.track_of_plot > 1)
 
 
+@pytest.mark.parametrize("lag", [0.0, 12.0])
+def test_two_plots_with_a_wrong_clock_end_no_stream(lag):
+    """Others come at their time together with them, and after them."""
+    good = line(30)
+    tracker, refused, last = Tracker([RADAR], lag=lag), 0, set()
+    for k in range(30):
+        time, distance = np.repeat(good.time[k], 6), np.repeat(good.range[k], 6)
+        azimuth = good.azimuth[k] + 0.3 * np.arange(6)
+        if k in {10, 15, 20}:
+            time = np.append(time, time[:2] + 3600.0)
+            distance, azimuth = np.append(distance, distance[:2]), np.append(azimuth, azimuth[:2])
+        found = tracker.update(Plots(time, distance, azimuth))
+        refused += np.count_nonzero(found.track_of_plot == PlotStatus.CLOCK_ERROR)
+        last = set(found.track.tolist())
+    assert len(last) == 6
+    assert refused == 6 or lag > 0
+
+
 def test_midnight():
     plots = line(40, start=86400.0 - 80.0)
     wrapped = Plots(plots.time % 86400.0, plots.range, plots.azimuth)

@@ -227,13 +227,25 @@ _MESSAGES = {
     PlotStatus.LATE: "the plot is more than a scan older than plots that were processed before",
     PlotStatus.AT_SENSOR: "the target is straight above the radar",
     PlotStatus.OUT_OF_RANGE: "the plot is beyond the range of the radar",
-    PlotStatus.CLOCK_ERROR: "the plot comes alone and long after the others, as with a wrong clock",
+    PlotStatus.CLOCK_ERROR: "the plot comes long after the others, alone or with few, as with a wrong clock",
     PlotStatus.DUPLICATE: "the plot repeats the one before it",
     PlotStatus.NO_QUALITY: "the position has no covariance, or one that is none",
     PlotStatus.UNASSOCIATED: (
         "the azimuth is of no confirmed track, or of several in nearly the same direction"
     ),
 }
+
+
+def continuous(time: FloatArray, period: float, now: float) -> FloatArray:
+    """Return continuous times from a clock that starts again, near now if that is known."""
+    known = np.flatnonzero(np.isfinite(time))
+    if not len(known):
+        return time
+    unwrapped: FloatArray = time.copy()
+    unwrapped[known] = np.unwrap(time[known], period=period)
+    if np.isfinite(now):
+        unwrapped[known] += np.round((now - unwrapped[known[0]]) / period) * period
+    return unwrapped
 
 
 def _rows(value: npt.ArrayLike | None, name: str, shape: tuple[int, ...]) -> FloatArray | None:

@@ -27,7 +27,7 @@ from tertia.sensors import Bias, PositionSensor, Radar
 from tertia.sensors._sensors import own_biases
 from tertia.tracker._azimuths import placed
 from tertia.tracker._models import Association, Motion, PlanModel, ProfileName
-from tertia.tracker._plots import Plots
+from tertia.tracker._plots import Plots, continuous
 from tertia.tracker._registrar import Registrar, is_registrable, scans
 from tertia.tracker._sensors import Sensor, core_sensors, sensors_of
 from tertia.tracker._settings import core_settings
@@ -271,9 +271,10 @@ class Tracker:
             raise TypeError(f"plots is {plots!r}; it must be Plots")
         end = None if time is None else real(time, "time")
         if self.clock_period is not None:
-            plots = replace(plots, time=self._continuous(plots.time, self.clock_period))
+            period, now = self.clock_period, self._core.time
+            plots = replace(plots, time=continuous(plots.time, period, now))
             if end is not None:
-                end = float(self._continuous(np.array([end]), self.clock_period)[0])
+                end = float(continuous(np.array([end]), period, now)[0])
         if self._registrar is not None:
             fresh = self._core.copy() if recording and not self._core.plots else None
             table = self._registered(self._registrar, plots, end, recording)
@@ -333,18 +334,6 @@ class Tracker:
         noise, time = self._core.noise(), self._core.time
         self._core.shift(*registrar.learn(plots, first, table, noise, time))
         return table
-
-    def _continuous(self, time: FloatArray, period: float) -> FloatArray:
-        """Return continuous times from a clock that starts again, near the earlier ones."""
-        known = np.flatnonzero(np.isfinite(time))
-        if not len(known):
-            return time
-        continuous: FloatArray = time.copy()
-        continuous[known] = np.unwrap(time[known], period=period)
-        if np.isfinite(self._core.time):
-            days = np.round((self._core.time - continuous[known[0]]) / period)
-            continuous[known] += days * period
-        return continuous
 
     def extrapolate(self, seconds: float) -> tuple[IntArray, FloatArray]:
         """Predict where the confirmed tracks will be, without changing them.

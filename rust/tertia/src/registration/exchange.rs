@@ -21,6 +21,21 @@ pub struct Update {
     pub innovation_covariance: [f64; 4],
 }
 
+impl Update {
+    /// The square of the innovation over its covariance.
+    pub(super) fn distance(&self) -> f64 {
+        let ([a, b], [xx, xy, _, yy]) = (self.innovation, self.innovation_covariance);
+        (a * a * yy - 2.0 * a * b * xy + b * b * xx) / (xx * yy - xy * xy)
+    }
+
+    /// The innovation along a direction, and its variance.
+    pub(super) fn along(&self, [east, north]: [f64; 2]) -> (f64, f64) {
+        let ([a, b], [xx, xy, _, yy]) = (self.innovation, self.innovation_covariance);
+        let variance = east * (east * xx + 2.0 * north * xy) + north * north * yy;
+        (east * a + north * b, variance)
+    }
+}
+
 /// What tracks are to be changed by after a scan.
 #[derive(Clone, Debug)]
 pub struct Learnt {

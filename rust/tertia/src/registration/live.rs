@@ -19,7 +19,7 @@ use crate::sensors::Radar;
 use nalgebra::DMatrix;
 use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Scans by which the clock that is taken out of the plots of a radar changes at once: more would put
 /// plots before those that were tracked.
@@ -72,8 +72,9 @@ pub struct Registrar {
 }
 
 impl Registrar {
-    /// Of radars, whose ranges may be `slant` where no height is known, and whose errors have these means and standard deviations; 0 is no error. They drift back
-    /// to the means at these rates, 1/s; 0 is constant.
+    /// Of radars, whose ranges may be `slant` where no height is known, and whose errors have these means
+    /// and standard deviations; 0 is no error. They drift back to the means at these rates, 1/s; 0 is
+    /// constant.
     ///
     /// # Panics
     /// If the lengths differ.
@@ -84,12 +85,8 @@ impl Registrar {
         sigma: Vec<Errors>,
         drift: &[Errors],
     ) -> Self {
-        assert!(
-            [slant.len(), start.len(), sigma.len(), drift.len()]
-                .iter()
-                .all(|&count| count == radars.len())
-        );
         let k = radars.len();
+        assert_eq!([slant.len(), start.len(), sigma.len(), drift.len()], [k; 4]);
         let unknown = sigma.iter().flatten().zip(drift.iter().flatten());
         let rates = unknown.filter(|(sigma, _)| **sigma > 0.0).map(|(_, rate)| *rate).collect();
         Self {
@@ -239,9 +236,7 @@ impl Registrar {
         for update in updates {
             self.carry(update, &applied, &unknowns);
         }
-        let mut targets: Vec<_> = updates.iter().map(|update| update.plot.target).collect();
-        targets.sort_unstable();
-        targets.dedup();
+        let targets: BTreeSet<_> = updates.iter().map(|update| update.plot.target).collect();
         let added = |target: i64| (target, self.tracks[&target].added(&errors));
         let added = targets.into_iter().map(added).collect();
         let moved = self.shift(&moved);
@@ -341,21 +336,16 @@ impl Registrar {
 
     /// Raises noise that has grown suddenly, and counts plots that are far off.
     fn watch(&mut self, update: &Update, seen: &Sighting) {
-        let (plot, e) = (&update.plot, update.innovation);
-        if !update.confirmed || seen.is_placed || plot.turn_probability > TURNING || e[0].is_nan() {
+        let turns = update.plot.turn_probability > TURNING;
+        if !update.confirmed || seen.is_placed || turns || update.innovation[0].is_nan() {
             return;
         }
         let k = seen.radar;
-        let [xx, xy, _, yy] = update.innovation_covariance;
-        let square = e[0] * e[0] * yy - 2.0 * e[0] * e[1] * xy + e[1] * e[1] * xx;
-        self.alarms[k].see(square / (xx * yy - xy * xy));
-        let noise = seen.noise(self.own_noise(k));
-        for axis in 0..2 {
-            let (east, north) = (seen.axes[axis][0], seen.axes[axis][1]);
-            let variance = east * (east * xx + 2.0 * north * xy) + north * north * yy;
-            let (innovation, noise) = (east * e[0] + north * e[1], noise[axis] * noise[axis]);
-            let found = self.watches[k][axis].see(innovation, variance, noise);
-            if let Some(growth) = found {
+        self.alarms[k].see(update.distance());
+        for (axis, noise) in seen.noise(self.own_noise(k)).into_iter().enumerate() {
+            let (innovation, variance) = update.along(seen.axes[axis].into());
+            let watch = &mut self.watches[k][axis];
+            if let Some(growth) = watch.see(innovation, variance, noise * noise) {
                 let square = growth * self.factor[k][axis].powi(2);
                 self.factor[k][axis] = square.sqrt();
                 self.redundancy[k][axis] = GROWN;

@@ -291,8 +291,14 @@ impl Measured {
     }
 }
 
+/// Plots after a silence that is so many times as long as one that tells show that there was one, where
+/// others came before it at the same time.
+const RESUMED: usize = 5;
+const LONG: f64 = 40.0;
+
 /// Keeps times, in their order, that come within a silence `after` the ones before, or with others;
-/// returns the last. A single one after a longer silence is refused, and is the next `stray`.
+/// returns the last. A single one after a longer silence is refused, and is the next `stray`; so are few
+/// that come together with plots before the silence: there was none.
 pub(super) fn keep_followed(
     order: &mut Vec<(f64, usize)>,
     after: f64,
@@ -300,21 +306,26 @@ pub(super) fn keep_followed(
     silence: f64,
     mut refuse: impl FnMut(usize),
 ) -> f64 {
-    let mut before = after;
-    let mut kept = 0;
-    for i in 0..order.len() {
-        let (time, index) = order[i];
-        let follows = time - before <= silence || before == f64::NEG_INFINITY;
-        let is_followed = order.get(i + 1).is_some_and(|(next, _)| next - time <= silence);
-        let is_second = (time - *stray).abs() <= silence;
-        if follows || is_followed || is_second {
-            before = time;
-            order[kept] = (time, index);
-            kept += 1;
+    let (mut before, mut kept, mut begin) = (after, 0, 0);
+    while begin < order.len() {
+        let is_last = |&i: &usize| order[i].0 - order[i - 1].0 > silence;
+        let end = (begin + 1..order.len()).find(is_last).unwrap_or(order.len());
+        let (first, last, count) = (order[begin].0, order[end - 1].0, end - begin);
+        let follows = first - before <= silence || before == f64::NEG_INFINITY;
+        let is_far = kept > 0 && first - before > LONG * silence;
+        let is_resumed = match count {
+            1 => !is_far && (first - *stray).abs() <= silence,
+            _ => !is_far || count >= RESUMED.min(kept),
+        };
+        if follows || is_resumed {
+            order.copy_within(begin..end, kept);
+            kept += count;
+            before = last;
         } else {
-            *stray = time;
-            refuse(index);
+            *stray = last;
+            order[begin..end].iter().for_each(|(_, index)| refuse(*index));
         }
+        begin = end;
     }
     order.truncate(kept);
     before
