@@ -913,3 +913,22 @@ def test_a_recording_without_faults_is_as_accurate_as_it_says(
         for j, b in enumerate(AXES[:i]):
             covariance[:, i, j] = covariance[:, j, i] = frame[f"covariance_{b}_{a}_m2"].to_numpy()
     assert 0.7 < np.mean(np.asarray(metrics.nees(error, covariance))) / 3 < 1.4
+
+
+def test_a_height_on_the_earth_is_above_the_ellipsoid(tmp_path: Path) -> None:
+    places = {"A": (48.0, 11.0, 500.0), "B": (48.2, 11.5, 420.0), "C": (47.8, 11.6, 900.0)}
+    targets = np.array([[48.3, 11.9, 9e3], [47.2, 12.5, 9e3], [48.6, 9.8, 9e3]])
+    sensors, rows = [], []
+    for name, place in places.items():
+        keys = dict(zip(("latitude_deg", "longitude_deg", "height_m"), place, strict=True))
+        sensors.append({"name": name, **keys, "azimuth_sigma_deg": 0.1})
+        for time, target in enumerate(targets):
+            east, north, _ = LocalFrame(*place).to_local(*target)
+            azimuth = np.degrees(np.arctan2(east, north))
+            rows.append({"time_s": time, "sensor": name, "azimuth_deg": azimuth})
+    pl.DataFrame(rows).write_csv(tmp_path / "m.csv")
+    pl.DataFrame(sensors).write_csv(tmp_path / "s.csv")
+    options = ["--sensors", tmp_path / "s.csv", "--height", 9000, "--height-sigma", 10]
+    found = positions(tmp_path / "m.csv", *options, folder=tmp_path)
+    place = found.select("latitude_deg", "longitude_deg", "height_m").to_numpy()
+    np.testing.assert_allclose(place, targets, atol=1e-6)

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
+from tertia.geo import LocalFrame, SystemPlane
 from tertia.location import LIGHT, Location, LocationMethod
 from tertia.location import locate as locate_instants
 from tertia.sensors import Station
@@ -31,6 +32,9 @@ from tertia.tables._positions import (
 )
 from tertia.tables._records import RecordError, Source, source_of
 from tertia.tables._sensors import Sensors, sensors_of
+
+# up at a height changes by a few metres a kilometre: each round leaves a hundredth of the error
+_ROUNDS = 2
 
 
 def locate(
@@ -92,7 +96,8 @@ def locate(
     multipath : bool
         See `tertia.location.locate`.
     height, height_sigma : float, optional
-        Height of all targets and its standard deviation in metres, in space.
+        Height of all targets and its standard deviation in metres, in space: above the ellipsoid
+        where the sensors have latitudes and longitudes, else up.
     initial : array_like, optional
         A position near the targets, to select one of several that fit the measurements.
     probability : float, optional
@@ -209,7 +214,7 @@ def _locate(
     options: dict[str, Any] = target.measured()
     options |= {f"{kind}_sigma": taken(kind, sigma) for kind, sigma in sigmas.items()}
     try:
-        found = locate_instants(bare, **options, initial=start, **how)
+        found = _at_height(stations.frame, bare, **options, initial=start, **how)
         regions = _regions(found, *asked)
     except ValueError as error:
         raise RecordError(prefixed(target.name, error)) from error
@@ -231,6 +236,25 @@ def _locate(
         beside(target.keys, pl.DataFrame(rows)),
         of_sensors(target, measured),
     )
+
+
+def _at_height(
+    frame: LocalFrame | SystemPlane | None,
+    stations: Sequence[Station],
+    *,
+    height: float | None,
+    **options: Any,
+) -> Location:
+    """Locate at a height, which on the earth is above the ellipsoid and not above a plane."""
+    if height is None or not isinstance(frame, LocalFrame):
+        return locate_instants(stations, height=height, **options)
+    found = locate_instants(stations, height=height - frame.height, **options)
+    for _ in range(_ROUNDS):
+        latitude, longitude, _ = frame.to_geodetic(found.position)
+        up = np.asarray(frame.to_local(latitude, longitude, height))[..., 2]
+        up = np.where(np.isfinite(up), up, height - frame.height)
+        found = locate_instants(stations, height=up, **options)
+    return found
 
 
 def _emission(found: Location) -> dict[str, pl.Series]:

@@ -89,7 +89,10 @@ def locate(
         bool, typer.Option(help="Outliers among arrivals are late rather than early.")
     ] = True,
     height: Annotated[
-        float | None, typer.Option(help="Height of all targets in metres, in space.")
+        float | None,
+        typer.Option(
+            help="Height of all targets in metres, in space; on the earth above the ellipsoid."
+        ),
     ] = None,
     height_sigma: Annotated[
         float | None, typer.Option(help="Its standard deviation in metres.")
