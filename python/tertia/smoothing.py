@@ -378,9 +378,11 @@ def smooth(
     jumps are found by how much each would explain (de Jong and Penzer 1998). All this takes up to
     three axes with three instants each; other tracks are smoothed as stated.
 
-    The fitted jerk is treated as known: its uncertainty is not part of `covariance`. Where the
-    plots show no jerk, it is 0 with an uncertainty of inf. With about ten plots this is common, and
-    does not mean that there is none. Cost O(N D³), about 30 times as much with the fit, and three
+    A velocity that wanders has white acceleration instead of white jerk. The likelier motion gives
+    the estimate; where the other one is likely, too, `covariance` is that of a mixture of both, by
+    their likelihoods. The intensity is treated as known: its uncertainty is not part of
+    `covariance`. Where the plots show no jerk, it is 0 with an uncertainty of inf. With about ten
+    plots this is common, and does not mean that there is none. Cost O(N D³), about 30 times as much with the fit, and three
     times that where the innovations are suspicious.
 
     Examples

@@ -70,14 +70,20 @@ impl Family {
         }
     }
 
-    /// The logarithm of the intensity with which a smoother averages about as long as with another motion.
+    /// The logarithm of the intensity that fits best what another motion has been fitted to, if the velocity
+    /// wanders: within 0.4 for four of five tracks of 60 to 1,000 such plots.
     pub fn like(self, motion: ProcessNoise, track: &Track<'_>) -> f64 {
         let scale = track.scale.iter().fold(f64::INFINITY, |least, scale| least.min(*scale));
         let density = (median_step(track) / (scale * scale)).ln();
         let family = Self::that_has(motion);
         // of noise of this density, (density / intensity)^(1 / (power + 1)) is averaged
         let shorter = (family.log(motion) - density) / (family.power() + 1.0);
-        density + shorter * (self.power() + 1.0)
+        let more = match (family, self) {
+            (Self::Jerk, Self::Acceleration) => WANDERING_SHORTER,
+            (Self::Acceleration, Self::Jerk) => -WANDERING_SHORTER,
+            _ => 0.0,
+        };
+        density + (shorter + more) * (self.power() + 1.0)
     }
 
     /// The logarithm of the intensity that varies.
@@ -90,6 +96,9 @@ impl Family {
 }
 
 const JERK_POWER: f64 = 5.0;
+/// Logarithm of the ratio of times over which the fits of jerk and of acceleration average, where the
+/// velocity wanders.
+const WANDERING_SHORTER: f64 = 0.3;
 /// Steps of the logarithm of the intensity, in which the likelihood changes slowly.
 const COARSE: f64 = 4.0;
 /// Relative to noise that shows within the shortest step, and within the track.
@@ -132,8 +141,8 @@ pub(crate) fn likeliest(
     }
 }
 
-/// The likeliest motion of the other family, where that with an intensity that smooths as much has at least
-/// this likelihood. No error is found.
+/// The likeliest motion of the other family, where that with the intensity expected there has at least this
+/// likelihood. No error is found.
 pub(crate) fn likeliest_other(
     track: &Track<'_>,
     motion: ProcessNoise,

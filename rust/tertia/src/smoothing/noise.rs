@@ -5,12 +5,12 @@
 //! white noise, and a velocity that wanders: what is no jerk need not be noise.
 
 use super::faults::find_faults;
-use super::fit::{Family, ProcessNoiseFit, fit_process_noise, median_step};
+use super::fit::{Family, ProcessNoiseFit, fit_process_noise, likeliest_other, median_step};
 use super::lasting::{Faults, Found};
 use super::motion::ProcessNoise;
 use super::results::{Smoothed, Summary};
 use super::search::{Candidate, Scale, Search};
-use super::smoother::{Workspace, smooth};
+use super::smoother::{Workspace, likelihood, smooth};
 use super::track::Track;
 use crate::base::distribution::chi_square_upper;
 
@@ -67,19 +67,56 @@ pub fn smooth_with_noise(
         None => fit_process_noise(track, workspace),
     };
     let summary = smooth(track, fit.motion, workspace, out);
-    let mut noise = NoiseFit { motion: fit, correlation_time: 0.0, noise_factor: 1.0 };
-    if options.correlation_time.is_some_and(|time| time > 0.0)
+    let improved = if options.correlation_time.is_some_and(|time| time > 0.0)
         || is_suspicious(out.innovation, track.dimension, options)
     {
-        let found = match track.dimension {
+        match track.dimension {
             1 => improve::<1, 3, 4>(track, &fit, options, out, outlier),
             2 => improve::<2, 6, 8>(track, &fit, options, out, outlier),
             3 => improve::<3, 9, 12>(track, &fit, options, out, outlier),
             _ => None,
-        };
-        noise = found.unwrap_or(noise);
-    }
+        }
+    } else {
+        None
+    };
+    let noise = improved.unwrap_or_else(|| {
+        if options.jerk.is_none() {
+            add_other_family(track, &fit, summary.log_likelihood, workspace, out);
+        }
+        NoiseFit { motion: fit, correlation_time: 0.0, noise_factor: 1.0 }
+    });
     (summary, noise)
+}
+
+/// Makes the covariance that of a mixture with the motion of the other family, where that is likely: its second
+/// moment about the mean, which stays.
+fn add_other_family(
+    track: &Track<'_>,
+    fit: &ProcessNoiseFit,
+    top: f64,
+    workspace: &mut Workspace,
+    out: &mut Smoothed<'_>,
+) {
+    let mut value = |motion| likelihood(track, motion, workspace).log_likelihood;
+    let least = top + LEAST_WEIGHT.ln();
+    let Some((other, value)) = likeliest_other(track, fit.motion, least, &mut value) else {
+        return;
+    };
+    let weight = 1.0 / (1.0 + (top - value).exp());
+    let (mut mean, mut covariance) = (out.mean.to_vec(), out.covariance.to_vec());
+    let mut innovation = out.innovation.to_vec();
+    let mut found =
+        Smoothed { mean: &mut mean, covariance: &mut covariance, innovation: &mut innovation };
+    smooth(track, other.motion, workspace, &mut found);
+    let n = 3 * track.dimension;
+    for (at, own) in out.covariance.iter_mut().enumerate() {
+        let (row, column) = (at / n, at / (n * n) * n + at % n);
+        let away = |i: usize| mean[i] - out.mean[i];
+        let second_moment = covariance[at] + away(row) * away(column);
+        if own.is_finite() && second_moment.is_finite() {
+            *own += weight * (second_moment - *own);
+        }
+    }
 }
 
 /// Whether innovations are too large, too small, or correlated.
