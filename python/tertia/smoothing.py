@@ -382,8 +382,8 @@ def smooth(
     the estimate; where the other one is likely, too, `covariance` is that of a mixture of both, by
     their likelihoods. The intensity is treated as known: its uncertainty is not part of
     `covariance`. Where the plots show no jerk, it is 0 with an uncertainty of inf. With about ten
-    plots this is common, and does not mean that there is none. Cost O(N D³), about 30 times as much with the fit, and three
-    times that where the innovations are suspicious.
+    plots this is common, and does not mean that there is none. Cost O(N D³), about 30 times as much
+    with the fit, and three times that where the innovations are suspicious.
 
     Examples
     --------

@@ -7,7 +7,6 @@ import pytest
 from tertia import tables
 from tertia.location import locate
 from tertia.sensors import Station
-from tertia.tables import RecordError
 
 PLACES = {"A": (0, 0), "B": (4000, 0), "C": (0, 3000), "D": (4200, 3100), "E": (2000, -1500)}
 TARGET = np.array([1500.0, 1100.0])
@@ -49,9 +48,3 @@ def test_the_error_of_a_survey_counts():
     with_it = tables.locate(table, sensors=STATIONS, propagation_speed=340.0)
     without = tables.locate(table, sensors=exact, propagation_speed=340.0)
     assert np.all(with_it["east_sigma_m"].to_numpy() > without["east_sigma_m"].to_numpy())
-
-
-def test_paths_take_no_times_of_arrival():
-    _, table = heard()
-    with pytest.raises(RecordError, match="paths take no arrival_time_s"):
-        tables.reconstruct(table, sensors=STATIONS)

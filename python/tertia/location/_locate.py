@@ -28,7 +28,7 @@ from tertia.location._bias import given_biases, said
 from tertia.location._degrees import warn_if_degrees
 from tertia.location._height import anywhere, read_height, without_height
 from tertia.location._posterior import locate_posterior
-from tertia.location._readers import checked, correlation_of, deviations
+from tertia.location._readers import checked, correlation_of, deviations, require_kinds
 from tertia.location._result import Location, LocationMethod, LocationStatus, location_of
 from tertia.location._scene import Scene
 from tertia.sensors import Bias, Kind, Station
@@ -244,7 +244,7 @@ def locate(
     timed = differences or arrivals is not None
     if redundancy is None:
         redundancy = _REDUNDANCY_OF_ARRIVALS if timed else _REDUNDANCY
-    _require_kinds(measured, d, shared=differences)
+    require_kinds(measured, d, shared=differences)
     unknown = _is_unknown(measured)
     start = _start(initial, d)
     _require_method(method, measured, d, start, max_range)
@@ -332,21 +332,6 @@ def _solved(
 
 
 _Measured: TypeAlias = dict[Kind, tuple[FloatArray, FloatArray]]
-
-
-def _require_kinds(measured: _Measured, d: int, *, shared: bool) -> None:
-    """Fail where nothing was measured, or kinds that do not fit together."""
-    if not measured:
-        raise ValueError(
-            "nothing was measured; give range, azimuth, elevation, range_difference or arrival_time"
-        )
-    if shared and "arrival_time" in measured:
-        raise ValueError(
-            "arrival_time and range_difference share the errors of their stations; give one of "
-            "them, or range_difference_correlation=0"
-        )
-    if d == 2 and "elevation" in measured:
-        raise ValueError("elevation needs stations with three coordinates")
 
 
 def _start(initial: npt.ArrayLike | None, d: int) -> FloatArray | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,21 @@ def require_length(array: npt.NDArray[Any], name: str, k: int) -> None:
         raise ValueError(
             f"{name} has shape {array.shape}; for {k} stations it must be (..., {count})"
         )
+
+
+def require_kinds(measured: Collection[str], d: int, *, shared: bool) -> None:
+    """Fail where nothing was measured, or kinds that do not fit together."""
+    if not measured:
+        raise ValueError(
+            "nothing was measured; give range, azimuth, elevation, range_difference or arrival_time"
+        )
+    if shared and "arrival_time" in measured:
+        raise ValueError(
+            "arrival_time and range_difference share the errors of their stations; give one of "
+            "them, or range_difference_correlation=0"
+        )
+    if d == 2 and "elevation" in measured:
+        raise ValueError("elevation needs stations with three coordinates")
 
 
 def correlation_of(value: float) -> float:

@@ -35,6 +35,9 @@ _BIASED: tuple[Kind, ...] = ("range", "azimuth", "elevation")
 # how their columns begin, and their units
 _MOTION = (("velocity_", "m_s"), ("acceleration_", "m_s2"))
 
+# options that do not depend on each other
+_OF_THE_CALL = ("n_threads", "propagation_speed", "range_difference_correlation")
+
 
 def reconstruct(
     table: Table,
@@ -111,7 +114,7 @@ def paths_of(
     **options: Any,
 ) -> Positions[Trajectory]:
     """Return the paths of all targets with their measurements; see `reconstruct`."""
-    require_options(**{name: one for name, one in options.items() if name != "n_threads"})
+    require_options(**{name: one for name, one in options.items() if name not in _OF_THE_CALL})
     stations = sensors_of(sensors)
     results = result_names(_MOTION)
     if not math.isfinite(check_tolerance(tolerance)):
@@ -127,9 +130,7 @@ def _path(
 ) -> Located[Trajectory]:
     if not target.values:
         raise RecordError(f"{target.name}: nothing was measured")
-    if "arrival_time" in target.values:
-        raise RecordError(f"{target.name}: paths take no arrival_time_s; locate each instant")
-    stations = [Station(one.position, name=one.name, axes=one.axes) for one in target.sensors.items]
+    stations = target.sensors.items
     measured: dict[str, Any] = dict(target.measured())
     for kind, sigma in target.all_sigmas(target.sensors).items():
         of_stations = _of_stations(target, kind, sigma)

@@ -22,9 +22,10 @@ from tertia._arrays import (
     threads,
 )
 from tertia.location import LocationStatus
+from tertia.location._arrivals import LIGHT, Arrivals, read_arrivals
 from tertia.location._bias import Given, given_biases, said
 from tertia.location._degrees import warn_if_degrees
-from tertia.location._readers import checked, correlation_of, deviations
+from tertia.location._readers import checked, correlation_of, deviations, require_kinds
 from tertia.location._result import location_of
 from tertia.sensors import Bias, Kind, Station
 from tertia.sensors._kinds import ANGLES, KINDS, STATION_KINDS
@@ -55,11 +56,14 @@ def reconstruct(
     azimuth: npt.ArrayLike | None = None,
     elevation: npt.ArrayLike | None = None,
     range_difference: npt.ArrayLike | None = None,
+    arrival_time: npt.ArrayLike | None = None,
     range_sigma: npt.ArrayLike | None = None,
     azimuth_sigma: npt.ArrayLike | None = None,
     elevation_sigma: npt.ArrayLike | None = None,
     range_difference_sigma: npt.ArrayLike | None = None,
+    arrival_time_sigma: npt.ArrayLike | None = None,
     range_difference_correlation: float = 0.5,
+    propagation_speed: npt.ArrayLike = LIGHT,
     order: Order = "spatial-first",
     spatial: Spatial = "robust",
     smoother: Smoother = "rts",
@@ -84,12 +88,20 @@ def reconstruct(
         Measurements in metres and radians, nan where there is none.
     range_difference : array_like of shape (N, K - 1), optional
         See `tertia.location.locate`.
+    arrival_time : array_like of shape (N, K), optional
+        When what was emitted at an instant came to each station, in seconds of one clock or as
+        NumPy's dates; nan or NaT where it did not. Nothing is known of the emissions: two arrivals
+        are a hyperbola, one tells nothing.
     range_sigma, azimuth_sigma, elevation_sigma : array_like of shape (K,) or (N, K), optional
         Standard deviations of the stations, or of each measurement, in place of the stations' own.
     range_difference_sigma : array_like of shape (K - 1,), optional
         Those of the range differences.
+    arrival_time_sigma : array_like of shape (K,) or (N, K), optional
+        Those of the times of arrival, in seconds.
     range_difference_correlation : float
         See `tertia.location.locate`.
+    propagation_speed : array_like of shape () or (N,)
+        Of what arrives, in metres per second; by default that of light.
     order : {"spatial-first", "temporal-first"}
         "spatial-first": instants are located, then positions are smoothed over time;
         "temporal-first": each series of measurements is smoothed over time, and nan between its
@@ -202,16 +214,24 @@ def reconstruct(
         for kind, sigma in zip(KINDS, stated, strict=False)
         if sigma is not None
     }
-    columns = zip(KINDS, (range, azimuth, elevation, range_difference, None), strict=True)
+    arrivals = None
+    if arrival_time is not None:
+        known = sigmas.get("arrival_time")
+        arrivals = read_arrivals(arrival_time, arrival_time_sigma, known, propagation_speed, k)
+        sigmas["arrival_time"] = arrivals.sigma
+    heard = None if arrivals is None else arrivals.value
+    columns = zip(KINDS, (range, azimuth, elevation, range_difference, heard), strict=True)
     measured = {
         kind: _checked(values, sigmas.get(kind), kind, (len(instants), k), degrees=degrees)
         for kind, values in columns
         if values is not None
     }
-    if not measured:
-        raise ValueError("nothing was measured; give range, azimuth, elevation or range_difference")
-    if places.shape[-1] == 2 and "elevation" in measured:
-        raise ValueError("elevation needs stations with three coordinates")
+    correlation = correlation_of(range_difference_correlation)
+    require_kinds(
+        measured, places.shape[-1], shared="range_difference" in measured and correlation > 0
+    )
+    if order == "temporal-first" and arrivals is not None:
+        raise ValueError("arrival_time needs order 'spatial-first': each emission has its own time")
     if order == "temporal-first" and axes is not None and axes.ndim > 3:
         raise ValueError("axes of stations change along time; order must be 'spatial-first'")
     surveys = survey_sigmas(stations)
@@ -245,7 +265,7 @@ def reconstruct(
         "values": values,
         "sigmas": usual,
         "own_sigmas": np.where(np.isnan(values), usual, own) if differ else None,
-        "correlation": correlation_of(range_difference_correlation),
+        "correlation": correlation,
         "robust": spatial == "robust",
     }
     steps = {
@@ -271,11 +291,11 @@ def reconstruct(
         mean[:, d : 2 * d],
         mean[:, 2 * d :],
         covariance=found["covariance"],
-        fixes=location_of(found["fixes"], kinds, estimated=False),
+        fixes=location_of(found["fixes"], kinds, estimated=False, arrivals=arrivals),
         outlier=by_kind(found["outlier"], kinds),
         residual=by_kind(found["residual"], kinds),
         systematic=said(np.isnan(given.sigma), tells=bool(found["bias"] and found["bias"][-1])),
-        bias=_bias(given, found["bias"]),
+        bias=_bias(given, found["bias"], arrivals),
         smoothed=None if smoothed is None else _smoothed(mean, smoothed),
     )
 
@@ -333,7 +353,9 @@ def _smoothed(mean: FloatArray, found: Sequence[Any]) -> SmoothedPositions:
 
 
 def _bias(
-    given: Given, found: tuple[list[float], list[float], float, float, bool] | None
+    given: Given,
+    found: tuple[list[float], list[float], float, float, bool] | None,
+    arrivals: Arrivals | None,
 ) -> Bias | None:
     """Return what was given and found; None where neither was."""
     fields: dict[str, Any] = {}
@@ -348,6 +370,9 @@ def _bias(
         most = np.pi / np.sqrt(3.0) if kind in ANGLES else np.inf
         sigma = np.where(np.isinf(own[1, at]), np.inf, np.minimum(own[1, at], most))
         fields |= {kind: given.value[at] + own[0, at], f"{kind}_sigma": sigma}
+    if arrivals is not None:
+        clock = own[:, KINDS.index("arrival_time")] / np.median(arrivals.speed)
+        fields |= {"time": clock[0], "time_sigma": clock[1]}
     return Bias(**fields, drift_share=share, drift_time=time)
 
 
@@ -392,7 +417,7 @@ def _places(
         raise ValueError(
             f"stations have positions of shape {places.shape[:-2]}; there are {n} instants"
         )
-    return places, axes, {kind: sigmas[kind] for kind in STATION_KINDS}
+    return places, axes, {kind: sigmas[kind] for kind in (*STATION_KINDS, "arrival_time")}
 
 
 def _checked(
@@ -508,8 +533,8 @@ def _prior(
     sigma = np.zeros((len(KINDS), k))
     sigma[: len(STATION_KINDS)] = given.sigma
     if np.isnan(given.sigma[0]).all():
-        # ranges are not trusted, and neither are their differences
-        sigma[KINDS.index("range_difference")] = np.nan
+        # ranges are not trusted, and neither are their differences, and clocks
+        sigma[len(STATION_KINDS) :] = np.nan
     own = [bias] * k if bias is not None else [station.bias for station in stations]
     drift = np.array(
         [

@@ -106,9 +106,10 @@ pub fn reconstruct<const D: usize, const N: usize>(
     if let Some(sigma) = record.surveys {
         survey::add_errors(&mut setting, &found, sigma, best.fit.motion, &mut covariance)?;
     }
-    let outlier = (0..found.trust.len()).map(|at| found.is_outlier(at)).collect();
+    let outlier: Vec<bool> = (0..found.trust.len()).map(|at| found.is_outlier(at)).collect();
     let fixes = found.fixes.without(record, &found.measured, |at| found.trust[at] < 0.5);
-    let residual = residuals::<D, N>(record, found.measured.values.clone(), &best.mean);
+    let values = found.measured.values.clone();
+    let residual = residuals::<D, N>(record, values, &best.mean, &outlier);
     Ok(Trajectory {
         covariance,
         smoothed: Some(Smoothed {

@@ -20,6 +20,7 @@ from tertia.cli.terminal.options import (
     column_names,
 )
 from tertia.cli.terminal.say import WRONG_USAGE, fail, progress
+from tertia.location import LIGHT
 from tertia.sensors import Bias
 from tertia.tables._positions import Located
 from tertia.tables._reconstruct import paths_of
@@ -68,16 +69,19 @@ def reconstruct(
             help="Constant biases of which nothing is known: range, azimuth, elevation.",
         ),
     ] = None,
+    propagation_speed: Annotated[
+        float, typer.Option(metavar="M_S", help="Speed of signals, for times of arrival.")
+    ] = LIGHT,
     n_threads: Threads = None,
     output: MapOutput = None,
     measurements: MeasurementOutput = None,
     plot_file: PlotFile = None,
 ) -> dict[str, Any]:
-    """Reconstruct a path from ranges, azimuths, elevations or range differences.
+    """Reconstruct a path from ranges, azimuths, elevations, range differences or arrival times.
 
-    One row per sensor and time, with range_m, azimuth_deg, elevation_deg or range_difference_m; or
-    one per measurement, with kind and value. Measurements with equal times, or within --tolerance,
-    form an instant.
+    One row per sensor and time, with range_m, azimuth_deg, elevation_deg, range_difference_m or
+    arrival_time_s; or one per measurement, with kind and value. Measurements with equal times, or
+    within --tolerance, form an instant.
     """
     write.check_suffixes(output, plot_file, measurements, maps=maps.SUFFIXES)
     options: dict[str, Any] = {"degree": _degree(degree), "bias": _bias(bias)}
@@ -94,6 +98,7 @@ def reconstruct(
         smoother=smoother,
         window=window,
         jerk=jerk,
+        propagation_speed=propagation_speed,
         n_threads=n_threads,
         progress=progress("Reconstructing"),
         **options,

@@ -156,7 +156,7 @@ pub(super) fn weights<const D: usize, const N: usize>(
     let measured = &found.measured;
     let mut residual = vec![f64::NAN; measured.len()];
     for t in 0..record.len() {
-        for (m, row) in measured.rows(t, found.path.position::<D>(t)) {
+        for (m, row, _) in found.rows(t) {
             if !found.is_outlier(t * record.width() + measured.column[m]) {
                 residual[m] = row.residual;
             }

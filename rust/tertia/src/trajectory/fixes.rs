@@ -5,7 +5,7 @@ use super::measured::{Measured, REDUNDANCY, Record};
 use crate::base::angle::nearest;
 use crate::batch::for_each_row;
 use crate::location::{BLOCK, Fix, Instant, Locator, Method, Output, Status, Workspace};
-use crate::sensors::Kind;
+use crate::sensors::{KINDS, Kind};
 use std::f64::consts::TAU;
 
 /// Measurements of a running median.
@@ -201,14 +201,33 @@ fn copy<T: Copy>(to: &mut [T], t: usize, from: &[T], at: usize, size: usize) {
     to[t * size..][..size].copy_from_slice(&from[at * size..][..size]);
 }
 
-/// Medians of what each station measured nearest to these instants; none where the nearest is farther
-/// than its measurements mostly are from each other.
+/// The number of an instant that is the arrival of which there are most.
+fn most_heard(record: &Record<'_>, values: &[f64]) -> usize {
+    let (width, k) = (record.width(), record.width() / KINDS);
+    let count = |column: &usize| {
+        values.iter().skip(*column).step_by(width).filter(|value| !value.is_nan()).count()
+    };
+    let first = Kind::Arrival as usize * k;
+    (first..first + k).rev().max_by_key(count).unwrap_or(first)
+}
+
+/// Medians of what each station measured nearest to these instants, of arrivals after that of one
+/// station; none where the nearest is farther than its measurements mostly are from each other.
 fn running_medians(record: &Record<'_>, values: &[f64], open: &[usize]) -> Vec<f64> {
     let (width, time) = (record.width(), record.time);
     let mut medians = vec![f64::NAN; open.len() * width];
+    let heard = most_heard(record, values);
     for column in 0..width {
         let turns = record.kind_of(column) == Kind::Azimuth as usize;
-        let value = |t: usize| values[t * width + column];
+        // each instant has its own emission
+        let reference = match record.kind_of(column) {
+            kind if kind == Kind::Arrival as usize => Some(heard),
+            _ => None,
+        };
+        let value = |t: usize| {
+            let of = |column: usize| values[t * width + column];
+            of(column) - reference.map_or(0.0, of)
+        };
         let known: Vec<usize> = (0..record.len()).filter(|&t| !value(t).is_nan()).collect();
         let mut gaps: Vec<f64> = known.windows(2).map(|at| time[at[1]] - time[at[0]]).collect();
         if gaps.is_empty() {

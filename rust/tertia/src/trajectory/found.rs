@@ -9,7 +9,7 @@ use super::instant::{Instant, LEAST_ANCHOR};
 use super::measured::{Measured, Record};
 use super::path::{Path, Plots, Smoother};
 use crate::base::small::{Factor, Matrix, Vector};
-use crate::sensors::Kind;
+use crate::sensors::{Kind, Row};
 use crate::smoothing::{ProcessNoise, ProcessNoiseFit};
 use std::ops::Range;
 use std::rc::Rc;
@@ -18,6 +18,8 @@ use std::rc::Rc;
 /// is none, and with which it stays where it is.
 const UNDETERMINED: f64 = 1e4;
 const ANCHOR: f64 = 1e6;
+/// Weight of an arrival in the emission that residuals count from, at least: where none is trusted.
+const LEAST_TRUST: f64 = 1e-6;
 
 /// What has been found so far.
 #[derive(Clone, Debug)]
@@ -154,13 +156,15 @@ impl<const D: usize, const N: usize> Found<D, N> {
         let common = record.common_variance();
         // the error that range differences share is one unknown more: its column, row and right
         let (mut column, mut corner, mut rest) = ([0.0; D], 1.0, 0.0);
+        let trust = |m: usize| self.trust[t * width + self.measured.column[m]];
+        let emission = self.measured.emission(t, self.path.position::<D>(t), trust);
         for (m, row) in self.measured.rows(t, self.path.position::<D>(t)) {
-            let weight = self.trust[t * width + self.measured.column[m]];
+            let weight = trust(m);
             if weight == 0.0 {
                 continue;
             }
-            let mut row = row;
             let one = self.measured.one(m);
+            let Some(mut row) = emission.removed_from(one, row) else { continue };
             if one.kind == Kind::RangeDifference && common > 0.0 {
                 let own = (one.precision.powi(-2) - common).sqrt();
                 row = row.scaled(1.0 / (own * one.precision));
@@ -186,6 +190,18 @@ impl<const D: usize, const N: usize> Found<D, N> {
             }
         }
         (normal, right)
+    }
+
+    /// The measurements of an instant about the path, arrivals without the emission that those that are
+    /// trusted tell, and the variance of that in the stated one of each.
+    pub fn rows(&self, t: usize) -> impl Iterator<Item = (usize, Row<D>, f64)> {
+        let (p, width) = (self.path.position::<D>(t), self.measured.width());
+        let trust = |m: usize| self.trust[t * width + self.measured.column[m]].max(LEAST_TRUST);
+        let emission = self.measured.emission(t, p, trust);
+        self.measured.rows(t, p).filter_map(move |(m, row)| {
+            let one = self.measured.one(m);
+            Some((m, emission.removed_from(one, row)?, emission.variance(one)))
+        })
     }
 
     /// An instant with what biases do to it, about the path.

@@ -12,17 +12,15 @@ pub(super) const LEAST_ANCHOR: f64 = 1e-10;
 
 /// An instant with what biases do to it.
 pub(super) struct Instant<const D: usize> {
-    /// Where a measurement stands in the instant, weight over σ², residual and derivatives; of
-    /// receivers less their mean, and the first one among them.
-    pub rows: Vec<(usize, f64, f64, Vector<D>)>,
+    /// The measurements; those that have an unknown in common less their mean.
+    pub rows: Vec<Single<D>>,
     /// `(J' W J)^-1`, of what an instant does not determine by an anchor.
     pub inverse: Option<Matrix<D>>,
     /// `A` of each bias.
     solution: Vec<Vector<D>>,
     /// `I − H`, a row for each measurement.
     pub kept: Vec<f64>,
-    /// The rows of receivers, and the sum of their weights.
-    receivers: (Range<usize>, f64),
+    groups: Vec<Group>,
 }
 
 impl<const D: usize> Instant<D> {
@@ -35,7 +33,7 @@ impl<const D: usize> Instant<D> {
         columns: &[usize],
         anchor: f64,
     ) -> Self {
-        Self::of_rows(measured, rows_of(measured, t, position, weight), columns, anchor)
+        Self::of_rows(rows_of(measured, t, position, weight), columns, anchor)
     }
 
     /// Several instants as one, of which nothing is known of a shift that they have in common.
@@ -45,17 +43,22 @@ impl<const D: usize> Instant<D> {
         weight: &[f64],
         columns: &[usize],
     ) -> Self {
-        let rows = instants.flat_map(|(t, p)| rows_of(measured, t, &p, weight)).collect();
-        Self::of_rows(measured, rows, columns, 0.0)
+        let (mut rows, mut groups) = (Vec::new(), Vec::new());
+        for (t, p) in instants {
+            let (own, shared) = rows_of(measured, t, &p, weight);
+            let moved =
+                |(range, total): Group| (range.start + rows.len()..range.end + rows.len(), total);
+            groups.extend(shared.into_iter().map(moved));
+            rows.extend(own);
+        }
+        Self::of_rows((rows, groups), columns, 0.0)
     }
 
     fn of_rows(
-        measured: &Measured<D>,
-        mut rows: Vec<(usize, f64, f64, Vector<D>)>,
+        (rows, groups): (Vec<Single<D>>, Vec<Group>),
         columns: &[usize],
         anchor: f64,
     ) -> Self {
-        let receivers = centred(&mut rows, measured);
         let mut normal: Matrix<D> =
             std::array::from_fn(|i| std::array::from_fn(|j| if i == j { anchor } else { 0.0 }));
         for (_, weight, _, gradient) in &rows {
@@ -76,20 +79,20 @@ impl<const D: usize> Instant<D> {
             }
         }
         let mut kept = Vec::with_capacity(rows.len() * columns.len());
-        let (range, total) = &receivers;
-        let mean = |column| {
-            let own = rows[range.clone()].iter().find(|(own, ..)| *own == column);
-            own.map_or(0.0, |(_, w, ..)| w / total)
-        };
-        let means: Vec<f64> = columns.iter().map(|column| mean(*column)).collect();
-        for (at, (own, _, _, gradient)) in rows.iter().enumerate() {
-            for ((solution, column), mean) in solution.iter().zip(columns).zip(&means) {
+        for (own, _, _, gradient) in &rows {
+            for (solution, column) in solution.iter().zip(columns) {
                 let unit = f64::from(u8::from(own == column));
-                let mean = if range.contains(&at) { *mean } else { 0.0 };
-                kept.push(unit - mean - dot(gradient, solution));
+                kept.push(unit - dot(gradient, solution));
             }
         }
-        Self { rows, inverse, solution, kept, receivers }
+        for (range, total) in &groups {
+            for (i, column) in columns.iter().enumerate() {
+                let own = rows[range.clone()].iter().find(|(own, ..)| own == column);
+                let mean = own.map_or(0.0, |(_, w, ..)| w / total);
+                range.clone().for_each(|at| kept[at * columns.len() + i] -= mean);
+            }
+        }
+        Self { rows, inverse, solution, kept, groups }
     }
 
     /// Adds `(I − H)' diag(v) (I − H)`.
@@ -124,19 +127,27 @@ impl<const D: usize> Instant<D> {
     pub fn share(&self, i: usize) -> f64 {
         let (_, w, _, gradient) = &self.rows[i];
         let inverse = self.inverse.unwrap_or([[0.0; D]; D]);
-        let (receivers, total) = &self.receivers;
-        let mean = if receivers.contains(&i) { w / total } else { 0.0 };
+        let group = self.groups.iter().find(|(range, _)| range.contains(&i));
+        let mean = group.map_or(0.0, |(_, total)| w / total);
         1.0 - mean - (0..D).map(|k| w * gradient[k] * dot(&inverse[k], gradient)).sum::<f64>()
     }
 }
 
-/// Where each measurement of an instant stands, weight over σ², residual and derivatives.
+/// Where a measurement stands in its instant, weight over σ², residual and derivatives.
+type Single<const D: usize> = (usize, f64, f64, Vector<D>);
+
+/// Rows that have an unknown in common, and the sum of their weights.
+type Group = (Range<usize>, f64);
+
+/// The measurements of an instant, and which of them have an unknown in common: that is left out, for
+/// it says nothing. Range differences get their first receiver, whose error they share; of arrivals it
+/// is the emission.
 fn rows_of<const D: usize>(
     measured: &Measured<D>,
     t: usize,
     position: &[f64],
     weight: &[f64],
-) -> Vec<(usize, f64, f64, Vector<D>)> {
+) -> (Vec<Single<D>>, Vec<Group>) {
     let mut rows = Vec::new();
     for (m, row) in measured.rows(t, position) {
         if weight[m] > 0.0 {
@@ -150,38 +161,50 @@ fn rows_of<const D: usize>(
             rows.push((measured.column[m], own, row.residual * sigma, gradient));
         }
     }
-    rows
+    let mut groups = Vec::new();
+    if measured.common == 0.0 && !measured.is_timed {
+        return (rows, groups);
+    }
+    // kind by kind
+    rows.sort_by_key(|(column, ..)| *column);
+    let differences = of_kind(&rows, measured, Kind::RangeDifference);
+    if measured.common > 0.0 && !differences.is_empty() {
+        rows.insert(differences.end, (measured.reference, 1.0 / measured.common, 0.0, [0.0; D]));
+        groups.push(centred(&mut rows, differences.start..differences.end + 1));
+    }
+    let arrivals = of_kind(&rows, measured, Kind::Arrival);
+    if arrivals.len() > 1 {
+        groups.push(centred(&mut rows, arrivals));
+    } else {
+        rows.truncate(arrivals.start);
+    }
+    (rows, groups)
 }
 
-/// Adds the first receiver to range differences, whose error they share, and subtracts the mean of
-/// the receivers from each: what they have in common says nothing. Which rows they are, and the sum of
-/// their weights.
-fn centred<const D: usize>(
-    rows: &mut Vec<(usize, f64, f64, Vector<D>)>,
-    measured: &Measured<D>,
-) -> (Range<usize>, f64) {
-    let (first, k) = (measured.reference, measured.receivers());
-    let from = rows.iter().position(|(column, ..)| (first..first + k).contains(column));
-    let Some(from) = from.filter(|_| measured.common > 0.0) else { return (0..0, 1.0) };
-    let is_one = |(column, ..): &(usize, f64, f64, Vector<D>)| (first..first + k).contains(column);
-    let to = from + rows[from..].iter().take_while(|row| is_one(row)).count();
-    rows.insert(to, (first, 1.0 / measured.common, 0.0, [0.0; D]));
-    let own = &mut rows[from..=to];
+/// The rows of a kind, of rows in this order.
+fn of_kind<const D: usize>(rows: &[Single<D>], measured: &Measured<D>, kind: Kind) -> Range<usize> {
+    let k = measured.receivers();
+    let before = |end: usize| rows.partition_point(|(column, ..)| *column < end * k);
+    before(kind as usize)..before(kind as usize + 1)
+}
+
+/// Subtracts the mean of some rows from each.
+fn centred<const D: usize>(rows: &mut [Single<D>], own: Range<usize>) -> Group {
     let (mut total, mut residual, mut gradient) = (0.0, 0.0, [0.0; D]);
-    for (_, w, r, g) in own.iter() {
+    for (_, w, r, g) in &rows[own.clone()] {
         total += w;
         residual += w * r;
         for i in 0..D {
             gradient[i] += w * g[i];
         }
     }
-    for (_, _, r, g) in own {
+    for (_, _, r, g) in &mut rows[own.clone()] {
         *r -= residual / total;
         for i in 0..D {
             g[i] -= gradient[i] / total;
         }
     }
-    (from..to + 1, total)
+    (own, total)
 }
 
 /// What biases of 1 add to the positions of the instants, (P, N, D), nan where there is none, and the

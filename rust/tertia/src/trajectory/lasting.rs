@@ -391,7 +391,7 @@ fn together<const D: usize, const N: usize>(
     found: &Found<D, N>,
     memory: f64,
 ) -> usize {
-    let each = found.measured.len() as f64 / record.len() as f64;
+    let each = found.measured.comparable() as f64 / record.len() as f64;
     if each >= D as f64 || record.common_variance() > 0.0 {
         return 1;
     }

@@ -9,6 +9,9 @@ use std::ops::Range;
 /// Degrees of freedom with which an instant is located robustly.
 pub(super) const REDUNDANCY: usize = 3;
 
+/// Rounding of sums of weights.
+const MARGIN: f64 = 1e-9;
+
 /// What K stations measured at N instants in D dimensions.
 #[derive(Clone, Copy, Debug)]
 pub struct Record<'a> {
@@ -21,8 +24,8 @@ pub struct Record<'a> {
     pub surveys: Option<&'a [f64]>,
     /// Times of the instants, not decreasing.
     pub time: &'a [f64],
-    /// Ranges, azimuths, elevations and range differences of each instant, N 5 K numbers, nan where
-    /// there is none.
+    /// Ranges, azimuths, elevations, range differences and arrivals in metres of each instant, N 5 K
+    /// numbers, nan where there is none.
     pub values: &'a [f64],
     /// Their standard deviations, 5 K numbers: those that they mostly have.
     pub sigmas: &'a [f64],
@@ -106,6 +109,57 @@ pub(super) struct Measured<const D: usize> {
     /// Variance of the first receiver, which range differences share, and its number.
     pub common: f64,
     pub reference: usize,
+    /// Whether there are arrivals.
+    pub is_timed: bool,
+}
+
+/// What arrivals of an instant have in common: the weighted median of residuals, which late ones hardly
+/// move, and the mean of derivatives, in metres.
+pub(super) struct Emission<const D: usize> {
+    residual: f64,
+    gradient: Vector<D>,
+    /// The sum of their weights over σ², 0 of a single one: that tells nothing.
+    information: f64,
+}
+
+impl<const D: usize> Emission<D> {
+    const NONE: Self = Self { residual: 0.0, gradient: [0.0; D], information: 0.0 };
+
+    /// What a measurement tells of the position besides.
+    pub fn removed_from(&self, one: &Measurement<D>, mut row: Row<D>) -> Option<Row<D>> {
+        if one.kind != Kind::Arrival {
+            return Some(row);
+        }
+        row.residual -= self.residual * one.precision;
+        for i in 0..D {
+            row.gradient[i] -= self.gradient[i] * one.precision;
+        }
+        (self.information > 0.0).then_some(row)
+    }
+
+    /// Its variance in that of a measurement.
+    pub fn variance(&self, one: &Measurement<D>) -> f64 {
+        match one.kind {
+            Kind::Arrival => one.precision * one.precision / self.information,
+            _ => 0.0,
+        }
+    }
+}
+
+/// The value up to which weights add up to this, between two where they just do.
+fn median(values: &mut [(f64, f64)], half: f64) -> f64 {
+    values.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut sum = 0.0;
+    for (i, (value, weight)) in values.iter().enumerate() {
+        sum += weight;
+        if sum > half * (1.0 + MARGIN) {
+            return *value;
+        }
+        if sum >= half * (1.0 - MARGIN) {
+            return 0.5 * (value + values[(i + 1).min(values.len() - 1)].0);
+        }
+    }
+    f64::NAN
 }
 
 impl<const D: usize> Measured<D> {
@@ -123,7 +177,8 @@ impl<const D: usize> Measured<D> {
             origins.push(std::array::from_fn(|i| stations[i]));
         }
         let (common, reference) = (record.common_variance(), record.reference());
-        Self { values, list, column, first, origins, common, reference }
+        let is_timed = list.iter().any(|one| one.kind == Kind::Arrival);
+        Self { values, list, column, first, origins, common, reference, is_timed }
     }
 
     /// Numbers of the measurements of an instant.
@@ -136,15 +191,62 @@ impl<const D: usize> Measured<D> {
         self.reference / Kind::RangeDifference as usize
     }
 
+    /// Numbers that an instant may have.
+    pub fn width(&self) -> usize {
+        self.receivers() * KINDS
+    }
+
     /// Number of all measurements.
     pub fn len(&self) -> usize {
         self.list.len()
+    }
+
+    /// Number of all measurements less one of each instant's arrivals, which tells its emission.
+    pub fn comparable(&self) -> usize {
+        let is_timed = |t: &usize| self.instant(*t).any(|m| self.list[m].kind == Kind::Arrival);
+        self.len() - (0..self.origins.len()).filter(is_timed).count()
     }
 
     /// Whitened residuals and gradients of an instant at a position.
     pub fn rows(&self, t: usize, position: &[f64]) -> impl Iterator<Item = (usize, Row<D>)> {
         let p = self.relative(t, position);
         self.instant(t).map(move |m| (m, self.list[m].row(&p)))
+    }
+
+    /// The emission of an instant's arrivals at a position, by the weights of measurements.
+    pub fn emission(
+        &self,
+        t: usize,
+        position: &[f64],
+        weight: impl Fn(usize) -> f64,
+    ) -> Emission<D> {
+        let mut sum = Emission::NONE;
+        if !self.is_timed {
+            return sum;
+        }
+        let mut offsets = Vec::new();
+        for (m, row) in self.rows(t, position).filter(|(m, _)| self.list[*m].kind == Kind::Arrival)
+        {
+            let (own, precision) = (weight(m), self.precision(m));
+            offsets.push((row.residual / precision, own * precision * precision));
+            sum.information += own * precision * precision;
+            for i in 0..D {
+                sum.gradient[i] += own * precision * row.gradient[i];
+            }
+        }
+        if offsets.iter().filter(|(_, weight)| *weight > 0.0).count() < 2 {
+            return Emission::NONE;
+        }
+        sum.residual = median(&mut offsets, 0.5 * sum.information);
+        sum.gradient.iter_mut().for_each(|v| *v /= sum.information);
+        sum
+    }
+
+    /// Where an instant's arrival stands, if there is no other.
+    pub fn lone_arrival(&self, t: usize) -> Option<usize> {
+        let mut arrivals = self.instant(t).filter(|m| self.list[*m].kind == Kind::Arrival);
+        let first = arrivals.next().filter(|_| arrivals.next().is_none())?;
+        Some(self.column[first])
     }
 
     /// A position as seen from the first station of an instant.

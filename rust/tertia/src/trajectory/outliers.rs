@@ -125,9 +125,14 @@ impl<const D: usize, const N: usize> Found<D, N> {
     fn trusted(&self, record: &Record<'_>, mixture: &mut Mixture, is_held: bool) -> Vec<f64> {
         let residuals = self.compared(record);
         mixture.fit(&residuals, is_held);
-        // what is missing is no outlier
+        // what is missing is no outlier, and neither is what nothing is compared with
         let mut trust: Vec<f64> =
             self.measured.values.iter().map(|v| if v.is_nan() { 1.0 } else { 0.0 }).collect();
+        for t in 0..record.len() {
+            if let Some(at) = self.measured.lone_arrival(t) {
+                trust[t * record.width() + at] = 1.0;
+            }
+        }
         for Compared { at, residual, variance, .. } in residuals {
             trust[at] = trust_of(mixture.densities(residual, variance));
         }
@@ -142,8 +147,8 @@ impl<const D: usize, const N: usize> Found<D, N> {
     fn sizes(&self, record: &Record<'_>) -> Vec<f64> {
         let mut sizes = Vec::with_capacity(self.measured.len());
         for t in 0..record.len() {
-            let rows = self.measured.rows(t, self.path.position::<D>(t));
-            sizes.extend(rows.map(|(_, row)| row.residual.abs()).filter(|size| !size.is_nan()));
+            let sizes_of = self.rows(t).map(|(_, row, _)| row.residual.abs());
+            sizes.extend(sizes_of.filter(|size| !size.is_nan()));
         }
         sizes
     }
@@ -154,9 +159,9 @@ impl<const D: usize, const N: usize> Found<D, N> {
         let lasting = self.lasting(record);
         for t in 0..record.len() {
             let covariance = &self.path.covariance[t * D * D..][..D * D];
-            for (m, row) in self.measured.rows(t, self.path.position::<D>(t)) {
+            for (m, row, common) in self.rows(t) {
                 let at = t * record.width() + self.measured.column[m];
-                let mut g = 0.0;
+                let mut g = common * self.scale * self.scale;
                 for i in 0..D {
                     for j in 0..D {
                         g += row.gradient[i] * covariance[i * D + j] * row.gradient[j];
@@ -199,7 +204,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
     fn lasting(&self, record: &Record<'_>) -> Vec<f64> {
         let mut series = vec![Vec::new(); record.width()];
         for t in 0..record.len() {
-            for (m, row) in self.measured.rows(t, self.path.position::<D>(t)) {
+            for (m, row, _) in self.rows(t) {
                 if !row.residual.is_nan() {
                     series[self.measured.column[m]].push(row.residual);
                 }

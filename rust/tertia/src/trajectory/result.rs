@@ -5,6 +5,9 @@ use super::lasting::LastingErrors;
 use super::measured::{Measured, Record};
 use crate::smoothing::{ProcessNoiseFit, Summary};
 
+/// Weight of an outlier in the emission that residuals count from: there may be nothing else.
+const LEAST_WEIGHT: f64 = 1e-6;
+
 /// What came out.
 #[derive(Clone, Debug)]
 pub struct Trajectory {
@@ -45,8 +48,8 @@ impl Trajectory {
         mean: Vec<f64>,
         covariance: Vec<f64>,
     ) -> Self {
-        let residual = residuals::<D, N>(record, record.values.to_vec(), &mean);
         let outlier = fixes.outlier.clone();
+        let residual = residuals::<D, N>(record, record.values.to_vec(), &mean, &outlier);
         Self { mean, covariance, smoothed: None, fixes, outlier, residual, bias: None }
     }
 }
@@ -60,18 +63,24 @@ pub(super) fn without_correlations(variance: &[f64], size: usize) -> Vec<f64> {
     matrices
 }
 
-/// Whitened residuals about states, of measurements (N, 5, K).
+/// Whitened residuals about states, of measurements (N, 5, K): of arrivals about the emission that those
+/// tell that are no outliers.
 pub(super) fn residuals<const D: usize, const N: usize>(
     record: &Record<'_>,
     values: Vec<f64>,
     mean: &[f64],
+    outlier: &[bool],
 ) -> Vec<f64> {
     let width = record.width();
     let measured = Measured::<D>::new(record, values);
     let mut residual = vec![f64::NAN; record.values.len()];
     for (t, state) in mean.chunks_exact(N).enumerate() {
+        let is_kept = |m: usize| !outlier[t * width + measured.column[m]];
+        let emission =
+            measured.emission(t, &state[..D], |m| if is_kept(m) { 1.0 } else { LEAST_WEIGHT });
         for (m, row) in measured.rows(t, &state[..D]) {
-            residual[t * width + measured.column[m]] = row.residual;
+            let row = emission.removed_from(measured.one(m), row);
+            residual[t * width + measured.column[m]] = row.map_or(f64::NAN, |row| row.residual);
         }
     }
     residual
