@@ -8,6 +8,7 @@ from checks import INF, NAN, rng
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference import smoothing as reference
+from scipy import optimize
 from smoothing.scenes import assert_close, gaps, series
 from tolerances import CHANCE, TRACK
 
@@ -378,22 +379,34 @@ class TestWandering:
     """A velocity that wanders is no white jerk, and no noise of the plots either."""
 
     def test_parity(self):
+        """Where white jerk is likely, too, the covariance is that of a mixture of both."""
         _, y = wandering(1, 30, 5.0, 3)
         times = 5.0 * np.arange(30) + rng(4).uniform(-2.0, 2.0, 30)
+        plots = y[0], np.tile(np.eye(2), (30, 1, 1)), times
         found = smooth(y[0], np.eye(2), time=times)
         assert found.acceleration_noise > 0
-        mean, matrix, innovation, _ = reference.smooth(
-            y[0],
-            np.tile(np.eye(2), (30, 1, 1)),
-            times,
-            found.jerk,
-            acceleration=found.acceleration_noise,
+        mean, matrix, innovation, top = reference.smooth(
+            *plots, found.jerk, acceleration=found.acceleration_noise
         )
         sigma = np.sqrt(np.diagonal(matrix, axis1=1, axis2=2))
         assert np.max(np.abs(found.mean - mean) / sigma) <= TRACK
-        scale = sigma[:, :, np.newaxis] * sigma[:, np.newaxis, :]
-        assert np.max(np.abs(found.covariance - matrix) / scale) <= TRACK
         assert_close(found.innovation, innovation, TRACK, np.maximum(1, np.abs(innovation)))
+
+        def cost(log):
+            return -smooth(y[0], np.eye(2), time=times, jerk=np.exp(log)).log_likelihood
+
+        best = optimize.minimize_scalar(
+            cost, bounds=(-20, 5), method="bounded", options={"xatol": 1e-7}
+        )
+        other, spread, _, value = reference.smooth(*plots, np.exp(best.x))
+        weight = 1.0 / (1.0 + np.exp(top - value))
+        assert weight > 0.02
+        away = other - mean
+        second = spread + away[:, :, np.newaxis] * away[:, np.newaxis, :]
+        expected = matrix + weight * (second - matrix)
+        scale = sigma[:, :, np.newaxis] * sigma[:, np.newaxis, :]
+        # the likeliest intensities are found to 1e-5
+        assert np.max(np.abs(found.covariance - expected) / scale) <= 1e-4
 
     @pytest.mark.parametrize(("n", "step"), [(60, 5.0), (300, 1.0), (300, 5.0)])
     def test_error_bars(self, n, step):
