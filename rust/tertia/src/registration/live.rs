@@ -334,18 +334,18 @@ impl Registrar {
         Blocks::new(&self.known.covariance, &columns)
     }
 
-    /// Raises noise that has grown suddenly, and counts plots that are far off.
-    fn watch(&mut self, update: &Update, seen: &Sighting) {
+    /// Raises noise that has grown suddenly beyond what was `used`, and counts plots that are far off.
+    fn watch(&mut self, update: &Update, seen: &Sighting, used: [f64; 2]) {
         let turns = update.plot.turn_probability > TURNING;
         if !update.confirmed || seen.is_placed || turns || update.innovation[0].is_nan() {
             return;
         }
         let k = seen.radar;
         self.alarms[k].see(update.distance());
-        for (axis, noise) in seen.noise(self.own_noise(k)).into_iter().enumerate() {
-            let (innovation, variance) = update.along(seen.axes[axis].into());
-            let watch = &mut self.watches[k][axis];
-            if let Some(growth) = watch.see(innovation, variance, noise * noise) {
+        let (used, noise) = (seen.noise(used), seen.noise(self.own_noise(k)));
+        for axis in 0..2 {
+            let (found, sigmas) = (update.along(seen.axes[axis].into()), [used[axis], noise[axis]]);
+            if let Some(growth) = self.watches[k][axis].see(found, sigmas) {
                 let square = growth * self.factor[k][axis].powi(2);
                 self.factor[k][axis] = square.sqrt();
                 self.redundancy[k][axis] = GROWN;
@@ -444,7 +444,7 @@ impl Registrar {
         let radar = &self.radars[report.radar];
         let seen = Sighting::new(report, report.height, radar, [1.0; 2]);
         if let Some(seen) = &seen {
-            self.watch(update, seen);
+            self.watch(update, seen, applied[report.radar][1]);
         }
         let mut first = false;
         let track = self.tracks.entry(update.plot.target).or_insert_with(|| {

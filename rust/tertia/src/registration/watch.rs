@@ -12,6 +12,8 @@ const WATCHED: usize = 20;
 const ERRORS: f64 = 4.5;
 /// Innovations from one look to the next.
 const STEP: usize = 4;
+/// Variance of an innovation over that of the noise above which it says little of the noise.
+const PREDICTED: f64 = 10.0;
 
 /// The last innovations of a radar along one axis, in standard deviations, and their variance over that
 /// of the noise.
@@ -19,9 +21,19 @@ const STEP: usize = 4;
 pub(super) struct Watch(Vec<(f64, f64)>);
 
 impl Watch {
-    /// Takes an innovation with this variance, of which the noise has this one. Returns by how much
-    /// the variance of the noise must grow, if so; then it begins anew.
-    pub fn see(&mut self, innovation: f64, variance: f64, noise: f64) -> Option<f64> {
+    /// Takes an innovation and its variance, which was made with a standard deviation of the noise that
+    /// may be another one now: it counts as if made with this. Returns by how much the variance of the
+    /// noise must grow, if so; then it begins anew.
+    pub fn see(
+        &mut self,
+        (innovation, variance): (f64, f64),
+        [used, now]: [f64; 2],
+    ) -> Option<f64> {
+        let noise = now * now;
+        let variance = variance + (noise - used * used).max(0.0);
+        if variance > PREDICTED * noise {
+            return None;
+        }
         self.0.push((innovation / variance.sqrt(), variance / noise));
         if self.0.len() < WATCHED {
             return None;
@@ -64,13 +76,37 @@ mod tests {
     fn grown(scale: f64) -> Option<f64> {
         let mut watch = Watch::default();
         let values = [0.3, -1.1, 0.8, -0.2, 1.5, -0.7, 0.1, -1.4, 0.6, 1.0];
-        values.iter().cycle().take(60).find_map(|value| watch.see(scale * value, 2.0, 1.0))
+        let found = |value: &f64| (scale * value, 2.0);
+        values.iter().cycle().take(60).find_map(|value| watch.see(found(value), [1.0; 2]))
     }
 
     #[test]
     fn noise_that_is_as_stated() {
         assert_eq!(grown(1.0), None);
         assert_eq!(grown(2.0), None);
+    }
+
+    #[test]
+    fn plots_of_the_scan_that_raised_the_noise_raise_it_no_more() {
+        let mut watch = Watch::default();
+        let (mut noise, mut raised) = (1.0_f64, 0);
+        for i in 0..400 {
+            // noise of 5 where 1 was used
+            let innovation = if i % 2 == 0 { 5.0 } else { -5.0 };
+            if let Some(growth) = watch.see((innovation, 1.2), [1.0, noise]) {
+                noise *= growth.sqrt();
+                raised += 1;
+            }
+        }
+        assert!((1..=2).contains(&raised) && (3.0..6.0).contains(&noise), "{raised} {noise}");
+    }
+
+    #[test]
+    fn innovations_of_uncertain_predictions_say_nothing() {
+        let mut watch = Watch::default();
+        let raised =
+            (0..60).any(|i| watch.see((f64::from(i % 2) * 99.0, 20.0), [1.0; 2]).is_some());
+        assert!(!raised);
     }
 
     #[test]

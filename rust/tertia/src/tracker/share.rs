@@ -15,7 +15,10 @@ use crate::base::batch::for_each_row;
 use crate::sensors::Detection;
 use std::num::NonZero;
 
+mod columns;
 mod doubt;
+
+use columns::Columns;
 
 /// Shares per thread, so that a thread on a busy core does not hold up the others.
 pub(super) const SHARES_PER_THREAD: usize = 8;
@@ -69,7 +72,7 @@ pub(super) struct Share {
     /// Where each radar may have seen a track.
     boxes: Vec<Option<([f64; 2], [f64; 2])>>,
     pairs: Vec<Pair>,
-    columns: Vec<u32>,
+    columns: Columns,
     /// The plot of each claim of a group.
     choice: Vec<Option<u32>>,
     /// Claims that were settled by hypotheses.
@@ -163,7 +166,7 @@ impl Share {
     pub fn group(&mut self, group: &[Claim], tracks: &mut [&mut Track], view: View<'_>) {
         let View { plots, claimed, deferred, settings, clutter, .. } = view;
         self.pairs.clear();
-        self.columns.clear();
+        self.columns.clear(plots.len());
         self.choice.clear();
         self.choice.resize(group.len(), None);
         self.settled.clear();
@@ -188,12 +191,8 @@ impl Share {
                 let Some(gain) = track.best_score(&plots[plot as usize], odds, settings) else {
                     continue;
                 };
-                let column = self.columns.iter().position(|&c| c == plot);
-                let column = column.unwrap_or_else(|| {
-                    self.columns.push(plot);
-                    self.columns.len() - 1
-                });
-                self.pairs.push(Pair { row: row as u32, column: column as u32, gain });
+                let column = self.columns.number(plot);
+                self.pairs.push(Pair { row: row as u32, column, gain });
             }
         }
     }
@@ -206,14 +205,17 @@ impl Share {
             let mut best = 0.0;
             for pair in pairs.iter().filter(|pair| pair.gain.is_finite()) {
                 if pair.gain > best {
-                    (best, *own) = (pair.gain, Some(columns[pair.column as usize]));
+                    (best, *own) = (pair.gain, Some(columns.plot(pair.column)));
                 }
             }
-            return;
+        } else {
+            let found = assigner.assign(pairs, choice.len(), columns.len());
+            for (own, column) in choice.iter_mut().zip(found) {
+                *own = column.map(|column| columns.plot(column));
+            }
         }
-        let found = assigner.assign(pairs, choice.len(), columns.len());
-        for (own, column) in choice.iter_mut().zip(found) {
-            *own = column.map(|column| columns[column as usize]);
+        for &plot in choice.iter().flatten() {
+            columns.take(plot);
         }
     }
 
@@ -221,8 +223,8 @@ impl Share {
     /// radars have seen it once.
     pub fn note_wanted(&mut self) {
         for pair in self.pairs.iter().filter(|pair| pair.gain > 0.0) {
-            let plot = self.columns[pair.column as usize];
-            if !self.choice.contains(&Some(plot)) {
+            let plot = self.columns.plot(pair.column);
+            if !self.columns.is_taken(plot) {
                 self.wanted.push(plot);
             }
         }
@@ -249,7 +251,7 @@ impl Share {
             let stray = track.gone_on(measured, settings);
             let outlier = track.decide(measured, settings);
             if track.is_due(measured, radar) {
-                let taken = |pair: &&Pair| self.columns[pair.column as usize] == plot;
+                let taken = |pair: &&Pair| self.columns.plot(pair.column) == plot;
                 let gain = pairs[..end].iter().find(taken).map_or(0.0, |pair| pair.gain);
                 let density = clutter[measured.radar].density(radar);
                 let other = || others[plot as usize] / measured.rivals(density);
@@ -281,8 +283,7 @@ impl Share {
             let radar = plots[claim.root as usize].radar;
             let density = clutter[radar].density(&settings.radars[radar]);
             let odds = settings.odds(radar, density);
-            let free =
-                |&&plot: &&u32| !deferred[plot as usize] && !self.choice.contains(&Some(plot));
+            let free = |&&plot: &&u32| !deferred[plot as usize] && !self.columns.is_taken(plot);
             let scores = plots_of(claim, claimed).filter(free).filter_map(|&plot| {
                 let measured = &plots[plot as usize];
                 track.guarded_score(measured, odds, settings).map(|surprise| (surprise, plot))
@@ -298,6 +299,7 @@ impl Share {
                 continue;
             }
             self.choice[row] = Some(plot);
+            self.columns.take(plot);
             track.credit(evidence, 0.0, radar, settings);
             let place = group[0].rank + claim.rank + group.len() as u32;
             self.give(place, plot, track, measured, true, (None, None, None));

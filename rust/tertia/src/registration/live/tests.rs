@@ -199,7 +199,8 @@ fn innovations_in_turns_say_nothing_of_noise() {
         for i in 0..20 {
             row.innovation = [600.0, 600.0].map(|off| if i % 2 == 0 { off } else { -off });
             let seen = seen(&registrar, &row);
-            registrar.watch(&row, &seen);
+            let used = registrar.own_noise(0);
+            registrar.watch(&row, &seen, used);
         }
         assert_eq!(registrar.factor[0] != [1.0; 2], grown);
     }

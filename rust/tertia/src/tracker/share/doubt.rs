@@ -130,7 +130,7 @@ impl Share {
                         continue;
                     }
                     if let Some(gain) = leaf.score(measured, odds, settings) {
-                        gains.push((column(&mut self.columns, plot), gain));
+                        gains.push((self.columns.number(plot), gain));
                     }
                 }
                 scored.push(Scored { id: branch.id, gains });
@@ -262,7 +262,7 @@ impl Share {
             survivors.extend(known[at].1.iter().map(|event| {
                 let taken = |(row, column): (usize, &Option<u32>)| {
                     let Some(c) = *column else { return Taken::Nothing };
-                    let plot = self.columns[c as usize];
+                    let plot = self.columns.plot(c);
                     let same = |other: &usize| *other != row && event.columns[*other] == *column;
                     let other = (0..event.columns.len()).find(same);
                     other.map_or(Taken::Plot(plot), |other| Taken::Shared(plot, other))
@@ -301,9 +301,9 @@ impl Share {
                 let gain = |&plot: &u32| {
                     let measured = &plots[plot as usize];
                     let due = a.is_due(measured, radar) && b.is_due(measured, radar);
-                    let column = self.columns.iter().position(|&own| own == plot)?;
+                    let column = self.columns.of(plot)?;
                     let gain = a.shared_score(b, measured, odds, settings).filter(|_| due)?;
-                    Some((column as u32, gain))
+                    Some((column, gain))
                 };
                 let wanted = plots_of(&group[row], claimed).filter(|&&i| !deferred[i as usize]);
                 found.push(Unresolved {
@@ -351,6 +351,7 @@ impl Share {
             *track = shown;
             track.tree = varies[member].then(|| Box::new(Tree { own, others, probability }));
             self.choice[row] = taken.plot();
+            taken.plot().into_iter().for_each(|plot| self.columns.take(plot));
             self.settled[row] = true;
             let Some(plot) = taken.plot() else { continue };
             let after = if matches!(taken, Taken::Guarded(..)) { group.len() } else { 0 };
@@ -395,11 +396,11 @@ impl Share {
                 let scored = doubt.states[i].iter().find(|state| state.id == id);
                 let is_gated = |plot: u32| {
                     let gains = scored.map_or(&[][..], |state| &state.gains);
-                    gains.iter().any(|&(c, gain)| self.columns[c as usize] == plot && gain > 0.0)
+                    gains.iter().any(|&(c, gain)| self.columns.plot(c) == plot && gain > 0.0)
                 };
                 let free = |&&plot: &&u32| {
                     !deferred[plot as usize]
-                        && !self.choice.contains(&Some(plot))
+                        && !self.columns.is_taken(plot)
                         && !survivor.taken.iter().any(|taken| taken.plot() == Some(plot))
                         && !is_gated(plot)
                         && state.is_due(&plots[plot as usize], station)
@@ -447,13 +448,4 @@ impl Doubt {
         survivors.truncate(limits.max_hypotheses);
         survivors.iter_mut().for_each(|survivor| survivor.weight -= best);
     }
-}
-
-/// The column of a plot.
-fn column(columns: &mut Vec<u32>, plot: u32) -> u32 {
-    let found = columns.iter().position(|&own| own == plot);
-    found.unwrap_or_else(|| {
-        columns.push(plot);
-        columns.len() - 1
-    }) as u32
 }
