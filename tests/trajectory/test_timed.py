@@ -59,12 +59,13 @@ def test_two_arrivals_are_a_hyperbola_and_one_is_nothing():
     assert np.isnan(alone.residual.arrival_time[20:40]).all()
 
 
-def test_late_arrivals_are_left_out_and_regions_hold():
+@pytest.mark.parametrize("share", [0.05, 0.1])
+def test_late_arrivals_are_left_out_and_regions_hold(share):
     inside, rms, left = [], [], []
     for seed in range(12):
         arrival = heard(seed)
         rng = np.random.default_rng([9, seed])
-        late = rng.random(arrival.shape) < 0.1
+        late = rng.random(arrival.shape) < share
         arrival[late] += rng.uniform(10, 100, late.sum()) * SIGMA
         arrival[rng.random(arrival.shape) < 0.2] = np.nan
         found = reconstruct(STATIONS, TIME, arrival_time=arrival)
@@ -77,8 +78,7 @@ def test_late_arrivals_are_left_out_and_regions_hold():
         left.append(np.mean(found.outlier.arrival_time[known]))
     assert 0.9 < np.mean(inside) < 0.99
     assert np.mean(left) > 0.85
-    # now and then late arrivals that nothing contradicts at once are followed
-    assert np.median(rms) < 5.0
+    assert np.mean(rms) < 4.0 and np.max(rms) < 6.0
 
 
 def test_clocks_that_are_wrong():

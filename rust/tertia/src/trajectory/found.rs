@@ -18,8 +18,6 @@ use std::rc::Rc;
 /// is none, and with which it stays where it is.
 const UNDETERMINED: f64 = 1e4;
 const ANCHOR: f64 = 1e6;
-/// Weight of an arrival in the emission that residuals count from, at least: where none is trusted.
-const LEAST_TRUST: f64 = 1e-6;
 
 /// What has been found so far.
 #[derive(Clone, Debug)]
@@ -196,8 +194,8 @@ impl<const D: usize, const N: usize> Found<D, N> {
     /// trusted tell, and the variance of that in the stated one of each.
     pub fn rows(&self, t: usize) -> impl Iterator<Item = (usize, Row<D>, f64)> {
         let (p, width) = (self.path.position::<D>(t), self.measured.width());
-        let trust = |m: usize| self.trust[t * width + self.measured.column[m]].max(LEAST_TRUST);
-        let emission = self.measured.emission(t, p, trust);
+        let trust = |m: usize| self.trust[t * width + self.measured.column[m]];
+        let emission = self.measured.emission_for_all(t, p, trust);
         self.measured.rows(t, p).filter_map(move |(m, row)| {
             let one = self.measured.one(m);
             Some((m, emission.removed_from(one, row)?, emission.variance(one)))

@@ -9,6 +9,9 @@ use std::ops::Range;
 /// Degrees of freedom with which an instant is located robustly.
 pub(super) const REDUNDANCY: usize = 3;
 
+/// Weight of an arrival that is not trusted where another is.
+const LEAST_TRUST: f64 = 1e-6;
+
 /// Rounding of sums of weights.
 const MARGIN: f64 = 1e-9;
 
@@ -240,6 +243,19 @@ impl<const D: usize> Measured<D> {
         sum.residual = median(&mut offsets, 0.5 * sum.information);
         sum.gradient.iter_mut().for_each(|v| *v /= sum.information);
         sum
+    }
+
+    /// The emission that all arrivals of an instant are compared with: that of those that are trusted, and
+    /// of all alike as far as none is, or two that differ would be trusted again.
+    pub fn emission_for_all(
+        &self,
+        t: usize,
+        position: &[f64],
+        trust: impl Fn(usize) -> f64,
+    ) -> Emission<D> {
+        let arrivals = self.instant(t).filter(|m| self.list[*m].kind == Kind::Arrival);
+        let missing = (1.0 - arrivals.map(&trust).sum::<f64>()).max(LEAST_TRUST);
+        self.emission(t, position, |m| trust(m) + missing)
     }
 
     /// Where an instant's arrival stands, if there is no other.

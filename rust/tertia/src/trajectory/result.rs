@@ -5,9 +5,6 @@ use super::lasting::LastingErrors;
 use super::measured::{Measured, Record};
 use crate::smoothing::{ProcessNoiseFit, Summary};
 
-/// Weight of an outlier in the emission that residuals count from: there may be nothing else.
-const LEAST_WEIGHT: f64 = 1e-6;
-
 /// What came out.
 #[derive(Clone, Debug)]
 pub struct Trajectory {
@@ -75,9 +72,8 @@ pub(super) fn residuals<const D: usize, const N: usize>(
     let measured = Measured::<D>::new(record, values);
     let mut residual = vec![f64::NAN; record.values.len()];
     for (t, state) in mean.chunks_exact(N).enumerate() {
-        let is_kept = |m: usize| !outlier[t * width + measured.column[m]];
-        let emission =
-            measured.emission(t, &state[..D], |m| if is_kept(m) { 1.0 } else { LEAST_WEIGHT });
+        let trust = |m: usize| if outlier[t * width + measured.column[m]] { 0.0 } else { 1.0 };
+        let emission = measured.emission_for_all(t, &state[..D], trust);
         for (m, row) in measured.rows(t, &state[..D]) {
             let row = emission.removed_from(measured.one(m), row);
             residual[t * width + measured.column[m]] = row.map_or(f64::NAN, |row| row.residual);
