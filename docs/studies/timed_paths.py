@@ -55,6 +55,6 @@ def _one(share: float, rng: np.random.Generator) -> FloatArray:
     error = path.position - PATH
     rms = np.sqrt(np.mean(np.sum(error**2, axis=1)))
     inside = np.mean(np.asarray(metrics.nees(error, path.covariance[:, :2, :2])) < INSIDE)
-    known, outlier = ~np.isnan(arrival), path.outlier.arrival_time
+    known, outlier = ~np.isnan(arrival), np.asarray(path.outlier.arrival_time)
     out = np.mean(outlier[is_late & known]) if share else np.nan
     return np.array([rms, inside, out, np.mean(outlier[~is_late & known])])

@@ -15,6 +15,7 @@ TARGET = np.array([1500.0, 1100.0])
 HEARD = np.linalg.norm(TARGET - PLACES, axis=1) + [3, -5, 8, -2, 4] + 123456.0
 RING = np.array([5000 * np.array([np.sin(a), np.cos(a)]) for a in 2 * np.pi * np.arange(8) / 8])
 EXACT = {"rtol": 1e-12, "atol": 1e-9}
+ALIKE = {"propagation_speed": 1.0}
 
 
 def heard(places=PLACES, time=HEARD, sigma=10.0, **options):
@@ -349,3 +350,38 @@ class TestArguments:
             heard(multipath=1)
         with pytest.raises(TypeError, match="arrival_time has dtype"):
             heard(time=["now"] * 5)
+
+
+class TestClocks:
+    CLOCK = np.array([20.0, -45.0, 0.0, 10.0, -5.0])
+
+    def test_what_is_known_is_subtracted(self):
+        fast = heard(time=HEARD + self.CLOCK, bias=Bias(time=self.CLOCK))
+        np.testing.assert_allclose(fast.position, heard().position, **EXACT)
+        stations = [Station(p, bias=Bias(time=t)) for p, t in zip(PLACES, self.CLOCK, strict=True)]
+        own = heard(places=stations, time=HEARD + self.CLOCK, bias=None)
+        np.testing.assert_allclose(own.position, fast.position, **EXACT)
+        np.testing.assert_array_equal(own.bias.time, self.CLOCK)
+
+    def test_seconds_of_any_speed(self):
+        bias = Bias(time=self.CLOCK / 340.0)
+        time, sigma = (HEARD + self.CLOCK) / 340.0, 10.0 / 340.0
+        fix = heard(time=time, sigma=sigma, propagation_speed=340.0, bias=bias)
+        np.testing.assert_allclose(fix.position, heard().position, rtol=1e-9)
+
+    def test_what_is_not_known_of_them_counts(self):
+        fix = heard(bias=Bias(time_sigma=5.0))
+        np.testing.assert_allclose(fix.covariance, heard(sigma=125**0.5).covariance, **EXACT)
+        wide = accuracy_map(
+            PLACES, TARGET, arrival_time_sigma=10.0, **ALIKE, bias=Bias(time_sigma=5.0)
+        )
+        same = accuracy_map(PLACES, TARGET, arrival_time_sigma=125**0.5, **ALIKE)
+        np.testing.assert_allclose(wide.covariance, same.covariance, **EXACT)
+
+    def test_a_clock_that_may_show_anything_measures_nothing(self):
+        fix = heard(bias=Bias(time_sigma=[0, 0, 0, 0, np.inf]))
+        np.testing.assert_allclose(fix.position, heard(PLACES[:4], HEARD[:4]).position, **EXACT)
+
+    def test_a_gain_is_that_of_radars(self):
+        with pytest.raises(ValueError, match="the bias of station 0 has a range_gain"):
+            heard(bias=Bias(range_gain=1e-4))

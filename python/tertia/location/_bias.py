@@ -13,9 +13,16 @@ import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, Systematic, instance
 from tertia.sensors import Bias, Kind, Station
-from tertia.sensors._kinds import KINDS, STATION_KINDS
+from tertia.sensors._kinds import KINDS
 
-_SIGMAS = tuple(f"{kind}_sigma" for kind in STATION_KINDS)
+# what one station measures alone, and the field of its error
+ERRORS: dict[Kind, str] = {
+    "range": "range",
+    "azimuth": "azimuth",
+    "elevation": "elevation",
+    "arrival_time": "time",
+}
+_ROWS = {kind: at for at, kind in enumerate(ERRORS)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,8 +31,8 @@ class Given:
 
     Attributes
     ----------
-    value, sigma : ndarray of shape (3, K)
-        nan where the sigma is to be estimated.
+    value, sigma : ndarray of shape (4, K)
+        Those of clocks are in seconds. The sigma is nan where it is to be estimated.
     """
 
     value: FloatArray
@@ -33,31 +40,40 @@ class Given:
     # whether anything was
     known: bool
 
-    def corrected(self, kind: Kind, value: FloatArray) -> FloatArray:
+    def corrected(
+        self, kind: Kind, value: FloatArray, unit: FloatArray | float = 1.0
+    ) -> FloatArray:
         """Return measurements less the biases; nan where nothing is known of the bias."""
-        if kind not in STATION_KINDS or not self.known:
+        if kind not in ERRORS or not self.known:
             return value
-        at = STATION_KINDS.index(kind)
+        at = _ROWS[kind]
         if not np.any(self.value[at]) and not np.any(np.isinf(self.sigma[at])):
             return value
-        return self.usable(kind, value - self.value[at])
+        return self.usable(kind, self.subtracted(kind, value, unit))
+
+    def subtracted(
+        self, kind: Kind, value: FloatArray, unit: FloatArray | float = 1.0
+    ) -> FloatArray:
+        """Return measurements less the biases, as they are stated."""
+        return value - self.value[_ROWS[kind]] * unit if kind in ERRORS else value
 
     def usable(self, kind: Kind, value: FloatArray) -> FloatArray:
         """Return nan instead of what belongs to a station whose bias may be anything."""
-        if kind not in STATION_KINDS or not self.known:
+        if kind not in ERRORS or not self.known:
             return value
-        return np.where(np.isinf(self.sigma[STATION_KINDS.index(kind)]), np.nan, value)
+        return np.where(np.isinf(self.sigma[_ROWS[kind]]), np.nan, value)
 
-    def widened(self, kind: Kind, sigma: FloatArray) -> FloatArray:
+    def widened(self, kind: Kind, sigma: FloatArray, unit: FloatArray | float = 1.0) -> FloatArray:
         """Return standard deviations of random and systematic errors together."""
-        if kind not in STATION_KINDS or not self.known:
+        if kind not in ERRORS or not self.known:
             return sigma
-        own = np.nan_to_num(self.sigma[STATION_KINDS.index(kind)], nan=0.0, posinf=0.0)
+        own = np.nan_to_num(self.sigma[_ROWS[kind]], nan=0.0, posinf=0.0)
         if not np.any(own):
             return sigma
         if np.any(np.isnan(sigma) & (own > 0)):
-            raise ValueError(f"bias has a {kind}_sigma; then {kind}_sigma is needed, too")
-        total: FloatArray = np.hypot(sigma, own)
+            name = f"{ERRORS[kind]}_sigma"
+            raise ValueError(f"bias has a {name}; then {kind}_sigma is needed, too")
+        total: FloatArray = np.hypot(sigma, own * unit)
         return total
 
     def free(self, kinds: Sequence[Kind]) -> BoolArray:
@@ -67,9 +83,8 @@ class Given:
         free = np.zeros((len(KINDS), self.sigma.shape[-1]), dtype=bool)
         unknown = np.isnan(self.sigma)
         for kind in kinds:
-            alone = kind in STATION_KINDS
             # what several stations measure is only trusted if all of them are
-            own = unknown[STATION_KINDS.index(kind)] if alone else unknown.any()
+            own = unknown[_ROWS[kind]] if kind in ERRORS else unknown.any()
             free[KINDS.index(kind)] = own
         return free
 
@@ -78,16 +93,18 @@ class Given:
         if not (self.known or any(each > 1.0 for each in growth)):
             return _nothing_found(self.sigma.shape[-1])
         demanded = np.zeros(self.sigma.shape)
-        columns: dict[str, Any] = dict(zip(STATION_KINDS, self.value, strict=True))
-        for at, kind in enumerate(STATION_KINDS):
-            if kind in stated and growth[at] > 1.0:
+        columns: dict[str, Any] = dict(zip(ERRORS.values(), self.value, strict=True))
+        for at, kind in enumerate(ERRORS):
+            grown = growth[KINDS.index(kind)]
+            if kind in stated and grown > 1.0:
                 sigma = stated[kind]
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore", RuntimeWarning)  # stations without a sigma
                     typical = np.nanmedian(sigma.reshape(-1, sigma.shape[-1]), axis=0)
-                demanded[at] = np.nan_to_num(typical) * np.sqrt(growth[at] - 1.0)
+                demanded[at] = np.nan_to_num(typical) * np.sqrt(grown - 1.0)
         sigmas = np.where(np.isnan(self.sigma), demanded, self.sigma) if self.known else demanded
-        columns |= zip(_SIGMAS, sigmas, strict=True)
+        names = (f"{error}_sigma" for error in ERRORS.values())
+        columns |= zip(names, sigmas, strict=True)
         return Bias._of(columns)
 
 
@@ -104,7 +121,7 @@ def given_biases(bias: Bias | None, stations: Sequence[Station] | npt.ArrayLike,
         own = [None] * k
     if own.count(None) == len(own):
         return _nothing_given(k)
-    value, sigma = np.zeros((len(STATION_KINDS), k)), np.full((len(STATION_KINDS), k), np.nan)
+    value, sigma = np.zeros((len(ERRORS), k)), np.full((len(ERRORS), k), np.nan)
     for j, one in enumerate(own):
         if one is None:
             continue
@@ -112,16 +129,18 @@ def given_biases(bias: Bias | None, stations: Sequence[Station] | npt.ArrayLike,
             raise ValueError(
                 f"the bias of station {j} deviates with the azimuth; it must be constant"
             )
-        for at, kind in enumerate(STATION_KINDS):
-            value[at, j] = getattr(one, kind)
-            known = getattr(one, f"{kind}_sigma")
+        if one.range_gain or one.range_gain_sigma:
+            raise ValueError(f"the bias of station {j} has a range_gain; that is for radars")
+        for at, error in enumerate(ERRORS.values()):
+            value[at, j] = getattr(one, error)
+            known = getattr(one, f"{error}_sigma")
             sigma[at, j] = np.nan if known is None else known
     return Given(value, sigma, known=True)
 
 
 @lru_cache
 def _nothing_given(k: int) -> Given:
-    value, sigma = np.zeros((len(STATION_KINDS), k)), np.full((len(STATION_KINDS), k), np.nan)
+    value, sigma = np.zeros((len(ERRORS), k)), np.full((len(ERRORS), k), np.nan)
     value.flags.writeable = sigma.flags.writeable = False
     return Given(value, sigma, known=False)
 

@@ -23,8 +23,8 @@ from tertia._arrays import (
     spread,
     threads,
 )
-from tertia.location._arrivals import LIGHT, read_arrivals
-from tertia.location._bias import given_biases, said
+from tertia.location._arrivals import LIGHT, Arrivals, read_arrivals
+from tertia.location._bias import Given, given_biases, said
 from tertia.location._degrees import warn_if_degrees
 from tertia.location._height import anywhere, read_height, without_height
 from tertia.location._posterior import locate_posterior
@@ -239,7 +239,7 @@ def locate(
     if arrival_time is not None:
         known = sigmas.get("arrival_time")
         arrivals = read_arrivals(arrival_time, arrival_time_sigma, known, propagation_speed, k)
-        measured["arrival_time"] = arrivals.value, arrivals.sigma
+        measured["arrival_time"] = _timed(arrivals, own)
     differences = "range_difference" in measured and correlation > 0
     timed = differences or arrivals is not None
     if redundancy is None:
@@ -301,7 +301,7 @@ def locate(
         arrivals=arrivals,
         systematic=said(free, tells=bool(np.count_nonzero(result[-2][1] > 0))),
         bias=own.found(
-            {kind: sigma for kind, (_, sigma) in measured.items()},
+            _stated(measured, arrivals),
             [each + shared for each, shared in zip(growth, common, strict=True)],
         ),
         scene=Scene(
@@ -357,6 +357,21 @@ def _require_deviations(measured: _Measured, *, unknown: bool) -> None:
                 f"{kind}_sigma of station {station} is missing; it is estimated only where one "
                 "kind is measured and none of its standard deviations is given"
             )
+
+
+def _timed(arrivals: Arrivals, own: Given) -> tuple[FloatArray, FloatArray]:
+    """Return times of arrival without what the clocks are fast, in metres, and their sigmas."""
+    unit = arrivals.speed[..., np.newaxis]
+    kind: Kind = "arrival_time"
+    return own.corrected(kind, arrivals.value, unit), own.widened(kind, arrivals.sigma, unit)
+
+
+def _stated(measured: _Measured, arrivals: Arrivals | None) -> dict[Kind, FloatArray]:
+    """Return the standard deviations, those of arrivals in seconds."""
+    sigmas = {kind: sigma for kind, (_, sigma) in measured.items()}
+    if arrivals is not None:
+        sigmas["arrival_time"] = sigmas["arrival_time"] / arrivals.speed[..., np.newaxis]
+    return sigmas
 
 
 def _is_unknown(measured: _Measured) -> bool:

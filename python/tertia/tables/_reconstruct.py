@@ -31,7 +31,13 @@ from tertia.trajectory import Trajectory
 from tertia.trajectory import reconstruct as reconstruct_path
 from tertia.trajectory._reconstruct import require_options
 
-_BIASED: tuple[Kind, ...] = ("range", "azimuth", "elevation")
+# what is measured, and the errors of it
+_BIASED: dict[Kind, str] = {
+    "range": "range",
+    "azimuth": "azimuth",
+    "elevation": "elevation",
+    "arrival_time": "time",
+}
 # how their columns begin, and their units
 _MOTION = (("velocity_", "m_s"), ("acceleration_", "m_s2"))
 
@@ -53,9 +59,11 @@ def reconstruct(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per sensor and time, or per measurement, as for `locate`.
+        One row per sensor and time, or per measurement, as for `locate`; with `arrival_time_s`,
+        all rows of one `time_s` are of one emission.
     sensors : sequence of Station
-        The stations, with the names used in the table.
+        The stations, with the names used in the table. Their systematic errors and survey errors
+        count, unless `bias` is given.
     columns : mapping of str to str, optional
         Column names in this table, keyed by standard name.
     by : str or sequence of str
@@ -63,7 +71,7 @@ def reconstruct(
     tolerance : float
         Seconds within which measurements are of one instant, at the mean of their times.
     **options
-        See `tertia.trajectory.reconstruct`.
+        See `tertia.trajectory.reconstruct`; `propagation_speed` is a number.
 
     Returns
     -------
@@ -194,8 +202,8 @@ def _with_bias(table: pl.DataFrame, found: Trajectory, names: Sequence[str]) -> 
     if found.bias is None:
         return table
     cells: dict[tuple[str, str], tuple[float, float]] = {}
-    for kind in _BIASED:
-        values, sigmas = (getattr(found.bias, name) for name in (kind, f"{kind}_sigma"))
+    for kind, error in _BIASED.items():
+        values, sigmas = (getattr(found.bias, name) for name in (error, f"{error}_sigma"))
         if np.any(sigmas):
             factor = UNITS[kind][1]
             for name, value, sigma in zip(names, values / factor, sigmas / factor, strict=True):

@@ -23,7 +23,7 @@ from tertia._arrays import (
 )
 from tertia.location import LocationStatus
 from tertia.location._arrivals import LIGHT, Arrivals, read_arrivals
-from tertia.location._bias import Given, given_biases, said
+from tertia.location._bias import ERRORS, Given, given_biases, said
 from tertia.location._degrees import warn_if_degrees
 from tertia.location._readers import checked, correlation_of, deviations, require_kinds
 from tertia.location._result import location_of
@@ -39,8 +39,8 @@ Smoother: TypeAlias = Literal["rts", "local-polynomial"]
 
 # fields of a bias that do not depend on the direction
 _CONSTANT = (
-    *STATION_KINDS,
-    *(f"{kind}_sigma" for kind in STATION_KINDS),
+    *ERRORS.values(),
+    *(f"{error}_sigma" for error in ERRORS.values()),
     "drift_share",
     "drift_time",
 )
@@ -169,6 +169,10 @@ def reconstruct(
     range differences the errors are those of the receivers. Limits of faults grow with the errors
     that last.
 
+    The time at which each instant was emitted is one more unknown, without a prior: arrivals count
+    by their differences from what they have in common, which is the weighted median of those that
+    are not late.
+
     With a sigma of inf, c is estimated with Tukey's weights about the track. Its covariance is
     A^-1 B A^-1, with A the derivative of the scores, and B their variance from the standard
     deviations or the residuals, whichever is larger, times one plus twice the sum of the
@@ -195,6 +199,15 @@ def reconstruct(
     >>> track = reconstruct(stations, t, range=distance, azimuth=bearing)
     >>> np.flatnonzero(track.outlier.range[:, 0]).tolist()
     [30, 31, 32, 33]
+
+    The same target by when its signals, sent at unknown times, came to the stations, which three of
+    them determine:
+
+    >>> sent = t + rng.uniform(0, 0.3, 60)
+    >>> arrival = sent[:, np.newaxis] + np.linalg.norm(offset, axis=-1) / 299_792_458.0
+    >>> track = reconstruct(stations, t, arrival_time=arrival, arrival_time_sigma=30e-9)
+    >>> bool(np.max(np.abs(track.position - truth)) < 1.0)
+    True
     """
     require_options(
         order=order,
@@ -230,18 +243,13 @@ def reconstruct(
     require_kinds(
         measured, places.shape[-1], shared="range_difference" in measured and correlation > 0
     )
-    if order == "temporal-first" and arrivals is not None:
-        raise ValueError("arrival_time needs order 'spatial-first': each emission has its own time")
-    if order == "temporal-first" and axes is not None and axes.ndim > 3:
-        raise ValueError("axes of stations change along time; order must be 'spatial-first'")
     surveys = survey_sigmas(stations)
-    if surveys is not None and (order, smoother) != ("spatial-first", "rts"):
-        raise ValueError(
-            "position_sigma of stations needs order 'spatial-first' and smoother 'rts'"
-        )
+    _require_order((order, smoother), axes, surveys, is_timed=arrivals is not None)
     curves, sources, bias = _deviations(stations, bias, measured.get("azimuth"))
     given = given_biases(bias, sources, k)
-    prior = _prior(given, bias, sources, measured, (order, smoother))
+    prior = _prior(given, bias, sources, measured, arrivals)
+    if np.any(given.sigma > 0) and (order, smoother) != ("spatial-first", "rts"):
+        raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
     if curves is not None:
         if (order, smoother) != ("spatial-first", "rts"):
             raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
@@ -249,7 +257,7 @@ def reconstruct(
     values, own = np.full((2, len(instants), len(KINDS), k), np.nan)
     for kind, array in measured.items():
         at, first = KINDS.index(kind), int(kind == "range_difference")
-        known = array - given.value[at] if kind in STATION_KINDS else array
+        known = given.subtracted(kind, array, _unit(kind, arrivals))
         if kind == "azimuth" and curves is not None:
             known = known - curves[0]
         if kind == "range":
@@ -352,6 +360,13 @@ def _smoothed(mean: FloatArray, found: Sequence[Any]) -> SmoothedPositions:
     )
 
 
+def _unit(kind: Kind, arrivals: Arrivals | None) -> FloatArray:
+    """Return what the core takes for one unit of a systematic error: of clocks, metres a second."""
+    if kind != "arrival_time" or arrivals is None:
+        return np.ones(())
+    return arrivals.speed[..., np.newaxis]
+
+
 def _bias(
     given: Given,
     found: tuple[list[float], list[float], float, float, bool] | None,
@@ -359,20 +374,18 @@ def _bias(
 ) -> Bias | None:
     """Return what was given and found; None where neither was."""
     fields: dict[str, Any] = {}
-    for at, kind in enumerate(STATION_KINDS):
-        fields |= {kind: given.value[at], f"{kind}_sigma": given.sigma[at]}
+    for at, error in enumerate(ERRORS.values()):
+        fields |= {error: given.value[at], f"{error}_sigma": given.sigma[at]}
     if found is None:
         return None if np.isnan(given.sigma).any() else Bias(**fields)
     values, sigmas, share, time, _ = found
     own = np.reshape([values, sigmas], (2, len(KINDS), -1))
-    for at, kind in enumerate(STATION_KINDS):
+    for kind, error in ERRORS.items():
+        value, sigma = own[:, KINDS.index(kind)] / np.median(_unit(kind, arrivals))
         # no angle is less known than one that is uniform
         most = np.pi / np.sqrt(3.0) if kind in ANGLES else np.inf
-        sigma = np.where(np.isinf(own[1, at]), np.inf, np.minimum(own[1, at], most))
-        fields |= {kind: given.value[at] + own[0, at], f"{kind}_sigma": sigma}
-    if arrivals is not None:
-        clock = own[:, KINDS.index("arrival_time")] / np.median(arrivals.speed)
-        fields |= {"time": clock[0], "time_sigma": clock[1]}
+        least = np.where(np.isinf(sigma), np.inf, np.minimum(sigma, most))
+        fields |= {error: fields[error] + value, f"{error}_sigma": least}
     return Bias(**fields, drift_share=share, drift_time=time)
 
 
@@ -471,10 +484,28 @@ def require_options(
         raise ValueError(f"jerk is {jerk}; it must not be negative")
     if bias is not None:
         instance(bias, "bias", Bias)
-        sigmas = [getattr(bias, f"{kind}_sigma") for kind in STATION_KINDS]
+        sigmas = [getattr(bias, f"{error}_sigma") for error in ERRORS.values()]
         asked = any(sigma is None or np.any(sigma) for sigma in sigmas)
         if asked and (order, smoother) != ("spatial-first", "rts"):
             raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
+
+
+def _require_order(
+    way: tuple[Order, Smoother],
+    axes: FloatArray | None,
+    surveys: FloatArray | None,
+    *,
+    is_timed: bool,
+) -> None:
+    """Refuse what an order or a smoother cannot do."""
+    if way[0] == "temporal-first" and is_timed:
+        raise ValueError("arrival_time needs order 'spatial-first': each emission has its own time")
+    if way[0] == "temporal-first" and axes is not None and axes.ndim > 3:
+        raise ValueError("axes of stations change along time; order must be 'spatial-first'")
+    if surveys is not None and way != ("spatial-first", "rts"):
+        raise ValueError(
+            "position_sigma of stations needs order 'spatial-first' and smoother 'rts'"
+        )
 
 
 def _deviations(
@@ -512,29 +543,30 @@ def _prior(
     bias: Bias | None,
     stations: Sequence[Station],
     measured: dict[Kind, FloatArray],
-    way: tuple[Order, Smoother],
+    arrivals: Arrivals | None,
 ) -> dict[str, Any]:
     """Return what the core is to assume of systematic errors."""
     k = given.sigma.shape[1]
     flat: BoolArray = np.array([np.isinf(row).any() for row in given.sigma])
-    for at, kind in enumerate(STATION_KINDS):
-        if bias is not None and getattr(bias, f"{kind}_sigma") is None and kind not in measured:
-            raise ValueError(f"bias.{kind}_sigma is None, but {kind} was not measured")
+    for at, (kind, error) in enumerate(ERRORS.items()):
+        if bias is not None and getattr(bias, f"{error}_sigma") is None and kind not in measured:
+            raise ValueError(f"bias.{error}_sigma is None, but {kind} was not measured")
+        if flat[at] and kind == "arrival_time":
+            raise ValueError("bias.time_sigma is inf; it must be finite, or None to be estimated")
         if flat[at] and not np.isinf(given.sigma[at]).all():
             raise ValueError(
-                f"bias.{kind}_sigma is inf for some stations; it must be for all or none"
+                f"bias.{error}_sigma is inf for some stations; it must be for all or none"
             )
         if flat[at] and kind not in measured:
-            raise ValueError(f"bias.{kind}_sigma is inf, but {kind} was not measured")
+            raise ValueError(f"bias.{error}_sigma is inf, but {kind} was not measured")
     if np.any(flat) and np.any(given.sigma[~flat] != 0):
         raise ValueError("bias has a sigma of inf; those of the other kinds must be 0 or inf")
-    if np.any(given.sigma > 0) and way != ("spatial-first", "rts"):
-        raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
     sigma = np.zeros((len(KINDS), k))
-    sigma[: len(STATION_KINDS)] = given.sigma
+    for kind, row in zip(ERRORS, given.sigma, strict=True):
+        sigma[KINDS.index(kind)] = row * np.median(_unit(kind, arrivals))
     if np.isnan(given.sigma[0]).all():
-        # ranges are not trusted, and neither are their differences, and clocks
-        sigma[len(STATION_KINDS) :] = np.nan
+        # ranges are not trusted, and neither are their differences
+        sigma[KINDS.index("range_difference")] = np.nan
     own = [bias] * k if bias is not None else [station.bias for station in stations]
     drift = np.array(
         [

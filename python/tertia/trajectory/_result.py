@@ -44,8 +44,9 @@ class Trajectory(Result):
         could in one way and does not.
     bias : Bias or None
         Systematic errors of the K stations, given or found: what was removed, and the standard
-        deviations of what is left, with the share that drifts. A sigma of 0 means that none were
-        found and none are likely. None with "temporal-first" and local polynomials.
+        deviations of what is left, with the share that drifts; `time` is by how much a clock that
+        arrivals were timed with is fast. A sigma of 0 means that none were found and none are
+        likely. None with "temporal-first" and local polynomials.
     smoothed : SmoothedPositions or None
         Further results of the smoother: likelihood, jerk, innovations. None for local polynomials
         and for "temporal-first".
