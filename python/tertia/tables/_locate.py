@@ -28,6 +28,7 @@ from tertia.tables._positions import (
     of_instants,
     of_measurements,
     of_sensors,
+    of_singles,
     result_names,
 )
 from tertia.tables._records import RecordError, Source, source_of
@@ -80,8 +81,10 @@ def locate(
     tolerance : float
         Seconds within which measurements are of one instant, at the mean of their times; none has
         two of the same kind of a sensor. With inf a target has one position: the measurements of
-        each sensor are combined first, as by `bearing`, with wrong ones left out; of fewer than
-        five the median counts, with the sigma of one.
+        each sensor are combined first, as by `bearing`, with wrong ones left out. Of fewer than 40
+        those are wrong that contradict all sensors, and a mean has the sigma that is stated, more
+        where the others scatter or last. Without a sigma, or if sensors move, the median counts of
+        fewer than five, with the sigma of one.
     method : str
         See `tertia.location.locate`.
     max_range : float, optional
@@ -219,6 +222,7 @@ def _locate(
     except ValueError as error:
         raise RecordError(prefixed(target.name, error)) from error
     measured = of_measurements(target, found.residual, found.outlier, np.atleast_1d(found.success))
+    each = measured if target.singles is None else of_singles(target, measured)
     rows = {
         "time_s": target.moments,
         **coordinates(found.position, found.covariance),
@@ -232,9 +236,9 @@ def _locate(
         target,
         found,
         found,
-        measured,
+        each,
         beside(target.keys, pl.DataFrame(rows)),
-        of_sensors(target, measured),
+        of_sensors(target, each),
     )
 
 
