@@ -754,7 +754,7 @@ FILES = {
         (
             ["m.csv", S, "far.csv"],
             1,
-            "far.csv: B is 1112 km from the origin; places in a plane, without .* 1000 km",
+            "far.csv: B is 1112 km from the origin; places in a plane, without .* 1000 km; are .*",
         ),
         (["m.csv", S, "level.csv"], 1, "an elevation needs heights: give height_m of .* level.csv"),
         (["m.csv", S, "origin.toml"], 1, "origin.toml: longitude_deg of the origin is missing"),
