@@ -29,6 +29,10 @@ const LOSS: f64 = 1e6;
 /// for velocities and accelerations.
 const OPENING: [usize; 2] = [12, 48];
 
+/// The same as a part of the record, for a target that hardly wanders: the variance of its acceleration
+/// falls with the fifth power of the time, by 3e6 from there to the end.
+const LONG_OPENING: usize = 20;
+
 /// State and covariance after an instant's plot, and how the plot came in, number by number.
 #[derive(Clone, Debug)]
 pub(super) struct Step<const D: usize, const N: usize> {
@@ -81,10 +85,13 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
         motion: ProcessNoise,
         out: &mut Smoothed<'_>,
     ) -> Option<Summary> {
-        let opening = OPENING[usize::from(out.components > D)];
-        let summary = self.forwards(track, motion, Some(opening), (out.innovation, out.loss))?;
-        self.backwards(track, motion, out)?;
-        Some(summary)
+        let short = OPENING[usize::from(out.components > D)];
+        let long = track.len() / LONG_OPENING;
+        [Some(short), (long > short).then_some(long)].into_iter().flatten().find_map(|opening| {
+            let summary =
+                self.forwards(track, motion, Some(opening), (out.innovation, out.loss))?;
+            self.backwards(track, motion, out).map(|()| summary)
+        })
     }
 
     fn forwards(
@@ -429,6 +436,14 @@ impl<const D: usize, const N: usize> Step<D, N> {
             for (j, hj) in h.iter().enumerate() {
                 for (c, hc) in h.iter().enumerate() {
                     big[j][c] += hj * hc * square;
+                }
+            }
+        }
+        // what rounding leaves of an antisymmetric part would grow
+        if let Some(big) = big {
+            for r in 0..N {
+                for c in 0..r {
+                    big[c][r] = big[r][c];
                 }
             }
         }
