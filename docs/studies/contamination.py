@@ -113,9 +113,10 @@ def contamination() -> str:
     mean = {name: np.exp(np.mean(np.log(values))) for name, values in rmse.items()}
     ratios = ", ".join(f"{n} {mean['default'] / mean[n]:.2f}" for n in _NAMES[1:])
     return (
-        f"{markdown(head, rows)}\nGeometric mean of RMSE over that of one estimator: {ratios}.\n\n"
-        f"Above 1.25: {'; '.join(above) or 'none'}.\n\n"
-        f"Coverage below .90 up to 30 %: {'; '.join(below) or 'none'}.\n"
+        f"{markdown(head, rows)}\n"
+        f"Geometric mean of the RMSE of the default over the RMSE of one estimator: {ratios}.\n\n"
+        f"Ratios above 1.25: {'; '.join(above) or 'none'}.\n\n"
+        f"Coverage below .90 with up to 30 % of outliers: {'; '.join(below) or 'none'}.\n"
     )
 
 
@@ -164,7 +165,7 @@ def groups() -> str:
                 shares.append(f"{covered:.2f} ({np.median(sigma):.2f})")
             cells.append(", ".join(shares))
         rows.append([f"{size:g}", *cells])
-    return markdown(["systematic, σ", *(f"{k} groups" for k in (2, 3, 5, 10))], rows)
+    return markdown(["systematic error, σ", *(f"{k} groups" for k in (2, 3, 5, 10))], rows)
 
 
 def grid() -> str:
