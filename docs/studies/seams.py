@@ -149,6 +149,6 @@ def seams() -> str:
                 ]
             )
     head = ["plots", "overlap", "tracks over a seam that keep their number",
-            "rows in another track or none", "position in the minute after a seam, RMS",
-            "the same in sigma"]  # fmt: skip
+            "rows in another track or none",
+            "RMS difference of positions in the minute after a seam", "the same in sigma"]  # fmt: skip
     return markdown(head, rows)
