@@ -111,10 +111,10 @@ def contamination() -> str:
             rows.append(["bursts" if burst else "isolated", f"{n}", *cells])
     head = ["outliers", "N", *(f"{e:.0%}" for e in SHARES)]
     mean = {name: np.exp(np.mean(np.log(values))) for name, values in rmse.items()}
-    ratios = ", ".join(f"{n} {mean['default'] / mean[n]:.2f}" for n in _NAMES[1:])
+    ratios = "; ".join(f"{n}: {mean['default'] / mean[n]:.2f}" for n in _NAMES[1:])
     return (
         f"{markdown(head, rows)}\n"
-        f"Geometric mean of the RMSE of the default over the RMSE of one estimator: {ratios}.\n\n"
+        f"RMSE of the default / RMSE of each other estimator, geometric mean: {ratios}.\n\n"
         f"Ratios above 1.25: {'; '.join(above) or 'none'}.\n\n"
         f"Coverage below .90 with up to 30 % of outliers: {'; '.join(below) or 'none'}.\n"
     )
