@@ -64,8 +64,8 @@ def reproduction() -> str:
             cells.append(cell)
         rows.append([name, *cells])
     table = markdown(["RMSE, degrees", *(f"N = {n}" for n in SIZES)], rows)
-    counted = f"of {len(EXPECTED) * len(SIZES)} (without 'both as measured')"
-    return f"{table}\nLargest |z|: {largest:.1f}, {counted}.\n"
+    counted = f"Largest |z| of {len(EXPECTED) * len(SIZES)} values (without 'both as measured')"
+    return f"{table}\n{counted}: {largest:.1f}.\n"
 
 
 def _covered(errors: Errors) -> str:
