@@ -16,7 +16,7 @@ use super::results::Summary;
 use super::rows::{invert, solve, triangularise};
 use super::track::{ENOUGH, Track};
 use super::whitening::Whitening;
-use crate::base::small::{Matrix as Square, dot};
+use crate::base::small::{Matrix as Square, dot, symmetrise};
 use nalgebra::{SMatrix, SVector};
 use pulp::{Arch, Simd, WithSimd};
 use std::f64::consts::TAU;
@@ -439,14 +439,6 @@ impl<const D: usize, const N: usize> Step<D, N> {
                 }
             }
         }
-        // what rounding leaves of an antisymmetric part would grow
-        if let Some(big) = big {
-            for r in 0..N {
-                for c in 0..r {
-                    big[c][r] = big[r][c];
-                }
-            }
-        }
     }
 }
 
@@ -474,6 +466,7 @@ fn move_back<const N: usize>(t: f64, l: &mut [f64; N], big: Option<&mut Square<N
             big[d + i][c] += t * p;
         }
     }
+    symmetrise(big);
 }
 
 /// F over a time t.

@@ -9,7 +9,7 @@ use crate::smoothing::{
 };
 
 /// Ratio of a variance to what later instants leave of it, beyond which the quick smoother is not exact
-/// enough: up to there variances are right to 1e-6.
+/// enough: up to there variances are right to 1e-4.
 const LOSS: f64 = 1e7;
 
 /// Positions with their covariances, (N, D) and (N, D, D); nan where there is none.
