@@ -58,12 +58,12 @@ def constant_errors() -> str:
     rows = []
     for name, prior, asked in (
         ("no errors", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
-        ("no errors, but stated", (0.0, 0.0, 0.0), (0.0, size, size)),
+        ("no errors, but `bias_sigma` stated", (0.0, 0.0, 0.0), (0.0, size, size)),
         ("none trusted", (size, size, size), (0.0, 0.0, 0.0)),
         ("", (size, size, size), (size, size, size)),
-        ("the first trusted", (0.0, size, size), (0.0, 0.0, 0.0)),
+        ("first trusted", (0.0, size, size), (0.0, 0.0, 0.0)),
         ("", (0.0, size, size), (0.0, size, size)),
-        ("nothing known of the others", (0.0, size, size), (0.0, np.inf, np.inf)),
+        ("first trusted, others unknown", (0.0, size, size), (0.0, np.inf, np.inf)),
     ):
         rng = generator(61)
         truth = manoeuvre(runs, rng)[:, np.newaxis]
@@ -81,7 +81,7 @@ def constant_errors() -> str:
             cells += [f"{rmse:.3f}°", f"{np.mean(error**2):.2f}", f"{inside:.0f}%"]
             cells.append(f"{np.sqrt(np.mean((off / claimed) ** 2)):.2f}" if off.size else "")
         rows.append(cells)
-    of_each = ["RMSE", "NEES", "inside 95 %", "errors, σ"]
+    of_each = ["RMSE", "NEES", "within 95 %", "error of bias, σ"]
     return markdown(
         ["errors", "`bias_sigma`", *of_each, *(f"{name}, outliers" for name in of_each)], rows
     )
@@ -210,7 +210,7 @@ def effects() -> str:
                 width = np.median(found.sigma) * np.sqrt(sensors)
                 cells.append(f"{np.mean(inside):.0%}; {width:.2f}")
             rows.append([str(sensors), name, *cells])
-    head = ["K", "inside two sigma; sigma √K", "τ/σ = 0", "1", "3", "9"]
+    head = ["K", "within two sigma; sigma √K", "τ/σ = 0", "1", "3", "9"]
     return markdown(head, rows)
 
 
