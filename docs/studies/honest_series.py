@@ -220,9 +220,12 @@ def few() -> str:
     cases = {
         "1 sensor": (1, 1, 1.0),
         "2 sensors": (2, 1, 1.0),
-        "2, one 5 times as good": (2, 1, 5.0),
+        "2 sensors, one 5 times as good": (2, 1, 5.0),
     }
-    cases |= {"4, up to 3 times as good": (4, 1, 3.0), "2, in two dimensions": (2, 2, 2.0)}
+    cases |= {
+        "4 sensors, up to 3 times as good": (4, 1, 3.0),
+        "2 sensors, in two dimensions": (2, 2, 2.0),
+    }
     for name, (sensors, m, ratio) in cases.items():
         cells = []
         for n in (3, 5, 10, 30):
@@ -237,7 +240,7 @@ def few() -> str:
                 shares.append(np.mean(np.abs(found.mean) < 2 * found.sigma))
             cells.append(f"{shares[0]:.0%}, **{shares[1]:.1%}**")
         rows.append([name, *cells])
-    return markdown(["covariances for known, with `n=`", "n = 3", "5", "10", "30"], rows)
+    return markdown(["covariances treated as known, **with `n=`**", "n = 3", "5", "10", "30"], rows)
 
 
 def noise() -> str:
