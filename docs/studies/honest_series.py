@@ -264,7 +264,7 @@ def noise() -> str:
             nees = np.mean(squares(found, truth)) / 2
             cells.append(f"{rmse:.2f}; {nees:.2f}; {np.mean(held(found, truth)):.0%}")
         rows.append([case, *cells])
-    return markdown(["RMSE over σ; NEES; inside 95 %", "noise as stated", "`smooth`"], rows)
+    return markdown(["RMSE over σ; NEES; within 95 %", "noise as stated", "`smooth`"], rows)
 
 
 def motions() -> str:
@@ -281,8 +281,8 @@ def motions() -> str:
             wanders = np.mean(found.acceleration_noise > 0)
             inside = np.mean(held(found, truth))
             cells.append(f"{rmse:.2f}; {nees:.2f}; {inside:.0%}; {wanders:.0%}")
-        rows.append([name, *cells])
-    head = ["RMSE over σ; NEES; inside 95 %; wanders", "60 plots, 1 s", "60 plots, 5 s"]
+        rows.append([LABELS.get(name, name), *cells])
+    head = ["RMSE over σ; NEES; within 95 %; white acceleration", "60 plots, 1 s", "60 plots, 5 s"]
     return markdown([*head, "300 plots, 5 s"], rows)
 
 
@@ -334,4 +334,11 @@ MOTIONS: dict[str, Callable[[tuple[int, ...], float, np.random.Generator], Float
     "heading that wanders": _heading,
     "velocity kept for 20 s": _returning,
     "straight, turns of 12 plots": _turns,
+}
+# the names above are part of the seeds of the simulations
+LABELS = {
+    "acceleration kept for 20 s (Singer)": "acceleration correlated over 20 s (Singer)",
+    "velocity that wanders": "random-walk velocity",
+    "heading that wanders": "random-walk heading",
+    "velocity kept for 20 s": "velocity correlated over 20 s",
 }
