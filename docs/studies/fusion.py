@@ -602,7 +602,8 @@ def wide_priors() -> str:
         )
         cells = [f"{value:.0e}" if value else "0" for value in values]
         rows.append([f"1e{power}", *cells])
-    head = ["prior over noise", "P of the angle, (I − K h') P", "P of the angle, here"]
+    head = ["prior relative to noise", "variance of the angle, short formula (I − K h') P"]
+    head += ["variance of the angle, here"]
     return markdown([*head, "angle, over σ", "smoothed first angle, over σ"], rows)
 
 
@@ -668,12 +669,12 @@ def filter_consistency() -> str:
     model = SingerModel(5.0, 1 / 20, 0.003, exact=True)
     record = simulate.radars(model, steps, sigma=(SIGMA,), batch=runs, rng=generator(64))
     variants = {
-        "right": (model, SIGMA**2),
+        "correct parameters": (model, SIGMA**2),
         "σ stated half": (model, SIGMA**2 / 4),
         "σ stated double": (model, SIGMA**2 * 4),
         "σ_a a third": (SingerModel(5.0, 1 / 20, 0.001, exact=True), SIGMA**2),
         "σ_a threefold": (SingerModel(5.0, 1 / 20, 0.009, exact=True), SIGMA**2),
-        "1 − αT for exp(−αT)": (MODEL, SIGMA**2),
+        "1 − αT instead of exp(−αT)": (MODEL, SIGMA**2),
     }
     late = slice(SETTLED, None)
     rows = []
@@ -717,7 +718,10 @@ def accuracy() -> str:
             "`steady_state` and the gain of `filter_series` after 1000 steps, relative",
             _tiny(of_gain),
         ],
-        ["the same, covariances", _tiny(of_covariance)],
+        [
+            "`steady_state` and `filter_series` after 1000 steps, covariances, relative",
+            _tiny(of_covariance),
+        ],
         ["smoothed and filtered state at the last step", _tiny(last)],
         [
             "plots that wrap at north and plots that do not, angle, degrees",
