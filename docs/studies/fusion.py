@@ -234,7 +234,7 @@ def worst_ratios() -> str:
             worst = max(ratios, key=lambda name: ratios[name])
             cells.append(f"{ratios[worst]:.2f} ({worst})")
         rows.append([label, *cells])
-    return markdown(["RMSE over that of the best rule, worst scenario", *MODELS], rows)
+    return markdown(["RMSE relative to the best rule, worst scenario", *MODELS], rows)
 
 
 def every_ratio() -> str:
@@ -268,13 +268,13 @@ def cost() -> str:
         cells += [f"{accused:.1%}", f"{result.outlier[..., window].mean():.2%}"]
         rows.append([model, *cells])
     head = [
-        "healthy: RMSE over that of equal weights, %",
+        "healthy: excess of RMSE over equal weights, %",
         "paper",
         "ewma",
         "adaptive",
         "adaptive-matrix",
     ]
-    costs = ["robust: R estimated twice as large", "plots taken for outliers"]
+    costs = ["robust: plots with R estimated twice as large", "robust: plots taken for outliers"]
     return markdown([*head, "robust", *costs], rows)
 
 
@@ -604,7 +604,8 @@ def wide_priors() -> str:
         rows.append([f"1e{power}", *cells])
     head = ["prior relative to noise", "variance of the angle, short formula (I − K h') P"]
     head += ["variance of the angle, here"]
-    return markdown([*head, "angle, over σ", "smoothed first angle, over σ"], rows)
+    head += ["error of angle, relative to σ", "error of smoothed first angle, relative to σ"]
+    return markdown(head, rows)
 
 
 def smoothing() -> str:
