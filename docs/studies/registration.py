@@ -232,7 +232,8 @@ def live() -> str:
             late = np.asarray(bias.time)[record.plots.sensor] * (record.target >= 0)
             place, _, _ = traffic._state(np.maximum(record.target, 0), record.plots.time - late)
             known = [replace(one, bias=bias[k]) for k, one in enumerate(stated)]
-            for way, sensors in (("known", known), ("not registered", stated), ("registered", stated)):
+            ways = {"known": known, "not registered": stated, "registered": stated}
+            for way, sensors in ways.items():
                 registers = way == "registered"
                 cells, count = followed(record, sensors, place, registers=registers)
                 ratios.setdefault(way, []).append(cells)
