@@ -1,4 +1,4 @@
-"""The density of positions of a few bearings."""
+"""The posterior density of positions from a few bearings."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def _require_bearings(
     factor: FloatArray,
     n_threads: int | None,
 ) -> None:
-    """Fail where a record is explained by random bearings, though they meet."""
+    """Raise an error if random bearings explain the record, although its bearings intersect."""
     free = [True] * rows[2].shape[-1] * len(KINDS)
     *_, columns, found = _core.locate(
         *rows,
