@@ -1,4 +1,4 @@
-"""Stations that measure azimuths without ranges: which the tracker takes, and where they were."""
+"""Stations that measure azimuths without ranges: checks, and their positions at each plot."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _OTHERS = ("range_sigma", "elevation_sigma", "arrival_time_sigma")
 
 
 def check_station(station: Station, name: str) -> None:
-    """Fail unless the tracker can use all that a station says of its azimuths."""
+    """Raise an error unless the tracker supports all properties of a station."""
     if station.azimuth_sigma is None:
         raise ValueError(f"{name}.azimuth_sigma is None; the tracker needs that of a Station")
     for key in _OTHERS:
@@ -46,7 +46,7 @@ def check_station(station: Station, name: str) -> None:
 
 
 def placed(plots: Plots, sensors: Sequence[Any]) -> Plots:
-    """Return plots of which those of stations have the places from which they were measured."""
+    """Return plots with the positions from which stations measured theirs."""
     station = np.array([isinstance(one, Station) for one in sensors])
     if plots.sensor_position is None and not station.any():
         return plots
@@ -81,6 +81,6 @@ def placed(plots: Plots, sensors: Sequence[Any]) -> Plots:
 
 
 def _north(sensor: Any) -> float:
-    """Return the azimuth of a station's north in the plane."""
+    """Return the azimuth of the station's north in the plane."""
     axes = sensor.axes if isinstance(sensor, Station) else None
     return 0.0 if axes is None else float(np.arctan2(axes[1, 0], axes[1, 1]))
