@@ -194,7 +194,7 @@ def gate_sectors(
     numpy.linalg.LinAlgError
         A covariance that is not positive definite.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
@@ -308,7 +308,7 @@ def likelihood_score(
     numpy.linalg.LinAlgError
         A covariance that is not positive definite.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Examples
     --------
@@ -374,7 +374,7 @@ def gate(
     numpy.linalg.LinAlgError
         If a covariance is indefinite, or if it is singular and no `plot_covariance` is given.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----

@@ -239,7 +239,7 @@ def local_polynomial(
     significance : float
         False-alarm rate of each test: the probability of keeping a coefficient that is truly 0.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
@@ -252,7 +252,7 @@ def local_polynomial(
         An infinite measurement, a variance that is not positive, decreasing times, shapes that do
         not fit, or an option outside its domain.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
@@ -350,7 +350,7 @@ def smooth(
         (..., 3 D, 3 D). The state is positions, velocities and accelerations, in this order. By
         default it is unknown.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
@@ -365,7 +365,7 @@ def smooth(
     numpy.linalg.LinAlgError
         An indefinite or singular covariance.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----

@@ -116,7 +116,7 @@ def conformance(
     ValueError
         Shapes that do not match, an infinite number, or times that do not increase.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
@@ -179,7 +179,7 @@ def estimate_times_over(
         Shapes that do not match, an infinite number, times that do not increase, or a negative
         `speed_change_sigma`.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----

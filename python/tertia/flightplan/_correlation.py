@@ -106,7 +106,7 @@ def correlate(
     ValueError
         No plan, shapes that do not match, or an infinite number.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----

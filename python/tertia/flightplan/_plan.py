@@ -141,7 +141,7 @@ class FlightPlan:
         Fewer than two waypoints, equal successive waypoints, times that do not increase, a number
         out of its domain, or shapes that do not match.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----

@@ -140,7 +140,7 @@ def read_fpl(
         A message that cannot be understood, with the number of the message and the token in one
         line: an unknown fix, an airway that does not join its ends, a wrong speed or level.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
     OSError
         A file that cannot be read.
 

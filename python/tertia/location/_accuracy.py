@@ -114,7 +114,7 @@ def accuracy_map(
         A wrong shape, a standard deviation that is missing or not positive, or a kind that does
         not exist.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Examples
     --------

@@ -34,8 +34,7 @@ class Arrivals:
     sigma: FloatArray
 
     def emission(self, emission: FloatArray) -> Any:
-        """Return the times of emission, given in metres after the first arrival, in the caller's
-        units."""
+        """Return the times of emission, metres after the first arrival, in the caller's units."""
         seconds = emission / self.speed
         if self.first.dtype.kind not in "mM":
             return scalar_or_array(np.asarray(self.first + seconds))

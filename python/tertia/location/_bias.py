@@ -164,8 +164,7 @@ def _nothing_found(k: int) -> Bias:
 
 
 def said(free: BoolArray, *, tells: bool) -> Systematic:
-    """Return how a sigma treats systematic errors; `tells`: contradictions would have shown
-    them."""
+    """Return how a sigma treats systematic errors; `tells`: contradictions would show them."""
     if not free.any():
         return "given"
     return "estimated" if tells else "not included"

@@ -37,8 +37,7 @@ def read_height(
 
 
 def anywhere(places: FloatArray) -> FloatArray:
-    """Return the height of the stations, (..., K, 3), with a sigma so large that it hardly
-    counts."""
+    """Return a height with a very large sigma, at the height of the stations, (..., K, 3)."""
     level = np.mean(places[..., 2], axis=-1)
     return np.stack([level, np.full_like(level, _ANYWHERE)], axis=-1)
 

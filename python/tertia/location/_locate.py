@@ -155,7 +155,7 @@ def locate(
     numpy.linalg.LinAlgError
         For a single instant, a geometry that leaves a direction undetermined.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Warns
     -----

@@ -175,7 +175,7 @@ def audit(
     numpy.linalg.LinAlgError
         A covariance that is not positive definite; the message has its row.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----

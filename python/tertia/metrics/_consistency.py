@@ -36,7 +36,7 @@ def nees(error: npt.ArrayLike, covariance: npt.ArrayLike) -> float | FloatArray:
     numpy.linalg.LinAlgError
         A covariance that is not positive definite.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Examples
     --------

@@ -30,7 +30,7 @@ def audit(result: Audit, *, ax: "Axes | None" = None, legend: bool = True) -> "A
     Raises
     ------
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Examples
     --------

@@ -90,7 +90,7 @@ def gates(
         A row that is not there or has no plot, plots that are not those of the table, an
         acceleration that is not positive.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
@@ -185,7 +185,7 @@ def gate_history(table: TrackTable, track: int, *, ax: "Axes | None" = None) -> 
     ValueError
         There is no such track, or it has no plots.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Examples
     --------

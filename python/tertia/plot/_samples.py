@@ -122,7 +122,7 @@ def screening(
     Raises
     ------
     TypeError
-        `y` does not hold real numbers.
+        If `y` does not hold real numbers.
     ValueError
         `y` is not one sample, or does not fit `screening`.
 

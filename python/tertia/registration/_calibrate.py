@@ -54,7 +54,7 @@ def calibrate(
     ValueError
         If a shape is wrong, nothing was measured, or a standard deviation is missing.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----

@@ -23,7 +23,8 @@ class Errors:
 
     `covariance` (4 K, 4 K) is that of offset, gain, azimuth and time, radar by radar. `factor` (K,
     2) is the ratio of the estimated to the assumed noise, and `redundancy` the number of redundant
-    measurements from which it was estimated."""
+    measurements from which it was estimated.
+    """
 
     bias: Bias
     covariance: FloatArray
@@ -37,7 +38,8 @@ def errors(
 ) -> Errors:
     """Return the errors that the plots of the tracks show, iterated from the given first errors.
 
-    Only the standard deviations of the prior are used; its means are those of the sensors."""
+    Only the standard deviations of the prior are used; its means are those of the sensors.
+    """
     given = own_biases(sensors)
     rows = np.flatnonzero((tracks.plot >= 0) & tracks.confirmed)
     own = plots[tracks.plot[rows]]

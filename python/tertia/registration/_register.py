@@ -35,7 +35,8 @@ _REDUNDANT = 30.0
 class Rounds:
     """A registration, and the tracks of single radars that it is based on.
 
-    `stated` are the tracks with the stated noise, `found` those with the estimated noise."""
+    `stated` are the tracks with the stated noise, `found` those with the estimated noise.
+    """
 
     registration: Registration
     stated: list[TrackTable]
@@ -77,7 +78,7 @@ def register(
         If there is no radar, if `tracks` was not made from these plots, or if the tracker raises an
         error.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
@@ -223,8 +224,7 @@ def _systematic(
 
 
 def with_noise(radar: Radar, sigma: FloatArray) -> Radar:
-    """Return the radar with other standard deviations of range and azimuth, where these are
-    known."""
+    """Return the radar with other standard deviations of range and azimuth, if known."""
     range_sigma, azimuth_sigma = np.where(
         np.isfinite(sigma), sigma, [radar.range_sigma, radar.azimuth_sigma]
     )

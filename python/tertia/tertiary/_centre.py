@@ -138,7 +138,7 @@ class FusionCentre:
     ValueError
         If a number is outside its domain.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
@@ -233,7 +233,7 @@ class FusionCentre:
         ValueError
             If a sensor does not exist, or `time` is not later than that of the previous update.
         TypeError
-            An argument of the wrong type.
+            If an argument has the wrong type.
         """
         instance(tracks, "tracks", SensorTracks)
         instant = float(finite(real(time, "time"), "time"))

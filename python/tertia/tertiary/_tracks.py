@@ -154,7 +154,7 @@ class SensorTracks(Result):
         ValueError
             If `sensor` is negative.
         TypeError
-            An argument of the wrong type.
+            If an argument has the wrong type.
 
         Examples
         --------

@@ -32,8 +32,7 @@ Alone = Callable[[Plots, Radar | PositionSensor, int], TrackTable]
 
 
 def target_plots(plots: Plots, tracks: TrackTable, rows: IntArray) -> dict[str, Any]:
-    """Return the columns of the plots of these rows, with their targets, in the form for the
-    core."""
+    """Return the columns of the plots of these rows, with their targets, for the core."""
     return {
         "sensor": plots.sensor,
         "target": np.ascontiguousarray(tracks.track[rows]),
@@ -48,8 +47,7 @@ def target_plots(plots: Plots, tracks: TrackTable, rows: IntArray) -> dict[str, 
 
 
 def is_registrable(sensors: Sequence[Sensor]) -> bool:
-    """Return whether there is a radar that may have errors, and another sensor to compare it
-    with."""
+    """Return whether a radar may have errors and another sensor can reveal them."""
     deviates = any(one.bias is not None and one.bias.deviation_order > 0 for one in sensors)
     unknown = columns_of(own_biases(sensors), "_sigma").any(axis=1)
     radar = np.array([isinstance(one, Radar) for one in sensors])

@@ -51,8 +51,7 @@ class Transversal(enum.IntEnum):
 
 
 class Longitudinal(enum.IntEnum):
-    """How a target moves along its course: at constant, increasing or decreasing speed,
-    I062/200."""
+    """How the speed of a target changes along its course, as in ASTERIX I062/200."""
 
     CONSTANT_SPEED = 0
     INCREASING_SPEED = 1
@@ -212,7 +211,7 @@ def smooth_tracks(
         If a plot belongs to a sensor that does not exist, if the tracks are those of other plots,
         or if a parameter is outside its domain.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----

@@ -171,7 +171,8 @@ class TrackTable(_Columns, Result):
         A tracker with a `lag` replaces rows that are not final. A new row replaces the rows of its
         track from its time on, and any other row with the same plot; a final row replaces all
         earlier rows of its track. `table[table.final]` contains only the rows that can no longer
-        change."""
+        change.
+        """
         # of each plot the last row holds
         _, last = np.unique(self.plot[::-1], return_index=True)
         holds = self.plot < 0

@@ -118,7 +118,7 @@ class Tracker:
     ValueError
         If a number is outside its domain.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
@@ -252,7 +252,7 @@ class Tracker:
         ValueError
             If a plot belongs to a sensor that does not exist, or `time` is not finite.
         TypeError
-            An argument of the wrong type.
+            If an argument has the wrong type.
         """
         return self._track(plots, time, False)
 
@@ -383,7 +383,7 @@ class Tracker:
         ValueError
             If the motion model does not use plans.
         TypeError
-            An argument of the wrong type.
+            If an argument has the wrong type.
 
         Examples
         --------
@@ -420,7 +420,7 @@ class Tracker:
         ValueError
             If there is no plan of this number.
         TypeError
-            An argument of the wrong type.
+            If an argument has the wrong type.
         """
         instance(plan, "plan", FlightPlan)
         self._core.replace_plan(integer(number, "number", 0), plan._route)
@@ -466,7 +466,7 @@ class Tracker:
             If there is no such track or plan, or if the plan belongs to another track and `take` is
             False.
         TypeError
-            An argument of the wrong type.
+            If an argument has the wrong type.
         """
         number = integer(track, "track", 1)
         self._core.correlate(number, integer(plan, "plan", 0), flag(take, "take"))
@@ -532,8 +532,7 @@ class Tracker:
 
     @property
     def suspended_plans(self) -> IntArray:
-        """Numbers of the confirmed tracks with suspended plans, by hand or after emergency
-        codes."""
+        """Numbers of the confirmed tracks whose plans are suspended, by hand or by emergency."""
         return self._core.suspended_plans()
 
     def __getstate__(self) -> _State:

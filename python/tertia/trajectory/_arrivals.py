@@ -118,7 +118,7 @@ def reconstruct_arrivals(
         receivers that share too few emissions with the others, or an unknown that nothing
         determines.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----

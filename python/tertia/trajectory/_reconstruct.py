@@ -126,7 +126,7 @@ def reconstruct(
     degrees : bool
         Whether the angles given here are in degrees.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
@@ -139,7 +139,7 @@ def reconstruct(
         A wrong shape, a number outside its domain, times that decrease, no instant that can be
         located, or biases that the measurements do not determine.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Warns
     -----

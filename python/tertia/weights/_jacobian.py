@@ -72,7 +72,7 @@ def jacobian(
     sensor : int
         The sensor whose weight it is; negative numbers count from the last.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------

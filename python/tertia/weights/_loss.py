@@ -102,7 +102,7 @@ def fusion_loss(
     rng : numpy.random.Generator or int
         Source of randomness, or its seed; by default always the same.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
@@ -185,7 +185,7 @@ def required_samples(
     rng : numpy.random.Generator or int
         Source of randomness, or its seed; by default always the same.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------

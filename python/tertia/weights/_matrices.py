@@ -21,7 +21,7 @@ def weight_matrices(covariances: npt.ArrayLike, *, n_threads: int | None = None)
         Covariance of each of K >= 2 estimates, with independent errors. A covariance may be
         singular where the others are not singular in the same direction.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
@@ -36,7 +36,7 @@ def weight_matrices(covariances: npt.ArrayLike, *, n_threads: int | None = None)
         A wrong shape, a matrix that is not symmetric, an element that is not finite, or a variance
         that is not positive.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
@@ -104,7 +104,7 @@ def scalar_information(h: npt.ArrayLike, sigma: npt.ArrayLike) -> FloatArray:
     ValueError
         A number that is not finite, or a sigma that is not positive.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Examples
     --------

@@ -51,7 +51,7 @@ def sample_covariance(
         Fewer than two measurements, a number that is not finite, shapes that do not fit, both
         `mean` and `differences`, or a divisor that is not positive.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Examples
     --------
@@ -104,7 +104,7 @@ def covariance_factor(n: float, convention: Convention = "sample-mean") -> float
     ValueError
         n is not a whole number of at least 2, or an unknown convention.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
@@ -132,7 +132,7 @@ def covariance_of_covariance(
     factor : float
         c, from `covariance_factor`.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
@@ -147,7 +147,7 @@ def covariance_of_covariance(
     ValueError
         As for `weight_matrices`, or a factor that is negative.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
@@ -193,7 +193,7 @@ def shrink_covariance(
         Shapes that do not fit, or a number that is not finite, too small, or not positive where it
         must be.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----

@@ -37,7 +37,7 @@ def weight_covariance(
     convention : {"sample-mean", "known-mean", "paper", "differences"}
         How the covariances are estimated (see `sample_covariance`).
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
