@@ -364,8 +364,7 @@ def _quantile(record: Record, values: FloatArray, probability: float, level: flo
 
 
 def _conformal(record: Record, values: FloatArray, probability: float, level: float) -> Indicator:
-    """Return a bound of the next value; among n + 1 exchangeable values all ranks are equally
-    likely."""
+    """Return a bound of the next value: each rank among n + 1 exchangeable values is as likely."""
     _, low, high, number = _bounds(record, values, probability, level)
     count = len(values)
     rank = int(np.ceil(probability * (1.0 + 1.0 / number) * count - 1e-9))
@@ -415,8 +414,7 @@ class _Axes:
 
 
 def _time_offset(error: FloatArray, speed: FloatArray, record: Record, level: float) -> Indicator:
-    """Return the time to be added to the times of the truth, from whitened errors and
-    velocities."""
+    """Return the time to be added to the truth's times, from whitened errors and velocities."""
     information = float(np.sum(speed**2))
     count = len(error)
     if information == 0.0:

@@ -59,8 +59,7 @@ def with_any(truth: Truth, known: BoolArray | None) -> BoolArray:
 
 
 def squares_of(positions: FloatArray) -> int:
-    """Return the number of squares of 900 NM² that contain a position, from the south-west
-    corner."""
+    """Return the number of squares of 900 NM² that contain a position, from the south-west on."""
     square = np.floor((positions[:, :2] - positions[:, :2].min(axis=0)) / _SIDE)
     return len(np.unique(square, axis=0))
 
