@@ -34,7 +34,7 @@ _TimeFormat = Annotated[
     typer.Option(
         "--time-format",
         metavar="FORMAT",
-        help="How times are written, as %d.%m.%Y %H:%M:%S; by default seconds, times of day or "
+        help="Format of times, such as %d.%m.%Y %H:%M:%S; by default seconds, times of day or "
         "ISO 8601.",
     ),
 ]
@@ -46,7 +46,7 @@ _Settings = Annotated[
         readable=False,
         is_eager=True,
         callback=settings.use,
-        help="Options from a file, .toml; those of the command line come first.",
+        help="File of options, .toml; options of the command line take precedence.",
     ),
 ]
 
@@ -94,7 +94,7 @@ def command(function: Callable[..., Any]) -> Callable[..., None]:
 
 
 def _keep_measurements(options: Mapping[str, Any]) -> None:
-    """Refuse a result that would be written over the measurements."""
+    """Refuse a result that would overwrite the measurements."""
     given = options.get("files") or [options.get("file")]
     for result in (options.get("output"), options.get("plot_file")):
         for path in given:
@@ -106,7 +106,7 @@ def _keep_measurements(options: Mapping[str, Any]) -> None:
 
 @contextlib.contextmanager
 def _mistakes() -> Iterator[None]:
-    """Print warnings about records, and exit with one line on an error.
+    """Print warnings about records, and exit with a one-line message after an error.
 
     The records have been checked at this point, so an error of the library is due to an option.
     """
@@ -138,7 +138,7 @@ def _mistakes() -> Iterator[None]:
 
 @contextlib.contextmanager
 def written_out() -> Iterator[None]:
-    """Exit with one line if output cannot be written, silently if the reader closed the pipe."""
+    """Exit with a message if output cannot be written, but silently if the pipe was closed."""
     try:
         try:
             yield

@@ -1,4 +1,4 @@
-"""Options of commands from a file."""
+"""Default options of commands, read from a file."""
 
 import sys
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ _NONE = ("--settings", "--help")
 
 
 def use(context: typer.Context, path: Path | None) -> Path | None:
-    """Make the settings of a file the defaults of a command; a table of its name comes first."""
+    """Make the settings in a file the defaults of a command, first those in a table of its name."""
     if path is None:
         return None
     try:
