@@ -154,7 +154,7 @@ def gate_threshold(gate_probability: float | Gate = "guard", dimension: int = 2)
     Raises
     ------
     ValueError, TypeError
-        A number outside its domain, an unknown name, or an argument of the wrong type.
+        If a number is outside its domain, a name is unknown, or an argument has the wrong type.
 
     Examples
     --------
@@ -190,9 +190,9 @@ def gate_sectors(
     Raises
     ------
     ValueError
-        Shapes that do not fit, a number that is not finite, a velocity of zero.
+        If shapes do not fit, a number is not finite, or a velocity is zero.
     numpy.linalg.LinAlgError
-        A covariance that is not positive definite.
+        If a covariance is not positive definite.
     TypeError
         If an argument has the wrong type.
 
@@ -261,7 +261,7 @@ def paper_score(nis: npt.ArrayLike, q: float = _RATIO, dimension: int = 2) -> fl
     Raises
     ------
     ValueError, TypeError
-        A negative `nis`, a `q` of 1 or less, or an argument of the wrong type.
+        If a `nis` is negative, `q` is 1 or less, or an argument has the wrong type.
 
     Examples
     --------
@@ -304,9 +304,9 @@ def likelihood_score(
     Raises
     ------
     ValueError
-        Shapes that do not fit, a number outside its domain.
+        If shapes do not fit, or a number is outside its domain.
     numpy.linalg.LinAlgError
-        A covariance that is not positive definite.
+        If a covariance is not positive definite.
     TypeError
         If an argument has the wrong type.
 
@@ -370,7 +370,7 @@ def gate(
     Raises
     ------
     ValueError
-        Shapes that do not fit, a number that is not finite or outside its domain.
+        If shapes do not fit, or a number is not finite or outside its domain.
     numpy.linalg.LinAlgError
         If a covariance is indefinite, or if it is singular and no `plot_covariance` is given.
     TypeError

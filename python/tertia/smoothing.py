@@ -249,8 +249,8 @@ def local_polynomial(
     Raises
     ------
     ValueError
-        An infinite measurement, a variance that is not positive, decreasing times, shapes that do
-        not fit, or an option outside its domain.
+        If a measurement is infinite, a variance is not positive, times decrease, shapes do not fit,
+        or an option is outside its domain.
     TypeError
         If an argument has the wrong type.
 
@@ -360,10 +360,11 @@ def smooth(
     Raises
     ------
     ValueError
-        An infinite plot, a variance that is not positive, decreasing times, a negative jerk or
-        correlation time, a positive one with more than three axes, or shapes that do not fit.
+        If a plot is infinite, a variance is not positive, times decrease, the jerk or the
+        correlation time is negative, the correlation time is positive and there are more than three
+        axes, or shapes do not fit.
     numpy.linalg.LinAlgError
-        An indefinite or singular covariance.
+        If a covariance is indefinite or singular.
     TypeError
         If an argument has the wrong type.
 

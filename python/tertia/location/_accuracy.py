@@ -111,8 +111,8 @@ def accuracy_map(
     Raises
     ------
     ValueError
-        A wrong shape, a standard deviation that is missing or not positive, or a kind that does
-        not exist.
+        If a shape is wrong, a standard deviation is missing or not positive, or a kind does not
+        exist.
     TypeError
         If an argument has the wrong type.
 

@@ -149,11 +149,12 @@ def locate(
     Raises
     ------
     ValueError
-        A wrong shape, a number outside its domain, or a missing standard deviation. For a single
-        instant, also a target that cannot be located: too few measurements, bearings that do not
-        intersect, two positions that fit the measurements equally well, or a target at a station.
+        If a shape is wrong, a number is outside its domain, or a standard deviation is missing. For
+        a single instant, also if the target cannot be located: there are too few measurements,
+        bearings do not intersect, two positions fit the measurements equally well, or the target is
+        at a station.
     numpy.linalg.LinAlgError
-        For a single instant, a geometry that leaves a direction undetermined.
+        For a single instant, if the geometry leaves a direction undetermined.
     TypeError
         If an argument has the wrong type.
 

@@ -304,7 +304,7 @@ def critical_value(
     ValueError
         If n is too small for the test, the significance is outside (0, 1), or the test is unknown.
     TypeError
-        A number of the wrong type.
+        If a number has the wrong type.
 
     Examples
     --------
@@ -352,7 +352,7 @@ def false_alarm_probability(
     ValueError
         If n is too small for the test, k <= 0, or the test is unknown.
     TypeError
-        A number of the wrong type.
+        If a number has the wrong type.
 
     Examples
     --------

@@ -48,7 +48,7 @@ class Channel:
     Raises
     ------
     ValueError, TypeError
-        A number outside its domain, or an argument of the wrong type.
+        If a number is outside its domain, or an argument has the wrong type.
 
     Examples
     --------

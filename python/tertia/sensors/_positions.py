@@ -39,7 +39,7 @@ class PositionSensor:
     Raises
     ------
     ValueError, TypeError
-        A number outside its domain, or an argument of the wrong type.
+        If a number is outside its domain, or an argument has the wrong type.
 
     Examples
     --------

@@ -80,8 +80,8 @@ class Station:
     Raises
     ------
     ValueError, TypeError
-        A wrong shape, a number outside its domain, axes that are not a rotation, or an argument of
-        the wrong type.
+        If a shape is wrong, a number is outside its domain, axes are not a rotation, or an argument
+        has the wrong type.
 
     Examples
     --------
@@ -180,7 +180,7 @@ class Radar:
     Raises
     ------
     ValueError, TypeError
-        A wrong shape, a number outside its domain, or an argument of the wrong type.
+        If a shape is wrong, a number is outside its domain, or an argument has the wrong type.
 
     Examples
     --------
