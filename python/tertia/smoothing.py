@@ -391,8 +391,8 @@ def smooth(
     mixture of both, weighted by their likelihoods. The intensity is treated as known: its
     uncertainty is not part of `covariance`. If the plots show no jerk, `jerk` is 0 with a
     `jerk_sigma` of inf; with about ten plots this is common, and does not mean that there is no
-    jerk. The cost is O(N D³), about 30 times as much if the motion is estimated, and three times
-    that if the innovations contradict the stated noise.
+    jerk. The cost is O(N D³). It is about 30 times as high if the motion is estimated, and about 90
+    times as high if, in addition, the innovations contradict the stated noise.
 
     Examples
     --------

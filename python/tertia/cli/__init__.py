@@ -1,4 +1,4 @@
-"""Command line: recordings in files. Needs the extra `cli`.
+"""Command line: the functions of the library for recordings in files. Needs the extra `cli`.
 
 A command parses its options, calls `tertia.tables` once, and prints and writes the results.
 `commands` contains the commands, `files` the readers and writers, and `terminal` the output and the

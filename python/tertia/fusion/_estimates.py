@@ -207,9 +207,9 @@ def fuse(
     one estimate no systematic error can be found. With two estimates the result depends strongly on
     the prior, and an interval of two sigmas is at least 2.5 times as wide as without it.
 
-    With `n`, an interval of two sigmas contains a component with a probability of 95.45 %, too. For
-    one estimate this follows from Student's distribution, for several from a simulation with a
-    fixed seed that takes the estimated covariances as the true ones. This costs some milliseconds
+    If `n` is given, an interval of two sigmas also contains a component with a probability of 95.45
+    %. For one estimate this follows from Student's distribution, for several from a simulation with
+    a fixed seed that takes the estimated covariances as the true ones. This costs some milliseconds
     per element of the batch.
 
     Examples

@@ -66,8 +66,8 @@ class FusedSeries(Result):
         radar's own filter needs some steps to recover from an outlier, and may mark the next plots
         as outliers, too.
     innovation, innovation_variance : ndarray of shape (..., K, steps)
-        Normalised innovation squared of the filter of each radar, for the noise as given, and the
-        variance of the innovation; nan where there is no innovation.
+        Innovation of the radar's own filter at each step, for the noise as given, and its variance;
+        nan where there is no innovation.
     correlation_time : ndarray of shape (..., K)
         Correlation time of the noise of each radar, given or estimated; 0 for white noise.
     bias, bias_sigma : ndarray of shape (..., K)

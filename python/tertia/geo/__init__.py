@@ -1,4 +1,4 @@
-"""Geo: local frames on the earth, the system plane of several radars, and states in these.
+"""Geo: local frames on the earth, the system plane of several radars, and states of targets.
 
 A `LocalFrame` is tangent to the WGS 84 ellipsoid at its origin. Far from the origin, the local
 vertical and north differ from the axes of the frame: the vertical by one degree per 111 km, and

@@ -122,7 +122,7 @@ class BandDetector(OutlierMixin, _Band):  # type: ignore[misc]
         return self
 
     def score_samples(self, X: Any) -> FloatArray:  # noqa: N803  # as scikit-learn
-        """Return minus the largest distance from the middle of a band, in half widths."""
+        """Return the negative of the largest distance from the middle of a band, in half widths."""
         scores: FloatArray = -self._excess(X)[1].max(axis=1)
         return scores
 

@@ -149,13 +149,13 @@ def read_fpl(
 
     Notes
     -----
-    The following fields are used: 7 (callsign and code), 9 (type), 13, 15, 16, and of field 18
-    `DOF`, `CODE`, `DEP`, `DEST`, `TYP`. A Mach number is converted with the standard atmosphere at
-    the filed level. The first and the last token of a route may be unknown; they are taken as
-    departure and arrival procedures. A stay adds its time to the following leg. If two airways
-    follow each other, the route changes at the first fix that both have. An airway may also be
-    joined and left at a point between two of its fixes, within 5 NM, given by coordinates or by
-    radial and distance.
+    The following fields are used: 7 (callsign and code), 9 (type), 13 (departure), 15 (route), 16
+    (destination), and `DOF`, `CODE`, `DEP`, `DEST`, `TYP` of field 18. A Mach number is converted
+    with the standard atmosphere at the filed level. The first and the last token of a route may be
+    unknown; they are taken as departure and arrival procedures. A stay adds its time to the
+    following leg. If two airways follow each other, the route changes at the first fix that both
+    have. An airway may also be joined and left at a point between two of its fixes, within 5 NM,
+    given by coordinates or by radial and distance.
 
     Source: ICAO Doc 4444, appendix 3.
 
@@ -322,7 +322,7 @@ def _positions(places: Sequence[Place], frame: LocalFrame | SystemPlane) -> Floa
 def _ground_speeds(
     places: FloatArray, airspeeds: FloatArray, levels: FloatArray, winds: FloatArray
 ) -> FloatArray:
-    """Return ground speeds for true airspeeds V: `w·u + sqrt(V² − (w×u)²)` along u, in a wind w."""
+    """Return ground speeds `w·u + sqrt(V² − (w×u)²)` in directions u for airspeeds V and wind w."""
     if not len(winds):
         return airspeeds
     heights = np.nan_to_num(levels[:-1])

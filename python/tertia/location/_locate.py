@@ -113,8 +113,7 @@ def locate(
     height, height_sigma : array_like of shape (...), optional
         Last coordinate of the target in metres and its standard deviation, only if D = 3. They are
         a measurement like the others. Azimuths alone do not determine the height: if `height` is
-        missing, up is nan and its variance is infinite, and east and north are located as in the
-        plane.
+        missing, up is nan with an infinite variance, and east and north are estimated in the plane.
     method : {"robust", "least-squares", "lenth-mle", "lenth-huber", "lenth-andrews", "posterior"}
         "robust": Tukey's biweight if there are at least `redundancy` degrees of freedom, otherwise
         least squares. "least-squares": always least squares. The other methods are for azimuths in
@@ -394,7 +393,7 @@ def _is_unknown(measured: _Measured) -> bool:
 def _require_method(
     method: str, measured: _Measured, d: int, start: FloatArray | None, max_range: float | None
 ) -> None:
-    """Raise an error if the method does not suit the measurements, or an option the method."""
+    """Raise an error if the measurements or options do not suit the method."""
     if method in _LENTH:
         _require_lenth(measured, d, method)
     if method == "posterior":

@@ -93,7 +93,8 @@ class Location(Result):
         small p-value means that a measurement or a sigma is wrong.
     dop : float or ndarray of shape (...)
         Dilution of precision: the square root of the trace of the covariance if each measurement
-        had sigma 1. In metres per metre or metres per radian; nan if both units are mixed.
+        had sigma 1. In metres per metre or metres per radian; nan if there are measurements of both
+        units.
     measurement_sigma : float, ndarray of shape (...) or None
         Common standard deviation of the measurements, in their unit, if it was estimated.
     emission_time : float, datetime64, ndarray of shape (...) or None

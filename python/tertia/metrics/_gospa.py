@@ -83,8 +83,8 @@ def gospa(
     Rahmathullah, Garcia-Fernandez, Svensson 2017, definition 1: the smallest sum, over all
     one-to-one assignments of the smaller set to the larger one, of `min(d, cutoff)^p`, plus
     `cutoff^p / alpha` for each element of the larger set that remains. A pair at the cutoff counts
-    as one missed target and one false estimate, half of its cost each. Only with `alpha = 2` do the
-    parts give all missed targets and false estimates the same cost.
+    as one missed target and one false estimate, each with half of the cost of the pair. Only with
+    `alpha = 2` do the parts give all missed targets and false estimates the same cost.
 
     Examples
     --------

@@ -210,15 +210,16 @@ def indicators(
     the nearest update of the other, if there is one within half an interval. For the density, the
     area is that of the squares with sides of 30 nautical miles that contain a target or an update.
 
-    Updates of one flight are not independent, so intervals are computed by flight. Shares have
-    Wilson's interval (1927), with quantiles of Student's distribution. Its number of updates is
-    divided by the design effect, the ratio of the variance by flight to that of independent updates
-    (Kish 1965). If all or no updates took place, or if there is only one flight, the design effect
-    is taken as 4. The root mean square and the mean age have percentiles of 2000 resamples of the
-    flights; with one flight they are unbounded. Offsets of pairs that share a flight are
-    correlated; their variance is the jackknife's by flight. The rate of false tracks has Byar's
-    approximation of the Poisson interval. So has the density, with a reduced number of updates,
-    because the updates of one false track come together.
+    Updates of one flight are not independent, so intervals are computed by flight. The interval of
+    a share is Wilson's (1927), with quantiles of Student's distribution, and with the number of
+    updates divided by the design effect, the ratio of the variance by flight to that of independent
+    updates (Kish 1965). If all or no updates took place, or if there is only one flight, the design
+    effect is taken as 4. The intervals of the root mean square and of the mean age are percentiles
+    of 2000 resamples of the flights; with one flight they are unbounded. Offsets of pairs that
+    share a flight are correlated; their variance is the jackknife's by flight. The interval of the
+    rate of false tracks is Byar's approximation of the Poisson interval. The interval of the
+    density is the same for a reduced number of updates, because the updates of one false track come
+    together.
 
     Examples
     --------

@@ -190,7 +190,7 @@ def _marks(outliers: BoolArray | None, values: FloatArray) -> BoolArray:
 
 
 def _draw_lines(ax: "Axes", lines: list[FloatArray], outlier: BoolArray, name: str) -> None:
-    """Draw the lines that exist; kept and outlying lines are named once each in the legend."""
+    """Draw the lines that exist; the legend has one entry for kept and one for outlying lines."""
     named = set()
     for line, wrong in zip(lines, outlier, strict=True):
         if np.isnan(line).all():

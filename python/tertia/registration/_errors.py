@@ -1,4 +1,4 @@
-"""Systematic errors of radars from the plots of targets that several of them see."""
+"""Systematic errors of radars, estimated from plots of targets that several radars see."""
 
 from __future__ import annotations
 

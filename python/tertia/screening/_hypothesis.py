@@ -77,8 +77,9 @@ class ExtremeTest(Result):
 def z_test(x: npt.ArrayLike, y: npt.ArrayLike, sigma: npt.ArrayLike) -> OutlierTest:
     """Test whether x is an outlier compared with other measurements y of known standard deviation.
 
-    Equation (R1): `t = |x - mean(y)| / (sigma sqrt((n+1)/n))` is standard normal (two-sided) if x
-    comes from the same distribution as the n measurements y.
+    Equation (R1): the statistic is `t = |x - mean(y)| / (sigma sqrt((n+1)/n))`. If x comes from the
+    same distribution as the n measurements y, t is the absolute value of a standard normal
+    variable.
 
     Parameters
     ----------

@@ -60,9 +60,9 @@ def local_places(records: Records, rows: pl.DataFrame, sensors: Sensors[Station]
 
 
 def apart(rows: pl.DataFrame, places: FloatArray, count: int) -> tuple[pl.DataFrame, IntArray]:
-    """Return rows in which each row of a moving sensor refers to a sensor of its own.
+    """Return the rows, with an additional sensor for each row of a moving sensor.
 
-    Also return which of the `count` sensors each additional sensor is.
+    Also return, for each additional sensor, the index of its moving sensor among the `count` ones.
     """
     moves = np.isfinite(places[:, 0]).all(axis=1)
     site = rows["site"].to_numpy().copy()

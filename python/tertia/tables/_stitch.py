@@ -94,7 +94,7 @@ def _check_order(before: pl.DataFrame, own: pl.DataFrame, number: int) -> None:
 def _continued(
     before: pl.DataFrame, own: pl.DataFrame, count: int, number: int
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Return the rows of a part with track numbers of the whole, and those that are new."""
+    """Return the rows of a part with track numbers of the whole recording, and the new rows."""
     common = _common(before, own, number)
     earlier = _paired(common)
     fresh = [one for one in own["track"].unique().sort().to_list() if one not in earlier]

@@ -77,8 +77,8 @@ class WindowModel:
     straight : int
         Number of plots in the window in straight flight.
     after_turn : int
-        Number of plots that are kept when a manoeuvre is detected; by default 3, with `degree` 2 it
-        is 7.
+        Number of plots that are kept when a manoeuvre is detected; by default 3, or 7 if `degree`
+        is 2.
     planned_turn : int
         Number of plots in the window near a turn of the flight plan.
     degree : {1, 2}

@@ -174,7 +174,7 @@ class Registrar:
             due *= 2.0
 
     def _vote(self, plots: Plots, alone: Alone, *, is_first: bool = False) -> bool:
-        """Take the errors that these plots show as a start, if the errors are large.
+        """Start the estimation anew from the errors that these plots show, if they are large.
 
         In the first scans, large errors need several targets, and their absence is not final.
         """

@@ -88,7 +88,7 @@ def _radar_geometry(radar: Radar) -> _core.Geometry:
 
 
 def _as_radar(sensor: PositionSensor) -> _core.Radar:
-    """Return a position sensor as the core counts its reports: by intervals, at any position."""
+    """Return a position sensor in the form of a radar, by which the core counts its reports."""
     return _core.Radar(
         position=[0.0, 0.0, 0.0],
         range_sigma=1.0 if sensor.position_sigma is None else sensor.position_sigma,

@@ -362,7 +362,7 @@ def _joined(tracks: TrackTable, radars: Sequence[Radar]) -> IntArray:
 
 
 def _changes(seen: TrackTable, radars: Sequence[Radar]) -> list[tuple[int, int]]:
-    """Return the tracks that continue as another one, from rows of one identity in order of time.
+    """Return pairs of tracks, the second continuing the first, from rows of one identity by time.
 
     A radar that sees two tracks in one scan sees two targets. Two tracks of one target may receive
     its plots alternately for some scans.

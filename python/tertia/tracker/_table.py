@@ -200,7 +200,7 @@ class TrackTable(_Columns, Result):
 
 
 def joined(tables: Iterable[TrackTable], order: IntArray, first: int) -> TrackTable:
-    """Return the tables of successive parts of the plots as one, and empty the tables.
+    """Join the tables of successive parts of the plots; the given tables are emptied.
 
     `order` has the places of the plots of the parts in the whole, and `first` is the number of the
     first plot of the whole.

@@ -309,7 +309,7 @@ def _beacons(
     stations: tuple[Station, ...],
     places: FloatArray,
 ) -> tuple[FloatArray, FloatArray, list[int | None]]:
-    """Return all positions, their sigmas, and the position of each identity; None if it moves."""
+    """Return all positions, their sigmas, and the position of each identity (None: it moves)."""
     k, d = places.shape
     sites, sigmas = [*places], [station.position_sigma for station in stations]
     given = {} if beacons is None else beacons

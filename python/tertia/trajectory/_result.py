@@ -27,8 +27,8 @@ class Trajectory(Result):
         In metres, metres per unit of time, and so on; nan where unknown.
     covariance : ndarray of shape (N, 3 D, 3 D)
         Covariance of position, velocity and acceleration, in this order, including the uncertainty
-        of estimated biases; inf where unknown. The blocks between the three are 0, except with the
-        smoother "rts" and the order "spatial-first".
+        of estimated biases; inf where unknown. The covariances between the three are 0, except with
+        the smoother "rts" and the order "spatial-first".
     fixes : Location
         Positions of the single instants, from the measurements or, with "temporal-first", from the
         smoothed series. With "rts", "robust" and "spatial-first", measurements that contradict the

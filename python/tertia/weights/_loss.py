@@ -93,8 +93,8 @@ def fusion_loss(
     method : {"auto", "first-order", "monte-carlo"}
         "first-order": a closed form, which is too small if n is small or W is near 0 or I.
         "monte-carlo": the mean over simulated covariances, exact except for its standard error.
-        "auto": the closed form from 100 (m + 1) degrees of freedom, where its error is at most a
-        twentieth of the loss, and Monte Carlo below.
+        "auto": the closed form if there are at least 100 (m + 1) degrees of freedom, so that its
+        error is at most a twentieth of the loss; otherwise Monte Carlo.
     convention : {"sample-mean", "known-mean", "paper", "differences"}
         How the covariances are estimated (see `sample_covariance`).
     trials : int

@@ -53,7 +53,6 @@ def weight_covariance(
         of at least 2 or is too small. For m > 1, an n is too small if the variance is infinite: if
         two sensors together have fewer than m + 2 degrees of freedom, or if the numbers of degrees
         of freedom by which the sensors fall short of m add up to m - 1 or more.
-        add up to m - 1 or more.
 
     Notes
     -----
@@ -104,8 +103,8 @@ def weight_bias(
     Notes
     -----
     The bias is `-sum over j of c_j W_j [(I - W_j) + tr(I - W_j) I] (W - δ I)`, where δ is 1 for the
-    sensor itself and 0 for others. In the convention "paper" the factors n/(n - 1) contribute if
-    the sensors have different n. The cost is O(K m³).
+    sensor itself and 0 for others. In the convention "paper", the factors n/(n - 1) of the
+    covariances add to the bias if n differs between sensors. The cost is O(K m³).
 
     Examples
     --------

@@ -60,7 +60,7 @@ class Feature:
 class Shape:
     """A line, or the parts of a region, each an outline and its holes, with its properties.
 
-    A part is a list of longitudes and latitudes, (N, 2); a line is the only outline of one part.
+    Outlines are longitudes and latitudes, (N, 2); a line is one part with one outline.
     """
 
     name: str
