@@ -55,7 +55,7 @@ class AsterixRecording:
         `range_gain`, `range_bias_m`, `azimuth_bias_deg` (Mode S or SSR), `psr_range_gain`,
         `psr_range_bias_m`, `psr_azimuth_bias_deg`, `psr_elevation_bias_deg`. `collimation_range_m`
         and `collimation_azimuth_deg`, the differences of primary plots from secondary plots. A
-        message without any of these has no row.
+        message without any of these items has no row.
     skipped : dict of int to int
         Number of data blocks of categories that are not read, by category.
     damaged : int

@@ -24,7 +24,7 @@ LocationMethod: TypeAlias = Literal[
 
 
 class LocationStatus(enum.IntEnum):
-    """Whether an instant was located: OK, which equals 0, or the reason why not."""
+    """Status of an instant: OK, which equals 0, if it was located, otherwise the reason."""
 
     OK = 0
     TOO_FEW = 1

@@ -6,8 +6,8 @@
 straight lines in the tracks of each radar, the biases from the differences between tracks of
 different radars.
 
-In the core, the kernels come before the tracker, so that a tracker can register its radars during
-operation. This module comes after `tertia.tracker`, because it takes recordings and makes the
+In the core, the tracker depends on the kernels of registration, so that it can register its radars
+during operation. This module depends on `tertia.tracker`, because it takes recordings and makes the
 tracks that the kernels need.
 """
 

@@ -458,10 +458,11 @@ def unwrap_about_median(
 ) -> FloatArray:
     """Unwrap angles about their circular median.
 
-    Whole periods are added until every angle is within half a period of the circular mean, and then
-    of the median of the result. The multiple of the period that all results have in common follows
-    from the first angle. Nearly half of the angles may be wrong without shifting the others. By
-    contrast, `numpy.unwrap` compares neighbours, so that one wrong angle shifts all later ones.
+    Whole periods are added so that every angle is within half a period of the circular mean. This
+    is repeated with the median of the result instead of the mean. The multiple of the period that
+    all results have in common follows from the first angle. Nearly half of the angles may be wrong
+    without shifting the others. By contrast, `numpy.unwrap` compares neighbours, so that one wrong
+    angle shifts all later ones.
 
     Parameters
     ----------

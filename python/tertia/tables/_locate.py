@@ -102,8 +102,8 @@ def locate(
     initial : array_like, optional
         A position near the targets, which selects one of several that fit the measurements.
     probability : float, optional
-        Probability of the regions of the positions. It adds their columns, and `cep_m`, the radius
-        that contains the target with a probability of one half.
+        Probability of regions about the positions. If it is given, the result has columns of the
+        regions, and `cep_m`, the radius that contains the target with a probability of one half.
     risk : float, optional
         Risk of a protection level, for which a column is added.
 

@@ -124,9 +124,9 @@ class Tracker:
     -----
     Confirmed tracks are assigned their plots first, by the assignment with the largest likelihood
     ratio against false plots, then tentative tracks. Each remaining plot starts a tentative track.
-    If no plot is within the gate of a track, one within its guard gate is taken, which is widened
-    by a possible acceleration since the last plot. The cost of a scan of P plots is O(P log P) if
-    there are O(1) plots in a gate.
+    If no plot is within the gate of a track, a plot within its guard gate is taken. The guard gate
+    is widened by a possible acceleration since the last plot. The cost of a scan of P plots is O(P
+    log P) if there are O(1) plots in a gate.
 
     Source: Glagovskiy, Lavina, Rudelson 2014, sections on gates and manoeuvres; Bar-Shalom, Li,
     Kirubarajan 2001, section 11.6.

@@ -90,7 +90,8 @@ def reconstruct_arrivals(
         The receivers, which must not move. `position_sigma` is the standard deviation of their
         survey. `arrival_time_sigma`, if given, determines the relative weights of the receivers; a
         common factor is always estimated. A receiver with `bias=Bias(time=...)` has a known clock,
-        which serves as time base; if there is none, the clock of the first station does.
+        which serves as time base. If no clock is known, that of the first station serves as time
+        base.
     arrivals : Arrivals
         The arrivals, grouped into emissions or not; see `group_arrivals`.
     beacons : mapping, optional

@@ -272,7 +272,7 @@ def _smallest(
 def _simulated(
     s: FloatArray, draws: FloatArray, n_threads: int | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return fused covariance and its excess, (..., 2, m, m), the loss and its sigma."""
+    """Return fused covariance and excess of the error, (..., 2, m, m), the loss and its sigma."""
     found = _core.weigh("excess", s, threads(n_threads), draws=draws)
     m = s.shape[-1]
     matrices = found[..., :-2].reshape(*found.shape[:-1], 2, m, m)

@@ -121,7 +121,7 @@ class _RowWriter:
 class _Plots:
     """Converts lines to plots; the first line shows whether they are CSV or JSON.
 
-    `line` counts lines, `row` those that may be plots, and `bad` those that are not.
+    `line` counts all lines, `row` possible plots, and `bad` lines that are not used.
     """
 
     def __init__(self, name: str, columns: Mapping[str, str], sensors: Sensors[Radar]) -> None:
