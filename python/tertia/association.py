@@ -106,7 +106,7 @@ class Pairs(Result):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Association(Result):
-    """The plot of each track, and the track of each plot.
+    """An assignment: the plot of each track, and the track of each plot.
 
     Attributes
     ----------
@@ -352,7 +352,7 @@ def gate(
     Parameters
     ----------
     predicted : array_like of shape (T, m)
-        Predicted positions, m = 2 or 3; the first two coordinates span the plane.
+        Predicted positions, m = 2 or 3; the first two coordinates are those in the plane.
     covariance : array_like of shape (T, m, m) or (m, m)
         Covariances of the innovations or, if `plot_covariance` is given, of the predictions.
     plots : array_like of shape (N, m)

@@ -272,7 +272,7 @@ def estimate_bearing(
 
 
 def _numbered(groups: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    """Return the numbers of the groups from 0 on, in each row or in the one that all share."""
+    """Return the numbers of the groups from 0, for each row or for one row that all share."""
     labels = array_of(groups, "groups")
     if not shape or labels.shape not in {shape, shape[-1:]}:
         raise ValueError(

@@ -87,7 +87,7 @@ def _tertia(
         typer.Option("--version", help="Print the version.", callback=_show_version, is_eager=True),
     ] = False,
 ) -> None:
-    """One estimate with an error bar from measurements that are sometimes wrong."""
+    """Estimates with error bars from redundant measurements, some of which are wrong."""
 
 
 for _function, _examples in _COMMANDS.items():

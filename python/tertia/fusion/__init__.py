@@ -1,4 +1,4 @@
-"""Fusion: plots of several radars into one track, estimates of several sensors into one.
+"""Fusion of the plots of several radars into one track, and of several estimates into one.
 
 Source: Panasyuk, Pudovkin, Rogachev 2018, equations (1) to (13), extended to K radars and with
 misprints corrected (`method="paper"`). Other methods are the usual rules; the default also

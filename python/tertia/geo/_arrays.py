@@ -72,7 +72,7 @@ def origin(frame: Any) -> list[float]:
 
 
 def batch(call: Any, array: FloatArray) -> FloatArray:
-    """Return the results of a call on the rows of a batch."""
+    """Call a function of the core on the rows of a batch, and return the results."""
     found: FloatArray = call(rows(array))
     return found.reshape(*array.shape[:-1], found.shape[-1])
 

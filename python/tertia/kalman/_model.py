@@ -18,7 +18,7 @@ _FULL = np.array([0, 1, 2, 1, 3, 4, 2, 4, 5])
 class SingerModel:
     """Motion with an acceleration of constant variance and autocorrelation `exp(-alpha |t|)`.
 
-    With `alpha=0` the acceleration is constant, with `acceleration_sigma=0` the rate.
+    With `alpha=0` the acceleration is constant; with `acceleration_sigma=0` the rate is constant.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Times of arrival: seconds or NumPy's dates in, metres for the core, seconds or dates out."""
+"""Conversion of times of arrival, in seconds or NumPy's datetimes, to metres and back."""
 
 from __future__ import annotations
 

@@ -180,7 +180,7 @@ def rmse(error: npt.ArrayLike, axis: int | tuple[int, ...] | None = None) -> flo
 
 
 def autocorrelation(innovation: npt.ArrayLike, nlags: int = 20) -> FloatArray:
-    """Return the autocorrelation of innovations, which is 0 for a correct filter.
+    """Return the autocorrelation of innovations; if the filter is correct, it is about 0.
 
     Parameters
     ----------

@@ -246,7 +246,7 @@ def wrapped_label(angle: float, period: float) -> str:
 
 
 def rounded(value: float, sigma: float) -> tuple[str, str]:
-    """Return both as text, to two significant digits of sigma."""
+    """Return a value and its sigma as text, to two significant digits of sigma."""
     if sigma < 1e-9 or math.isinf(sigma):
         return f"{value:.9g}", f"{sigma:.2g}"
     # rounded first: 0.0996 is 0.10, not 0.100

@@ -124,7 +124,7 @@ def _bias(kind: str, unit: str, value: float, sigma: float, is_observable: bool)
 
 
 def fusion_rows(analysis: Analysis) -> list[Row]:
-    """Return the errors of tracks at the common instants, of single radars and fused."""
+    """Return the errors of single and of fused tracks at the common instants."""
     if analysis.fusion is None:
         return []
     fused = analysis.fusion

@@ -1,4 +1,4 @@
-"""Rules that mark outliers, and the preparation of angles for them."""
+"""Rules that mark outliers, and the unwrapping of angles."""
 
 from __future__ import annotations
 

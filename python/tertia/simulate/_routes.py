@@ -289,7 +289,7 @@ def _ahead(plan: _Planned, place: FloatArray, along: FloatArray, leg: int, first
 
 
 def right(along: FloatArray) -> FloatArray:
-    """Return unit vectors to the right of unit vectors."""
+    """Return unit vectors rotated by 90 degrees to the right."""
     return np.stack([along[..., 1], -along[..., 0]], axis=-1)
 
 

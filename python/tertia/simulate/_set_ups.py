@@ -126,7 +126,7 @@ _find = set_up
 def routes(
     set_up: SetUpName | SetUp, n: int, rng: np.random.Generator | int | None = None
 ) -> list[FlightPlan]:
-    """Draw plans of random routes around a radar.
+    """Generate plans of random routes around a radar.
 
     Each route has two to four turns by 20 to 110 degrees to either side. Every leg has room for the
     arcs of its turns and for 15 to 30 scans of straight flight. All legs lie within the distances

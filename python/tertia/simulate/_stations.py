@@ -44,7 +44,7 @@ class PassiveLocation:
     covariances: FloatArray
 
     def estimates(self, rng: np.random.Generator | int | None = None) -> FloatArray:
-        """Draw both estimates of every position, to first order.
+        """Simulate both estimates of every position, to first order.
 
         The result has the shape (..., 2, 2); the axes are the estimate and its components east and
         north.

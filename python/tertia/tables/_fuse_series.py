@@ -83,7 +83,7 @@ class FusedTarget:
 
 @dataclass(frozen=True, slots=True)
 class Fusion:
-    """The tracks of all targets, and the fitted parameters."""
+    """The tracks of all targets, and the estimated parameters."""
 
     targets: list[FusedTarget]
     rows: pl.DataFrame

@@ -17,7 +17,7 @@ def stitch(parts: Iterable[Table]) -> Iterator[Table]:
     Every part except the first must begin some minutes before the end of the previous part. Tracks
     of two parts that share plots in this overlap become one track, with the number of the earlier
     part. Up to the end of a part its own rows are used, because they have a longer history; then
-    those of the next part follow. Memory holds one part and the rows of two.
+    those of the next part follow. At any time, memory holds one part and the rows of two parts.
 
     Parameters
     ----------

@@ -25,8 +25,9 @@ def stream(
 ) -> Iterator[Table]:
     """Apply a function of this module to a table that arrives in batches.
 
-    Memory holds two batches and the rows of one incomplete group. The next batch is read, or the
-    last result used, while the function runs; therefore each result is returned one batch later.
+    At any time, memory holds two batches and the rows of one incomplete group. The next batch is
+    read, or the last result used, while the function runs; therefore each result is returned one
+    batch later.
 
     Parameters
     ----------

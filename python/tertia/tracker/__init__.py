@@ -1,4 +1,4 @@
-"""Tracker: radar plots in, tracks out, scan by scan or for a whole recording.
+"""Tracker: tracks from radar plots, scan by scan or for a whole recording.
 
 Plots are polar, from one radar or from several that rotate independently. Targets fly straight or
 turn; interacting multiple models estimate which. Other sensors report positions or azimuths alone.

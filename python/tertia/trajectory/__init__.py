@@ -1,4 +1,4 @@
-"""Trajectory: positions over time from the measurements of several stations, without outliers.
+"""Trajectory: positions over time from measurements of several stations, excluding outliers.
 
 There is redundancy in space (several stations at one instant) and in time (many instants). The
 source uses them in either order: locate each instant, then smooth the positions; or smooth each

@@ -63,7 +63,7 @@ class Datagrams:
         return [name for name in REPLIES if name != self._identity]
 
     def of(self, packets: Sequence[bytes]) -> pl.DataFrame:
-        """Return the plots of packets by the schema, `row` counted from the first of all."""
+        """Return the plots of packets by the schema; `row` counts from the first packet of all."""
         try:
             found = read_asterix([*self._service, *packets])
         except ValueError as error:

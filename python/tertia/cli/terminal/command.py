@@ -55,7 +55,7 @@ def command(function: Callable[..., Any]) -> Callable[..., None]:
     """Return a command that reports each error in one line, also if it is interrupted.
 
     All commands have --settings and --time-format. If the function returns something, the command
-    has the option --json, which prints that.
+    has the option --json, which prints the result.
     """
     signature = inspect.signature(function)
     machine = signature.return_annotation is not None
