@@ -338,8 +338,8 @@ def fuse_scalar(
     """Add one redundant measured scalar to an estimate, and test whether they agree.
 
     A scalar contains information of rank one, `h h' / sigma²`, but has no covariance matrix of the
-    state. Use this function to add a measurement to an estimate from other measurements. Fusing two
-    estimates that share measurements would instead treat them as independent.
+    state. Use this function to add a measurement to an estimate from other measurements. If one
+    fused two estimates that share measurements instead, they would be treated as independent.
 
     Parameters
     ----------

@@ -140,8 +140,8 @@ class Registrar:
 
         If so, `kept` are the plots from which they start. The errors are estimated from the tracks
         of each radar alone. The search is repeated later if radars have no targets in common yet,
-        or if few scans showed no large errors. If only one radar was tracked before, its tracks go
-        on.
+        or if few scans showed no large errors. Later, tracks start anew only if the first scans did
+        not allow the comparison of all radars.
         """
         if self._paired.all():
             return False
@@ -176,7 +176,8 @@ class Registrar:
     def _vote(self, plots: Plots, alone: Alone, *, is_first: bool = False) -> bool:
         """Start the estimation anew from the errors that these plots show, if they are large.
 
-        In the first scans, large errors need several targets, and their absence is not final.
+        In the first scans, large errors are accepted only if several targets show them; if none are
+        found, the search goes on.
         """
         plots = _thinned(plots, len(self.sensors))
         count = 2 if is_first else 3

@@ -172,9 +172,9 @@ def reconstruct(
 
     The error that all stations of a kind have in common cannot contradict anything. It is assumed
     to be as large as the errors that do, or as the part of a stated variance that neither scatters
-    nor contradicts. If no systematic error is found, nothing is subtracted, and what cannot be
-    excluded is part of the covariance. For range differences the errors are those of the receivers.
-    Limits for faults increase with the systematic errors.
+    nor contradicts. If no systematic error is found, nothing is subtracted, and the error that
+    cannot be excluded is part of the covariance. For range differences the errors are those of the
+    receivers. Limits for faults increase with the systematic errors.
 
     The time of emission of each instant is one more unknown, without a prior. Arrivals are
     therefore used relative to their common part, the weighted median of the arrivals that are not

@@ -41,8 +41,8 @@ class Trajectory(Result):
         Measured minus predicted values, divided by their standard deviations.
     systematic : {"given", "estimated", "not included"}
         How the covariance treats systematic errors: it includes them as given; it includes them as
-        estimated from contradictions between the stations; or it does not include them, because
-        there could be no contradictions, or only one that did not occur.
+        estimated from contradictions between the stations; or it does not include them, because no
+        contradiction was possible, or only one was possible and did not occur.
     bias : Bias or None
         Systematic errors of the K stations, given or estimated: the values that were subtracted,
         and the standard deviations of the remaining errors with the share that drifts. `time` is
