@@ -53,9 +53,9 @@ class Audit(Result):
         Factor for the covariances with which the region of each probability would contain that
         share of the true values. Its square root is the factor for the sigmas.
     radius : dict of float to Indicator
-        Distance from an estimate that contains the next true value with each probability, whatever
-        the distribution of the errors; inf if the record is too short. `low` and `high` are bounds
-        of the quantile of the errors.
+        Distance from an estimate within which the next true value lies with each probability,
+        whatever the distribution of the errors; inf if the record is too short. `low` and `high`
+        are bounds of the quantile of the errors.
     region_factor : dict of float to Indicator
         As `radius`, for regions: factor for their axes, or for the sigmas, with which the region
         of the next estimate contains the true value with at least this probability.

@@ -20,7 +20,7 @@ _SAME_TIME = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Errors, covariances, groups, times or numbers, and velocities of targets."""
+    """Errors, covariances, groups, times or row numbers, and velocities of targets."""
 
     errors: FloatArray
     covariance: FloatArray

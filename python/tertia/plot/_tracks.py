@@ -71,7 +71,8 @@ def tracks(
     Returns
     -------
     matplotlib.axes.Axes
-        North against east in kilometres. The numbers of the 60 longest tracks are at their ends.
+        North against east in kilometres. The 60 longest tracks are labelled with their numbers at
+        their ends.
 
     Raises
     ------

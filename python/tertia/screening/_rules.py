@@ -38,8 +38,8 @@ class Screening(Result):
         Mean and variance (divisor n - 1) of the cleaned sample, in the unit of y and its square.
     threshold : float or ndarray of shape (...)
         Half width of the band about the mean outside which a measurement is an outlier, in the unit
-        of y. In a sequential screening the band changes, and this is the last one. For
-        `moving_polynomial`, the meaning of mean, variance and threshold is given there.
+        of y. In a sequential screening the band changes, and this is the last one. For the meaning
+        of these three in a series that changes, see `moving_polynomial`.
     """
 
     _rows: ClassVar = "outlier", 0

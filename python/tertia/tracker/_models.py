@@ -32,7 +32,8 @@ class ImmModel:
         Standard deviation of the acceleration during a scan, in straight flight and in turns, in
         m/s². For straight flight, 0.05 suits simulated legs and 0.2 recorded ones.
     turn_rate_walk : float
-        Random walk of the turn rate, in radians per second and per square root of a second.
+        Intensity of the random walk of the turn rate, in radians per second and per square root of
+        a second.
     turn_rate_sigma : float
         Standard deviation of the initial turn rate of a turn, in radians per second.
     straight_time, turn_time : float

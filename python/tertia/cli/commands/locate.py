@@ -214,7 +214,7 @@ def _say_sigma(one: Located[Location]) -> None:
 
 
 def _say_bias(one: Located[Location]) -> None:
-    """Print the systematic errors that contradictions show, or that none are possible."""
+    """Print the systematic errors found from contradictions, or a note that none can be found."""
     if one.result.systematic == "not included":
         typer.echo("  systematic errors are not included: nothing is redundant")
     if one.result.systematic != "estimated" or one.result.bias is None:

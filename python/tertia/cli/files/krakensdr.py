@@ -78,7 +78,7 @@ def recording(path: Path) -> Part:
 
 
 def _is_compass(path: Path, angle: FloatArray, spectra: FloatArray) -> bool:
-    """Return whether angles are clockwise, by the spectra, which are anticlockwise."""
+    """Return whether angles are clockwise, by comparison with the spectra (anticlockwise)."""
     maximum = np.argmax(spectra, axis=1)
     telling = np.abs(np.sin(np.radians(maximum))) > np.sin(np.radians(2 * _NEAR))
     circle, compass = (
