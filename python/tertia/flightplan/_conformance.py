@@ -183,12 +183,12 @@ def estimate_times_over(
 
     Notes
     -----
-    The rest of the plan is assumed to be flown in proportion to the planned speeds, at the mean
-    ground speed of the last minute (exponential weights with a time constant of 60 s). Plots that
-    do not conform to the plan are ignored. The variance of a time that is tau seconds ahead is
-    `s²/V² + tau² (r² + q tau/3)`. Here s² is the variance of the along-track position, V the speed,
-    r² the relative variance of the mean speed, and `q = speed_change_sigma²/60 s` describes the
-    random walk of the speed.
+    The rest of the plan is assumed to be flown at the planned speeds, scaled to the mean ground
+    speed of the last minute (exponential weights with a time constant of 60 s). Plots that do not
+    conform to the plan are ignored. The variance of a time that is tau seconds ahead is `s²/V² +
+    tau² (r² + q tau/3)`. Here s² is the variance of the along-track position, V the speed, r² the
+    relative variance of the mean speed, and `q = speed_change_sigma²/60 s` describes the random
+    walk of the speed.
 
     Examples
     --------

@@ -51,8 +51,8 @@ class FusedEstimate(Result):
         Weight matrices of the estimates; their sum is the identity, and they are 0 for sensors
         without an estimate. From `fuse_scalar`, the gain of the scalar, of shape (..., m).
     bias_sigma : float or ndarray
-        Standard deviation of the systematic error of an estimate: as given or, in shape (..., m),
-        as estimated.
+        Standard deviation of the systematic error of an estimate: as given, or as estimated with
+        shape (..., m).
     systematic : {"given", "estimated", "not included"}
         How `covariance` treats systematic errors: it includes the given `bias_sigma`, it includes
         errors estimated from contradictions between the sensors, or it includes none, because there
@@ -123,10 +123,10 @@ def fuse(
         "matrix", a covariance may be singular if the others are not singular in the same direction.
     bias_sigma : float, array_like of shape (K,), or None
         Standard deviation of the systematic error of each estimate and component, in the unit of
-        the estimates, which is not part of its covariance; one number for all sensors or one for
-        each. 0: there is no systematic error. inf: nothing is known about it, and the sensor is not
-        used. None: it is estimated from the contradictions between the sensors; only for "matrix"
-        without `cross_covariances`.
+        the estimates; one number for all sensors or one for each. It must not be part of the
+        covariances. 0: there is no systematic error. inf: nothing is known about it, and the sensor
+        is not used. None: it is estimated from the contradictions between the sensors; only for
+        "matrix" without `cross_covariances`.
     n : int, inf or array_like of shape (K,), optional
         Number of measurements from which each covariance was estimated, about their mean. The
         covariance and the p-value of the result then allow for the uncertainty of the covariances.
@@ -205,7 +205,8 @@ def fuse(
     `tr(inverse(M) S_k) = m`; the model therefore depends neither on units nor on axes. The prior of
     x is flat; that of τ is half-Cauchy with scale 1 (Gelman 2006), and τ is integrated out. From
     one estimate no systematic error can be found. With two estimates the result depends strongly on
-    the prior, and an interval of two sigmas is at least 2.5 times as wide as without it.
+    the prior, and an interval of two sigmas is at least 2.5 times as wide as without systematic
+    errors.
 
     If `n` is given, an interval of two sigmas also contains a component with a probability of 95.45
     %. For one estimate this follows from Student's distribution, for several from a simulation with
@@ -337,9 +338,10 @@ def fuse_scalar(
 ) -> FusedEstimate:
     """Add one redundant measured scalar to an estimate, and test whether they agree.
 
-    A scalar contains information of rank one, `h h' / sigma²`, but has no covariance matrix of the
-    state. Use this function to add a measurement to an estimate from other measurements. If one
-    fused two estimates that share measurements instead, they would be treated as independent.
+    A scalar does not determine the whole vector: it has an information matrix of rank one, `h h' /
+    sigma²`, but no covariance matrix. Use this function to add a measurement to an estimate from
+    other measurements. If one fused two estimates that share measurements instead, they would be
+    treated as independent.
 
     Parameters
     ----------
@@ -380,7 +382,7 @@ def fuse_scalar(
 
     Examples
     --------
-    A range of 5 ± 0.1 is added to a position of (3 ± 1, 4 ± 1); `h` is the direction to it:
+    A range of 5 ± 0.1 is added to a position of (3 ± 1, 4 ± 1); `h` is the unit vector to it:
 
     >>> from tertia.fusion import fuse_scalar
     >>> fuse_scalar([3, 4], [[1, 0], [0, 1]], [0.6, 0.8], 5.2, 0.1)

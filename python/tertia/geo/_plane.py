@@ -27,8 +27,8 @@ class SystemPlane(Frame):
     projection `sterea` of PROJ (EPSG 9809) by up to 1 m within 450 km, and from `stere` by 9 to 51
     m; files of other systems may use one of these.
 
-    Lengths in the plane are .15 % too short at a height of 10 km and 100 km from the centre, and
-    .06 % too short at 400 km: see `scale_and_convergence`.
+    At a height of 10 km, lengths in the plane are .15 % too short 100 km from the centre, and .06 %
+    too short 400 km from it: see `scale_and_convergence`.
 
     Attributes
     ----------

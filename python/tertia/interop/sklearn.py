@@ -79,8 +79,8 @@ class BandDetector(OutlierMixin, _Band):  # type: ignore[misc]
 
     Each column is cleaned repeatedly by the leave-one-out rule, which removes 0.27 percent of a
     sample without outliers, until no outlier is found. The band follows from the mean and standard
-    deviation of the remaining values: one more good measurement lies in it with a probability given
-    by `significance`. Up to a tenth of the values may be wrong.
+    deviation of the remaining values, such that one more good measurement lies outside with a
+    probability that follows from `significance`. Up to a tenth of the values may be wrong.
 
     Parameters
     ----------

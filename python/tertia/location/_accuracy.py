@@ -90,10 +90,10 @@ def accuracy_map(
     arrival_time_sigma : array_like of shape (K,), optional
         Standard deviations of the times of arrival in seconds.
     bias : Bias, optional
-        Systematic errors of all stations, or of each, (K,), instead of those of the stations. Their
-        sigmas add to the random errors; a measurement whose systematic error has an infinite sigma
-        is not used. A sigma of None adds nothing, because without measurements it cannot be
-        estimated.
+        Systematic errors that replace those of the stations: the same for all stations, or one for
+        each, (K,). Their sigmas add to the random errors; a measurement whose systematic error has
+        an infinite sigma is not used. A sigma of None adds nothing, because without measurements it
+        cannot be estimated.
     range_difference_correlation, propagation_speed : float
         As for `locate`.
     degrees : bool

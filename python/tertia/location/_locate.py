@@ -95,11 +95,11 @@ def locate(
     arrival_time_sigma : array_like of shape (..., K), optional
         Standard deviations of the times of arrival in seconds.
     bias : Bias, optional
-        Systematic errors of the stations, instead of their own: of all stations, or of each of K.
-        Their values are subtracted, and their sigmas are part of the covariance. With `Bias()`
-        there are no systematic errors. If neither the call nor the stations state a bias, sigmas
-        are increased as far as contradictions between the stations require, and not at all if there
-        are no contradictions (see Notes).
+        Systematic errors that replace those of the stations: the same for all stations, or one for
+        each of K. Their values are subtracted, and their sigmas are part of the covariance. With
+        `Bias()` there are no systematic errors. If neither the call nor the stations state a bias,
+        sigmas are increased as far as contradictions between the stations require, and not at all
+        if there are no contradictions (see Notes).
     range_difference_correlation : float
         Correlation of the errors of range differences. Use .5 if all share the error of the first
         station, whose variance is equal to that of the others, and 0 if they are independent. The

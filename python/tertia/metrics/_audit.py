@@ -50,8 +50,8 @@ class Audit(Result):
     coverage : dict of float to Indicator
         Share of the true values inside the region of each probability.
     scale : dict of float to Indicator
-        Factor for the covariances with which the region of each probability would contain that
-        share of the true values. Its square root is the factor for the sigmas.
+        Factor for the covariances with which the region of each probability would contain a share
+        of the true values equal to its probability. Its square root is the factor for the sigmas.
     radius : dict of float to Indicator
         Distance from an estimate within which the next true value lies with each probability,
         whatever the distribution of the errors; inf if the record is too short. `low` and `high`
@@ -364,7 +364,8 @@ def _quantile(record: Record, values: FloatArray, probability: float, level: flo
 
 
 def _conformal(record: Record, values: FloatArray, probability: float, level: float) -> Indicator:
-    """Return a bound of the next value: each rank among n + 1 exchangeable values is as likely."""
+    """Return a bound of the next value: all ranks of n + 1 exchangeable values are equally
+    likely."""
     _, low, high, number = _bounds(record, values, probability, level)
     count = len(values)
     rank = int(np.ceil(probability * (1.0 + 1.0 / number) * count - 1e-9))

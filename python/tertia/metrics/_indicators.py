@@ -218,8 +218,8 @@ def indicators(
     of 2000 resamples of the flights; with one flight they are unbounded. Offsets of pairs that
     share a flight are correlated; their variance is the jackknife's by flight. The interval of the
     rate of false tracks is Byar's approximation of the Poisson interval. The interval of the
-    density is the same for a reduced number of updates, because the updates of one false track come
-    together.
+    density is computed in the same way with a reduced number of updates, because the updates of one
+    false track come together.
 
     Examples
     --------

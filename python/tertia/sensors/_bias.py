@@ -48,9 +48,9 @@ _NO_DEVIATION: dict[str, Any] = {
 class Bias(Result):
     """Systematic errors of a sensor, assumed or estimated.
 
-    The values are subtracted from the measurements. What remains is a systematic error that is
-    normal with mean zero and standard deviation `<kind>_sigma`. A sigma of 0 means that the bias is
-    known exactly, inf that it is unknown, and None that it is to be estimated.
+    The values are subtracted from the measurements. The remaining systematic error is normal with
+    mean zero and standard deviation `<kind>_sigma`. A sigma of 0 means that the bias is known
+    exactly, inf that it is unknown, and None that it is to be estimated.
 
     Parameters
     ----------

@@ -138,7 +138,7 @@ def ways(channels: Mapping[str, Channel]) -> dict[str, float]:
     """Return the probability of each combination of channels, and of no detection (empty name).
 
     Channels detect independently. A target has a transponder of one kind; if a radar interrogates
-    both kinds, half of the targets have each.
+    both kinds, half of the targets have a transponder of each kind.
     """
     echo = channels["psr"].detection_probability if "psr" in channels else 0.0
     replies = {

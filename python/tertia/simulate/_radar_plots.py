@@ -120,8 +120,8 @@ def radar_plots(
         The radars; a radar without a third coordinate has the height 0.
     clutter : array_like of shape () or (K,)
         Mean number of false plots per scan; it requires a finite `max_range`. For a radar with
-        channels, it applies to the first channel it has of psr, ssr and mode-s, if that channel
-        states no clutter.
+        channels, it is the clutter of the first channel in the order psr, ssr, mode-s, unless that
+        channel states its own.
     phase : array_like of shape () or (K,), optional
         A time in seconds at which the beam points north; by default uniform over a scan.
     bias : Bias, optional

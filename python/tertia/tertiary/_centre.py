@@ -60,7 +60,8 @@ class SystemTracks(Result):
         Whether the target has existed for three cycles.
     doubtful : ndarray of bool, shape (N,)
         Whether only one sensor has seen the target for ten cycles although another sensor should
-        see it: the target is within its `max_range`, and its detection probability is above 0.8.
+        see it: one with the target within its `max_range`, and with a detection probability above
+        0.8.
     height : ndarray of shape (N,)
         Height in metres; nan if it is not known.
     identity : ndarray of int, shape (N,)

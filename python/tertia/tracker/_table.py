@@ -68,7 +68,7 @@ class _Columns:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackTable(_Columns, Result):
-    """Tracks: one row for every plot of a track and for every scan without a plot of it.
+    """Tracks: one row for every plot of a track and for every scan that missed its target.
 
     `COLUMNS` lists the columns with their units. `table[index]` has the rows of a slice, a mask or
     indices.

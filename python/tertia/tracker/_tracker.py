@@ -104,11 +104,11 @@ class Tracker:
     registration : bool, optional
         Whether to estimate the systematic errors of the radars while tracking, and to correct the
         plots. This needs targets that other radars or position sensors see as well. By default it
-        is done if there are such sensors and a radar with errors (not `bias=Bias()`). Positions of
-        a `PositionSensor` are assumed to have no systematic error except a delay. `Tracker.bias`
-        has the present estimate; its uncertainty is part of the covariances. Errors of several
-        times the limits are found from the first three scans, during which no rows are returned,
-        or from the first seven; the tracks then start anew, with new numbers.
+        is done if there are such sensors and a radar that may have errors (a `bias` other than
+        `Bias()`). Positions of a `PositionSensor` are assumed to have no systematic error except a
+        delay. `Tracker.bias` has the present estimate; its uncertainty is part of the covariances.
+        Errors of several times the limits are found from the first three scans, during which no
+        rows are returned, or from the first seven; the tracks then start anew, with new numbers.
     n_threads : int, optional
         Number of threads for scans with more than a thousand plots per thread; by default all
         cores. It does not affect the results.
@@ -489,7 +489,7 @@ class Tracker:
         self._core.decorrelate(integer(track, "track", 1))
 
     def suspend_plan(self, track: int) -> None:
-        """Ignore the flight plan of a track until `resume_plan`, as it is wrong or in an emergency.
+        """Ignore the flight plan of a track until `resume_plan`; it is wrong, or in an emergency.
 
         If the track is assigned another plan, that plan is suspended, too. Suspensions are part of
         the pickled state of the tracker.

@@ -95,7 +95,7 @@ def reconstruct(
         common clock or as NumPy's datetimes; nan or NaT where it did not arrive. The times of
         emission are unknown: two arrivals determine a hyperbola, a single one determines nothing.
     range_sigma, azimuth_sigma, elevation_sigma : array_like of shape (K,) or (N, K), optional
-        Standard deviations in metres and radians, of the stations or of each measurement, instead
+        Standard deviations in metres and radians, one per station or one per measurement, instead
         of those of the stations.
     range_difference_sigma : array_like of shape (K - 1,), optional
         Standard deviations of the range differences in metres.
@@ -121,8 +121,8 @@ def reconstruct(
         by white jerk or white acceleration (see `tertia.smoothing.smooth`). With "temporal-first"
         the jerk is always estimated.
     bias : Bias, optional
-        Systematic errors of the stations, instead of their own; `Bias()` means that there are none.
-        If it is missing, or a sigma is None, they are estimated from contradictions between the
+        Systematic errors that replace those of the stations; `Bias()` means that there are none. If
+        it is missing, or a sigma is None, they are estimated from contradictions between the
         stations. Sigmas other than 0 need "spatial-first" and "rts". A finite sigma is that of an
         error common to all instants. A sigma of inf, for all stations or none, means that the bias
         is constant and unknown; this is an error if the measurements do not determine it.
@@ -171,10 +171,11 @@ def reconstruct(
     uncertainty and the variance of g are propagated into the covariance.
 
     The error that all stations of a kind have in common cannot contradict anything. It is assumed
-    to be as large as the errors that do, or as the part of a stated variance that neither scatters
-    nor contradicts. If no systematic error is found, nothing is subtracted, and the error that
-    cannot be excluded is part of the covariance. For range differences the errors are those of the
-    receivers. Limits for faults increase with the systematic errors.
+    to be as large as the errors that contradictions show, or as the part of a stated variance that
+    causes neither scatter nor contradictions. If no systematic error is found, nothing is
+    subtracted, and the error that cannot be excluded is part of the covariance. For range
+    differences the errors are those of the receivers. Limits for faults increase with the
+    systematic errors.
 
     The time of emission of each instant is one more unknown, without a prior. Arrivals are
     therefore used relative to their common part, the weighted median of the arrivals that are not

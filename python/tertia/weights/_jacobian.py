@@ -80,7 +80,7 @@ def jacobian(
     ndarray of shape (..., K, m², m²)
         `d vec W_sensor / d vec S_j` for each j. vec stacks columns on both sides: element
         [j, b m + a, q m + p] is `d W[a, b] / d S_j[p, q]`. All elements of `S_j` count as
-        independent, so a symmetric change of `S_j` contains two of them off the diagonal.
+        independent, so a symmetric change of an off-diagonal element changes two of them.
 
     Raises
     ------

@@ -98,8 +98,8 @@ def covariance_factor(n: float, convention: Convention = "sample-mean") -> float
     Returns
     -------
     float
-        `1 / (n - 1)`, `1 / n`, `n / (n - 1)²` or `(3 n - 4) / (2 (n - 1)²)`, for the conventions
-        in their order.
+        `1 / (n - 1)`, `1 / n`, `n / (n - 1)²` or `(3 n - 4) / (2 (n - 1)²)`, for the conventions in
+        the order above.
 
     Raises
     ------

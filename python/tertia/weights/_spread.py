@@ -58,8 +58,9 @@ def weight_covariance(
     -----
     Equation (10) of the source in closed form. The cost is O(K m⁴); the product as printed takes
     O(m⁶). In the convention "paper", c is as printed, and the Jacobian is taken at the given
-    covariances. The result is then `n² / (n - 1)²` too large, because W does not change if all
-    covariances are multiplied by n / (n - 1). `weight_bias` and `fusion_loss` allow for that.
+    covariances. The result is then too large by the factor `n² / (n - 1)²`, because W does not
+    change if all covariances are multiplied by n / (n - 1). `weight_bias` and `fusion_loss` allow
+    for that.
 
     Examples
     --------
