@@ -70,7 +70,7 @@ def _agreement(columns: Columns, chance: float) -> tuple[int, int]:
 
 
 def _evidence(columns: Columns, chance: float) -> float:
-    """Return how much evidence the instants give whose measurements agree."""
+    """Return the amount of evidence from those instants whose measurements agree."""
     worth = np.maximum(columns[1], 0.5)
     return float(np.sum(np.where(_agrees(columns, chance), worth, 0.0)))
 

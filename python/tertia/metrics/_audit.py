@@ -364,8 +364,7 @@ def _quantile(record: Record, values: FloatArray, probability: float, level: flo
 
 
 def _conformal(record: Record, values: FloatArray, probability: float, level: float) -> Indicator:
-    """Return a bound of the next value: all ranks of n + 1 exchangeable values are equally
-    likely."""
+    """Return a bound of the next value; n + 1 exchangeable values have equally likely ranks."""
     _, low, high, number = _bounds(record, values, probability, level)
     count = len(values)
     rank = int(np.ceil(probability * (1.0 + 1.0 / number) * count - 1e-9))

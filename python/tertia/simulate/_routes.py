@@ -93,7 +93,8 @@ class _Planned:
         return len(self.waypoints)
 
     def spot(self, leg: int, random: np.random.Generator) -> tuple[FloatArray, float]:
-        """Return a random point on the straight part of a leg, and its share of the leg."""
+        """Return a random point on the straight part of a leg, and the fraction of the leg before
+        it."""
         settled = _SETTLED * self.speeds[leg]
         first = settled + (self.leads[leg - 1] if leg else 0.0)
         last = self.lengths[leg] - self.leads[leg] - settled
@@ -104,7 +105,7 @@ class _Planned:
         return self.waypoints[leg] + share * self.lengths[leg] * self.along[leg], share
 
     def height(self, leg: int, share: float) -> float:
-        """Return the height at a share of a leg."""
+        """Return the height at a given fraction of a leg."""
         return float((1 - share) * self.heights[leg] + share * self.heights[leg + 1])
 
     def route(

@@ -489,10 +489,10 @@ class Tracker:
         self._core.decorrelate(integer(track, "track", 1))
 
     def suspend_plan(self, track: int) -> None:
-        """Ignore the flight plan of a track until `resume_plan`; it is wrong, or in an emergency.
+        """Ignore the flight plan of a track until `resume_plan` is called.
 
-        If the track is assigned another plan, that plan is suspended, too. Suspensions are part of
-        the pickled state of the tracker.
+        This is for plans that are wrong, and for emergencies. If the track is assigned another
+        plan, that plan is suspended, too. Suspensions are part of the pickled state of the tracker.
 
         Parameters
         ----------
