@@ -257,9 +257,9 @@ def smooth_series(
     -----
     The smoother of Rauch, Tung and Striebel in Joseph form, on the factors `U D U'` of the
     covariances. If an initial covariance is w times as wide as the noise, log10(w) digits are lost;
-    without an initial state none are. If it is w times narrower and the model is not exact, so that
-    process noise enters only the acceleration, the relative error is 1e-15 sqrt(w). The cost is
-    O(steps).
+    without an initial state none are. If an initial covariance is w times narrower and the model is
+    not exact, so that process noise enters only the acceleration, the relative error is 1e-15
+    sqrt(w). The cost is O(steps).
 
     Examples
     --------

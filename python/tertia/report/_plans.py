@@ -21,7 +21,8 @@ _ENDS = 3000.0
 class Followed:
     """A track and its plan: when the track conformed, and its cross-track distance in metres.
 
-    `left` and `back` are times in seconds; nan if it did not happen.
+    `left` and `back` are the times in seconds at which the plan was left and followed again; nan if
+    never.
     """
 
     track: int

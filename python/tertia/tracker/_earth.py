@@ -128,7 +128,7 @@ def _levels(height: FloatArray, low: FloatArray) -> FloatArray:
 
 
 def reach(radar: Radar) -> float:
-    """Return the largest range in the plane, which enlarges lengths far from its centre."""
+    """Return the largest range in the plane, in which lengths far from the centre are enlarged."""
     if radar.frame is None:
         return radar.max_range
     far = float(np.hypot(*radar.position[:2])) + radar.max_range
