@@ -122,7 +122,8 @@ def read_asterix(path: str | Path | Sequence[bytes]) -> AsterixRecording:
     path : str, Path, or sequence of bytes
         A file of consecutive data blocks; a network recording of UDP packets that contain data
         blocks (pcap, pcapng); or a file of data blocks in frames (IOSS final format, RFF). The type
-        is recognised from the first bytes. Instead of a path, the payloads of UDP packets.
+        is recognised from the first bytes. The payloads of UDP packets may be given instead of a
+        path.
 
     Returns
     -------

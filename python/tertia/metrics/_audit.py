@@ -185,10 +185,11 @@ def audit(
     in which a share of the variance is a Gauss-Markov process and the rest is white. The models are
     fitted to the whitened errors and to the ranks of their squares, which also show changes of the
     variance; the stronger of the two correlations is used. The interval of the NEES is that of a
-    variance, averaged over this posterior. The interval of a share is Wilson's (1927), where the
-    correlation of inside and outside follows from that of normal errors. The intervals of scale and
-    radius are order statistics (Woodruff 1952). With ten groups or more, all intervals follow from
-    the variance between groups (Liang, Zeger 1986) and Student's distribution.
+    variance, averaged over this posterior. The interval of a share is Wilson's (1927); its
+    effective number follows from the correlation of normal errors, converted to that of being
+    inside a region. The intervals of scale and radius are order statistics (Woodruff 1952). With
+    ten groups or more, all intervals follow from the variance between groups (Liang, Zeger 1986)
+    and Student's distribution.
 
     The verdict 'honest' needs at least ten independent errors, otherwise it is 'too short to tell'.
     Sigmas that are wrong by more than the interval are reported for a record of any length.

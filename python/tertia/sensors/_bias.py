@@ -72,7 +72,7 @@ class Bias(Result):
         Standard deviations of these biases, in the same units.
     drift_share : float or None
         Share of the variance of the bias that varies slowly, between 0 and 1; the rest is constant.
-        None: it is estimated if the sigma is, otherwise it is 0.
+        None: estimated if the sigma is estimated, otherwise 0.
     drift_time : float or None
         Correlation time of the slow variation in seconds, after which the correlation has fallen to
         1/e; inf means no variation. None: it is estimated.

@@ -93,7 +93,7 @@ class _Planned:
         return len(self.waypoints)
 
     def spot(self, leg: int, random: np.random.Generator) -> tuple[FloatArray, float]:
-        """Return a random point on the straight part of a leg, and the fraction of the leg flown."""
+        """Return a random point on the straight part of a leg, and its distance as a fraction."""
         settled = _SETTLED * self.speeds[leg]
         first = settled + (self.leads[leg - 1] if leg else 0.0)
         last = self.lengths[leg] - self.leads[leg] - settled

@@ -23,9 +23,9 @@ def enlarged(
 
     `covariances` (K, m, m) are estimated; `laws` are the degrees of freedom and the mean of each.
     With the factors, (m,), an interval of two sigmas contains a component with a probability of
-    95.45 %. For one estimate the factor is half of Student's quantile. For several it comes from a
-    simulation that takes the estimates as the truth (parametric bootstrap); given the simulated
-    covariances the error is normal, so only covariances have to be drawn.
+    95.45 %. For one estimate the factor is half of Student's quantile. For several estimates the
+    factor comes from a simulation that takes the estimates as the truth (parametric bootstrap).
+    Given the simulated covariances the error is normal, so only covariances have to be drawn.
     """
     sensors, m = covariances.shape[:2]
     if sensors == 1:
