@@ -195,11 +195,11 @@ def locate(
     Instants with time-correlated errors count as fewer instants. For a single instant, the
     variances are increased if its own residuals fail a test at 10 %. If nothing contradicts the
     stated sigmas, nothing is added. An error that all stations share causes no contradiction. If a
-    batch scatters less than stated (at 99 %), the missing part of the variance is taken as such an
-    error and added to the covariance; a larger one must be stated in `bias`. With one or two
-    degrees of freedom, sigmas that are half as large as they should be are detected in less than
-    half of all single instants (coverage 67 and 73 % instead of 53 %): locate such instants as a
-    batch.
+    batch scatters less than stated (at 99 %), the missing part of the variance is taken as an error
+    that all stations share, and added to the covariance; a larger common error must be stated in
+    `bias`. With one or two degrees of freedom, sigmas that are half as large as they should be are
+    detected in less than half of all single instants (coverage 67 and 73 % instead of 53 %): locate
+    such instants as a batch.
 
     **Large errors.** If the standard deviation is not small compared with the distance to the
     nearest station, the 95 % ellipse is extended along its axes as far as the likelihood reaches
