@@ -70,9 +70,9 @@ def test_without_spectra_the_convention_is_assumed(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("time_s,azimuth_deg\n1,2\n", "is no recording of KrakenSDR: it has 2 columns"),
+        ("time_s,azimuth_deg\n1,2\n", "is not a recording of KrakenSDR: it has 2 columns"),
         (lines("east", compass=True).replace(", 12.5", "0, 12.5"), "it cannot be told whether"),
-        (lines("east", compass=True).replace("200.0", "abc"), "a number is none"),
+        (lines("east", compass=True).replace("200.0", "abc"), "a cell is not a number"),
     ],
 )
 def test_what_is_wrong_is_one_line(tmp_path, text: str, message: str) -> None:

@@ -249,7 +249,7 @@ def test_a_calibration_of_all_kinds_survives_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"time": np.arange(5.0)[::-1]}, "time[1] is before the time before it"),
+        ({"time": np.arange(5.0)[::-1]}, "time[1] is before the previous time"),
         ({"position": np.ones((4, 2))}, "position has shape (4, 2); it must be (5, 2)"),
         ({"azimuth": None}, "nothing was measured"),
         ({"azimuth": np.full(5, np.nan)}, "azimuth has no measurement"),

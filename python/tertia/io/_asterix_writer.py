@@ -202,7 +202,9 @@ class _Table:
         try:
             numbers = {text: number(text) for text in known}
         except (KeyError, ValueError):
-            raise ValueError(f"{name} has a text that is none: {known.to_list()[:3]}") from None
+            raise ValueError(
+                f"{name} has a text that cannot be coded: {known.to_list()[:3]}"
+            ) from None
         if any(one >= 2 ** (8 * size) for one in numbers.values()):
             raise ValueError(f"{name} has a number beyond {8 * size} bits")
         values = column.replace_strict(numbers, default=None, return_dtype=pl.Int64)

@@ -271,7 +271,7 @@ def _matched(pattern: re.Pattern[str], field: str, name: str) -> re.Match[str]:
 def _seconds(hours: str, minutes: str, *, day: bool = False) -> float:
     """Return hours and minutes in seconds; `day` if they are a time of day, not a duration."""
     if int(minutes) >= 60 or (day and int(hours) >= 24):
-        raise ValueError(f"{hours + minutes!r} is no time")
+        raise ValueError(f"{hours + minutes!r} is not a time")
     return 3600.0 * int(hours) + 60.0 * int(minutes)
 
 

@@ -23,7 +23,7 @@ def udp_payloads(path: Path, contents: bytes) -> Iterator[tuple[int, bytes]]:
         reader = dpkt.pcap.UniversalReader(io.BytesIO(contents))
         link = _links(dpkt).get(reader.datalink())
     except broken:
-        raise ValueError(f"{path} begins like a recording of packets, and is none") from None
+        raise ValueError(f"{path} begins like a recording of packets, but is not one") from None
     if link is None:
         raise ValueError(
             f"{path} was recorded on a link of type {reader.datalink()}, which is not known; "

@@ -111,7 +111,7 @@ class Tables:
         for name in (names[at] for at in between):
             place = self.place(name, places[-1] if places else start)
             if place is None:
-                raise ValueError(f"airway {airway!r} has {name!r}, which is no fix")
+                raise ValueError(f"airway {airway!r} has {name!r}, which is not a fix")
             places.append(place)
         return places if end in names else [*places, goal]
 
@@ -142,7 +142,7 @@ def cruise_of(token: str) -> tuple[float, float]:
     """Return true airspeed (m/s) and level (m, nan for VFR) of a token like N0450F350."""
     found = _CRUISE.fullmatch(token)
     if found is None:
-        raise ValueError(f"{token!r} is no speed and level, such as N0450F350")
+        raise ValueError(f"{token!r} is not a speed and level, such as N0450F350")
     level = math.nan
     if found[2] != "VFR":
         level = int(found[2][1:]) * _LEVELS[found[2][0]][1]
@@ -241,7 +241,7 @@ def _of_degrees(token: str, found: re.Match[str]) -> Place:
     latitude = int(found[1]) + minutes[0] / 60
     longitude = int(found[4]) + minutes[1] / 60
     if max(minutes) >= 60 or latitude > 90 or longitude > 180:
-        raise ValueError(f"{token!r} is no place on the earth")
+        raise ValueError(f"{token!r} is not a place on the earth")
     south, west = found[3] == "S", found[6] == "W"
     return Place(token, -latitude if south else latitude, -longitude if west else longitude)
 

@@ -67,7 +67,7 @@ def _intervals(
     if len(back):
         place = ", ".join(map(str, (*back[0][:-1], back[0][-1] + 1)))
         raise ValueError(
-            f"time[{place}] is before the time of the step before; time must not decrease"
+            f"time[{place}] is before the time of the previous step; time must not decrease"
         )
     return intervals
 

@@ -399,7 +399,7 @@ def _require_method(
     if method == "posterior":
         _require_azimuths(measured, d, method)
         if start is not None:
-            raise ValueError(f"method is {method!r}, which weighs all positions; without initial")
+            raise ValueError(f"method is {method!r}, which does not use initial")
     elif max_range is not None:
         raise ValueError(f"method is {method!r}; max_range is for 'posterior'")
 

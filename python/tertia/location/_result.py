@@ -248,7 +248,7 @@ class Location(Result):
         36.3
         """
         if self.measurement_sigma is not None:
-            raise ValueError("a protection level needs standard deviations that are stated")
+            raise ValueError("a protection level needs stated standard deviations")
         return protection_level_of(
             self._source(),
             self.position,
@@ -260,7 +260,7 @@ class Location(Result):
 
     def _source(self) -> Scene:
         if self._scene is None:
-            raise ValueError("only a position that locate returned has its measurements")
+            raise ValueError("this needs a position that was returned by locate")
         return self._scene
 
     def _accuracy(self) -> Accuracy:

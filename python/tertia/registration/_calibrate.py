@@ -84,9 +84,7 @@ def calibrate(
         raise ValueError(f"time has shape {instants.shape}; it must be (N,)")
     back = np.flatnonzero(np.diff(instants) < 0)
     if back.size:
-        raise ValueError(
-            f"time[{back[0] + 1}] is before the time before it; time must not decrease"
-        )
+        raise ValueError(f"time[{back[0] + 1}] is before the previous time; time must not decrease")
     place = points(position, "position")
     if place.shape != (instants.size, station.position.shape[-1]):
         raise ValueError(

@@ -37,7 +37,7 @@ _HALF_DAY = 43_200.0
 _DIGITS = {16: "{:06X}", 8: "{:04o}"}
 _SPELLING = {16: "hexadecimal digits", 8: "octal digits", 10: "a whole number, 0 or more"}
 _AS_OTHERS = "a number of seconds or a date with time, as the others are"
-_SAY_FORMAT = "; or give --time-format, as %d.%m.%Y %H:%M:%S"
+_SAY_FORMAT = "; or give --time-format, for example %d.%m.%Y %H:%M:%S"
 # what Polars adds to the name of a column that a header has again
 AGAIN = "_duplicated_0"
 # so many values show whether a unit is right

@@ -186,7 +186,7 @@ def _samples(
         raise RecordError(f"there {there}; two are needed", file=source[0].file)
     for name, sample in samples.items():
         if len(sample) < 2:
-            raise RecordError(f"sensor {name} has 1 measurement; its weight needs two at least")
+            raise RecordError(f"sensor {name} has 1 measurement; its weight needs at least two")
         large = np.any(np.abs(sample) > LARGEST, axis=0)
         if np.any(large):
             column = components[int(np.flatnonzero(large)[0])]

@@ -70,8 +70,8 @@ def placed(plots: Plots, sensors: Sequence[Any]) -> Plots:
         if len(wrong):
             at = wrong[0]
             raise ValueError(
-                f"plots.sensor_position[{at}] is that of sensors[{own[at]}], which is no Station; "
-                "give plots of other sensors that move as positions, of a PositionSensor"
+                f"plots.sensor_position[{at}] is that of sensors[{own[at]}], which is not a "
+                "Station: give plots of other moving sensors as positions, of a PositionSensor"
             )
     given = np.full((len(plots), 2), np.nan) if plots.position is None else plots.position
     return plots._replaced(

@@ -230,11 +230,11 @@ _MESSAGES = {
     PlotStatus.LATE: "the plot is more than a scan older than plots that were processed before",
     PlotStatus.AT_SENSOR: "the target is straight above the radar",
     PlotStatus.OUT_OF_RANGE: "the plot is beyond the range of the radar",
-    PlotStatus.CLOCK_ERROR: "the plot comes alone or with few long after others: a wrong clock",
+    PlotStatus.CLOCK_ERROR: "the plot is isolated and much later than others: its clock is wrong",
     PlotStatus.DUPLICATE: "the plot repeats the one before it",
-    PlotStatus.NO_QUALITY: "the position has no covariance, or one that is none",
+    PlotStatus.NO_QUALITY: "the position has no valid covariance",
     PlotStatus.UNASSOCIATED: (
-        "the azimuth is of no confirmed track, or of several in nearly the same direction"
+        "the azimuth matches no confirmed track, or several in nearly the same direction"
     ),
 }
 

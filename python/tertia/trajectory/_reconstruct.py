@@ -419,9 +419,7 @@ def _instants(time: npt.ArrayLike) -> FloatArray:
         raise ValueError(f"time has shape {instants.shape}; it must be (N,)")
     back = np.flatnonzero(np.diff(instants) < 0)
     if back.size:
-        raise ValueError(
-            f"time[{back[0] + 1}] is before the time before it; time must not decrease"
-        )
+        raise ValueError(f"time[{back[0] + 1}] is before the previous time; time must not decrease")
     return instants
 
 

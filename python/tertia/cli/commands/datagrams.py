@@ -169,5 +169,5 @@ def _address(text: str, option: str) -> tuple[str, int]:
 def port_of(text: str) -> int:
     """Return the number of a port; exit with an error if it is invalid."""
     if not text.isdecimal() or not 0 < int(text) < _PORTS:
-        fail(f"{text!r} is no port: give a number from 1 to {_PORTS - 1}", WRONG_USAGE)
+        fail(f"{text!r} is not a port: give a number from 1 to {_PORTS - 1}", WRONG_USAGE)
     return int(text)

@@ -68,7 +68,7 @@ def simulate(
     stated.
     """
     if folder.exists() and not folder.is_dir():
-        fail(f"cannot write {folder}: it is no folder", WRONG_USAGE)
+        fail(f"cannot write {folder}: it is not a folder", WRONG_USAGE)
     place = pair(origin, "--origin", float)
     with working("Simulating"):
         scene = simulated.scene(

@@ -300,7 +300,7 @@ def _of_json(text: str) -> Cells | str:
         cells = json.loads(text)
     except ValueError:
         cells = None
-    return cells if isinstance(cells, dict) else "it is no JSON object"
+    return cells if isinstance(cells, dict) else "it is not a JSON object"
 
 
 def _of_csv(text: str, header: Sequence[str], separator: str) -> Cells | str:

@@ -48,7 +48,7 @@ def recording(path: Path) -> Part:
     first = len(_COLUMNS) + _RESERVED
     if cells.width not in {first, first + _SPECTRUM}:
         fail(
-            f"{path} is no recording of KrakenSDR: it has {cells.width} columns; these have "
+            f"{path} is not a recording of KrakenSDR: it has {cells.width} columns; these have "
             f"{first}, or {first + _SPECTRUM} with spectra (format 'Kraken App')"
         )
     cells = cells.select(pl.all().str.strip_chars())
@@ -59,7 +59,7 @@ def recording(path: Path) -> Part:
         )
         spectra = cells[:, first:].cast(pl.Float64).to_numpy() if cells.width > first else None
     except pl.exceptions.PolarsError as error:
-        fail(f"{path}: a number is none: {str(error).splitlines()[0]}")
+        fail(f"{path}: a cell is not a number: {str(error).splitlines()[0]}")
     relative = rows["angle"].to_numpy()
     if spectra is None:
         doubt(f"{path} has no spectra: its angles are taken for clockwise from the heading")

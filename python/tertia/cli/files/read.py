@@ -186,7 +186,7 @@ def _say_why(path: Path, error: str) -> NoReturn:
     if reason is not None:
         fail(f"cannot read {path}: {reason}")
     if kind in _BINARY:
-        fail(f"cannot read {path}: it is no {_BINARY[kind]} file, or cut off: {error}")
+        fail(f"cannot read {path}: it is not in {_BINARY[kind]} format, or is cut off: {error}")
     if kind in JSON_LINES and path.suffix.lower() not in _PACKED:
         for number, line in enumerate(path.read_bytes().splitlines(), start=1):
             if line.strip() and not _is_object(line):
@@ -266,9 +266,9 @@ def _described(
         fail(f"cannot read {path}: {error}")
     rows, origin = document.get(noun, []), document.get(_ORIGIN)
     if not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
-        fail(f"{path}: {noun} is no list of tables; each must begin with [[{noun}]]")
+        fail(f"{path}: {noun} is not a list of tables; each must begin with [[{noun}]]")
     if origin is not None and not isinstance(origin, Mapping):
-        fail(f"{path}: {_ORIGIN} is no table; it must begin with [{_ORIGIN}]")
+        fail(f"{path}: {_ORIGIN} is not a table; it must begin with [{_ORIGIN}]")
     return rows, origin
 
 

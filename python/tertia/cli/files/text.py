@@ -167,7 +167,7 @@ def _read(path: Path, dialect: Dialect) -> pl.DataFrame:
     if text is None:
         text = _text(contents, "cp1252") if dialect.encoding == "utf-8" else None
         if text is None:
-            reason = f"it is no text: {dialect.encoding} does not decode it"
+            reason = f"it is not text: {dialect.encoding} does not decode it"
             raise pl.exceptions.ComputeError(reason)
         doubt(f"{path} is not in UTF-8: it is read as Windows-1252")
     for _ in range(dialect.comments):

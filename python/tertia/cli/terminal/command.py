@@ -101,7 +101,7 @@ def _keep_measurements(options: Mapping[str, Any]) -> None:
             # a name that is too long is told where it is used
             with contextlib.suppress(OSError):
                 if result is not None and path is not None and result.samefile(path):
-                    fail(f"cannot write {result}: it has the measurements", WRONG_USAGE)
+                    fail(f"cannot write {result}: it contains the measurements", WRONG_USAGE)
 
 
 @contextlib.contextmanager
