@@ -248,7 +248,8 @@ CASES = {
     "compact": Case(each("time_s", clock("20261122T12{minute:02d}{second}Z")), same=False),
     "time of day": Case(each("time_s", clock("12:{minute:02d}:{second}")), same=False),
     "local dates": failing(
-        "or give --time-format, for example", each("time_s", clock("22.11.2026 12:{minute:02d}:{second}"))
+        "or give --time-format, for example",
+        each("time_s", clock("22.11.2026 12:{minute:02d}:{second}")),
     ),
     "local dates, said": Case(
         each("time_s", clock("22.11.2026 12:{minute:02d}:{second}")),
