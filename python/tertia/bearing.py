@@ -283,7 +283,7 @@ def _numbered(groups: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     try:
         numbers = [np.unique(row, return_inverse=True)[1] for row in rows]
     except TypeError:
-        raise TypeError("groups has labels of several types; they must be of one") from None
+        raise TypeError("groups has labels of several types; all must have the same type") from None
     return np.asarray(numbers, dtype=np.float64).reshape(labels.shape)
 
 

@@ -64,7 +64,7 @@ def run(tmp_path, text: str) -> terminal.Run:
 
 def test_without_spectra_the_convention_is_assumed(tmp_path) -> None:
     result = run(tmp_path, lines("east", compass=True, spectra=False))
-    assert "has no spectra: its angles are taken for clockwise from the heading" in result.err
+    assert "has no spectra: its angles are taken as clockwise from the heading" in result.err
 
 
 @pytest.mark.parametrize(

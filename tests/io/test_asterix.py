@@ -292,7 +292,7 @@ def test_other_categories_are_named_and_counted(save: Save, radars: Path) -> Non
     code, _, err = run("track", path, "--sensors", radars)
     assert code == 0
     assert (
-        f"{path}: not read are 1 blocks of category 247 (versions), 2 blocks of category 253 "
+        f"{path}: not read: 1 blocks of category 247 (versions), 2 blocks of category 253 "
         "(unknown)\n"
     ) in err
 

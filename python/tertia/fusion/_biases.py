@@ -49,8 +49,7 @@ def prior_of(bias_sigma: npt.ArrayLike, radars: int) -> FloatArray:
     prior[...] = deviations(bias_sigma, radars)
     if prior.min() == np.inf:
         raise ValueError(
-            "bias_sigma is infinite for every radar; what all radars have in common needs one that "
-            "is finite"
+            "bias_sigma is infinite for every radar; it must be finite for at least one"
         )
     return prior
 

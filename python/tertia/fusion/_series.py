@@ -283,7 +283,7 @@ def fuse_series(
     prior = prior_of(bias_sigma, radars)
     biased = bool(prior.any())
     if initial is not None and biased:
-        raise ValueError("initial has the systematic errors in it; leave it out with a bias_sigma")
+        raise ValueError("initial contains the systematic errors; leave it out with a bias_sigma")
     fused = _core.fuse_series(arguments, threads(n_threads))
     variance = spread(stated, plots.shape)
     lasting, phi = _lasting(correlation_time, plots, variance, (time, model.dt), wrap)

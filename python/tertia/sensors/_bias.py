@@ -178,7 +178,7 @@ class Bias(Result):
             object.__setattr__(self, name, None if column is None else scalar_or_array(column))
         order = integer(deviation_order, "deviation_order", 0)
         if order > 0 and shape != ():
-            raise ValueError("deviation_order is that of one sensor; the fields have one for each")
+            raise ValueError("deviation_order is for one sensor; the fields are those of several")
         scale = _bias_number(real(deviation_sigma, "deviation_sigma"), "azimuth_sigma", degrees)
         curve = np.zeros(2 * order) if deviation is None else finite(deviation, "deviation")
         curve = np.radians(curve) if degrees and deviation is not None else curve

@@ -388,7 +388,7 @@ def _detected(given: float | None, channels: Mapping[str, Channel] | None) -> fl
     # a copy of a radar is made with both
     if given not in {None, own}:
         raise ValueError(
-            f"detection_probability is {given}; where there are channels it is theirs, {own:g}"
+            f"detection_probability is {given}; with channels it must be theirs, {own:g}"
         )
     return own
 

@@ -236,7 +236,7 @@ def _refuse_impossible(measured: pl.DataFrame, records: Records, *, repeated: bo
     )
     one.refuse(
         (kind == "range_difference") & (pl.col("site") == 0),
-        "the first sensor has a range difference; they are those of the others to it",
+        "the first sensor has a range difference; only the other sensors have one",
     )
     if repeated:
         return

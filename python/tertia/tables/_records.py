@@ -506,7 +506,7 @@ class Reader:
         except pl.exceptions.PolarsError as error:
             raise self.part.error(f"the time format {form!r}: {error}") from None
         bad = values.is_not_null() & found.is_null()
-        self.refuse(bad, f"{values.name} is {{!r}}, not as the time format {form}", values)
+        self.refuse(bad, f"{values.name} is {{!r}}, not in the time format {form}", values)
         return found
 
     def _doubt_midnight(self, first: pl.Series, seconds: pl.Series) -> None:

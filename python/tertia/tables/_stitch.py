@@ -129,8 +129,8 @@ def _common(before: pl.DataFrame, own: pl.DataFrame, number: int) -> pl.DataFram
         other = pl.col("sensor").ne_missing(pl.col("sensor_own"))
         for plot in common.filter(apart | other)["plot"].head(1):
             raise ValueError(
-                f"plot {plot} of parts[{number - 1}] is another one in parts[{number}]: number the "
-                "plots of the recording in a column `plot`, before it is divided"
+                f"plot {plot} of parts[{number - 1}] is a different one in parts[{number}]: number "
+                "the plots of the recording in a column `plot`, before it is divided"
             )
     return common
 

@@ -22,8 +22,8 @@ def check_station(station: Station, name: str) -> None:
     for key in _OTHERS:
         if getattr(station, key) is not None:
             raise ValueError(
-                f"{name}.{key} is {getattr(station, key):g}; the tracker takes azimuths alone of a "
-                "Station: what has a range is of a Radar, or a position of a PositionSensor"
+                f"{name}.{key} is {getattr(station, key):g}; the tracker uses only azimuths of a "
+                "Station: ranges need a Radar, and positions a PositionSensor"
             )
     if station.position.ndim > 1:
         raise ValueError(

@@ -122,7 +122,7 @@ class Plots(Result):
                 ) from None
             object.__setattr__(self, key, column)
         if covariance is not None and position is None:
-            raise ValueError("covariance is that of position, which is None")
+            raise ValueError("covariance is given, but position is None")
         count = len(instants)
         object.__setattr__(self, "position", _rows(position, "position", (count, 2)))
         object.__setattr__(self, "covariance", _rows(covariance, "covariance", (count, 2, 2)))

@@ -70,7 +70,7 @@ class Registrar:
 
     def __init__(self, sensors: Sequence[Sensor]) -> None:
         if not any(isinstance(one, Radar) for one in sensors):
-            raise ValueError("registration is of radars, and sensors has no Radar")
+            raise ValueError("registration needs a Radar, and sensors has none")
         self.sensors = tuple(sensors)
         self.kept: list[Plots] = []
         self._begin, self._due = np.nan, np.inf

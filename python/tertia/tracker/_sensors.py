@@ -31,7 +31,7 @@ def sensors_of(values: Any) -> tuple[Sensor, ...]:
     plane_of([one for one in values if isinstance(one, Radar)])
     stations = {i: one for i, one in enumerate(values) if isinstance(one, Station)}
     if len(stations) == len(values):
-        raise ValueError("sensors has a Station alone; azimuths without ranges begin no tracks")
+        raise ValueError("sensors has only Stations; azimuths without ranges start no tracks")
     for i, station in stations.items():
         check_station(station, f"sensors[{i}]")
     return tuple(values)

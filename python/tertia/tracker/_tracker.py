@@ -212,7 +212,7 @@ class Tracker:
         instance(registration, "registration", bool)
         if registration and lag:
             raise ValueError(
-                "registration needs plots in order, and lag takes late ones; give one of them"
+                "registration needs plots in time order, but lag allows late plots; give only one"
             )
         self._registrar = Registrar(self.sensors) if registration else None
 

@@ -507,7 +507,7 @@ def _require_order(
     if way[0] == "temporal-first" and is_timed:
         raise ValueError("arrival_time needs order 'spatial-first': each emission has its own time")
     if way[0] == "temporal-first" and axes is not None and axes.ndim > 3:
-        raise ValueError("axes of stations change along time; order must be 'spatial-first'")
+        raise ValueError("axes of stations change over time; order must be 'spatial-first'")
     if surveys is not None and way != ("spatial-first", "rts"):
         raise ValueError(
             "position_sigma of stations needs order 'spatial-first' and smoother 'rts'"

@@ -118,7 +118,7 @@ def fuse_series(
         _draw(found.targets, plot_file, value, period or None)
     sensors = found.sensors["sensor"].unique()
     if len(sensors) == 1:
-        note(f"{sensors[0]} is the only sensor: its filtered track, nothing to fuse")
+        note(f"{sensors[0]} is the only sensor: its track is filtered, nothing is fused")
     return {"sensors": found.sensors.to_dicts()}
 
 

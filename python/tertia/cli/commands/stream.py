@@ -76,7 +76,7 @@ def run(
     """
     if sys.stdout is sys.stderr:
         # where --json has put what else is printed
-        fail("a stream has no --json; --rows jsonl writes its rows so", WRONG_USAGE)
+        fail("a stream has no --json; use --rows jsonl", WRONG_USAGE)
     if latency is not None and not 0 <= latency < np.inf:
         fail(f"--latency is {latency:g}; it must be a number of seconds, 0 or more", WRONG_USAGE)
     out = _RowWriter(rows) if send is None else TrackSender(send)

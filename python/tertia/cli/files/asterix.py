@@ -27,7 +27,7 @@ def _read(path: Path) -> AsterixRecording:
 def _doubt_rest(path: Path, found: AsterixRecording) -> None:
     """Print which parts of a recording are not read."""
     if found.skipped:
-        doubt(f"{path}: not read are {found.skipped_text()}")
+        doubt(f"{path}: not read: {found.skipped_text()}")
     if found.damaged:
         lost = f", and {counted(found.lost_bytes, 'byte')} of no block" if found.lost_bytes else ""
         doubt(

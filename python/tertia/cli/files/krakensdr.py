@@ -62,7 +62,7 @@ def recording(path: Path) -> Part:
         fail(f"{path}: a cell is not a number: {str(error).splitlines()[0]}")
     relative = rows["angle"].to_numpy()
     if spectra is None:
-        doubt(f"{path} has no spectra: its angles are taken for clockwise from the heading")
+        doubt(f"{path} has no spectra: its angles are taken as clockwise from the heading")
     elif not _is_compass(path, relative, spectra):
         relative = -relative
     heading = pl.when(pl.col("heading") == "Compass").then("compass_heading")
