@@ -829,7 +829,7 @@ FILES = {
         (
             ["first.csv", S, "s.csv"],
             1,
-            "first.csv, line 3: the first sensor has a range difference; they are those .*",
+            "first.csv, line 3: the first sensor has a range difference; only the other sensors .*",
         ),
         (["m.csv", S, "plane.csv"], 1, "an elevation needs heights: give up_m of the .* plane.csv"),
         (

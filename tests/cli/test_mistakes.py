@@ -454,7 +454,7 @@ GROUPS: dict[str, tuple[str, list[str], tuple[str, ...], str | None]] = {
     ),
     "weights of one row": (
         "weights", ["sensor,v", "a,1", "b,2", "b,2.1"], ("--value", "v"),
-        "sensor a has 1 measurement; its weight needs two",
+        "sensor a has 1 measurement; its weight needs at least two",
     ),
     "locate of one row": (
         "locate", ["time_s,sensor,azimuth_deg", "0,A,45"], ("--sensors", "{stations}"), "",
