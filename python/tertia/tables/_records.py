@@ -96,7 +96,7 @@ class RecordError(ValueError):
 
 
 class ColumnError(RecordError):
-    """A column that is missing, or that is given for two purposes."""
+    """An error about a column that is missing, or that is given for two purposes."""
 
 
 class RecordWarning(UserWarning):

@@ -77,7 +77,8 @@ def locate(
     redundancy: Annotated[
         int | None,
         typer.Option(
-            metavar="N", help="Degrees of freedom needed to search for outliers; by default 3."
+            metavar="N",
+            help="Degrees of freedom needed for an outlier search; by default 3 (arrivals: 2).",
         ),
     ] = None,
     range_difference_correlation: Annotated[
