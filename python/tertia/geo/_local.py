@@ -24,12 +24,12 @@ from tertia.sensors import Station
 
 @dataclass(frozen=True, slots=True, init=False)
 class LocalFrame(Frame):
-    """A local frame of east, north and up at a place on the earth.
+    """A local frame with axes east, north and up at a place on the earth.
 
     Attributes
     ----------
     latitude, longitude : float
-        Origin in degrees.
+        Latitude and longitude of the origin in degrees.
     height : float
         Height of the origin above the ellipsoid in metres.
 
@@ -64,29 +64,31 @@ class LocalFrame(Frame):
         azimuth: npt.ArrayLike,
         height: npt.ArrayLike,
     ) -> tuple[float | FloatArray, float | FloatArray, float | FloatArray]:
-        """Return the places of plots of a radar at the origin.
+        """Convert plots of a radar at the origin to geodetic coordinates.
 
-        The elevation, which the radar does not measure, is that at which the target has its height.
+        The radar does not measure the elevation; it follows from the range and the height of the
+        target.
 
         Parameters
         ----------
         range : array_like of shape (...)
-            Slant ranges in metres; refraction is the radar's business.
+            Slant ranges in metres, already corrected for refraction.
         azimuth : array_like of shape (...)
-            Radians, clockwise from true north: neither magnetic nor that of a grid.
+            Azimuths in radians, clockwise from true north (not from magnetic or grid north).
         height : array_like of shape (...)
             Heights of the targets above the ellipsoid in metres.
 
         Returns
         -------
         tuple of three float or ndarray of shape (...)
-            Latitude, longitude and height; nan where no elevation leads to the height, because the
-            range is less than the difference of the heights, or beyond the earth.
+            Latitude and longitude in degrees, and height in metres; nan where no elevation leads to
+            the height, because the range is shorter than the difference of the heights, or too
+            long.
 
         Raises
         ------
         ValueError
-            Azimuths that are degrees, an infinite number, or shapes that do not fit.
+            If azimuths are in degrees, a number is infinite, or shapes do not fit.
 
         Examples
         --------
@@ -107,24 +109,24 @@ class LocalFrame(Frame):
     def geodetic_to_polar(
         self, latitude: npt.ArrayLike, longitude: npt.ArrayLike, height: npt.ArrayLike
     ) -> tuple[float | FloatArray, float | FloatArray, float | FloatArray]:
-        """Return how a radar at the origin sees places.
+        """Convert geodetic coordinates to range, azimuth and elevation from the origin.
 
         Parameters
         ----------
         latitude, longitude : array_like of shape (...)
-            Degrees.
+            In degrees.
         height : array_like of shape (...)
-            Metres above the ellipsoid.
+            Height in metres above the ellipsoid.
 
         Returns
         -------
         tuple of three float or ndarray of shape (...)
-            Slant range in metres, azimuth from 0 to 2π, and elevation in radians.
+            Slant range in metres, azimuth in radians from 0 to 2π, and elevation in radians.
 
         Raises
         ------
         ValueError
-            A latitude beyond the poles, an infinite number, or shapes that do not fit.
+            If a latitude is beyond the poles, a number is infinite, or shapes do not fit.
 
         Examples
         --------
@@ -138,26 +140,26 @@ class LocalFrame(Frame):
         return columns(batch(self._frame.geodetic_to_polar, places))
 
     def axes(self, latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> FloatArray:
-        """Return the east, north and up axes of other places, as rows, in this frame.
+        """Return the axes east, north and up of other places, as rows, in this frame.
 
         Parameters
         ----------
         latitude, longitude : array_like of shape (...)
-            Degrees.
+            In degrees.
 
         Returns
         -------
         ndarray of shape (..., 3, 3)
-            Rotations: `axes @ v` is a vector `v` of this frame in the axes of the place.
+            Rotation matrices: `axes @ v` is the vector `v` of this frame in the axes of the place.
 
         Raises
         ------
         ValueError
-            A latitude beyond the poles or an infinite number.
+            If a latitude is beyond the poles or a number is infinite.
 
         Examples
         --------
-        The vertical half a degree further north:
+        The vertical half a degree north of the origin:
 
         >>> from tertia.geo import LocalFrame
         >>> LocalFrame(50.0, 14.0).axes(50.5, 14.0)[2, 1:].round(5)
@@ -183,24 +185,24 @@ class LocalFrame(Frame):
         Parameters
         ----------
         latitude, longitude : array_like of shape (...)
-            Degrees; arrays if the station moves.
+            In degrees; arrays if the station moves.
         height : array_like of shape (...)
-            Metres above the ellipsoid.
+            Height in metres above the ellipsoid.
         range_sigma, azimuth_sigma, elevation_sigma : float, optional
-            See `tertia.sensors.Station`.
+            As for `tertia.sensors.Station`.
         name : str, optional
-            Label in pictures.
+            Label of the station in pictures.
 
         Returns
         -------
         Station
-            Its azimuths are relative to true north, its elevations to the plane tangent to the
-            ellipsoid.
+            The station. Its azimuths are relative to true north, and its elevations to the plane
+            tangent to the ellipsoid.
 
         Raises
         ------
         ValueError
-            A number outside its domain.
+            If a number is outside its domain.
 
         Examples
         --------

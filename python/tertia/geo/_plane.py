@@ -20,31 +20,31 @@ from tertia.sensors import Radar, Station
 
 @dataclass(frozen=True, slots=True, init=False)
 class SystemPlane(Frame):
-    """The stereographic plane of system tracks: where tracks of several radars are.
+    """The stereographic plane in which the tracks of several radars are given.
 
-    The oblique stereographic projection of a sphere with the radius of the meridian, as it is
-    common in air traffic control (TransLib, ARTAS) and in category 62, item 100. It is not the
-    `sterea` of PROJ (EPSG 9809), which differs by up to 1 m within 450 km, nor its `stere` (9 to 51
-    m); a file made by another system may mean one of these.
+    It is the oblique stereographic projection of a sphere with the radius of the meridian, as usual
+    in air traffic control (TransLib, ARTAS) and in category 62, item 100. It differs from the
+    projection `sterea` of PROJ (EPSG 9809) by up to 1 m within 450 km, and from `stere` by 9 to 51
+    m; files of other systems may use one of these.
 
-    Lengths are .15 % too short 100 km from the centre and 10 km high, and .06 % too short at 400
-    km: see `scale_and_convergence`.
+    At a height of 10 km, lengths in the plane are .15 % too short 100 km from the centre, and .06 %
+    too short 400 km from it: see `scale_and_convergence`.
 
     Attributes
     ----------
     latitude, longitude : float
-        Centre in degrees.
+        Latitude and longitude of the centre in degrees.
     height : float
         Height of the centre above the ellipsoid in metres.
 
     Raises
     ------
     ValueError, TypeError
-        A latitude beyond the poles, or a number that is not finite.
+        If a latitude is beyond the poles, or a number is not finite.
 
     Examples
     --------
-    Two radars, and an aircraft that both see at one place:
+    Two radars, and an aircraft that both see at the same place:
 
     >>> import numpy as np
     >>> from tertia.geo import SystemPlane
@@ -69,25 +69,26 @@ class SystemPlane(Frame):
     def scale_and_convergence(
         self, position: npt.ArrayLike
     ) -> tuple[float | FloatArray, float | FloatArray]:
-        """Return what lengths and courses in the plane are there on the earth.
+        """Return the scale and the convergence of the plane at given positions.
 
         Parameters
         ----------
         position : array_like of shape (..., 3)
-            East and north of the plane, and the height above the ellipsoid, in metres.
+            East and north in the plane, and the height above the ellipsoid, in metres.
 
         Returns
         -------
         scale : float or ndarray of shape (...)
-            Lengths in the plane over true ones: true speeds are those of the plane divided by it.
+            Ratio of lengths in the plane to true lengths: true speeds are speeds in the plane
+            divided by this scale.
         convergence : float or ndarray of shape (...)
-            Direction of true north in the plane in radians: true courses are those of the plane
-            less it.
+            Direction of true north in the plane in radians: true courses are courses in the plane
+            minus this angle.
 
         Raises
         ------
         ValueError
-            Positions without a height, or an infinite number.
+            If positions do not have a height, or a number is infinite.
 
         Examples
         --------
@@ -108,16 +109,17 @@ class SystemPlane(Frame):
         Parameters
         ----------
         latitude, longitude : float
-            Degrees.
+            In degrees.
         height : float
-            Metres above the ellipsoid: 45 m more than above the sea in Central Europe.
+            Height in metres above the ellipsoid; in Central Europe 45 m more than above the sea.
         **properties
-            See `tertia.sensors.Radar`.
+            As for `tertia.sensors.Radar`.
 
         Returns
         -------
         Radar
-            Its azimuths are relative to true north. A tracker has its tracks in this plane.
+            The radar. Its azimuths are relative to true north. The tracks of a tracker with this
+            radar are in this plane.
 
         Raises
         ------
@@ -143,29 +145,30 @@ class SystemPlane(Frame):
         azimuth_sigma: float | None = None,
         name: str | None = None,
     ) -> Station:
-        """Return a station at a place, for azimuths in the tracks of this plane.
+        """Return a station at a place, whose azimuths update tracks in this plane.
 
         Parameters
         ----------
         latitude, longitude : float
-            Degrees.
+            In degrees.
         height : float
-            Metres above the ellipsoid.
+            Height in metres above the ellipsoid.
         azimuth_sigma : float, optional
-            Standard deviation of its azimuths in radians.
+            Standard deviation of the azimuths in radians.
         name : str, optional
-            Its label in plots.
+            Label of the station in pictures.
 
         Returns
         -------
         Station
-            Its azimuths are relative to true north. Lines of sight are straight in the plane, which
-            is .01 degrees off at 100 km where the station is 250 km from the centre.
+            The station. Its azimuths are relative to true north. Lines of sight are taken as
+            straight in the plane; for a station 250 km from the centre the error is .01 degrees at
+            a range of 100 km.
 
         Raises
         ------
         ValueError, TypeError
-            As for `Station`; where there is more than one place.
+            As for `Station`; also if there is more than one place.
 
         Examples
         --------
@@ -186,22 +189,22 @@ class SystemPlane(Frame):
         return Station(place, azimuth_sigma=azimuth_sigma, axes=axes, name=name)
 
     def site(self, position: npt.ArrayLike) -> LocalFrame:
-        """Return the local frame of a place in the plane, as the position of a radar is.
+        """Return the local frame at a position in the plane, for example at that of a radar.
 
         Parameters
         ----------
         position : array_like of shape (3,) or (2,)
-            East and north of the plane, and the height, without which it is 0.
+            East and north in the plane, and the height, in metres; by default the height is 0.
 
         Returns
         -------
         LocalFrame
-            Its origin is the place.
+            The local frame with its origin at this position.
 
         Raises
         ------
         ValueError
-            A wrong shape or a number that is not finite.
+            If a shape is wrong or a number is not finite.
 
         Examples
         --------

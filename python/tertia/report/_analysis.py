@@ -1,4 +1,4 @@
-"""The analysis shown on a page: tracks, radars, fusion, truth, plans."""
+"""Analysis of a recording for the page: tracks, radars, fusion, truth, plans."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def analyse(
 
 
 def _fuse(stated: Common, better: Common) -> Fusion:
-    """Fuse at the common instants of the tracks, with stated and with estimated noise."""
+    """Fuse at the common instants of the tracks, with the stated and with the estimated noise."""
     pair = stated, better
     keys = [list(zip(one.track.tolist(), one.time.tolist(), strict=True)) for one in pair]
     both = set(keys[0]) & set(keys[1])
@@ -180,7 +180,7 @@ def _judge_all(
     update_interval: float | None,
     limits: Mapping[str, float],
 ) -> tuple[dict[str, Judged], float]:
-    """Evaluate all sets of tracks with the same update interval; return it as well."""
+    """Evaluate all sets of tracks with the same update interval, and return that interval, too."""
     rows = {name: confirmed_rows(table) for name, table in sets.items()}
     rows = {name: one for name, one in rows.items() if np.any(one.updated)}
     usual = usual_periods(rows[TOGETHER]) if TOGETHER in rows else []
@@ -212,7 +212,7 @@ def _audit_all(judged: dict[str, Judged]) -> dict[str, Audit]:
 
 
 def _judge_fusion(fused: Fusion, truth: Truth, joint: Judged) -> Fusion:
-    """Compare the states with the targets of the joint tracks."""
+    """Compare the fused states with the targets of the joint tracks."""
     tracks = joint.rows.track[joint.rows.updated]
     target = _shown(tracks, joint.indicators.matching.target, fused.stated.track)
     places = truth.at(target, fused.stated.time)[:, :2]
@@ -230,7 +230,7 @@ def _judge_fusion(fused: Fusion, truth: Truth, joint: Judged) -> Fusion:
 
 
 def _shown(track: IntArray, target: IntArray, wanted: IntArray) -> IntArray:
-    """Return the target that a track follows most often, -1 if it follows none."""
+    """Return the target that a track follows most often; -1 if it follows none."""
     found = np.full(len(wanted), -1)
     for number in np.unique(wanted):
         own = target[(track == number) & (target >= 0)]
@@ -240,7 +240,7 @@ def _shown(track: IntArray, target: IntArray, wanted: IntArray) -> IntArray:
 
 
 def means(time: FloatArray, values: FloatArray, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the mean of the known values in each period, and their numbers."""
+    """Return the mean of the known values in each period, and their number."""
     known = np.isfinite(values)
     which = in_stretches(time[known], edges)
     count = np.bincount(which, minlength=len(edges) - 1)
@@ -249,6 +249,6 @@ def means(time: FloatArray, values: FloatArray, edges: FloatArray) -> tuple[Floa
 
 
 def within(nees: FloatArray) -> float:
-    """Return the fraction of errors within the 95 % ellipse, nan if there are none."""
+    """Return the fraction of errors within the 95 % ellipse; nan if there are none."""
     known = nees[np.isfinite(nees)]
     return float(np.mean(known <= MOST_NEES)) if len(known) else np.nan

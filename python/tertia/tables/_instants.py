@@ -1,4 +1,4 @@
-"""Measurements of several sensors that belong to one instant, though their times differ."""
+"""Measurements of several sensors that belong to one instant although their times differ."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PERIODS = {"azimuth": 360.0}
 
 
 def check_tolerance(tolerance: float) -> float:
-    """Return seconds, at least 0."""
+    """Return the tolerance in seconds, checked to be at least 0."""
     seconds = _arrays.real(tolerance, "tolerance")
     if not seconds >= 0:
         raise ValueError(f"tolerance is {seconds:g}; it must be at least 0 seconds")
@@ -25,10 +25,10 @@ def check_tolerance(tolerance: float) -> float:
 
 
 def instants(rows: pl.DataFrame, tolerance: float) -> tuple[IntArray, FloatArray]:
-    """Return the instant of each row, which are sorted by time, and the time of each instant.
+    """Return the instant of each row, with rows sorted by time, and the time of each instant.
 
-    An instant ends where the next time is farther than `tolerance` from its first, or where a
-    sensor measures the same again.
+    An instant ends if the next time is later than its first time by more than `tolerance`, or if a
+    sensor measures the same kind again.
     """
     time = rows["seconds"].to_numpy()
     keys = list(zip(rows["site"], rows["kind"], strict=True))
@@ -44,9 +44,9 @@ def instants(rows: pl.DataFrame, tolerance: float) -> tuple[IntArray, FloatArray
 
 
 def combined(rows: pl.DataFrame, name: str) -> pl.DataFrame:
-    """Return one row per sensor and kind: the estimate of all its measurements.
+    """Return one row per sensor and kind: the estimate from all its measurements.
 
-    With fewer than five it is their median, with the sigma of one.
+    With fewer than five measurements it is their median, with the sigma of one measurement.
     """
     found = [rows.clear()]
     for one in rows.partition_by("site", "kind", maintain_order=True):
@@ -57,7 +57,7 @@ def combined(rows: pl.DataFrame, name: str) -> pl.DataFrame:
 
 
 def _combined(rows: pl.DataFrame, name: str) -> tuple[float, float]:
-    """Return an estimate and its sigma, nan where it is that of the sensor."""
+    """Return an estimate and its sigma; the sigma is nan if that of the sensor applies."""
     values, period = rows["value"].to_numpy(), PERIODS.get(rows["kind"][0])
     stated = float(np.median(rows["sigma"].to_numpy()))
     if len(values) < _FEWEST:
