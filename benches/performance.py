@@ -1,4 +1,4 @@
-"""Everything that the pages cite, in one run, and the tables of `docs/performance.md` and the README.
+"""Everything that the pages cite, in one run: tables of `docs/performance.md` and the README.
 
     python benches/performance.py              # ten minutes on two cores without other load
     python benches/performance.py --long       # twenty: growth up to the largest sizes, as the page
