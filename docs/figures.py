@@ -51,6 +51,7 @@ from studies import (
     seams,
     smooth_tracks,
     smoothing,
+    tasks,
     tertiary,
     timed_paths,
     tracker,
@@ -121,6 +122,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "recordings": recordings.table,
         "fireball": recordings.fireball,
         "invented": invented.table,
+        "tasks": tasks.table,
     },
     "location.md": {
         "faults": location.faults,

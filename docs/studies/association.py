@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
 from studies.montecarlo import FloatArray, generator
@@ -195,10 +196,14 @@ def gates_figure() -> Figure:
     place = np.array([10e3, 30e3]) + np.cumsum(steps, axis=0) + noise
     plots = Plots(time, np.hypot(*place.T), np.arctan2(*place.T))
     table = track(plots, [radar])
-    figure = Figure(figsize=(12, 4.6), layout="constrained")
+    figure = Figure(figsize=(12, 4.9), layout="constrained")
     axes = figure.subplots(1, 3)
     for ax, moment in zip(axes, (BEGINS - 20.0, BEGINS + 8.0, BEGINS + 32.0), strict=True):
         plot.gates(table, int(np.flatnonzero(table.time >= moment)[0]), plots, [radar], ax=ax)
-    for ax in axes[1:]:
+    shown: dict[str, Artist] = {}
+    for ax in axes:
+        handles, labels = ax.get_legend_handles_labels()
+        shown = dict(zip(labels, handles, strict=True)) | shown
         ax.get_legend().remove()
+    figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=5)
     return figure

@@ -388,3 +388,13 @@ def test_places_where_the_flat_earth_makes_gains():
         np.testing.assert_allclose(flat.to_local(*place)[:2], tangent, rtol=0, atol=1e-4)
         # these are of EPSG 9809, which differs by a metre
         np.testing.assert_allclose(plane.to_local(*place)[:2], stereographic, rtol=0, atol=1.3)
+
+
+def test_a_radar_of_a_local_frame_is_in_the_system_plane_there():
+    properties = {"range_sigma": 50.0, "azimuth_sigma": 1e-3, "scan_period": 4.0, "name": "west"}
+    place = 50.4, 15.1, 380.0
+    radar = LocalFrame(50.0, 14.0, 200.0).radar(*place, **properties)
+    expected = SystemPlane(50.0, 14.0).radar(*place, **properties)
+    assert np.array_equal(radar.position, expected.position)
+    assert radar.frame == expected.frame
+    assert radar.name == "west"

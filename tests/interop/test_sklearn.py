@@ -93,6 +93,45 @@ class TestCleaner:
         assert pipeline.fit(X).transform([[1e9]]) == pytest.approx(found[3:4])
 
 
+class TestPeriod:
+    """Angles that cross north are as those that do not."""
+
+    def angles(self, seed, n=200):
+        return np.random.default_rng(seed).normal(0.0, 3.0, size=(n, 2))
+
+    @pytest.mark.parametrize("turn", [0.0, 90.0, 359.0])
+    def test_bands(self, turn):
+        X = self.angles(1)
+        X[7, 0], X[9, 1] = 60.0, -170.0
+        plain = Cleaner().fit_transform(X)
+        turned = Cleaner(period=360.0).fit_transform((X + turn) % 360.0)
+        assert np.array_equal(np.isnan(turned), np.isnan(plain))
+        assert np.isnan(plain).sum() >= 2
+        rows = BandDetector().fit(X)
+        others = BandDetector(period=360.0).fit((X + turn) % 360.0)
+        assert np.array_equal(rows.predict(X), others.predict((X + turn) % 360.0))
+        # other rows, too, however many turns they have
+        new = self.angles(2)
+        assert np.array_equal(rows.predict(new), others.predict(new + turn + 720.0))
+
+    def test_smoothed(self):
+        X = self.angles(3, 80) + np.linspace(0.0, 500.0, 80)[:, np.newaxis]
+        X[4, 1] = np.nan
+        plain = Smoother().fit(X)
+        turned = Smoother(period=360.0).fit(X % 360.0)
+        assert turned.embedding_ == pytest.approx(plain.embedding_ % 360.0, abs=1e-9, nan_ok=True)
+        assert turned.sigma_ == pytest.approx(plain.sigma_, rel=1e-9, nan_ok=True)
+        rates = Smoother(derivative=1, period=360.0).fit_transform(X % 360.0)
+        assert rates == pytest.approx(
+            Smoother(derivative=1).fit_transform(X), abs=1e-9, nan_ok=True
+        )
+
+    @pytest.mark.parametrize("period", [0.0, -1.0, np.inf])
+    def test_a_period_is_positive(self, period):
+        with pytest.raises(ValueError, match=r"period is .*; it must be positive and finite"):
+            Cleaner(period=period).fit(np.ones((9, 1)))
+
+
 def test_bursts_are_those_of_the_library():
     X = np.random.default_rng(7).normal(size=(120, 3))
     X[30:36, 1] += 5

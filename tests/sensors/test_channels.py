@@ -64,7 +64,7 @@ def test_a_copy_of_a_radar_has_its_channels():
         ),
         (lambda: Plots([0.0], detection=["prs"]), ValueError, "detection[0] is 'prs'"),
         (lambda: Plots([0.0, 1.0], detection=[0, 5]), ValueError, "detection[1] is 5"),
-        (lambda: Plots([0.0], detection=[0.5]), ValueError, "detection[0] is '0.5'"),
+        (lambda: Plots([0.0], detection=[0.5]), ValueError, "detection[0] is 0.5"),
         (lambda: Plots([0.0, 1.0], detection=["psr"] * 3), ValueError, "detection has shape (3,)"),
     ],
 )
@@ -87,3 +87,13 @@ def test_detections_are_names_or_indices():
     np.testing.assert_array_equal(Plots(np.arange(2.0)).detection, [-1, -1])
     again = Plots(np.arange(7.0), detection=plots.detection)
     np.testing.assert_array_equal(again[2:4].detection, [2, 3])
+
+
+def test_detections_of_a_frame_may_be_missing():
+    plots = {"range": [1e4, 1e4], "azimuth": [0.0, 0.0]}
+    found = Plots([0.0, 1.0], **plots, detection=[np.nan, 1.0]).detection
+    assert found.tolist() == [-1, 1]
+    with pytest.raises(ValueError, match=r"detection\[1\] is 1.5; it must be an index of psr, ssr"):
+        Plots([0.0, 1.0], **plots, detection=[np.nan, 1.5])
+    with pytest.raises(ValueError, match=r"detection\[0\] is 9; it must be an index"):
+        Plots([0.0, 1.0], **plots, detection=[9, 1])

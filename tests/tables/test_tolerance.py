@@ -6,9 +6,12 @@ import pytest
 
 from tertia import estimate_bearing, tables
 from tertia.sensors import Bias, Station
+from tertia.tables._locate import locations_of
+from tertia.tables._records import source_of
 
 PLACES = {"A": (0.0, 0.0), "B": (9e3, 1e3), "C": (4e3, 8e3), "D": (-2e3, 6e3)}
 SIGMA = 3.0
+OPTIONS = {"method": "robust", "height": None, "height_sigma": None}
 
 
 def stations(bias: float | None = None) -> list[Station]:
@@ -108,23 +111,106 @@ def test_the_bearings_of_a_sensor_are_those_that_bearing_estimates() -> None:
     assert singly["azimuth_sigma_deg"][0] == first.sigma
 
 
-def test_of_few_the_median_counts() -> None:
+def test_of_few_without_a_sigma_the_median_counts() -> None:
     table = pl.DataFrame(
         {
-            "time_s": np.arange(6.0),
-            "sensor": ["A", "B", "A", "B", "A", "B"],
-            "azimuth_deg": [359.0, 300.0, 1.0, 301.0, 5.0, 302.0],
-            "azimuth_sigma_deg": 2.0,
+            "time_s": np.arange(9.0),
+            "sensor": ["A", "B", "C"] * 3,
+            "azimuth_deg": [359.0, 300.0, 250.0, 1.0, 301.0, 251.0, 5.0, 302.0, 257.0],
         }
     )
-    found = tables.locate(table, sensors=stations()[:2], tolerance=np.inf)
-    once = pl.DataFrame({"sensor": ["A", "B"], "azimuth_deg": [1.0, 301.0]})
-    expected = tables.locate(once.with_columns(azimuth_sigma_deg=2.0), sensors=stations()[:2])
+    bare = [Station(PLACES[name], name=name) for name in "ABC"]
+    found = tables.locate(table, sensors=bare, tolerance=np.inf, method="least-squares")
+    once = pl.DataFrame({"sensor": ["A", "B", "C"], "azimuth_deg": [1.0, 301.0, 251.0]})
+    expected = tables.locate(once, sensors=bare, method="least-squares")
     names = ("east_m", "north_m", "east_sigma_m", "north_sigma_m")
     assert expected["east_m"].count() == 1
     np.testing.assert_allclose(
         found.select(names).row(0), expected.select(names).row(0), rtol=1e-12
     )
+
+
+def regions(seeds: range, count: int, **how: float) -> tuple[float, float]:
+    """Return the share of truths in the 95 % regions, and the median of their semi-major axes."""
+    inside, axis = [], []
+    for seed in seeds:
+        emitter, table = scene(seed, count, jitter=3.0, **how)
+        found = tables.locate(table, sensors=stations(), tolerance=np.inf, probability=0.95)
+        row = found.row(0, named=True)
+        if row["region_semi_major_m"] is None:
+            continue
+        covariance = np.diag([row["east_sigma_m"] ** 2, row["north_sigma_m"] ** 2])
+        covariance[0, 1] = covariance[1, 0] = row["covariance_east_north_m2"]
+        error = np.array([row["east_m"], row["north_m"]]) - emitter
+        inside.append(bool(error @ np.linalg.solve(covariance, error) < 5.991))
+        axis.append(row["region_semi_major_m"])
+    assert len(inside) > 0.95 * len(seeds)
+    return float(np.mean(inside)), float(np.median(axis))
+
+
+@pytest.mark.parametrize("count", [3, 6, 12, 30])
+def test_regions_of_few_bearings_hold_and_are_not_too_large(count: int) -> None:
+    """Of 80 regions 69 or more hold the truth: p = 1e-3.
+
+    The axes are those of mean bearings with the sigma that the good ones give them, .8 of all.
+    """
+    share, axis = regions(range(80), count, wrong=0.2)
+    assert share >= 69 / 80
+    exact = []
+    for seed in range(20):
+        _, table = scene(seed, 1)
+        mean = table.with_columns(azimuth_sigma_deg=SIGMA / np.sqrt(0.8 * count))
+        found = tables.locate(mean, sensors=stations(), probability=0.95)
+        exact.append(found["region_semi_major_m"][0])
+    assert axis < 1.6 * np.median([one for one in exact if one is not None])
+
+
+def test_noise_that_is_twice_the_stated() -> None:
+    """Regions grow by what the scatter says: 80 % of 60 or more hold the truth."""
+    rng = np.random.default_rng(3)
+    inside = 0
+    for seed in range(60):
+        emitter, table = scene(seed, 12)
+        noise = rng.normal(0, SIGMA * np.sqrt(3.0), table.height)
+        table = table.with_columns(azimuth_deg=(pl.col("azimuth_deg") + pl.Series(noise)) % 360)
+        row = tables.locate(table, sensors=stations(), tolerance=np.inf).row(0, named=True)
+        covariance = np.diag([row["east_sigma_m"] ** 2, row["north_sigma_m"] ** 2])
+        covariance[0, 1] = covariance[1, 0] = row["covariance_east_north_m2"]
+        error = np.array([row["east_m"], row["north_m"]]) - emitter
+        inside += bool(error @ np.linalg.solve(covariance, error) < 5.991)
+    assert inside >= 48
+
+
+@pytest.mark.parametrize("count", [4, 60])
+def test_which_bearings_were_left_out(count: int) -> None:
+    _, table = scene(7, count)
+    wrong = np.zeros(table.height, dtype=bool)
+    wrong[[1, count + 2]] = True
+    turned = (table["azimuth_deg"] + pl.Series(np.where(wrong, 90.0, 0.0))) % 360
+    table = table.with_columns(azimuth_deg=turned).sample(fraction=1.0, shuffle=True, seed=1)
+    found = locations_of(
+        source_of(table.sort("time_s", maintain_order=True)),
+        sensors=stations(),
+        tolerance=np.inf,
+        **OPTIONS,
+    )
+    each = found.measurements
+    assert each.height == 4 * count
+    key = ["sensor", "time_s", "value"]
+    told = set(each.filter("outlier").select(key).rows())
+    true = table.with_columns(value="azimuth_deg").filter(
+        pl.col("azimuth_deg").is_in(turned.filter(pl.Series(wrong)).implode())
+    )
+    assert set(true.select(key).rows()) <= told
+    assert len(told) <= 2 + 0.02 * each.height
+    # residuals are those of the position, in sigmas
+    place = np.array([PLACES[name] for name in each["sensor"]])
+    position = found.rows.select("east_m", "north_m").to_numpy()[0]
+    expected = np.degrees(np.arctan2(*(position - place).T))
+    apart = (each["value"].to_numpy() - expected + 180.0) % 360.0 - 180.0
+    np.testing.assert_allclose(each["residual"], apart / SIGMA, atol=0.05)
+    summary = dict(found.sensors.select("sensor", "measurement_count").rows())
+    assert summary == dict.fromkeys("ABCD", count)
 
 
 @pytest.mark.parametrize("tolerance", [-1.0, float("nan")])

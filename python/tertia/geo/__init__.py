@@ -12,8 +12,7 @@ quantities are in metres and radians, as elsewhere.
 """
 
 from tertia.geo._atmosphere import Atmosphere
-from tertia.geo._local import LocalFrame
-from tertia.geo._plane import SystemPlane
+from tertia.geo._frames import LocalFrame, SystemPlane
 from tertia.geo._states import cartesian_to_polar, polar_to_cartesian, transform
 
 __all__ = [

@@ -10,8 +10,7 @@ import numpy.typing as npt
 from tertia import _core
 from tertia._arrays import FloatArray, finite, instance, radians
 from tertia.geo._arrays import AXES, numbers, rows
-from tertia.geo._local import LocalFrame
-from tertia.geo._plane import SystemPlane
+from tertia.geo._frames import LocalFrame, SystemPlane
 
 _SIZES = (4, 6)
 

@@ -20,7 +20,7 @@ from sklearn.base import BaseEstimator, OneToOneFeatureMixin, OutlierMixin, Tran
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from tertia import screening, smoothing
-from tertia._arrays import FloatArray, IntArray, probability
+from tertia._arrays import FloatArray, IntArray, probability, real
 
 __all__ = ["BandDetector", "BurstDetector", "Cleaner", "Smoother"]
 
@@ -52,6 +52,7 @@ class _Band(_Columns):
     """A band for each column, outside which a value is an outlier."""
 
     significance: float
+    period: float | None
     center_: FloatArray
     half_width_: FloatArray
 
@@ -60,14 +61,14 @@ class _Band(_Columns):
         significance = probability(self.significance, "significance")
         if together:
             significance = -math.expm1(math.log1p(-significance) / values.shape[1])
-        bands = [_band(column, significance) for column in values.T]
+        bands = [_band(column, significance, _period(self.period)) for column in values.T]
         self.center_, self.half_width_ = np.array(bands).T
 
     def _excess(self, X: Any) -> tuple[FloatArray, FloatArray]:  # noqa: N803  # as scikit-learn
         """Return the values, and their distances from the middle of the band in half widths."""
         check_is_fitted(self)
         values = self._values(X, reset=False)
-        off = np.abs(values - self.center_)
+        off = np.abs(_wrapped(values - self.center_, _period(self.period)))
         # where all values were equal the band is a line
         with np.errstate(divide="ignore", invalid="ignore"):
             excess = np.where(off > 0, off / self.half_width_, 0.0)
@@ -86,6 +87,9 @@ class BandDetector(OutlierMixin, _Band):  # type: ignore[misc]
     ----------
     significance : float
         Probability of flagging a row without outliers, for all its columns together.
+    period : float or None
+        Period of angles, such as 360.0 for degrees, so that 359 and 1 are close to each other; None
+        for values that do not wrap.
 
     Attributes
     ----------
@@ -112,8 +116,9 @@ class BandDetector(OutlierMixin, _Band):  # type: ignore[misc]
     np.int64(7)
     """
 
-    def __init__(self, significance: float = 0.01) -> None:
+    def __init__(self, significance: float = 0.01, period: float | None = None) -> None:
         self.significance = significance
+        self.period = period
 
     def fit(self, X: Any, y: Any = None) -> BandDetector:  # noqa: N803  # as scikit-learn
         """Learn the bands of the columns of X, of shape (n_samples, n_features), n_samples >= 3."""
@@ -142,6 +147,8 @@ class Cleaner(OneToOneFeatureMixin, TransformerMixin, _Band):  # type: ignore[mi
     ----------
     significance : float
         Probability of removing a good value.
+    period : float or None
+        Of angles, such as 360.0 for degrees; None for values that do not wrap.
 
     Attributes
     ----------
@@ -157,8 +164,9 @@ class Cleaner(OneToOneFeatureMixin, TransformerMixin, _Band):  # type: ignore[mi
     array([ 9.8, 10.1, 10. ,  nan,  9.9])
     """
 
-    def __init__(self, significance: float = 0.005) -> None:
+    def __init__(self, significance: float = 0.005, period: float | None = None) -> None:
         self.significance = significance
+        self.period = period
 
     def fit(self, X: Any, y: Any = None) -> Cleaner:  # noqa: N803  # as scikit-learn
         """Learn the bands of the columns of X, of shape (n_samples, n_features), n_samples >= 3."""
@@ -246,6 +254,9 @@ class Smoother(_Columns):
         Degree of the polynomials, as for `tertia.smoothing.local_polynomial`.
     derivative : int
         Order of the derivative: 0 for the values, 1 for their change from row to row, and so on.
+    period : float or None
+        Period of angles, such as 360.0 for degrees, which may change by less than half a period
+        from row to row; None for values that do not wrap.
 
     Attributes
     ----------
@@ -274,16 +285,23 @@ class Smoother(_Columns):
         window: int = 13,
         degree: int | Literal["adaptive"] = "adaptive",
         derivative: int = 0,
+        period: float | None = None,
     ) -> None:
         self.window = window
         self.degree = degree
         self.derivative = derivative
+        self.period = period
 
     def fit(self, X: Any, y: Any = None) -> Smoother:  # noqa: N803  # as scikit-learn
         """Smooth X, of shape (n_samples, n_features)."""
-        values = self._values(X)
-        found = smoothing.local_polynomial(values.T, **self.get_params())
+        values, period = self._values(X), _period(self.period)
+        options = {name: one for name, one in self.get_params().items() if name != "period"}
+        if period is not None:
+            values = np.column_stack([_unwrapped(column, period) for column in values.T])
+        found = smoothing.local_polynomial(values.T, **options)
         self.embedding_, self.sigma_ = found.value.T, found.sigma.T
+        if period is not None and self.derivative == 0:
+            self.embedding_ %= period
         return self
 
     def fit_transform(self, X: Any, y: Any = None) -> FloatArray:  # noqa: N803  # as scikit-learn
@@ -291,11 +309,39 @@ class Smoother(_Columns):
         return self.fit(X).embedding_
 
 
-def _band(column: FloatArray, significance: float) -> tuple[float, float]:
+def _period(period: float | None) -> float | None:
+    if period is None:
+        return None
+    number = real(period, "period")
+    if not 0.0 < number < math.inf:
+        raise ValueError(f"period is {number:g}; it must be positive and finite, or None")
+    return number
+
+
+def _wrapped(angles: FloatArray, period: float | None) -> FloatArray:
+    """Return differences of angles between minus and plus half a period."""
+    if period is None:
+        return angles
+    half = period / 2
+    found: FloatArray = (angles + half) % period - half
+    return found
+
+
+def _unwrapped(column: FloatArray, period: float) -> FloatArray:
+    """Return angles without jumps by a period; nan remains."""
+    known = ~np.isnan(column)
+    found: FloatArray = column.copy()
+    found[known] = np.unwrap(column[known], period=period)
+    return found
+
+
+def _band(column: FloatArray, significance: float, period: float | None) -> tuple[float, float]:
     """Return the middle and the half width of the band of one column."""
     known = column[~np.isnan(column)]
     if len(known) < _FEWEST:
         raise ValueError(f"a column has {len(known)} measurements; at least {_FEWEST} are needed")
+    if period is not None:
+        known = screening.unwrap_about_median(known, period)
     k = screening.critical_value(len(known), _TAKEN)
     clean = screening.leave_one_out(known, k, replace=False, passes=_MOST_PASSES)
     left = len(known) - int(np.count_nonzero(clean.outlier))

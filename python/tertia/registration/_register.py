@@ -226,7 +226,9 @@ def _systematic(
 def with_noise(radar: Radar, sigma: FloatArray) -> Radar:
     """Return the radar with other standard deviations of range and azimuth, if known."""
     range_sigma, azimuth_sigma = np.where(
-        np.isfinite(sigma), sigma, [radar.range_sigma, radar.azimuth_sigma]
+        np.isfinite(sigma) & (np.asarray(sigma) > 0),
+        sigma,
+        [radar.range_sigma, radar.azimuth_sigma],
     )
     # beyond this it is no radar, for example where ranges are in another unit
     azimuth_sigma = min(float(azimuth_sigma), WIDEST_BEAM)

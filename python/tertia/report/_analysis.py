@@ -131,7 +131,7 @@ def analyse(
     if truth is not None:
         judged, required = _judge_all(sets, truth, max_distance, update_interval, limits)
         if fused is not None and TOGETHER in judged:
-            fused = _judge_fusion(fused, truth, judged[TOGETHER])
+            fused = _judge_fusion(fused, truth, judged[TOGETHER], max_distance)
     return Analysis(
         plots=plots,
         radars=radars,
@@ -211,10 +211,17 @@ def _audit_all(judged: dict[str, Judged]) -> dict[str, Audit]:
     return found
 
 
-def _judge_fusion(fused: Fusion, truth: Truth, joint: Judged) -> Fusion:
-    """Compare the fused states with the targets of the joint tracks."""
-    tracks = joint.rows.track[joint.rows.updated]
-    target = _shown(tracks, joint.indicators.matching.target, fused.stated.track)
+def _judge_fusion(fused: Fusion, truth: Truth, joint: Judged, max_distance: float) -> Fusion:
+    """Compare the fused states with the targets that the joint tracks follow at the time.
+
+    As elsewhere, a state farther than `max_distance` from its target is not compared with it.
+    """
+    updated = joint.rows.updated
+    target = _followed(
+        (joint.rows.track[updated], joint.rows.time[updated]),
+        joint.indicators.matching.target,
+        (fused.stated.track, fused.stated.time),
+    )
     places = truth.at(target, fused.stated.time)[:, :2]
     states = dict(fused.states)
     states |= {
@@ -222,6 +229,8 @@ def _judge_fusion(fused: Fusion, truth: Truth, joint: Judged) -> Fusion:
         for k in range(fused.stated.state.shape[1])
     }
     error = {name: state[:, :2] - places for name, (state, _) in states.items()}
+    for one in error.values():
+        one[np.hypot(*one.T) > max_distance] = np.nan
     nees = {
         name: np.asarray(metrics.nees(error[name], spread[:, :2, :2]))
         for name, (_, spread) in states.items()
@@ -229,13 +238,20 @@ def _judge_fusion(fused: Fusion, truth: Truth, joint: Judged) -> Fusion:
     return replace(fused, error=error, nees=nees)
 
 
-def _shown(track: IntArray, target: IntArray, wanted: IntArray) -> IntArray:
-    """Return the target that a track follows most often; -1 if it follows none."""
-    found = np.full(len(wanted), -1)
-    for number in np.unique(wanted):
-        own = target[(track == number) & (target >= 0)]
+def _followed(
+    updates: tuple[IntArray, FloatArray], target: IntArray, wanted: tuple[IntArray, FloatArray]
+) -> IntArray:
+    """Return the target of the update of a track that is nearest in time, -1 if it has none."""
+    (tracks, times), (track, time) = updates, wanted
+    found = np.full(len(track), -1)
+    for number in np.unique(track):
+        own, here = np.flatnonzero(tracks == number), track == number
         if len(own):
-            found[wanted == number] = int(np.argmax(np.bincount(own)))
+            own = own[np.argsort(times[own], kind="stable")]
+            after = np.clip(np.searchsorted(times[own], time[here]), 0, len(own) - 1)
+            before = np.maximum(after - 1, 0)
+            near = np.abs(times[own][before] - time[here]) < np.abs(times[own][after] - time[here])
+            found[here] = target[own[np.where(near, before, after)]]
     return found
 
 

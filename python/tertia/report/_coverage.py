@@ -16,7 +16,7 @@ from tertia.report._radars import scans_of
 _FEWEST = 10
 _SECTORS, _RINGS, _LEVELS = 24, 12, 10
 # one hue, from little to much, on light and dark pages
-_SCALE = [[0.0, "#f2e6c9"], [0.5, "#d5651a"], [1.0, "#3b1f5c"]]
+_SCALE = [[0.0, "#f2e6c9"], [0.5, "#d5651a"], [1.0, "#5a3a9e"]]
 
 
 def coverage_panels(analysis: Analysis) -> list[Panel]:

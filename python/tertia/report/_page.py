@@ -96,9 +96,10 @@ def _cards(numbers: dict[str, Any]) -> list[tuple[str, str]]:
             (f"{numbers['plots']:,}", "plots"),
             (str(len(numbers["radars"])), "radars"),
             (str(numbers["tracks"]), "tracks"),
-            (str(numbers["plans"]), "flight plans"),
         ]
-    return [*cards, (str(len(numbers["emitters"])), "emitters")]
+    # what the recording has not is no figure of it
+    others = (numbers["plans"], "flight plans"), (len(numbers["emitters"]), "emitters")
+    return [*cards, *((str(count), name) for count, name in others if count)]
 
 
 def _script(value: Any) -> Markup:

@@ -16,6 +16,10 @@ CAPTION = (
     "interval is within the limit, not met where all of it is beyond, and otherwise not shown: "
     "the recording is too short to decide."
 )
+WITHOUT_LIMITS = (
+    "Indicators with confidence intervals of 95 % by flight. With a file of limits (--limits, "
+    "limits=) it is said which of them are met."
+)
 COLUMNS = {
     "figure": "figure",
     "tracks": "tracks",

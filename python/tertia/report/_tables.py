@@ -25,6 +25,7 @@ from tertia.report._analysis import (
 from tertia.report._requirements import (
     CAPTION,
     COLUMNS,
+    WITHOUT_LIMITS,
     requirement_cells,
     requirement_rows,
 )
@@ -40,11 +41,15 @@ KINDS = ("range", "m", " m"), ("azimuth", "deg", "°")
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table: its name, caption and columns, rows of text, and all values as CSV."""
+    """A table: its name, caption and columns, rows of text, and all values as CSV.
+
+    `words` marks the columns that contain text instead of numbers.
+    """
 
     name: str
     caption: str
     columns: list[str]
+    words: list[bool]
     rows: list[list[str]]
     more: int
     csv: str
@@ -279,7 +284,14 @@ def table(
     """
     cells = [[text(row.get(key)) for key in columns] for row in rows[:ROWS]]
     more = max(0, len(rows) - ROWS)
-    return Table(name, caption, list(columns.values()), cells, more, _csv(values or rows))
+    words = [_are_words([row[at] for row in cells]) for at in range(len(columns))]
+    return Table(name, caption, list(columns.values()), words, cells, more, _csv(values or rows))
+
+
+def _are_words(cells: Sequence[str]) -> bool:
+    """Return whether a column has words: some, and no numbers."""
+    there = [cell for cell in cells if cell not in {"", "–"}]
+    return bool(there) and not any(cell[0].isdigit() or cell[0] in "+-−<" for cell in there)
 
 
 def _csv(rows: Sequence[Row]) -> str:
@@ -365,13 +377,14 @@ def _fusion_table(analysis: Analysis) -> Table:
     columns = {"tracks": "tracks", "instants": "instants", "sigma_m": "stated sigma (m)"}
     if analysis.fusion is not None and analysis.fusion.error:
         columns |= {
-            "rmse_m": "RMSE (m)",
+            "rmse_m": "RMSE there (m)",
             "nees_per_axis": "NEES per axis",
             "within_95": "within the 95 % ellipse",
         }
     caption = (
         "Tracks of single radars, extrapolated to common instants at which two radars or more have "
-        "one, and fused there. Sigma is the median per axis. As found: with the noise of each "
+        "one, and fused there; what is too far from its target is left out, as elsewhere. Sigma is "
+        "the median per axis. As found: with the noise of each "
         "stretch of time, biases removed. Fusion assumes that the errors of the radars are "
         "independent; in turns they are correlated, since all trackers assume the same motion. "
         "Covariance intersection holds for any correlation, and is conservative."
@@ -381,7 +394,11 @@ def _fusion_table(analysis: Analysis) -> Table:
 
 def _requirement_table(analysis: Analysis) -> Table:
     cells, values = requirement_cells(analysis), requirement_rows(analysis)
-    return table("requirement-table", CAPTION, COLUMNS, cells, values)
+    columns, caption = COLUMNS, CAPTION
+    if not analysis.limits:
+        columns = {key: name for key, name in COLUMNS.items() if key not in {"limit", "verdict"}}
+        caption = WITHOUT_LIMITS
+    return table("requirement-table", caption, columns, cells, values)
 
 
 def _evaluation_table(analysis: Analysis) -> Table:

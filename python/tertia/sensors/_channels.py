@@ -156,14 +156,17 @@ def ways(channels: Mapping[str, Channel]) -> dict[str, float]:
 def detections(value: npt.ArrayLike) -> IntArray:
     """Return detections as indices of `DETECTIONS`; they may be given as indices or names."""
     array = array_of(value, "detection")
-    if array.dtype.kind in "iu":
-        wrong = np.flatnonzero((array < NO_DETECTION) | (array >= len(DETECTIONS)))
+    if array.dtype.kind in "iuf":
+        # frames keep whole numbers as floats where some are missing
+        numbers = np.where(np.isnan(array), NO_DETECTION, array)
+        known = (numbers >= NO_DETECTION) & (numbers < len(DETECTIONS))
+        wrong = np.flatnonzero(~known | (numbers != np.trunc(numbers)))
         if len(wrong):
             raise ValueError(
-                f"detection[{wrong[0]}] is {array.flat[wrong[0]]}; it must be an index of "
-                f"{', '.join(DETECTIONS)}, or {NO_DETECTION}"
+                f"detection[{wrong[0]}] is {array.flat[wrong[0]]:g}; it must be an index of "
+                f"{', '.join(DETECTIONS)}, or {NO_DETECTION} or nan for none"
             )
-        return array.astype(np.int64)
+        return numbers.astype(np.int64)
     names, place = np.unique(array.astype(str), return_inverse=True)
     found = np.full(len(names), NO_DETECTION)
     for at, name in enumerate(names.tolist()):

@@ -7,13 +7,6 @@ import polars as pl
 
 from tertia import _arrays
 from tertia._arrays import FloatArray, IntArray
-from tertia.bearing import estimate_bearing
-from tertia.screening import unwrap_about_median
-
-# with fewer no scatter can be estimated
-_FEWEST = 5
-# of kinds that repeat
-PERIODS = {"azimuth": 360.0}
 
 
 def check_tolerance(tolerance: float) -> float:
@@ -41,31 +34,3 @@ def instants(rows: pl.DataFrame, tolerance: float) -> tuple[IntArray, FloatArray
         seen.add(key)
         step[row] = at
     return step, np.bincount(step, weights=time) / np.bincount(step)
-
-
-def combined(rows: pl.DataFrame, name: str) -> pl.DataFrame:
-    """Return one row per sensor and kind: the estimate from all its measurements.
-
-    With fewer than five measurements it is their median, with the sigma of one measurement.
-    """
-    found = [rows.clear()]
-    for one in rows.partition_by("site", "kind", maintain_order=True):
-        value, sigma = _combined(one, name)
-        middle = one[(one.height - 1) // 2]
-        found.append(middle.with_columns(value=pl.lit(value), sigma=pl.lit(sigma)))
-    return pl.concat(found).sort("seconds", maintain_order=True)
-
-
-def _combined(rows: pl.DataFrame, name: str) -> tuple[float, float]:
-    """Return an estimate and its sigma; the sigma is nan if that of the sensor applies."""
-    values, period = rows["value"].to_numpy(), PERIODS.get(rows["kind"][0])
-    stated = float(np.median(rows["sigma"].to_numpy()))
-    if len(values) < _FEWEST:
-        near = values if period is None else unwrap_about_median(values, period)
-        return float(np.median(near)), stated
-    try:
-        found = estimate_bearing(values, period=period)
-    except ValueError as error:
-        raise ValueError(f"{name}: {rows['kind'][0]}: {error}") from error
-    sigma = float(found.sigma)
-    return float(found.value), sigma if sigma > 0 else stated

@@ -28,6 +28,7 @@ from tertia.tables._positions import (
     of_instants,
     of_measurements,
     of_sensors,
+    of_singles,
     result_names,
 )
 from tertia.tables._records import RecordError, Source, source_of
@@ -81,8 +82,10 @@ def locate(
         Seconds within which measurements belong to one instant, whose time is the mean of theirs.
         An instant has at most one measurement of each kind by each sensor. With inf, each target
         has one position: the measurements of each sensor are first combined, without outliers, as
-        by `bearing`; fewer than five are replaced by their median, with the sigma of one
-        measurement.
+        by `bearing`. If a sensor has fewer than 40, those that contradict all sensors are left out,
+        and their mean has the stated sigma, or a larger one if they scatter more or are correlated.
+        Without a sigma, or if sensors move, fewer than five are replaced by their median, with the
+        sigma of one measurement.
     method : str
         As for `tertia.location.locate`.
     max_range : float, optional
@@ -220,6 +223,7 @@ def _locate(
     except ValueError as error:
         raise RecordError(prefixed(target.name, error)) from error
     measured = of_measurements(target, found.residual, found.outlier, np.atleast_1d(found.success))
+    each = measured if target.singles is None else of_singles(target, measured)
     rows = {
         "time_s": target.moments,
         **coordinates(found.position, found.covariance),
@@ -233,9 +237,9 @@ def _locate(
         target,
         found,
         found,
-        measured,
+        each,
         beside(target.keys, pl.DataFrame(rows)),
-        of_sensors(target, measured),
+        of_sensors(target, each),
     )
 
 

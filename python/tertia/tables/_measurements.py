@@ -11,9 +11,10 @@ import polars as pl
 
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.sensors import Kind, Station
+from tertia.tables._combined import combined
 from tertia.tables._frames import names
 from tertia.tables._groups import as_names, column_name, group_name, layout
-from tertia.tables._instants import combined, instants
+from tertia.tables._instants import instants
 from tertia.tables._moving import PLACES, apart, local_places, names_of_places, stations_of
 from tertia.tables._names import hint
 from tertia.tables._records import (
@@ -63,7 +64,8 @@ class Target:
 
     `rows` has one measurement per row, in the units of the columns, with `step` and `site`.
     `values` and `sigmas` are (N, K) for each kind, nan where there is no measurement. `sensors` are
-    the stations; moving stations have their positions at the N times.
+    the stations; moving stations have their positions at the N times. If the measurements of each
+    sensor are combined, `singles` has all of them, with `outlier`.
     """
 
     name: str
@@ -74,6 +76,7 @@ class Target:
     values: dict[Kind, FloatArray]
     sigmas: dict[Kind, FloatArray]
     sensors: Sensors[Station]
+    singles: pl.DataFrame | None = None
 
     def by_kind(self) -> Iterator[tuple[Kind, IntArray, IntArray, BoolArray]]:
         """Yield each kind with the times, stations and rows of its measurements."""
@@ -267,6 +270,7 @@ def _target(  # noqa: PLR0917
 ) -> Target:
     moves = "place_0" in rows.columns
     like = np.zeros(0, dtype=np.int64)
+    singles = None
     if tolerance > 0:
         rows = rows.sort("seconds", maintain_order=True)
         if tolerance == np.inf:
@@ -274,7 +278,7 @@ def _target(  # noqa: PLR0917
             if moves:
                 places = local_places(records, rows, sensors)
                 rows, like = apart(rows, places, len(sensors.items))
-            rows = combined(rows, group_name(keys))
+            rows, singles = combined(rows, group_name(keys), None if moves else sensors)
         step, times = instants(rows, tolerance)
         moments = clock.moments(times)
     else:
@@ -298,4 +302,4 @@ def _target(  # noqa: PLR0917
         for found, name in ((values, "value"), (sigmas, "sigma")):
             found[kind] = np.full((times.size, count), np.nan)
             found[kind][at] = own[name].to_numpy() * unit
-    return Target(group_name(keys), keys, moments, times, rows, values, sigmas, sensors)
+    return Target(group_name(keys), keys, moments, times, rows, values, sigmas, sensors, singles)

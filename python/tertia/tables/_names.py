@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from difflib import SequenceMatcher
 from functools import lru_cache
 
@@ -32,6 +32,18 @@ def misspelt(columns: Sequence[str], known: Iterable[str], there: Iterable[objec
     plain = set(map(plain_name, known))
     said = hint(columns, [name for name in there if plain_name(name) not in plain], VERY_NEAR)
     return f"has no column {' or '.join(columns)}{said}" if said else None
+
+
+def all_misspelt(keys: Sequence[str], there: Sequence[str] | Mapping[str, object]) -> list[str]:
+    """Return which keys that may be left out are there under nearly their names, in words."""
+    found = []
+    for key in keys:
+        # what contains another key, as that of a bias, is no slip
+        others = [one for one in there if one not in keys and "bias" not in one]
+        said = "" if key in there else hint([key], others, VERY_NEAR)
+        if said:
+            found.append(f"has no {key}{said}")
+    return found
 
 
 def _alike(column: str, name: object) -> float:

@@ -12,6 +12,7 @@ import polars as pl
 from tertia._arrays import BoolArray, FloatArray
 from tertia.location import Location, LocationStatus
 from tertia.sensors import ByKind, Station
+from tertia.tables._combined import PERIODS, stated_sigmas
 from tertia.tables._groups import beside, known
 from tertia.tables._measurements import UNITS, Target
 from tertia.tables._sensors import GEODETIC, Sensors
@@ -152,6 +153,37 @@ def of_measurements(
         "value",
         known(residual).alias("residual"),
         pl.Series(outlier).set(pl.Series(~decided), None).alias("outlier"),
+    )
+
+
+def of_singles(target: Target, measurements: pl.DataFrame) -> pl.DataFrame:
+    """Return all measurements of a position, of which those of a sensor were combined.
+
+    One is an outlier if it was left out, or if all of its sensor were.
+    """
+    assert target.singles is not None
+    sums = target.rows.select("site", "kind", mean="value").with_columns(
+        away=pl.Series(stated_sigmas(target.rows, target.sensors))
+        * measurements["residual"].fill_null(np.nan),
+        whole=measurements["outlier"],
+    )
+    rows = target.singles.sort("seconds", maintain_order=True)
+    rows = rows.join(sums, on=("site", "kind"), how="left", maintain_order="left")
+    apart = (rows["value"] - rows["mean"]).to_numpy()
+    for kind, period in PERIODS.items():
+        turns = (rows["kind"] == kind).to_numpy()
+        apart = np.where(turns, (apart + period / 2) % period - period / 2, apart)
+    residual = (apart + rows["away"].to_numpy()) / stated_sigmas(rows, target.sensors)
+    names = dict(enumerate(target.sensors.names))
+    return rows.select(
+        pl.lit(0).alias("step"),
+        "site",
+        pl.col("site").replace_strict(names).alias("sensor"),
+        pl.col("time").alias("time_s"),
+        "kind",
+        "value",
+        known(residual).alias("residual"),
+        pl.col("outlier") | pl.col("whole"),
     )
 
 

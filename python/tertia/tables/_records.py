@@ -34,6 +34,8 @@ _LOG = logging.getLogger("tertia.tables")
 # bases of identities: decimal numbers, mode 3/A codes in octal, 24-bit addresses in hexadecimal
 IDENTITIES = {"icao_address": 16, "mode_3a": 8, "identity": 10}
 _HALF_DAY = 43_200.0
+# so many columns of a table are named where one is missing
+_LISTED = 16
 _DIGITS = {16: "{:06X}", 8: "{:04o}"}
 _SPELLING = {16: "hexadecimal digits", 8: "octal digits", 10: "a whole number, 0 or more"}
 _AS_OTHERS = "a number of seconds or a date with time, as the others are"
@@ -196,7 +198,9 @@ class Part:
 
     def listed(self) -> str:
         """Return a list of the available columns, as text."""
-        return f"it has {', '.join(map(str, names(self.table)))}"
+        there = [str(name) for name in names(self.table)]
+        more = f" and {len(there) - _LISTED} more" if len(there) > _LISTED + 1 else ""
+        return f"it has {', '.join(there[:_LISTED] if more else there)}{more}"
 
 
 Source: TypeAlias = Sequence[Part]

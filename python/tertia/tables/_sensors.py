@@ -15,7 +15,7 @@ from tertia.geo import LocalFrame, SystemPlane
 from tertia.sensors import Bias, Channel, PositionSensor, Radar, Station
 from tertia.tables._groups import known
 from tertia.tables._marks import is_mark
-from tertia.tables._names import VERY_NEAR, hint, plain_name
+from tertia.tables._names import VERY_NEAR, all_misspelt, hint, plain_name
 from tertia.tables._records import RecordError, doubt
 
 if TYPE_CHECKING:
@@ -320,6 +320,9 @@ def stations(
         options["position_sigma"] = one.number(_POSITION_SIGMA) or 0.0
         options["axes"] = None if axes is None else axes[k]
         options["bias"] = _bias(one)
+        keys = [column for column, _ in _STATION.values()] if k == 0 else []
+        for said in all_misspelt(keys, one.row):
+            doubt(f"{file}: {one.name} {said}")
         items.append(one.made(Station, positions[k], options))
     differences = [one.sigma(_RANGE_DIFFERENCE_SIGMA) for one in cells]
     stated = np.array([np.nan if one is None else one for one in differences])
@@ -574,7 +577,8 @@ def _on_the_earth(
         if distance > _REACH_OF_A_PLANE:
             raise one.error(
                 f"{one.name} is {distance / 1e3:.0f} km from the origin; places in a plane, "
-                f"without {GEODETIC[2]}, must be within {_REACH_OF_A_PLANE / 1e3:.0f} km"
+                f"without {GEODETIC[2]}, must be within {_REACH_OF_A_PLANE / 1e3:.0f} km; "
+                "are latitude and longitude swapped?"
             )
     return positions[:, :2], in_the_plane(axes), frame
 

@@ -187,7 +187,8 @@ def _are_geodetic(source: Source, columns: Mapping[str, str]) -> bool:
     def has(name: str) -> bool:
         return all(part.has(columns.get(name, name)) for part in source)
 
-    return has(GEODETIC[0]) and not has(LOCAL[0])
+    # one of both alone is a slip of the hand
+    return any(map(has, GEODETIC[:2])) and not any(map(has, LOCAL[:2]))
 
 
 def _plane_of(frame: pl.DataFrame) -> SystemPlane:

@@ -21,7 +21,9 @@ _LOCAL_TIMES = (
 )
 _ZONED_TIMES = ("%Y-%m-%dT%H:%M:%S%.f%#z", "%Y-%m-%dT%H:%M%#z", "%Y%m%dT%H%M%S%.f%#z")
 _OFFSET = r"T.*(Z|[+-]\d\d(:?\d\d)?)$"
-_OF_DAY = r"^(?<h>\d{1,2}):(?<m>[0-5]\d)(?::(?<s>[0-5]\d(?:\.\d+)?))?$"
+_OF_DAY = r"^(?<h>\d{1,2}):(?<m>[0-5]\d)(?::(?<s>[0-5]\d(?:[.,]\d+)?))?$"
+# a fraction of a second, as ISO 8601 prefers it
+_COMMA = r"(\d\d),(\d+)"
 
 
 def kind_of_times(times: pl.Series) -> str:
@@ -34,7 +36,9 @@ def kind_of_times(times: pl.Series) -> str:
 def seconds_of_text(column: pl.Series) -> pl.Series:
     """Return numbers of seconds; cells like 12:34:56.7 become seconds of the day."""
     part = column.str.extract_groups(_OF_DAY).struct
-    hours, minutes, rest = (part.field(name).cast(pl.Float64) for name in "hms")
+    hours, minutes, rest = (
+        part.field(name).str.replace(",", ".", literal=True).cast(pl.Float64) for name in "hms"
+    )
     of_day = 3600 * hours + 60 * minutes + rest.fill_null(0.0)
     seconds: pl.Series = column.cast(pl.Float64, strict=False).fill_null(of_day)
     return seconds
@@ -53,6 +57,7 @@ def moments(column: pl.Series, first: str | None, zoned: bool | None) -> pl.Seri
         one.str.replace(r"\s*(UTC|GMT|Z)$", "Z")
         .str.replace(r"\s+([+-]\d\d)", "$1")
         .str.replace(" ", "T", literal=True)
+        .str.replace(_COMMA, "$1.$2")
         for one in (column, pl.Series([first or ""]))
     )
     if zoned is None:

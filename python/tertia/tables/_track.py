@@ -445,7 +445,9 @@ def state_columns(table: TrackTable | SmoothedTracks | SystemTracks) -> dict[str
     columns = {}
     for i, (name, unit) in enumerate(_STATE):
         columns[f"{name}_{unit}"] = values[:, i]
-        columns[f"{name}_sigma_{unit}"] = np.sqrt(table.covariance[:, i, i])
+        # nan where targets are so far away that nothing is left of a variance
+        with np.errstate(invalid="ignore"):
+            columns[f"{name}_sigma_{unit}"] = np.sqrt(table.covariance[:, i, i])
     for (i, j), name in covariance_columns().items():
         columns[name] = table.covariance[:, i, j]
     return columns

@@ -32,6 +32,8 @@ EXAMPLES = (
     "tertia evaluate tracks.csv --truth truth.csv --limits limits.toml",
     "tertia evaluate tracks.csv --truth truth.csv --targets targets.csv --plot errors.png",
 )
+# share of updates near targets below which chance has brought them there
+_FEW = 0.1
 _KEPT, _WRONG, _TRUE = "#0072B2", "#D55E00", "0.6"
 
 
@@ -72,8 +74,10 @@ def evaluate(
             limits=read_limits(limits),
         )
     print_table(found.rows, text=["figure", "unit", "verdict"], limited="figures are shown")
-    if not np.any(found.judged.indicators.matching.matched):
-        note(f"no track is within {max_distance:g} m of a target: are the origins the same?")
+    share = np.mean(found.judged.indicators.matching.matched)
+    if share < _FEW:
+        few = f"{share:.0%} of the updates are" if share else "no track is"
+        note(f"{few} within {max_distance:g} m of a target: are the origins the same?")
     if output is not None:
         write.write(found.rows, output)
     if targets is not None:

@@ -14,7 +14,7 @@ import polars as pl
 
 from tertia import io
 from tertia.cli.files import asterix
-from tertia.cli.files.text import Dialect, decoded, foreign, read_text, too_long
+from tertia.cli.files.text import Dialect, damage, decoded, foreign, read_text, too_long
 from tertia.cli.terminal.say import WRONG_USAGE, fail, reading
 from tertia.geo import LocalFrame, SystemPlane
 from tertia.tables._records import AGAIN, Part, Source
@@ -181,7 +181,9 @@ def _say_why(path: Path, error: str) -> NoReturn:
     """Exit with a message that says why Polars cannot read a file."""
     if path.stat().st_size == 0:
         fail(f"{path} is empty")
-    kind = kind_of(path)
+    kind, wrong = kind_of(path), damage(path)
+    if wrong is not None:
+        fail(f"cannot read {path}: {wrong}")
     reason = None if kind in {*_BINARY, *JSON_LINES} else too_long(path)
     if reason is not None:
         fail(f"cannot read {path}: {reason}")

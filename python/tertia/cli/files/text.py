@@ -30,7 +30,15 @@ _OTHERS = {
     b"\xd0\xcf\x11\xe0": "a workbook",
     b"%PDF": "a PDF",
     b"PAR1": "Parquet, whose names end in .parquet",
+    b"<!DOCTYPE": "a page of a website",
+    b"<html": "a page of a website",
+    b"<?xml": "XML",
+    b"[{": "JSON",
+    b'{"': "JSON",
 }
+# bytes that no text has, and a share of them that is no accident
+_CONTROL = bytes(sorted({*range(32)} - {*b"\t\n\v\f\r\x1a\x1b"}))
+_STRANGE = 0.02
 _DECIMAL_COMMA = r"^(\s*[+-]?\d*),(\d+(?:[eE][+-]?\d+)?\s*)$"
 
 
@@ -115,11 +123,29 @@ def foreign(path: Path) -> str | None:
     if packed == ".zst" or not path.is_file():
         return None
     with path.open("rb") as file:
-        begin = file.read(len(max(_OTHERS, key=len)))
+        begin = file.read(_BEGIN)
     if packed == ".gz":
         return "it is not compressed by gzip" if begin and begin[:2] != _GZIP else None
-    kinds = (what for mark, what in _OTHERS.items() if begin.startswith(mark))
-    return next((f"it is {what}: save it as CSV" for what in kinds), None)
+    text = begin.lstrip(codecs.BOM_UTF8 + b" \t\r\n")
+    kinds = (what for mark, what in _OTHERS.items() if text.startswith(mark))
+    other = next((f"it is {what}: save it as CSV" for what in kinds), None)
+    if other is not None or begin[:2] in _BOMS or _without_mark(begin) != "utf-8":
+        return other
+    strange = len(begin) - len(begin.translate(None, _CONTROL))
+    return "it is no text" if strange > _STRANGE * len(begin) else None
+
+
+def damage(path: Path) -> str | None:
+    """Return what is wrong with a file that is compressed by gzip, in words."""
+    if path.suffix.lower() != ".gz":
+        return None
+    try:
+        with _opened(path) as file:
+            while file.read(_BEGIN):
+                pass
+    except _DAMAGED as error:
+        return f"it is damaged: {error}"
+    return None
 
 
 def too_long(path: Path) -> str | None:

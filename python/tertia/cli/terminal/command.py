@@ -22,6 +22,8 @@ from tertia.cli.terminal import settings
 from tertia.cli.terminal.say import FAILED, INTERRUPTED, WRONG_USAGE, fail, note
 from tertia.tables import ColumnError, RecordError, RecordWarning
 
+# options that name what is written
+_RESULTS = ("output", "plot_file", "measurements", "targets")
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EPIPE)
 _Json = Annotated[
     bool,
@@ -94,14 +96,15 @@ def command(function: Callable[..., Any]) -> Callable[..., None]:
 
 
 def _keep_measurements(options: Mapping[str, Any]) -> None:
-    """Refuse a result that would overwrite the measurements."""
-    given = options.get("files") or [options.get("file")]
-    for result in (options.get("output"), options.get("plot_file")):
-        for path in given:
+    """Refuse a result that would overwrite an input."""
+    given = dict.fromkeys(options.get("files") or [options.get("file")], "measurements")
+    given |= {options.get(name): name for name in ("tracks", "truth", "bearings")}
+    for result in (options.get(name) for name in _RESULTS):
+        for path, what in given.items():
             # a name that is too long is told where it is used
             with contextlib.suppress(OSError):
-                if result is not None and path is not None and result.samefile(path):
-                    fail(f"cannot write {result}: it contains the measurements", WRONG_USAGE)
+                if isinstance(result, Path) and isinstance(path, Path) and result.samefile(path):
+                    fail(f"cannot write {result}: it contains the {what}", WRONG_USAGE)
 
 
 @contextlib.contextmanager
