@@ -235,8 +235,8 @@ def hypotheses() -> str:
              f"{lost[0]:.1f}, {lost[1]:.1f}", f"{nees:.2f}"]
         )  # fmt: skip
     head = [
-        "", "range, km", "swaps %, gnn", "mht", "GOSPA m, gnn", "mht less gnn", "worst run",
-        "lost %", "NEES, mht",
+        "encounter", "range, km", "swaps, %: gnn", "mht", "GOSPA, m: gnn", "mht less gnn",
+        "worst run", "lost, %: gnn, mht", "NEES, mht",
     ]  # fmt: skip
     return markdown(head, rows)
 
@@ -341,4 +341,4 @@ def resolution() -> str:
                 gospa = np.array([each.gospa for each in found])
                 cells.append(f"{shares[0]:.0f} / {np.mean(gospa):.0f} / {shares[1]:.1f}")
         rows.append([cell.name, *cells])
-    return markdown(["", "gnn", "gnn, resolution", "mht", "mht, resolution"], rows)
+    return markdown(["encounter", "gnn", "gnn, resolution", "mht", "mht, resolution"], rows)

@@ -192,7 +192,7 @@ def nets() -> str:
             f"{np.mean(squares) / 2:.2f}", rms,
         ])  # fmt: skip
     head = ["net", "p50, m", "p95, m", "claimed sigma, m", "inside 95 %", "NEES per axis"]
-    return markdown([*head, "speed, rms in sigmas"], rows)
+    return markdown([*head, "speed error, RMS in sigmas"], rows)
 
 
 def honesty() -> str:
@@ -251,14 +251,14 @@ def recording() -> str:
     )
     found = track.time + start, track.position + middle, track.covariance[:, :2, :2]
     published = yaps["top"], np.column_stack([yaps["x"], yaps["y"]]), None
-    head = ["positions against GPS", "number", "p50, m", "p90, m", "p99, m"]
+    head = ["solution", "positions", "p50, m", "p90, m", "p99, m"]
     head += [f"inside 95 %, GPS ± {sigma:g} m" for sigma in GPS_SIGMAS]
     rows = [
-        ["as it is", *_against(gps, *found)],
-        [f"GPS {GPS_LATE:g} s later", *_against(gps, *found, late=GPS_LATE)],
+        ["Tertia, GPS as recorded", *_against(gps, *found)],
+        [f"Tertia, GPS {GPS_LATE:g} s later", *_against(gps, *found, late=GPS_LATE)],
         ["YAPS, as stored with the recording", *_against(gps, *published)],
     ]
-    return markdown([*head, "scale"], rows)
+    return markdown([*head, "scale of the positions"], rows)
 
 
 def _against(

@@ -136,7 +136,7 @@ def verdicts() -> str:
             shares = [sum(one.startswith(word) for one in said) / count for word in words]
             cells.append(" ".join(f"{share:.2f}" for share in shares))
         rows.append([f"{factor:g}", *cells])
-    head = ["error over sigma", "50, white", "200, white", "200, AR(.9)", "1000, AR(.9)"]
+    head = ["true / stated sigma", "50, white", "200, white", "200, AR(.9)", "1000, AR(.9)"]
     return markdown(head, rows)
 
 

@@ -64,8 +64,8 @@ def reproduction() -> str:
             cells.append(cell)
         rows.append([name, *cells])
     table = markdown(["RMSE, degrees", *(f"N = {n}" for n in SIZES)], rows)
-    counted = f"of {len(EXPECTED) * len(SIZES)} (without 'both as measured')"
-    return f"{table}\nLargest |z|: {largest:.1f}, {counted}.\n"
+    counted = f"Largest |z| of {len(EXPECTED) * len(SIZES)} values (without 'both as measured')"
+    return f"{table}\n{counted}: {largest:.1f}.\n"
 
 
 def _covered(errors: Errors) -> str:
@@ -151,8 +151,8 @@ def scenarios() -> str:
         ratio, error = np.exp(logs.mean()), logs.std(ddof=1) / np.sqrt(logs.size)
         wins = "" if name.startswith("paper") else f"{np.mean(rmse < best):.0%}"
         rows.append([name, f"{ratio:.3f} ± {ratio * error:.3f}", wins])
-    head = ["method", "RMSE over that of the paper (n_g=10)", "better than the best of the paper's"]
-    return markdown(head, rows)
+    won = "scenarios won against the best paper variant"
+    return markdown(["method", "RMSE / RMSE of paper, n_g=10", won], rows)
 
 
 def clean_cost() -> str:
@@ -166,7 +166,7 @@ def clean_cost() -> str:
         ]
         for name in METHODS
     )
-    return markdown(["RMSE over that of the mean", *(f"N = {n}" for n in SIZES)], rows)
+    return markdown(["RMSE / RMSE of the mean", *(f"N = {n}" for n in SIZES)], rows)
 
 
 def _wrapped(angle: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
@@ -237,7 +237,7 @@ def variance_tests() -> str:
             ratio = Errors(np.asarray(result.value)).rmse / METHODS["mean"](clean).rmse
             lost = np.mean(result.outlier.any(axis=-1))
             rows.append([name, f"{size}", f"{lost:.1%}", f"{ratio:.2f}"])
-    head = ["test", "n_g", "clean records that lose a block", "RMSE over that of the mean"]
+    head = ["test", "n_g", "clean records that lose a block", "RMSE / RMSE of the mean"]
     return markdown(head, rows)
 
 

@@ -59,4 +59,5 @@ def blind() -> str:
             named, others = named + bool(right), others + len(stated) - len(right)
             example = example or "".join(right)
         rows.append([title, f"{named} of {SCENES}", str(others), example])
-    return markdown(["fault of one radar", "named", "other findings", "the first one"], rows)
+    head = ["fault of one radar", "fault named", "other findings"]
+    return markdown([*head, "finding of the first recording"], rows)

@@ -245,11 +245,11 @@ def table() -> str:
     runs: dict[str, list[Callable[[], list[Picture]]]] = {
         "Tertia": [lambda: tertia(one, False)],
         "Tertia, with the cameras": [lambda: tertia(one, True)],
-        "Tertia, density of clutter given": [lambda: tertia(one, False, CLUTTER)],
-        "Tertia, density of clutter given, with the cameras": [lambda: tertia(one, True, CLUTTER)],
+        "Tertia, clutter density given": [lambda: tertia(one, False, CLUTTER)],
+        "Tertia, clutter density given, with the cameras": [lambda: tertia(one, True, CLUTTER)],
     }
     for kind in ("GNN", "JPDA"):
-        for patient, name in ((False, ""), (True, ", begins as patiently as Tertia")):
+        for patient, name in ((False, ""), (True, ", patient initiator")):
             runs[f"Stone Soup {kind}{name}"] = [
                 partial(stone_soup, one, kind, density, patient) for density in DENSITIES
             ]
@@ -265,5 +265,5 @@ def table() -> str:
         print(f"{name}: {cost:.2f} s of CPU", file=sys.stderr)
         cells = [f"{whole:.1f} m", *(f"{part:.1f} m" for part in parts), f"{count:.1f}"]
         rows.append([name, *cells, f"{tracks:.0f}"])
-    head = ["", "GOSPA", "of places", "of missed boats", "of false tracks", "tracks at a time"]
-    return markdown([*head, "tracks"], rows)
+    head = ["", "GOSPA", "localisation", "missed boats", "false tracks", "mean number of tracks"]
+    return markdown([*head, "tracks in all"], rows)

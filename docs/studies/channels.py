@@ -106,9 +106,9 @@ def channels(seed: int = SEED, runs: int = RUNS) -> str:
                     f"{more:+.1f}",
                 ]
             )
-    head = ["P_D of echoes, of replies, false echoes", "channels", "RMSE, m", "NEES per axis"]
-    more_head = ["within the 95 % ellipse", "s to the first confirmed row", "tracks too many, mean"]
-    return markdown([*head, *more_head], rows)
+    head = ["P_D of echoes, P_D of replies, false echoes per scan", "channels", "RMSE, m"]
+    head += ["NEES per axis", "within the 95 % ellipse", "first plot to first confirmed row, s"]
+    return markdown([*head, "surplus tracks, mean"], rows)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ SIZES = {10: 2000, 30: 2000, 100: 800, 300: 300, 1000: 150, 3000: 100}
 SHARES = (0.0, 0.1, 0.2, 0.3, 0.4)
 OFFSETS = (3.0, 5.0, 8.0, 20.0)
 BURST = (4, 20)
-_NAMES = ("default", "mean", "median", "biweight", "shorth, clipped")
+_NAMES = ("default", "mean", "median", "biweight", "mean within 3σ of the shorth")
 
 
 def _bursts(rng: np.random.Generator, n: int, bad: int, sides: int, size: float) -> FloatArray:
@@ -111,11 +111,12 @@ def contamination() -> str:
             rows.append(["bursts" if burst else "isolated", f"{n}", *cells])
     head = ["outliers", "N", *(f"{e:.0%}" for e in SHARES)]
     mean = {name: np.exp(np.mean(np.log(values))) for name, values in rmse.items()}
-    ratios = ", ".join(f"{n} {mean['default'] / mean[n]:.2f}" for n in _NAMES[1:])
+    ratios = "; ".join(f"{mean['default'] / mean[n]:.2f} for the {n}" for n in _NAMES[1:])
     return (
-        f"{markdown(head, rows)}\nGeometric mean of RMSE over that of one estimator: {ratios}.\n\n"
-        f"Above 1.25: {'; '.join(above) or 'none'}.\n\n"
-        f"Coverage below .90 up to 30 %: {'; '.join(below) or 'none'}.\n"
+        f"{markdown(head, rows)}\n"
+        f"RMSE of the default / RMSE of another estimator (geometric mean): {ratios}.\n\n"
+        f"Ratios above 1.25: {'; '.join(above) or 'none'}.\n\n"
+        f"Coverage below .90 with up to 30 % of outliers: {'; '.join(below) or 'none'}.\n"
     )
 
 
@@ -164,7 +165,7 @@ def groups() -> str:
                 shares.append(f"{covered:.2f} ({np.median(sigma):.2f})")
             cells.append(", ".join(shares))
         rows.append([f"{size:g}", *cells])
-    return markdown(["systematic, σ", *(f"{k} groups" for k in (2, 3, 5, 10))], rows)
+    return markdown(["systematic error, σ", *(f"{k} groups" for k in (2, 3, 5, 10))], rows)
 
 
 def grid() -> str:

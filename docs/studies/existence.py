@@ -118,7 +118,7 @@ def life() -> str:
                 cells.append(f"{np.mean(wait):.1f} / {np.quantile(wait, 0.9):.0f}")
             false = false_tracks(empty, rule)
             rows.append([f"{clutter:g}", name, *cells, f"{false} in {hours:.1f} h"])
-    head = ["false plots a scan", "rule", "P_D .9", ".7", ".5", "false tracks"]
+    head = ["false plots per scan", "rule", "P_D .9", "P_D .7", "P_D .5", "false tracks"]
     return markdown(head, rows)
 
 
@@ -163,7 +163,7 @@ def calibration() -> str:
         rows.append([f"{low:g} to {high:g}", *cells])
     head = ["stated"]
     for count in ("5", "200"):
-        head += [f"rows, {count} false plots", "mean", "of targets"]
+        head += [f"rows, {count} false plots", "mean stated", "share of targets"]
     for count in ("5", "200"):
-        head += [f"rows, {STAY} scans, {count} false plots", "of targets"]
+        head += [f"rows, {STAY} scans, {count} false plots", "share of targets"]
     return markdown(head, rows)

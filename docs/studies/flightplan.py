@@ -41,8 +41,8 @@ def turns() -> str:
                     f"{saved / speed:.1f}",
                 ]
             )
-    head = ["speed, m/s", "angle, °", "radius, km", "lead, km", "arc, km", "s", "shorter by, s"]
-    return markdown(head, rows)
+    head = ["speed, m/s", "angle, °", "radius, km", "lead, km", "arc, km", "time on arc, s"]
+    return markdown([*head, "time saved, s"], rows)
 
 
 def shared_routes(live: int, rng: np.random.Generator) -> tuple[list[FlightPlan], list[FloatArray]]:
@@ -215,7 +215,8 @@ def blocking() -> str:
             middle = f"{np.median(delays):.0f}" if delays else ""
             late = f"{np.quantile(delays, 0.9):.0f}" if delays else ""
             rows.append([name, kind, share, middle, late])
-    return markdown(["scan", "deviation", "blocked", "median delay, s", "90 %, s"], rows)
+    head = ["scan period", "deviation", "blocked", "median delay, s", "90 % quantile, s"]
+    return markdown(head, rows)
 
 
 def _deviation(kind: str, waypoints: FloatArray, plan: FlightPlan) -> tuple[FloatArray, float]:

@@ -234,7 +234,7 @@ def worst_ratios() -> str:
             worst = max(ratios, key=lambda name: ratios[name])
             cells.append(f"{ratios[worst]:.2f} ({worst})")
         rows.append([label, *cells])
-    return markdown(["RMSE over that of the best rule, worst scenario", *MODELS], rows)
+    return markdown(["RMSE relative to the best rule, worst scenario", *MODELS], rows)
 
 
 def every_ratio() -> str:
@@ -249,7 +249,7 @@ def every_ratio() -> str:
             ratio = found[rule, name].value / found[best, name].value
             cells.append(f"{ratio:.3f} ({best})")
         rows.append([model, rule, *cells])
-    return markdown(["over the best rule but 'robust'", "", *SCENARIOS], rows)
+    return markdown(["RMSE relative to the best rule except 'robust'", "", *SCENARIOS], rows)
 
 
 def cost() -> str:
@@ -268,13 +268,13 @@ def cost() -> str:
         cells += [f"{accused:.1%}", f"{result.outlier[..., window].mean():.2%}"]
         rows.append([model, *cells])
     head = [
-        "healthy: RMSE over that of equal weights, %",
+        "healthy: excess of RMSE over equal weights, %",
         "paper",
         "ewma",
         "adaptive",
         "adaptive-matrix",
     ]
-    costs = ["robust: R estimated twice as large", "plots taken for outliers"]
+    costs = ["robust: plots with R estimated twice as large", "robust: plots taken for outliers"]
     return markdown([*head, "robust", *costs], rows)
 
 
@@ -297,7 +297,7 @@ def consistency() -> str:
         first, second = (alone(scenario, i) for i in (0, 1))
         error = ((first.mean + second.mean) / 2 - scenario.truth)[:, window]
         naive.append(per_dimension(error, first.covariance[:, window] / 2))
-    rows = [["equal, taken as independent", *naive]]
+    rows = [["equal, errors treated as independent", *naive]]
     for rule, label in RULES.items():
         of_healthy, of_onset = fused(healthy[0], rule), fused(onset[0], rule)
         cells = []
@@ -305,7 +305,7 @@ def consistency() -> str:
             error = (result.mean - scenario.truth)[:, window]
             cells.append(per_dimension(error, result.covariance[:, window]))
         rows.append([label, *cells])
-    head = ["NEES per dimension", "healthy", f"×5: scans {FAULT} to {STEPS - 1}"]
+    head = ["NEES per dimension", "healthy", f"noise ×5: scans {FAULT} to {STEPS - 1}"]
     return markdown([*head, f"{FAULT + 10} to {STEPS - 1}"], rows)
 
 
@@ -380,15 +380,15 @@ def paper_weights() -> str:
     rho_a = np.corrcoef(error[0, ..., 2].ravel(), error[1, ..., 2].ravel())[0, 1]
     rows = [
         ["correlation of a plot's innovation with the error of the updated angle", with_own, ".3f"],
-        ["the same of their squares", squares, ".3f"],
-        ["correlation of the two radars' errors in angle", rho[0], ".2f"],
-        ["in rate", rho[1], ".2f"],
-        ["in acceleration", rho_a, ".2f"],
+        ["correlation of the squares of these two", squares, ".3f"],
+        ["correlation of the errors of the two radars in angle", rho[0], ".2f"],
+        ["correlation of the errors of the two radars in rate", rho[1], ".2f"],
+        ["correlation of the errors of the two radars in acceleration", rho_a, ".2f"],
         ["RMSE with equal weights, predicted, millidegrees", best, ".1f"],
         ["measured", found["equal", "healthy"].value, ".1f"],
-        ["RMSE with the paper's weights, predicted", predicted, ".1f"],
+        ["RMSE with the paper's weights, predicted, millidegrees", predicted, ".1f"],
         ["measured", paper.value, ".1f"],
-        ["after the third filter, over before, healthy", third.ratio(paper)[0], ".3f"],
+        ["RMSE after the third filter relative to before, healthy", third.ratio(paper)[0], ".3f"],
     ]
     turn = case("turn")
     once = fused(turn, "paper").mean[..., 0]
@@ -419,7 +419,7 @@ def mean_weights() -> str:
     variances = [np.mean(error**2, axis=(0, 1)) for error in (first, second)]
     covariance = np.mean(first * second, axis=(0, 1))
     best = (variances[1] - covariance) / (variances[0] + variances[1] - 2 * covariance)
-    rows.insert(0, ["best, from the errors", *(f"{w:.2f}" for w in best)])
+    rows.insert(0, ["best, computed from the errors", *(f"{w:.2f}" for w in best)])
     return markdown(["mean weight of the better radar", "angle", "rate", "acceleration"], rows)
 
 
@@ -602,8 +602,10 @@ def wide_priors() -> str:
         )
         cells = [f"{value:.0e}" if value else "0" for value in values]
         rows.append([f"1e{power}", *cells])
-    head = ["prior over noise", "P of the angle, (I − K h') P", "P of the angle, here"]
-    return markdown([*head, "angle, over σ", "smoothed first angle, over σ"], rows)
+    head = ["prior relative to noise", "variance of the angle, short formula (I − K h') P"]
+    head += ["variance of the angle, here"]
+    head += ["error of angle, relative to σ", "error of smoothed first angle, relative to σ"]
+    return markdown(head, rows)
 
 
 def smoothing() -> str:
@@ -668,12 +670,12 @@ def filter_consistency() -> str:
     model = SingerModel(5.0, 1 / 20, 0.003, exact=True)
     record = simulate.radars(model, steps, sigma=(SIGMA,), batch=runs, rng=generator(64))
     variants = {
-        "right": (model, SIGMA**2),
+        "correct parameters": (model, SIGMA**2),
         "σ stated half": (model, SIGMA**2 / 4),
         "σ stated double": (model, SIGMA**2 * 4),
         "σ_a a third": (SingerModel(5.0, 1 / 20, 0.001, exact=True), SIGMA**2),
         "σ_a threefold": (SingerModel(5.0, 1 / 20, 0.009, exact=True), SIGMA**2),
-        "1 − αT for exp(−αT)": (MODEL, SIGMA**2),
+        "1 − αT instead of exp(−αT)": (MODEL, SIGMA**2),
     }
     late = slice(SETTLED, None)
     rows = []
@@ -717,7 +719,10 @@ def accuracy() -> str:
             "`steady_state` and the gain of `filter_series` after 1000 steps, relative",
             _tiny(of_gain),
         ],
-        ["the same, covariances", _tiny(of_covariance)],
+        [
+            "`steady_state` and `filter_series` after 1000 steps, covariances, relative",
+            _tiny(of_covariance),
+        ],
         ["smoothed and filtered state at the last step", _tiny(last)],
         [
             "plots that wrap at north and plots that do not, angle, degrees",

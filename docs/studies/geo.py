@@ -114,8 +114,8 @@ def views() -> str:
         every = np.max(pairs, axis=0)
         cells = [np.median(pair) for pair in pairs] + [np.median(every), np.quantile(every, 0.95)]
         rows.append([name, *map(metres, cells)])
-    head = ["plane", "first, second", "first, third", "second, third", "largest", "of 95 %"]
-    return markdown(head, rows)
+    head = ["plane", "first, second", "first, third", "second, third", "largest, median"]
+    return markdown([*head, "largest, 95 % quantile"], rows)
 
 
 def export() -> str:
@@ -242,8 +242,8 @@ def tracking() -> str:
                 f"{deviation:.1f}",
             ]
         )
-    head = ["plane", "RMSE", "claimed", "NEES per axis", "inside 95 %"]
-    return markdown([*head, "largest range bias found", "over its sigma"], rows)
+    head = ["plane", "RMSE", "stated sigma", "NEES per axis", "within 95 %"]
+    return markdown([*head, "largest estimated range bias", "largest bias in sigmas"], rows)
 
 
 # accelerations of the straight model in m/s²: from that of "cv" to what fits flights without any
@@ -285,7 +285,7 @@ def cruise() -> str:
         within = f"{np.sum(np.max(biases, axis=1) < 2.5)} of {SCENES}" if not trusted else "–"
         rows.append(
             [
-                "no errors" if trusted else "found while tracking",
+                "no errors" if trusted else "estimated while tracking",
                 f"{acceleration:g} m/s²",
                 f"{np.mean([rmse for rmse, *_ in each]):.1f} m",
                 f"{np.mean(squares) / 2:.2f}",
@@ -294,8 +294,8 @@ def cruise() -> str:
                 within,
             ]
         )
-    head = ["errors of the radars", "model of motion", "RMSE", "NEES per axis", "inside 95 %"]
-    return markdown([*head, "largest bias over its sigma", "scenes with all below 2.5"], rows)
+    head = ["errors of the radars", "model of motion", "RMSE", "NEES per axis", "within 95 %"]
+    return markdown([*head, "largest bias in sigmas", "scenes with all below 2.5 sigma"], rows)
 
 
 def _deviations(bias: Bias) -> FloatArray:

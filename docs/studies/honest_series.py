@@ -58,12 +58,12 @@ def constant_errors() -> str:
     rows = []
     for name, prior, asked in (
         ("no errors", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
-        ("no errors, but stated", (0.0, 0.0, 0.0), (0.0, size, size)),
+        ("no errors, but `bias_sigma` stated", (0.0, 0.0, 0.0), (0.0, size, size)),
         ("none trusted", (size, size, size), (0.0, 0.0, 0.0)),
         ("", (size, size, size), (size, size, size)),
-        ("the first trusted", (0.0, size, size), (0.0, 0.0, 0.0)),
+        ("first trusted", (0.0, size, size), (0.0, 0.0, 0.0)),
         ("", (0.0, size, size), (0.0, size, size)),
-        ("nothing known of the others", (0.0, size, size), (0.0, np.inf, np.inf)),
+        ("first trusted, others unknown", (0.0, size, size), (0.0, np.inf, np.inf)),
     ):
         rng = generator(61)
         truth = manoeuvre(runs, rng)[:, np.newaxis]
@@ -81,7 +81,7 @@ def constant_errors() -> str:
             cells += [f"{rmse:.3f}°", f"{np.mean(error**2):.2f}", f"{inside:.0f}%"]
             cells.append(f"{np.sqrt(np.mean((off / claimed) ** 2)):.2f}" if off.size else "")
         rows.append(cells)
-    of_each = ["RMSE", "NEES", "inside 95 %", "errors, σ"]
+    of_each = ["RMSE", "NEES", "within 95 %", "error of bias, σ"]
     return markdown(
         ["errors", "`bias_sigma`", *of_each, *(f"{name}, outliers" for name in of_each)], rows
     )
@@ -210,7 +210,7 @@ def effects() -> str:
                 width = np.median(found.sigma) * np.sqrt(sensors)
                 cells.append(f"{np.mean(inside):.0%}; {width:.2f}")
             rows.append([str(sensors), name, *cells])
-    head = ["K", "inside two sigma; sigma √K", "τ/σ = 0", "1", "3", "9"]
+    head = ["K", "within two sigma; sigma √K", "τ/σ = 0", "1", "3", "9"]
     return markdown(head, rows)
 
 
@@ -220,9 +220,12 @@ def few() -> str:
     cases = {
         "1 sensor": (1, 1, 1.0),
         "2 sensors": (2, 1, 1.0),
-        "2, one 5 times as good": (2, 1, 5.0),
+        "2 sensors, one 5 times as good": (2, 1, 5.0),
     }
-    cases |= {"4, up to 3 times as good": (4, 1, 3.0), "2, in two dimensions": (2, 2, 2.0)}
+    cases |= {
+        "4 sensors, up to 3 times as good": (4, 1, 3.0),
+        "2 sensors, in two dimensions": (2, 2, 2.0),
+    }
     for name, (sensors, m, ratio) in cases.items():
         cells = []
         for n in (3, 5, 10, 30):
@@ -237,7 +240,7 @@ def few() -> str:
                 shares.append(np.mean(np.abs(found.mean) < 2 * found.sigma))
             cells.append(f"{shares[0]:.0%}, **{shares[1]:.1%}**")
         rows.append([name, *cells])
-    return markdown(["covariances for known, with `n=`", "n = 3", "5", "10", "30"], rows)
+    return markdown(["covariances treated as known, **with `n=`**", "n = 3", "5", "10", "30"], rows)
 
 
 def noise() -> str:
@@ -261,7 +264,7 @@ def noise() -> str:
             nees = np.mean(squares(found, truth)) / 2
             cells.append(f"{rmse:.2f}; {nees:.2f}; {np.mean(held(found, truth)):.0%}")
         rows.append([case, *cells])
-    return markdown(["RMSE over σ; NEES; inside 95 %", "noise as stated", "`smooth`"], rows)
+    return markdown(["RMSE over σ; NEES; within 95 %", "noise as stated", "`smooth`"], rows)
 
 
 def motions() -> str:
@@ -278,8 +281,8 @@ def motions() -> str:
             wanders = np.mean(found.acceleration_noise > 0)
             inside = np.mean(held(found, truth))
             cells.append(f"{rmse:.2f}; {nees:.2f}; {inside:.0%}; {wanders:.0%}")
-        rows.append([name, *cells])
-    head = ["RMSE over σ; NEES; inside 95 %; wanders", "60 plots, 1 s", "60 plots, 5 s"]
+        rows.append([LABELS.get(name, name), *cells])
+    head = ["RMSE over σ; NEES; within 95 %; white acceleration", "60 plots, 1 s", "60 plots, 5 s"]
     return markdown([*head, "300 plots, 5 s"], rows)
 
 
@@ -331,4 +334,11 @@ MOTIONS: dict[str, Callable[[tuple[int, ...], float, np.random.Generator], Float
     "heading that wanders": _heading,
     "velocity kept for 20 s": _returning,
     "straight, turns of 12 plots": _turns,
+}
+# the names above are part of the seeds of the simulations
+LABELS = {
+    "acceleration kept for 20 s (Singer)": "acceleration correlated over 20 s (Singer)",
+    "velocity that wanders": "random-walk velocity",
+    "heading that wanders": "random-walk heading",
+    "velocity kept for 20 s": "velocity correlated over 20 s",
 }

@@ -152,8 +152,8 @@ def initiation() -> str:
                 f"{np.mean(others):.2f} → {np.mean(others_soon):.2f}",
             ]
         )
-    head = ["false plots a scan", "with a plan", "by the second plot", "without a plan"]
-    return markdown(head, rows)
+    head = ["false plots per scan", "with a plan", "confirmed by the second plot"]
+    return markdown([*head, "without a plan"], rows)
 
 
 def false_tracks() -> str:
@@ -179,5 +179,5 @@ def false_tracks() -> str:
                     f"{share * most:.2f}",
                 ]
             )
-    head = ["false plots", "a scan", "scans", "false tracks in 1000 scans", "at most, 95 %"]
-    return markdown(head, rows)
+    head = ["false plots", "false plots per scan", "scans", "false tracks in 1000 scans"]
+    return markdown([*head, "upper 95 % bound"], rows)

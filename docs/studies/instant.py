@@ -11,7 +11,7 @@ DIRECTIONS = np.radians([0.0, 60.0, 120.0])
 COMMON = (0.0, 1.0, 4.0)
 ROWS: tuple[tuple[str, InstantMethod, bool], ...] = (
     ("matrix", "matrix", True),
-    ("matrix, taken as independent", "matrix", False),
+    ("matrix, errors treated as independent", "matrix", False),
     ("posterior", "posterior", True),
     ("equal", "equal", True),
     ("covariance-intersection", "covariance-intersection", False),
@@ -40,5 +40,5 @@ def methods() -> str:
             nees = np.trace(np.linalg.solve(found.covariance, covariance)) / 2
             cells.append(f"{cost:.2f}, {nees:.2f}")
         rows.append([label, *cells])
-    head = [f"variance in common {variance:.0f}" for variance in COMMON]
-    return markdown(["squared error over the best, NEES per dimension", *head], rows)
+    head = [f"common variance {variance:.0f}" for variance in COMMON]
+    return markdown(["squared error relative to the best, NEES per dimension", *head], rows)

@@ -62,7 +62,7 @@ def table() -> str:
                     cells.append(f"{share:.0%}" if LOW <= share <= HIGH else f"**{share:.0%}**")
             if cells:
                 rows.append([name, called, *cells, ", ".join(sorted(said))])
-    head = ["recording", "by", "sigma × ½", "as it is", "sigma × 2", "systematic error"]
+    head = ["recording", "estimator", "sigma × ½", "sigma × 1", "sigma × 2", "`systematic`"]
     return markdown(head, rows)
 
 

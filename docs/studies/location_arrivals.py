@@ -87,8 +87,8 @@ def counts() -> str:
                 *cells(independent, target, bound)[:3],
             ]
         )
-    head = ["receivers", "RMSE / bound", "NEES", "in 95 %", "no position"]
-    other = ["as independent differences: RMSE / bound", "NEES", "in 95 %"]
+    head = ["receivers", "RMSE / bound", "NEES", "inside 95 %", "no position"]
+    other = ["as independent differences: RMSE / bound", "NEES", "inside 95 %"]
     return markdown([*head, *other], rows)
 
 
@@ -109,7 +109,7 @@ def late() -> str:
         rows.append(row)
     head = ["receivers", "late"]
     for name in ("least squares", "either side", "late"):
-        head += [f"{name}: RMSE / bound", "NEES", "in 95 %"]
+        head += [f"{name}: RMSE / bound", "NEES", "inside 95 %"]
     return markdown(head, rows)
 
 
@@ -132,7 +132,7 @@ def faulty() -> str:
         rows.append(row)
     head = ["receivers", "fault"]
     for name in ("late", "late, either side expected", "early, either side expected"):
-        head += [f"{name}: found", "in 95 %", "no position"]
+        head += [f"{name}: found", "inside 95 %", "no position"]
     return markdown(head, rows)
 
 

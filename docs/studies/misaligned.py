@@ -111,7 +111,7 @@ def misaligned() -> str:
         ("one radar, ADS-B", 1, 0.0, True, 0.0),
         ("two radars without errors, ADS-B", 2, 0.0, False, 0.0),
         ("two radars, ADS-B .4 s late", 2, 0.0, True, 0.4),
-        ("two radars, ADS-B whose errors last", 2, 1.0, True, 0.0),
+        ("two radars, ADS-B with constant errors", 2, 1.0, True, 0.0),
     ]
     for (name, radars, lasting, errors, late), registration in product(cases, (None, False)):
         found = [
@@ -133,8 +133,8 @@ def misaligned() -> str:
                 *off,
             ]
         )
-    head = ["", f"tracks of {TARGETS}", "RMSE", "NEES", "range found", "azimuth found"]
-    return markdown(head, rows)
+    head = ["", f"tracks of {TARGETS}", "RMSE", "NEES", "error of range bias"]
+    return markdown([*head, "error of azimuth bias"], rows)
 
 
 def _off(found: list[Bias], radars: int, errors: bool) -> list[str]:

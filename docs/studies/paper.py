@@ -226,5 +226,5 @@ def claims() -> str:
         ("classical over paper, polarity 0.1", "up to 1.48", polarity[0.1], ""),
     ]
     rows = [[what, says, *(f"{v:.2f}{unit}" for v in values)] for what, says, values, unit in found]
-    rows.append(["95 % of what ten trials give, N = 100", "1.28", f"{low:.2f} to {high:.2f}", ""])
+    rows.append(["95 % interval of ten trials, N = 100", "1.28", f"{low:.2f} to {high:.2f}", ""])
     return markdown(["", "the paper", "found, n_g=5", "found, n_g=10"], rows)

@@ -238,5 +238,6 @@ def mixed() -> str:
                 f"{_rmse([errors for errors, *_ in free]):.1f} m, {freely:.2f}",
             ]
         )
-    head = ["without", "filter that knows all", "tracker", "ratio", "NEES of the filter"]
+    head = ["sensor left out", "filter with known association", "tracker", "ratio"]
+    head += ["NEES of the filter"]
     return markdown([*head, "NEES", f"tracks of {FLIGHTS}", 'motion "imm": RMSE, NEES'], rows)

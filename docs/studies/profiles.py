@@ -136,5 +136,5 @@ def table() -> str:
         for kind in SCENES
         for profile in dict.fromkeys((get_args(ProfileName)[0], kind))
     ]
-    head = ["targets", "profile", f"tracks of {TARGETS}", "RMSE, m", "NEES per axis", "within 95 %"]
-    return markdown(head, rows)
+    head = ["targets", "profile", f"tracks of {TARGETS} targets", "RMSE, m", "NEES per axis"]
+    return markdown([*head, "within the 95 % ellipse"], rows)

@@ -38,7 +38,8 @@ def table() -> str:
     for run in RUNS:
         rows += _radio_tag(run)
     rows += [*_boats(), _animal()]
-    head = ["recording", "number", "p50, m", "p90, m", "p99, m", "inside 95 %", "NEES per axis"]
+    head = ["recording", "positions", "p50, m", "p90, m", "p99, m"]
+    head += ["inside 95 %", "NEES per axis"]
     return markdown(head, rows)
 
 
@@ -201,5 +202,6 @@ def fireball() -> str:
             *(f"{size:.0f}" for size in (np.median(stated), np.median(off), np.max(off))),
             f"{np.sqrt(np.mean(np.square(off / stated))):.2f}",
         ])  # fmt: skip
-    head = ["camera", "points", "distance, km", "stated σ, m", "off the line, m: median", "largest"]
-    return markdown([*head, "rms in σ"], rows)
+    head = ["camera", "points", "distance, km", "stated σ, m"]
+    head += ["distance from the line, m: median", "largest, m", "RMS in σ"]
+    return markdown(head, rows)

@@ -62,7 +62,7 @@ def few_bearings() -> str:
     for name, n, pooled, pairs in (
         ("3, pooled", 3, True, 0.0),
         ("4, pooled", 4, True, 0.0),
-        ("2, pooled with a third of 3", 3, True, 2 / 3),
+        ("2, pooled with a third of instants with 3", 3, True, 2 / 3),
         ("2, alone", 2, False, 0.0),
         ("3, alone", 3, False, 0.0),
         ("4, alone", 4, False, 0.0),
@@ -118,7 +118,7 @@ def curved() -> str:
             [name, f"{np.mean(nees[located] <= CHI_SQUARE):.1%}", f"{inside.mean():.1%}",
              f"{np.mean(np.isinf(area)):.1%}", f"{1 - located.mean():.1%}"]
         )  # fmt: skip
-    head = ["σ = 0.02 rad", "covariance, 95 %", "`region(0.95)`", "without an end", "no position"]
+    head = ["σ = 0.02 rad", "covariance, 95 %", "`region(0.95)`", "unbounded", "no position"]
     return markdown(head, rows)
 
 
@@ -164,8 +164,8 @@ def protection() -> str:
             total += 1e-4 * np.max(np.mean(far > fixes.protection_level(), axis=-1))
         name = kind.replace("_time", "")
         rows.append([f"{n} {name}s", *(f"{level:.1f}" for level in levels), f"{total:.1e}"])
-    head = ["measurements", "no fault, m", "one of 1e-4, m", "two of 1e-3, m"]
-    return markdown([*head, "worst case of one: risk"], rows)
+    head = ["measurements", "no fault, m", "one fault of 1e-4, m", "two faults of 1e-3, m"]
+    return markdown([*head, "worst single fault: risk"], rows)
 
 
 def inside(*, pooled: bool, posterior: bool) -> Callable[[honesty.Draw], BoolArray]:

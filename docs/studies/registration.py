@@ -123,9 +123,9 @@ def coverage() -> str:
 def aligned() -> str:
     """Return the tracks of 20 aircraft where one of two radars has an azimuth error."""
     counts: dict[str, list[list[int]]] = {
-        "as they are": [],
+        "not registered": [],
         "registered while tracking": [],
-        "registered before": [],
+        "registered beforehand": [],
     }
     errors: list[list[float]] = []
     radars = [
@@ -149,7 +149,7 @@ def aligned() -> str:
             counts[name].append(one)
     rows = [[name, *(f"{np.mean(one):.1f}" for one in several)] for name, several in counts.items()]
     rows.append(
-        ["largest error of the azimuth found", *(f"{np.max(np.abs(e)):.3f}°" for e in errors)]
+        ["largest error of the estimated azimuth", *(f"{np.max(np.abs(e)):.3f}°" for e in errors)]
     )
     return markdown(["tracks of 20 aircraft", *(f"{azimuth}°" for azimuth in AZIMUTHS)], rows)
 
@@ -232,13 +232,14 @@ def live() -> str:
             late = np.asarray(bias.time)[record.plots.sensor] * (record.target >= 0)
             place, _, _ = traffic._state(np.maximum(record.target, 0), record.plots.time - late)
             known = [replace(one, bias=bias[k]) for k, one in enumerate(stated)]
-            for way, sensors in (("known", known), ("as they are", stated), ("registered", stated)):
+            ways = {"known": known, "not registered": stated, "registered": stated}
+            for way, sensors in ways.items():
                 registers = way == "registered"
                 cells, count = followed(record, sensors, place, registers=registers)
                 ratios.setdefault(way, []).append(cells)
                 counts.setdefault(way, []).append(count)
         best = np.nanmean(np.array(ratios["known"])[..., 0], axis=0)
-        for way in ("as they are", "registered"):
+        for way in ("not registered", "registered"):
             mean = np.nanmean(np.array(ratios[way]), axis=0)
             ratio = np.sqrt(mean[:, 0] / best)
             cells_of = [f"{one:.3f}, {mean[i, 1]:.2f}" for i, one in enumerate(ratio)]

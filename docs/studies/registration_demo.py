@@ -15,7 +15,7 @@ from tertia.tracker import Tracker
 
 SEEDS = repetitions(10)
 PERIODS = ((0.0, 60.0), (60.0, 450.0), (450.0, 540.0), (540.0, 900.0), (0.0, 900.0))
-WAYS = ("as they are", "known", "registered")
+WAYS = ("not registered", "known", "registered")
 
 
 def _followed(scene: simulate.Scene, way: str) -> tuple[FloatArray, int, int]:

@@ -90,7 +90,8 @@ def table() -> str:
         rows.append(_alone(name, record, Radar(scan_period=period, **NOISE)))
     rows += _divided(lebl())
     head = ["recording", "added to every second scan", "azimuth found", "range found", "observable"]
-    return markdown([*head, "aircraft", "tracks as they are", "registered while tracking"], rows)
+    head += ["aircraft", "tracks, not registered", "tracks, registered while tracking"]
+    return markdown(head, rows)
 
 
 def _alone(name: str, record: Recording, radar: Radar) -> list[str]:

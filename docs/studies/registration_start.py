@@ -136,7 +136,7 @@ def grid() -> str:
             row += [f"{np.mean([one[0] for one in plain]):.0f}", _cell(whole), _cell(live)]
         rows.append(row)
     kinds = ("codes", "no codes", "20 false plots")
-    ways = ("as they are", "recording", "scan by scan")
+    ways = ("not registered", "recording", "scan by scan")
     return markdown(["errors", *(f"{a}: {b}" for a in kinds for b in ways)], rows)
 
 
@@ -172,5 +172,5 @@ def changes() -> str:
         soon = str(np.count_nonzero(np.array(late) <= 60.0)) if change else "-"
         counts = f"{np.min(tracks)}-{np.max(tracks)}"
         rows.append([name, str(len(late)), soon, times, str(wrong), counts])
-    head = ["change", "scenes", "found within 60 s", "after, median and largest, s"]
+    head = ["change", "scenes", "found within 60 s", "delay of detection, median and largest, s"]
     return markdown([*head, "other changes found", "tracks of 20 aircraft"], rows)

@@ -72,7 +72,7 @@ def detection() -> str:
         shares = [flagged[kind].mean() for kind in (record.single, record.burst, good)]
         shares += [in_clean.mean(), in_clean.any(axis=-1).mean()]
         rows.append([name, *(f"{share:.1%}" for share in shares)])
-    head = ["rule", "singles", "in bursts", "good ones"]
+    head = ["rule", "single outliers", "measurements in bursts", "good measurements"]
     return markdown([*head, "clean data: measurements", "clean data: records"], rows)
 
 
@@ -121,7 +121,7 @@ def moving() -> str:
     """Share of outliers found, false alarms and noise that is left, of series that move."""
     n, count = 500, repetitions(400)
     t = np.arange(n)
-    paths = {"stays": 0.0 * t, "drifts": 0.3 * t, "turns": 10 * np.sin(t / 10)}
+    paths = {"constant": 0.0 * t, "drifts": 0.3 * t, "turns": 10 * np.sin(t / 10)}
     rules: dict[str, Callable[[FloatArray], npt.NDArray[np.bool_]]] = {
         "moving polynomial": lambda y: moving_polynomial(y).outlier,
         "running median": _running_median,

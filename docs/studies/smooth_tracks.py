@@ -246,10 +246,10 @@ def accuracy() -> str:
         "tracker, m",
         "smoothed, m",
         "ratio",
-        "of velocities",
+        "ratio, velocity",
         "NEES",
-        "of velocities",
-        "right model",
+        "NEES, velocity",
+        "correct model",
     ]
     return markdown(head, rows)
 
@@ -377,8 +377,8 @@ def recording() -> str:
                 f"{np.mean(inside):.2f}",
             ]
         )
-    head = ["", "plots", "speed p50, m/s", "p90", "course p50, °", "p90", "in the 95 % region"]
-    return markdown(head, lines)
+    head = ["", "plots", "speed p50, m/s", "speed p90, m/s", "course p50, °", "course p90, °"]
+    return markdown([*head, "within the 95 % region"], lines)
 
 
 _SENT = ("fl", "bds_GS", "bds_TTA")

@@ -44,7 +44,7 @@ def shapes(amplitude: float) -> dict[str, FloatArray]:
         "constant": np.zeros(41),
         "line": amplitude * t,
         "parabola": amplitude * t**2,
-        "sine, 2 windows a period": amplitude * np.sin(2 * np.pi * 41 / 26 / 2 * t),
+        "sine, period of 2 windows": amplitude * np.sin(2 * np.pi * 41 / 26 / 2 * t),
     }
 
 
@@ -143,7 +143,7 @@ def methods() -> str:
                 polynomials(y, "adaptive"),
                 polynomials(y, "adaptive", derivative=1),
             ),
-            "the same, chi-square": (
+            "local polynomial, adaptive, chi-square test": (
                 polynomials(y, "adaptive", variance=SIGMA**2),
                 polynomials(y, "adaptive", variance=SIGMA**2, derivative=1),
             ),
@@ -223,11 +223,11 @@ def faults() -> str:
             "plots": y,
             "local polynomial, adaptive": polynomials(y, "adaptive"),
             "local polynomial, degree 2": polynomials(y, 2),
-            "the same with bisquare weights": bisquare(y),
+            "local polynomial, degree 2, bisquare weights": bisquare(y),
             "`smooth`": smooth(y, SIGMA**2).position,
-            "the same, noise as stated": smooth(y, SIGMA**2, **STATED).position,
-            "the same after a gate": gated(y[:GATED], TURN_JERK),
-            "the same, jerk of the gate a hundredth": gated(y[:GATED], TURN_JERK / 100),
+            "`smooth`, noise as stated": smooth(y, SIGMA**2, **STATED).position,
+            "`smooth` after a gate": gated(y[:GATED], TURN_JERK),
+            "`smooth` after a gate with a hundredth of the jerk": gated(y[:GATED], TURN_JERK / 100),
         }
         for name, estimate in estimates.items():
             error = (estimate - truth[:, :3])[:, near]
@@ -288,8 +288,8 @@ def jerk_fit() -> str:
                     nees(fitted, truth)[0],
                 ]
             )
-    head = ["q T⁵/σ²", "plots", "median over truth", "claimed error", "within two", "found 0"]
-    return markdown([*head, "NEES, jerk known", "NEES, jerk fitted"], rows)
+    head = ["q T⁵/σ²", "plots", "median estimate / truth", "stated error", "within two sigma"]
+    return markdown([*head, "estimate 0", "NEES, jerk known", "NEES, jerk fitted"], rows)
 
 
 def consistency() -> str:

@@ -263,9 +263,8 @@ def association() -> str:
         off = np.mean(np.abs(np.concatenate([o.bias for o in several], axis=1)), axis=1)
         left = f"{off[0]:.1f} m, {np.degrees(off[1]):.4f}°" if kind.endswith("biased") else ""
         rows.append([kind, f"{found:.2%}", f"{right:.2%}", f"{count:+.2f}", f"{changes:.1f}", left])
-    return markdown(
-        ["", "found", "right", "targets too many", "changes of number", "biases left"], rows
-    )
+    head = ["", "found", "right", "surplus targets", "changes of number", "remaining biases"]
+    return markdown(head, rows)
 
 
 def squares(errors: list[tuple[FloatArray, FloatArray]], size: int) -> float:
@@ -304,8 +303,8 @@ def fusion() -> str:
     for kind in KINDS:
         methods = METHODS if kind in WHOLE else METHODS[:1]
         rows += [[kind, f"`{method}`", *against_central(kind, method)] for method in methods]
-    head = ["", "method", "position rms", "median", "NEES", "in turns", "straight on"]
-    return markdown(head, rows)
+    head = ["", "method", "position rms, ratio", "median, ratio", "NEES", "NEES in turns"]
+    return markdown([*head, "NEES in straight flight"], rows)
 
 
 def expectations() -> str:
@@ -338,4 +337,5 @@ def expectations() -> str:
     for name, each in squared.items():
         square, position, both = np.mean(each, axis=0)
         rows_.append([name, f"{np.sqrt(2 * square):.1f} m", f"{position:.2f}", f"{both:.2f}"])
-    return markdown(["model", "position rms", "NEES of the position", "and the velocity"], rows_)
+    head = ["model", "position rms", "NEES, position", "NEES, position and velocity"]
+    return markdown(head, rows_)

@@ -383,7 +383,7 @@ def finders() -> str:
             "50 %, m",
             "90 %, m",
             "99 %, m",
-            "in 95 % ellipse",
+            "inside 95 % ellipse",
             "biases, (error/σ)²",
         ],
         rows,
@@ -469,7 +469,7 @@ def lasting() -> str:
                 f"{np.mean(inside):.0%}",
             ]
         )
-    return markdown(["", "RMS per axis, m", "NEES per axis", "in 95 % ellipse"], rows)
+    return markdown(["", "RMS per axis, m", "NEES per axis", "inside 95 % ellipse"], rows)
 
 
 def coverage() -> str:
@@ -784,11 +784,11 @@ def decoded() -> str:
             "Ideal_R",
             "computed",
             "Real_R",
-            "over σ",
-            "Smooth_R off",
-            "Final off",
+            "error / σ",
+            "error of Smooth_R",
+            "error of Final",
             "left out",
-            "default off (claimed)",
+            "default: RMSE, m (claimed σ, m)",
             "NEES per axis",
         ],
         rows,

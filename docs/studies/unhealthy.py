@@ -139,8 +139,8 @@ def turns(seed: int, count: int) -> Scene:
 GUARDED = "20 % outliers, `guard_acceleration=2`"
 SCENES: dict[str, Callable[[int, int], Scene]] = {
     "as stated": seen,
-    "sigma stated too small, × ½": lambda seed, n: seen(seed, n, noise=2.0),
-    "sigma stated too large, × 2": lambda seed, n: seen(seed, n, noise=0.5),
+    "noise twice as stated": lambda seed, n: seen(seed, n, noise=2.0),
+    "noise half as stated": lambda seed, n: seen(seed, n, noise=0.5),
     "correlation .7": lambda seed, n: seen(seed, n, correlation=CORRELATION),
     "20 % duplicates": lambda seed, n: seen(seed, n, duplicate_probability=0.2),
     "20 % outliers": lambda seed, n: seen(seed, n, outlier_probability=0.2),
@@ -222,8 +222,8 @@ def late(seed: int = SEED, runs: int = repetitions(3)) -> str:
                 f"{np.mean(ratio):.3f}",
             ]
         )
-    head = ["", "final rows that are the same to the last bit", "plots refused"]
-    return markdown([*head, "RMSE at once, over that in order"], rows)
+    head = ["", "final rows identical to the last bit", "plots refused"]
+    return markdown([*head, "RMSE of first rows, late / in order"], rows)
 
 
 def arrived(
@@ -276,5 +276,5 @@ def unhealthy(seed: int = SEED, runs: int = RUNS) -> str:
                     f"{np.mean(nees < 2.9957):.0%}",
                 ]
             )
-    head = ["", "tracks too many, mean", "least to most", "RMSE, m", "NEES per axis"]
+    head = ["", "surplus tracks, mean", "surplus tracks, range", "RMSE, m", "NEES per axis"]
     return markdown([*head, "within the 95 % ellipse"], rows)

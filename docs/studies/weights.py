@@ -202,7 +202,7 @@ def elements() -> str:
                 cell += f"; {bias[largest] / predicted[largest]:.2f}"
             cells.append(cell)
         rows.append([name, *cells])
-    return markdown(["actual over predicted", *(f"n = {n}" for n in SIZES)], rows)
+    return markdown(["actual relative to predicted", *(f"n = {n}" for n in SIZES)], rows)
 
 
 def first_order_error() -> str:
@@ -218,8 +218,8 @@ def first_order_error() -> str:
             cases[f"m = {m}, S2 = {ratio} S1"] = (s, lambda n: n)
     for m in (1, 2):
         s = np.array([np.eye(m), 10_000 * np.eye(m)])
-        cases[f"m = {m}, the same, S1 known"] = (s, lambda n: [inf, n])
-    cases["m = 2, the same, S2 known"] = (s, lambda n: [n, inf])
+        cases[f"m = {m}, S2 = 10000 S1, S1 known"] = (s, lambda n: [inf, n])
+    cases["m = 2, S2 = 10000 S1, S2 known"] = (s, lambda n: [n, inf])
     cases["m = 2, K = 10, equal"] = (equal(2, 10), lambda n: n)
     rows = []
     for name, (s, counts) in cases.items():
@@ -233,7 +233,7 @@ def first_order_error() -> str:
         rows.append([name, *cells])
     limit = [1 / (2 * per * inverse_wishart_loss(1, 2 * per)) - 1 for per in (20, 50, 100, 200)]
     rows.append(["m = 1, S2 = ∞ S1, S1 known: exact", *(f"{100 * error:+.2f}" for error in limit)])
-    head = "first order less simulated, % of the loss"
+    head = "first order minus simulated, % of the loss"
     return markdown([head, *(f"{per} (m + 1)" for per in (20, 50, 100, 200))], rows)
 
 
@@ -346,7 +346,7 @@ def conventions() -> str:
                 found, _ = mean_and_error(losses_with(s, weights.weight_matrices(raw[word])))
                 cells.append(", ".join(map(short, (first, drawn, found))))
             rows.append([name, f"{n}", *cells])
-    return markdown(["first order, simulated, raw, %", "n", *words], rows)
+    return markdown(["first order, Wishart draws, measurements, %", "n", *words], rows)
 
 
 def commutation(m: int) -> FloatArray:
@@ -394,8 +394,8 @@ def readings() -> str:
         change = np.abs(blocks_with(s, reading) - right).max() / np.abs(right).max()
         ratio = ", ".join(f"{value:.2f}" for value in variance_ratio(s, reading))
         rows.append([reading, f"{change:.2f}", ratio])
-    head = ["reading", "largest change of P over its largest element"]
-    return markdown([*head, "variances of W11, W21, W12, W22 over the right ones"], rows)
+    head = ["reading", "largest change of P, relative to its largest element"]
+    return markdown([*head, "variances of W11, W21, W12, W22, relative to the correct ones"], rows)
 
 
 def expansion() -> str:
@@ -417,8 +417,8 @@ def expansion() -> str:
             ratio = found / actual
             cells += [f"{np.mean(found / right):.3f}", f"{ratio.min():.2f} to {ratio.max():.2f}"]
         rows.append(cells)
-    head = ["P at Σ: over the first order", "over the actual variances"]
-    return markdown(["n", *head, "P at n/(n − 1) Σ: over the first order", head[1]], rows)
+    head = ["P at Σ: relative to the first order", "relative to the actual variances"]
+    return markdown(["n", *head, "P at n/(n − 1) Σ: relative to the first order", head[1]], rows)
 
 
 def symmetric_pairs() -> str:
@@ -434,7 +434,7 @@ def symmetric_pairs() -> str:
     for name, pairs in cases.items():
         ratio = np.array([variance_ratio(s, "symmetric pairs") for s in pairs])
         rows.append([name, *(f"{q:.3g}" for q in np.quantile(ratio, [0, 0.05, 0.5, 0.95, 1]))])
-    head = ["wrong over right variance", "smallest", "5 %", "median", "95 %", "largest"]
+    head = ["wrong variance relative to correct", "smallest", "5 %", "median", "95 %", "largest"]
     return markdown(head, rows)
 
 
@@ -452,7 +452,7 @@ def symmetrised() -> str:
         w = weights.weight_matrices(s)
         losses = losses_with(s, (w + np.swapaxes(w, -1, -2)) / 2)
         rows.append([name, f"{100 * np.median(losses):.1f}%"])
-    return markdown(["W known exactly, but made symmetric", "loss"], rows)
+    return markdown(["W known exactly, but symmetrised", "loss"], rows)
 
 
 def rational_weights(s: Matrices) -> tuple[Exact, float]:
@@ -511,8 +511,8 @@ def rounding() -> str:
             worst = np.max(found, axis=0)
             cells = [f"{value:.0e}" for value in (np.min(found, axis=0)[3], *worst[:3])]
             rows.append([label, f"1e-{power}" if power else "1", *cells])
-    head = ["(almost) singular", "its smallest variance", "smallest p", "sums only", "as printed"]
-    return markdown([*head, "sums only, times p"], rows)
+    head = ["(almost) singular", "smallest variance of the singular sensor", "smallest p"]
+    return markdown([*head, "sums only", "as printed", "sums only, times p"], rows)
 
 
 def oas(s: Matrices, nu: int) -> FloatArray:
@@ -658,12 +658,12 @@ def consistency() -> str:
     x = measured(s, 1, count, generator(56))[..., 0, :]
     shifted = x.copy()
     shifted[:, 1, 0] += 3 * np.sqrt(s[:, 0, 0].sum())
-    cases: dict[str, tuple[FloatArray, FloatArray]] = {"right covariances": (x, s)}
+    cases: dict[str, tuple[FloatArray, FloatArray]] = {"correct covariances": (x, s)}
     for n in (10, 30, 100):
         rng = generator(57, n)
         drawn = [simulate.wishart(matrix, n - 1, batch=count, rng=rng) for matrix in s]
         cases[f"covariances of n = {n}"] = (x, np.stack(drawn, axis=1))
-    cases["sigmas of one sensor claimed half"] = (x, s / np.array([4, 1])[:, None, None])
+    cases["sigmas of one sensor stated as half"] = (x, s / np.array([4, 1])[:, None, None])
     cases["one component off by 3 of its sigmas"] = (shifted, s)
     location = simulate.passive_location(np.broadcast_to([10e3, 30e3], (count, 2)))
     cases["a shared azimuth"] = (location.estimates(generator(58)), location.covariances[0])
@@ -678,10 +678,10 @@ def area() -> str:
     """Range of W's standard deviations, losses and needed n over the area, by where it lies."""
     places = {
         "centred on the baseline, 2 km cells": centred_area(),
-        "the same, 4 km cells": passive_location.area(4.0),
-        "in front of it, 2 km cells": passive_location.area(2.0, 0.0),
-        "in front of it, 6 km cells": passive_location.area(6.0, 0.0),
-        "in front of it from 10 km on, 2 km cells": passive_location.area(2.0, 10.0),
+        "centred on the baseline, 4 km cells": passive_location.area(4.0),
+        "in front of the baseline, 2 km cells": passive_location.area(2.0, 0.0),
+        "in front of the baseline, 6 km cells": passive_location.area(6.0, 0.0),
+        "in front of the baseline from 10 km on, 2 km cells": passive_location.area(2.0, 10.0),
     }
     rows = []
     for name, found in places.items():
@@ -713,7 +713,7 @@ def shared_azimuth() -> str:
     rows = []
     for name, found in (
         ("centred on the baseline", centred_area()),
-        ("in front of it", passive_location.area(2.0, 0.0)),
+        ("in front of the baseline", passive_location.area(2.0, 0.0)),
     ):
         location = found.location
         scaled = location.jacobian / location.sigma[:, np.newaxis]
@@ -740,8 +740,8 @@ def shared_azimuth() -> str:
             low, middle, high = np.sqrt(np.quantile(ratio, [0, 0.5, 1]))
             cells.append(f"{middle:.2f} ({low:.2f} to {high:.2f})")
         rows.append([name, *cells, f"{np.mean(actual > alone):.0%}"])
-    head = ["area", "actual over claimed", "actual over right", "two azimuths alone over right"]
-    return markdown([*head, "where worse than two azimuths alone"], rows)
+    head = ["area", "actual / stated", "actual / best", "two azimuths alone / best"]
+    return markdown([*head, "share of area worse than two azimuths alone"], rows)
 
 
 def right_treatment() -> str:
@@ -769,8 +769,8 @@ def right_treatment() -> str:
             cells += [f"{ratio:.3f}", f"{small:.2%}"]
         east, north = (f"{x / 1e3:g}" for x in position)
         rows.append([f"({east}, {north}) km", *cells])
-    head = ["target", "`fuse`: rms over claimed", "p < .05"]
-    return markdown([*head, "`fuse_scalar`: rms over claimed", "p < .05"], rows)
+    head = ["target", "`fuse`: actual / stated rms", "p < .05"]
+    return markdown([*head, "`fuse_scalar`: actual / stated rms", "p < .05"], rows)
 
 
 def passive_location_figure() -> Figure:

@@ -4,9 +4,9 @@ The modules, in the order in which they build on each other:
 
 - `tertia.screening` finds outliers;
 - `tertia.bearing` estimates one bearing from a record of measured bearings;
-- `tertia.weights` computes weights from covariances, and the loss from estimating these;
+- `tertia.weights` computes weights from covariances, and the loss when covariances are estimated;
 - `tertia.sensors` describes stations and radars;
-- `tertia.location` locates a target at one instant, from several stations;
+- `tertia.location` locates a target at one instant from the measurements of several stations;
 - `tertia.kalman` filters and smooths an angle over time;
 - `tertia.smoothing` smooths positions and other series over time;
 - `tertia.trajectory` reconstructs a path from the measurements of several stations;
@@ -15,7 +15,7 @@ The modules, in the order in which they build on each other:
 - `tertia.flightplan` compares tracks with flight plans;
 - `tertia.tracker` tracks many targets;
 - `tertia.registration` estimates the noise and the biases of radars;
-- `tertia.tertiary` makes one picture of the tracks of several sensors.
+- `tertia.tertiary` combines the tracks of several sensors into one picture.
 
 `tertia.simulate` simulates records, `tertia.metrics` evaluates errors and tracks, and `tertia.io`
 reads flight plans and ASTERIX. Further modules need extras: `tertia.geo`, `tertia.plot`,
@@ -94,7 +94,7 @@ if DEBUG_BUILD:
 
 
 def __getattr__(name: str) -> Any:
-    """Import a module on first use: all modules together take as long as NumPy."""
+    """Import a module on first use, as importing all modules takes as long as importing NumPy."""
     if name in _HOMES:
         found = getattr(importlib.import_module(f"tertia.{_HOMES[name]}"), name)
     elif name in __all__:

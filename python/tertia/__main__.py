@@ -4,7 +4,7 @@ import sys
 
 
 def main() -> None:
-    """Run the command; an interrupt ends it with one line, even during imports."""
+    """Run the command; an interrupt ends it with a one-line message, even during imports."""
     try:
         from tertia import cli  # noqa: PLC0415  # what takes long must be inside
 

@@ -32,9 +32,9 @@ _FLOAT64 = np.dtype(np.float64)
 
 
 def samples(value: npt.ArrayLike, name: str) -> FloatArray:
-    """Return `value` as float64 numbers; a masked measurement, None and pandas' NA are nan.
+    """Return `value` as float64 numbers; masked values, None and pandas' NA become nan.
 
-    A `time` may also be dates with times, or ISO 8601 text: seconds since 1970.
+    A `time` may also consist of datetimes or ISO 8601 text, which become seconds since 1970.
     """
     if type(value) is _ARRAY and value.dtype is _FLOAT64:
         return value
@@ -52,7 +52,7 @@ def samples(value: npt.ArrayLike, name: str) -> FloatArray:
 
 
 def array_of(value: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
-    """Return `value` as an array of whatever it holds."""
+    """Return `value` as an array of any type."""
     try:
         return np.asarray(value)
     except ValueError:
@@ -62,7 +62,7 @@ def array_of(value: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
 
 
 def _without_na(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return the objects with None in place of pandas' NA, as data frames of nullable columns."""
+    """Return the objects with None in place of pandas' NA, which nullable columns contain."""
     pandas = sys.modules.get("pandas")
     if pandas is None:
         return array
@@ -73,7 +73,7 @@ def _without_na(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def _refuse_objects(array: npt.NDArray[Any], name: str) -> None:
-    """Fail with the first object that is neither a real number nor None."""
+    """Raise an error at the first object that is neither a real number nor None."""
     for index, item in np.ndenumerate(array):
         if isinstance(item, (bool, np.bool_)):
             raise TypeError(f"{_place(name, index)} is {item}; it must be a real number")
@@ -98,7 +98,7 @@ def positive(value: npt.ArrayLike, name: str) -> FloatArray:
 
 
 def squarable(value: npt.ArrayLike, name: str) -> FloatArray:
-    """Return `value` as float64 numbers whose squares are numbers, too; nan is kept."""
+    """Return `value` as float64 numbers whose squares do not overflow; nan is kept."""
     array = samples(value, name)
     requirement = f"between -{LARGEST:g} and {LARGEST:g}"
     require_between(array, name, requirement, -LARGEST, LARGEST, missing=True)
@@ -116,7 +116,7 @@ def points(value: npt.ArrayLike, name: str) -> FloatArray:
 def lies_between(
     array: FloatArray, least: float = -_MOST, most: float = _MOST, *, missing: bool = False
 ) -> bool:
-    """Return whether all numbers do, or with `missing` are nan."""
+    """Return whether all numbers lie between the limits or, with `missing`, are nan."""
     return _core.first_outside(np.asarray(array), least, most, missing) is None
 
 
@@ -129,7 +129,7 @@ def require_between(
     *,
     missing: bool = False,
 ) -> None:
-    """Fail with the first number that does not lie there, nor with `missing` is nan."""
+    """Raise an error at the first number outside the limits; `missing` allows nan."""
     first = _core.first_outside(np.asarray(array), least, most, missing)
     if first is not None:
         index = tuple(map(int, np.unravel_index(first, array.shape)))
@@ -137,7 +137,7 @@ def require_between(
 
 
 def require_each(array: FloatArray, holds: BoolArray, name: str, requirement: str) -> None:
-    """Fail with the first number for which the requirement does not hold."""
+    """Raise an error at the first number for which the requirement does not hold."""
     if holds.all():
         return
     index = tuple(np.argwhere(~holds)[0])
@@ -147,17 +147,17 @@ def require_each(array: FloatArray, holds: BoolArray, name: str, requirement: st
 def radians(
     value: npt.ArrayLike, name: str, *, degrees: bool = False, is_sigma: bool = False
 ) -> FloatArray:
-    """Return angles in radians; nan is kept, and values that cannot be radians are refused.
+    """Return angles in radians; keep nan, and refuse values that cannot be radians.
 
     In modules with geometry (`sensors`, `location`, `trajectory`, `tracker`, `geo`, `simulate`),
-    angles are in radians, clockwise from north. `degrees=True` converts the angles given in that
-    call; stored and returned angles are in radians. Series of angles (`bearing`, `screening`,
-    `kalman`, `smoothing`, `fusion`) are in the unit of their `period`, and only latitude, longitude
-    and columns named `*_deg` are always in degrees.
+    angles are in radians, and azimuths are clockwise from north. `degrees=True` converts the angles
+    given in that call; stored and returned angles are in radians. Series of angles (`bearing`,
+    `screening`, `kalman`, `smoothing`, `fusion`) are in the unit of their `period`. Only latitude,
+    longitude and columns named `*_deg` are always in degrees.
 
-    An azimuth of more than two turns is nearly always degrees that were not declared, as is a sigma
-    above pi/sqrt(3), that of a direction of which nothing is known; both would otherwise give a
-    wrong position without a word.
+    An azimuth of more than two turns is nearly always in degrees, passed without `degrees=True`.
+    The same holds for a sigma above pi/sqrt(3), which is the standard deviation of a uniformly
+    distributed direction. Both would otherwise silently give a wrong position.
     """
     array = samples(value, name)
     if degrees:
@@ -190,7 +190,7 @@ def _place(name: str, index: tuple[int, ...]) -> str:
 
 
 def integer(value: Any, name: str, minimum: int) -> int:
-    """Return `value` as an int that the core can take."""
+    """Return `value` as an int within the range that the core accepts."""
     try:
         number = operator.index(value)
     except TypeError:
@@ -226,14 +226,14 @@ def probability(value: Any, name: str) -> float:
 
 
 def instance(value: Any, name: str, *kinds: type) -> None:
-    """Fail unless `value` is of one of these kinds."""
+    """Raise an error unless `value` is of one of these types."""
     if not isinstance(value, kinds):
         names = " or a ".join(kind.__name__ for kind in kinds)
         raise TypeError(f"{name} is {value!r}; it must be a {names}")
 
 
 def sequence_of(values: Any, kind: type[_T], name: str) -> tuple[_T, ...]:
-    """Return a sequence as a tuple, after checking that its elements are of the right kind."""
+    """Return a sequence as a tuple, after checking the type of its elements."""
     if not isinstance(values, Sequence):
         raise TypeError(f"{name} is {values!r}; it must be a sequence of {kind.__name__}")
     for i, value in enumerate(values):
@@ -243,7 +243,7 @@ def sequence_of(values: Any, kind: type[_T], name: str) -> tuple[_T, ...]:
 
 
 def listed(values: Any, name: str) -> list[Any]:
-    """Return several values as a list."""
+    """Return the elements of a sequence as a list."""
     try:
         return list(values)
     except TypeError:
@@ -251,7 +251,7 @@ def listed(values: Any, name: str) -> list[Any]:
 
 
 def threads(n_threads: int | None) -> int | None:
-    """Return the number of threads asked for."""
+    """Return the requested number of threads, checked."""
     return None if n_threads is None else integer(n_threads, "n_threads", 1)
 
 
@@ -263,17 +263,17 @@ def omits(nan_policy: NanPolicy) -> bool:
 
 
 def spread(array: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """Return `array`, broadcast to a shape where it has another one."""
+    """Return `array`, broadcast to `shape` if it has another shape."""
     return array if array.shape == shape else np.broadcast_to(array, shape)
 
 
 def scalar_or_array(array: npt.NDArray[Any]) -> Any:
-    """Return a Python scalar where there is no batch, the array otherwise."""
+    """Return a Python scalar if there is no batch, the array otherwise."""
     return array if array.ndim else array.item()
 
 
 def generator(rng: Any) -> np.random.Generator:
-    """Return the source of randomness."""
+    """Return the random generator for `rng`."""
     try:
         return np.random.default_rng(rng)
     except (TypeError, ValueError) as error:

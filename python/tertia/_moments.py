@@ -1,4 +1,4 @@
-"""Times as text and as dates, in the place of seconds."""
+"""Times given as text or datetimes instead of seconds."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 
 def are_moments(array: npt.NDArray[Any]) -> bool:
-    """Return whether an array holds dates with times, or text."""
+    """Return whether an array holds datetimes or text."""
     if array.dtype.kind in "MU":
         return True
     first = next((one for one in array.flat if one is not None), None)
@@ -18,7 +18,7 @@ def are_moments(array: npt.NDArray[Any]) -> bool:
 
 
 def seconds(array: npt.NDArray[Any], name: str) -> npt.NDArray[np.float64]:
-    """Return dates with times as seconds since 1970; those without a zone are in UTC."""
+    """Return datetimes as seconds since 1970; those without a time zone are in UTC."""
     if array.dtype.kind != "M":
         flat = [_moment(one, f"{name}[{at}]") for at, one in enumerate(array.flat)]
         return np.array(flat, dtype=np.float64).reshape(array.shape)

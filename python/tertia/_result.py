@@ -1,4 +1,4 @@
-"""Results as tables of pandas, Polars and pyarrow, and on a page of Jupyter."""
+"""Conversion of results to tables of pandas, Polars and pyarrow, and their display in Jupyter."""
 
 from __future__ import annotations
 
@@ -32,12 +32,13 @@ _PRODUCTS = {("m", "m"): "m2", ("m", "m_s"): "m2_s", ("m_s", "m_s"): "m2_s2"}
 
 
 class Result:
-    """A result whose numbers are also the rows of a table.
+    """A result that can be converted to a table.
 
-    The columns have the names of the attributes, with the unit that they have in files, where that
-    is certain: `time_s`, `east_m`, `velocity_north_m_s`, `covariance_east_north_m2`. Other arrays
-    have numbered columns; angles are in the unit of the attribute. A batch has the columns
-    `index_0` and so on; what belongs to no row, such as the outliers of an estimate, is left out.
+    The columns have the names of the attributes. Where the unit is certain, it is appended as in
+    files: `time_s`, `east_m`, `velocity_north_m_s`, `covariance_east_north_m2`. Arrays of other
+    quantities have numbered columns; angles are in the unit of the attribute. A batch has the
+    columns `index_0` and so on. Attributes with other rows than the result, such as the outliers of
+    a bearing, are left out.
     """
 
     __slots__ = ()
@@ -48,7 +49,7 @@ class Result:
     _omitted: ClassVar[tuple[str, ...]] = ()
 
     def to_polars(self) -> Any:
-        """Return the result as a table.
+        """Return the result as a table of Polars.
 
         Returns
         -------
@@ -66,7 +67,7 @@ class Result:
         return pl.DataFrame(self._columns_of_rows())
 
     def to_pandas(self) -> Any:
-        """Return the result as a table.
+        """Return the result as a table of pandas.
 
         Returns
         -------
@@ -78,7 +79,7 @@ class Result:
         return pd.DataFrame(self._columns_of_rows())
 
     def to_arrow(self) -> Any:
-        """Return the result as a table.
+        """Return the result as a table of pyarrow.
 
         Returns
         -------
@@ -90,7 +91,7 @@ class Result:
         return pa.table(self._columns_of_rows())
 
     def _repr_html_(self) -> str:
-        """Return the first and last rows for Jupyter, or the text without Polars."""
+        """Return the first and last rows for Jupyter, or plain text if Polars is not installed."""
         try:
             shown = self.to_polars()
         except ModuleNotFoundError:
@@ -122,7 +123,7 @@ class Result:
 
 
 def _arrays(result: Any, omitted: tuple[str, ...] = ()) -> Iterator[tuple[str, npt.NDArray[Any]]]:
-    """Yield the numbers and texts of a result and of those within it, by name."""
+    """Yield the numbers and texts of a result and of the results it contains, by name."""
     for field in fields(result):
         value = getattr(result, field.name)
         if field.name.startswith("_") or field.name in omitted or value is None:
@@ -141,7 +142,7 @@ def _arrays(result: Any, omitted: tuple[str, ...] = ()) -> Iterator[tuple[str, n
 
 
 def _columns_of_figures(result: Any) -> dict[str, npt.NDArray[Any]]:
-    """Return figures with their intervals, of a whole and of its parts."""
+    """Return columns of the figures of a result and of its parts, with their intervals."""
     found = list(_figures(result, ""))
     columns = {
         "part": np.array([part for part, _, _ in found]),
@@ -168,7 +169,7 @@ def _figures(result: Any, part: str) -> Iterator[tuple[str, str, Any]]:
 
 
 def _flat(name: str, array: npt.NDArray[Any], axes: int) -> Iterator[tuple[str, npt.NDArray[Any]]]:
-    """Yield columns of one number per row; positions have some `axes`."""
+    """Yield columns with one number per row; positions have `axes` coordinates."""
     shape = array.shape[1:]
     if not shape:
         yield f"{name}_{_UNITS[name]}" if name in _UNITS else name, array
@@ -185,7 +186,7 @@ def _flat(name: str, array: npt.NDArray[Any], axes: int) -> Iterator[tuple[str, 
 
 
 def _covariance(array: npt.NDArray[Any], axes: int) -> Iterator[tuple[str, npt.NDArray[Any]]]:
-    """Yield the sigmas and the covariances of a state, without those of accelerations."""
+    """Yield the sigmas and covariances of a state, without those of accelerations."""
     state = [
         (f"{prefix}{axis}", unit) for prefix, unit in _VECTORS.values() for axis in _AXES[:axes]
     ]

@@ -10,9 +10,9 @@ from tertia._arrays import FloatArray
 def standard_wishart(
     m: int, degrees_of_freedom: float, size: tuple[int, ...], rng: np.random.Generator
 ) -> FloatArray:
-    """Draw Wishart matrices of order `m` with mean `I`: shape (*size, m, m).
+    """Draw Wishart matrices of order `m` with mean `I`, of shape (*size, m, m).
 
-    Whole degrees of freedom may be fewer than `m`: the matrices are then singular.
+    If the degrees of freedom are a whole number below `m`, the matrices are singular.
     """
     if np.isinf(degrees_of_freedom):
         return np.tile(np.eye(m), (*size, 1, 1))

@@ -1,9 +1,10 @@
 """Association: assignment of the plots of a scan to tracks.
 
-Source: Glagovskiy, Lavina, Rudelson 2014: gates, their sectors and the score of a plot for a track;
-the usual likelihood ratio replaces the printed score where it is better. Symbols: the innovation is
-a plot minus the prediction, S its covariance, `nis = innovation' S^-1 innovation` the normalised
-innovation squared, m the number of components, x east and y north.
+Source: Glagovskiy, Lavina, Rudelson 2014, for the gates, their sectors and the score of a plot for
+a track. The default score is the usual likelihood ratio; the printed score is kept as
+`paper_score`. Symbols: the innovation is a plot minus the prediction, S is its covariance, `nis =
+innovation' S^-1 innovation` is the normalised innovation squared, m is the number of components, x
+is east and y is north.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ _NONE = -1
 
 
 class GateSector(enum.IntEnum):
-    """Sector of the gates that a plot is in; ahead and behind extend 45 degrees to each side."""
+    """Sector of a gate in which a plot lies; ahead and behind extend 45 degrees to each side."""
 
     INNER = 0
     AHEAD = 1
@@ -84,7 +85,7 @@ class Pairs(Result):
     nis : ndarray of shape (P,)
         Normalised innovation squared.
     log_determinant : ndarray of shape (P,)
-        `ln |S|` of the innovation.
+        `ln |S|`, where S is the covariance of the innovation.
     """
 
     _rows: ClassVar = "track", 0
@@ -105,18 +106,18 @@ class Pairs(Result):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Association(Result):
-    """The plot of each track, and the track of each plot.
+    """An assignment: the plot of each track, and the track of each plot.
 
     Attributes
     ----------
     track_of_plot : ndarray of int, shape (N,)
-        Index of each plot's track; -1 if it has none.
+        Index of the track assigned to each plot; -1 if there is none.
     plot_of_track : ndarray of int, shape (T,)
-        Index of each track's plot; -1 if it has none.
+        Index of the plot assigned to each track; -1 if there is none.
     score : ndarray of shape (T,)
-        Score of the plot of each track; nan where it has none.
+        Score of the plot of each track; nan if the track has no plot.
     nis : ndarray of shape (T,)
-        Normalised innovation squared of its plot; nan where it has none.
+        Normalised innovation squared of the plot of each track; nan if the track has no plot.
     """
 
     _rows: ClassVar = "track_of_plot", 0
@@ -135,24 +136,25 @@ class Association(Result):
 
 
 def gate_threshold(gate_probability: float | Gate = "guard", dimension: int = 2) -> float:
-    """Return the threshold of the normalised innovation squared for a gate probability.
+    """Return the threshold of the normalised innovation squared for a gate.
 
     Parameters
     ----------
     gate_probability : float or {"inner", "outer", "guard"}
-        The probability, or the name of a gate: .65, .95, .998.
+        Probability that a true plot lies within the gate, or the name of a gate: "inner" is .65,
+        "outer" .95 and "guard" .998.
     dimension : int
-        Components of the innovation.
+        Number of components of the innovation.
 
     Returns
     -------
     float
-        The quantile of the chi-square distribution.
+        Quantile of the chi-square distribution with `dimension` degrees of freedom.
 
     Raises
     ------
     ValueError, TypeError
-        A number outside its domain, an unknown name, or an argument of the wrong type.
+        If a number is outside its domain, a name is unknown, or an argument has the wrong type.
 
     Examples
     --------
@@ -166,38 +168,39 @@ def gate_threshold(gate_probability: float | Gate = "guard", dimension: int = 2)
 def gate_sectors(
     innovation: npt.ArrayLike, covariance: npt.ArrayLike, velocity: npt.ArrayLike
 ) -> GateSector | IntArray:
-    """Return the sectors of the gates for plots.
+    """Return the sector of the gates in which each plot lies.
 
     Parameters
     ----------
     innovation : array_like of shape (..., 2)
         Plots minus predictions, x east and y north.
     covariance : array_like of shape (..., 2, 2)
-        Their covariances.
+        Covariances of the innovations.
     velocity : array_like of shape (..., 2)
         Velocities of the tracks, not zero.
 
     Returns
     -------
     GateSector or ndarray of int, shape (...)
-        Inside the inner gate the motion is straight and uniform. Between the inner and the outer
-        gate a plot ahead or behind indicates a change of speed, one to the side a change of course.
-        Beyond the outer gate, in the guard gate, it indicates a manoeuvre.
+        The sector of each plot. Inside the inner gate the motion is straight and uniform. Between
+        the inner and the outer gate, a plot ahead or behind indicates a change of speed, and a plot
+        to one side a change of course. Beyond the outer gate, in the guard gate, a plot indicates a
+        manoeuvre.
 
     Raises
     ------
     ValueError
-        Shapes that do not fit, a number that is not finite, a velocity of zero.
+        If shapes do not fit, a number is not finite, or a velocity is zero.
     numpy.linalg.LinAlgError
-        A covariance that is not positive definite.
+        If a covariance is not positive definite.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
-    The angle is measured between `S^-1/2 innovation` and `S^-1/2 velocity`, so that each sector
-    holds a quarter of the true plots. It is the same for every square root of S. Up to 45 degrees
-    is ahead, 135 degrees or more is behind.
+    Sectors are defined by the angle between `S^-1/2 innovation` and `S^-1/2 velocity`, which is the
+    same for every square root of S, so that each sector contains a quarter of the true plots. Up to
+    45 degrees is ahead, 135 degrees or more is behind.
 
     Examples
     --------
@@ -236,28 +239,29 @@ def gate_sectors(
 
 
 def paper_score(nis: npt.ArrayLike, q: float = _RATIO, dimension: int = 2) -> float | FloatArray:
-    """Return the paper's score of a plot.
+    """Return the score of a plot for a track as in the paper.
 
     Parameters
     ----------
     nis : array_like of shape (...)
         Normalised innovations squared.
     q : float
-        Factor of the covariance of a false association, above 1.
+        Ratio of the covariance of the innovation in a false association to that in a true one,
+        greater than 1.
     dimension : int
-        Components of the innovation.
+        Number of components m of the innovation.
 
     Returns
     -------
     float or ndarray of shape (...)
-        `(1/q - 1) nis / 2 + m/2 ln q`: the log-likelihood ratio of a true against a false
-        association. It ignores the size of the covariance: between tracks that differ in it,
-        `likelihood_score` is better.
+        `(1/q - 1) nis / 2 + m/2 ln q`: the log-likelihood ratio of a true association to a false
+        one. It ignores the size of the covariance; to compare tracks whose covariances differ, use
+        `likelihood_score`.
 
     Raises
     ------
     ValueError, TypeError
-        A negative `nis`, a `q` of 1 or less, or an argument of the wrong type.
+        If a `nis` is negative, `q` is 1 or less, or an argument has the wrong type.
 
     Examples
     --------
@@ -279,7 +283,7 @@ def likelihood_score(
     clutter_density: float,
     detection_probability: float = 0.9,
 ) -> float | FloatArray:
-    """Return the log-likelihood ratio of a plot: from this target against a false plot.
+    """Return the log-likelihood ratio of a plot: a plot of this target against a false plot.
 
     Parameters
     ----------
@@ -295,16 +299,16 @@ def likelihood_score(
     Returns
     -------
     float or ndarray of shape (...)
-        `ln(detection_probability N(innovation; 0, S) / clutter_density)`.
+        `ln(detection_probability N(innovation; 0, S) / clutter_density)`, with S the covariance.
 
     Raises
     ------
     ValueError
-        Shapes that do not fit, a number outside its domain.
+        If shapes do not fit, or a number is outside its domain.
     numpy.linalg.LinAlgError
-        A covariance that is not positive definite.
+        If a covariance is not positive definite.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Examples
     --------
@@ -348,13 +352,13 @@ def gate(
     Parameters
     ----------
     predicted : array_like of shape (T, m)
-        Predicted positions, m = 2 or 3; the first two coordinates span the plane.
+        Predicted positions, m = 2 or 3; the first two coordinates are those in the plane.
     covariance : array_like of shape (T, m, m) or (m, m)
-        Their covariances: those of the innovations, unless `plot_covariance` is given.
+        Covariances of the innovations or, if `plot_covariance` is given, of the predictions.
     plots : array_like of shape (N, m)
         Positions of the plots of one scan.
     plot_covariance : array_like of shape (N, m, m) or (m, m), optional
-        Covariances of the plots.
+        Covariances of the plots, to be added to those of the predictions.
     gate_probability : float or {"inner", "outer", "guard"}
         Probability that a true plot lies within its gate.
 
@@ -366,15 +370,15 @@ def gate(
     Raises
     ------
     ValueError
-        Shapes that do not fit, a number that is not finite or outside its domain.
+        If shapes do not fit, or a number is not finite or outside its domain.
     numpy.linalg.LinAlgError
-        A covariance that is indefinite, or singular where it stands alone.
+        If a covariance is indefinite, or if it is singular and no `plot_covariance` is given.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
-    Plots are looked up in a spatial index, so the cost is O(T + N) plus that of the pairs.
+    Plots are looked up in a spatial index, so the cost is O(T + N) plus the number of pairs.
 
     Examples
     --------
@@ -406,20 +410,20 @@ def associate(
     Parameters
     ----------
     predicted, covariance, plots, plot_covariance : array_like
-        As for `gate`: (T, m), (T, m, m) or (m, m), (N, m), and (N, m, m) or (m, m).
+        As for `gate`: of shapes (T, m), (T, m, m) or (m, m), (N, m), and (N, m, m) or (m, m).
     method : {"gnn", "nearest"}
-        Global nearest neighbour, which maximises the sum of gains; or repeatedly the best
-        remaining pair.
+        "gnn": global nearest neighbour, which maximises the sum of the gains (see Notes).
+        "nearest": the best of the remaining pairs is taken repeatedly.
     score : {"likelihood", "paper"}
-        `likelihood_score`, or `paper_score`.
+        "likelihood": the score is `likelihood_score`. "paper": it is `paper_score`.
     clutter_density : float, optional
-        False plots in a scan per unit of area or volume; required for the likelihood only.
+        False plots in a scan per unit of area or volume; required if `score` is "likelihood".
     detection_probability : float
-        Probability that a target is detected in a scan; for the likelihood only.
+        Probability that a target is detected in a scan; used if `score` is "likelihood".
     q : float
-        For the paper's score only.
+        As for `paper_score`; used if `score` is "paper".
     gate_probability : float or {"inner", "outer", "guard"}
-        Probability that a true plot lies within its gate; plots outside are never taken.
+        Probability that a true plot lies within its gate; plots outside are never assigned.
 
     Returns
     -------
@@ -429,18 +433,18 @@ def associate(
     Raises
     ------
     ValueError, numpy.linalg.LinAlgError, TypeError
-        As `gate`, and where the clutter density is missing.
+        As for `gate`; also if `score` is "likelihood" and `clutter_density` is missing.
 
     Notes
     -----
     The gain of a pair is its likelihood score minus `ln(1 - detection_probability)`, because
-    without the pair the plot is false and the target was missed. A pair without gain is not made.
-    With the paper's score, where only the gate decides whether a plot is accepted, it is the score
-    less that at the edge of the gate.
+    without the pair the plot is false and the target was not detected. Pairs with a gain of zero or
+    less are not assigned. With the paper's score only the gate decides whether a plot is accepted;
+    the gain is then the score minus the score at the edge of the gate.
 
     Examples
     --------
-    The first track is nearer to both plots, but the second track gets one of them:
+    The first track is nearer to both plots, but the second track also gets one of them:
 
     >>> from tertia.association import associate
     >>> result = associate([[0, 0], [3, 0]], [[1, 0], [0, 1]], [[0.9, 0], [0, 0.5]],
@@ -473,7 +477,7 @@ def _scene(
     plots: npt.ArrayLike,
     plot_covariance: npt.ArrayLike | None,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
-    """Return predictions, covariances, plots and their covariances; the core checks the numbers."""
+    """Return predictions, covariances, plots and plot covariances; the core checks the numbers."""
     tracks, scan = samples(predicted, "predicted"), samples(plots, "plots")
     for array, name in ((tracks, "predicted"), (scan, "plots")):
         if array.ndim != 2 or array.shape[-1] not in (2, 3):

@@ -1,8 +1,9 @@
 """Bearing: one angle with its standard deviation from a sample of measured angles.
 
 Source: Manoilov, Pysarchuk, Pavliuk 2006, stages 1 to 3.2 and equations (M5)-(M7), as printed
-(`method="paper"`) and corrected. The default is more accurate than both, withstands 40 percent of
-outliers, and its sigma allows for time-correlated noise.
+(`method="paper"`) and corrected (`method="corrected"`). The default method, "robust", is more
+accurate than both and withstands 40 percent of outliers; its sigma allows for time-correlated
+noise.
 """
 
 from __future__ import annotations
@@ -37,36 +38,40 @@ Method: TypeAlias = Literal["robust", "corrected", "paper", "k-sigma", "mean"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BearingEstimate(Result):
-    """A bearing, its standard deviation, and the outliers found on the way.
+    """A bearing, its standard deviation, and the outliers of the sample.
 
     Attributes
     ----------
     value : float or ndarray of shape (...)
         The bearing, in [0, period) if there is a period.
     sigma : float or ndarray of shape (...)
-        Its standard deviation. inf if all measurements are equal and `rounding` is not given:
-        nothing tells how far they may be off.
+        Standard deviation of the bearing. It is inf if all measurements are equal and `rounding` is
+        not given, because the sample then does not show how large the errors are.
     systematic : {"given", "estimated", "not included"}
-        What `sigma` includes of systematic errors: the given `bias_sigma`, one that was estimated
-        from the differences of groups, or none because there was nothing to compare with.
+        How `sigma` treats systematic errors: it includes the given `bias_sigma`, it includes one
+        that was estimated from the differences between groups, or it includes none because there
+        were no groups to compare.
     bias_sigma : float or ndarray of shape (...)
-        Standard deviation of the systematic error of a group; nan where it is not included.
+        Standard deviation of the systematic error of a group; nan if it is not included in `sigma`.
     outlier : ndarray of bool, shape (..., N)
-        Which measurements are outliers, including all those of a rejected block. "robust": those
-        that are more probably bad than good.
+        True for outliers, including all measurements of a rejected block. With method "robust", a
+        measurement is an outlier if it is more probably bad than good.
     polarity : float or ndarray of shape (...)
-        `(N+ - N-) / N`: outliers above the bearing less those below.
+        `(N+ - N-) / N`, with N+ outliers above the bearing and N- below it.
     pvalue : float or ndarray of shape (...)
-        Of the agreement of the blocks, or of the groups with `bias_sigma` as given; nan with fewer
-        than two, and from methods other than "robust". Below 0.05 `sigma` has grown accordingly.
+        P-value of the test that the blocks agree, or, with groups and a given `bias_sigma`, that
+        the groups agree. If it is below 0.05, `sigma` has been increased accordingly. It is nan
+        with fewer than two blocks or groups, and for all methods except "robust".
     correlation : float or ndarray of shape (...)
-        Correlation of successive measurements, given or found; nan if all are equal.
+        Correlation of successive measurements, given or estimated; nan if all measurements are
+        equal.
     effective_number : float or ndarray of shape (...)
-        Number of independent measurements that would be worth as much, before systematic errors.
+        Number of independent measurements that would give the same variance, systematic errors
+        disregarded.
     block_means, block_variances, block_weights : ndarray of shape (..., L) or None
-        The blocks as they entered the estimate, with means in the unwrapped angle and weights that
-        sum to one. The mean is nan in a block without measurements, and the variance in one with
-        fewer than two. None where the method has no blocks.
+        Mean, variance and weight of each block as used in the estimate. The means are unwrapped
+        angles, and the weights sum to one. A mean is nan if the block has no measurements, a
+        variance if it has fewer than two. None if the method does not use blocks.
     """
 
     _rows: ClassVar = "value", 0
@@ -115,86 +120,101 @@ def estimate_bearing(
 ) -> BearingEstimate:
     """Estimate a bearing and its standard deviation from measurements with outliers.
 
-    The angles are unwrapped about their circular median first and the result is wrapped back, so
-    north is a direction like any other.
+    The angles are first unwrapped about their circular median, and the result is wrapped back.
+    Bearings near north therefore need no special treatment.
 
     Parameters
     ----------
     theta : array_like of shape (..., N)
-        Measured bearings in time order. N >= 5 for "robust", >= 3 for the others, >= 2 for "mean".
+        Measured bearings in time order. N must be at least 5 for method "robust", 2 for "mean" and
+        3 for the others.
     period : float or None
-        360.0 for degrees, 2*pi for radians, None for data that do not wrap.
+        Period of the angles: 360.0 for degrees, 2*pi for radians, None for data that do not wrap.
     bias_sigma : float or None
         Standard deviation of the systematic error that all measurements of a group share, in the
-        unit of `theta`; without `groups` they all share one. 0: there is none. inf: nothing is
-        known. None: estimated from the differences of the groups; not included without groups.
+        unit of `theta`; without `groups`, all measurements share one error. 0 means that there is
+        no systematic error, inf that nothing is known about it. If None, it is estimated from the
+        differences between the groups, and is not included if there are no groups.
     groups : array_like of shape (N,) or (..., N), optional
-        Labels of what shares a systematic error: a stop, an hour, a sector of direction. The value
-        is then the mean of the groups' means. Errors that last from group to group, in the order in
-        which these appear, widen `sigma`; what all groups share, as a misaligned north, their
-        differences do not show. Only for "robust".
+        Labels of the measurements, equal for those that share a systematic error: taken at one
+        stop, in one hour, or in one sector of directions. The value is then the mean of the means
+        of the groups. `sigma` allows for errors that are correlated between successive groups, in
+        the order in which the groups first appear. An error that all groups share, such as a
+        misaligned north, cannot be seen in their differences. Only for method "robust".
     method : {"robust", "corrected", "paper", "k-sigma", "mean"}
-        "robust": the mean over several hypotheses, weighted by their likelihoods: no outliers,
-        outliers on one side, on both, or in a wide distribution about the good ones, isolated or
-        in bursts.
-        "paper": the algorithm as printed: leave-one-out screening, blocks with an outlying mean or
-        variance replaced, blocks weighted by 1/d_j, sigma by (M7). This sigma is not that of the
-        bearing: see the documentation.
-        "corrected": the same with exclusion instead of replacement, Grubbs' test for the means of
-        blocks, the exact test for their variances, and the right sigma.
-        "k-sigma": mean of the measurements that satisfy `|y - M| <= k sqrt(D)`.
-        "mean": mean of all.
+        "robust": the mean of the results under several hypotheses, weighted by their likelihoods.
+        The hypotheses are: no outliers; outliers on one side; outliers on both sides; outliers in a
+        wide distribution about the good measurements. Outliers may be isolated or in bursts.
+        "paper": the algorithm as printed. It screens by leaving one measurement out at a time,
+        replaces blocks with an outlying mean or variance, weights block j by 1/d_j, where d_j is
+        its variance, and computes sigma by (M7). That is not the standard deviation of the bearing;
+        see the documentation.
+        "corrected": like "paper", but bad blocks are excluded, not replaced. Grubbs' test checks
+        the means of the blocks and an exact test their variances, and sigma is correct.
+        "k-sigma": the mean of the measurements y with `|y - M| <= k sqrt(D)`, where M and D are
+        the mean and the variance.
+        "mean": the mean of all measurements.
     block_size : int
-        Consecutive measurements per block, at least 2; the last block takes the remainder.
+        Number of consecutive measurements per block, at least 2; the last block also takes the
+        remainder.
     k : float
-        Threshold of the screening in "paper", "corrected" (k1 of the paper) and "k-sigma".
+        Threshold of the screening, in standard deviations, in the methods "paper", "corrected" (k1
+        of the paper) and "k-sigma".
     variance_test : {"cochran", "student"}, float or None
-        When the variance of a block is too large, in "paper" and "corrected". "cochran": by the
-        exact F test at `significance`. A number: if `d_j > k2 / sum(1/d_j)` with this k2 >= 1.
-        "student": with the k2 of the paper, for demonstration only, as it nearly always rejects
-        some clean block. None: never.
+        How the methods "paper" and "corrected" decide that the variance d_j of a block is too
+        large. "cochran": by the exact F test at `significance`. A number k2 >= 1: if
+        `d_j > k2 / sum(1/d_j)`. "student": the same with the k2 of the paper; this nearly always
+        rejects a clean block and is for demonstration only. None: no block is rejected for its
+        variance.
     significance : float
-        Significance of the tests among blocks.
+        False-alarm rate of the tests among blocks.
     correlation : float or None
-        Correlation of successive measurements in a quiet record, which widens sigma. 0: none. None:
-        estimated by "robust", and none in the other methods. "paper" has none.
+        Correlation of successive measurements in a record without outliers; a positive correlation
+        increases `sigma`. 0 means none. If None, the method "robust" estimates it and the other
+        methods take it as 0. The method "paper" ignores it.
     rounding : float
-        Step to which the measurements were rounded; 0: unknown. "robust" then sees it in equal
-        measurements. Sigma is at least that of rounding where the noise is smaller than the step.
+        Step to which the measurements were rounded, in their unit. If it is 0, the step is unknown,
+        and "robust" infers it from equal measurements. If the noise is smaller than the step,
+        `sigma` is at least that of the rounding.
     nan_policy : {"raise", "omit"}
-        "omit": nan is 'no measurement'; blocks are formed of the measurements that remain.
+        How to treat nan. "raise" makes it an error. "omit" takes it as 'no measurement'; the blocks
+        are formed from the remaining measurements.
     n_threads : int, optional
         Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
     BearingEstimate
-        Angles in the unit of `theta`.
+        The bearing and its standard deviation, in the unit of `theta`.
 
     Raises
     ------
     ValueError
-        Too few measurements, one that is not finite, deviations too large or too small to be
-        squared, a parameter of the method outside its domain (those of other methods are ignored),
-        an unknown word, or too few measurements left.
+        If there are too few measurements, before or after the rejection of outliers; if one is not
+        finite; if deviations are too large or too small to be squared; if a parameter of the chosen
+        method is outside its domain (those of other methods are ignored); or if a string is not
+        one of the allowed values.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
-    **Hypotheses.** A mixture `(1 - e) N(mu, s^2) + sum e_j N(mu + d_j, t_j^2)` of good measurements
-    and one or two kinds of bad ones, fitted by EM [1]_ from the shorter half of the sample, and the
-    same as a chain whose states persist, for bursts [2]_. Weights are `exp(l - 0.4 k ln N)` with
-    the log-likelihood l and the number k of parameters, a weaker penalty than Schwarz's [3]_; the
-    variance is that of each hypothesis, from the outer products of its scores, and the spread of
-    the hypotheses, with weights of half that penalty: what is too doubtful to be left out may still
-    be bad.
+    **Hypotheses.** Each is a mixture `(1 - e) N(mu, s^2) + sum e_j N(mu + d_j, t_j^2)` of good
+    measurements and one or two kinds of bad ones. It is fitted by EM [1]_, starting from the
+    shortest half of the sample. For bursts, the same mixture is fitted as a Markov chain whose
+    states persist [2]_. The weights are `exp(l - 0.4 k ln N)`, where l is the log-likelihood and k
+    the number of parameters; this penalty is weaker than Schwarz's [3]_. The variance is the sum of
+    the variance under each hypothesis, from the outer products of its scores, and of the spread
+    between the hypotheses. For the spread the weights have half that penalty, because hypotheses
+    that are too doubtful to contribute to the mean may still be true.
 
-    **Correlation.** The posterior of the lag-one correlation of the good measurements, with a prior
-    that is flat from -0.5 to 0.99 with half of it at zero, is computed exactly for each hypothesis.
+    **Correlation.** For each hypothesis, the posterior of the lag-one correlation of the good
+    measurements is computed exactly. The prior puts one half on zero and the other half uniformly
+    on -0.5 to 0.99.
 
-    **Groups.** Random effects with a half-Cauchy prior [4]_ as wide as one measurement, and the
-    posterior of the correlation of successive groups.
+    **Groups.** The systematic errors of the groups are random effects. Their standard deviation has
+    a half-Cauchy prior [4]_ as wide as the standard deviation of one measurement; the correlation
+    of successive groups is described by its posterior.
 
     References
     ----------
@@ -252,7 +272,7 @@ def estimate_bearing(
 
 
 def _numbered(groups: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    """Return the numbers of the groups from 0 on, in each row or in the one that all share."""
+    """Return the numbers of the groups from 0, for each row or for one row that all share."""
     labels = array_of(groups, "groups")
     if not shape or labels.shape not in {shape, shape[-1:]}:
         raise ValueError(
@@ -263,7 +283,7 @@ def _numbered(groups: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     try:
         numbers = [np.unique(row, return_inverse=True)[1] for row in rows]
     except TypeError:
-        raise TypeError("groups has labels of several types; they must be of one") from None
+        raise TypeError("groups has labels of several types; all must have the same type") from None
     return np.asarray(numbers, dtype=np.float64).reshape(labels.shape)
 
 

@@ -1,11 +1,11 @@
 """Smoothing over time: of the positions of one target, or of any measured series.
 
 `local_polynomial` fits a polynomial around each instant. `smooth` estimates position, velocity and
-acceleration at every instant from all plots, for a target whose acceleration is driven by white
-jerk. Units are the caller's.
+acceleration at every instant from all plots; its model is a target whose acceleration is driven by
+white jerk. Units are the caller's.
 
-`smooth` finds outliers, jumps, noise that is larger than stated and time-correlated noise;
-`local_polynomial` takes the noise as white and without outliers.
+`smooth` detects outliers, jumps, noise that is larger than stated, and time-correlated noise;
+`local_polynomial` assumes white noise and no outliers.
 """
 
 from __future__ import annotations
@@ -46,18 +46,19 @@ class LocalPolynomial(Result):
     Attributes
     ----------
     value : ndarray of shape (..., N)
-        Value of each instant's polynomial; nan where its window has too few measurements.
+        Value of the polynomial fitted around each instant, or of its derivative; nan where the
+        window has too few measurements.
     sigma : ndarray of shape (..., N)
-        Standard error of `value`; inf where it is nan, or where the noise cannot be estimated.
+        Standard error of `value`; inf where `value` is nan or the noise cannot be estimated.
     degree : ndarray of int, of shape (..., N)
-        Degree of each polynomial; -1 where there is none.
+        Degree of each polynomial; -1 where no polynomial was fitted.
     residual_variance : float or ndarray of shape (...), or None
         Variance of the noise, estimated from the whole record; None if variances were given.
     degrees_of_freedom : float or ndarray of shape (...), or None
-        Degrees of freedom of `residual_variance`: for short records, use quantiles of Student's
-        distribution with `sigma`.
+        Degrees of freedom of `residual_variance`. For short records, multiply `sigma` by quantiles
+        of Student's distribution with these degrees of freedom. None if variances were given.
     systematic : {"not included"}
-        `sigma` is that of white noise; a systematic error is not part of it.
+        `sigma` covers white noise only; a systematic error is not part of it.
     """
 
     _rows: ClassVar = "value", 0
@@ -89,35 +90,36 @@ class SmoothedPositions(Result):
     mean : ndarray of shape (..., N, 3 D)
         Positions, velocities and accelerations, in this order; nan where unknown.
     covariance : ndarray of shape (..., N, 3 D, 3 D)
-        Covariance of `mean`, for the noise as it was found; where unknown, the variance is inf and
-        its covariances are 0. An error that all plots share is not part of it.
+        Covariance of `mean`, for the noise as estimated. Where the state is unknown, its variance
+        is inf and its covariances are 0. An error that all plots share is not included.
     innovation : ndarray of shape (..., N, D)
-        Plots minus their predictions from earlier plots, whitened: uncorrelated and of unit
-        variance if the model holds, which is the most likely one of the noise. Each axis is
-        conditioned on the axes before it. nan where there is no plot, an outlier, or no prediction
-        yet.
+        Plots minus their predictions from earlier plots, whitened. If the most likely model of the
+        noise holds, they are uncorrelated and have unit variance. The innovation of each axis is
+        conditioned on those of the axes before it. nan where there is no plot, where the plot is an
+        outlier, and where no prediction is possible yet.
     log_likelihood : float or ndarray of shape (...)
-        Log-likelihood of all plots for white noise as stated and an unknown first state, up to a
-        constant that depends on units and times.
+        Log-likelihood of all plots if the noise is white and as stated and the initial state is
+        unknown, up to a constant that depends on units and times.
     count : int or ndarray of shape (...)
-        Measured numbers beyond those needed to determine the state.
+        Number of measured components in excess of those needed to determine the state.
     jerk : float or ndarray of shape (...)
-        Intensity of the white jerk: how fast the variance of the acceleration grows.
+        Intensity of the white jerk, in position² / time⁵: the rate at which the variance of the
+        acceleration grows.
     jerk_sigma : float or ndarray of shape (...)
-        Standard uncertainty of `jerk`, to first order: that of its logarithm multiplied by `jerk`.
-        0 if the jerk was given, inf if the plots do not determine it.
+        Standard uncertainty of `jerk`, to first order: `jerk` times the standard uncertainty of its
+        logarithm. 0 if the jerk was given, inf if the plots do not determine it.
     acceleration_noise : float or ndarray of shape (...)
-        Intensity of the white noise of the acceleration, in position² / time³: where it is above 0,
-        the velocity wanders at random, and the jerk hardly shows.
+        Intensity of the white noise of the acceleration, in position² / time³. If it is positive,
+        the velocity is a random walk, and the plots contain little information on the jerk.
     outlier : ndarray of bool, of shape (..., N)
         Plots that were left out.
     correlation_time : float or ndarray of shape (...)
-        Time over which the noise is correlated, in the most likely model: `exp(-T / time)` between
-        plots a time T apart. 0 for white noise.
+        Correlation time of the noise in the most likely model: plots a time T apart have the
+        correlation `exp(-T / correlation_time)`. 0 for white noise.
     noise_factor : float or ndarray of shape (...)
-        What the stated standard deviations are multiplied by, at least 1.
+        Factor, at least 1, by which the stated standard deviations are multiplied.
     systematic : {"not included"}
-        An error common to all plots cannot be seen in one track.
+        An error common to all plots is not visible in one track and is not included.
     """
 
     _rows: ClassVar = "mean", 1
@@ -174,7 +176,7 @@ class SmoothedPositions(Result):
 
     @property
     def nis(self) -> FloatArray:
-        """Sums of squared innovations, of shape (..., N); nan where there are none."""
+        """Normalised innovations squared, of shape (..., N); nan where there are none."""
         known = ~np.isnan(self.innovation)
         squares = np.sum(np.where(known, self.innovation, 0.0) ** 2, axis=-1)
         return np.where(known.any(axis=-1), squares, np.nan)
@@ -184,7 +186,7 @@ class SmoothedPositions(Result):
         return slice(derivative * dimension, (derivative + 1) * dimension)
 
     def __repr__(self) -> str:
-        """Return the shape, the jerk, and what is unusual of the noise."""
+        """Return the shape, the jerk, and what is unusual about the noise, as text."""
         parts = [f"SmoothedPositions(position of shape {self.innovation.shape}"]
         if not isinstance(self.jerk, np.ndarray):
             if self.acceleration_noise > 0:
@@ -218,7 +220,7 @@ def local_polynomial(
     Parameters
     ----------
     y : array_like of shape (..., N)
-        Measurements; nan where there is none.
+        Measurements; nan where one is missing.
     window : int
         Number of instants in a window, odd. Each instant is in the middle of its window; near the
         ends, the first and last windows are evaluated off-centre.
@@ -230,14 +232,14 @@ def local_polynomial(
     variance : array_like of shape (), (N,) or (..., N), optional
         Variance of the measurements. By default it is constant and unknown.
     derivative : int
-        0 for the value, 1 for its rate, and so on, at most the degree. Adaptive degrees are never
-        lower.
+        Order of the derivative, at most the degree: 0 for the value, 1 for its rate, and so on.
+        Adaptive degrees are at least this order.
     max_degree : int
         Highest adaptive degree, less than `window` - 1.
     significance : float
-        False-alarm rate of each test: the chance of keeping a coefficient that is 0.
+        False-alarm rate of each test: the probability of keeping a coefficient that is truly 0.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
@@ -247,24 +249,26 @@ def local_polynomial(
     Raises
     ------
     ValueError
-        An infinite measurement, a variance that is not positive, decreasing times, shapes that do
-        not fit, or an option outside its domain.
+        If a measurement is infinite, a variance is not positive, times decrease, shapes do not fit,
+        or an option is outside its domain.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
-    Degrees are tested from the highest down: the coefficient of the orthogonal polynomial of degree
-    p by F(1, ν), where ν = n - p - 1 are the degrees of freedom left in a window of n measurements,
-    or with `variance` by chi-square with one degree of freedom. A window with too few measurements
-    to test the highest degree, or to fit a fixed degree, has no value.
+    Degrees are tested from the highest down. The test is that of the coefficient of the orthogonal
+    polynomial of degree p: by F(1, ν) without `variance`, where ν = n - p - 1 are the degrees of
+    freedom left in a window of n measurements, and by chi-square with one degree of freedom with
+    `variance`. The value is nan in a window with too few measurements to test the highest degree,
+    or to fit a fixed degree.
 
-    Without `variance`, `sigma` assumes equal noise whose variance is estimated from the whole
-    record, about polynomials of the highest degree, so that choosing a degree does not make it
-    smaller. `sigma` covers the noise alone, as if the degree were known; a curvature that the test
-    misses is a bias on top of it.
+    Without `variance`, `sigma` assumes that all measurements have the same variance. This is
+    estimated from the whole record with polynomials of the highest degree, so that the choice of
+    the degree does not reduce it. `sigma` covers the noise alone, as if the degree were known; if
+    the test misses a curvature, the resulting bias is not part of `sigma`.
 
-    Cost O(N window). Equal steps without `variance` are a convolution (Savitzky and Golay 1964).
+    The cost is O(N window). With equal steps and without `variance`, the fit is a convolution
+    (Savitzky and Golay 1964).
 
     Examples
     --------
@@ -319,32 +323,34 @@ def smooth(
     Parameters
     ----------
     y : array_like of shape (..., N, D)
-        Measured positions (plots) at N instants in D axes; nan where a component is missing.
+        Measured positions (plots) at N instants in D axes; nan for a missing component.
     covariance : array_like of shape (), (D,), (D, D), (..., N, D) or (..., N, D, D)
-        Their covariances: one matrix for all instants or one for each, or the variances of
-        independent axes. A shape (D, D) is always one matrix. Elements of a missing component are
-        ignored.
+        Covariances of the plots: one matrix for all instants or one for each, or the variances of
+        independent axes. An array of shape (D, D) is always one matrix. Elements of a missing
+        component are ignored.
     time : array_like of shape (N,) or (..., N), optional
-        Times of the instants, in non-decreasing order; equal times are plots of one instant.
+        Times of the instants, in non-decreasing order. Plots with equal times belong to the same
+        instant.
     dt : float, optional
         Time between instants, instead of `time`. By default 1.
     correlation_time : float, optional
-        Time over which the noise is correlated: `exp(-T / correlation_time)` between plots a time T
-        apart. 0 is white noise. By default it is found from the plots, and is 0 where nothing
-        speaks against it.
+        Correlation time of the noise: plots a time T apart have the correlation
+        `exp(-T / correlation_time)`. 0 means white noise. By default it is estimated from the
+        plots, and is 0 unless they contradict white noise.
     robust : bool
-        Whether noise may be larger than stated, plots may be outliers, and the position may jump.
-        Outliers are left out; over a jump positions are not averaged. False, with a
-        `correlation_time` of 0, takes all noise as stated.
+        Whether to allow for noise that is larger than stated, outliers, and jumps of the position.
+        Outliers are left out, and positions before and after a jump are not averaged. With False
+        and a `correlation_time` of 0, all noise is taken as stated.
     jerk : array_like of shape () or (...), optional
-        Intensity of the white jerk of every axis, in position² / time⁵; 0 is constant acceleration.
-        By default the most likely motion of each target is found: white jerk, or white acceleration
-        where that is likelier by more than chance.
+        Intensity of the white jerk of every axis, in position² / time⁵; 0 means constant
+        acceleration. By default the motion of each target is estimated: it is driven by white jerk,
+        or by white acceleration if the plots make this significantly more likely.
     initial : (mean, covariance), optional
-        Prior of the state at the first instant, of shapes (..., 3 D) and (..., 3 D, 3 D):
-        positions, velocities, accelerations. By default nothing is known.
+        Mean and covariance of the prior of the state at the first instant, of shapes (..., 3 D) and
+        (..., 3 D, 3 D). The state is positions, velocities and accelerations, in this order. By
+        default it is unknown.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
@@ -354,36 +360,39 @@ def smooth(
     Raises
     ------
     ValueError
-        An infinite plot, a variance that is not positive, decreasing times, a negative jerk or
-        correlation time, a positive one with more than three axes, or shapes that do not fit.
+        If a plot is infinite, a variance is not positive, times decrease, the jerk or the
+        correlation time is negative, the correlation time is positive and there are more than three
+        axes, or shapes do not fit.
     numpy.linalg.LinAlgError
-        An indefinite or singular covariance.
+        If a covariance is indefinite or singular.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
     Over a time T the state [x, v, a] of an axis becomes [x + v T + a T²/2, v + a T, a], with noise
     of covariance q [[T⁵/20, T⁴/8, T³/6], [., T³/3, T²/2], [., ., T]]. The estimate is that of
-    Rauch, Tung and Striebel (1965), with an unknown first state treated exactly rather than by
-    large variances: two square root information filters, forwards and backwards, are combined at
-    each instant. Three instants determine the state of an axis; with fewer, the variance of what
-    remains undetermined is inf.
+    Rauch, Tung and Striebel (1965), except that an unknown initial state is treated exactly, not
+    by large variances: a forward and a backward square root information filter are combined at
+    each instant. Three instants determine the state of an axis. With fewer, the variance of each
+    component that is not determined is inf.
 
-    The noise is white and as stated unless innovations contradict it. Where they do, models are
-    compared by their likelihood, each with its own jerk: white noise that is larger, and a share of
-    .6 or .95 of the noise that is a Gauss-Markov process with one of seven correlation times; their
-    results are averaged, with the spread between them in the covariance. Small or smooth residuals
-    do not lower the stated noise, for time-correlated noise looks like that, too. Outliers and
-    jumps are found by how much each would explain (de Jong and Penzer 1998). All this takes up to
-    three axes with three instants each; other tracks are smoothed as stated.
+    The noise is taken as white and as stated unless the innovations contradict this. If they do,
+    models are compared by their likelihood, each with its own jerk: white noise that is larger than
+    stated, and noise of which a share of .6 or .95 is a Gauss-Markov process with one of seven
+    correlation times. The results of the models are averaged, and the spread between them is part
+    of the covariance. Small or smooth residuals do not reduce the stated noise, because
+    time-correlated noise can cause them as well. Outliers and jumps are found by how much each
+    would explain (de Jong and Penzer 1998). These tests need at most three axes and at least three
+    instants per axis; other tracks are smoothed with the noise as stated.
 
-    A velocity that wanders has white acceleration instead of white jerk. The likelier motion gives
-    the estimate; where the other one is likely, too, `covariance` is that of a mixture of both, by
-    their likelihoods. The intensity is treated as known: its uncertainty is not part of
-    `covariance`. Where the plots show no jerk, it is 0 with an uncertainty of inf. With about ten
-    plots this is common, and does not mean that there is none. Cost O(N D³), about 30 times as much
-    with the fit, and three times that where the innovations are suspicious.
+    A velocity that is a random walk has white acceleration instead of white jerk. The estimate is
+    that of the more likely motion. If the other motion is also likely, `covariance` is that of a
+    mixture of both, weighted by their likelihoods. The intensity is treated as known: its
+    uncertainty is not part of `covariance`. If the plots show no jerk, `jerk` is 0 with a
+    `jerk_sigma` of inf; with about ten plots this is common, and does not mean that there is no
+    jerk. The cost is O(N D³). It is about 30 times as high if the motion is estimated, and about 90
+    times as high if, in addition, the innovations contradict the stated noise.
 
     Examples
     --------
@@ -461,7 +470,7 @@ def _series(value: npt.ArrayLike, name: str, axes: int, shape: str) -> FloatArra
 def _shared(
     array: FloatArray, shape: tuple[int, ...], batch: tuple[int, ...], name: str, axes_names: str
 ) -> FloatArray:
-    """Return one block of this shape for the whole batch, or one for each."""
+    """Return one block of this shape for the whole batch, or one for each of its elements."""
     axes = len(shape)
     if array.shape[array.ndim - axes :] == shape and array.ndim >= axes:
         if array.size == math.prod(shape):
@@ -484,7 +493,7 @@ def _variance(variance: FloatArray, batch: tuple[int, ...], n: int) -> FloatArra
 def _covariances(
     value: npt.ArrayLike, batch: tuple[int, ...], n: int, dimension: int
 ) -> tuple[FloatArray, bool]:
-    """Return matrices, and whether every instant has its own."""
+    """Return matrices of covariance, and whether every instant has its own."""
     array = samples(value, "covariance")
     square = (dimension, dimension)
     if array.shape in {(), (dimension,)}:

@@ -369,7 +369,7 @@ def test_one_sensor_alone(write: Write, tmp_path: Path) -> None:
     path = write([line for line in lines() if ",A," in line])
     done = run(path, "--sigma", 0.1, *MOTION)
     assert done.code == 0
-    assert done.err == "A is the only sensor: its filtered track, nothing to fuse\n"
+    assert done.err == "A is the only sensor: its track is filtered, nothing is fused\n"
 
 
 def fits(out: str) -> dict[str, list[str]]:

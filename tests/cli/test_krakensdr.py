@@ -64,15 +64,15 @@ def run(tmp_path, text: str) -> terminal.Run:
 
 def test_without_spectra_the_convention_is_assumed(tmp_path) -> None:
     result = run(tmp_path, lines("east", compass=True, spectra=False))
-    assert "has no spectra: its angles are taken for clockwise from the heading" in result.err
+    assert "has no spectra: its angles are taken as clockwise from the heading" in result.err
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("time_s,azimuth_deg\n1,2\n", "is no recording of KrakenSDR: it has 2 columns"),
+        ("time_s,azimuth_deg\n1,2\n", "is not a recording of KrakenSDR: it has 2 columns"),
         (lines("east", compass=True).replace(", 12.5", "0, 12.5"), "it cannot be told whether"),
-        (lines("east", compass=True).replace("200.0", "abc"), "a number is none"),
+        (lines("east", compass=True).replace("200.0", "abc"), "a cell is not a number"),
     ],
 )
 def test_what_is_wrong_is_one_line(tmp_path, text: str, message: str) -> None:

@@ -711,7 +711,7 @@ FILES = {
         (["binary.csv", S, "s.csv"], 1, "binary.csv is empty"),
         (["m.csv", S, "binary.toml"], 1, "cannot read binary.toml: .*"),
         (["m.csv", S, "bad.toml"], 1, "cannot read bad.toml: .*line 1.*"),
-        (["m.csv", S, "odd.toml"], 1, r"odd.toml: station is no list of tables; each must .*"),
+        (["m.csv", S, "odd.toml"], 1, r"odd.toml: station is not a list of tables; each must .*"),
         (["m.csv", S, "none.toml"], 1, "none.toml: there are no stations"),
         (["m.csv", S, "true.toml"], 1, "true.toml: east_m of A is True; it must be a finite .*"),
         (["m.csv", S, "empty.csv"], 1, "empty.csv is empty"),
@@ -763,7 +763,7 @@ FILES = {
         (
             ["m.csv", S, "number.toml"],
             1,
-            r"number.toml: origin is no table; it must begin with \[origin\]",
+            r"number.toml: origin is not a table; it must begin with \[origin\]",
         ),
         (
             ["m.csv", S, "metres.toml"],
@@ -829,7 +829,7 @@ FILES = {
         (
             ["first.csv", S, "s.csv"],
             1,
-            "first.csv, line 3: the first sensor has a range difference; they are those .*",
+            "first.csv, line 3: the first sensor has a range difference; only the other sensors .*",
         ),
         (["m.csv", S, "plane.csv"], 1, "an elevation needs heights: give up_m of the .* plane.csv"),
         (

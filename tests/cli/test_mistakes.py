@@ -248,7 +248,8 @@ CASES = {
     "compact": Case(each("time_s", clock("20261122T12{minute:02d}{second}Z")), same=False),
     "time of day": Case(each("time_s", clock("12:{minute:02d}:{second}")), same=False),
     "local dates": failing(
-        "or give --time-format, as", each("time_s", clock("22.11.2026 12:{minute:02d}:{second}"))
+        "or give --time-format, for example",
+        each("time_s", clock("22.11.2026 12:{minute:02d}:{second}")),
     ),
     "local dates, said": Case(
         each("time_s", clock("22.11.2026 12:{minute:02d}:{second}")),
@@ -259,7 +260,7 @@ CASES = {
         options=("--time-format", "%S.%f %M %I %p"), same=False,
     ),
     "another format": failing(
-        "line 2: time_s is '0.0', not as the time format %d.%m.%Y",
+        "line 2: time_s is '0.0', not in the time format %d.%m.%Y",
         options=("--time-format", "%d.%m.%Y"),
     ),
     "some with a zone": failing(
@@ -391,7 +392,7 @@ def test_measurements_are_not_overwritten(tmp_path: Path) -> None:
     for output in (plots, other):
         done = run("track", plots, "--sensors", sensors, "--output", output)
         assert (done.code, done.out) == (2, "")
-        assert done.err == f"tertia: cannot write {output}: it has the measurements\n"
+        assert done.err == f"tertia: cannot write {output}: it contains the measurements\n"
     assert plots.read_bytes() == before
 
 
@@ -453,7 +454,7 @@ GROUPS: dict[str, tuple[str, list[str], tuple[str, ...], str | None]] = {
     ),
     "weights of one row": (
         "weights", ["sensor,v", "a,1", "b,2", "b,2.1"], ("--value", "v"),
-        "sensor a has 1 measurement; its weight needs two",
+        "sensor a has 1 measurement; its weight needs at least two",
     ),
     "locate of one row": (
         "locate", ["time_s,sensor,azimuth_deg", "0,A,45"], ("--sensors", "{stations}"), "",
@@ -556,16 +557,16 @@ def test_every_command_has_settings(command: str, tmp_path: Path) -> None:
     settings.write_text(f"[{command}]\ntime-format = '%d'\nnonsense = 1\n", encoding="utf-8")
     done = run(command, "--settings", settings)
     assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
-    assert f"nonsense is no option of {command}; it has " in done.err
+    assert f"nonsense is not an option of {command}; it has " in done.err
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("motions = 3", "motions is no option of track; it has "),
-        ("track = 3", "track is no table of options"),
+        ("motions = 3", "motions is not an option of track; it has "),
+        ("track = 3", "track is not a table of options"),
         ("motion = [", "cannot read"),
-        ("settings = 'other.toml'", "settings is no option of track"),
+        ("settings = 'other.toml'", "settings is not an option of track"),
     ],
 )
 def test_settings_that_are_none(words: str, said: str, tmp_path: Path) -> None:

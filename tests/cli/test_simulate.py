@@ -123,4 +123,4 @@ def test_a_file_is_no_folder(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     done = run("simulate", tmp_path / "file")
     assert done.code == 2
-    assert done.err == f"tertia: cannot write {tmp_path / 'file'}: it is no folder\n"
+    assert done.err == f"tertia: cannot write {tmp_path / 'file'}: it is not a folder\n"

@@ -310,7 +310,7 @@ def test_streams_that_cannot_be_used(
         (("a.csv", "b.csv", "--stream"), "a stream is one file, or standard input"),
         (("a.parquet", "--stream"), "cannot stream a.parquet: a stream has lines of CSV or JSON"),
         (("absent.csv", "--stream"), "there is no file absent.csv"),
-        (("records.csv", "--stream", "--json"), "a stream has no --json; --rows jsonl"),
+        (("records.csv", "--stream", "--json"), "a stream has no --json; use --rows jsonl"),
         (("-",), "give files of plots, or --stream to read standard input"),
         ((), "give files of plots, or --stream to read standard input"),
         (

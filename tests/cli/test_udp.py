@@ -200,10 +200,10 @@ def test_tracks_are_sent_as_they_are_known(sites: Path, listener: socket.socket)
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--udp", "0"), "'0' is no port: give a number from 1 to 65535"),
-        (("--udp", "port"), "'port' is no port: give a number from 1 to 65535"),
+        (("--udp", "0"), "'0' is not a port: give a number from 1 to 65535"),
+        (("--udp", "port"), "'port' is not a port: give a number from 1 to 65535"),
         (("--udp", "8600", "plots.csv"), "--udp takes no file and no --control"),
-        (("--udp", "8600", "--send", "nowhere"), "'nowhere' is no port"),
+        (("--udp", "8600", "--send", "nowhere"), "'nowhere' is not a port"),
         (("--udp", "192.0.2.1:8600"), "cannot receive at 192.0.2.1:8600"),
         (("plots.csv", "--send", "127.0.0.1:8600"), "--latency, --rows, --send and --control are"),
     ],

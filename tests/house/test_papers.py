@@ -54,7 +54,7 @@ def test_what_is_said_of_the_window_is_in_its_tables() -> None:
 def test_what_is_said_of_predictions_is_in_its_table() -> None:
     better = [1 / float(row[3]) for row in table("tracker.md", "extrapolation")]
     assert (round(min(better)), round(max(better))) == (5, 8)
-    assert "five to eight times better" in PAPERS
+    assert "five to eight times smaller" in PAPERS
 
 
 def test_what_is_said_of_the_first_paper_is_in_its_table() -> None:
@@ -62,4 +62,4 @@ def test_what_is_said_of_the_first_paper_is_in_its_table() -> None:
     assert rows["RMSE at N = 100"][2] == "0.71°"
     assert rows["classical over paper, N = 100"][2] == "1.30"
     assert "0.71° and 1.30, with groups of 5" in PAPERS
-    assert rows["95 % of what ten trials give, N = 100"][2] == "0.63 to 2.66"
+    assert rows["95 % interval of ten trials, N = 100"][2] == "0.63 to 2.66"

@@ -292,7 +292,7 @@ def test_other_categories_are_named_and_counted(save: Save, radars: Path) -> Non
     code, _, err = run("track", path, "--sensors", radars)
     assert code == 0
     assert (
-        f"{path}: not read are 1 blocks of category 247 (versions), 2 blocks of category 253 "
+        f"{path}: not read: 1 blocks of category 247 (versions), 2 blocks of category 253 "
         "(unknown)\n"
     ) in err
 
@@ -841,8 +841,8 @@ def test_a_row_without_a_plot_is_coasted(tmp_path: Path) -> None:
     [
         ({"east_m": 5e6}, "row 0: east_m is 5e\\+06, beyond what category 62 holds"),
         ({"east_sigma_m": -1.0}, "row 0: east_sigma_m is -1, beyond"),
-        ({"callsign": "A/B"}, "callsign has a text that is none"),
-        ({"mode_3a": "7799"}, "mode_3a has a text that is none"),
+        ({"callsign": "A/B"}, "callsign has a text that cannot be coded"),
+        ({"mode_3a": "7799"}, "mode_3a has a text that cannot be coded"),
         ({"icao_address": "1FFFFFF"}, "icao_address has a number beyond 24 bits"),
         ({"track": None, "target": None}, "tracks have no column track or target"),
         ({"time_s": None}, "tracks have no column time_s"),

@@ -261,7 +261,7 @@ def test_a_place_on_an_airway_is_between_its_fixes(radial, longest):
         ("N0450F310 ALPEN/F330", "'F330' is no speed and level"),
         ("N0450F310 ALPEN/N0450F330 /N0450F330 DORNA", "'/N0450F330' is neither"),
         ("N0450F310 ALPEN STAY1 DORNA", "'STAY1' is neither"),
-        ("N0450F310 48N181E ALPEN", "'48N181E' is no place on the earth"),
+        ("N0450F310 48N181E ALPEN", "'48N181E' is not a place on the earth"),
     ],
 )
 def test_routes_that_cannot_be_flown_are_refused_in_one_line(route, reason):

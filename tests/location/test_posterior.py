@@ -213,7 +213,7 @@ def test_a_limit_that_determines_the_positions():
     [
         ({}, "max_range is missing"),
         ({"max_range": -1.0}, "max_range is -1"),
-        ({"max_range": 1e3, "initial": [0, 0]}, "without initial"),
+        ({"max_range": 1e3, "initial": [0, 0]}, "does not use initial"),
         ({"max_range": 1e3, "range": [1.0, 2.0, 3.0]}, "azimuths alone"),
         ({"method": "robust", "max_range": 1e3}, "max_range is for 'posterior'"),
     ],

@@ -60,7 +60,7 @@ def test_a_copy_of_a_radar_has_its_channels():
         (
             lambda: Radar(**RADAR, channels=BOTH, detection_probability=0.9),
             ValueError,
-            "detection_probability is 0.9; where there are channels it is theirs, 0.9925",
+            "detection_probability is 0.9; with channels it must be theirs, 0.9925",
         ),
         (lambda: Plots([0.0], detection=["prs"]), ValueError, "detection[0] is 'prs'"),
         (lambda: Plots([0.0, 1.0], detection=[0, 5]), ValueError, "detection[1] is 5"),

@@ -127,7 +127,7 @@ def _plain(name):
         ),
         (
             {"psr_detection_probability": 0.9, "detection_probability": 0.8},
-            "west: detection_probability is 0.8; where there are channels",
+            "west: detection_probability is 0.8; with channels it must be",
         ),
     ],
 )

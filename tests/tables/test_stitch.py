@@ -131,7 +131,9 @@ def test_dates_instead_of_seconds(plots):
 
 def test_plots_that_are_not_numbered_are_refused(plots):
     parts = [track(part.drop("plot")) for part in parts_of(plots)]
-    with pytest.raises(ValueError, match=r"plot \d+ of parts\[0\] is another one in parts\[1\]"):
+    with pytest.raises(
+        ValueError, match=r"plot \d+ of parts\[0\] is a different one in parts\[1\]"
+    ):
         list(tables.stitch(parts))
 
 

@@ -297,7 +297,7 @@ def test_wrong_arguments():
     def refused(match, *sensors, **options):
         assert_refused(lambda: Tracker([*sensors], **options), ValueError, match)
 
-    refused("begin no tracks", CAMERA)
+    refused("start no tracks", CAMERA)
     refused("azimuth_sigma is None", GPS, Station([0.0, 0.0]))
     refused("range_sigma", GPS, Station([0.0, 0.0], azimuth_sigma=0.1, range_sigma=5.0))
     refused("elevation_sigma", GPS, Station([0.0] * 3, azimuth_sigma=0.1, elevation_sigma=0.1))

@@ -174,7 +174,7 @@ def test_an_impossible_lag_is_refused(lag):
         Tracker([radar], lag=lag)
     with pytest.raises(TypeError, match="lag is 'long'"):
         Tracker([radar], lag="long")
-    with pytest.raises(ValueError, match="registration needs plots in order"):
+    with pytest.raises(ValueError, match="registration needs plots in time order"):
         Tracker([radar], lag=1.0, registration=True)
     assert len(Tracker([radar]).finish()) == 0
     assert len(Tracker([radar], lag=1.0).update(Plots([], [], []))) == 0

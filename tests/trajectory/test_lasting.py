@@ -249,7 +249,7 @@ def test_a_calibration_of_all_kinds_survives_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"time": np.arange(5.0)[::-1]}, "time[1] is before the time before it"),
+        ({"time": np.arange(5.0)[::-1]}, "time[1] is before the previous time"),
         ({"position": np.ones((4, 2))}, "position has shape (4, 2); it must be (5, 2)"),
         ({"azimuth": None}, "nothing was measured"),
         ({"azimuth": np.full(5, np.nan)}, "azimuth has no measurement"),
@@ -270,7 +270,7 @@ def test_fields_of_a_bias_that_cannot_be():
     for fields, message in (
         ({"drift_share": 1.5}, "drift_share is 1.5; it must be between 0 and 1"),
         ({"drift_time": 0.0}, "drift_time is 0.0; it must be positive"),
-        ({"azimuth": [0.0, 1.0], "deviation_order": 1}, "deviation_order is that of one sensor"),
+        ({"azimuth": [0.0, 1.0], "deviation_order": 1}, "deviation_order is for one sensor"),
         ({"deviation_order": 1, "deviation": [1.0]}, "deviation has shape (1,)"),
     ):
         with pytest.raises(ValueError, match=re.escape(message)):

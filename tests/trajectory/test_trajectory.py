@@ -743,7 +743,7 @@ def arguments(**changes):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"time": INSTANTS[::-1]}, "time[1] is before the time before it"),
+        ({"time": INSTANTS[::-1]}, "time[1] is before the previous time"),
         ({"time": INSTANTS[:5]}, "range has shape (60, 3); for 5 instants and 3 stations"),
         ({"time": 1.0}, "time has shape ()"),
         ({"range": np.ones((60, 2))}, "range has shape (60, 2)"),

@@ -1,4 +1,4 @@
-"""Command line: recordings in files. Needs the extra `cli`.
+"""Command line: the functions of the library for recordings in files. Needs the extra `cli`.
 
 A command parses its options, calls `tertia.tables` once, and prints and writes the results.
 `commands` contains the commands, `files` the readers and writers, and `terminal` the output and the
@@ -87,7 +87,7 @@ def _tertia(
         typer.Option("--version", help="Print the version.", callback=_show_version, is_eager=True),
     ] = False,
 ) -> None:
-    """One estimate with an error bar from measurements that are sometimes wrong."""
+    """Estimates with error bars from redundant measurements, some of which are wrong."""
 
 
 for _function, _examples in _COMMANDS.items():

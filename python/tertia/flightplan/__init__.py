@@ -1,9 +1,9 @@
-"""Flight plans: filed paths of aircraft, and the conformance of tracks to them.
+"""Flight plans: planned paths of aircraft, and the conformance of tracks to them.
 
 A plan is a route of straight legs with fly-by turns along arcs tangent to both legs, and a ground
-speed on each leg. Positions are local east and north in metres, courses are radians clockwise from
-north, and turn angles and cross-track distances are positive to the right. `tertia.io.read_plans`
-reads plans from files.
+speed on each leg. Positions are local east and north in metres, courses are in radians clockwise
+from north, and turn angles and cross-track distances are positive to the right.
+`tertia.io.read_plans` reads plans from files.
 """
 
 from tertia.flightplan._conformance import (

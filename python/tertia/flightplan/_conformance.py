@@ -1,4 +1,4 @@
-"""Whether a track follows its plan, and when it will be over the waypoints ahead."""
+"""The conformance of a track to its plan, and its times over the waypoints ahead."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from tertia.flightplan._tracks import one_track
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Conformance(Result):
-    """Whether a track follows its plan, plot by plot.
+    """The conformance of a track to its plan, plot by plot.
 
     Attributes
     ----------
     conforms : ndarray of bool, shape (N,)
-        Whether the plan is used: it is not blocked, and its end is ahead.
+        Whether the plan is in use: it is not blocked, and its end is still ahead.
     cusum : ndarray of shape (N,)
-        Cumulative sum of deviations; the plan is blocked when it exceeds 14.
+        Cumulative sum of deviations; if it exceeds 14, the plan is blocked.
     along_track : ndarray of shape (N,)
-        Metres along the path, on the current leg.
+        Distance along the path on the current leg, in metres.
     cross_track : ndarray of shape (N,)
-        Metres from the path, positive to the right.
+        Distance from the path in metres, positive to the right.
     leg : ndarray of int, shape (N,)
-        Current leg, or the leg at which the plan was blocked; -1 where there is no plot.
+        Index of the current leg, or of the leg at which the plan was blocked; -1 without a plot.
     in_zone : ndarray of bool, shape (N,)
-        Whether the turn at the end of the leg may be flown now.
+        Whether the aircraft is in the zone in which the turn at the end of the leg may be flown.
     """
 
     _rows: ClassVar = "conforms", 0
@@ -51,18 +51,18 @@ class Conformance(Result):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimesOver(Result):
-    """Estimated times over the waypoints (ETO), as known after each plot of a track.
+    """Estimated times over the waypoints (ETO) after each plot of a track.
 
     Attributes
     ----------
     time : ndarray of shape (N, W)
-        Time over each waypoint in seconds; nan once it has been passed, and before the first plot.
+        Time over each waypoint in seconds; nan for passed waypoints, and before the first plot.
     sigma : ndarray of shape (N, W)
-        Standard deviation of the time.
+        Standard deviation of the time in seconds.
     speed : ndarray of shape (N,)
-        Mean ground speed of the last minute, on the present leg, in metres per second.
+        Mean ground speed of the last minute, referred to the present leg, in m/s.
     speed_sigma : ndarray of shape (N,)
-        Standard deviation of the speed.
+        Standard deviation of the speed in m/s.
     """
 
     _rows: ClassVar = "time", 0
@@ -90,43 +90,43 @@ def conformance(
     covariance: npt.ArrayLike | None = None,
     update_interval: float | None = None,
 ) -> Conformance:
-    """Monitor whether a track follows a plan.
+    """Monitor whether a track conforms to a plan.
 
     Parameters
     ----------
     plan : FlightPlan
         The plan.
     time : array_like of shape (N,)
-        Seconds, increasing; nan where there is no plot.
+        Times of the plots in seconds, increasing; nan where there is no plot.
     position, velocity : array_like of shape (N, 2)
-        East and north in metres, and their rates in metres per second.
+        Estimates of the track: east and north in metres, and their rates in m/s.
     covariance : array_like of shape (N, 4, 4), optional
         Covariance of position and velocity; by default zero.
     update_interval : float, optional
-        Seconds between plots; by default the median of the time differences.
+        Time between plots in seconds; by default the median of the time differences.
 
     Returns
     -------
     Conformance
         For each plot the leg, the position relative to it, the cumulative sum, and whether the plan
-        is used.
+        is in use.
 
     Raises
     ------
     ValueError
-        Shapes that do not match, an infinite number, or times that do not increase.
+        If shapes do not match, a number is infinite, or times do not increase.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
     The deviation of a plot is `q = max(|e| - tolerance, 0)²/(350² + P) + course error²/(5°² +
-    σψ²)` with the cross-track distance e. The tolerance is 0 on straight legs, and
-    `500 + 0.35 lead min(1, |angle|)` metres where a turn may be flown. From 0.3 leads and 600 m
-    before the arc on, only courses outside those of both legs count as errors. The plan is
-    blocked when the cumulative sum `B = max(0, B + min(q, 20) - 4)` exceeds 14. It is believed
-    again after five successive plots within 1200 m and 6° of the same leg, this one or a later
-    one.
+    σψ²)`, with the cross-track distance e, its variance P, and the variance σψ² of the course. The
+    tolerance is 0 on straight legs, and `500 + 0.35 lead min(1, |angle|)` metres where a turn may
+    be flown; lead is the distance from the start of the arc to the waypoint. From 0.3 leads and 600
+    m before the arc on, only courses outside those of both legs count as errors. The plan is
+    blocked when the cumulative sum `B = max(0, B + min(q, 20) - 4)` exceeds 14. It is used again
+    after five successive plots within 1200 m and 6° of one leg, the same leg or a later one.
 
     Examples
     --------
@@ -163,10 +163,10 @@ def estimate_times_over(
     Parameters
     ----------
     plan, time, position, velocity, covariance, update_interval
-        As in `conformance`.
+        As for `conformance`.
     speed_change_sigma : float
-        Standard deviation of the change of ground speed in a minute, relative to the planned speed:
-        from wind and the crew's decisions.
+        Standard deviation of the change of the ground speed within a minute, relative to the
+        planned speed, due to wind and the decisions of the crew.
 
     Returns
     -------
@@ -176,19 +176,19 @@ def estimate_times_over(
     Raises
     ------
     ValueError
-        Shapes that do not match, an infinite number, times that do not increase, or a negative
-        `speed_change_sigma`.
+        If shapes do not match, a number is infinite, times do not increase, or `speed_change_sigma`
+        is negative.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
-    The rest of the plan is assumed to be flown at the mean ground speed of the last minute
-    (exponential weights with a time constant of 60 s), in proportion to the planned speeds. Plots
-    that do not conform to the plan are ignored. The variance of a time tau seconds ahead is
-    `s²/V² + tau² (r² + q tau/3)`: s² is the variance of the along-track position, r² the relative
-    variance of the mean speed, and `q = speed_change_sigma²/60 s` describes the random walk of the
-    speed.
+    The rest of the plan is assumed to be flown at the planned speeds, scaled to the mean ground
+    speed of the last minute (exponential weights with a time constant of 60 s). Plots that do not
+    conform to the plan are ignored. The variance of a time that is tau seconds ahead is `s²/V² +
+    tau² (r² + q tau/3)`. Here s² is the variance of the along-track position, V the speed, r² the
+    relative variance of the mean speed, and `q = speed_change_sigma²/60 s` describes the random
+    walk of the speed.
 
     Examples
     --------

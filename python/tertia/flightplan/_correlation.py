@@ -25,7 +25,7 @@ from tertia.flightplan._tracks import tracks_of
 
 
 class CorrelationStatus(enum.IntEnum):
-    """Why a track has a plan (by its score, by its identity, or by hand), or has none."""
+    """How a plan was found (by score, by identity or by hand), or why there is none."""
 
     NONE = 0
     AMBIGUOUS = 1
@@ -43,9 +43,9 @@ class Correlation(Result):
     plan : int or ndarray of int, shape (...)
         Index of the plan; -1 if there is none, or if the decision is ambiguous.
     status : CorrelationStatus or ndarray of int, shape (...)
-        Linked by identity, accepted by the score, ambiguous, or none.
+        How the plan was found, or why there is none.
     scores : ndarray of shape (..., M)
-        Mean score of each plan, at most 0; nan without plots.
+        Mean score of each plan, at most 0; nan if there are no plots.
     """
 
     _rows: ClassVar = "plan", 0
@@ -55,7 +55,7 @@ class Correlation(Result):
     scores: FloatArray
 
     def __repr__(self) -> str:
-        """Return the decision, or the number of each."""
+        """Return the decision, or the number of decisions of each kind."""
         if isinstance(self.status, CorrelationStatus):
             return f"Correlation({self.status.name.lower()}, plan {self.plan})"
         counts = [
@@ -84,15 +84,15 @@ def correlate(
     plans : sequence of M FlightPlan
         The plans.
     time : array_like of shape (..., N)
-        Times of the last N plots of each track in seconds; nan where there is no plot.
+        Times in seconds of the last N plots of each track; nan where there is no plot.
     position, velocity : array_like of shape (..., N, 2)
-        East and north in metres, and their rates in metres per second.
+        East and north in metres, and their rates in m/s.
     covariance : array_like of shape (..., N, 4, 4), optional
         Covariance of position and velocity; by default zero.
     height : array_like of shape (..., N), optional
-        Metres; nan where unknown.
+        Height in metres; nan where unknown.
     identity : array_like of int, shape (...), optional
-        Reply of the transponder; -1 where there is none.
+        Reply of the transponder; -1 if there is none.
     n_threads : int, optional
         Number of threads; by default one for small tasks and all cores for large ones.
 
@@ -104,18 +104,19 @@ def correlate(
     Raises
     ------
     ValueError
-        No plan, shapes that do not match, or an infinite number.
+        If there is no plan, shapes do not match, or a number is infinite.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
     The score of a plot is `-1/2 [e²/(700² + P) + dpsi²/((3°)² + s_psi²) + dV²/(12² + s_V²) +
-    dt²/120² + dh²/150²]` with the cross-track distance e and the differences of course, speed, time
-    and height from the plan, on the leg where it fits best. A plan of the same identity is linked
-    if its mean score is above -25. Otherwise the best plan is accepted if its mean score is above
-    -8 and at least 3 above the next best, over five plots or more. All else is left to the
-    controller. Cost O(legs) per plan and plot.
+    dt²/120² + dh²/150²]`, with the cross-track distance e and the differences of course, speed,
+    time and height from the plan, on the leg that fits best; P, s_psi² and s_V² are variances of
+    the track. A plan with the same identity is linked if its mean score is above -25. Otherwise the
+    best plan is accepted if its mean score, over at least five plots, is above -8 and at least 3
+    above the next best. All other cases are left to the controller. The cost is O(legs) per plan
+    and plot.
 
     Examples
     --------

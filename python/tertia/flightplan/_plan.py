@@ -41,9 +41,11 @@ class Turns:
     angle : ndarray of shape (N - 2,)
         Change of course in radians, positive to the right.
     radius : ndarray of shape (N - 2,)
-        Metres; smaller than required by bank angle and turn rate if the legs are too short.
+        Radius in metres; if the legs are too short, it is smaller than the bank angle and turn rate
+        require.
     lead : ndarray of shape (N - 2,)
-        Metres from the start of the arc to the waypoint, and from the waypoint to its end.
+        Distance in metres from the start of the arc to the waypoint, equal to that from the
+        waypoint to the end of the arc.
     arc : ndarray of shape (N - 2,)
         Length of the arc in metres.
     start, end, centre : ndarray of shape (N - 2, 2)
@@ -66,18 +68,18 @@ class Turns:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Projection(Result):
-    """The points of a plan's path nearest to some positions.
+    """The points of a plan's path that are nearest to given positions.
 
     Attributes
     ----------
     along_track : float or ndarray of shape (...)
-        Metres from the first waypoint along the path; negative before it.
+        Distance from the first waypoint along the path in metres; negative before it.
     cross_track : float or ndarray of shape (...)
-        Metres from the path to the position, positive to the right.
+        Distance from the path to the position in metres, positive to the right.
     course : float or ndarray of shape (...)
-        Course of the path there, radians in [0, 2 pi).
+        Course of the path at this point in radians, in [0, 2 pi).
     leg : int or ndarray of int, shape (...)
-        Index of the leg; the next one begins in the middle of the turn.
+        Index of the leg; the next leg begins in the middle of the turn.
     """
 
     _rows: ClassVar = "along_track", 0
@@ -97,58 +99,59 @@ class FlightPlan:
     waypoints : array_like of shape (N, 2)
         East and north in metres; successive waypoints must differ.
     speeds : array_like of shape (N - 1,) or ()
-        Ground speed on each leg in metres per second. The leg changes in the middle of a turn.
+        Ground speed on each leg in m/s; it changes in the middle of a turn.
     times : array_like of shape (N,), optional
-        Times over the waypoints in seconds, in place of the speeds and the start time.
+        Times over the waypoints in seconds, instead of the speeds and the start time.
     start_time : float, optional
-        Seconds at the first waypoint; by default 0.
+        Time at the first waypoint in seconds; by default 0.
     heights : array_like of shape (N,) or (), optional
         Heights at the waypoints in metres; nan where unknown.
     bank : float
-        Bank angle in turns, radians.
+        Bank angle in turns in radians.
     turn_radius : float, optional
-        Instead of `bank`: radius in metres of turns at the highest speed of the plan. Slower turns
-        have the same bank angle.
+        Radius of turns at the highest speed of the plan in metres, instead of `bank`. Turns at
+        lower speeds have the same bank angle.
     turn_rate : float
-        Largest rate of turn in radians per second.
+        Largest turn rate in radians per second.
     identity : int, optional
         Reply of the transponder, not negative.
     name : str, optional
-        Label in plots and reports.
+        Label of the plan in pictures and reports.
 
     Attributes
     ----------
     waypoints : ndarray of shape (N, 2)
         East and north in metres.
     speeds : ndarray of shape (N - 1,)
-        Ground speed on each leg in metres per second.
+        Ground speed on each leg in m/s.
     start_time : float
-        Seconds at the first waypoint.
+        Time at the first waypoint in seconds.
     heights : ndarray of shape (N,) or None
         Heights at the waypoints in metres; None if the plan has none.
     bank : float
-        Bank angle in turns, radians.
+        Bank angle in turns in radians.
     turn_rate : float
-        Largest rate of turn in radians per second.
+        Largest turn rate in radians per second.
     identity : int or None
         Reply of the transponder.
     name : str or None
-        Label in plots and reports.
+        Label of the plan in pictures and reports.
 
     Raises
     ------
     ValueError
-        Fewer than two waypoints, equal successive waypoints, times that do not increase, a number
-        out of its domain, or shapes that do not match.
+        If there are fewer than two waypoints, successive waypoints are equal, times do not
+        increase, a number is outside its domain, or shapes do not match.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
-    A turn by the angle theta has the radius `R = max(V²/(g tan bank), V/turn_rate)` at the speed V
-    of the leg before it, and begins `R tan(|theta|/2)` before its waypoint. Where two turns need
-    more than the leg between them, they share it in proportion and have smaller radii. Turns of
-    more than 150° begin as early as turns of 150°. Heights are linear between waypoints.
+    A turn by the angle theta has the radius `R = max(V²/(g tan bank), V/turn_rate)`, where V is the
+    speed on the leg before it, and begins `R tan(|theta|/2)` before its waypoint. If two turns need
+    more than the length of the leg between them, they share it in proportion and have smaller
+    radii. Turns by more than 150° begin as early as turns by 150°. Heights are linear between
+    waypoints.
 
     Examples
     --------
@@ -236,17 +239,17 @@ class FlightPlan:
 
     @property
     def length(self) -> float:
-        """Metres along the path, arcs included."""
+        """Length of the path in metres, with arcs."""
         return self._route.length
 
     @property
     def times(self) -> FloatArray:
-        """Times over the waypoints in seconds, shape (N,): in the middle of their arcs."""
+        """Times over the waypoints in seconds, of shape (N,), at the middle of their arcs."""
         return self._route.times
 
     @property
     def distances(self) -> FloatArray:
-        """Metres along the path to the waypoints, shape (N,): to the middle of their arcs."""
+        """Distances along the path to the waypoints in metres, (N,), at the middle of arcs."""
         return self._route.distances
 
     def at(self, time: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -255,72 +258,72 @@ class FlightPlan:
         Parameters
         ----------
         time : array_like of shape (...)
-            Seconds. Before the start and after the end, the path continues straight.
+            Times in seconds. Before the start and after the end, the path continues straight.
 
         Returns
         -------
         position, velocity : ndarray of shape (..., 2)
-            Metres, and metres per second.
+            In metres and in m/s.
 
         Raises
         ------
         ValueError
-            A time that is not finite.
+            If a time is not finite.
         """
         position, velocity, _ = self._along(time, "time")
         return position, velocity
 
     def path(self, along_track: npt.ArrayLike) -> tuple[FloatArray, float | FloatArray]:
-        """Return positions and courses at some distances along the path.
+        """Return positions and courses at the given distances along the path.
 
         Parameters
         ----------
         along_track : array_like of shape (...)
-            Metres from the first waypoint along the path.
+            Distances from the first waypoint along the path in metres.
 
         Returns
         -------
         position : ndarray of shape (..., 2)
-            Metres.
+            East and north in metres.
         course : float or ndarray of shape (...)
-            Radians in [0, 2 pi), clockwise from north.
+            Course in radians, in [0, 2 pi), clockwise from north.
 
         Raises
         ------
         ValueError
-            A distance that is not finite.
+            If a distance is not finite.
         """
         position, direction, _ = self._along(along_track, "along_track")
         return position, _course(direction)
 
     def height(self, time: npt.ArrayLike) -> float | FloatArray:
-        """Return heights at some times.
+        """Return heights at the given times.
 
         Parameters
         ----------
         time : array_like of shape (...)
-            Seconds.
+            Times in seconds.
 
         Returns
         -------
         float or ndarray of shape (...)
-            Metres; nan where the plan has none.
+            Heights in metres; nan if the plan has no height there.
 
         Raises
         ------
         ValueError
-            A time that is not finite.
+            If a time is not finite.
         """
         height: float | FloatArray = scalar_or_array(self._along(time, "time")[2])
         return height
 
     def project(self, position: npt.ArrayLike) -> Projection:
-        """Return the points of the path nearest to some positions.
+        """Return the points of the path that are nearest to the given positions.
 
         Parameters
         ----------
         position : array_like of shape (..., 2)
-            Metres.
+            East and north in metres.
 
         Returns
         -------
@@ -330,7 +333,7 @@ class FlightPlan:
         Raises
         ------
         ValueError
-            A position that is not finite, or not of shape (..., 2).
+            If a position is not finite, or the shape is not (..., 2).
         """
         places = finite(position, "position")
         if places.shape[-1:] != (2,):
@@ -366,7 +369,7 @@ def _bank(bank: float | None) -> float:
 
 
 def _turning(speed: float, turn_radius: float, rate: float) -> tuple[float, float]:
-    """Return bank angle and largest turn rate for turns of a radius at a speed."""
+    """Return bank angle and largest turn rate for turns with a given radius at a given speed."""
     radius = positive_number(turn_radius, "turn_radius")
     return float(np.arctan2(speed**2, _GRAVITY * radius)), max(rate, speed / radius)
 
@@ -401,7 +404,7 @@ def _schedule(
 
 
 def _levels(value: npt.ArrayLike, name: str) -> FloatArray:
-    """Return heights; nan where they are unknown."""
+    """Return heights, checked; nan where they are unknown."""
     array = samples(value, name)
     require_each(array, ~np.isinf(array), name, "a finite number, or nan")
     return array

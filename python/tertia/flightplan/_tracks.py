@@ -1,4 +1,4 @@
-"""Checks of the tracks that are compared with flight plans."""
+"""Checks of tracks for comparison with flight plans."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def one_track(
     covariance: npt.ArrayLike | None,
     update_interval: float | None,
 ) -> tuple[dict[str, Any], float]:
-    """Return a single track, whose times must increase, and the interval between its plots."""
+    """Return a single track, whose times must increase, and the time between its plots."""
     track = tracks_of(time, position, velocity, covariance)
     instants: FloatArray = track["time"]
     if instants.ndim != 1:

@@ -1,11 +1,11 @@
-"""Fusion: plots of several radars into one track, estimates of several sensors into one.
+"""Fusion of the plots of several radars into one track, and of several estimates into one.
 
-Source: Panasyuk, Pudovkin, Rogachev 2018, equations (1) to (13), for K radars, with misprints
-corrected (`method="paper"`), the usual rules, and a default that estimates the accuracy of each
-radar.
+Source: Panasyuk, Pudovkin, Rogachev 2018, equations (1) to (13), extended to K radars and with
+misprints corrected (`method="paper"`). Other methods are the usual rules; the default also
+estimates the accuracy of each radar.
 
-All radars measure one angle in one frame; `common_azimuth` converts azimuths from other sites to
-it.
+All radars measure one angle in one frame; `common_azimuth` converts the azimuths of radars at
+different sites to a common frame.
 """
 
 from tertia import _core

@@ -22,11 +22,11 @@ def common_azimuth(
     Parameters
     ----------
     range, azimuth : array_like of shape (...)
-        Range in metres and azimuth in radians, clockwise from north, as the sensor measures them.
+        Range in metres and azimuth in radians, clockwise from north, as measured by the sensor.
     position : array_like of shape (2,)
         Position of the sensor, east and north in metres.
     range_sigma, azimuth_sigma : array_like of shape (...)
-        Their standard deviations.
+        Standard deviations of range and azimuth, in metres and radians.
     origin : array_like of shape (2,)
         Position of the common origin, east and north in metres.
 
@@ -35,15 +35,15 @@ def common_azimuth(
     polar : ndarray of shape (..., 2)
         Azimuth in [0, 2 pi), in radians, and range in metres, seen from the origin.
     covariance : ndarray of shape (..., 2, 2)
-        Their covariance, to first order.
+        Covariance of `polar`, to first order.
 
     Raises
     ------
     ValueError
-        Shapes that do not fit, a number that is not finite or not positive where it must be, or a
-        target at the origin.
+        If shapes do not fit, a number is not finite or not positive where it must be, or the target
+        is at the origin.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Constant errors of the radars of a series, found while their plots are fused."""
+"""Constant systematic errors of the radars of a series, estimated while their plots are fused."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _ROUNDS = 2
 
 @dataclass(frozen=True, slots=True)
 class Registered:
-    """What the kernel returns for plots without their constant errors, and these (..., K).
+    """Output of the kernel: plots without their constant errors, and these errors (..., K).
 
-    `added` (..., steps, 6) is what their uncertainty adds to the covariances of the track; None
-    where every radar is trusted.
+    `added` (..., steps, 6) is the contribution of their uncertainty to the covariances of the
+    track; None if every radar is free of systematic errors.
     """
 
     fused: tuple[list[FloatArray], BoolArray]
@@ -30,12 +30,12 @@ class Registered:
 
 
 def trusted(fused: tuple[list[FloatArray], BoolArray], shape: tuple[int, ...]) -> Registered:
-    """Return a series whose radars have no errors that last."""
+    """Return a series whose radars have no systematic errors."""
     return Registered(fused, np.zeros(shape), np.zeros(shape))
 
 
 def deviations(bias_sigma: npt.ArrayLike, sensors: int) -> FloatArray:
-    """Return the standard deviations of systematic errors: one for all, or one for each."""
+    """Return the standard deviations of systematic errors: one for all radars, or one for each."""
     bias = samples(bias_sigma, "bias_sigma")
     require_between(bias, "bias_sigma", "a number that is not negative, or inf", 0.0, np.inf)
     if bias.shape not in {(), (sensors,)}:
@@ -44,13 +44,12 @@ def deviations(bias_sigma: npt.ArrayLike, sensors: int) -> FloatArray:
 
 
 def prior_of(bias_sigma: npt.ArrayLike, radars: int) -> FloatArray:
-    """Return the standard deviation of each radar's error before its plots."""
+    """Return the prior standard deviation of each radar's systematic error."""
     prior = np.empty(radars)
     prior[...] = deviations(bias_sigma, radars)
     if prior.min() == np.inf:
         raise ValueError(
-            "bias_sigma is infinite for every radar; what all radars have in common needs one that "
-            "is finite"
+            "bias_sigma is infinite for every radar; it must be finite for at least one"
         )
     return prior
 
@@ -62,10 +61,10 @@ def registered(
     growth: FloatArray,
     n_threads: int | None,
 ) -> Registered:
-    """Fuse the plots less the errors that their contradictions show.
+    """Fuse the plots, with the systematic errors removed that their contradictions show.
 
-    `first` (..., steps) is the fused angle as if there were none, `growth` (..., K) what
-    time-correlated noise multiplies variances by.
+    `first` (..., steps) is the fused angle without such errors, `growth` (..., K) the factors by
+    which time-correlated noise increases the variances.
     """
     z, period = arguments["z"], arguments["period"]
     plots = z if period is None else _unwrapped(z, first, period)
@@ -88,7 +87,7 @@ def registered(
 
 
 def _unwrapped(z: FloatArray, angle: FloatArray, period: float) -> FloatArray:
-    """Return plots (..., K, steps) without wraps, near the unwrapped fused angle (..., steps)."""
+    """Return plots (..., K, steps) unwrapped to near the unwrapped fused angle (..., steps)."""
     steps = np.arange(angle.shape[-1])
     latest = np.maximum.accumulate(np.where(np.isnan(angle), -1, steps), axis=-1)
     filled = np.take_along_axis(angle, np.maximum(latest, 0), axis=-1)

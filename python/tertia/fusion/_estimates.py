@@ -1,4 +1,4 @@
-"""Fusion of several sensors' estimates of the same vector."""
+"""Fusion of estimates of the same vector by several sensors."""
 
 from __future__ import annotations
 
@@ -40,30 +40,32 @@ class FusedEstimate(Result):
     Attributes
     ----------
     mean : ndarray of shape (..., m)
-        The fused estimate; nan where no sensor has one.
+        The fused estimate; nan if no sensor has an estimate.
     covariance : ndarray of shape (..., m, m)
-        Covariance of the fused estimate, if the given covariances are right; for
-        "covariance-intersection" an upper bound. If no sensor has an estimate, variances are
-        infinite. Where systematic errors are estimated, or covariances from n measurements, two
-        sigmas of a component hold 95.45 %, although the error is not normal.
+        Covariance of the fused estimate if the given covariances are correct; for
+        "covariance-intersection" an upper bound of it. Variances are infinite if no sensor has an
+        estimate. If systematic errors are estimated, or `n` is given, the error is not normal; the
+        covariance is then such that an interval of two sigmas contains a component with a
+        probability of 95.45 %.
     weights : ndarray of shape (..., K, m, m)
-        The weight of each estimate, which sum to the identity; 0 where a sensor has none. From
-        `fuse_scalar` the gain of the scalar, of shape (..., m).
+        Weight matrices of the estimates; their sum is the identity, and they are 0 for sensors
+        without an estimate. From `fuse_scalar`, the gain of the scalar, of shape (..., m).
     bias_sigma : float or ndarray
-        Standard deviation of the systematic error of an estimate: as given, or as estimated, of
+        Standard deviation of the systematic error of an estimate: as given, or as estimated with
         shape (..., m).
     systematic : {"given", "estimated", "not included"}
-        What `covariance` includes of systematic errors: those of the given `bias_sigma`, those that
-        were found from contradictions, or none because there was nothing to compare with.
+        How `covariance` treats systematic errors: it includes the given `bias_sigma`, it includes
+        errors estimated from contradictions between the sensors, or it includes none, because there
+        was nothing to compare.
     statistic : float or ndarray of shape (...)
-        Sum of the squared differences of the estimates in units of their covariances; nan from
-        methods other than "matrix".
+        Sum of the squared differences between the estimates and the fused estimate, in units of
+        their covariances; nan for methods other than "matrix".
     degrees_of_freedom : int or ndarray of shape (...)
-        Degrees of freedom of the chi-square distribution of `statistic` if the covariances are
-        right.
+        Degrees of freedom of the chi-square distribution that `statistic` has if the covariances
+        are correct.
     pvalue : float or ndarray of shape (...)
-        Probability of a larger statistic if the covariances are right; nan where there is none. A
-        small p-value means that an estimate or a covariance is wrong.
+        Probability of a larger statistic if the covariances are correct; nan if there is no
+        statistic. A small p-value means that an estimate or a covariance is wrong.
     """
 
     _rows: ClassVar = "mean", 1
@@ -108,101 +110,112 @@ def fuse(
     period: float | None = None,
     n_threads: int | None = None,
 ) -> FusedEstimate:
-    """Fuse several sensors' estimates of the same vector, and test whether they agree.
+    """Fuse estimates of the same vector by several sensors, and test whether they agree.
 
     Parameters
     ----------
     estimates : array_like of shape (..., K, m)
         Estimates of K >= 1 sensors. nan in all components means that the sensor has no estimate;
-        its other data are not read.
+        its covariance is then ignored.
     covariances : array_like of shape (..., K, m, m), optional
-        Their covariances; only "paper" can do without, and the covariance of its result is then
-        nan. Leading axes of all arrays are broadcast against each other. With "matrix", a
-        covariance may be singular where the others are not singular in the same direction.
+        Covariances of the estimates. They may be left out only for "paper"; the covariance of the
+        result is then nan. Leading axes of all arrays are broadcast against each other. With
+        "matrix", a covariance may be singular if the others are not singular in the same direction.
     bias_sigma : float, array_like of shape (K,), or None
-        Standard deviation of the systematic error of each estimate and component, which is not in
-        its covariance: one for all sensors or one for each, in the unit of the estimates. 0: there
-        is none. inf: nothing is known, and the sensor does not count. None: estimated from the
-        contradictions between the sensors; only for "matrix" without `cross_covariances`.
+        Standard deviation of the systematic error of each estimate and component, in the unit of
+        the estimates; one number for all sensors or one for each. It must not be part of the
+        covariances. 0: there is no systematic error. inf: nothing is known about it, and the sensor
+        is not used. None: it is estimated from the contradictions between the sensors; only for
+        "matrix" without `cross_covariances`.
     n : int, inf or array_like of shape (K,), optional
-        Measurements from which each covariance was estimated, about their mean: the covariance of
-        the result, and its p-value, then allow for it. inf, and by default, known covariances. Only
-        for "matrix" without `cross_covariances`.
+        Number of measurements from which each covariance was estimated, about their mean. The
+        covariance and the p-value of the result then allow for the uncertainty of the covariances.
+        inf (also by default) means that a covariance is known. Only for "matrix" without
+        `cross_covariances`.
     method : str
-        "matrix": the linear unbiased combination with the least covariance.
-        "posterior": component by component by the inverse variances.
-        "covariance-intersection": for errors whose correlation is unknown; all sensors at once,
-        with the upper bound of the covariance that has the least determinant.
+        "matrix": the linear unbiased combination with the smallest covariance.
+        "posterior": each component is weighted by the inverse variances.
+        "covariance-intersection": for errors whose correlation is unknown. All sensors are combined
+        at once, with the upper bound of the covariance that has the smallest determinant.
         "static": by `weights`. "equal": equal weights.
-        "paper": component by component by the inverse squares of `corrections`, as in the source.
+        "paper": each component is weighted by the inverse squares of `corrections`, as in the
+        source.
     cross_covariances : array_like of shape (..., K, K, m, m), optional
-        Covariances of the errors of two sensors: block [i, j] is that of the errors of i (rows) and
-        of j (columns), and the transpose of [j, i]. Blocks [i, i] are not read. By default the
-        errors are independent. Covariance intersection does not use them: its bound holds for any.
+        Covariances between the errors of two sensors. Block [i, j] is that of the errors of i
+        (rows) and of j (columns), and is the transpose of block [j, i]. Blocks [i, i] are ignored.
+        By default the errors are independent. "covariance-intersection" ignores them, because its
+        bound holds for any correlation.
     weights : array_like of shape (K,), optional
-        Weights for "static", and only there, up to a common factor.
+        Weights for "static", up to a common factor; not allowed for other methods.
     corrections : array_like of shape (..., K, m), optional
-        By which the last measurement moved each estimate, for "paper", and only there. A correction
-        of zero takes all the weight of its component; where all are zero, weights are equal.
+        Amount by which the last measurement moved each estimate, for "paper"; not allowed for other
+        methods. A correction of zero takes all the weight of its component; if all are zero, the
+        weights are equal.
     period : float, optional
-        Of the first component, if that is an angle: 360.0 for degrees, 2*pi for radians. The fused
-        angle is in [0, period).
+        Period of the first component if it is an angle: 360.0 for degrees, 2*pi for radians. The
+        fused angle is in [0, period). By default nothing wraps.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
     FusedEstimate
-        Mean, covariance, weights, and for "matrix" the statistic of their agreement.
+        Mean, covariance and weights; for "matrix" also the statistic of the test of agreement.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        A covariance, or the joint one of all sensors, is indefinite. With "matrix" and
-        "covariance-intersection" also where covariances are singular, so that the weights are not
-        defined, or lost to rounding.
+        If a covariance, or the joint covariance of all sensors, is indefinite. With "matrix" and
+        "covariance-intersection" also if covariances are singular so that the weights are undefined
+        or lost to rounding.
     ValueError
-        Shapes that do not fit, a negative `bias_sigma`, `bias_sigma=None` or `n` where they cannot
-        be used, a matrix that is not symmetric, an estimate that is infinite, above
-        1e150 in size, or nan in some components only, a variance that is not positive, an unknown
-        method, or weights that are missing, negative, all zero or not asked for.
+        If shapes do not fit; if `bias_sigma` is negative; if `bias_sigma=None` or `n` is given to a
+        method that cannot use it; if a matrix is not symmetric; if an estimate is infinite, above
+        1e150 in size, or nan in some components only; if a variance is not positive; if the method
+        is unknown; or if weights are missing, negative, all zero or not used by the method.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
-    Whatever the weights W, the covariance is that of the combination,
-    `sum of W_i S_ij W_j'` over all i and j. "matrix" inverts covariances of differences of
-    estimates only. Without `cross_covariances` its weights are those of `weights.weight_matrices`,
-    and its statistic is `sum of (x_k - x)' C_k (x_k - x)`, chi-square with (K - 1) m degrees of
-    freedom for normal errors; cost O(K m³). With `cross_covariances` O(K³ m³).
+    For any weights W the covariance is that of the combination, the sum of `W_i S_ij W_j'` over all
+    i and j. "matrix" inverts only covariances of differences of estimates. Without
+    `cross_covariances` its weights are those of `weights.weight_matrices`, and its statistic is the
+    sum of `(x_k - x)' C_k (x_k - x)` with C_k the inverse covariances. For normal errors this is
+    chi-square with (K - 1) m degrees of freedom. The cost is O(K m³), and O(K³ m³) with
+    `cross_covariances`.
 
-    Estimates that share a measurement are not independent, and without `cross_covariances` the
-    covariance is too small. A measurement that they share is better added by `fuse_scalar`.
+    Estimates that share a measurement are not independent; without `cross_covariances` their
+    fused covariance is then too small. It is better to add the shared measurement once, by
+    `fuse_scalar`.
 
-    "covariance-intersection": `(sum of ω_k C_k)^-1` with C_k the inverse covariances and shares
-    ω_k of sum 1 is a bound of the covariance whatever the correlation. Unlike the least trace, the
-    least determinant does not depend on the units. The problem is convex and treats all sensors
-    alike.
+    "covariance-intersection": `(sum of ω_k C_k)^-1`, with C_k the inverse covariances and shares
+    ω_k whose sum is 1, is a bound of the covariance for any correlation. The shares minimise its
+    determinant, which, unlike the trace, leads to shares that do not depend on the units. The
+    problem is convex and treats all sensors alike.
 
-    "paper" takes a small correction for a small error, which it is not: the correction of a filter
-    whose model is right says nothing about the error that is left.
+    "paper" takes a small correction as a sign of a small error. This is not justified: if the model
+    of a filter is correct, its correction says nothing about its remaining error.
 
-    With a period, angles are turned to within half of it of the angle with the least variance.
+    With a period, angles are first shifted to within half a period of the angle with the smallest
+    variance.
 
     `bias_sigma=None` is a random-effects model: `x_k = x + u_k + e_k` with `e_k ~ N(0, S_k)` and
-    `u_k ~ N(0, τ² M)`, where M is the fused covariance, scaled so that the median sensor has
-    `tr(inverse(M) S_k) = m`. So it depends neither on units nor on axes. x has a flat prior, τ a
-    half-Cauchy prior of scale 1 (Gelman 2006), and is integrated. Of one estimate nothing can be
-    found, and of two the prior decides much: two sigmas are then at least 2.5 times as wide.
+    `u_k ~ N(0, τ² M)`. M is the fused covariance, scaled so that the median sensor has
+    `tr(inverse(M) S_k) = m`; the model therefore depends neither on units nor on axes. The prior of
+    x is flat; that of τ is half-Cauchy with scale 1 (Gelman 2006), and τ is integrated out. From
+    one estimate no systematic error can be found. With two estimates the result depends strongly on
+    the prior, and an interval of two sigmas is at least 2.5 times as wide as without systematic
+    errors.
 
-    With `n` two sigmas hold 95.45 %, too: of one estimate by Student's distribution, of several by
-    a simulation with fixed seed that takes the estimated covariances for the true ones. Cost some
-    milliseconds per element of the batch.
+    If `n` is given, an interval of two sigmas also contains a component with a probability of 95.45
+    %. For one estimate this follows from Student's distribution, for several from a simulation with
+    a fixed seed that takes the estimated covariances as the true ones. This costs some milliseconds
+    per element of the batch.
 
     Examples
     --------
-    Two tracks with partly common errors:
+    Two tracks whose errors are partly common:
 
     >>> from tertia.fusion import fuse
     >>> S = [[[4, 1], [1, 2]], [[1, -0.5], [-0.5, 3]]]
@@ -213,7 +226,7 @@ def fuse(
     >>> fuse([[359, 20], [2, 21]], S, method="covariance-intersection", period=360)
     FusedEstimate([1.93436 ± 1.02, 20.9903 ± 1.66])
 
-    Four that contradict each other, as the p-value says:
+    Four estimates that contradict each other, as the p-value shows:
 
     >>> x, S = [[10], [14], [9], [20]], [[[1]], [[2.25]], [[1.44]], [[4]]]
     >>> fuse(x, S)
@@ -272,7 +285,7 @@ def fuse(
 def _require_paper(
     method: str, corrections: npt.ArrayLike | None, covariances: npt.ArrayLike | None
 ) -> None:
-    """Fail where the paper's rule lacks its corrections, or another one its covariances."""
+    """Raise an error if "paper" lacks its corrections, or another method its covariances."""
     if (corrections is None) == (method == "paper"):
         needed = "needs corrections" if corrections is None else "takes no corrections"
         raise ValueError(f"method {method!r} {needed}; they are for 'paper'")
@@ -281,7 +294,7 @@ def _require_paper(
 
 
 def _with_bias(x: FloatArray, s: FloatArray, bias: FloatArray) -> dict[str, FloatArray]:
-    """Return estimates and covariances with systematic errors; of size inf there is no estimate."""
+    """Return estimates and covariances with systematic errors; nan for sensors with inf."""
     if not np.any(bias):
         return {}
     sensors, m = x.shape[-2:]
@@ -299,7 +312,7 @@ def allowing_for(
 ) -> FusedEstimate:
     """Return the estimate with a covariance and a p-value that allow for estimated covariances.
 
-    `laws` are degrees of freedom and mean of the sensors' Wishart matrices.
+    `laws` are the degrees of freedom and the mean of the Wishart matrices of the sensors.
     """
     covariance = found.covariance.copy()
     pvalue = np.array(found.pvalue, dtype=np.float64)
@@ -323,52 +336,53 @@ def fuse_scalar(
     *,
     n_threads: int | None = None,
 ) -> FusedEstimate:
-    """Add one redundant measured scalar to an estimate, and test if they agree.
+    """Add one redundant measured scalar to an estimate, and test whether they agree.
 
-    A scalar has no covariance matrix of its own, but it contains information: `h h' / sigma²`, of
-    rank one. This is the right way to add a measurement to an estimate from other measurements;
-    fusing two estimates that share measurements would treat them as independent.
+    A scalar does not determine the whole vector: it has an information matrix of rank one, `h h' /
+    sigma²`, but no covariance matrix. Use this function to add a measurement to an estimate from
+    other measurements. If one fused two estimates that share measurements instead, they would be
+    treated as independent.
 
     Parameters
     ----------
     estimate : array_like of shape (..., m)
         The estimate without the scalar.
     covariance : array_like of shape (..., m, m)
-        Its covariance.
+        Covariance of the estimate.
     h : array_like of shape (..., m)
-        Derivatives of the scalar with respect to the components.
+        Derivatives of the scalar with respect to the components of the estimate.
     measured : array_like of shape (...)
-        The measured scalar minus the constant of its linear model `z = h . x`. For a nonlinear
-        model `z = f(x)` it is `measured z - f(estimate) + h . estimate`.
+        The measured scalar z minus the constant of its model: for the linear model `z = h . x + c`
+        it is `z - c`, and for a nonlinear model `z = f(x)` it is `z - f(estimate) + h . estimate`.
     sigma : array_like of shape (...)
         Standard deviation of the scalar.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
     FusedEstimate
-        `weights` is the gain of the scalar, of shape (..., m); the statistic is the squared
-        innovation over its variance, with one degree of freedom.
+        The updated estimate. `weights` is the gain of the scalar, of shape (..., m); the statistic
+        is the squared innovation divided by its variance, with one degree of freedom.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        The covariance is indefinite.
+        If the covariance is indefinite.
     ValueError
-        Shapes that do not fit, or a number that is not finite, too large, or not positive where it
-        must be.
+        If shapes do not fit, or a number is not finite, too large, or not positive where it must
+        be.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
     Leading axes are broadcast against each other. The covariance is computed in Joseph's form, so
-    it stays positive. Cost O(m³).
+    that rounding cannot make it indefinite. The cost is O(m³).
 
     Examples
     --------
-    A range of 5 ± 0.1 added to a position of (3 ± 1, 4 ± 1), of which `h` is the direction:
+    A range of 5 ± 0.1 is added to a position of (3 ± 1, 4 ± 1); `h` is the unit vector to it:
 
     >>> from tertia.fusion import fuse_scalar
     >>> fuse_scalar([3, 4], [[1, 0], [0, 1]], [0.6, 0.8], 5.2, 0.1)

@@ -11,7 +11,7 @@ from tertia.smoothing import smooth
 def correlation_times(
     z: FloatArray, variance: FloatArray, time: FloatArray, period: float | None
 ) -> FloatArray:
-    """Return the correlation time of each radar's noise (..., K), as `smooth` finds it."""
+    """Return the correlation time of each radar's noise (..., K), estimated as by `smooth`."""
     batch = z.shape[:-1]
     found = np.zeros(batch)
     variances = np.broadcast_to(variance, z.shape)
@@ -31,14 +31,15 @@ def correlation_times(
 def growth(
     variance: FloatArray, stated: FloatArray, used: FloatArray, there: FloatArray, phi: FloatArray
 ) -> FloatArray:
-    """Return what the covariances (..., steps) grow by if the noise is correlated.
+    """Return the factors by which correlated noise increases the covariances (..., steps).
 
-    `variance` is that of the fused angle, `stated` and `used` (..., K, steps) are those of the
-    plots, `there` their presence, `phi` (..., K) the correlations of a radar's successive plots.
+    `variance` is that of the fused angle. `stated` and `used` (..., K, steps) are the variances of
+    the plots, `there` says which plots exist, and `phi` (..., K) are the correlations of successive
+    plots of a radar.
 
-    A filter of gain K averages plots with weights K (1 - K)^j. Their white noise leaves a variance
-    of K / (2 - K), the motion (1 - K) K / (2 - K); time-correlated noise multiplies the first part
-    by (1 + φ (1 - K)) / (1 - φ (1 - K)).
+    A filter of gain K averages plots with weights K (1 - K)^j. Its variance consists of a part K /
+    (2 - K) from white noise and a part (1 - K) K / (2 - K) from the motion. Time-correlated noise
+    multiplies the first part by (1 + φ (1 - K)) / (1 - φ (1 - K)).
     """
     information = there / used
     total = np.maximum(np.sum(information, axis=-2).mean(axis=-1), np.finfo(float).tiny)

@@ -52,30 +52,31 @@ class FusedSeries(Result):
     Attributes
     ----------
     mean : ndarray of shape (..., steps, 3)
-        Angle, rate and acceleration.
+        Fused angle, rate and acceleration.
     upper : ndarray of shape (..., steps, 6)
-        Upper triangles of the covariances, row by row.
+        Upper triangles of the covariances of `mean`, row by row.
     weights : ndarray of shape (..., K, steps, 3)
-        Weights of the radars in angle, rate and acceleration: the diagonals of the weight matrices.
-        nan for radars that are not known yet, and for "central". For "robust" the shares of the
-        plots in the correction of this step, the same in all components: 0 without a plot.
+        Weights of the radars in angle, rate and acceleration: the diagonals of the weight matrices;
+        nan for a radar whose state is still unknown, and for "central". For "robust", the share of
+        each plot in the correction of its step, the same in all components; 0 without a plot.
     noise_variance : ndarray of shape (..., K, steps)
-        Estimated variance of each radar's plots; with "robust", single outliers are excluded.
+        Estimated variance of the plots of each radar; for "robust", without single outliers.
     outlier : ndarray of bool, shape (..., K, steps)
-        Plots that were taken for single outliers. With rules other than "robust", the radar's own
-        filter needs some steps to recover from one, and may take its next plots for outliers, too.
+        True for plots that were treated as single outliers. With methods other than "robust", the
+        radar's own filter needs some steps to recover from an outlier, and may mark the next plots
+        as outliers, too.
     innovation, innovation_variance : ndarray of shape (..., K, steps)
-        Normalised innovations squared of the radars' own filters, with the noise as given; nan
-        where there is none.
+        Innovation of the radar's own filter at each step, for the noise as given, and its variance;
+        nan where there is no innovation.
     correlation_time : ndarray of shape (..., K)
-        Time over which each radar's noise is correlated: as given, or as found; 0 for white noise.
+        Correlation time of the noise of each radar, given or estimated; 0 for white noise.
     bias, bias_sigma : ndarray of shape (..., K)
         Systematic error of each radar, which was subtracted from its plots, and its standard
-        deviation; zeros where no `bias_sigma` was given.
+        deviation; zeros if no `bias_sigma` was given.
     systematic : {"given", "not included"}
-        Whether the covariance includes what is not known of the systematic errors.
+        Whether the covariance includes the uncertainty of the systematic errors.
     unfiltered : ndarray of shape (..., steps, 3) or None
-        The fused states before the third filter; None without one.
+        The fused states before the third filter; None if `third_filter` was not given.
     """
 
     _rows: ClassVar = "mean", 1
@@ -139,102 +140,110 @@ def fuse_series(
     Parameters
     ----------
     z : array_like of shape (..., K, steps)
-        Plots of the angle by K >= 1 radars at common times; nan where a radar has none. For radars
-        that scan at different times, list the times of all radars, with nan between a radar's own
-        plots.
+        Plots of the angle from K >= 1 radars at common times; nan where a radar has none. If the
+        radars scan at different times, use the times of all radars as steps, with nan where a radar
+        has no plot.
     measurement_variance : array_like of shape (), (K, 1) or (..., K, steps)
-        Variance of their noise, as stated.
+        Stated variance of the noise of the plots.
     model : SingerModel
         Model of the target's motion.
     bias_sigma : float or array_like of shape (K,)
-        Standard deviation of a constant error of each radar; 0 is a trusted radar, inf one of which
-        nothing is known, as long as not all are. What the plots of all steps say of the errors is
-        subtracted, and what they leave unknown is in the covariance: without a trusted radar, most
-        of what the radars have in common.
+        Standard deviation of a constant systematic error of each radar. 0: the radar has none. inf:
+        nothing is known about it; this is not allowed for all radars at once. The errors are
+        estimated from the plots of all steps and subtracted, and their remaining uncertainty is
+        part of the covariance. If no radar has 0, most of the mean error of all radars remains
+        unknown.
     method : str
         "robust": one filter for all plots, which detects wrong noise, outliers and manoeuvres.
-        "adaptive": component by component by the inverse variances that the radars' tracks
-        actually have, as estimated from their innovations.
-        "adaptive-matrix": by the same covariances as full matrices, with the correlation between
-        the radars.
+        "adaptive": each component is weighted by the inverse of the actual variances of the radars'
+        tracks, as estimated from their innovations.
+        "adaptive-matrix": the same with full covariance matrices and the correlation between the
+        radars.
         "central": one filter for all plots, with the noise as stated.
-        "posterior": component by component by the inverse variances of the radars' own filters.
-        "matrix": their full matrices and the correlation (Bar-Shalom, Campo 1986).
-        "covariance-intersection": without the correlation; the covariance is an upper bound.
-        "ewma": by the inverse running mean of the squared innovations.
-        "static": by the inverse variances as stated. "equal": equal weights.
-        "paper": component by component by the inverse squares of this step's corrections.
+        "posterior": each component is weighted by the inverse variances of the radars' own filters.
+        "matrix": the same with full covariance matrices and the correlation (Bar-Shalom, Campo
+        1986).
+        "covariance-intersection": the same without the correlation; the covariance is an upper
+        bound.
+        "ewma": weights are the inverse running means of the squared innovations.
+        "static": weights are the inverse variances as stated. "equal": equal weights.
+        "paper": each component is weighted by the inverse squares of the corrections of this step.
     initial : (mean, covariance), optional
-        States of the radars' filters at the first step before their plots, of shapes (..., K, 3)
-        and (..., K, 3, 3). By default they are unknown, as they must be with a `bias_sigma`.
+        Mean and covariance of the radars' filters at the first step before its plots, of shapes
+        (..., K, 3) and (..., K, 3, 3). By default they are unknown; with a `bias_sigma` they must
+        be.
     time : array_like of shape (steps,) or (..., steps), optional
-        Times of the steps, not decreasing; by default `model.dt` apart.
+        Times of the steps, in non-decreasing order; by default they are `model.dt` apart.
     period : float, optional
-        360.0 for degrees, 2*pi for radians; None for data that do not wrap. Fused angles are in
-        [0, period).
+        Period of the angle: 360.0 for degrees, 2*pi for radians, None for data that do not wrap.
+        Fused angles are in [0, period).
     change_probability : float
-        For "robust": probability that a radar's noise changes from one of its plots to the next,
-        and that a plot is a single outlier.
+        For "robust": probability that the noise of a radar changes between two of its plots; also
+        the probability that a plot is a single outlier.
     forgetting_factor : float
         For "adaptive", "adaptive-matrix" and "ewma": weight of the past, per plot, in the running
-        means of a radar's innovations.
+        means of the innovations of a radar.
     threshold : float
-        For "adaptive" and "adaptive-matrix": mean normalised innovation, over that of the others,
-        above which a radar is treated as noisier than stated.
+        For "adaptive" and "adaptive-matrix": a radar is treated as noisier than stated if the mean
+        of its normalised innovations squared, divided by that of the other radars, exceeds this.
     outlier_gate : float
-        Square of a single normalised innovation, relative to those of the others, above which a
-        plot is an outlier.
+        A plot is an outlier if its normalised innovation squared, relative to those of the other
+        radars, exceeds this.
     correlation_time : float, array_like of shape (K,), or None
-        Time over which a radar's noise is correlated, `exp(-T / correlation_time)` between plots a
-        time T apart: one for all radars, or one for each. None: found for each radar, as by
-        `tertia.smoothing.smooth`. The covariance grows, the track is the same.
+        Correlation time of the noise of the radars, one for all or one for each: plots of a radar a
+        time T apart have the correlation `exp(-T / correlation_time)`. None: it is estimated for
+        each radar, as by `tertia.smoothing.smooth`. Correlation increases the covariance but does
+        not change the track.
     outage : {"excluded", "printed"}
-        For "paper", and only there: a radar without a plot is excluded, or its correction is zero,
-        as in the source, which gives it all the weight.
+        Only for "paper": how to treat a radar without a plot. "excluded": it has no weight.
+        "printed": its correction is zero, as in the source, which gives it all the weight.
     third_filter : SingerModel, optional
-        For "paper", and only there: the fused angle is filtered again by this model, as in the
-        source, with the mean of the radars' variances over K. The covariance is then that which the
-        third filter believes in: it takes correlated errors for white noise.
+        Only for "paper": a model with which the fused angle is filtered again, as in the source,
+        with the mean of the radars' variances divided by K. The covariance is then that of the
+        third filter, which takes correlated errors as white noise.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
     FusedSeries
-        The track with its covariance, weights, estimated noise and outliers.
+        The fused track with its covariance, weights, estimated noise and outliers.
 
     Raises
     ------
     ValueError
-        Shapes that do not fit, a plot that is infinite, a variance that is not positive, times that
-        decrease, a negative correlation time, an unknown method, or a parameter outside its domain.
+        If shapes do not fit, a plot is infinite, a variance is not positive, times decrease, a
+        correlation time is negative, the method is unknown, or a parameter is outside its domain.
     numpy.linalg.LinAlgError
-        An initial covariance that is indefinite.
+        If an initial covariance is indefinite.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
-    "robust": a plot's noise variance is the stated one times an unknown level (1/4 to 64; 256 for a
-    single outlier), and the prediction's variance is that of the filter times 1 or 64. Every
-    combination of levels is a hypothesis, weighted by the likelihood of the plots of the step.
-    Their mixture gives the state and its covariance, and the probabilities of each radar's levels
-    for the next step. Cost O(K steps) besides the radars' own filters.
+    "robust": the noise variance of a plot is the stated one times an unknown level (1/4 to 64, or
+    256 for a single outlier), and the variance of the prediction is that of the filter times 1 or
+    64. Every combination of levels is a hypothesis, weighted by the likelihood of the plots of the
+    step. The mixture of the hypotheses gives the state, its covariance, and the probabilities of
+    the levels of each radar for the next step. The cost is O(K steps), plus that of the radars' own
+    filters.
 
-    "adaptive": each radar's filter runs with the noise as stated. If the innovations of a radar are
-    larger than expected and than the median of the others' (which avoids blaming a radar for a
-    manoeuvre), its noise is increased, and the covariance of its track accordingly. The errors of
-    two tracks are correlated through their common motion. Cost O(K² steps).
+    "adaptive": the filter of each radar uses the noise as stated. If the innovations of a radar are
+    larger than expected and larger than the median of the other radars, its noise and the
+    covariance of its track are increased; the comparison with the others avoids blaming a radar for
+    a manoeuvre. The errors of two tracks are correlated through their common motion. The cost is
+    O(K² steps).
 
-    `bias_sigma`: one filter over all plots has the start of the motion and the errors as unknown
-    coefficients (de Jong 1991), so the regression of its innovations on the errors is exact for the
-    model. Noise and outliers are those that the method finds. The errors come from the whole
-    series: `AngleFusion` takes plots that are corrected. Without `bias_sigma`, a systematic error
-    of a radar is not detected. Cost O(K² steps).
+    `bias_sigma`: in one filter over all plots, the initial motion and the systematic errors are
+    unknown coefficients (de Jong 1991), so that the regression of the innovations on the errors is
+    exact for the model. Noise and outliers are those that the method finds. The errors are
+    estimated from the whole series; `AngleFusion` requires plots that are already corrected.
+    Without `bias_sigma`, a systematic error of a radar is not detected. The cost is O(K² steps).
 
-    Noise that lasts is treated as if the filter were one of constant gain K: what it leaves of
-    white noise, K / (2 - K), grows by (1 + φ (1 - K)) / (1 - φ (1 - K)), the part of the motion
-    does not, and noise is not believed to be smaller than stated.
+    Time-correlated noise is treated as if the filter had a constant gain K: the part of the
+    variance that comes from white noise, K / (2 - K), is multiplied by
+    (1 + φ (1 - K)) / (1 - φ (1 - K)), with φ the correlation of successive plots; the part from the
+    motion is not changed. Noise that is correlated is not taken as smaller than stated.
 
     Examples
     --------
@@ -274,7 +283,7 @@ def fuse_series(
     prior = prior_of(bias_sigma, radars)
     biased = bool(prior.any())
     if initial is not None and biased:
-        raise ValueError("initial has the systematic errors in it; leave it out with a bias_sigma")
+        raise ValueError("initial contains the systematic errors; leave it out with a bias_sigma")
     fused = _core.fuse_series(arguments, threads(n_threads))
     variance = spread(stated, plots.shape)
     lasting, phi = _lasting(correlation_time, plots, variance, (time, model.dt), wrap)
@@ -310,7 +319,7 @@ def fuse_series(
 
 
 def _require_paper(method: str, outage: str, third_filter: SingerModel | None) -> None:
-    """Fail where options of the paper's rule are wrong, or given for another one."""
+    """Raise an error if options of "paper" are wrong, or given with another method."""
     if outage not in _OUTAGES:
         raise ValueError(f"outage is {outage!r}; it must be 'excluded' or 'printed'")
     if third_filter is not None:
@@ -328,7 +337,7 @@ def _lasting(
 ) -> tuple[FloatArray, FloatArray]:
     """Return correlation times (..., K) and the correlations of successive plots, (..., K).
 
-    `when` is the time of each step, and that between two where the former is not given.
+    `when` is the time of each step; if it is missing, steps have equal intervals.
     """
     *batch, radars, steps = plots.shape
     phi = np.zeros((*batch, radars))
@@ -350,7 +359,7 @@ def _lasting(
 
 
 def _correlation_times(value: npt.ArrayLike, radars: int) -> FloatArray:
-    """Return correlation times, one for all or one for each."""
+    """Return correlation times, one for all radars or one for each."""
     given = samples(value, "correlation_time")
     require_between(given, "correlation_time", "a number that is not negative", 0.0)
     if given.shape not in {(), (radars,)}:
@@ -361,7 +370,7 @@ def _correlation_times(value: npt.ArrayLike, radars: int) -> FloatArray:
 def _variances(
     measurement_variance: npt.ArrayLike, batch: tuple[int, ...], radars: int, steps: int
 ) -> FloatArray:
-    """Return variances of shape (1 or K, 1 or steps), of one row for all or one for each."""
+    """Return variances of shape (1 or K, 1 or steps): one array for all series or one for each."""
     array = np.atleast_2d(samples(measurement_variance, "measurement_variance"))
     lengths = (1, steps)
     if array.shape[-1] in lengths and array.shape[-2] in {1, radars}:

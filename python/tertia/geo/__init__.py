@@ -1,4 +1,4 @@
-"""Geo: the earth, local frames on it, the system plane of several radars, and states in them.
+"""Geo: local frames on the earth, the system plane of several radars, and states of targets.
 
 A `LocalFrame` is tangent to the WGS 84 ellipsoid at its origin. Far from the origin, the local
 vertical and north differ from the axes of the frame: the vertical by one degree per 111 km, and
@@ -6,9 +6,9 @@ north by the convergence of the meridians. The azimuths and elevations of a stat
 to its own axes. A `SystemPlane` is the stereographic plane in which tracks of several radars are
 exchanged.
 
-Latitudes and longitudes are in degrees, as in receivers and maps; heights are in metres above the
-ellipsoid: neither above the sea nor by pressure (see `Atmosphere`). All other quantities are in
-metres and radians, as elsewhere.
+Latitudes and longitudes are in degrees, as in receivers and maps. Heights are in metres above the
+ellipsoid, not above the sea, and are not pressure altitudes (see `Atmosphere`). All other
+quantities are in metres and radians, as elsewhere.
 """
 
 from tertia.geo._atmosphere import Atmosphere

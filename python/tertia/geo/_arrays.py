@@ -1,4 +1,4 @@
-"""Arrays of places, of which nan is none, and the core's calls on them."""
+"""Arrays of places, in which nan is 'no place', and calls of the core with them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def numbers(value: npt.ArrayLike, name: str) -> FloatArray:
 
 
 def stacked(**columns: FloatArray) -> FloatArray:
-    """Return columns that fit together on a last axis."""
+    """Return columns, broadcast to each other, on a last axis."""
     try:
         return np.stack(np.broadcast_arrays(*columns.values()), axis=-1)
     except ValueError:
@@ -35,7 +35,7 @@ def stacked(**columns: FloatArray) -> FloatArray:
 
 
 def positions(value: npt.ArrayLike, name: str) -> FloatArray:
-    """Return positions in space."""
+    """Return positions in space, checked."""
     array = numbers(value, name)
     if array.shape[-1:] != (AXES,):
         raise ValueError(f"{name} has shape {array.shape}; it must be (..., {AXES})")
@@ -45,7 +45,7 @@ def positions(value: npt.ArrayLike, name: str) -> FloatArray:
 def geodetic(
     latitude: npt.ArrayLike, longitude: npt.ArrayLike, height: npt.ArrayLike
 ) -> FloatArray:
-    """Return places on a last axis, angles in radians."""
+    """Return places on a last axis, with angles in radians."""
     return stacked(
         latitude=np.radians(numbers(latitude, "latitude")),
         longitude=np.radians(numbers(longitude, "longitude")),
@@ -54,7 +54,7 @@ def geodetic(
 
 
 def rows(array: FloatArray) -> FloatArray:
-    """Return a batch as the rows that the core takes."""
+    """Return a batch as rows, in the form that the core takes."""
     return np.ascontiguousarray(array).reshape(-1, array.shape[-1])
 
 
@@ -66,13 +66,13 @@ def set_origin(frame: Any, latitude: float, longitude: float, height: float) -> 
 
 
 def origin(frame: Any) -> list[float]:
-    """Return latitude and longitude in radians, and the height."""
+    """Return latitude and longitude in radians, and the height, of an origin."""
     place: list[float] = geodetic(frame.latitude, frame.longitude, frame.height).tolist()
     return place
 
 
 def batch(call: Any, array: FloatArray) -> FloatArray:
-    """Return the results of a call on the rows of a batch."""
+    """Call a function of the core on the rows of a batch, and return the results."""
     found: FloatArray = call(rows(array))
     return found.reshape(*array.shape[:-1], found.shape[-1])
 
@@ -98,7 +98,7 @@ def columns(
 
 
 def axes_of(latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> FloatArray:
-    """Return east, north and up of places as rows, in geocentric coordinates."""
+    """Return the axes east, north and up of places as rows, in geocentric coordinates."""
     phi, theta, _ = np.moveaxis(geodetic(latitude, longitude, 0.0), -1, 0)
     zero = np.zeros(phi.shape)
     rows = [

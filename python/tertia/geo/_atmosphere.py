@@ -1,4 +1,4 @@
-"""Pressure altitudes and heights."""
+"""Conversion of pressure altitudes to heights."""
 
 from __future__ import annotations
 
@@ -13,31 +13,30 @@ from tertia.geo._arrays import numbers
 
 @dataclass(frozen=True, slots=True, init=False)
 class Atmosphere:
-    """The weather, by which pressure altitudes become heights.
+    """Weather data for the conversion of pressure altitudes to heights.
 
-    Transponders report pressure altitudes (mode C, flight levels): heights in the standard
-    atmosphere (ISO 2533). Without weather they are used as heights above the ellipsoid: at cruise
-    level that is up to 700 m wrong. Heights of ADS-B (I021/140) and of system tracks (I062/130)
-    are geometric already.
+    Transponders report pressure altitudes (mode C, flight levels), which are heights in the
+    standard atmosphere (ISO 2533). Without weather data they are used as heights above the
+    ellipsoid; at cruise level the error is up to 700 m. Heights of ADS-B (I021/140) and of system
+    tracks (I062/130) are already geometric.
 
     Attributes
     ----------
     qnh : float
-        Pressure reduced to the sea by the standard atmosphere, as airports report it, in Pa.
+        Pressure reduced to sea level by the standard atmosphere, as airports report it, in Pa.
     isa_deviation : float
-        By how many kelvins the air is warmer than in the standard atmosphere.
+        Temperature of the air minus that of the standard atmosphere, in K.
     undulation : float
-        Height of the geoid, that is of the sea, above the ellipsoid in metres: 45 in Central
-        Europe.
+        Height of the geoid (mean sea level) above the ellipsoid in metres; 45 in Central Europe.
 
     Raises
     ------
     ValueError, TypeError
-        A pressure that is not positive, or a number that is not finite.
+        If the pressure is not positive, or a number is not finite.
 
     Examples
     --------
-    Flight level 350 in air that is 15 K warmer than the standard:
+    Flight level 350, in air that is 15 K warmer than the standard atmosphere:
 
     >>> from tertia.geo import Atmosphere
     >>> round(Atmosphere(isa_deviation=15.0).to_height(35_000 * 0.3048))
@@ -61,17 +60,17 @@ class Atmosphere:
         Parameters
         ----------
         altitude : array_like of shape (...)
-            Pressure altitudes in metres; nan where there is none.
+            Pressure altitudes in metres; nan where one is missing.
 
         Returns
         -------
         float or ndarray of shape (...)
-            Metres.
+            Heights in metres; nan where the altitude is missing.
 
         Raises
         ------
         ValueError
-            An infinite number.
+            If a number is infinite.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""What all frames on the earth can do."""
+"""Conversions that all frames on the earth have in common."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tertia.geo._arrays import (
 
 
 class Frame:
-    """A frame with an origin on the earth; `LocalFrame` and `SystemPlane` say of what kind."""
+    """A frame with an origin on the earth; base of `LocalFrame` and `SystemPlane`."""
 
     __slots__ = ()
 
@@ -39,24 +39,25 @@ class Frame:
         longitude: npt.ArrayLike,
         height: npt.ArrayLike = 0.0,
     ) -> FloatArray:
-        """Return places in the frame.
+        """Convert geodetic coordinates to positions in the frame.
 
         Parameters
         ----------
         latitude, longitude : array_like of shape (...)
-            Degrees; nan where there is no place.
+            In degrees; nan where a place is missing.
         height : array_like of shape (...)
-            Metres above the ellipsoid.
+            Height in metres above the ellipsoid.
 
         Returns
         -------
         ndarray of shape (..., 3)
-            East, north and up (in a plane, the height) in metres; nan where there is no place.
+            East, north and up in metres; nan where a place is missing. In a system plane, up is the
+            height above the ellipsoid.
 
         Raises
         ------
         ValueError
-            A latitude beyond the poles, an infinite number, or shapes that do not fit.
+            If a latitude is beyond the poles, a number is infinite, or shapes do not fit.
 
         Examples
         --------
@@ -69,22 +70,24 @@ class Frame:
     def to_geodetic(
         self, position: npt.ArrayLike
     ) -> tuple[float | FloatArray, float | FloatArray, float | FloatArray]:
-        """Return latitude, longitude and height of positions.
+        """Convert positions in the frame to latitude, longitude and height.
 
         Parameters
         ----------
         position : array_like of shape (..., 3)
-            East, north and up (in a plane, the height) in metres; nan where there is none.
+            East, north and up in metres; nan where one is missing. In a system plane, up is the
+            height above the ellipsoid.
 
         Returns
         -------
         tuple of three float or ndarray of shape (...)
-            Degrees, degrees from -180 to 180, and metres above the ellipsoid.
+            Latitude in degrees, longitude in degrees from -180 to 180, and height in metres above
+            the ellipsoid.
 
         Raises
         ------
         ValueError
-            Positions that have not three components, or an infinite number.
+            If positions do not have three components, or a number is infinite.
 
         Examples
         --------
@@ -96,22 +99,23 @@ class Frame:
         return columns(places_of(self.to_ecef(position)))
 
     def from_ecef(self, ecef: npt.ArrayLike) -> FloatArray:
-        """Return geocentric positions in the frame.
+        """Convert geocentric positions to positions in the frame.
 
         Parameters
         ----------
         ecef : array_like of shape (..., 3)
-            Earth-centred, earth-fixed x, y and z in metres; nan where there is no position.
+            Earth-centred, earth-fixed x, y and z in metres; nan where one is missing.
 
         Returns
         -------
         local : ndarray of shape (..., 3)
-            East, north and up (in a plane, the height) in metres; nan where there is none.
+            East, north and up in metres; nan where one is missing. In a system plane, up is the
+            height above the ellipsoid.
 
         Raises
         ------
         ValueError
-            A wrong shape or an infinite number.
+            If a shape is wrong or a number is infinite.
 
         Examples
         --------
@@ -122,22 +126,23 @@ class Frame:
         return batch(self._frame.from_ecef, positions(ecef, "ecef"))
 
     def to_ecef(self, position: npt.ArrayLike) -> FloatArray:
-        """Return positions in the frame as geocentric ones.
+        """Convert positions in the frame to geocentric positions.
 
         Parameters
         ----------
         position : array_like of shape (..., 3)
-            East, north and up (in a plane, the height) in metres; nan where there is no position.
+            East, north and up in metres; nan where one is missing. In a system plane, up is the
+            height above the ellipsoid.
 
         Returns
         -------
         ecef : ndarray of shape (..., 3)
-            Earth-centred, earth-fixed x, y and z in metres; nan where there is none.
+            Earth-centred, earth-fixed x, y and z in metres; nan where one is missing.
 
         Raises
         ------
         ValueError
-            As `from_ecef`.
+            As for `from_ecef`.
 
         Examples
         --------

@@ -25,12 +25,12 @@ from tertia.sensors import Radar, Station
 
 @dataclass(frozen=True, slots=True, init=False)
 class LocalFrame(Frame):
-    """A local frame of east, north and up at a place on the earth.
+    """A local frame with axes east, north and up at a place on the earth.
 
     Attributes
     ----------
     latitude, longitude : float
-        Origin in degrees.
+        Latitude and longitude of the origin in degrees.
     height : float
         Height of the origin above the ellipsoid in metres.
 
@@ -65,29 +65,31 @@ class LocalFrame(Frame):
         azimuth: npt.ArrayLike,
         height: npt.ArrayLike,
     ) -> tuple[float | FloatArray, float | FloatArray, float | FloatArray]:
-        """Return the places of plots of a radar at the origin.
+        """Convert plots of a radar at the origin to geodetic coordinates.
 
-        The elevation, which the radar does not measure, is that at which the target has its height.
+        The radar does not measure the elevation; it follows from the range and the height of the
+        target.
 
         Parameters
         ----------
         range : array_like of shape (...)
-            Slant ranges in metres; refraction is the radar's business.
+            Slant ranges in metres, already corrected for refraction.
         azimuth : array_like of shape (...)
-            Radians, clockwise from true north: neither magnetic nor that of a grid.
+            Azimuths in radians, clockwise from true north (not from magnetic or grid north).
         height : array_like of shape (...)
             Heights of the targets above the ellipsoid in metres.
 
         Returns
         -------
         tuple of three float or ndarray of shape (...)
-            Latitude, longitude and height; nan where no elevation leads to the height, because the
-            range is less than the difference of the heights, or beyond the earth.
+            Latitude and longitude in degrees, and height in metres; nan where no elevation leads to
+            the height, because the range is shorter than the difference of the heights, or too
+            long.
 
         Raises
         ------
         ValueError
-            Azimuths that are degrees, an infinite number, or shapes that do not fit.
+            If azimuths are in degrees, a number is infinite, or shapes do not fit.
 
         Examples
         --------
@@ -108,24 +110,24 @@ class LocalFrame(Frame):
     def geodetic_to_polar(
         self, latitude: npt.ArrayLike, longitude: npt.ArrayLike, height: npt.ArrayLike
     ) -> tuple[float | FloatArray, float | FloatArray, float | FloatArray]:
-        """Return how a radar at the origin sees places.
+        """Convert geodetic coordinates to range, azimuth and elevation from the origin.
 
         Parameters
         ----------
         latitude, longitude : array_like of shape (...)
-            Degrees.
+            In degrees.
         height : array_like of shape (...)
-            Metres above the ellipsoid.
+            Height in metres above the ellipsoid.
 
         Returns
         -------
         tuple of three float or ndarray of shape (...)
-            Slant range in metres, azimuth from 0 to 2π, and elevation in radians.
+            Slant range in metres, azimuth in radians from 0 to 2π, and elevation in radians.
 
         Raises
         ------
         ValueError
-            A latitude beyond the poles, an infinite number, or shapes that do not fit.
+            If a latitude is beyond the poles, a number is infinite, or shapes do not fit.
 
         Examples
         --------
@@ -139,26 +141,26 @@ class LocalFrame(Frame):
         return columns(batch(self._frame.geodetic_to_polar, places))
 
     def axes(self, latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> FloatArray:
-        """Return the east, north and up axes of other places, as rows, in this frame.
+        """Return the axes east, north and up of other places, as rows, in this frame.
 
         Parameters
         ----------
         latitude, longitude : array_like of shape (...)
-            Degrees.
+            In degrees.
 
         Returns
         -------
         ndarray of shape (..., 3, 3)
-            Rotations: `axes @ v` is a vector `v` of this frame in the axes of the place.
+            Rotation matrices: `axes @ v` is the vector `v` of this frame in the axes of the place.
 
         Raises
         ------
         ValueError
-            A latitude beyond the poles or an infinite number.
+            If a latitude is beyond the poles or a number is infinite.
 
         Examples
         --------
-        The vertical half a degree further north:
+        The vertical half a degree north of the origin:
 
         >>> from tertia.geo import LocalFrame
         >>> LocalFrame(50.0, 14.0).axes(50.5, 14.0)[2, 1:].round(5)
@@ -184,24 +186,24 @@ class LocalFrame(Frame):
         Parameters
         ----------
         latitude, longitude : array_like of shape (...)
-            Degrees; arrays if the station moves.
+            In degrees; arrays if the station moves.
         height : array_like of shape (...)
-            Metres above the ellipsoid.
+            Height in metres above the ellipsoid.
         range_sigma, azimuth_sigma, elevation_sigma : float, optional
-            See `tertia.sensors.Station`.
+            As for `tertia.sensors.Station`.
         name : str, optional
-            Label in pictures.
+            Label of the station in pictures.
 
         Returns
         -------
         Station
-            Its azimuths are relative to true north, its elevations to the plane tangent to the
-            ellipsoid.
+            The station. Its azimuths are relative to true north, and its elevations to the plane
+            tangent to the ellipsoid.
 
         Raises
         ------
         ValueError
-            A number outside its domain.
+            If a number is outside its domain.
 
         Examples
         --------
@@ -262,31 +264,31 @@ class LocalFrame(Frame):
 
 @dataclass(frozen=True, slots=True, init=False)
 class SystemPlane(Frame):
-    """The stereographic plane of system tracks: where tracks of several radars are.
+    """The stereographic plane in which the tracks of several radars are given.
 
-    The oblique stereographic projection of a sphere with the radius of the meridian, as it is
-    common in air traffic control (TransLib, ARTAS) and in category 62, item 100. It is not the
-    `sterea` of PROJ (EPSG 9809), which differs by up to 1 m within 450 km, nor its `stere` (9 to 51
-    m); a file made by another system may mean one of these.
+    It is the oblique stereographic projection of a sphere with the radius of the meridian, as usual
+    in air traffic control (TransLib, ARTAS) and in category 62, item 100. It differs from the
+    projection `sterea` of PROJ (EPSG 9809) by up to 1 m within 450 km, and from `stere` by 9 to 51
+    m; files of other systems may use one of these.
 
-    Lengths are .15 % too short 100 km from the centre and 10 km high, and .06 % too short at 400
-    km: see `scale_and_convergence`.
+    At a height of 10 km, lengths in the plane are .15 % too short 100 km from the centre, and .06 %
+    too short 400 km from it: see `scale_and_convergence`.
 
     Attributes
     ----------
     latitude, longitude : float
-        Centre in degrees.
+        Latitude and longitude of the centre in degrees.
     height : float
         Height of the centre above the ellipsoid in metres.
 
     Raises
     ------
     ValueError, TypeError
-        A latitude beyond the poles, or a number that is not finite.
+        If a latitude is beyond the poles, or a number is not finite.
 
     Examples
     --------
-    Two radars, and an aircraft that both see at one place:
+    Two radars, and an aircraft that both see at the same place:
 
     >>> import numpy as np
     >>> from tertia.geo import SystemPlane
@@ -311,25 +313,26 @@ class SystemPlane(Frame):
     def scale_and_convergence(
         self, position: npt.ArrayLike
     ) -> tuple[float | FloatArray, float | FloatArray]:
-        """Return what lengths and courses in the plane are there on the earth.
+        """Return the scale and the convergence of the plane at given positions.
 
         Parameters
         ----------
         position : array_like of shape (..., 3)
-            East and north of the plane, and the height above the ellipsoid, in metres.
+            East and north in the plane, and the height above the ellipsoid, in metres.
 
         Returns
         -------
         scale : float or ndarray of shape (...)
-            Lengths in the plane over true ones: true speeds are those of the plane divided by it.
+            Ratio of lengths in the plane to true lengths: true speeds are speeds in the plane
+            divided by this scale.
         convergence : float or ndarray of shape (...)
-            Direction of true north in the plane in radians: true courses are those of the plane
-            less it.
+            Direction of true north in the plane in radians: true courses are courses in the plane
+            minus this angle.
 
         Raises
         ------
         ValueError
-            Positions without a height, or an infinite number.
+            If positions do not have a height, or a number is infinite.
 
         Examples
         --------
@@ -350,16 +353,17 @@ class SystemPlane(Frame):
         Parameters
         ----------
         latitude, longitude : float
-            Degrees.
+            In degrees.
         height : float
-            Metres above the ellipsoid: 45 m more than above the sea in Central Europe.
+            Height in metres above the ellipsoid; in Central Europe 45 m more than above the sea.
         **properties
-            See `tertia.sensors.Radar`.
+            As for `tertia.sensors.Radar`.
 
         Returns
         -------
         Radar
-            Its azimuths are relative to true north. A tracker has its tracks in this plane.
+            The radar. Its azimuths are relative to true north. The tracks of a tracker with this
+            radar are in this plane.
 
         Raises
         ------
@@ -385,29 +389,30 @@ class SystemPlane(Frame):
         azimuth_sigma: float | None = None,
         name: str | None = None,
     ) -> Station:
-        """Return a station at a place, for azimuths in the tracks of this plane.
+        """Return a station at a place, whose azimuths update tracks in this plane.
 
         Parameters
         ----------
         latitude, longitude : float
-            Degrees.
+            In degrees.
         height : float
-            Metres above the ellipsoid.
+            Height in metres above the ellipsoid.
         azimuth_sigma : float, optional
-            Standard deviation of its azimuths in radians.
+            Standard deviation of the azimuths in radians.
         name : str, optional
-            Its label in plots.
+            Label of the station in pictures.
 
         Returns
         -------
         Station
-            Its azimuths are relative to true north. Lines of sight are straight in the plane, which
-            is .01 degrees off at 100 km where the station is 250 km from the centre.
+            The station. Its azimuths are relative to true north. Lines of sight are taken as
+            straight in the plane; for a station 250 km from the centre the error is .01 degrees at
+            a range of 100 km.
 
         Raises
         ------
         ValueError, TypeError
-            As for `Station`; where there is more than one place.
+            As for `Station`; also if there is more than one place.
 
         Examples
         --------
@@ -428,22 +433,22 @@ class SystemPlane(Frame):
         return Station(place, azimuth_sigma=azimuth_sigma, axes=axes, name=name)
 
     def site(self, position: npt.ArrayLike) -> LocalFrame:
-        """Return the local frame of a place in the plane, as the position of a radar is.
+        """Return the local frame at a position in the plane, for example at that of a radar.
 
         Parameters
         ----------
         position : array_like of shape (3,) or (2,)
-            East and north of the plane, and the height, without which it is 0.
+            East and north in the plane, and the height, in metres; by default the height is 0.
 
         Returns
         -------
         LocalFrame
-            Its origin is the place.
+            The local frame with its origin at this position.
 
         Raises
         ------
         ValueError
-            A wrong shape or a number that is not finite.
+            If a shape is wrong or a number is not finite.
 
         Examples
         --------

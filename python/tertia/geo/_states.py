@@ -1,4 +1,4 @@
-"""States of targets: polar ones, and from one frame to another."""
+"""States of targets: conversion from and to polar coordinates, and between frames."""
 
 from __future__ import annotations
 
@@ -21,33 +21,34 @@ def polar_to_cartesian(
     *,
     origin: npt.ArrayLike = (0.0, 0.0),
 ) -> FloatArray | tuple[FloatArray, FloatArray]:
-    """Return east, north and their rates from range, azimuth and theirs.
+    """Convert range, azimuth and their rates to east, north and their rates.
 
     Parameters
     ----------
     state : array_like of shape (..., 4) or (..., 6)
-        Range and its rate, perhaps its acceleration, then azimuth and as many rates: metres and
-        radians, per second, and per second squared. The range is horizontal.
+        Range with its rate and, with six components, its acceleration; then azimuth with its rate
+        and acceleration. In metres, radians and seconds. The range is horizontal.
     covariance : array_like of shape (..., n, n), optional
-        Of the states.
+        Covariances of the states.
     origin : array_like of shape (2,)
         East and north of the sensor in metres.
 
     Returns
     -------
     state : ndarray of shape (..., 4) or (..., 6)
-        Position and velocity, perhaps acceleration, east before north.
+        Position, velocity and, with six components, acceleration; east before north in each.
     covariance : ndarray of shape (..., n, n)
-        `J P J'`; only if a covariance is given.
+        Covariances `J P J'`, with J the derivatives of the conversion; only if `covariance` is
+        given.
 
     Raises
     ------
     ValueError, TypeError
-        A wrong shape, an infinite number, or azimuths that are degrees.
+        If a shape is wrong, a number is infinite, or azimuths are in degrees.
 
     Examples
     --------
-    Straight flight past a radar: its azimuth accelerates although it does not.
+    Straight flight past a radar: the azimuth accelerates although the aircraft does not.
 
     >>> import numpy as np
     >>> from tertia.geo import cartesian_to_polar, polar_to_cartesian
@@ -75,29 +76,31 @@ def cartesian_to_polar(
     *,
     origin: npt.ArrayLike = (0.0, 0.0),
 ) -> FloatArray | tuple[FloatArray, FloatArray]:
-    """Return range, azimuth and their rates from east, north and theirs.
+    """Convert east, north and their rates to range, azimuth and their rates.
 
     Parameters
     ----------
     state : array_like of shape (..., 4) or (..., 6)
-        Position and velocity, perhaps acceleration, east before north: metres and seconds.
+        Position, velocity and, with six components, acceleration; east before north in each. In
+        metres and seconds.
     covariance : array_like of shape (..., n, n), optional
-        Of the states.
+        Covariances of the states.
     origin : array_like of shape (2,)
         East and north of the sensor in metres.
 
     Returns
     -------
     state : ndarray of shape (..., 4) or (..., 6)
-        Range and its rate, perhaps its acceleration, then azimuth from 0 to 2π and as many rates;
-        nan, with a warning, for a target at the sensor.
+        Range with its rate and, with six components, its acceleration; then azimuth, from 0 to 2π,
+        with its rate and acceleration. nan, with a warning, for a target at the sensor.
     covariance : ndarray of shape (..., n, n)
-        `J P J'`; only if a covariance is given.
+        Covariances `J P J'`, with J the derivatives of the conversion; only if `covariance` is
+        given.
 
     Raises
     ------
     ValueError, TypeError
-        A wrong shape or an infinite number.
+        If a shape is wrong or a number is infinite.
 
     Examples
     --------
@@ -131,33 +134,34 @@ def transform(
     source: LocalFrame | SystemPlane,
     target: LocalFrame | SystemPlane,
 ) -> FloatArray | tuple[FloatArray, FloatArray]:
-    """Return states in another frame.
+    """Convert states from one frame to another.
 
-    Positions turn and move, velocities and accelerations turn alone: all frames are fixed to the
-    earth. To and from a system plane they also change by its scale, and accelerations by what
-    straight flight bends in it.
+    Positions are rotated and shifted, velocities and accelerations are only rotated, because all
+    frames are fixed to the earth. From and to a system plane, all are also changed by its scale,
+    and accelerations by the curvature that straight flight has in the plane.
 
     Parameters
     ----------
     state : array_like of shape (..., 3), (..., 6) or (..., 9)
-        Position, perhaps velocity, perhaps acceleration, of three components each: east, north and
-        up, or the two of the plane and the height above the ellipsoid.
+        Position, with six components also velocity, with nine also acceleration. Each has the
+        components east, north and up; in a system plane, east, north and height above the
+        ellipsoid.
     covariance : array_like of shape (..., n, n), optional
-        Of the states.
+        Covariances of the states.
     source, target : LocalFrame or SystemPlane
-        The frame of `state`, and that of the result.
+        Frame of `state`, and frame of the result.
 
     Returns
     -------
     state : ndarray of shape (..., n)
-        The same in the frame `target`.
+        The states in the frame `target`.
     covariance : ndarray of shape (..., n, n)
-        Only if a covariance is given.
+        Covariances in the frame `target`; only if `covariance` is given.
 
     Raises
     ------
     ValueError, TypeError
-        A wrong shape, an infinite number, or something that is no frame.
+        If a shape is wrong, a number is infinite, or `source` or `target` is not a frame.
 
     Examples
     --------
@@ -194,7 +198,7 @@ def _polar(half: int) -> list[int]:
 
 
 def _states(state: npt.ArrayLike, name: str) -> tuple[FloatArray, int]:
-    """Return states, and how many numbers a coordinate has."""
+    """Return states, and the number of components per coordinate."""
     array = numbers(state, name)
     if array.ndim == 0 or array.shape[-1] not in _SIZES:
         raise ValueError(f"{name} has shape {array.shape}; it must be (..., 4) or (..., 6)")
@@ -202,7 +206,7 @@ def _states(state: npt.ArrayLike, name: str) -> tuple[FloatArray, int]:
 
 
 def _padded(array: FloatArray, half: int, at: range | tuple[int, ...]) -> FloatArray:
-    """Return rows of six numbers, of which those that are not known are 0."""
+    """Return rows of six numbers, with 0 for those that are not given."""
     full = np.zeros((array.size // (2 * half), 6))
     full[:, list(at) if half == 2 else slice(None)] = rows(array)
     return full
@@ -228,7 +232,7 @@ def _covariances(covariance: npt.ArrayLike, state: FloatArray) -> FloatArray:
 
 
 def _moved(slopes: FloatArray, covariance: npt.ArrayLike, state: FloatArray) -> FloatArray:
-    """Return `J P J'` of each state."""
+    """Return `J P J'` for each state."""
     spread = slopes @ _covariances(covariance, state) @ np.swapaxes(slopes, -1, -2)
     whole: FloatArray = (0.5 * (spread + np.swapaxes(spread, -1, -2))).reshape(
         *state.shape, state.shape[-1]

@@ -1,12 +1,12 @@
 """Estimators for scikit-learn: outlier detectors, and a cleaner and a smoother for columns.
 
 A matrix `(n_samples, n_features)` is a recording: rows are instants, columns are quantities, and
-each column is screened or smoothed alone. nan is 'no measurement'.
+each column is screened or smoothed separately. nan is 'no measurement'.
 
 `BandDetector` and `Cleaner` learn a band for each column and apply it to any rows. The results of
-`BurstDetector` and `Smoother` for a row depend on the rows before and after it: like scikit-learn's
-`LocalOutlierFactor` and `TSNE` they have no method for rows other than those they were fitted to,
-and the rows must be in time order. Needs the extra `sklearn` (scikit-learn).
+`BurstDetector` and `Smoother` for a row depend on the rows before and after it, so rows must be in
+time order. Like `LocalOutlierFactor` and `TSNE` of scikit-learn, they process only the rows to
+which they are fitted. Needs the extra `sklearn` (scikit-learn).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _LEFT = 1.0 - 6.0 * math.exp(-4.5) / math.sqrt(2.0 * math.pi) / (1.0 - _TAKEN)
 
 
 class _Columns(BaseEstimator):  # type: ignore[misc]
-    """Base of estimators for a matrix in which nan is 'no measurement'."""
+    """Base class of estimators for a matrix in which nan is 'no measurement'."""
 
     def _values(self, X: Any, **options: Any) -> FloatArray:  # noqa: N803  # as scikit-learn
         values: FloatArray = validate_data(
@@ -65,7 +65,7 @@ class _Band(_Columns):
         self.center_, self.half_width_ = np.array(bands).T
 
     def _excess(self, X: Any) -> tuple[FloatArray, FloatArray]:  # noqa: N803  # as scikit-learn
-        """Return the values and their distances from the middle of the band, in half widths."""
+        """Return the values, and their distances from the middle of the band in half widths."""
         check_is_fitted(self)
         values = self._values(X, reset=False)
         off = np.abs(_wrapped(values - self.center_, _period(self.period)))
@@ -76,33 +76,35 @@ class _Band(_Columns):
 
 
 class BandDetector(OutlierMixin, _Band):  # type: ignore[misc]
-    """Detects rows with a value outside the band of its column.
+    """Detector of rows with a value outside the band of its column.
 
-    Each column is cleaned by the leave-one-out rule, which removes 0.27 percent of a clean sample,
-    until nothing more is found. Mean and standard deviation of the rest give the band in which one
-    more good measurement lies. Up to a tenth of the values may be wrong.
+    Each column is cleaned repeatedly by the leave-one-out rule, which removes 0.27 percent of a
+    sample without outliers, until no outlier is found. The band follows from the mean and standard
+    deviation of the remaining values, such that one more good measurement lies outside with a
+    probability that follows from `significance`. Up to a tenth of the values may be wrong.
 
     Parameters
     ----------
     significance : float
-        Probability of flagging a good row, over all its columns together.
+        Probability of flagging a row without outliers, for all its columns together.
     period : float or None
-        Of angles, such as 360.0 for degrees, so that 359 and 1 are near each other; None for values
-        that do not wrap.
+        Period of angles, such as 360.0 for degrees, so that 359 and 1 are close to each other; None
+        for values that do not wrap.
 
     Attributes
     ----------
     center_, half_width_ : ndarray of shape (n_features,)
         The bands.
     offset_ : float
-        Threshold of `score_samples`: -1.
+        Threshold of `score_samples`, -1.
     n_features_in_ : int
         Number of columns.
 
     Notes
     -----
     The significance applies to new rows, normal noise and independent columns. With few rows,
-    cleaning removes more than intended: 0.01 becomes 0.013 with 20 rows, 0.015 with 10.
+    cleaning removes more values than intended, so that a significance of 0.01 becomes 0.013 with 20
+    rows and 0.015 with 10.
 
     Examples
     --------
@@ -119,13 +121,13 @@ class BandDetector(OutlierMixin, _Band):  # type: ignore[misc]
         self.period = period
 
     def fit(self, X: Any, y: Any = None) -> BandDetector:  # noqa: N803  # as scikit-learn
-        """Learn the bands of the columns of X, of shape (n_samples, n_features), n >= 3."""
+        """Learn the bands of the columns of X, of shape (n_samples, n_features), n_samples >= 3."""
         self._fit_bands(X, together=True)
         self.offset_ = -1.0
         return self
 
     def score_samples(self, X: Any) -> FloatArray:  # noqa: N803  # as scikit-learn
-        """Return minus the largest distance from the middle of a band, in half widths."""
+        """Return the negative of the largest distance from the middle of a band, in half widths."""
         scores: FloatArray = -self._excess(X)[1].max(axis=1)
         return scores
 
@@ -139,7 +141,7 @@ class BandDetector(OutlierMixin, _Band):  # type: ignore[misc]
 
 
 class Cleaner(OneToOneFeatureMixin, TransformerMixin, _Band):  # type: ignore[misc]
-    """Replaces values outside the band of their column by nan.
+    """Transformer that replaces values outside the band of their column by nan.
 
     Parameters
     ----------
@@ -167,34 +169,36 @@ class Cleaner(OneToOneFeatureMixin, TransformerMixin, _Band):  # type: ignore[mi
         self.period = period
 
     def fit(self, X: Any, y: Any = None) -> Cleaner:  # noqa: N803  # as scikit-learn
-        """Learn the bands of the columns of X, of shape (n_samples, n_features), n >= 3."""
+        """Learn the bands of the columns of X, of shape (n_samples, n_features), n_samples >= 3."""
         self._fit_bands(X, together=False)
         return self
 
     def transform(self, X: Any) -> FloatArray:  # noqa: N803  # as scikit-learn
-        """Return X with nan in place of values outside the bands."""
+        """Return X with nan instead of the values outside the bands."""
         values, excess = self._excess(X)
         return np.where(excess > 1.0, np.nan, values)
 
 
 class BurstDetector(OutlierMixin, _Columns):  # type: ignore[misc]
-    """Detects rows that contain a single outlier or belong to a burst in at least one column.
+    """Detector of rows with a single outlier or a part of a burst in at least one column.
 
-    Rows must be in time order. Like `LocalOutlierFactor`, it judges only the rows it is fitted to.
+    Rows must be in time order. Like `LocalOutlierFactor`, it judges only the rows to which it is
+    fitted.
 
     Parameters
     ----------
     point_penalty, burst_penalty : float
-        How much a single outlier and a burst must explain: see `tertia.screening.bursts`.
+        Improvement of the fit that a single outlier and a burst must give, as for
+        `tertia.screening.bursts`.
     min_burst, max_burst : int
-        Shortest and longest burst, in rows.
+        Numbers of rows of the shortest and the longest burst.
     correlation : float
-        Correlation of successive measurements in a quiet record.
+        Correlation of successive measurements in a record without outliers.
 
     Attributes
     ----------
     outlier_ : ndarray of bool, shape (n_samples, n_features)
-        Which values are outliers.
+        True for outliers.
     n_features_in_ : int
         Number of columns.
 
@@ -225,7 +229,7 @@ class BurstDetector(OutlierMixin, _Columns):  # type: ignore[misc]
         self.correlation = correlation
 
     def fit(self, X: Any, y: Any = None) -> BurstDetector:  # noqa: N803  # as scikit-learn
-        """Find the outliers of X, of shape (n_samples, n_features), n >= 3."""
+        """Find the outliers of X, of shape (n_samples, n_features), n_samples >= 3."""
         values = self._values(X, ensure_min_samples=_FEWEST)
         found = screening.bursts(values.T, nan_policy="omit", **self.get_params())
         self.outlier_ = found.outlier.T
@@ -237,29 +241,29 @@ class BurstDetector(OutlierMixin, _Columns):  # type: ignore[misc]
 
 
 class Smoother(_Columns):
-    """Smooths columns by local polynomials.
+    """Transformer that smooths columns by local polynomials.
 
-    Rows must be in time order, at equal steps. Like `TSNE`, it transforms only the rows it is
-    fitted to.
+    Rows must be in time order, at equal steps. Like `TSNE`, it transforms only the rows to which it
+    is fitted.
 
     Parameters
     ----------
     window : int
-        Rows in a window, an odd number.
+        Number of rows in a window, odd.
     degree : int or "adaptive"
-        Degree of the polynomials: see `tertia.smoothing.local_polynomial`.
+        Degree of the polynomials, as for `tertia.smoothing.local_polynomial`.
     derivative : int
-        0 for the values, 1 for their change from row to row, ...
+        Order of the derivative: 0 for the values, 1 for their change from row to row, and so on.
     period : float or None
-        Of angles, such as 360.0 for degrees, which may change by less than half of it from row to
-        row; None for values that do not wrap.
+        Period of angles, such as 360.0 for degrees, which may change by less than half a period
+        from row to row; None for values that do not wrap.
 
     Attributes
     ----------
     embedding_ : ndarray of shape (n_samples, n_features)
-        The smoothed values; nan where too few rows are nearby.
+        The smoothed values; nan where a window has too few measurements.
     sigma_ : ndarray of shape (n_samples, n_features)
-        Their standard deviations.
+        Standard deviations of the smoothed values.
     n_features_in_ : int
         Number of columns.
 
@@ -301,7 +305,7 @@ class Smoother(_Columns):
         return self
 
     def fit_transform(self, X: Any, y: Any = None) -> FloatArray:  # noqa: N803  # as scikit-learn
-        """Return the columns of X, smoothed."""
+        """Return the smoothed columns of X."""
         return self.fit(X).embedding_
 
 

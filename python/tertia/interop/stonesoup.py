@@ -1,9 +1,9 @@
 """Components for Stone Soup: a tracker, an updater, and Singer's motion model.
 
-`PlotTracker` turns Stone Soup's detections into its tracks with `tertia.tracker`. `Updater` updates
-states with `tertia.weights`, and `SingerMotion` predicts them with `tertia.kalman`, in trackers
-made of Stone Soup's own components. The state of a track is `[x, vx, y, vy]`, x to the east and
-y to the north, in metres. Needs the extra `stonesoup`.
+`PlotTracker` makes Stone Soup's tracks from its detections by `tertia.tracker`. In trackers made of
+Stone Soup's own components, `Updater` updates states by `tertia.fusion`, and `SingerMotion`
+predicts them by `tertia.kalman`. The state of a track is `[x, vx, y, vy]` in metres and m/s, with x
+to the east and y to the north. Needs the extra `stonesoup`.
 """
 
 from __future__ import annotations
@@ -46,28 +46,30 @@ _ORDER = [0, 2, 1, 3]
 
 
 def radar(model: Any, scan_period: float, **options: Any) -> Radar:
-    """Return the radar of a measurement model.
+    """Return the radar that corresponds to a measurement model.
 
     Parameters
     ----------
     model : CartesianToBearingRange or LinearGaussian
-        A model of range and bearing, uncorrelated; or of x and y, which become range and azimuth of
-        a radar 1e8 m away, along the axes of the covariance.
+        A model of range and bearing with uncorrelated errors, or a model of x and y. The latter
+        become range and azimuth of a radar at a distance of 1e8 m, along the axes of the
+        covariance.
     scan_period : float
-        Seconds of one antenna rotation.
+        Seconds per rotation of the antenna.
     **options
-        See `tertia.tracker.Radar`.
+        As for `tertia.tracker.Radar`.
 
     Returns
     -------
     tertia.tracker.Radar
+        The radar.
 
     Raises
     ------
     ValueError
-        Range and bearing are correlated, or the sensor is tilted.
+        If range and bearing are correlated, or the sensor is tilted.
     TypeError
-        Another kind of model.
+        If the model is of another kind.
 
     Examples
     --------
@@ -107,18 +109,19 @@ def plots(detections: Iterable[Any], models: Sequence[Any], start: datetime) -> 
     models : sequence of measurement models
         Measurement models of all sensors; the sensor of a plot is the index of its model.
     start : datetime
-        The zero of time.
+        Instant at which the times of the plots are zero.
 
     Returns
     -------
     tertia.tracker.Plots
+        The plots.
 
     Raises
     ------
     ValueError
-        A detection whose model is not among `models`.
+        If a detection has a model that is not among `models`.
     TypeError
-        A kind of model that `radar` does not support.
+        If a model is of a kind that `radar` does not support.
 
     Examples
     --------
@@ -141,7 +144,7 @@ def plots(detections: Iterable[Any], models: Sequence[Any], start: datetime) -> 
 def errors(
     tracks: Iterable[Any], truth: Iterable[Any], mapping: Sequence[int] = (0, 2)
 ) -> dict[str, FloatArray]:
-    """Return tracks and the truth as the arguments of `tertia.audit`.
+    """Return tracks and the truth as arguments for `tertia.audit`.
 
     Parameters
     ----------
@@ -150,19 +153,19 @@ def errors(
     truth : iterable of GroundTruthPath
         True paths, with states at the times of the tracks.
     mapping : sequence of int
-        Components of the state that are compared.
+        Indices of the components of the state that are compared.
 
     Returns
     -------
     dict
         `error` (N, m), `covariance` (N, m, m), `time` in seconds from the first state, and
-        `groups`, the index of the track. A state belongs to the nearest path at its time; states
-        at other times than the truth's are left out.
+        `groups`, the index of the track. A state is compared with the nearest path at its time;
+        states at times at which the truth has no state are left out.
 
     Raises
     ------
     ValueError
-        No state at a time of the truth.
+        If no state is at a time of the truth.
 
     Examples
     --------
@@ -237,24 +240,24 @@ def _measures_alike(first: Any, second: Any) -> bool:
 
 
 class PlotTracker(TrackerBase):  # type: ignore[misc]
-    """`tertia.tracker.Tracker` as one of Stone Soup's trackers.
+    """`tertia.tracker.Tracker` with the interface of a Stone Soup tracker.
 
     Parameters
     ----------
     detector : DetectionReader
-        Source of the detections. A step is a scan or a part of one.
+        Source of the detections. A step is a scan or part of a scan.
     measurement_models : sequence of measurement models
         Measurement models of all sensors, as for `radar`. Sensors that measure x and y need the
-        option `clutter_density`, since the area that they cover is unknown.
+        option `clutter_density`, because the area that they cover is unknown.
     scan_period : float
-        Seconds of one antenna rotation.
+        Seconds per rotation of the antenna.
     options : mapping, optional
-        See `tertia.tracker.Tracker`.
+        Options of the tracker, as for `tertia.tracker.Tracker`.
 
     Notes
     -----
-    `tracks` has the confirmed tracks that have not ended. Each state is an update with its
-    detection, or a prediction where a scan missed the target.
+    `tracks` contains the confirmed tracks that have not ended. Each state is an update with its
+    detection, or a prediction if a scan missed the target.
     """
 
     detector: Any = Property(doc="Source of the detections.")
@@ -281,7 +284,7 @@ class PlotTracker(TrackerBase):  # type: ignore[misc]
         return {self._tracks[number] for number in numbers.tolist() if number in self._tracks}
 
     def __iter__(self) -> Iterator[tuple[datetime, set[Any]]]:
-        """Start to read detections."""
+        """Start reading detections."""
         self._steps = iter(self.detector)
         return self
 
@@ -317,49 +320,51 @@ class PlotTracker(TrackerBase):  # type: ignore[misc]
 class SingerMotion(LinearGaussianTransitionModel, TimeVariantModel):  # type: ignore[misc]
     """Motion along one axis by a `tertia.kalman.SingerModel`: position, velocity, acceleration.
 
-    In closed form, as printed or exact, and accurate to the last digits for any interval.
+    The matrices have closed forms, as printed in the source or exact, and are accurate to the last
+    digits for any interval.
 
     Parameters
     ----------
     model : SingerModel
-        The correlation of the acceleration.
+        The motion model; its `dt` is not used.
     """
 
     model: Any = Property(doc="The correlation of the acceleration.")
 
     @property
     def ndim_state(self) -> int:
-        """Three: position, velocity, acceleration."""
+        """Number of components of the state, 3: position, velocity, acceleration."""
         return 3
 
     def matrix(self, time_interval: timedelta, **kwargs: Any) -> FloatArray:
-        """Return F over the interval."""
+        """Return the transition matrix F over the interval."""
         return self.model.transition(time_interval.total_seconds())  # type: ignore[no-any-return]
 
     def covar(self, time_interval: timedelta, **kwargs: Any) -> Any:
-        """Return Q over the interval."""
+        """Return the process noise Q over the interval."""
         return CovarianceMatrix(self.model.process_noise(time_interval.total_seconds()))
 
 
 def predictor(model: SingerModel, axes: int = 2) -> Any:
-    """Return Stone Soup's predictor of a target with the same motion model in each axis.
+    """Return Stone Soup's predictor for a target with the same motion model on each axis.
 
     Parameters
     ----------
     model : SingerModel
-        The correlation of the acceleration.
+        The motion model; its `dt` is not used.
     axes : int
-        Number of axes; the state is position, velocity and acceleration of the first, then of the
-        next.
+        Number of axes. The state is position, velocity and acceleration of the first axis, followed
+        by those of the next.
 
     Returns
     -------
     stonesoup.predictor.kalman.KalmanPredictor
+        The predictor.
 
     Raises
     ------
     TypeError
-        Another kind of model.
+        If the model is of another kind.
 
     Examples
     --------
@@ -374,11 +379,11 @@ def predictor(model: SingerModel, axes: int = 2) -> Any:
 
 
 class Updater(ExtendedKalmanUpdater):  # type: ignore[misc]
-    """Stone Soup's updater, with `tertia.fusion.fuse_scalar` for its arithmetic.
+    """Stone Soup's updater, with the arithmetic of `tertia.fusion.fuse_scalar`.
 
     The components of a measurement are decorrelated and added one by one, each as information of
-    rank one, in Joseph's form, so covariances stay positive and symmetric. Nonlinear measurements
-    are linearised as by the `ExtendedKalmanUpdater`.
+    rank one in Joseph's form, so that covariances stay positive and symmetric. Nonlinear
+    measurements are linearised as by the `ExtendedKalmanUpdater`.
     """
 
     def update(self, hypothesis: Any, **kwargs: Any) -> Any:

@@ -1,6 +1,6 @@
-"""Flights of traffic, smoothed, with standard deviations.
+"""Smoothing of flights of the library traffic, with standard deviations.
 
-`smooth` replaces the positions and altitudes of a `traffic.core.Flight` by smoothed ones, and
+`smooth` replaces the positions and altitudes of a `traffic.core.Flight` by smoothed values, and
 ground speed, track and vertical rate by those of the smoothed path. Needs the extra `traffic`
 (traffic, pyproj).
 """
@@ -41,46 +41,48 @@ def smooth(
     position_sigma: float | None = None,
     altitude_sigma: float | None = None,
 ) -> Flight:
-    """Smooth the path of a flight, without its outliers and across its gaps.
+    """Smooth the path of a flight, excluding outliers and filling gaps.
 
     Parameters
     ----------
     flight : traffic.core.Flight
-        With `timestamp`, `latitude` and `longitude` and, if known, `altitude`, in the units of
-        traffic: degrees, feet, knots, feet per minute. Values may be missing anywhere.
+        A flight with `timestamp`, `latitude` and `longitude` and, if known, `altitude`, in the
+        units of traffic: degrees, feet, knots, feet per minute. Values may be missing anywhere.
     position_sigma : float, optional
-        Standard deviation of the positions in metres, the same east and north. By default fitted.
+        Standard deviation of the positions in metres, the same east and north. By default it is
+        estimated.
     altitude_sigma : float, optional
-        Standard deviation of the altitudes in feet. By default fitted.
+        Standard deviation of the altitudes in feet. By default it is estimated.
 
     Returns
     -------
     traffic.core.Flight
-        The same rows, sorted by time, with `latitude`, `longitude`, `groundspeed`, `track` and,
-        given altitudes, `altitude` and `vertical_rate` of the smoothed path, also where values were
-        missing; nan where they are not determined. In addition `groundspeed_sigma`, `track_sigma`,
-        `altitude_sigma` and `vertical_rate_sigma` in the same units; `position_sigma_m`,
-        `velocity_sigma_m_s` and `position_velocity_covariance_m2_s` of each horizontal axis (errors
-        east and north are equal and independent), `altitude_vertical_rate_covariance` in feet
-        squared per minute; and the rows left out, `position_outlier` and `altitude_outlier`.
+        The same rows, sorted by time, with `latitude`, `longitude`, `groundspeed`, `track` and, if
+        altitudes are given, `altitude` and `vertical_rate` of the smoothed path, also where values
+        were missing; nan where they are not determined. In addition, `groundspeed_sigma`,
+        `track_sigma`, `altitude_sigma` and `vertical_rate_sigma` in the same units;
+        `position_sigma_m`, `velocity_sigma_m_s` and `position_velocity_covariance_m2_s` of each
+        horizontal axis (errors east and north are equal and independent);
+        `altitude_vertical_rate_covariance` in square feet per minute; and `position_outlier` and
+        `altitude_outlier`, which mark the values that were left out.
 
     Raises
     ------
     ValueError, TypeError
-        Fewer than 10 positions, a sigma that is not positive, noise that cannot be fitted, or an
-        argument of the wrong type.
+        If there are fewer than 10 positions, a sigma is not positive, the noise cannot be
+        estimated, or an argument has the wrong type.
 
     Notes
     -----
     Positions are smoothed by `tertia.smoothing.smooth` in space, on the ellipsoid, so flights may
-    be long; altitudes are smoothed separately. Rows farther than 6 sigma from the path of the
-    others are left out, which is repeated until nothing changes. Reported speeds are not used; they
-    can serve as a check.
+    be long; altitudes are smoothed separately. Rows farther than 6 sigma from the path through the
+    other rows are left out; this is repeated until no more rows are found. Reported speeds are not
+    used, so that they can serve as a check.
 
-    The whole flight has one value of jerk. Jerk occurs at the ends of turns, so errors are larger
-    there than the sigmas, and smaller in straight flight: in a flight of seven minutes with one
-    turn, sampled every second, rms errors were 0.9 sigma of position, 0.7 of ground speed and 1.6
-    of track.
+    One jerk is estimated for the whole flight, although jerk occurs mainly at the ends of turns.
+    The errors are therefore larger than the sigmas there, and smaller in straight flight. In a
+    flight of seven minutes with one turn, sampled every second, the rms errors were 0.9 sigma for
+    position, 0.7 for ground speed and 1.6 for track.
 
     Examples
     --------
@@ -193,7 +195,7 @@ def _robust(
 
 
 def _coarse(time: FloatArray, y: FloatArray) -> BoolArray:
-    """Return which rows are far from the median of their neighbours, like wrong decodings."""
+    """Return which rows are far from the median of their neighbours, as after decoding errors."""
     far = np.zeros(len(y), dtype=bool)
     there = np.flatnonzero(~np.isnan(y).any(axis=1))
     if len(there) < _FEWEST:
@@ -225,7 +227,7 @@ def _variance(time: FloatArray, y: FloatArray, sigma: float | None, name: str) -
 def _far(
     y: FloatArray, found: smoothing.SmoothedPositions, variance: float, left_out: BoolArray
 ) -> BoolArray:
-    """Return which rows are far from the path of all the others."""
+    """Return which rows are far from the path through all other rows."""
     off = y - found.position
     uncertain = np.diagonal(found.position_covariance, axis1=-2, axis2=-1)
     # the error of a row that was left out is independent of the path, that of a used one is not
@@ -237,5 +239,5 @@ def _far(
 
 
 def _known(sigma: FloatArray) -> FloatArray:
-    """Return standard deviations, nan where nothing is known."""
+    """Return standard deviations, with nan instead of infinite ones."""
     return np.where(np.isfinite(sigma), sigma, math.nan)

@@ -1,9 +1,9 @@
 """Files: flight plans, and recordings of radars.
 
 Plans are read from CSV, JSON and GeoJSON (extra `io`: Polars for CSV, pyproj for geodetic
-positions) and ICAO messages, recordings from ASTERIX (extra `asterix`), in which tracks are
-written, too. Angles in files are in degrees, in fields whose names end in `_deg`; all other
-quantities are in SI units, or in the unit at the end of the name.
+positions) and from ICAO messages. Recordings are read from ASTERIX (extra `asterix`), in which
+tracks can also be written. In files, angles are in degrees, in fields whose names end in `_deg`;
+all other quantities are in SI units, or in the unit at the end of the name.
 """
 
 from tertia.io._asterix import AsterixRecording, read_asterix, write_asterix

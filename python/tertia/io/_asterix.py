@@ -46,32 +46,34 @@ class AsterixRecording:
         Target reports of surface movement and multilateration systems (categories 10 and 20), with
         the first columns of `tracks`, up to `callsign`; `target` is the track number.
     messages : DataFrame
-        What sensors say of themselves (categories 2, 19, 34), and a tracker of its sensors (63) and
-        of itself (65), in messages that have some of it: `time_s`, `sensor`, which is meant,
-        `source`, who says so, `service` (I063/015); `state` (`operational`, `degraded`,
-        `initialising`, `not connected`, `inhibited`, `unknown`), `failed` (of `psr`, `ssr`,
-        `mode-s`, `ads-b`, `multilateration`, with `+` between them), `overload`, `time_valid`,
-        `plots_missing`, `service_report` (the code of I065/050); `time_bias_s`, `range_gain`,
-        `range_bias_m`, `azimuth_bias_deg` (Mode S or SSR), `psr_range_gain`, `psr_range_bias_m`,
-        `psr_azimuth_bias_deg`, `psr_elevation_bias_deg`; `collimation_range_m` and
-        `collimation_azimuth_deg`, by which primary plots differ from secondary ones.
+        Reports of sensors on themselves (categories 2, 19, 34), and of a tracker on its sensors
+        (63) and on itself (65), with the following columns. `time_s`; `sensor`, which the row
+        describes; `source`, which sent the message; `service` (I063/015). `state` (`operational`,
+        `degraded`, `initialising`, `not connected`, `inhibited`, `unknown`), `failed` (of `psr`,
+        `ssr`, `mode-s`, `ads-b`, `multilateration`, with `+` between them), `overload`,
+        `time_valid`, `plots_missing`, `service_report` (the code of I065/050). `time_bias_s`,
+        `range_gain`, `range_bias_m`, `azimuth_bias_deg` (Mode S or SSR), `psr_range_gain`,
+        `psr_range_bias_m`, `psr_azimuth_bias_deg`, `psr_elevation_bias_deg`. `collimation_range_m`
+        and `collimation_azimuth_deg`, the differences of primary plots from secondary plots. A
+        message without any of these items has no row.
     skipped : dict of int to int
-        Data blocks of other categories, by category.
+        Number of data blocks of categories that are not read, by category.
     damaged : int
-        Number of data blocks that are cut off or have a record that cannot be decoded: this and
-        what follows it in the block are left out; and of places where no data block follows.
+        Number of data blocks that are cut off or contain a record that cannot be decoded, plus the
+        number of places at which no data block follows. A damaged record and the rest of its block
+        are left out.
     lost_bytes : int
-        Number of bytes of a file that belong to no data block, for example because a length is
-        damaged: they are passed over up to the next block that can be decoded.
+        Number of bytes of a file that belong to no data block, for example after a damaged length.
+        They are skipped up to the next block that can be decoded.
     first_damage : str
-        Where the first of these is, and what is wrong; empty without.
+        Place and description of the first damage; empty if there is none.
     editions : dict of int to str
-        The edition by which each category was decoded.
+        Edition by which each category was decoded.
     truncated_times : bool
-        Whether times are those of a clock that begins again every 512 s (I001/141), because no
-        record has a full one.
+        Whether no record has a full time, so that times are those of a clock that restarts every
+        512 s (I001/141).
     repeated : int
-        Number of duplicate plots, for example from two network lines; each is in the table once.
+        Number of duplicate plots, for example from two network lines; the table has each only once.
     other_packets : int
         Number of UDP packets of a network recording that do not contain ASTERIX.
     """
@@ -92,7 +94,7 @@ class AsterixRecording:
     other_packets: int
 
     def skipped_text(self) -> str:
-        """Return which categories were not read, in words."""
+        """Return the categories that were not read, as text."""
         return ", ".join(
             f"{count} blocks of category {number} ({TITLES.get(number, 'unknown')})"
             for number, count in self.skipped.items()
@@ -118,23 +120,25 @@ def read_asterix(path: str | Path | Sequence[bytes]) -> AsterixRecording:
     Parameters
     ----------
     path : str, Path, or sequence of bytes
-        A file of consecutive data blocks, or a network recording of UDP packets that contain them
-        (pcap, pcapng), or such blocks in frames (IOSS final format, RFF). What it begins with
-        decides which. Or the payloads of UDP packets, as they arrive.
+        A file of consecutive data blocks; a network recording of UDP packets that contain data
+        blocks (pcap, pcapng); or a file of data blocks in frames (IOSS final format, RFF). The type
+        is recognised from the first bytes. The payloads of UDP packets may be given instead of a
+        path.
 
     Returns
     -------
     AsterixRecording
+        The contents of the recording.
 
     Raises
     ------
     ValueError
-        A file that is not ASTERIX, or of which no record can be decoded; the message gives the
+        If a file is not ASTERIX, or none of its records can be decoded; the message states the
         byte.
     ImportError
-        A library that is not installed.
+        If a library is not installed.
     OSError
-        A file that cannot be read.
+        If the file cannot be read.
 
     Notes
     -----
@@ -142,11 +146,11 @@ def read_asterix(path: str | Path | Sequence[bytes]) -> AsterixRecording:
     beyond 86400 if a recording passes midnight. Mode 3/A codes and flight levels that are garbled
     or not validated are null. Times of category 1 are truncated to 512 s; they are completed by the
     full times of the service messages (category 2) of the same radar. Duplicates, for example from
-    two network lines, are removed. Range gains and biases of messages are those of
-    `tertia.sensors.Bias` (I063/080); the document does not say which sign the others have.
+    two network lines, are removed. Range gains and biases in tracker messages (I063/080) have the
+    sign of `tertia.sensors.Bias`; for other messages the specification does not define the sign.
 
-    Each category is decoded by the edition that decodes most of its first twenty data blocks; of
-    equal ones by the newest.
+    Each category is decoded by the edition that decodes most of its first twenty data blocks; if
+    several editions decode equally many, by the newest of them.
 
     Examples
     --------
@@ -201,9 +205,9 @@ def write_asterix(
         (I062/500); `transversal`, `longitudinal`, `vertical`, the codes of I062/200. Missing items
         are null.
     path : str or Path
-        The file; it has data blocks of at most 16 records, in the order of the rows.
+        The file. It consists of data blocks of at most 16 records, in the order of the rows.
     source : tuple of two int
-        The codes of this system, SAC and SIC.
+        Codes of this system, SAC and SIC.
 
     Returns
     -------
@@ -213,17 +217,17 @@ def write_asterix(
     Raises
     ------
     ValueError
-        A column that is missing, or a value beyond what an item holds.
+        If a column is missing, or a value is outside the range of an item.
     ImportError
-        Polars is not installed.
+        If Polars is not installed.
     OSError
-        A file that cannot be written.
+        If the file cannot be written.
 
     Notes
     -----
     Values are rounded to the steps of the items: 1/128 s, 5.4e-6 degrees, 0.5 m, 0.25 m/s, 6.25 ft,
-    a quarter of a flight level. Sigmas larger than an item holds are left out. `height_m` is the
-    geometric altitude (I062/130). Track numbers have 16 bits, and begin again after 65535.
+    a quarter of a flight level. Sigmas above the largest value of an item are left out. `height_m`
+    is the geometric altitude (I062/130). Track numbers have 16 bits, and restart after 65535.
 
     Examples
     --------

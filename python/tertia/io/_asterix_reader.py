@@ -63,7 +63,7 @@ class Reader:
         self.editions: dict[int, str] = {}
 
     def take_packet(self, payload: bytes, number: int) -> None:
-        """Collect the data blocks of a packet; one that has anything else is only counted."""
+        """Collect the data blocks of a packet; a packet with other contents is only counted."""
         category, *_, stop = found = _core.asterix_blocks(payload)
         if stop == len(payload) > 0 and KNOWN.issuperset(category.tolist()):
             self._collect(payload, f"packet {number}, ", found)
@@ -71,7 +71,7 @@ class Reader:
             self.other_packets += 1
 
     def take_frame(self, payload: bytes | None, number: int) -> None:
-        """Collect the data blocks of a frame; what is damaged of it is left out and counted."""
+        """Collect the data blocks of a frame; damaged parts are left out and counted."""
         if payload is None:
             self._damage(1, f"{self.path}, frame {number} is cut off or damaged")
             return
@@ -81,7 +81,7 @@ class Reader:
         self._collect(payload, f"frame {number}, ", found)
 
     def take(self, contents: bytes) -> None:
-        """Collect the data blocks of a file, also after a damaged length or other bytes."""
+        """Collect the data blocks of a file, also those after a damaged length or other bytes."""
         *found, gaps = _core.asterix_recording(contents, sorted(KNOWN))
         for at, lost in gaps:
             self.lost_bytes += lost
@@ -118,7 +118,7 @@ class Reader:
         self.first_damage = self.first_damage or first
 
     def recording(self) -> dict[str, Any]:
-        """Return what the recording has, by the names of its fields."""
+        """Return the contents of the recording, by the names of its fields."""
         category, begin, end = (np.concatenate(each) for each in zip(*self.blocks, strict=True))
         contents = self.payloads[0] if len(self.payloads) == 1 else b"".join(self.payloads)
         records: dict[int, _Records] = {}
@@ -201,14 +201,14 @@ class _Records:
         self.time: FloatArray = np.empty(0)
 
     def times(self, number: int) -> FloatArray:
-        """Return the times of day, nan where there is none."""
+        """Return the times of day; nan where one is missing."""
         items = _items(self.definition)
         each = pl.coalesce([items.number(item, "s") for item in TIMES[number]])
         # nan where null
         return self.frame.select(each)[:, 0].to_numpy()
 
     def repeat_sources(self) -> None:
-        """Let a record without a source have that of the record before, in the same block."""
+        """Give a record without a source that of the previous record in the same block."""
         codes = pl.col("010/SAC", "010/SIC")
         if self.frame["010/SAC"].null_count():
             self.frame = self.frame.with_columns(
@@ -216,7 +216,7 @@ class _Records:
             )
 
     def sources(self) -> IntArray:
-        """Return who reports, as one number."""
+        """Return the sources of the records, each as one number."""
         both = pl.col("010/SAC") * 256 + pl.col("010/SIC")
         return self.frame.select(both.fill_null(_MISSING))[:, 0].to_numpy()
 
@@ -239,7 +239,7 @@ def _items(definition: int) -> Items:
 
 @cache
 def _columns(definition: int, convert: Any, table: int) -> list[pl.Expr]:
-    """Return the columns of a table of records, and whether these are of a target."""
+    """Return the columns of a table of records, and whether each record is of a target."""
     items = _items(definition)
     kinds = _schema(COLUMNS.get(table, {}))
     columns = {"sensor": items.sensor(), **convert(items)}
@@ -253,7 +253,7 @@ def _columns(definition: int, convert: Any, table: int) -> list[pl.Expr]:
 
 
 def _edition(number: int, contents: bytes, begin: IntArray, end: IntArray) -> int:
-    """Return the definition that decodes most data blocks, of equal ones the newest."""
+    """Return the definition that decodes most data blocks; the newest of several equal ones."""
     best, least = -1, _BLOCKS + 1
     for at, (category, *_) in enumerate(_DEFINITIONS):
         if category == number:
@@ -265,7 +265,7 @@ def _edition(number: int, contents: bytes, begin: IntArray, end: IntArray) -> in
 
 
 def _set_times(records: Mapping[int, _Records]) -> None:
-    """Complete truncated times, and let all, in the order of the records, go on after midnight."""
+    """Complete truncated times, and continue all times past midnight, in the order of records."""
     every = list(records.values())
     if not every:
         return
@@ -288,7 +288,7 @@ def _set_times(records: Mapping[int, _Records]) -> None:
 
 
 def _are_truncated(records: Mapping[int, _Records]) -> bool:
-    """Return whether old plots are all that has a time."""
+    """Return whether only old plots have times, which are truncated."""
     times = {number for number, one in records.items() if np.isfinite(one.time).any()}
     return times == {OLD_PLOTS}
 

@@ -54,18 +54,18 @@ Rows = dict[str, pl.Expr]
 
 
 class Items:
-    """Items of the records of a category, as expressions; missing items are null."""
+    """Items of the records of a category, as Polars expressions; missing items are null."""
 
     def __init__(self, fields: Sequence[tuple[str, float, str]]) -> None:
         self.scales = {name: (scale, unit) for name, scale, unit in fields}
 
     def whole(self, *names: str) -> pl.Expr:
-        """Return an item as a number without a unit."""
+        """Return an item as a whole number without a unit."""
         name = "/".join(names)
         return pl.col(name) if name in self.scales else pl.lit(None, pl.Int64)
 
     def number(self, item: str, unit: str, *parts: str) -> pl.Expr:
-        """Return an item in a unit."""
+        """Return an item as a number in a unit."""
         names = item, *parts
         scale, stated = self.scales.get("/".join(names), (1.0, unit))
         assert stated == unit
@@ -76,12 +76,12 @@ class Items:
         return _text(self.whole(*names), _callsign)
 
     def sound(self, item: str, part: str) -> pl.Expr:
-        """Return a part of an item, null if it is garbled or not validated."""
+        """Return a part of an item; null if it is garbled or not validated."""
         wrong = [self.whole(item, flag).fill_null(0) > 0 for flag in "VG"]
         return pl.when(~pl.any_horizontal(wrong)).then(self.whole(item, part))
 
     def level(self, item: str, part: str = "FL") -> pl.Expr:
-        """Return a flight level, null if it is garbled or not validated."""
+        """Return a flight level; null if it is garbled or not validated."""
         return self.sound(item, part) * pl.lit(self.scales[f"{item}/{part}"][0])
 
     def address(self, *names: str) -> pl.Expr:
@@ -93,12 +93,12 @@ class Items:
         return _text(self.sound(item, "MODE3A"), "{:04o}".format)
 
     def sensor(self, item: str = "010") -> pl.Expr:
-        """Return who reports, or another sensor, by its codes."""
+        """Return the source of the record, or another sensor, by its codes."""
         both = self.whole(item, "SAC") * 256 + self.whole(item, "SIC")
         return _text(both, lambda codes: f"{codes >> 8}/{codes & 255}")
 
     def flag(self, item: str, *parts: str) -> pl.Expr:
-        """Return whether one of some bits is set."""
+        """Return whether one of several bits is set."""
         return pl.any_horizontal([self.whole(item, part).fill_null(0) > 0 for part in parts])
 
     def name(self, item: str, part: str, names: Sequence[str]) -> pl.Expr:
@@ -125,14 +125,14 @@ TIMES = {
 
 
 def is_of_target(category: int, items: Items) -> pl.Expr:
-    """Return which records are of a target, and no service messages."""
+    """Return which records are of a target; the others are service messages."""
     if category != SURFACE:
         return pl.lit(True)
     return items.whole("000").fill_null(_TARGET_REPORT) == _TARGET_REPORT
 
 
 def surface_plots(items: Items) -> Rows:
-    """Return what a surface radar measured; without a range, that was not transmitted."""
+    """Return the measurements of a surface radar, for records with a range."""
     kind = items.whole("020", "TYP")
     name = pl.when(kind == _SURFACE_PSR).then(pl.lit("psr")).otherwise(pl.lit("none"))
     return {
@@ -262,7 +262,7 @@ def _tracks(items: Items) -> Rows:
 
 
 def _accuracy(items: Items) -> Rows:
-    """Return the estimated accuracy of positions: Cartesian or, without that, of WGS 84."""
+    """Return the estimated accuracy of positions: Cartesian or, if that is missing, in WGS 84."""
     east, north = (items.number("500", "m", "APC", axis) for axis in "XY")
     latitude = items.number("105", "°", "LAT")
     parallel = _DEGREE * latitude.radians().cos()
@@ -307,7 +307,7 @@ ROWS: Mapping[int, Callable[[Items], Rows]] = {
 
 
 def services(items: Items) -> Rows:
-    """Return what service messages say of their sensor: its place and scan period, and its type."""
+    """Return what service messages state about a sensor: position, scan period and message type."""
     latitude = pl.coalesce(items.number("120", "°", "LAT"), items.number("600", "°", "LAT"))
     height = pl.when(latitude.is_not_null()).then(items.number("120", "m", "HGT"))
     return {
@@ -322,7 +322,7 @@ def services(items: Items) -> Rows:
 
 
 def status(items: Items) -> Rows:
-    """Return what messages say of the state and the errors of a sensor or a system."""
+    """Return what messages state about the state and the errors of a sensor or system."""
     own = items.whole("060", "CON")
     held = (own == 0) & (items.whole("060", "OPS") == 1)
     failed = [
@@ -367,7 +367,7 @@ def status(items: Items) -> Rows:
 
 
 def _any_of(items: Items, parts: Sequence[tuple[str, ...]]) -> pl.Expr:
-    """Return whether one of some bits is set, null where a record has none of them."""
+    """Return whether one of several bits is set; null if a record has none of them."""
     return pl.max_horizontal([items.whole(*part) for part in parts]) > 0
 
 
@@ -385,7 +385,7 @@ def _callsign(code: int) -> str | None:
 
 
 def _text(codes: pl.Expr, name: Callable[[int], str | None]) -> pl.Expr:
-    """Return texts of whole numbers, each different one made once."""
+    """Return texts of whole numbers; the text of each distinct number is made once."""
 
     def texts(column: pl.Series) -> pl.Series:
         named: pl.Series = column.cast(pl.String)

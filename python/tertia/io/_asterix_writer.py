@@ -28,7 +28,7 @@ _MODES = {"transversal": 6, "longitudinal": 4, "vertical": 2}
 
 @dataclass(frozen=True, slots=True)
 class _Item:
-    """Octets (N, n) of an item, in which of the records it is, and with which of its octets."""
+    """An item: octets (N, n), the records that have it, and the octets that are written in each."""
 
     octets: Octets
     there: BoolArray
@@ -36,13 +36,13 @@ class _Item:
 
     @property
     def written(self) -> BoolArray:
-        """Which octets are written, (N, n)."""
+        """Whether each octet is written, (N, n)."""
         parts = np.ones(self.octets.shape, bool) if self.parts is None else self.parts
         return parts & self.there[:, None]
 
 
 def asterix_tracks(tracks: pl.DataFrame, source: tuple[int, int]) -> bytes:
-    """Return what `write_asterix` writes."""
+    """Return the contents of the file that `write_asterix` writes."""
     return b"".join(asterix_blocks(tracks, source))
 
 
@@ -84,7 +84,7 @@ def asterix_blocks(tracks: pl.DataFrame, source: tuple[int, int]) -> list[bytes]
 
 
 class _Table:
-    """Columns of tracks, and items that are made of them."""
+    """Columns of tracks, and the items that are made from them."""
 
     def __init__(self, tracks: pl.DataFrame) -> None:
         self.tracks = _with_velocities(tracks)
@@ -98,7 +98,7 @@ class _Table:
         return _Item(np.tile(row, (self.count, 1)), np.ones(self.count, bool))
 
     def values(self, name: str) -> FloatArray:
-        """Return a column as numbers, nan where there is none."""
+        """Return a column as numbers; nan where a value is missing."""
         if name not in self.tracks.columns:
             return np.full(self.count, np.nan)
         # nan where null
@@ -106,7 +106,7 @@ class _Table:
         return values
 
     def item(self, scales: dict[str, float], size: int, *, signed: bool = True) -> _Item:
-        """Return an item of columns in steps, each in so many octets."""
+        """Return an item made from columns with the given steps, each in `size` octets."""
         parts = [
             self._steps(name, self.values(name) / scale, size, signed=signed)
             for name, scale in scales.items()
@@ -156,7 +156,7 @@ class _Table:
         return self._steps(name, root / 0.5, 2, signed=True)
 
     def status(self) -> _Item:
-        """Return whether tracks are confirmed and, in the fourth octet, coasted: without a plot."""
+        """Return whether tracks are confirmed and, in the fourth octet, whether coasted."""
         octets = np.zeros((self.count, 4), np.uint8)
         octets[:, 0] = 2 * ~self._flags("confirmed", default=True)
         plotless = self.tracks["plot"].is_null() if "plot" in self.tracks.columns else False
@@ -172,7 +172,7 @@ class _Table:
         return flags
 
     def movement(self) -> _Item:
-        """Return the modes of movement; what is not known is undetermined, 3."""
+        """Return the modes of movement; unknown modes are coded as undetermined, 3."""
         if not set(_MODES) & set(self.tracks.columns):
             return self.nothing()
         octets = np.zeros(self.count, np.int64)
@@ -202,7 +202,9 @@ class _Table:
         try:
             numbers = {text: number(text) for text in known}
         except (KeyError, ValueError):
-            raise ValueError(f"{name} has a text that is none: {known.to_list()[:3]}") from None
+            raise ValueError(
+                f"{name} has a text that cannot be coded: {known.to_list()[:3]}"
+            ) from None
         if any(one >= 2 ** (8 * size) for one in numbers.values()):
             raise ValueError(f"{name} has a number beyond {8 * size} bits")
         values = column.replace_strict(numbers, default=None, return_dtype=pl.Int64)
@@ -211,7 +213,7 @@ class _Table:
 
 
 def _with_velocities(tracks: pl.DataFrame) -> pl.DataFrame:
-    """Return tracks with velocities, from speeds and courses if there are only these."""
+    """Return tracks with velocities, computed from speeds and courses if necessary."""
     columns = set(tracks.columns)
     if "velocity_east_m_s" in columns or not {"speed_m_s", "course_deg"} <= columns:
         return tracks
@@ -230,12 +232,12 @@ def _six_bits(text: str) -> int:
 
 
 def _big_endian(values: npt.NDArray[np.int64], size: int) -> Octets:
-    """Return the last octets of whole numbers, in two's complement."""
+    """Return whole numbers in two's complement, in the given number of octets."""
     return values.astype(">i8").view(np.uint8).reshape(-1, 8)[:, 8 - size :]
 
 
 def _compound(parts: list[_Item]) -> _Item:
-    """Return an item of those parts that are there."""
+    """Return a compound item of the parts that are present."""
     flags = np.zeros(len(parts[0].there), np.uint8)
     for at, part in enumerate(parts):
         flags |= (part.there << 7 - at).astype(np.uint8)
@@ -245,7 +247,7 @@ def _compound(parts: list[_Item]) -> _Item:
 
 
 def _field_specification(items: dict[int, _Item], count: int) -> _Item:
-    """Return which items are there, in four octets: the accuracy is in the last."""
+    """Return which items are present, in four octets; the accuracy is in the last."""
     octets = np.zeros((count, 4), np.uint8)
     for number, item in items.items():
         octet, bit = divmod(number - 1, 7)

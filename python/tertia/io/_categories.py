@@ -1,4 +1,4 @@
-"""Categories of ASTERIX: what they are, and the columns of those that are read."""
+"""Categories of ASTERIX: their titles, and the columns of those that are read."""
 
 # categories with rows: old plots of radars, surface movement, multilateration, ADS-B, plots of
 # radars, system tracks

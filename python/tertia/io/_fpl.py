@@ -37,28 +37,29 @@ _TYPE_COLUMNS = ("bank_deg", "turn_rate_deg_s", "climb_m_s")
 
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
 class FiledPlan(FlightPlan):
-    """A flight plan, and what its message says of the flight.
+    """A flight plan, with the other information in its message.
 
     Attributes
     ----------
     names : tuple of str
-        The waypoints as they are called in the message or the airway.
+        Names of the waypoints, as in the message or the airway.
     levels : ndarray of shape (N,)
-        Filed level from each waypoint on, in metres of pressure altitude; nan by sight (VFR).
+        Filed level from each waypoint on, as pressure altitude in metres; nan for VFR.
     airspeeds : ndarray of shape (N - 1,)
-        True airspeed on each leg, in metres per second.
+        True airspeed on each leg in m/s.
     aircraft_type, departure, destination : str
         As filed.
     off_block_time, elapsed_time : float
-        Seconds after midnight of the day of flight; seconds from take-off to the destination.
+        Off-block time in seconds after midnight of the day of flight, and time from take-off to the
+        destination in seconds.
     date : datetime.date or None
         The day of flight.
     mode_3a, icao_address : int or None
-        The code and the address of the transponder.
+        Mode 3/A code and 24-bit address of the transponder.
     unknown_procedures : tuple of str
-        Procedures of departure and arrival, which are not flown in the plan.
+        Departure and arrival procedures that are not known, and not part of the plan.
     fields : dict of str to str
-        The other information, field 18, by its keys.
+        Other information (field 18) by its keys.
     """
 
     names: tuple[str, ...]
@@ -102,56 +103,59 @@ def read_fpl(
     Parameters
     ----------
     text : str or Path
-        The messages, or a file of them. What is outside parentheses is ignored.
+        The messages, or a file of them. Text outside parentheses is ignored.
     fixes : mapping, table or path of a CSV or GeoJSON file
-        Aerodromes, navigation aids and waypoints: a mapping from names to (latitude, longitude) or
-        (latitude, longitude, declination) in degrees, or to a list of these; a table with the
-        columns `name`, `latitude_deg`, `longitude_deg`, and optionally `declination_deg`; or Points
-        with the properties `name` and `declination_deg`. Of several places of a name the one
-        nearest to the point before is meant. Radials are magnetic: the declination is added to
-        them.
+        Aerodromes, navigation aids and waypoints. Either a mapping from names to (latitude,
+        longitude) or (latitude, longitude, declination) in degrees, or to a list of these; or a
+        table with the columns `name`, `latitude_deg`, `longitude_deg`, and optionally
+        `declination_deg`; or GeoJSON Points with the properties `name` and `declination_deg`. If a
+        name has several places, the one nearest to the previous point is taken. Radials are
+        magnetic: the declination is added to them.
     airways : mapping, table or path of a CSV file
         A mapping from names to the names of fixes in order, or a table with the columns `airway`,
-        `sequence`, `fix`. They are flown both ways.
+        `sequence`, `fix`. Airways can be flown in both directions.
     frame : tertia.geo.LocalFrame or SystemPlane
-        The coordinates of the plans.
+        Local coordinates of the plans.
     types : mapping, table or path of a CSV file, optional
-        What is known of types of aircraft: a mapping from types to banks in radians, or a table
+        Properties of aircraft types: a mapping from types to bank angles in radians, or a table
         with the column `aircraft_type` and any of `bank_deg`, `turn_rate_deg_s`, `climb_m_s`. The
         library contains no such table.
     winds : array_like of shape (2,) or (L, 3), optional
-        Velocity of the air, east and north in metres per second, or with increasing heights in
-        metres before it. Without it, ground speeds are the true airspeeds that are filed.
+        Velocity of the air, east and north in m/s, of shape (2,); or rows of height in metres, east
+        and north, with increasing heights, of shape (L, 3). Without it, ground speeds are equal to
+        the filed true airspeeds.
     taxi_time : float
-        Seconds from off-block time to the departure.
+        Time from off-block to departure in seconds.
     identity : {"icao_address", "mode_3a"}
-        Which of both is the identity of the plans: that of the plots with which they are used.
+        Which of the two becomes the identity of the plans; it must be the identity that the plots
+        contain.
 
     Returns
     -------
     list of FiledPlan
-        Flight plans in the order of the messages, named by their callsigns. Times count from
-        midnight of the day of flight. Heights are those of the filed levels; they are unknown, nan,
-        where a climb or a descent may not be over: at 5 m/s, or the rate of the type.
+        Flight plans in the order of the messages, named by their callsigns. Times are in seconds
+        from midnight of the day of flight. Heights are those of the filed levels. They are unknown
+        (nan) where the aircraft may be climbing or descending, at 5 m/s or the rate of its type.
 
     Raises
     ------
     ValueError
-        A message that cannot be understood, with the number of the message and the token in one
-        line: an unknown fix, an airway that does not join its ends, a wrong speed or level.
+        If a message cannot be understood: an unknown fix, an airway that does not join its ends, a
+        wrong speed or level. The text has one line, with the number of the message and the token.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
     OSError
-        A file that cannot be read.
+        If a file cannot be read.
 
     Notes
     -----
-    Of field 7 the callsign and the code are used; of field 9 the type; 13, 15 and 16; of field 18
-    `DOF`, `CODE`, `DEP`, `DEST`, `TYP`. A Mach number is that of the standard atmosphere at the
-    filed level. The first and the last token of a route may be unknown: they are procedures of
-    departure and arrival. A stay adds its time to the leg that follows. One airway after another is
-    left at the first fix that both have; an airway may be joined and left at a place between two
-    of its fixes, within 5 NM, by coordinates or by radial and distance.
+    The following fields are used: 7 (callsign and code), 9 (type), 13 (departure), 15 (route), 16
+    (destination), and `DOF`, `CODE`, `DEP`, `DEST`, `TYP` of field 18. A Mach number is converted
+    with the standard atmosphere at the filed level. The first and the last token of a route may be
+    unknown; they are taken as departure and arrival procedures. A stay adds its time to the
+    following leg. If two airways follow each other, the route changes at the first fix that both
+    have. An airway may also be joined and left at a point between two of its fixes, within 5 NM,
+    given by coordinates or by radial and distance.
 
     Source: ICAO Doc 4444, appendix 3.
 
@@ -193,7 +197,7 @@ def read_fpl(
 
 
 def _plan(fields: Sequence[str], message: str, options: _Options) -> FiledPlan:
-    """Return the plan of a message."""
+    """Return the plan that a message describes."""
     if not fields[0].startswith("FPL"):
         raise ValueError(f"it is {fields[0][:20]!r}; only FPL is read")
     if len(fields) < len(_FIELDS):
@@ -265,14 +269,14 @@ def _matched(pattern: re.Pattern[str], field: str, name: str) -> re.Match[str]:
 
 
 def _seconds(hours: str, minutes: str, *, day: bool = False) -> float:
-    """Return the seconds of hours and minutes, of a day or of a duration."""
+    """Return hours and minutes in seconds; `day` if they are a time of day, not a duration."""
     if int(minutes) >= 60 or (day and int(hours) >= 24):
-        raise ValueError(f"{hours + minutes!r} is no time")
+        raise ValueError(f"{hours + minutes!r} is not a time")
     return 3600.0 * int(hours) + 60.0 * int(minutes)
 
 
 def _others(rest: Sequence[str]) -> dict[str, str]:
-    """Return field 18 by its keys; field 19 is not read."""
+    """Return field 18 by its keys; field 19 is ignored."""
     text = " ".join(_SUPPLEMENT.sub("", " ".join(rest)).split())
     if text in {"", "0"}:
         return {}
@@ -284,7 +288,7 @@ def _others(rest: Sequence[str]) -> dict[str, str]:
 
 
 def _aerodrome(name: str, described: str | None, near: Place | None, tables: Tables) -> Place:
-    """Return the place of an aerodrome; ZZZZ is described in field 18."""
+    """Return the place of an aerodrome; that of ZZZZ is described in field 18."""
     if name == "ZZZZ" and described:
         name = described.split()[-1]
     place = tables.place(name, near)
@@ -294,7 +298,7 @@ def _aerodrome(name: str, described: str | None, near: Place | None, tables: Tab
 
 
 def _distinct(points: Sequence[Point]) -> list[Point]:
-    """Return points without those at the place of the one before, whose values they take."""
+    """Return points without repetitions of the same place; the first takes the later values."""
     kept = [points[0]]
     for point in points[1:]:
         if point.place.is_at(kept[-1].place):
@@ -318,7 +322,7 @@ def _positions(places: Sequence[Place], frame: LocalFrame | SystemPlane) -> Floa
 def _ground_speeds(
     places: FloatArray, airspeeds: FloatArray, levels: FloatArray, winds: FloatArray
 ) -> FloatArray:
-    """Return the speeds over the ground of airspeeds V: `w·u + sqrt(V² − (w×u)²)` along u."""
+    """Return ground speeds `w·u + sqrt(V² − (w×u)²)` in directions u for airspeeds V and wind w."""
     if not len(winds):
         return airspeeds
     heights = np.nan_to_num(levels[:-1])
@@ -336,7 +340,7 @@ def _ground_speeds(
 def _heights(
     length: FloatArray, speeds: FloatArray, levels: FloatArray, climb: float
 ) -> FloatArray:
-    """Return levels where the climb is over and the descent has not begun; nan elsewhere."""
+    """Return levels where the aircraft is neither climbing nor descending; nan elsewhere."""
     flown = np.concatenate([[0.0], np.cumsum(length / speeds)])
     needed = levels / climb
     level: FloatArray = np.where((flown < needed) | (flown[-1] - flown < needed), np.nan, levels)
@@ -344,7 +348,7 @@ def _heights(
 
 
 def _date(text: str | None) -> datetime.date | None:
-    """Return the day of YYMMDD."""
+    """Return the date given as YYMMDD."""
     if text is None:
         return None
     if not re.fullmatch(r"\d{6}", text, re.ASCII):
@@ -363,7 +367,7 @@ def _address(text: str) -> int:
 
 
 def _types(types: Any) -> dict[str, dict[str, float]]:
-    """Return what is known of each type of aircraft."""
+    """Return the known properties of each aircraft type."""
     if types is None:
         return {}
     columns = table_columns(types, ("aircraft_type",), "types", _TYPE_COLUMNS)
@@ -382,7 +386,7 @@ def _types(types: Any) -> dict[str, dict[str, float]]:
 
 
 def _winds(winds: npt.ArrayLike | None) -> FloatArray:
-    """Return height, east and north of winds, (L, 3)."""
+    """Return winds as rows of height, east and north, (L, 3)."""
     if winds is None:
         return np.empty((0, 3))
     values = finite(winds, "winds")

@@ -1,4 +1,4 @@
-"""Frames around data blocks, as recorders write them: IOSS (final format) and RFF."""
+"""Frames around data blocks, as used by recorders: IOSS (final format) and RFF."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _RFF_HEADER = 128
 
 
 def _ioss(contents: bytes, at: int) -> tuple[int, int, int]:
-    """Length, error, board, day, and three bytes of time; then contents, and padding of four."""
+    """Length, error, board, day, three bytes of time; then contents and four bytes of padding."""
     end = at + int.from_bytes(contents[at : at + 2], "big")
     return at + 8, end - 4, end
 
 
 def _rff(contents: bytes, at: int) -> tuple[int, int, int]:
-    """Four bytes of time, and the length with its low byte first; then contents."""
+    """Four bytes of time and the length, low byte first; then contents."""
     end = at + 6 + int.from_bytes(contents[at + 4 : at + 6], "little")
     return at + 6, end, end
 
@@ -32,9 +32,9 @@ FORMATS: tuple[tuple[Frame, int], ...] = ((_ioss, 0), (_rff, _RFF_HEADER))
 
 
 def frames(contents: bytes) -> Iterator[tuple[int, bytes | None]] | None:
-    """Return the number of each frame, from 1, and its contents; None where there are none.
+    """Return the number of each frame, from 1, and its contents; None if there are no frames.
 
-    The contents of a last frame that is cut off are None.
+    The contents are None for a last frame that is cut off.
     """
     for frame, begin in FORMATS:
         if _is_so(contents, frame, begin):
@@ -43,7 +43,7 @@ def frames(contents: bytes) -> Iterator[tuple[int, bytes | None]] | None:
 
 
 def _is_so(contents: bytes, frame: Frame, at: int) -> bool:
-    """Return whether the first frames have nothing but data blocks of known categories."""
+    """Return whether the first frames contain only data blocks of known categories."""
     for number in range(_DECIDING):
         if at >= len(contents):
             return number > 0

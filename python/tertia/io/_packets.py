@@ -16,14 +16,14 @@ MAGIC = {
 
 
 def udp_payloads(path: Path, contents: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield the number of each packet, from 1, and its UDP payload; others are skipped."""
+    """Yield the number of each UDP packet, from 1, and its payload; other packets are skipped."""
     dpkt = import_module("dpkt")
     broken = (dpkt.Error, struct.error, ValueError)
     try:
         reader = dpkt.pcap.UniversalReader(io.BytesIO(contents))
         link = _links(dpkt).get(reader.datalink())
     except broken:
-        raise ValueError(f"{path} begins like a recording of packets, and is none") from None
+        raise ValueError(f"{path} begins like a recording of packets, but is not one") from None
     if link is None:
         raise ValueError(
             f"{path} was recorded on a link of type {reader.datalink()}, which is not known; "
@@ -45,7 +45,7 @@ def udp_payloads(path: Path, contents: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def _links(dpkt: Any) -> dict[int, Any]:
-    """Return the protocol of frames of each link type."""
+    """Return the protocol of the frames of each link type."""
     raw = {12, 14, 101, 228, 229}
     return {
         0: dpkt.loopback.Loopback,
@@ -57,7 +57,7 @@ def _links(dpkt: Any) -> dict[int, Any]:
 
 
 class _Raw:
-    """A packet without a frame around it."""
+    """A packet without a link-layer frame."""
 
     def __init__(self, dpkt: Any, frame: bytes) -> None:
         kind = dpkt.ip6.IP6 if frame[:1] and frame[0] >> 4 == 6 else dpkt.ip.IP
@@ -65,7 +65,7 @@ class _Raw:
 
 
 def _payload(dpkt: Any, link: Any, frame: bytes) -> bytes | None:
-    """Return the UDP payload of a frame; EOFError if it is incomplete."""
+    """Return the UDP payload of a frame; raise EOFError if the frame is incomplete."""
     try:
         packet = link(frame).data
     except dpkt.UnpackError:

@@ -37,37 +37,40 @@ def read_plans(
     path : str or Path
         A file whose name ends in `.csv`, `.json` or `.geojson`.
     frame : tertia.geo.LocalFrame or SystemPlane, optional
-        Local coordinates, required if the file has geodetic positions.
+        Frame of the local coordinates, required if the file has geodetic positions.
     types : mapping of str to float, optional
-        Bank angles in radians by aircraft type, for plans that have a type and no bank.
+        Bank angles in radians by aircraft type, for plans with a type and without a bank angle.
     speed : float, optional
-        Ground speed in metres per second of plans that have neither speeds nor times.
+        Ground speed in m/s for plans with neither speeds nor times.
 
     Returns
     -------
     list of FlightPlan
-        Plans in the order of the file. A waypoint at the position of the previous one is left out.
+        Plans in the order of the file. A waypoint at the position of the previous waypoint is left
+        out.
 
     Raises
     ------
     ValueError
-        A file or field that cannot be understood; the message names the plan.
+        If a file or field cannot be understood; the message names the plan.
     ImportError
-        A library that is not installed.
+        If a library is not installed.
     OSError
-        A file that cannot be read.
+        If a file cannot be read.
 
     Notes
     -----
-    CSV has a row for each waypoint and the columns `name`; `east_m` and `north_m`, or
+    CSV has a row for each waypoint. Its columns are `name`; `east_m` and `north_m`, or
     `longitude_deg` and `latitude_deg`; and any of `height_m`, `time_s`, `speed_m_s` (of the leg
-    that starts there), `identity`, `aircraft_type`, `bank_deg`, `turn_radius_m`, `start_time_s`; of
-    those that belong to the plan its first row counts. Rows with the same name are one plan.
+    that starts there), `identity`, `aircraft_type`, `bank_deg`, `turn_radius_m`, `start_time_s`.
+    Rows with the same name are one plan; values that belong to the whole plan are taken from its
+    first row.
 
-    JSON is a list of objects with the same fields, in which `waypoints` is a list of pairs `[east,
-    north]`, or, with `"geodetic": true`, `[longitude, latitude]`, and `heights_m`, `times_s` and
-    `speeds_m_s` are lists or, where it makes sense, numbers. GeoJSON is a FeatureCollection of
-    LineStrings whose properties are these fields; a third coordinate is the height.
+    JSON is a list of objects with the same fields. In these, `waypoints` is a list of pairs `[east,
+    north]` or, with `"geodetic": true`, `[longitude, latitude]`; `heights_m`, `times_s` and
+    `speeds_m_s` are lists, and heights and speeds may also be single numbers. GeoJSON is a
+    FeatureCollection of LineStrings with these fields as properties; a third coordinate is the
+    height.
 
     Examples
     --------
@@ -101,7 +104,7 @@ def plan_of(
     types: Mapping[str, float] | None = None,
     speed: float | None = None,
 ) -> FlightPlan:
-    """Return the plan of the fields of a JSON object."""
+    """Return the plan described by the fields of a JSON object."""
     if not isinstance(fields.get("waypoints"), Sequence):
         raise ValueError("it has no waypoints")
     places = np.array([pair[:2] for pair in fields["waypoints"]], dtype=np.float64).reshape(-1, 2)
@@ -139,7 +142,7 @@ def _chosen(value: Any, kept: Any, *, of_legs: bool = False) -> Any:
 
 
 def _local(degrees: FloatArray, frame: LocalFrame | SystemPlane | None) -> FloatArray:
-    """Return east and north of longitudes and latitudes."""
+    """Return longitudes and latitudes as east and north."""
     if frame is None:
         raise ValueError("its positions are geodetic: give a frame, or the origin of one")
     return frame.to_local(degrees[:, 1], degrees[:, 0])[:, :2]

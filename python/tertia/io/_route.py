@@ -1,4 +1,4 @@
-"""Routes as they are filed, field 15 of ICAO messages, and the tables that they need."""
+"""Filed routes (field 15 of ICAO messages), and the tables of fixes and airways."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _AIRWAYS = ("airway", "sequence", "fix")
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A point of a route, in degrees; `declination` is that of radials from it."""
+    """A point of a route, in degrees; `declination` is that of the radials from it."""
 
     name: str
     latitude: float
@@ -52,18 +52,18 @@ class Place:
 
     @property
     def direction(self) -> tuple[float, float, float]:
-        """The direction from the centre of the earth."""
+        """The unit vector from the centre of the earth."""
         phi, lam = math.radians(self.latitude), math.radians(self.longitude)
         return math.cos(phi) * math.cos(lam), math.cos(phi) * math.sin(lam), math.sin(phi)
 
     def is_at(self, other: Place) -> bool:
-        """Whether the other is the same point."""
+        """Return whether another place is the same point."""
         return (self.latitude, self.longitude) == (other.latitude, other.longitude)
 
 
 @dataclass(slots=True)
 class Point:
-    """A waypoint; speed (m/s), level (m, nan by sight) and delay (s) hold from here on."""
+    """A waypoint; from here on, the speed (m/s), level (m, nan for VFR) and delay (s) hold."""
 
     place: Place
     speed: float
@@ -79,11 +79,11 @@ class Tables:
         self.airways = _airways(airways)
 
     def is_airway(self, name: str) -> bool:
-        """Whether a name is that of an airway, and of no fix."""
+        """Return whether a name is that of an airway and not that of a fix."""
         return name in self.airways and name not in self.fixes
 
     def place(self, token: str, near: Place | None) -> Place | None:
-        """Return the point that a token stands for; of several fixes the nearest to a point."""
+        """Return the point that a token denotes; of several fixes, the one nearest to `near`."""
         if token in self.fixes:
             return _nearest(self.fixes[token], near)
         if found := _PLACE.fullmatch(token):
@@ -97,7 +97,7 @@ class Tables:
         return _from(_nearest(self.fixes[found[1]], near), radial, distance * NAUTICAL_MILE, token)
 
     def along(self, airway: str, start: Place, end: str) -> list[Place]:
-        """Return the points of an airway after a place up to another one."""
+        """Return the points of an airway after one place, up to another."""
         names, goal = self.airways[airway], self.place(end, start)
         first, last = self._on(airway, start), self._on(airway, goal)
         if goal is None or first is None or last is None:
@@ -111,12 +111,12 @@ class Tables:
         for name in (names[at] for at in between):
             place = self.place(name, places[-1] if places else start)
             if place is None:
-                raise ValueError(f"airway {airway!r} has {name!r}, which is no fix")
+                raise ValueError(f"airway {airway!r} has {name!r}, which is not a fix")
             places.append(place)
         return places if end in names else [*places, goal]
 
     def crossing(self, airway: str, other: str, here: Place) -> str:
-        """Return the fix of both airways that comes first after a place."""
+        """Return the first common fix of two airways after a place."""
         common = [name for name in self.airways[airway] if name in self.airways[other]]
         first = self._on(airway, here)
         if first is None or not common:
@@ -124,7 +124,7 @@ class Tables:
         return min(common, key=lambda name: abs(self.airways[airway].index(name) - first))
 
     def _on(self, airway: str, place: Place | None) -> float | None:
-        """Return the number of the fix of an airway that a place is, or a half more between two."""
+        """Return the index of a place on an airway, plus a half if it is between two fixes."""
         names = self.airways[airway]
         if place is None or place.name in names:
             return None if place is None else names.index(place.name)
@@ -139,10 +139,10 @@ class Tables:
 
 
 def cruise_of(token: str) -> tuple[float, float]:
-    """Return true airspeed in m/s and level in metres, nan by sight, of a token like N0450F350."""
+    """Return true airspeed (m/s) and level (m, nan for VFR) of a token like N0450F350."""
     found = _CRUISE.fullmatch(token)
     if found is None:
-        raise ValueError(f"{token!r} is no speed and level, such as N0450F350")
+        raise ValueError(f"{token!r} is not a speed and level, such as N0450F350")
     level = math.nan
     if found[2] != "VFR":
         level = int(found[2][1:]) * _LEVELS[found[2][0]][1]
@@ -160,7 +160,7 @@ def cruise_of(token: str) -> tuple[float, float]:
 
 
 class Route:
-    """A route as far as it has been read: its points, and the procedures that are not known."""
+    """A route as far as it has been read: its points, and the unknown procedures."""
 
     def __init__(self, start: Place, cruise: tuple[float, float], tables: Tables) -> None:
         self.cruise = cruise
@@ -170,7 +170,7 @@ class Route:
         self._airway: str | None = None
 
     def read(self, token: str, *, is_outer: bool) -> None:
-        """Go on by a token; the first one and the last may be unknown."""
+        """Read one more token; the first and the last token may be unknown."""
         if stay := _STAY.fullmatch(token):
             self.points[-1].delay += 3600.0 * int(stay[1]) + 60.0 * int(stay[2])
             return
@@ -192,7 +192,7 @@ class Route:
             self.cruise = self.points[-1].speed, self.points[-1].level = cruise
 
     def end(self) -> None:
-        """Fail if an airway was not left at a fix."""
+        """Raise an error if the route ends on an airway instead of at a fix."""
         if self._airway is not None:
             raise ValueError(
                 f"airway {self._airway!r} is at the end of the route; it must lead to a fix"
@@ -211,7 +211,7 @@ class Route:
 
 
 def route_of(text: str, start: Place, tables: Tables) -> Route:
-    """Return the route of field 15."""
+    """Return the route given in field 15."""
     tokens = text.split()
     if not tokens:
         raise ValueError("there is no route")
@@ -226,7 +226,7 @@ def route_of(text: str, start: Place, tables: Tables) -> Route:
 
 
 def _changed(token: str) -> tuple[str, tuple[float, float] | None]:
-    """Return the name in a token, and speed and level where they change there."""
+    """Return the name in a token, and the speed and level if they change there."""
     if climb := _CLIMB.fullmatch(token):
         return climb[1], cruise_of(climb[2] + climb[3])
     name, slash, cruise = token.partition("/")
@@ -234,14 +234,14 @@ def _changed(token: str) -> tuple[str, tuple[float, float] | None]:
 
 
 def _of_degrees(token: str, found: re.Match[str]) -> Place:
-    """Return the place of a token like 4620N07805W or 46N078W."""
+    """Return the place given by a token like 4620N07805W or 46N078W."""
     if (found[2] is None) != (found[5] is None):
         raise ValueError(f"{token!r} has minutes in one of its coordinates only")
     minutes = [int(found[2] or 0), int(found[5] or 0)]
     latitude = int(found[1]) + minutes[0] / 60
     longitude = int(found[4]) + minutes[1] / 60
     if max(minutes) >= 60 or latitude > 90 or longitude > 180:
-        raise ValueError(f"{token!r} is no place on the earth")
+        raise ValueError(f"{token!r} is not a place on the earth")
     south, west = found[3] == "S", found[6] == "W"
     return Place(token, -latitude if south else latitude, -longitude if west else longitude)
 
@@ -258,7 +258,7 @@ def _from(fix: Place, radial: float, distance: float, name: str) -> Place:
 
 
 def _from_line(place: Place, start: Place, end: Place) -> float:
-    """Return the angle between a place and the arc from one place to another, about."""
+    """Return the approximate angle between a place and the arc between two other places."""
     p, a, b = (np.array(one.direction) for one in (place, start, end))
     along = b - a
     share = float(np.clip((p - a) @ along / max(along @ along, 1e-30), 0.0, 1.0))
@@ -267,7 +267,7 @@ def _from_line(place: Place, start: Place, end: Place) -> float:
 
 
 def _nearest(places: Sequence[Place], near: Place | None) -> Place:
-    """Return the place nearest to another; the first one where there is none."""
+    """Return the place nearest to another place; the first one if that is missing."""
     if near is None:
         return places[0]
     there = near.direction
@@ -275,7 +275,7 @@ def _nearest(places: Sequence[Place], near: Place | None) -> Place:
 
 
 def _fixes(fixes: Any) -> dict[str, list[Place]]:
-    """Return the places of each name."""
+    """Return the places with each name."""
     known: dict[str, list[Place]] = {}
     for name, *numbers in _fix_rows(fixes):
         try:
@@ -317,7 +317,7 @@ def _airways(airways: Any) -> dict[str, list[str]]:
 def table_columns(
     table: Any, required: Sequence[str], what: str, optional: Sequence[str] = ()
 ) -> dict[str, list[Any]] | None:
-    """Return the columns of a table or of a CSV file by their names; None of another mapping."""
+    """Return the columns of a table or CSV file by their names; None for another mapping."""
     if isinstance(table, (str, Path)):
         table = _csv(table)
     there = getattr(table, "columns", None)

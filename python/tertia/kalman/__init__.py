@@ -1,8 +1,8 @@
 """Kalman filter of an angle with its rate and acceleration, for series and streams.
 
-Source: Panasyuk, Pudovkin, Rogachev 2018, equations (14) to (20), misprints mended. The state is
-`[angle, rate, acceleration]`, the acceleration fades (Singer 1970), and plots measure the angle
-alone. Units are the caller's: any angle, with any unit of time.
+Source: Panasyuk, Pudovkin, Rogachev 2018, equations (14) to (20), with misprints corrected. The
+state is `[angle, rate, acceleration]`, the acceleration decays (Singer 1970), and plots measure
+only the angle. Units are the caller's: any angle, with any unit of time.
 
 Without an initial state the start is exact: angle and rate are unknown, and the acceleration has
 the variance of its model. Unknown quantities have the variance inf and, before the first plot, the

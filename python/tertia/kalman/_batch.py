@@ -20,7 +20,7 @@ def _batch(
     time: npt.ArrayLike | None,
     period: float | None,
 ) -> tuple[dict[str, Any], FloatArray]:
-    """Return the arguments in the form of the core, and the variances."""
+    """Return the arguments in the form for the core, and the variances."""
     plots = samples(z, "z")
     if plots.ndim == 0:
         raise ValueError("z is a single number; it must be of shape (..., steps)")
@@ -42,7 +42,7 @@ def _batch(
 def _rows(
     array: FloatArray, lengths: tuple[int, ...], batch: tuple[int, ...], name: str
 ) -> FloatArray:
-    """Return one row for all series, or one for each."""
+    """Return one row for all series, or one for each series."""
     if array.shape[-1] in lengths:
         if array.size == array.shape[-1]:
             return array.reshape(-1)
@@ -67,7 +67,7 @@ def _intervals(
     if len(back):
         place = ", ".join(map(str, (*back[0][:-1], back[0][-1] + 1)))
         raise ValueError(
-            f"time[{place}] is before the time of the step before; time must not decrease"
+            f"time[{place}] is before the time of the previous step; time must not decrease"
         )
     return intervals
 
@@ -75,7 +75,7 @@ def _intervals(
 def _initial(
     initial: tuple[npt.ArrayLike, npt.ArrayLike], batch: tuple[int, ...], size: int = 3
 ) -> FloatArray:
-    """Return means and covariances of states, row by row: one row for all series, or one each."""
+    """Return means and covariances of states: one row for all series, or one for each series."""
     try:
         mean, covariance = initial
     except (TypeError, ValueError):

@@ -23,25 +23,25 @@ Limit: TypeAlias = Literal[
 class NoiseFit(Result):
     """Maximum-likelihood noise of the plots and parameters of the motion.
 
-    The likelihood may be largest where a parameter is 0 or infinite; `limits` then names the case:
+    The likelihood may be largest when a parameter is 0 or infinite; `limits` then names the case:
 
-    - "white acceleration": alpha is infinite. The recording determines only the combination
-      `density` of alpha and `acceleration_sigma`.
+    - "white acceleration": alpha is infinite. The recording determines only `density`, a
+      combination of alpha and `acceleration_sigma`.
     - "constant acceleration": alpha is 0. Each series has a single acceleration, so
-      `acceleration_sigma` says little about other series.
+      `acceleration_sigma` cannot be applied to other series.
     - "constant rate": there is no acceleration. `density` and `acceleration_sigma` are 0.
-    - "no noise": the noise is negligible beside the motion.
+    - "no noise": the noise is negligible compared with the motion.
 
-    An infinite alpha is then given as 1e6 divided by the usual interval, and a noise of 0 as a tiny
+    An infinite alpha is given as 1e6 divided by the usual interval, and a noise of 0 as a tiny
     number, so that `model` and the filter can be used.
 
     Attributes
     ----------
     alpha, acceleration_sigma, measurement_sigma : float
-        Estimates.
+        Estimates of the parameters of `SingerModel` and of the standard deviation of the plots.
     sigma : ndarray of shape (3,)
-        Standard uncertainties of these three, to first order: those of the logarithms multiplied by
-        the estimates. inf for what the recording does not determine.
+        Standard uncertainties of these three, to first order: the estimates times the uncertainties
+        of their logarithms. inf for a parameter that the recording does not determine.
     log_likelihood : float
         Log-likelihood at the maximum.
     count : int
@@ -79,7 +79,7 @@ class NoiseFit(Result):
         return SingerModel(dt, self.alpha, self.acceleration_sigma, exact=True)
 
     def __repr__(self) -> str:
-        """Return the estimates with their uncertainties; at limits, those that are determined."""
+        """Return the estimates with their uncertainties; at a limit, only determined ones."""
         names = ["alpha", "acceleration_sigma", "measurement_sigma"]
         sigmas = dict(zip(names, self.sigma, strict=True))
         if "white acceleration" in self.limits:
@@ -109,19 +109,20 @@ def fit_noise(
     Parameters
     ----------
     z : array_like of shape (..., steps)
-        Measured angles, at least 10; nan where there is none. Several series share the same
+        Measured angles, at least 10; nan where there is none. All series share the same
         parameters.
     dt : float, optional
         Time between plots.
     time : array_like of shape (steps,) or (..., steps), optional
         Times of the steps, instead of `dt`.
     period : float, optional
-        360.0 for degrees, 2*pi for radians; None for data that do not wrap.
+        Period of the angles: 360.0 for degrees, 2*pi for radians, None for data that do not wrap.
     outlier_gate : float, optional
-        Plots that lie more than this many standard deviations off the track through all others are
-        left out and the rest is fitted again, up to ten times. By default all plots are used.
+        Plots that deviate by more than this many standard deviations from the track through all
+        other plots are left out, and the model is fitted again, up to ten times. By default all
+        plots are used.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
@@ -132,20 +133,20 @@ def fit_noise(
     Raises
     ------
     ValueError
-        Too few plots, plots that a line or parabola fits exactly, shapes that do not fit,
-        decreasing times, or neither or both of `dt` and `time`.
+        If there are too few plots, a line or parabola fits the plots exactly, shapes do not fit,
+        times decrease, or neither or both of `dt` and `time` are given.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
-    Maximum likelihood: the scale of the noise in closed form, alpha and the ratio of acceleration
-    to noise on a grid and then by Newton's method, about 150 runs of the filter in all. The
-    uncertainties come from the curvature at the maximum. Recordings often say little about alpha,
-    whose uncertainty is then large; where the maximum is at a limit, the uncertainty is inf and
-    `limits` names the limit.
+    Maximum likelihood. The scale of the noise has a closed form; alpha and the ratio of
+    acceleration to noise are found on a grid and then by Newton's method, with about 150 runs of
+    the filter in all. The uncertainties come from the curvature at the maximum. Recordings often
+    contain little information on alpha, whose uncertainty is then large. If the maximum is at a
+    limit, the uncertainty is inf and `limits` names the limit.
 
-    A batch gives one fit, of the parameters that its series share. For separate fits, call the
+    A batch gives one fit, because its series share the parameters. For separate fits, call the
     function once for each series.
 
     Examples

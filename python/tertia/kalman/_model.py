@@ -18,19 +18,19 @@ _FULL = np.array([0, 1, 2, 1, 3, 4, 2, 4, 5])
 class SingerModel:
     """Motion with an acceleration of constant variance and autocorrelation `exp(-alpha |t|)`.
 
-    With `alpha=0` the acceleration is constant, with `acceleration_sigma=0` the rate.
+    With `alpha=0` the acceleration is constant; with `acceleration_sigma=0` the rate is constant.
 
     Attributes
     ----------
     dt : float
-        Time between plots, used where no times are given.
+        Time between plots; used if no times are given.
     alpha : float
         Manoeuvre frequency: the reciprocal of the time constant of the acceleration.
     acceleration_sigma : float
         Standard deviation of the acceleration.
     exact : bool
-        False: as printed, with `1 - alpha T` for `exp(-alpha T)` and process noise in the
-        acceleration alone; only for `alpha T < 1`. True: the exact discretisation.
+        True: the exact discretisation. False: as printed in the source, with `1 - alpha T` instead
+        of `exp(-alpha T)` and process noise in the acceleration only, for `alpha T < 1`.
 
     Examples
     --------
@@ -77,7 +77,7 @@ def steady_state(model: SingerModel, measurement_variance: float) -> tuple[Float
     model : SingerModel
         Motion of the target, with a plot every `model.dt`.
     measurement_variance : float
-        Variance of the plots' noise.
+        Variance of the noise of the plots.
 
     Returns
     -------
@@ -89,14 +89,14 @@ def steady_state(model: SingerModel, measurement_variance: float) -> tuple[Float
     Raises
     ------
     ValueError
-        A variance that is not positive, or so far from the process noise that no digits are left;
-        or a model without process noise, which has no steady state.
+        If the variance is not positive, if it differs from the process noise by so much that no
+        digits are left, or if the model has no process noise and therefore no steady state.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
-    The doubling algorithm (Anderson 1978), in double-double arithmetic.
+    Doubling algorithm (Anderson 1978), in double-double arithmetic.
 
     Examples
     --------

@@ -24,23 +24,23 @@ class FilteredSeries(Result):
     Attributes
     ----------
     mean : ndarray of shape (..., steps, 3)
-        Angle, rate and acceleration after each plot; of shape (..., 3) with `store="final"`.
+        Angle, rate and acceleration after each plot; with `store="final"`, of shape (..., 3).
     innovation : ndarray of shape (..., steps)
-        Plot minus predicted angle; nan where there is no plot, or no prediction yet. Empty unless
+        Plot minus predicted angle; nan where there is no plot or no prediction yet. Empty unless
         `store="all"`.
     innovation_variance : ndarray of shape (..., steps)
-        Predicted variance of `innovation`, with nan at the same steps.
+        Predicted variance of `innovation`; nan at the same steps.
     log_likelihood : float or ndarray of shape (...)
         Log-likelihood of all plots that have an innovation.
     count : int or ndarray of shape (...)
         Number of innovations.
     upper : ndarray of shape (..., steps, 6)
-        Upper triangles of the covariances of `mean`, row by row. Empty with `store="mean"`, of
+        Upper triangles of the covariances of `mean`, row by row. Empty with `store="mean"`; of
         shape (..., 6) with `store="final"`.
     measurement_variance : ndarray of shape (..., steps)
         Variance of the plots as given; read-only.
     systematic : {"not included"}
-        The covariance is that of white noise as given; a systematic error is not part of it.
+        The covariance is that of white noise as given; it does not include systematic errors.
     """
 
     _rows: ClassVar = "mean", 1
@@ -89,11 +89,11 @@ class SmoothedSeries(Result):
     Attributes
     ----------
     mean : ndarray of shape (..., steps, 3)
-        Angle, rate and acceleration, given all plots.
+        Angle, rate and acceleration at each step, given all plots.
     upper : ndarray of shape (..., steps, 6)
         Upper triangles of the covariances, row by row.
     systematic : {"not included"}
-        The covariance is that of white noise as given; a systematic error is not part of it.
+        The covariance is that of white noise as given; it does not include systematic errors.
     """
 
     _rows: ClassVar = "mean", 1
@@ -130,32 +130,33 @@ def filter_series(
     out: FilteredSeries | None = None,
     n_threads: int | None = None,
 ) -> FilteredSeries:
-    """Filter series of plots, with angle, rate and acceleration as the state.
+    """Filter series of plots; the state is angle, rate and acceleration.
 
     Parameters
     ----------
     z : array_like of shape (..., steps)
         Measured angles (plots); nan where there is none.
     measurement_variance : array_like of shape (), (..., 1) or (..., steps)
-        Variance of their noise.
+        Variance of the noise of the plots.
     model : SingerModel
-        Motion of the target.
+        Model of the motion of the target.
     initial : (mean, covariance), optional
-        State at the first step, before its plot, of shapes (..., 3) and (..., 3, 3). By default
-        nothing is known except the variance of the acceleration.
+        Mean and covariance of the state at the first step, before its plot, of shapes (..., 3) and
+        (..., 3, 3). By default only the variance of the acceleration is known.
     time : array_like of shape (steps,) or (..., steps), optional
-        Times of the steps, in non-decreasing order; by default `model.dt` apart.
+        Times of the steps, in non-decreasing order; by default they are `model.dt` apart.
     period : float, optional
-        360.0 for degrees, 2*pi for radians; None for data that do not wrap. Estimated angles lie in
-        [0, period).
+        Period of the angle: 360.0 for degrees, 2*pi for radians, None for data that do not wrap.
+        Estimated angles lie in [0, period).
     store : {"all", "mean", "final"}
-        What to keep: everything, the means of all steps, or mean and covariance of the last step.
+        What to keep: everything, the means of all steps, or the mean and covariance of the last
+        step.
     out : FilteredSeries, optional
         Result of an earlier call with the same shapes and the same `store`. Its arrays are
         overwritten and returned again, which saves allocating memory; after an error their content
         is undefined.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
@@ -165,18 +166,18 @@ def filter_series(
     Raises
     ------
     ValueError
-        An infinite plot, a variance that is not positive, decreasing times, shapes that do not fit,
-        or `alpha T >= 1` with a model that is not exact.
+        If a plot is infinite, a variance is not positive, times decrease, shapes do not fit, or
+        `alpha T >= 1` and the model is not exact.
     numpy.linalg.LinAlgError
-        An indefinite initial covariance.
+        If an initial covariance is indefinite.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
-    Equations (14) to (20) of the source. Where the prior variance exceeds 1e4 times that of the
-    noise, the covariance is kept in factors `U D U'`, which rounding cannot make negative. A gain
-    that has converged is not computed again. Cost O(steps).
+    Equations (14) to (20) of the source. If the prior variance exceeds 1e4 times that of the noise,
+    the covariance is kept in factors `U D U'`, which rounding cannot make negative. Once the gain
+    has converged, it is not computed again. The cost is O(steps).
 
     Examples
     --------
@@ -239,12 +240,13 @@ def smooth_series(
     Parameters
     ----------
     z, measurement_variance, model, initial, time, period, n_threads
-        See `filter_series`.
+        As for `filter_series`.
 
     Returns
     -------
     SmoothedSeries
-        Means and covariances; unknown (nan and inf) before the first plot.
+        Means and covariances; nan and inf, respectively, before the first plot if no initial state
+        is given.
 
     Raises
     ------
@@ -254,10 +256,10 @@ def smooth_series(
     Notes
     -----
     The smoother of Rauch, Tung and Striebel in Joseph form, on the factors `U D U'` of the
-    covariances. An initial covariance w times as wide as the noise costs log10(w) digits; without
-    one, no digits are lost. One that is w times narrower leaves a relative error of 1e-15 sqrt(w)
-    with a model that is not exact, whose process noise enters the acceleration alone. Cost
-    O(steps).
+    covariances. If an initial covariance is w times as wide as the noise, log10(w) digits are lost;
+    without an initial state none are. If an initial covariance is w times narrower and the model is
+    not exact, so that process noise enters only the acceleration, the relative error is 1e-15
+    sqrt(w). The cost is O(steps).
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The accuracy of positions, before anything is measured."""
+"""The accuracy of positions for given stations, without measurements."""
 
 from __future__ import annotations
 
@@ -22,14 +22,15 @@ from tertia.sensors._sensors import stack_stations, survey_sigmas
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Accuracy(Result):
-    """The accuracy of positions from given stations, before anything is measured.
+    """The accuracy of positions that given stations would find, without measurements.
 
     Attributes
     ----------
     covariance : ndarray of shape (..., D, D)
-        Covariance of a least-squares position; variances are infinite where it is not determined.
+        Covariance of a least-squares position in m²; variances are infinite where the position is
+        not determined.
     dop : float or ndarray of shape (...)
-        See `Location`.
+        Dilution of precision, as in `Location`.
     """
 
     _rows: ClassVar = "dop", 0
@@ -71,7 +72,7 @@ def accuracy_map(
     degrees: bool = False,
     n_threads: int | None = None,
 ) -> Accuracy:
-    """Return the covariance that positions would have, before anything is measured.
+    """Return the covariance that positions would have with given stations, without measurements.
 
     Parameters
     ----------
@@ -80,38 +81,40 @@ def accuracy_map(
     grid : array_like of shape (..., D)
         Positions of the target in metres.
     kinds : sequence of str, optional
-        Kinds that are measured, of "range", "azimuth", "elevation", "range_difference" and
-        "arrival_time"; by default those with a standard deviation.
+        Kinds of measurements: "range", "azimuth", "elevation", "range_difference" and
+        "arrival_time"; by default, those that have a standard deviation.
     range_sigma, azimuth_sigma, elevation_sigma : array_like of shape (K,), optional
-        Standard deviations in place of those of the stations.
+        Standard deviations in metres and radians, instead of those of the stations.
     range_difference_sigma : array_like of shape (K - 1,), optional
-        Standard deviations of range differences.
+        Standard deviations of the range differences in metres.
     arrival_time_sigma : array_like of shape (K,), optional
-        Standard deviations of times of arrival in seconds.
+        Standard deviations of the times of arrival in seconds.
     bias : Bias, optional
-        Systematic errors of all stations, or of each, (K,), in place of those of the stations. What
-        is stated of their sigmas adds to the random errors; where one is infinite nothing is
-        measured. Nothing can be estimated here.
+        Systematic errors that replace those of the stations: the same for all stations, or one for
+        each, (K,). Their sigmas add to the random errors; a measurement whose systematic error has
+        an infinite sigma is not used. A sigma of None adds nothing, because without measurements it
+        cannot be estimated.
     range_difference_correlation, propagation_speed : float
-        See `locate`.
+        As for `locate`.
     degrees : bool
-        Whether the angles and their standard deviations given here are in degrees.
+        Whether the angles and their standard deviations in this call are in degrees.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
     Accuracy
-        Covariance and dilution of precision of every position. The variances are infinite where the
-        measurements do not determine the position, or it is at a station.
+        Covariance and dilution of precision at every position of the grid. The variances are
+        infinite where the measurements do not determine the position and where it coincides with
+        a station.
 
     Raises
     ------
     ValueError
-        A wrong shape, a standard deviation that is missing or not positive, or a kind that does
-        not exist.
+        If a shape is wrong, a standard deviation is missing or not positive, or a kind does not
+        exist.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Examples
     --------

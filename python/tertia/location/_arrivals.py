@@ -1,4 +1,4 @@
-"""Times of arrival: seconds or NumPy's dates in, metres for the core, seconds or dates out."""
+"""Conversion of times of arrival, in seconds or NumPy's datetimes, to metres and back."""
 
 from __future__ import annotations
 
@@ -20,11 +20,12 @@ _FINE = [(unit, 1) for unit in ("ns", "ps", "fs", "as")]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Arrivals:
-    """Times of arrival of K stations as the core takes them.
+    """Times of arrival at K stations in the form that the core takes.
 
-    `first` is the first one of each instant, of shape (...): in double precision, seconds since
-    1970 have steps of 0.2 µs, which is 70 m for light, so that only times from there are multiplied
-    by the speed. `value` and `sigma` are metres, of shape (..., K).
+    `first` is the first time of each instant, of shape (...). Seconds since 1970 have steps of
+    0.2 µs in double precision, which is 70 m for light. Therefore only the differences from
+    `first` are multiplied by the speed of the signal. `value` and `sigma` are in metres, of shape
+    (..., K).
     """
 
     first: npt.NDArray[Any]
@@ -33,7 +34,7 @@ class Arrivals:
     sigma: FloatArray
 
     def emission(self, emission: FloatArray) -> Any:
-        """Return times of emission, from metres after the first arrival."""
+        """Return the times of emission, metres after the first arrival, in the caller's units."""
         seconds = emission / self.speed
         if self.first.dtype.kind not in "mM":
             return scalar_or_array(np.asarray(self.first + seconds))

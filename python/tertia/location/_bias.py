@@ -1,4 +1,4 @@
-"""Systematic errors of the stations of a fix: what was given, and what was found."""
+"""Systematic errors of the stations of a fix: those given, and those estimated."""
 
 from __future__ import annotations
 
@@ -27,12 +27,13 @@ _ROWS = {kind: at for at, kind in enumerate(ERRORS)}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Given:
-    """What was given of the biases of K stations, per kind that one station measures alone.
+    """Given biases of K stations, for each kind that a station measures on its own.
 
     Attributes
     ----------
     value, sigma : ndarray of shape (4, K)
-        Those of clocks are in seconds. The sigma is nan where it is to be estimated.
+        Values and their sigmas; those of clocks are in seconds. The sigma is nan where it is to be
+        estimated.
     """
 
     value: FloatArray
@@ -43,7 +44,7 @@ class Given:
     def corrected(
         self, kind: Kind, value: FloatArray, unit: FloatArray | float = 1.0
     ) -> FloatArray:
-        """Return measurements less the biases; nan where nothing is known of the bias."""
+        """Return measurements minus the biases; nan where the bias is unknown."""
         if kind not in ERRORS or not self.known:
             return value
         at = _ROWS[kind]
@@ -54,17 +55,17 @@ class Given:
     def subtracted(
         self, kind: Kind, value: FloatArray, unit: FloatArray | float = 1.0
     ) -> FloatArray:
-        """Return measurements less the biases, as they are stated."""
+        """Return measurements minus the stated biases."""
         return value - self.value[_ROWS[kind]] * unit if kind in ERRORS else value
 
     def usable(self, kind: Kind, value: FloatArray) -> FloatArray:
-        """Return nan instead of what belongs to a station whose bias may be anything."""
+        """Return `value` with nan for stations whose bias is unknown."""
         if kind not in ERRORS or not self.known:
             return value
         return np.where(np.isinf(self.sigma[_ROWS[kind]]), np.nan, value)
 
     def widened(self, kind: Kind, sigma: FloatArray, unit: FloatArray | float = 1.0) -> FloatArray:
-        """Return standard deviations of random and systematic errors together."""
+        """Return standard deviations of random and systematic errors combined."""
         if kind not in ERRORS or not self.known:
             return sigma
         own = np.nan_to_num(self.sigma[_ROWS[kind]], nan=0.0, posinf=0.0)
@@ -77,7 +78,7 @@ class Given:
         return total
 
     def free(self, kinds: Sequence[Kind]) -> BoolArray:
-        """Return which measurements may have errors that nobody stated, (kinds, K)."""
+        """Return which measurements may have systematic errors that were not stated, (kinds, K)."""
         if not self.known:
             return _all_free(tuple(kinds), self.sigma.shape[-1])
         free = np.zeros((len(KINDS), self.sigma.shape[-1]), dtype=bool)
@@ -89,7 +90,7 @@ class Given:
         return free
 
     def found(self, stated: Mapping[Kind, FloatArray], growth: Sequence[float]) -> Bias:
-        """Return the biases with the sigmas that the contradictions demand, (K,)."""
+        """Return the biases with sigmas as large as the contradictions require, (K,)."""
         if not (self.known or any(each > 1.0 for each in growth)):
             return _nothing_found(self.sigma.shape[-1])
         demanded = np.zeros(self.sigma.shape)
@@ -109,7 +110,7 @@ class Given:
 
 
 def given_biases(bias: Bias | None, stations: Sequence[Station] | npt.ArrayLike, k: int) -> Given:
-    """Return the biases of the call or, without one, those of the stations."""
+    """Return the biases given in the call or, if there are none, those of the stations."""
     if bias is not None:
         instance(bias, "bias", Bias)
         if np.ndim(bias.range) > 0 and len(bias) != k:
@@ -163,7 +164,7 @@ def _nothing_found(k: int) -> Bias:
 
 
 def said(free: BoolArray, *, tells: bool) -> Systematic:
-    """Return what a sigma says of systematic errors; `tells`: something could contradict."""
+    """Return how a sigma treats systematic errors; `tells`: contradictions would show them."""
     if not free.any():
         return "given"
     return "estimated" if tells else "not included"

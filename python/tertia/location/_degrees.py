@@ -1,4 +1,4 @@
-"""Degrees that were given as radians, and are small enough to be radians."""
+"""Detection of degrees that were passed as radians and are small enough to be radians."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ def warn_if_degrees(
     sigmas: FloatArray,
     solve: Callable[[FloatArray, FloatArray], Found],
 ) -> None:
-    """Warn where angles do not fit as radians, but would as degrees.
+    """Warn if the angles do not fit as radians, but would fit as degrees.
 
     `found` is what the kernel finds from `values` of shape (..., 5, K) and `sigmas`, in radians;
-    `solve` finds it for others. Only recordings of which most instants fail are solved again, for
-    that takes long; a few faults are no failure.
+    `solve` finds it for other values. This takes long, so a record is solved again only if most of
+    its instants fail; a few faults do not count as failure.
     """
     tried, agrees = _agreement(found[-1], _CHANCES[0])
     if not tried or agrees >= _SHARES[0] * tried:
@@ -64,13 +64,13 @@ def warn_if_degrees(
 
 
 def _agreement(columns: Columns, chance: float) -> tuple[int, int]:
-    """Return how many instants were tried, and of how many of them the measurements agree."""
+    """Return the number of instants that were tested, and the number whose measurements agree."""
     tried = int(np.count_nonzero(columns[1] >= 0))
     return tried, int(np.count_nonzero(_agrees(columns, chance)))
 
 
 def _evidence(columns: Columns, chance: float) -> float:
-    """Return how much the instants tell whose measurements agree."""
+    """Return the amount of evidence from those instants whose measurements agree."""
     worth = np.maximum(columns[1], 0.5)
     return float(np.sum(np.where(_agrees(columns, chance), worth, 0.0)))
 
@@ -82,7 +82,7 @@ def _agrees(columns: Columns, chance: float) -> BoolArray:
 
 
 def _fits_without_few(found: Found) -> BoolArray:
-    """Return which instants fit, but for a few measurements that were left out."""
+    """Return which instants fit after a few measurements were left out as outliers."""
     _, _, residual, outlier, columns = found
     status, freedom = columns[:2]
     axes = (-2, -1)

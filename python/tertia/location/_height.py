@@ -1,4 +1,4 @@
-"""The height of a target: given, or not determined."""
+"""The height of a target: given or undetermined."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _ANYWHERE = 10_000.0
 def read_height(
     height: npt.ArrayLike | None, sigma: npt.ArrayLike | None, d: int
 ) -> FloatArray | None:
-    """Return heights and their standard deviations, (..., 2), None if they are not given."""
+    """Return heights and their standard deviations, (..., 2); None if they are not given."""
     if height is None and sigma is None:
         return None
     if height is None or sigma is None:
@@ -37,13 +37,13 @@ def read_height(
 
 
 def anywhere(places: FloatArray) -> FloatArray:
-    """Return a height as that of the stations, (..., K, 3), that says next to nothing."""
+    """Return a height with a very large sigma, at the height of the stations, (..., K, 3)."""
     level = np.mean(places[..., 2], axis=-1)
     return np.stack([level, np.full_like(level, _ANYWHERE)], axis=-1)
 
 
 def without_height(location: Location) -> Location:
-    """Return the same with a height that nothing determined."""
+    """Return the location with its height marked as undetermined."""
     position, covariance = location.position.copy(), location.covariance.copy()
     found = np.asarray(location.success)
     position[..., 2] = np.nan

@@ -74,125 +74,136 @@ def locate(
     Parameters
     ----------
     stations : sequence of K Station, or array_like of shape (..., K, D)
-        The stations, or their positions alone, with D = 2 or 3.
+        The stations, or their positions in metres, with D = 2 or 3.
     range : array_like of shape (..., K), optional
-        Ranges in metres, nan where there is none.
+        Ranges in metres; nan where one is missing.
     azimuth : array_like of shape (..., K), optional
-        Azimuths in radians, clockwise from north.
+        Azimuths in radians, clockwise from north; nan where one is missing.
     elevation : array_like of shape (..., K), optional
-        Elevations in radians above the horizon, in space only.
+        Elevations in radians above the horizon, only if D = 3; nan where one is missing.
     range_difference : array_like of shape (..., K - 1), optional
-        The range of each station except the first, minus that of the first, in metres.
+        Range of each station except the first minus the range of the first station, in metres.
     arrival_time : array_like of shape (..., K), optional
-        When the signal of one event came to each station, nan where it did not: seconds, or dates
-        or differences of NumPy (``datetime64[ns]``). Seconds since 1970 are exact to .2 µs only,
-        70 m for light; nanoseconds as dates lose nothing. The emission is unknown, and found.
+        Time at which the signal of one event arrived at each station, nan where it did not arrive:
+        in seconds, or as NumPy's datetimes or timedeltas (``datetime64[ns]``). Seconds since 1970
+        are only resolved to 0.2 µs, which is 70 m for light; datetimes in nanoseconds lose nothing.
+        The time of emission is unknown and estimated.
     range_sigma, azimuth_sigma, elevation_sigma : array_like of shape (..., K), optional
-        Standard deviations in place of those of the stations.
+        Standard deviations in metres and radians, instead of those of the stations.
     range_difference_sigma : array_like of shape (..., K - 1), optional
-        Standard deviations of the range differences.
+        Standard deviations of the range differences in metres.
     arrival_time_sigma : array_like of shape (..., K), optional
         Standard deviations of the times of arrival in seconds.
     bias : Bias, optional
-        Systematic errors of the stations, in place of theirs: of all, or of K. Values are
-        subtracted, and their sigmas are part of the covariance; `Bias()` trusts the stated sigmas.
-        None, of the call and of stations: sigmas grow as far as contradictions between the
-        stations demand, and not at all where nothing contradicts (see Notes).
+        Systematic errors that replace those of the stations: the same for all stations, or one for
+        each of K. Their values are subtracted, and their sigmas are part of the covariance. With
+        `Bias()` there are no systematic errors. If neither the call nor the stations state a bias,
+        sigmas are increased as far as contradictions between the stations require, and not at all
+        if there are no contradictions (see Notes).
     range_difference_correlation : float
-        Correlation of the errors of range differences: .5 if all share the error of the first
-        station, which has a variance of its own like the others; 0 if they are independent. The
+        Correlation of the errors of range differences. Use .5 if all share the error of the first
+        station, whose variance is equal to that of the others, and 0 if they are independent. The
         common variance is this fraction of the smallest of their variances.
     propagation_speed : array_like of shape (...)
-        Speed of the signal in metres per second, by default that of light.
+        Speed of the signal in metres per second, by default the speed of light.
     multipath : bool
-        Whether outliers among times of arrival, and among range differences with a correlation, are
-        late rather than early (20 to 1), as with multipath. Otherwise both are as
-        likely.
+        Whether outliers are more often late than early (20 to 1), as with multipath; otherwise both
+        are equally likely. This concerns times of arrival, and range differences with a
+        correlation.
     height, height_sigma : array_like of shape (...), optional
-        The last coordinate of the target in metres, in space only, and its standard deviation: a
-        measurement like the others. Azimuths alone do not determine it: without `height` up is nan,
-        its variance infinite, and east and north are those in the plane.
+        Last coordinate of the target in metres and its standard deviation, only if D = 3. They are
+        a measurement like the others. Azimuths alone do not determine the height: if `height` is
+        missing, up is nan with an infinite variance, and east and north are estimated in the plane.
     method : {"robust", "least-squares", "lenth-mle", "lenth-huber", "lenth-andrews", "posterior"}
-        "robust": Tukey's biweight with at least `redundancy` degrees of freedom, otherwise least
-        squares; "least-squares": always. The others are for azimuths in the plane only: Lenth's
-        (1981) estimators, and "posterior", the expected position for two bearings or more whose
-        sigma is known roughly or not at all.
+        "robust": Tukey's biweight if there are at least `redundancy` degrees of freedom, otherwise
+        least squares. "least-squares": always least squares. The other methods are for azimuths in
+        the plane only: "lenth-mle", "lenth-huber" and "lenth-andrews" are Lenth's (1981)
+        estimators; "posterior" is the expected position, for two or more bearings whose sigma is
+        known only roughly or not at all.
     max_range : float, optional
-        Of "posterior", which needs it: largest distance of the target from the nearest station, in
-        metres. Within it all positions are evenly likely.
+        Largest distance of the target from the nearest station in metres, for the method
+        "posterior", which requires it. All positions within this distance have the same prior
+        probability.
     pooled : bool
-        Whether standard deviations are relative: the whole batch tells one factor for each kind, or
-        the common standard deviation where none is given. It may be below 1.
+        Whether the standard deviations are only relative. The whole batch then determines one
+        factor for each kind, which may be below 1; or, where no standard deviations are given, the
+        common standard deviation.
     redundancy : int, optional
-        Smallest number of degrees of freedom with which outliers are searched for: by default 3,
-        with times of arrival 2. With one, a fault cannot be attributed to a measurement; with two,
-        of angles and ranges rarely.
+        Smallest number of degrees of freedom with which outliers are searched for; by default 2
+        with times of arrival and 3 otherwise. With one degree of freedom a fault cannot be
+        attributed to a measurement; with two, faults of angles and ranges rarely can.
     initial : array_like of shape (..., D), optional
         A position near the target. It selects one of several positions that fit the measurements.
     degrees : bool
-        Whether the angles and their standard deviations given here are in degrees.
+        Whether the angles and their standard deviations in this call are in degrees.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
     Location
         Position, covariance, residuals and faults. In a batch, an instant without a position has
-        nan there, and the reason in `status`.
+        the value nan, and `status` gives the reason.
 
     Raises
     ------
     ValueError
-        A wrong shape, a number outside its domain, or a missing standard deviation. For a single
-        instant, also a target that cannot be located: too few measurements, bearings that do not
-        intersect, two positions that fit the measurements equally well, or a target at a station.
+        If a shape is wrong, a number is outside its domain, or a standard deviation is missing. For
+        a single instant, also if the target cannot be located: there are too few measurements,
+        bearings do not intersect, two positions fit the measurements equally well, or the target is
+        at a station.
     numpy.linalg.LinAlgError
-        For a single instant, a geometry that leaves a direction undetermined.
+        For a single instant, if the geometry leaves a direction undetermined.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Warns
     -----
     UserWarning
-        Angles of which most contradict each other as radians, and fit as degrees.
+        If most angles contradict each other as radians, but agree as degrees.
 
     Notes
     -----
     Leading axes are broadcast against each other. If only one kind is measured and none of its
-    standard deviations is given, a common one is estimated: by least squares from the residuals,
-    robustly from their median size.
+    standard deviations is given, a common one is estimated: by least squares from the residuals, by
+    the robust method from their median size.
 
-    The emission b of times of arrival `c t = b + |p - s| + e` is one more unknown, with a flat
-    prior. This is the same as the differences to any of the stations with their full covariance.
-    Range differences that have a common error are taken as times of arrival, that of the first
-    station at 0: if it is the one that is wrong, all differences are marked. Here the loss is `-ln`
-    of the density of normal noise and one fault in a hundred, of up to 50 sigma; residuals of more
-    than 3.9 sigma, early ones of 4.6, are faults. The covariance is `(J' W J)^-1` with the weights
-    of that loss, plus the same term for measurements in doubt. `Station.position_sigma` is part of
-    the errors of all measurements of a station, unless their sigma is to be estimated. In a batch
-    whose arrivals are wrong more often than one in a hundred, the density is that of their share.
+    **Times of arrival.** For `c t = b + |p - s| + e`, the emission b is one more unknown, with a
+    flat prior. This is equivalent to range differences relative to any of the stations, with their
+    full covariance. Range differences that have a common error are treated as times of arrival,
+    with that of the first station at 0; if the first station is the faulty one, all differences are
+    marked. The loss for times of arrival is `-ln` of a density: that of normal noise, plus one
+    fault in a hundred, of up to 50 sigma. A late residual of more than 3.9 sigma and an early one
+    of more than 4.6 are faults. The covariance is `(J' W J)^-1` with the weights of that loss, plus
+    a term for measurements in doubt (given below). If more than one in a hundred arrivals of a
+    batch is faulty, the density has the actual share of faults. `Station.position_sigma` is part of
+    the errors of all measurements of a station, unless their sigma is to be estimated.
 
-    The start is the best of the points where a minimal set of measurements agrees, or the median of
-    the stations' own fixes. Tukey's biweight (4.685) is minimised from the result of up to eight
-    Huber steps (1.345) from there. Other starts are tried as well; two minima whose likelihoods
-    differ by less than a factor of 20 are an error. Faults have weight 0. The robust covariance is
-    `0.963 (J' W J)^-1`, which for normal errors is 5 % larger than that of least squares, plus `6 q
-    (1 - q) d d'` for each measurement that is a fault with probability q, where d is the change of
-    the position if it is left out. Cost O(M) per step, about ten steps.
+    **Minimisation.** The search starts at the best of the points where a minimal set of
+    measurements agrees, or at the median of the positions that single stations determine. From
+    there, up to eight Huber steps (1.345) lead to the point from which Tukey's biweight (4.685) is
+    minimised. Other starts are tried as well; if the likelihoods of two minima differ by less than
+    a factor of 20, this is an error. Faults have weight 0. The robust covariance is `0.963 (J' W
+    J)^-1`, which for normal errors is 5 % larger than that of least squares, plus `6 q (1 - q) d
+    d'` for each measurement that is a fault with probability q, where d is the change of the
+    position if that measurement is left out. The cost is O(M) per step for M measurements, with
+    about ten steps.
 
-    Systematic errors (`bias=None`). In a batch, the variances of a kind grow by the factor of
-    restricted maximum likelihood (Patterson, Thompson 1971) that makes the residuals of at most 256
-    instants as large as they are, and by what is not known of it; time-correlated errors count as
-    fewer instants. A single instant grows where its own residuals fail a test at 10 %. Where
-    nothing contradicts, nothing is added. An error that all stations share leaves no contradiction:
-    what is stated of a variance but does not scatter in a batch (at 99 %) is taken for one, and
-    added to the covariance; only `bias` can tell of a larger one. With one or two degrees of
-    freedom, sigmas that are half of what they should be are found in less than half of all instants
-    (coverage 67 and 73 % instead of 53 %): locate them as a batch.
+    **Systematic errors** (`bias=None`). In a batch, the variances of a kind are multiplied by a
+    factor that explains the size of the residuals of at most 256 instants (restricted maximum
+    likelihood; Patterson, Thompson 1971), and increased further by the uncertainty of this factor.
+    Instants with time-correlated errors count as fewer instants. For a single instant, the
+    variances are increased if its own residuals fail a test at 10 %. If nothing contradicts the
+    stated sigmas, nothing is added. An error that all stations share causes no contradiction. If a
+    batch scatters less than stated (at 99 %), the missing part of the variance is taken as an error
+    that all stations share, and added to the covariance; a larger common error must be stated in
+    `bias`. With one or two degrees of freedom, sigmas that are half as large as they should be are
+    detected in less than half of all single instants (coverage 67 and 73 % instead of 53 %): locate
+    such instants as a batch.
 
-    Where the standard deviation is not small compared with the distance to the nearest station, the
-    ellipse of 95 % reaches as far as the likelihood along its axes (Bates, Watts 1988); if it has
-    no end, the status is ILL_CONDITIONED.
+    **Large errors.** If the standard deviation is not small compared with the distance to the
+    nearest station, the 95 % ellipse is extended along its axes as far as the likelihood reaches
+    (Bates, Watts 1988). If the likelihood has no end there, the status is ILL_CONDITIONED.
 
     Examples
     --------
@@ -326,7 +337,7 @@ def locate(
 def _solved(
     rows: tuple[Any, ...], options: tuple[Any, ...], values: FloatArray, sigmas: FloatArray
 ) -> Any:
-    """Return what the core finds with other measurements and sigmas than those of `rows`."""
+    """Return what the core finds with measurements and sigmas other than those of `rows`."""
     places, axes, _, _, surveys, height = rows
     return _core.locate(places, axes, values, sigmas, surveys, height, *options)
 
@@ -344,7 +355,7 @@ def _start(initial: npt.ArrayLike | None, d: int) -> FloatArray | None:
 
 
 def _require_deviations(measured: _Measured, *, unknown: bool) -> None:
-    """Fail where a standard deviation is missing, and not to be estimated."""
+    """Raise an error if a standard deviation is missing and is not to be estimated."""
     if unknown:
         return
     for kind, (value, sigma) in measured.items():
@@ -360,14 +371,14 @@ def _require_deviations(measured: _Measured, *, unknown: bool) -> None:
 
 
 def _timed(arrivals: Arrivals, own: Given) -> tuple[FloatArray, FloatArray]:
-    """Return times of arrival without what the clocks are fast, in metres, and their sigmas."""
+    """Return times of arrival in metres, corrected for the clocks' biases, and their sigmas."""
     unit = arrivals.speed[..., np.newaxis]
     kind: Kind = "arrival_time"
     return own.corrected(kind, arrivals.value, unit), own.widened(kind, arrivals.sigma, unit)
 
 
 def _stated(measured: _Measured, arrivals: Arrivals | None) -> dict[Kind, FloatArray]:
-    """Return the standard deviations, those of arrivals in seconds."""
+    """Return the standard deviations; those of times of arrival are in seconds."""
     sigmas = {kind: sigma for kind, (_, sigma) in measured.items()}
     if arrivals is not None:
         sigmas["arrival_time"] = sigmas["arrival_time"] / arrivals.speed[..., np.newaxis]
@@ -375,20 +386,20 @@ def _stated(measured: _Measured, arrivals: Arrivals | None) -> dict[Kind, FloatA
 
 
 def _is_unknown(measured: _Measured) -> bool:
-    """Whether the common standard deviation of the only kind is to be estimated."""
+    """Return whether the common standard deviation of the only kind is to be estimated."""
     return len(measured) == 1 and all(np.isnan(s).all() for _, s in measured.values())
 
 
 def _require_method(
     method: str, measured: _Measured, d: int, start: FloatArray | None, max_range: float | None
 ) -> None:
-    """Fail where a method does not fit the measurements, or an option the method."""
+    """Raise an error if the measurements or options do not suit the method."""
     if method in _LENTH:
         _require_lenth(measured, d, method)
     if method == "posterior":
         _require_azimuths(measured, d, method)
         if start is not None:
-            raise ValueError(f"method is {method!r}, which weighs all positions; without initial")
+            raise ValueError(f"method is {method!r}, which does not use initial")
     elif max_range is not None:
         raise ValueError(f"method is {method!r}; max_range is for 'posterior'")
 
@@ -433,7 +444,7 @@ def _sigma_batch(measured: _Measured) -> tuple[int, ...]:
 
 
 def _grown(sigmas: FloatArray, grows: BoolArray, growth: Sequence[float]) -> FloatArray:
-    """Return the standard deviations with what the contradictions add."""
+    """Return the standard deviations, increased by what the contradictions require."""
     if growth.count(1.0) == len(growth):
         return sigmas
     grown: FloatArray = sigmas * np.sqrt(np.where(grows, np.reshape(growth, (-1, 1)), 1.0))
@@ -441,7 +452,7 @@ def _grown(sigmas: FloatArray, grows: BoolArray, growth: Sequence[float]) -> Flo
 
 
 def _matched(array: FloatArray, batch: tuple[int, ...], axes: int) -> FloatArray:
-    """Return rows for each element of the batch, or the only one."""
+    """Return rows for each element of the batch, or the only row."""
     tail = array.shape[array.ndim - axes :]
     if array.size == math.prod(tail):
         return array.reshape(1, *tail)
@@ -449,7 +460,7 @@ def _matched(array: FloatArray, batch: tuple[int, ...], axes: int) -> FloatArray
 
 
 def _checked(location: Location) -> Location:
-    """Return it; fail where a single instant was not located."""
+    """Return the location; raise an error if it is a single instant that was not located."""
     status = location.status
     if status is LocationStatus.SINGULAR:
         raise np.linalg.LinAlgError(status.message)

@@ -1,4 +1,4 @@
-"""The density of positions of a few bearings."""
+"""The posterior density of positions from a few bearings."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def _require_bearings(
     factor: FloatArray,
     n_threads: int | None,
 ) -> None:
-    """Fail where a record is explained by random bearings, though they meet."""
+    """Raise an error if random bearings explain the record, although its bearings intersect."""
     free = [True] * rows[2].shape[-1] * len(KINDS)
     *_, columns, found = _core.locate(
         *rows,
@@ -112,9 +112,9 @@ def _require_bearings(
     pooled = float(np.median(factor[known]))
     if pooled > _RANDOM * scatter > 0:
         raise ValueError(
-            "max_range is too large for method='posterior' with pooled=True: within it the record "
-            f"is explained by random bearings, with a sigma {pooled / scatter:.1f} times what they "
-            "scatter by where they meet; give the distance at which targets are heard at most, or "
+            "max_range is too large for method='posterior' with pooled=True: random bearings "
+            f"explain the record, with a sigma {pooled / scatter:.1f} times the scatter of the "
+            "bearings where they meet; give the largest distance at which targets are heard, or "
             "azimuth_sigma"
         )
 

@@ -1,4 +1,4 @@
-"""The radius that the error of a position exceeds with a stated risk, faults or not."""
+"""The radius that the error of a position exceeds with a stated risk, faults included."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def protection_level_of(
     faults: int,
     false_alarm_probability: float,
 ) -> float | FloatArray:
-    """Return the levels of positions; see `Location.protection_level`."""
+    """Return the protection levels of positions; see `Location.protection_level`."""
     guarded = (
         probability(risk, "risk"),
         probability(fault_probability, "fault_probability"),

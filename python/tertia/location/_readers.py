@@ -1,4 +1,4 @@
-"""Measurements and standard deviations, checked."""
+"""Checks of measurements and standard deviations."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _DOMAINS: dict[str, tuple[str, tuple[float, ...]]] = {
 
 
 def checked(value: npt.ArrayLike, kind: str, k: int, *, degrees: bool = False) -> FloatArray:
-    """Return measurements, (..., K) or (..., K - 1), within their domain."""
+    """Return measurements, (..., K) or (..., K - 1), after checking their domain."""
     array = radians(value, kind, degrees=degrees) if kind in ANGLES else samples(value, kind)
     require_length(array, kind, k)
     domain, limits = _DOMAINS.get(kind, ("a finite number", ()))
@@ -50,7 +50,7 @@ def deviations(
 
 
 def require_length(array: npt.NDArray[Any], name: str, k: int) -> None:
-    """Fail unless there is an element for each station, or each but the first."""
+    """Raise an error unless there is an element for each station, or for each except the first."""
     count = k - int(name.startswith("range_difference"))
     if array.ndim < 1 or array.shape[-1] != count:
         raise ValueError(
@@ -59,7 +59,7 @@ def require_length(array: npt.NDArray[Any], name: str, k: int) -> None:
 
 
 def require_kinds(measured: Collection[str], d: int, *, shared: bool) -> None:
-    """Fail where nothing was measured, or kinds that do not fit together."""
+    """Raise an error if nothing was measured, or if the measured kinds do not fit together."""
     if not measured:
         raise ValueError(
             "nothing was measured; give range, azimuth, elevation, range_difference or arrival_time"
@@ -74,7 +74,7 @@ def require_kinds(measured: Collection[str], d: int, *, shared: bool) -> None:
 
 
 def correlation_of(value: float) -> float:
-    """Return the correlation of range differences."""
+    """Return the correlation of range differences, checked."""
     correlation = real(value, "range_difference_correlation")
     if not 0.0 <= correlation < 1.0:
         raise ValueError(

@@ -23,14 +23,14 @@ class Region(Result):
     Attributes
     ----------
     polygon : tuple of ndarray of shape (N, 2)
-        Its outlines, corners in metres: anticlockwise around a part, clockwise around a hole. Of a
-        batch, an array of such tuples; empty where there is no position.
+        Corners of the outlines in metres: anticlockwise around a part, clockwise around a hole. For
+        a batch, an array of such tuples. Empty if there is no position.
     area : float or ndarray of shape (...)
-        In square metres; inf where the region has no end.
+        Area in square metres; inf if the region is unbounded.
     semi_major, semi_minor : float or ndarray of shape (...)
         Semi-axes in metres of the ellipse with the same second moments.
     orientation : float or ndarray of shape (...)
-        Azimuth of its longer axis in radians, from 0 to pi.
+        Azimuth of the longer semi-axis in radians, from 0 to pi.
     """
 
     _rows: ClassVar = "area", 0
@@ -43,17 +43,17 @@ class Region(Result):
     orientation: float | FloatArray
 
     def contains(self, position: npt.ArrayLike) -> bool | BoolArray:
-        """Whether the region contains a position.
+        """Return whether the region contains a position.
 
         Parameters
         ----------
         position : array_like of shape (..., 2)
-            East and north in metres, one for each region, or one for all.
+            East and north in metres: one position for each region, or one for all.
 
         Returns
         -------
         bool or ndarray of shape (...)
-            False also where there is no region.
+            True if the position is inside; False also if there is no region.
         """
         points = samples(position, "position")
         if points.shape[-1:] not in {(2,), (3,)}:
@@ -73,7 +73,7 @@ class Region(Result):
         return found
 
     def __repr__(self) -> str:
-        """Show area and ellipse where there is no batch."""
+        """Show area and ellipse, or the shape of the batch."""
         if not isinstance(self.polygon, tuple):
             return f"Region(batch {self.polygon.shape})"
         return (
@@ -83,7 +83,7 @@ class Region(Result):
 
 
 def crossings(ring: FloatArray, point: FloatArray) -> int:
-    """Count the sides of a ring that a ray towards the east crosses."""
+    """Count the sides of a ring that are crossed by a ray from the point to the east."""
     (x, y), (u, v) = ring.T, np.roll(ring, -1, axis=0).T
     crosses = (y > point[1]) != (v > point[1])
     east = x[crosses] + (point[1] - y[crosses]) * (u - x)[crosses] / (v - y)[crosses]
@@ -92,14 +92,14 @@ def crossings(ring: FloatArray, point: FloatArray) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Accuracy:
-    """Covariances; and measurement sigmas with their degrees of freedom, if they were estimated."""
+    """Covariances of positions; sigmas and degrees of freedom of the measurements, if estimated."""
 
     covariance: FloatArray
     estimated: tuple[FloatArray, FloatArray] | None
 
     @property
     def arrays(self) -> tuple[FloatArray, tuple[FloatArray, FloatArray] | None]:
-        """The arguments of the kernel."""
+        """Return the arguments of the kernel."""
         covariance = np.ascontiguousarray(self.covariance)
         if self.estimated is None:
             return covariance, None

@@ -24,7 +24,7 @@ LocationMethod: TypeAlias = Literal[
 
 
 class LocationStatus(enum.IntEnum):
-    """Whether an instant was located: OK, which is 0 and false, or why not."""
+    """Status of an instant: OK, which equals 0, if it was located, otherwise the reason."""
 
     OK = 0
     TOO_FEW = 1
@@ -37,7 +37,7 @@ class LocationStatus(enum.IntEnum):
 
     @property
     def message(self) -> str:
-        """What happened, as a sentence."""
+        """The meaning of the status, as a sentence."""
         return _MESSAGES[self]
 
 
@@ -75,38 +75,41 @@ class Location(Result):
     Attributes
     ----------
     position : ndarray of shape (..., D)
-        The position in metres; nan where there is none.
+        The position in metres; nan if there is none.
     covariance : ndarray of shape (..., D, D)
-        Covariance of the position; variances are infinite if sigma is unknown and there is no
+        Covariance of the position in m²; variances are infinite if sigma is unknown and there is no
         redundancy.
     residual : ByKind
-        Whitened residuals of all measurements.
+        Residuals of all measurements, whitened: measured minus predicted, divided by sigma.
     outlier : ByKind
-        Measurements that were treated as faults; none for least squares.
+        True for measurements that were treated as faults; least squares treats none so.
     degrees_of_freedom : int or ndarray of shape (...)
-        Number of measurements minus number of coordinates, and minus one for the emission of times
-        of arrival.
+        Number of measurements minus number of coordinates; with times of arrival, also minus one
+        for the time of emission.
     statistic : float or ndarray of shape (...)
-        Sum of all squared residuals, faults included.
+        Sum of the squares of all residuals, faults included.
     pvalue : float or ndarray of shape (...)
-        Probability of a larger sum of squares if there are no faults; nan if sigma was estimated. A
+        Probability of a larger `statistic` if there are no faults; nan if sigma was estimated. A
         small p-value means that a measurement or a sigma is wrong.
     dop : float or ndarray of shape (...)
-        Dilution of precision: the square root of the trace of the covariance for measurements with
-        sigma 1. In metres per metre, or metres per radian; nan for mixtures of both.
+        Dilution of precision: the square root of the trace of the covariance if each measurement
+        had sigma 1. In metres per metre or metres per radian; nan if there are measurements of both
+        units.
     measurement_sigma : float, ndarray of shape (...) or None
-        The common standard deviation of the measurements where it was estimated.
+        Common standard deviation of the measurements, in their unit, if it was estimated.
     emission_time : float, datetime64, ndarray of shape (...) or None
-        When the signal was emitted, in the units of the times of arrival; None if there are none.
+        Time at which the signal was emitted, in the units of the times of arrival; None without
+        times of arrival.
     emission_time_sigma : float, ndarray of shape (...) or None
-        Its standard deviation in seconds.
+        Standard deviation of `emission_time` in seconds.
     status : LocationStatus or ndarray of int, shape (...)
-        OK, which is 0, or why there is no position.
+        OK, which equals 0, or the reason why there is no position.
     systematic : {"given", "estimated", "not included"}
-        Whether the covariance has the systematic errors: as given, as found from contradictions
-        between the stations, or not, because nothing can tell.
+        How the covariance treats systematic errors: it includes them as given; it includes them as
+        estimated from contradictions between the stations; or it does not include them, because no
+        contradiction could show them.
     bias : Bias or None
-        Systematic errors of the K stations, given or found.
+        Systematic errors of the K stations, given or estimated.
     """
 
     _rows: ClassVar = "position", 1
@@ -134,33 +137,34 @@ class Location(Result):
 
     @property
     def success(self) -> bool | BoolArray:
-        """Whether there is a position, of shape (...)."""
+        """Whether there is a position, as an array of shape (...) for a batch."""
         known: bool | BoolArray = scalar_or_array(np.asarray(self.status) == 0)
         return known
 
     def region(self, probability: float = 0.95) -> Region:
-        """Return the region that contains the target with a probability, from above.
+        """Return the horizontal region that contains the target with a given probability.
 
-        Where the errors are small against the distances, it is the ellipse of the covariance, with
-        quantiles of the F distribution where the sigma of the measurements was estimated.
-        Otherwise, in the plane, it is the contour of the likelihood (Wilks 1938), which may be
-        curved and may have no end. Of a posterior it is the region of highest density, which may
-        have several parts.
+        If the errors are small compared with the distances, the region is the ellipse of the
+        covariance; if the sigma of the measurements was estimated, its size follows from quantiles
+        of the F distribution. Otherwise, in the plane, the region is bounded by a contour of the
+        likelihood (Wilks 1938); it may be curved or unbounded. For the method "posterior", it is
+        the region of highest density, which may have several parts.
 
         Parameters
         ----------
         probability : float
-            Its content.
+            Probability that the region contains the target.
 
         Returns
         -------
         Region
-            Outlines, area and axes, of each position of a batch.
+            Outlines, area and axes of the region, for each position of a batch.
 
         Raises
         ------
         ValueError
-            A probability that is not between 0 and 1, or a position not estimated by `locate`.
+            If `probability` is not between 0 and 1, or if the position was not estimated by
+            `locate`.
 
         Examples
         --------
@@ -172,17 +176,17 @@ class Location(Result):
         return region_of(self._source(), self.position, self._accuracy(), probability)
 
     def cep(self, probability: float = 0.5) -> float | FloatArray:
-        """Return the circular error: the radius that contains the target with a probability.
+        """Return the circular error: the horizontal radius that contains the target.
 
         Parameters
         ----------
         probability : float
-            Content of the circle about the position, from above.
+            Probability that the circle about the position contains the target.
 
         Returns
         -------
         float or ndarray of shape (...)
-            In metres. It follows from the covariance, or from the density of a posterior.
+            Radius in metres, from the covariance or, for the method "posterior", from the density.
 
         Raises
         ------
@@ -199,39 +203,40 @@ class Location(Result):
         faults: int = 1,
         false_alarm_probability: float = 1e-3,
     ) -> float | FloatArray:
-        """Return the radius that the horizontal error exceeds with a stated risk, faults or not.
+        """Return the radius that the horizontal error exceeds with a stated risk, faults included.
 
         Parameters
         ----------
         risk : float
-            Probability that the error is larger than the level.
+            Probability that the horizontal error exceeds the protection level.
         fault_probability : float
-            Probability that a measurement is faulty, independently of the others; the size of a
-            fault may be any.
+            Probability that a measurement is faulty, independently of the others; a fault may be of
+            any size.
         faults : int
-            Number of simultaneous faults that are guarded against.
+            Number of simultaneous faults against which the level protects.
         false_alarm_probability : float
-            Probability that the test rejects measurements without faults.
+            Probability that the test rejects measurements that contain no faults.
 
         Returns
         -------
         float or ndarray of shape (...)
-            In metres, about the position. It is inf where no radius is enough: a fault could not be
-            seen, more faults than guarded are likelier than the risk, the positions from
-            subsets of the measurements contradict each other (the test rejects), or there is no
-            position.
+            Radius about the position in metres. It is inf if no radius is large enough, that is, if
+            a fault would be undetectable; if more than `faults` simultaneous faults are more
+            probable than the risk; if the positions from subsets of the measurements contradict
+            each other (the test rejects); or if there is no position.
 
         Raises
         ------
         ValueError
-            A number outside its domain, a position not estimated by `locate`, or standard
-            deviations that were estimated.
+            If a number is outside its domain, if the position was not estimated by `locate`, or if
+            its standard deviations were estimated rather than stated.
 
         Notes
         -----
         Solution separation (Blanch et al. 2012): each set of at most `faults` measurements is left
-        out in turn, and the position without it must agree with that of all. Outliers that were
-        left out count as faults. The sigmas must be upper bounds of the true ones.
+        out in turn, and the resulting position must agree with that from all measurements. Outliers
+        that `locate` left out count as faults. The stated sigmas must not be smaller than the true
+        ones.
 
         Examples
         --------
@@ -243,7 +248,7 @@ class Location(Result):
         36.3
         """
         if self.measurement_sigma is not None:
-            raise ValueError("a protection level needs standard deviations that are stated")
+            raise ValueError("a protection level needs stated standard deviations")
         return protection_level_of(
             self._source(),
             self.position,
@@ -255,7 +260,7 @@ class Location(Result):
 
     def _source(self) -> Scene:
         if self._scene is None:
-            raise ValueError("only a position that locate returned has its measurements")
+            raise ValueError("this needs a position that was returned by locate")
         return self._scene
 
     def _accuracy(self) -> Accuracy:
@@ -268,7 +273,7 @@ class Location(Result):
         return Accuracy(self.covariance, (sigma, freedom))
 
     def __repr__(self) -> str:
-        """Show position and sigma where there is no batch."""
+        """Show position and sigma, or the shape of the batch."""
         if self.position.ndim > 1:
             found, count = np.count_nonzero(self.success), np.size(self.success)
             batch = self.position.shape[:-1]

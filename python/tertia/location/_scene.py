@@ -1,4 +1,4 @@
-"""What a position was estimated from, kept for what is asked of it later."""
+"""The data a position was estimated from, kept for later questions about the position."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Measured: TypeAlias = tuple[
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """The arguments of the kernels, one row for each instant or one for all of them."""
+    """The arguments of the kernels: one row for each instant, or one row for all of them."""
 
     places: FloatArray
     axes: FloatArray | None
@@ -48,11 +48,11 @@ class Scene:
 
     @property
     def rows(self) -> Rows:
-        """Stations, axes, measurements and standard deviations."""
+        """Return stations, axes, measurements and standard deviations."""
         return self.places, self.axes, self.values, self.sigmas
 
     def at(self, position: FloatArray) -> Measured:
-        """Return these and what else the kernels of regions take of positions."""
+        """Return these rows and the other arguments of the region kernels for given positions."""
         if self.height is not None:
             # also where it is no result
             level = np.broadcast_to(self.height[..., 0], position.shape[:-1])

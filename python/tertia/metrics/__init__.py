@@ -1,9 +1,9 @@
 """Metrics: errors, their consistency with covariances, and the quality of tracks.
 
 `nees`, `nis`, `consistency_bounds`, `autocorrelation` and `rmse` evaluate errors. `track_errors`
-resolves them along and across a course, `audit` compares them with the covariances that were
-stated, `gospa` compares sets of positions, and `match_tracks` and
-`indicators` compare tracks with the truth.
+resolves errors along and across a course, `audit` compares errors with the stated covariances,
+`gospa` compares sets of positions, and `match_tracks` and `indicators` compare tracks with the
+truth.
 """
 
 from tertia.metrics._audit import Audit, audit, audit_split

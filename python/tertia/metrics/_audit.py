@@ -1,4 +1,4 @@
-"""Errors of estimates compared with the covariances that were stated with them."""
+"""Comparison of the errors of estimates with their stated covariances."""
 
 from __future__ import annotations
 
@@ -41,32 +41,33 @@ _NEWTON_STEPS, _ROUNDING = 30, 1e-14
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Audit(Result):
-    """How far the stated covariances of estimates agree with their errors.
+    """The agreement of the stated covariances of estimates with their errors.
 
     Attributes
     ----------
     nees : Indicator
-        Mean normalised error squared per axis: 1 if the covariances are right.
+        Mean normalised error squared per axis: 1 if the covariances are correct.
     coverage : dict of float to Indicator
-        Share of the truths inside the regions of each probability.
+        Share of the true values inside the region of each probability.
     scale : dict of float to Indicator
-        The number by which the covariances are to be multiplied so that the region of each
-        probability has this share inside. Its square root is the factor of the sigmas.
+        Factor for the covariances with which the region of each probability would contain a share
+        of the true values equal to its probability. Its square root is the factor for the sigmas.
     radius : dict of float to Indicator
-        The distance from the estimate within which the truth of the next one is with this
-        probability, whatever the distribution: inf where the record is too short for it. `low` and
-        `high` are bounds of the quantile of the errors.
+        Distance from an estimate within which the next true value lies with each probability,
+        whatever the distribution of the errors; inf if the record is too short. `low` and `high`
+        are bounds of the quantile of the errors.
     region_factor : dict of float to Indicator
-        The same of regions: the factor by which their axes, or the sigmas, are to be multiplied so
-        that they hold the truth of the next estimate with at least this probability.
+        As `radius`, for regions: factor for their axes, or for the sigmas, with which the region
+        of the next estimate contains the true value with at least this probability.
     effective_number : float
-        Number of independent errors that the record is worth for its NEES.
+        Number of independent errors that would determine the NEES equally well.
     time_offset : Indicator or None
-        Seconds to be added to the times of the truth; None if no velocities were given.
+        Time in seconds to be added to the times of the truth; None if no velocities were given.
     strata : dict of str to Audit
-        The same of the parts of the record.
+        Audits of the parts of the record, by name.
     count, missing : int
-        Rows that were audited, and rows left out because a number in them is not finite.
+        Number of rows that were audited, and of rows left out because they contain numbers that are
+        not finite.
     """
 
     nees: Indicator
@@ -82,14 +83,14 @@ class Audit(Result):
 
     @property
     def probability(self) -> float:
-        """The probability nearest to 0.95: that of the verdict."""
+        """The probability nearest to 0.95, to which the verdict refers."""
         return min(self.scale, key=lambda one: abs(one - 0.95))
 
     @property
     def verdict(self) -> str:
-        """What the regions of 95 % say of the sigmas: too small by a factor, honest, ...
+        """What the 95 % regions show about the sigmas: "honest", "too small by a factor of", ...
 
-        If the record is too short to bound their scale, it is what the NEES says.
+        If the record is too short for the scale of the regions, the verdict follows from the NEES.
         """
         scale = self.scale[self.probability]
         unbounded = scale.low <= 1.0 and np.isinf(scale.high)
@@ -134,34 +135,35 @@ def audit(
     probability: Sequence[float] = (0.5, 0.9, 0.95, 0.99),
     confidence_level: float = 0.95,
 ) -> Audit:
-    """Compare errors with the stated covariances: NEES, coverage, and what would make them honest.
+    """Compare errors with the stated covariances: NEES, coverage, and corrections of the sigmas.
 
-    All figures have intervals that allow for time-correlated errors.
+    All figures have confidence intervals that allow for time-correlated errors.
 
     Parameters
     ----------
     error : array_like of shape (N, m), or (N,) for one axis
-        Estimates minus truth, in order of time; nan where there is none. Differences of angles must
-        be wrapped.
+        Estimates minus true values, in time order; nan where one is missing. Differences of angles
+        must be wrapped.
     covariance : array_like
-        Stated covariances of the estimates, of shape (N, m, m), or (m, m) for all rows; or
-        variances of the axes, (N, m); or one variance for each row, (N,), or for all, ().
+        Stated covariances of the estimates, of shape (N, m, m), or (m, m) for all rows. Instead,
+        variances of the axes, (N, m), or one variance for each row, (N,), or for all rows, ().
     truth_covariance : array_like, optional
-        Those of the truth, of any of these shapes; by default the truth is exact.
+        Covariances of the truth, in any of these shapes; by default the truth is exact.
     time : array_like of shape (N,), optional
-        Seconds. By default rows are equally spaced.
+        Times in seconds. By default rows are equally spaced.
     groups : array_like of shape (N,), optional
-        Labels of what is independent of the rest: flights, runs, targets. From ten groups of equal
-        size on the intervals come from their differences alone.
+        Labels of parts that are independent of each other: flights, runs, targets. With ten or more
+        groups of equal size, the intervals follow from the differences between groups alone.
     strata : array_like of shape (N,), or mapping of str to array_like, optional
-        Labels of parts that are audited on their own; numbers of more than eight different values
+        Labels of parts that are audited separately; numbers with more than eight different values
         are divided at their quartiles.
     velocity : array_like of shape (N, m), optional
-        Velocities of the targets in units per second, estimated or true, for `time_offset`.
+        Velocities of the targets in units per second, estimated or true. They are needed for
+        `time_offset`.
     probability : sequence of float
-        Content of the regions.
+        Probabilities of the regions.
     confidence_level : float
-        Of the intervals.
+        Confidence level of the intervals.
 
     Returns
     -------
@@ -171,31 +173,32 @@ def audit(
     Raises
     ------
     ValueError
-        Shapes that do not fit, a number outside its domain, or no row of finite numbers.
+        If shapes do not fit, a number is outside its domain, or no row has only finite numbers.
     numpy.linalg.LinAlgError
-        A covariance that is not positive definite; the message has its row.
+        If a covariance is not positive definite; the message states its row.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
-    With fewer than ten groups, the correlation of the errors comes from the posterior of models in
-    which a share of the variance is a Gauss-Markov process and the rest is white, once for the
-    whitened errors and once for the ranks of their squares, which also follow noise whose variance
-    changes; the longer of the two counts. The interval of the NEES is that of a variance, mixed
-    over this posterior. That of a share is Wilson's (1927), with the correlation of normal errors
-    passed to what is inside and outside; those of scale and radius are order statistics (Woodruff
-    1952). With ten groups or more, all come from the variance between groups (Liang, Zeger 1986)
+    With fewer than ten groups, the effective number of errors follows from the posterior of models
+    in which a share of the variance is a Gauss-Markov process and the rest is white. The models are
+    fitted to the whitened errors and to the ranks of their squares, which also show changes of the
+    variance; the stronger of the two correlations is used. The interval of the NEES is that of a
+    variance, averaged over this posterior. The interval of a share is Wilson's (1927); its
+    effective number follows from the correlation of normal errors, converted to that of being
+    inside a region. The intervals of scale and radius are order statistics (Woodruff 1952). With
+    ten groups or more, all intervals follow from the variance between groups (Liang, Zeger 1986)
     and Student's distribution.
 
-    A verdict of 'honest' needs at least ten independent errors, otherwise the record is 'too short
-    to tell'; sigmas that are wrong by more than the interval are named as such in any record.
+    The verdict 'honest' needs at least ten independent errors, otherwise it is 'too short to tell'.
+    Sigmas that are wrong by more than the interval are reported for a record of any length.
 
-    The radius is conformal (Vovk, Gammerman, Shafer 2005): exact for exchangeable errors, so not
-    where the next estimates are made under other conditions.
+    The radius is conformal (Vovk, Gammerman, Shafer 2005): it is exact for exchangeable errors, and
+    therefore not if later estimates are made under other conditions.
 
-    `time_offset` is the least-squares fit of the errors to the velocities. It is right where
-    errors do not depend on the velocity otherwise, as those of a filter that lags do.
+    `time_offset` is a least-squares fit of the errors to the velocities. It is correct if errors do
+    not depend on the velocity in other ways, as the errors of a lagging filter do.
 
     Examples
     --------
@@ -240,29 +243,29 @@ def audit_split(
     second_covariance: npt.ArrayLike,
     **options: Any,
 ) -> Audit:
-    """Compare two estimates of the same from different sensors, where no truth is known.
+    """Audit two estimates of the same quantity from different sensors, without a truth.
 
-    Their difference must agree with the sum of their covariances. It does not show errors that both
-    share, such as those of a common map or clock.
+    Their difference is compared with the sum of their covariances. Errors that both estimates
+    share, such as those of a common map or clock, cannot be seen.
 
     Parameters
     ----------
     first, second : array_like of shape (N, m), or (N,)
-        Estimates from disjoint sets of sensors; nan where there is none.
+        Estimates from disjoint sets of sensors; nan where one is missing.
     first_covariance, second_covariance : array_like
-        Their covariances, as for `audit`.
+        Covariances of the estimates, as for `audit`.
     **options
         The other arguments of `audit`.
 
     Returns
     -------
     Audit
-        Of the difference: `scale` is for the sum of the covariances.
+        The audit of the difference; `scale` applies to the sum of the covariances.
 
     Raises
     ------
     ValueError, TypeError, numpy.linalg.LinAlgError
-        As `audit`.
+        As for `audit`.
 
     Examples
     --------
@@ -362,7 +365,7 @@ def _quantile(record: Record, values: FloatArray, probability: float, level: flo
 
 
 def _conformal(record: Record, values: FloatArray, probability: float, level: float) -> Indicator:
-    """Return the bound of the next value: of n + 1 exchangeable ones each rank is as likely."""
+    """Return a bound of the next value; n + 1 exchangeable values have equally likely ranks."""
     _, low, high, number = _bounds(record, values, probability, level)
     count = len(values)
     rank = int(np.ceil(probability * (1.0 + 1.0 / number) * count - 1e-9))
@@ -373,7 +376,7 @@ def _conformal(record: Record, values: FloatArray, probability: float, level: fl
 
 @dataclass(frozen=True, slots=True)
 class _Axes:
-    """Squares of the errors along common axes of C and C_truth, and the ratios of these there.
+    """Squares of the errors along the common axes of C and C_truth, and the variance ratios there.
 
     With C = L L' and L^-1 C_truth L^-T = U diag(g) U', `e' (s C + C_truth)^-1 e` is
     `sum_k y_k^2 / (s + g_k)`, y = U' L^-1 e.
@@ -393,9 +396,10 @@ class _Axes:
         return cls(np.asarray(square), np.maximum(ratio, np.finfo(np.float64).tiny))
 
     def scale(self, quantile: float) -> FloatArray:
-        """Return the s of each row at which the form is the quantile, 0 where C_truth suffices.
+        """Return for each row the s at which the form equals the quantile; 0 if C_truth suffices.
 
-        The form falls and is convex in s, so that Newton's steps from below never pass the root.
+        The form decreases and is convex in s, so that Newton's steps from below never pass the
+        root.
         """
         # the largest term alone
         scale: FloatArray = np.maximum(np.max(self.square / quantile - self.ratio, axis=-1), 0.0)
@@ -411,7 +415,7 @@ class _Axes:
 
 
 def _time_offset(error: FloatArray, speed: FloatArray, record: Record, level: float) -> Indicator:
-    """Return what to add to the times of the truth, of whitened errors and velocities."""
+    """Return the time to be added to the truth's times, from whitened errors and velocities."""
     information = float(np.sum(speed**2))
     count = len(error)
     if information == 0.0:

@@ -1,4 +1,4 @@
-"""Intervals of figures of many flights, each of which is alike within itself."""
+"""Confidence intervals of figures of many flights; values within a flight are correlated."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def share_by_flight(
     """Return the share of hits of flights, with Wilson's interval and Student's quantiles.
 
     The number of values is divided by the design effect: the variance by flight,
-    `g/(g−1) Σ (h − p n)²/N²`, over that of independent values, `p (1−p)/N`. `least` says whether
-    the limit is a smallest share.
+    `g/(g−1) Σ (h − p n)²/N²`, divided by that of independent values, `p (1−p)/N`. `least` states
+    whether the limit is a lower one.
     """
     hits, counts = hits[counts > 0], counts[counts > 0]
     total, flights = float(counts.sum()), len(counts)
@@ -42,7 +42,7 @@ def share_by_flight(
 def share_interval(
     share: float, number: float, degrees_of_freedom: float, level: float
 ) -> tuple[float, float]:
-    """Return Wilson's interval; of none or all, the bound that they exceed with `1 − level`."""
+    """Return Wilson's interval; if all or no values are hits, a bound of probability `level`."""
     if share in {0.0, 1.0}:
         # 1 − 3/n at 95 %, exactly
         bound = (1.0 - level) ** (1.0 / number)
@@ -65,7 +65,7 @@ def mean_by_flight(
     count: int,
     root: bool = False,
 ) -> Indicator:
-    """Return the mean of flights or its root, with percentiles of resampled flights."""
+    """Return the mean over flights, or its root, with percentiles of resampled flights."""
     totals, weights = totals[weights > 0], weights[weights > 0]
     flights, of = len(weights), np.sqrt if root else np.positive
     if not flights:
@@ -87,10 +87,10 @@ def mean_by_flight(
 def root_by_pair(
     pairs: tuple[IntArray, IntArray], squares: FloatArray, level: float, limit: float | None
 ) -> Indicator:
-    """Return the root mean square of pairs of flights, each of which may be in many pairs.
+    """Return the root mean square over pairs of flights; a flight may be in many pairs.
 
-    Its variance is the jackknife's, which leaves out one flight at a time with all of its pairs;
-    the interval is that of the logarithm. It is unbounded if one flight is in all pairs.
+    The variance is the jackknife's, which leaves out one flight at a time with all of its pairs.
+    The interval is that of the logarithm; it is unbounded if one flight is in all pairs.
     """
     number = len(squares)
     if not number:
@@ -117,7 +117,7 @@ def rate(
 ) -> Indicator:
     """Return a number per exposure, with Byar's approximation of the exact Poisson interval.
 
-    `effect` is the variance of the number over that of independent events.
+    `effect` is the variance of the number divided by that of independent events.
     """
     if not exposure:
         return Indicator(np.nan, np.nan, np.nan, count, count / effect, "")

@@ -1,7 +1,8 @@
 """Consistency of errors with the stated covariances.
 
 Normalised squared errors (Bar-Shalom, Li, Kirubarajan 2001, section 5.4) have a mean of 1 per
-dimension if the covariances are right; a larger mean shows errors larger than stated.
+dimension if the covariances are correct. A larger mean shows that the errors are larger than
+stated.
 """
 
 from __future__ import annotations
@@ -19,24 +20,24 @@ def nees(error: npt.ArrayLike, covariance: npt.ArrayLike) -> float | FloatArray:
     Parameters
     ----------
     error : array_like of shape (..., m)
-        Estimation errors (estimate minus truth); nan where there is none.
+        Estimation errors, estimate minus truth; nan where one is missing.
     covariance : array_like of shape (..., m, m)
         Stated covariances.
 
     Returns
     -------
     float or ndarray of shape (...)
-        Their mean is m if the covariances are right. nan where an error is nan or a variance is not
-        finite.
+        Normalised errors squared, whose mean is m if the covariances are correct; nan if an error
+        is nan or a variance is not finite.
 
     Raises
     ------
     ValueError
-        Shapes that do not fit.
+        If shapes do not fit.
     numpy.linalg.LinAlgError
-        A covariance that is not positive definite.
+        If a covariance is not positive definite.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Examples
     --------
@@ -71,19 +72,19 @@ def nis(innovation: npt.ArrayLike, variance: npt.ArrayLike) -> float | FloatArra
     Parameters
     ----------
     innovation : array_like of shape (...)
-        Innovations (plot minus prediction); nan where there is none.
+        Innovations, plot minus prediction; nan where one is missing.
     variance : array_like of shape (...)
-        Stated variances.
+        Stated variances of the innovations.
 
     Returns
     -------
     float or ndarray of shape (...)
-        Their mean is 1 if the model is right.
+        Normalised innovations squared, whose mean is 1 if the model is correct.
 
     Raises
     ------
     ValueError, TypeError
-        Shapes that do not fit, a variance that is not positive, or an argument of the wrong type.
+        If shapes do not fit, a variance is not positive, or an argument has the wrong type.
 
     Examples
     --------
@@ -106,14 +107,14 @@ def nis(innovation: npt.ArrayLike, variance: npt.ArrayLike) -> float | FloatArra
 def consistency_bounds(
     count: int, dimension: int = 1, probability: float = 0.99
 ) -> tuple[float, float]:
-    """Return bounds for the mean of normalised squared errors of correct covariances.
+    """Return bounds for the mean of normalised squared errors if the covariances are correct.
 
     Parameters
     ----------
     count : int
         Number of independent errors in the mean.
     dimension : int
-        Components of each error.
+        Number of components of each error.
     probability : float
         Probability that the mean lies within the bounds.
 
@@ -125,7 +126,8 @@ def consistency_bounds(
     Raises
     ------
     ValueError, TypeError
-        A number outside its domain, a product above 1e8, or an argument of the wrong type.
+        If a number is outside its domain, a product is above 1e8, or an argument has the wrong
+        type.
 
     Examples
     --------
@@ -152,12 +154,12 @@ def rmse(error: npt.ArrayLike, axis: int | tuple[int, ...] | None = None) -> flo
     Returns
     -------
     float or ndarray
-        nan where there is no error to average.
+        The root mean square; nan where there is no error to average.
 
     Raises
     ------
     ValueError, TypeError
-        An axis out of range, or errors that are not real numbers.
+        If an axis is out of range, or errors are not real numbers.
 
     Examples
     --------
@@ -178,26 +180,26 @@ def rmse(error: npt.ArrayLike, axis: int | tuple[int, ...] | None = None) -> flo
 
 
 def autocorrelation(innovation: npt.ArrayLike, nlags: int = 20) -> FloatArray:
-    """Return the autocorrelation of innovations, which is 0 for a correct filter.
+    """Return the autocorrelation of innovations; if the filter is correct, it is about 0.
 
     Parameters
     ----------
     innovation : array_like of shape (..., steps)
-        Innovations divided by their standard deviations; nan where there is none.
+        Innovations divided by their standard deviations; nan where one is missing.
     nlags : int
-        The largest lag, less than steps.
+        The largest lag, less than the number of steps.
 
     Returns
     -------
     ndarray of shape (..., nlags + 1)
-        At lags 0, 1, ...; the first is 1. For white innovations its standard deviation is about 1
-        over the square root of the number of pairs. The innovations are not centred: their mean
-        should be 0 as well.
+        Autocorrelation at lags 0, 1, ...; the first is 1. For white innovations its standard
+        deviation is about 1 over the square root of the number of pairs. The mean of the
+        innovations, which should be 0 as well, is not subtracted.
 
     Raises
     ------
     ValueError, TypeError
-        No more steps than `nlags`, or an argument of the wrong type.
+        If there are not more steps than `nlags`, or an argument has the wrong type.
 
     Examples
     --------

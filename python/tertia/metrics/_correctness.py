@@ -1,4 +1,4 @@
-"""Runs of large errors, heights and identities of tracks, and false updates, versus truth."""
+"""Runs of large errors, heights and identities of tracks, and false updates, by the truth."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ _RUN = 3
 
 
 def in_runs(target: IntArray, time: FloatArray, error: FloatArray, large: float) -> BoolArray:
-    """Return which updates are in runs of three or more large errors of one flight.
+    """Return which updates belong to runs of three or more large errors of one flight.
 
-    Errors of a run point in directions less than 90 degrees from each one to the next.
+    In a run, the directions of successive errors differ by less than 90 degrees.
     """
     order = np.lexsort((time, target))
     own, off = target[order], error[order]
@@ -34,7 +34,7 @@ def in_runs(target: IntArray, time: FloatArray, error: FloatArray, large: float)
 
 
 def heights(tracks: Tracks, truth: Truth, matching: Matching) -> tuple[BoolArray, BoolArray]:
-    """Return which updates have a height that can be judged, and which of these are right."""
+    """Return which updates have a height that can be checked, and which of these are correct."""
     true = truth.height_at(matching.target, tracks.time)
     own = getattr(tracks, "height", None)
     off = np.abs((np.nan if own is None else np.asarray(own, dtype=np.float64)) - true)
@@ -42,7 +42,7 @@ def heights(tracks: Tracks, truth: Truth, matching: Matching) -> tuple[BoolArray
 
 
 def identities(tracks: Tracks, truth: Truth, matching: Matching) -> tuple[BoolArray, BoolArray]:
-    """Return which updates have an identity that can be judged, and which of these are right."""
+    """Return which updates have an identity that can be checked, and which of these are correct."""
     true = truth.identity_at(matching.target, tracks.time)
     own = getattr(tracks, "identity", None)
     reported = np.full(len(true), -1) if own is None else np.asarray(own)
@@ -51,7 +51,7 @@ def identities(tracks: Tracks, truth: Truth, matching: Matching) -> tuple[BoolAr
 
 
 def with_any(truth: Truth, known: BoolArray | None) -> BoolArray:
-    """Return which targets have a value that is known."""
+    """Return which targets have a known value at some time."""
     found = np.zeros(len(truth), dtype=bool)
     if known is not None:
         found[truth.target[known]] = True
@@ -59,16 +59,16 @@ def with_any(truth: Truth, known: BoolArray | None) -> BoolArray:
 
 
 def squares_of(positions: FloatArray) -> int:
-    """Return the number of squares of 900 NM² with a position, from the south-western corner on."""
+    """Return the number of squares of 900 NM² that contain a position, from the south-west on."""
     square = np.floor((positions[:, :2] - positions[:, :2].min(axis=0)) / _SIDE)
     return len(np.unique(square, axis=0))
 
 
 def clumping(track: IntArray, usual: float) -> float:
-    """Return the variance of a number of false updates over that of independent ones.
+    """Return the variance of a number of false updates, relative to that of independent updates.
 
-    They come as tracks: with n updates each the variance is Σn², and not Σn. Without any it is the
-    usual one.
+    False updates come in tracks: with n updates each the variance is Σn² instead of Σn. If there
+    are none, the result is the usual value.
     """
     counts = np.unique(track, return_counts=True)[1]
     return float(np.sum(counts**2) / np.sum(counts)) if len(counts) else usual

@@ -1,4 +1,4 @@
-"""Tracks versus truth: their rows, positions at common instants, GOSPA, and overall measures."""
+"""Comparison of tracks with the truth: rows, positions at instants, GOSPA, overall figures."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ PARTS = ("GOSPA", "localisation", "missed", "false")
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Rows of tracks: seconds, metres; nan where unknown. Tracks and radars are numbered."""
+    """Rows of tracks in seconds and metres, nan where unknown; tracks and radars are numbered."""
 
     time: FloatArray
     track: IntArray
@@ -61,7 +61,7 @@ class Rows:
 
 
 def usual_periods(rows: Rows) -> list[float]:
-    """Return the median time between updates of a track by the same radar, in order of time."""
+    """Return the median times between updates of a track by the same radar, in increasing order."""
     time, track, radar = (x[rows.updated] for x in (rows.time, rows.track, rows.radar))
     periods = []
     for one in np.unique(radar):
@@ -95,9 +95,9 @@ def pictures(rows: Rows, instants: FloatArray, lasting: float) -> FloatArray:
 def gospa(
     rows: Rows, truth: Truth, periods: tuple[float, float], cutoff: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return instants, one per update interval, with GOSPA and its three parts, (T, 4).
+    """Return instants, one per update interval, and GOSPA with its three parts, (T, 4).
 
-    `periods` holds the required update interval and that of the slowest radar. The parts are roots:
+    `periods` are the required update interval and that of the slowest radar. The parts are roots:
     their squares add up to that of GOSPA.
     """
     required, slowest = periods
@@ -115,7 +115,7 @@ def gospa(
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """Tracks, the truth, and how they compare."""
+    """Tracks, the truth, and their comparison."""
 
     rows: Rows
     truth: Truth
@@ -139,9 +139,9 @@ def judge(
     distance: float,
     limits: Mapping[str, float] | None = None,
 ) -> Judged:
-    """Compare tracks with the truth, and with limits of its indicators.
+    """Compare tracks with the truth, and their indicators with limits.
 
-    `periods` holds the required update interval and that of the slowest radar.
+    `periods` are the required update interval and that of the slowest radar.
     """
     updates = rows.updates()
     found = metrics.indicators(
@@ -159,7 +159,7 @@ def judge(
 
 
 def figures(judged: Judged, period: float) -> list[tuple[str, float | None, str]]:
-    """Return measures of all tracks: names, values and units; unknown values are None."""
+    """Return figures of all tracks: names, values and units; None for unknown values."""
     shown, truth = judged.indicators, judged.truth
     latency = shown.latency[~np.isnan(shown.latency)]
     confirmed = len(np.unique(judged.rows.track))
@@ -211,6 +211,6 @@ def _or_none(of: Callable[[Any], Any], values: FloatArray | BoolArray) -> float 
 
 
 def rmse(errors: FloatArray) -> float | None:
-    """Return the root mean square of the known errors, None without any."""
+    """Return the root mean square of the known errors; None if there are none."""
     known = errors[~np.isnan(errors)]
     return float(metrics.rmse(known)) if known.size else None

@@ -1,4 +1,4 @@
-"""The distance of two sets of positions."""
+"""The distance between two sets of positions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tertia._result import Result
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gospa(Result):
-    """The generalised optimal sub-pattern assignment metric, and its parts.
+    """The generalised optimal sub-pattern assignment (GOSPA) metric, and its parts.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ def gospa(
     p: float = 2.0,
     alpha: float = 2.0,
 ) -> Gospa:
-    """Return the distance of a set of estimated positions from the true ones.
+    """Return the distance of a set of estimated positions from the true positions.
 
     Parameters
     ----------
@@ -60,12 +60,12 @@ def gospa(
     truth : array_like of shape (M, m)
         True positions.
     cutoff : float
-        Distance in metres from which on an estimate is as bad as none.
+        Distance in metres at and beyond which an estimate counts as false and its target as missed.
     p : float
-        Exponent, at least 1: with larger values, large errors have more weight.
+        Exponent, at least 1. Larger values give more weight to large errors.
     alpha : float
-        Above 0 and at most 2. With 2, a target or estimate without a partner costs half of
-        `cutoff**p`.
+        Divisor of the cost of a missed target or false estimate, above 0 and at most 2. With 2,
+        each of them costs half of `cutoff**p`.
 
     Returns
     -------
@@ -75,15 +75,16 @@ def gospa(
     Raises
     ------
     ValueError, TypeError
-        Positions that do not fit, a `cutoff` or exponent outside its domain, or an argument of the
-        wrong type.
+        If positions do not fit, `cutoff` or the exponent is outside its domain, or an argument has
+        the wrong type.
 
     Notes
     -----
-    Rahmathullah, Garcia-Fernandez, Svensson 2017, definition 1: the least sum, over all one-to-one
-    pairings of the smaller set, of `min(d, cutoff)^p`, and `cutoff^p / alpha` for each
-    element by which the larger set is larger. A pair at the cutoff is one missed target and one
-    false estimate, half each. Only for `alpha = 2` do the parts count all of them alike.
+    Rahmathullah, Garcia-Fernandez, Svensson 2017, definition 1: the smallest sum, over all
+    one-to-one assignments of the smaller set to the larger one, of `min(d, cutoff)^p`, plus
+    `cutoff^p / alpha` for each element of the larger set that remains. A pair at the cutoff counts
+    as one missed target and one false estimate, each with half of the cost of the pair. Only with
+    `alpha = 2` do the parts give all missed targets and false estimates the same cost.
 
     Examples
     --------

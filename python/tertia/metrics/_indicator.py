@@ -20,15 +20,15 @@ class Indicator:
     Attributes
     ----------
     value : float
-        The figure.
+        Value of the figure.
     low, high : float
         Bounds of its confidence interval.
     count : int
-        Number of values that it comes from.
+        Number of values from which it was computed.
     effective_number : float
-        Number of independent values that would be worth as much.
+        Number of independent values that would give an interval of the same size.
     verdict : str
-        What it says, in words; empty where nothing is claimed that could be right or wrong.
+        Conclusion in words; empty if the figure neither confirms nor contradicts a claim.
     """
 
     value: float
@@ -53,7 +53,7 @@ def digits(value: float) -> str:
 
 
 def text(value: float, low: float, high: float) -> tuple[str, str]:
-    """Return a figure and its interval, to about a quarter of the interval's length."""
+    """Return a figure and its interval as text, rounded to about a quarter of the interval."""
     # a bound of such a size says nothing, unless nothing was found
     bounded = high <= _MOST_RATIO * max(abs(value), abs(low)) or (value == 0 and high < math.inf)
     length = high - low if bounded else abs(value)
@@ -68,7 +68,7 @@ def text(value: float, low: float, high: float) -> tuple[str, str]:
 
 
 def factor_verdict(value: float, low: float, high: float, number: float) -> str:
-    """Return what the factor by which covariances are to be multiplied says of the sigmas."""
+    """Return the verdict about the sigmas, from the factor for the covariances."""
     if low > 1.0:
         return "too small by a factor of {} {}".format(*text(*map(math.sqrt, (value, low, high))))
     if high < 1.0:
@@ -78,7 +78,7 @@ def factor_verdict(value: float, low: float, high: float, number: float) -> str:
 
 
 def share_verdict(low: float, high: float, probability: float, number: float) -> str:
-    """Return what the share of truths inside regions says of these."""
+    """Return the verdict about regions, from the share of true values inside them."""
     if high < probability:
         return "too small"
     if low > probability:
@@ -87,7 +87,7 @@ def share_verdict(low: float, high: float, probability: float, number: float) ->
 
 
 def honest_if(number: float) -> str:
-    """Return the verdict where nothing contradicts the claim."""
+    """Return the verdict if nothing contradicts the claim."""
     return HONEST if number >= LEAST_NUMBER else TOO_SHORT
 
 

@@ -66,16 +66,16 @@ TOLERANCE = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Indicators(Result):
-    """Performance indicators of tracks versus truth.
+    """Performance indicators of tracks, compared with the truth.
 
     Attributes
     ----------
     probability_of_update : Indicator
-        Fraction of the expected updates that took place; nan if none was expected.
+        Fraction of the expected updates that took place; nan if none were expected.
     long_gap_ratio : Indicator
         Fraction of the expected updates that are missing in gaps longer than 3.3 update intervals.
     expected_updates, missed_updates : ndarray of int, shape (K,)
-        Number of updates for each target.
+        Numbers of expected and of missed updates of each target.
     false_updates : int
         Number of updates that do not belong to a target.
     false_tracks : int
@@ -83,32 +83,34 @@ class Indicators(Result):
     missed_targets : int
         Number of targets without a track.
     switches : int
-        Number of track swaps: a target continues under another track.
+        Number of track swaps, in which a target continues under another track.
     latency : ndarray of shape (K,)
-        Seconds from the first time of a target to its first update; nan where it has none.
+        Seconds from the first time of a target to its first update; nan if it has none.
     data_age : Indicator
-        Mean age in seconds of the last update, while a target is followed.
+        Mean time in seconds since the last update, while a target is tracked.
     pair_time_offset : Indicator
         Root mean square time in seconds between the updates of two close targets.
     rmse : Indicator
         Root mean square distance of the updates from their targets, in metres.
     large_error_ratio : Indicator
-        Fraction of the updates in runs of three or more large errors, in about one direction.
+        Fraction of the updates that are in runs of three or more large errors in similar
+        directions.
     probability_of_height_update, probability_of_identity_update : Indicator
-        Fraction of the expected updates that took place with the right height or identity; nan
-        where tracks or truth have none.
+        Fraction of the expected updates that took place with the correct height or identity; nan if
+        tracks or truth have none.
     wrong_height_ratio, wrong_identity_ratio : Indicator
-        Fraction of the updates with a height, or an identity, of which it is wrong.
+        Fraction of the updates with a height, or with an identity, in which it is wrong.
     continuity : Indicator
-        Fraction of the targets with a track that kept its number.
+        Fraction of the tracked targets whose track kept its number.
     false_tracks_per_hour : Indicator
         False tracks per hour of the recording.
     near_false_tracks_per_hour : Indicator
-        Those of them that are close to a target at some update.
+        False tracks per hour that are close to a target at one of their updates.
     false_update_density : Indicator
         False updates per 900 square nautical miles and 450 update intervals.
     matching : Matching
-        Target of each update; the order of targets is that of `matching.targets`.
+        Target of each update. The arrays above have the targets in the order of
+        `matching.targets`.
     """
 
     probability_of_update: Indicator
@@ -153,37 +155,37 @@ def indicators(
     limits: Mapping[str, float] | None = None,
     confidence_level: float = 0.95,
 ) -> Indicators:
-    """Compare tracks with the truth, by the indicators of air navigation services.
+    """Compare tracks with the truth, by the performance indicators of air navigation services.
 
     Parameters
     ----------
     tracks : Tracks
         Updates of tracks, as for `match_tracks`; with `height` and `identity`, (N,), if known.
     truth : Truth
-        The targets.
+        The true positions of the targets.
     max_distance : float
         Largest distance in metres from a track to its target.
     update_interval : float
-        Required seconds between updates.
+        Required time between updates in seconds.
     limits : mapping of str to float, optional
-        Limits of indicators by the names of their attributes, from the specification that is in
-        force: none are built in. Probabilities and `continuity` must be at least, all others at
-        most their limit. The verdicts then are "met", "not met", or "not shown" where the interval
-        has the limit in it. `large_error` is the distance in metres beyond which an error is large;
-        by default 926, half a nautical mile.
+        Limits of indicators by the names of their attributes, from the specification that applies;
+        there are no default limits. Probabilities and `continuity` must be at least their limit,
+        all other figures at most. The verdict is "met", "not met", or, if the interval contains the
+        limit, "not shown". The additional name `large_error` sets the distance in metres beyond
+        which an error is large; by default 926, half a nautical mile.
     confidence_level : float
-        Probability of the confidence intervals.
+        Confidence level of the intervals.
 
     Returns
     -------
     Indicators
-        The indicators.
+        The indicators with their intervals, and with verdicts where there are limits.
 
     Raises
     ------
     ValueError, TypeError
-        As `match_tracks`, an `update_interval` that is not positive, a limit of no such figure,
-        a confidence level that is none.
+        As for `match_tracks`; also if `update_interval` is not positive, a limit has the name of no
+        figure, or the confidence level is not between 0 and 1.
 
     Notes
     -----
@@ -191,29 +193,33 @@ def indicators(
     Specification for ATM Surveillance System Performance (EUROCONTROL-SPEC-147, 2015). A target is
     evaluated from its first update to the end of its truth. A gap of `dt` between two updates has
     `round(dt / update_interval)` expected updates, one of which took place. From the last update to
-    the end of the truth, `floor(dt / update_interval + 0.1)` are missed. A target without any
-    update misses all from its first time on. Sums are over all targets, so every expected update
-    has the same weight. The time until the first update is not counted; it is given in `latency`.
+    the end of the truth, `floor(dt / update_interval + 0.1)` updates are missed. A target without
+    any update misses all updates from its first time on. Sums are over all targets, so every
+    expected update has the same weight. The time until the first update is not counted; it is given
+    in `latency`.
 
-    A height is wrong if it is off by more than 300 ft. Runs are of at least three updates of a
-    target, each farther off than `large_error`, and less than 90 degrees from one to the next; they
-    matter since two such targets seem apart that are not. What a height or an identity is probable
-    to be updated with is counted as positions are, from the first right one on.
+    A height is wrong if it is off by more than 300 ft. A run consists of at least three updates of
+    a target, each farther off than `large_error`, whose directions change by less than 90 degrees
+    from one to the next. Runs matter because they can make two targets seem separated that are not.
+    The probabilities of update of height and identity are counted like those of position, from the
+    first correct value on.
 
-    The age grows from zero at an update until the next, so that its mean over time is half the
-    interval where all is regular. Gaps longer than 3.3 intervals are not in it: they are long gaps.
-    Close is within 10 nautical miles; each update of one is compared with the nearest of
-    the other, if there is one within half an interval. For the density the area is that of the
-    squares of 30 nautical miles in which anything is or is shown.
+    The age grows from zero at an update until the next update, so its mean over time is half the
+    interval if updates are regular. Gaps longer than 3.3 intervals are not included, as they are
+    long gaps. Two targets are close within 10 nautical miles. Each update of one is compared with
+    the nearest update of the other, if there is one within half an interval. For the density, the
+    area is that of the squares with sides of 30 nautical miles that contain a target or an update.
 
-    Updates of one flight are not independent, so intervals are by flight. Shares have Wilson's
-    (1927), with the number of updates divided by the design effect, the variance by flight over
-    that of independent updates (Kish 1965), and quantiles of Student's distribution. Where all or
-    none took place, or there is one flight only, the design effect is taken to be 4. The root mean
-    square and the mean age have percentiles of 2000 samples of the flights; those of one flight are
-    unbounded. Offsets of pairs that share a flight are correlated: their variance is the
-    jackknife's by flight. False tracks per hour have Byar's approximation of the Poisson interval,
-    and so has the density, of fewer updates, since those of one track come together.
+    Updates of one flight are not independent, so intervals are computed by flight. The interval of
+    a share is Wilson's (1927), with quantiles of Student's distribution, and with the number of
+    updates divided by the design effect, the ratio of the variance by flight to that of independent
+    updates (Kish 1965). If all or no updates took place, or if there is only one flight, the design
+    effect is taken as 4. The intervals of the root mean square and of the mean age are percentiles
+    of 2000 resamples of the flights; with one flight they are unbounded. Offsets of pairs that
+    share a flight are correlated; their variance is the jackknife's by flight. The interval of the
+    rate of false tracks is Byar's approximation of the Poisson interval. The interval of the
+    density is computed in the same way with a reduced number of updates, because the updates of one
+    false track come together.
 
     Examples
     --------
@@ -331,7 +337,7 @@ missed, 0 switches, RMSE 0 m)
 
 
 def _limits(given: Mapping[str, float] | None) -> tuple[dict[str, float], float]:
-    """Return limits of indicators, and the size of a large error."""
+    """Return the limits of indicators, and the size of a large error."""
     limits = {} if given is None else given
     instance(limits, "limits", Mapping)
     required = {name: real(value, f"limits[{name!r}]") for name, value in limits.items()}
@@ -347,7 +353,7 @@ def _updates(
 ) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
     """Return expected updates, missed ones, those missed in long gaps, and first times, (K,).
 
-    `of` is the target of each update; those of none, -1, are not counted.
+    `of` is the target of each update; updates without a target, -1, are not counted.
     """
     count = len(truth)
     rows = np.flatnonzero(of >= 0)

@@ -28,28 +28,28 @@ _NONE = -1
 def track_errors(
     error: npt.ArrayLike, course: npt.ArrayLike
 ) -> tuple[float | FloatArray, float | FloatArray]:
-    """Resolve position errors along and across the tracks of their targets.
+    """Resolve position errors along and across the courses of the targets.
 
     Parameters
     ----------
     error : array_like of shape (..., 2)
-        Estimate minus truth, east and north; nan where there is none.
+        Estimate minus truth, east and north; nan where one is missing.
     course : array_like of shape (...)
         True courses in radians, clockwise from north.
 
     Returns
     -------
     along_track, cross_track : float or ndarray of shape (...)
-        Errors along the track, positive ahead, and across it, positive to the right.
+        Errors along the course, positive ahead, and across it, positive to the right.
 
     Raises
     ------
     ValueError, TypeError
-        Shapes that do not fit, or an argument of the wrong type.
+        If shapes do not fit, or an argument has the wrong type.
 
     Examples
     --------
-    An aircraft flies east; its track is 30 m behind it and 40 m to its left:
+    An aircraft flies east; its estimated position is 30 m behind it and 40 m to its left:
 
     >>> import numpy as np
     >>> from tertia import metrics
@@ -76,7 +76,7 @@ def track_errors(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matching(Result):
-    """The target of each update of a track, and the error.
+    """The target of each update of a track, and its error.
 
     Attributes
     ----------
@@ -134,15 +134,15 @@ def match_tracks(
     ----------
     tracks : Tracks
         An object with `time` (N,), `track` (N,) and `position` (N, m), such as a `TrackTable`.
-        Every row counts as an update: remove rows without a plot and rows of tentative tracks
-        first.
+        Every row counts as an update: first remove rows without a plot and rows of tentative
+        tracks.
     truth : Truth
-        The targets.
+        The true positions of the targets.
     max_distance : float
         Largest distance in metres from a track to its target.
     update_interval : float, optional
-        Period in seconds in which every track is updated about once; these updates are matched
-        together. By default updates of equal time are.
+        Time in seconds in which every track is updated about once; the updates within such a time
+        are matched together. By default, updates with equal times are matched together.
 
     Returns
     -------
@@ -152,17 +152,17 @@ def match_tracks(
     Raises
     ------
     ValueError, TypeError
-        Shapes that do not fit, a number that is not finite or outside its domain, or an argument of
-        the wrong type.
+        If shapes do not fit, a number is not finite or outside its domain, or an argument has the
+        wrong type.
 
     Notes
     -----
     As in CLEAR MOT (Bernardin, Stiefelhagen 2008), a track keeps its target while it is within
     `max_distance`, even if another target is nearer, unless the target has continued under another
-    track in the meantime. The others are paired one to one: as many pairs as possible and, among
-    these choices, the one with the smallest sum of distances. A second track of the same target
-    therefore has no target. If a track is updated several times in an interval, its distance is the
-    mean.
+    track in the meantime. The remaining tracks and targets are paired one to one: as many pairs as
+    possible and, among these choices, the one with the smallest sum of distances. A second track of
+    the same target is therefore without a target. If a track is updated several times in an
+    interval, its distance is the mean distance of these updates.
 
     Examples
     --------
@@ -197,7 +197,7 @@ def match_tracks(
 
 
 def _scans(time: FloatArray, update_interval: float | None) -> tuple[IntArray, IntArray]:
-    """Return the updates in order of time, and the bounds of scans."""
+    """Return the updates in time order, and the bounds of the scans."""
     order = np.argsort(time, kind="stable")
     number = time[order]
     if update_interval is not None:
@@ -210,7 +210,7 @@ def _scans(time: FloatArray, update_interval: float | None) -> tuple[IntArray, I
 def _candidates(
     truth: Truth, time: FloatArray, position: FloatArray, limit: float
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Return updates of a scan and targets within the limit, and the errors."""
+    """Return pairs of updates of a scan and targets within the limit, and their errors."""
     low, high = time[0], time[-1]
     there = np.flatnonzero((truth.first <= high) & (truth.last >= low))
 

@@ -1,4 +1,4 @@
-"""The rows of an audit: their shapes, their order, and the parts they are divided into."""
+"""The rows of an audit: their shapes and order, and the parts into which they are divided."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SAME_TIME = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Errors, covariances, groups, times or numbers, and velocities of targets."""
+    """Errors, covariances, groups, times or row numbers, and velocities of targets."""
 
     errors: FloatArray
     covariance: FloatArray
@@ -39,7 +39,7 @@ class Rows:
         return known
 
     def at(self, rows: IntArray) -> Rows:
-        """Return some of the rows."""
+        """Return the selected rows."""
         columns: dict[str, Any] = {name: getattr(self, name) for name in self.__slots__}
         some: dict[str, Any] = {k: None if x is None else x[rows] for k, x in columns.items()}
         return Rows(**some)
@@ -92,7 +92,7 @@ def column(value: npt.ArrayLike | None, name: str, count: int) -> FloatArray | N
 
 
 def require_squarable(errors: FloatArray, name: str) -> None:
-    """Refuse errors whose squares are not numbers in double precision."""
+    """Raise an error if the squares of errors overflow."""
     largest = float(np.max(np.abs(errors), initial=0.0))
     if not largest <= LARGEST:
         raise ValueError(f"{name} has {largest:g}; it must be at most {LARGEST:g}")
@@ -122,7 +122,7 @@ def in_order(group: IntArray, time: FloatArray | None) -> tuple[IntArray, FloatA
 
 
 def gaps_of(position: FloatArray, group: IntArray) -> FloatArray:
-    """Return the steps of usual length since the row before, 0 where a group begins."""
+    """Return the number of usual steps since the previous row; 0 where a group begins."""
     begins = np.diff(group, prepend=-1) != 0
     gaps = np.diff(position, prepend=0.0)
     steps = gaps[~begins]
@@ -134,7 +134,7 @@ def gaps_of(position: FloatArray, group: IntArray) -> FloatArray:
 def strata_of(
     given: npt.ArrayLike | Mapping[str, npt.ArrayLike] | None, known: BoolArray
 ) -> dict[str, BoolArray]:
-    """Return the rows of each part by its name."""
+    """Return the rows of each part, by its name."""
     if given is None:
         return {}
     several = given if isinstance(given, Mapping) else {"": given}
@@ -167,7 +167,7 @@ def _parts(labels: npt.NDArray[Any]) -> list[tuple[str, BoolArray]]:
 
 
 def require_definite(matrices: FloatArray, known: BoolArray, name: str) -> None:
-    """Refuse covariances without an inverse."""
+    """Raise an error at the first covariance without an inverse."""
     try:
         np.linalg.cholesky(matrices[known])
     except np.linalg.LinAlgError:

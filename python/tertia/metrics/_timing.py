@@ -1,4 +1,4 @@
-"""When targets are updated: the age of what is shown, offsets between close targets."""
+"""Times of updates: the age of the last one, and offsets between close targets."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CLOSE = 10.0 * NAUTICAL_MILE
 
 
 def ages(target: IntArray, time: FloatArray, longest: float) -> tuple[IntArray, FloatArray]:
-    """Return the target of each gap between its updates, and the gap, if it is not too long.
+    """Return the gaps between updates that are not too long, and the target of each.
 
     Updates without a target, -1, have no gaps.
     """
@@ -29,9 +29,9 @@ def ages(target: IntArray, time: FloatArray, longest: float) -> tuple[IntArray, 
 def offsets(
     matching: Matching, time: FloatArray, position: FloatArray, update_interval: float
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Return pairs of close targets, and seconds from an update of one to the other's nearest.
+    """Return pairs of close targets, and the seconds between nearest updates of the two.
 
-    Each update of either target counts, if the other one has an update within half an interval.
+    Each update of either target counts if the other target has an update within half an interval.
     """
     half = update_interval / 2
     rows = np.flatnonzero(matching.matched)
@@ -61,7 +61,7 @@ def near_any(truth: Truth, time: FloatArray, position: FloatArray) -> BoolArray:
 
 
 def _candidates(time: FloatArray, place: FloatArray, half: float) -> tuple[IntArray, IntArray]:
-    """Return pairs of rows that are close in space, and in this half interval or the next."""
+    """Return pairs of rows that are close in space and in the same or successive half intervals."""
     if not len(time):
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     part = np.floor((time - time[0]) / half)

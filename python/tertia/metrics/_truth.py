@@ -14,7 +14,7 @@ from tertia._arrays import BoolArray, FloatArray, IntArray, array_of, finite, sa
 
 @dataclass(slots=True, frozen=True, eq=False, init=False)
 class Truth:
-    """True positions of targets over time, with which tracks are compared.
+    """True positions of targets over time, for comparison with tracks.
 
     The truth is interpolated linearly between its times; a target is absent before its first and
     after its last time.
@@ -28,35 +28,36 @@ class Truth:
     position : array_like of shape (L, m)
         Positions in metres, m = 2 or 3.
     covariance : array_like of shape (m, m) or (L, m, m), optional
-        Covariances of their own errors, where positions are only nearly true, as those of GPS are.
+        Covariances of the errors of the true positions, if they are not exact, for example from
+        GPS.
     height : array_like of shape (L,), optional
-        Heights in metres, as tracks should have them; nan where unknown.
+        True heights in metres, as tracks should report them; nan where unknown.
     identity : array_like of int, shape (L,), optional
-        Replies of the transponders, as tracks should have them; -1 where unknown.
+        True replies of the transponders, as tracks should report them; -1 where unknown.
 
     Attributes
     ----------
     time : ndarray of shape (L,)
     position : ndarray of shape (L, m)
-        Sorted by target and time.
+        Sorted by target and time, as are the other columns.
     covariance : ndarray of shape (L, m, m) or None
-        Likewise.
+        Covariances of the positions.
     height : ndarray of shape (L,) or None
-        Likewise.
+        Heights in metres.
     identity : ndarray of int, shape (L,), or None
-        Likewise.
+        Replies of the transponders.
     target : ndarray of int, shape (L,)
         Index into `targets`.
     targets : ndarray of shape (K,)
         The identifiers of the targets, in increasing order.
     first, last : ndarray of shape (K,)
-        First and last time of each target.
+        First and last time of each target in seconds.
 
     Raises
     ------
     ValueError, TypeError
-        Shapes that do not fit, a number that is not finite, a target with two positions at one
-        time, no row, or an argument of the wrong type.
+        If shapes do not fit, a number is not finite, a target has two positions at one time, there
+        is no row, or an argument has the wrong type.
 
     Examples
     --------
@@ -136,24 +137,24 @@ class Truth:
         yield from zip(self.targets.tolist(), *paths, strict=True)
 
     def present(self, target: npt.ArrayLike, time: npt.ArrayLike) -> BoolArray:
-        """Return whether targets are present; arguments as for `at`."""
+        """Return whether targets are present at given times; arguments as for `at`."""
         k, when = np.asarray(target), np.asarray(time)
         return np.asarray((k >= 0) & (when >= self.first[k]) & (when <= self.last[k]))
 
     def at(self, target: npt.ArrayLike, time: npt.ArrayLike) -> FloatArray:
-        """Return positions by linear interpolation.
+        """Return positions at given times by linear interpolation.
 
         Parameters
         ----------
         target : array_like of int, shape (...)
-            Indices into `targets`; -1 is no target.
+            Indices into `targets`; -1 means no target.
         time : array_like of shape (...)
             Times in seconds.
 
         Returns
         -------
         ndarray of shape (..., m)
-            Positions in metres, nan where a target is absent.
+            Positions in metres; nan where a target is absent.
         """
         k, when = np.broadcast_arrays(np.asarray(target), np.asarray(time, dtype=np.float64))
         there = self.present(k, when)
@@ -162,13 +163,13 @@ class Truth:
         return found
 
     def covariance_at(self, target: npt.ArrayLike, time: npt.ArrayLike) -> FloatArray:
-        """Return covariances of the positions at times; arguments as for `at`.
+        """Return covariances of the positions at given times; arguments as for `at`.
 
         Returns
         -------
         ndarray of shape (..., m, m)
-            Square metres, interpolated linearly, as errors of the truth last; zero where no
-            covariance was given, nan where a target is absent.
+            In square metres, interpolated linearly, because errors of the truth are correlated in
+            time; zero if no covariance was given, nan where a target is absent.
         """
         k, when = np.broadcast_arrays(np.asarray(target), np.asarray(time, dtype=np.float64))
         there, m = self.present(k, when), self.position.shape[1]
@@ -180,12 +181,12 @@ class Truth:
         return found.reshape(*k.shape, m, m)
 
     def height_at(self, target: npt.ArrayLike, time: npt.ArrayLike) -> FloatArray:
-        """Return heights by linear interpolation; arguments as for `at`.
+        """Return heights at given times by linear interpolation; arguments as for `at`.
 
         Returns
         -------
         ndarray of shape (...)
-            Metres; nan where a target is absent or its height unknown.
+            Heights in metres; nan where a target is absent or its height is unknown.
         """
         k, when = np.broadcast_arrays(np.asarray(target), np.asarray(time, dtype=np.float64))
         there, found = self.present(k, when), np.full(k.shape, np.nan)
@@ -195,12 +196,12 @@ class Truth:
         return found
 
     def identity_at(self, target: npt.ArrayLike, time: npt.ArrayLike) -> IntArray:
-        """Return identities, each until the next time; arguments as for `at`.
+        """Return identities at given times, from the last known row; arguments as for `at`.
 
         Returns
         -------
         ndarray of int, shape (...)
-            Replies; -1 where a target is absent or its identity unknown.
+            Replies of transponders; -1 where a target is absent or its identity is unknown.
         """
         k, when = np.broadcast_arrays(np.asarray(target), np.asarray(time, dtype=np.float64))
         there, found = self.present(k, when), np.full(k.shape, -1)
@@ -209,9 +210,9 @@ class Truth:
         return found
 
     def course(self, target: npt.ArrayLike, time: npt.ArrayLike) -> FloatArray:
-        """Return courses in radians clockwise from north; arguments as for `at`.
+        """Return courses at given times in radians, clockwise from north; arguments as for `at`.
 
-        They are interpolated between central differences; nan if a target has only one position.
+        They are interpolated between central differences; nan for a target with only one position.
         """
         k, when = np.broadcast_arrays(np.asarray(target), np.asarray(time, dtype=np.float64))
         found = np.full(k.shape, np.nan)

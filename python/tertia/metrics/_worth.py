@@ -1,4 +1,4 @@
-"""How many independent errors a record is worth, and intervals of its figures."""
+"""The number of independent errors that a record is worth, and intervals of its figures."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MOST_SHARE = 0.9
 
 @dataclass(frozen=True, slots=True)
 class Worth:
-    """Numbers of independent values that a record may be worth, and their probabilities."""
+    """Possible effective numbers of independent values of a record, and their probabilities."""
 
     number: FloatArray
     probability: FloatArray
@@ -27,14 +27,14 @@ class Worth:
 
     @property
     def effective_number(self) -> float:
-        """The number that would give the mean variance."""
+        """The effective number that would give the mean variance."""
         return float(1.0 / np.sum(self.probability / self.number))
 
     def _record(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in self.__slots__}
 
     def of_mean(self, values: FloatArray, axes: int, level: float) -> tuple[float, float]:
-        """Return the interval of the expectation of squares."""
+        """Return the interval of the expected value of squares."""
         mean = float(values.mean())
         if mean == 0.0:
             return 0.0, 0.0
@@ -45,22 +45,22 @@ class Worth:
         return low, high
 
     def of_share(self, share: float, level: float) -> tuple[float, float]:
-        """Return the interval of a probability."""
+        """Return the interval of a probability, given the observed share."""
         low, high = _core.share_interval(share, self._record(), level)
         return low, high
 
     def of_rank(self, probability: float, level: float) -> tuple[float, float]:
-        """Return the interval of the share that is observed of a probability."""
+        """Return the interval of the observed share, given a probability."""
         low, high = _core.rank_interval(probability, self._record(), level)
         return low, high
 
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """How much the figures of a record vary: by groups, or by the correlation of its errors.
+    """The variability of a record's figures, from its groups or the correlation of its errors.
 
-    `errors` are whitened, (N, m), in order of group and time; `gaps` are the steps since the row
-    before, 0 where a group begins.
+    `errors` are whitened, (N, m), in order of group and time; `gaps` are the steps since the
+    previous row, 0 where a group begins.
     """
 
     squares: FloatArray
@@ -84,11 +84,11 @@ class Record:
         return cls(squares, axes, group, lasting)
 
     def of_mean(self) -> Worth:
-        """Return what the record is worth for the mean square."""
+        """Return the effective numbers for the mean square."""
         return self._worth(self.squares, (_OF_ERRORS, _OF_RANKS))
 
     def of_inside(self, inside: BoolArray, probability: float) -> Worth:
-        """Return what it is worth for the share inside a region of this content."""
+        """Return the effective numbers for the share inside a region of this probability."""
         least = 0.5 / len(inside)
         content = min(max(probability, least), 1.0 - least)
         if self.models:
@@ -115,13 +115,13 @@ class Record:
 
 
 def _balanced(group: IntArray) -> float:
-    """Return the number of groups, of equal ones that would be worth as much."""
+    """Return the number of groups of equal size that would be worth as much."""
     sizes = np.bincount(group)
     return float(sizes.sum() ** 2 / np.sum(sizes.astype(np.float64) ** 2))
 
 
 def _clustered(values: FloatArray, group: IntArray) -> Worth:
-    """Return the worth by the variance of groups (Liang, Zeger 1986), Student's by their number."""
+    """Return the effective number from the variance between groups (Liang, Zeger 1986)."""
     count, groups = len(values), int(group.max()) + 1
     centred = values - values.mean()
     own = float(np.mean(centred**2))
@@ -135,7 +135,7 @@ def _clustered(values: FloatArray, group: IntArray) -> Worth:
 def _larger(
     one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the distribution of the larger of two independent variables: probability, value."""
+    """Return the distribution of the larger of two independent variables: probabilities, values."""
     values = np.union1d(one[1], other[1])
 
     def below(probability: FloatArray, value: FloatArray) -> FloatArray:

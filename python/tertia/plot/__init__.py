@@ -1,7 +1,7 @@
 """Pictures of measurements, outliers and results.
 
-Needs the extra `plot` (Matplotlib). Without it the functions raise ImportError; for an argument of
-the wrong type they raise TypeError. They return the axes, and do not show or save anything.
+Needs the extra `plot` (Matplotlib); without it the functions raise ImportError. They raise
+TypeError for an argument of the wrong type. They return the axes, and do not show or save anything.
 Outliers differ in shape as well as in colour; the colours are those of Okabe and Ito, which
 colour-blind readers can distinguish.
 """

@@ -11,26 +11,26 @@ if TYPE_CHECKING:
 
 
 def audit(result: Audit, *, ax: "Axes | None" = None, legend: bool = True) -> "Axes":
-    """Draw the share of truths inside the regions over the probability of these.
+    """Draw the share of true values inside the regions against the probability of the regions.
 
     Parameters
     ----------
     result : tertia.metrics.Audit
-        From `tertia.audit`.
+        The audit, as returned by `tertia.audit`.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
     legend : bool
-        Whether to name what is drawn.
+        Whether to draw a legend.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The shares with their intervals, those of the strata, and the line of honest covariances.
+        The shares with their intervals, those of the strata, and the line of correct covariances.
 
     Raises
     ------
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Examples
     --------

@@ -34,7 +34,7 @@ _LINES = ("-", "-.", ":")
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """Return an empty figure of pyplot, so that `pyplot.show` shows it."""
+    """Return an empty pyplot figure, so that `pyplot.show` shows it."""
     try:
         from matplotlib import pyplot as plt  # noqa: PLC0415  # only here is Matplotlib needed
     except ImportError as error:
@@ -73,7 +73,7 @@ def draw_band(
 
 
 def bounds(value: FloatArray, half: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return value minus and plus half a width, nan where either is unknown."""
+    """Return `value` minus and plus `half`; nan where either is unknown."""
     known = np.isfinite(value) & np.isfinite(half)
     shown, width = np.where(known, value, np.nan), np.where(known, half, np.nan)
     return shown - width, shown + width
@@ -91,7 +91,7 @@ def sensor_looks(k: int) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def largest(*arrays: FloatArray) -> float:
-    """Return the largest finite size, 1 where there is none."""
+    """Return the largest finite absolute value; 1 if there is none."""
     return max(float(np.max(np.abs(a[np.isfinite(a)]), initial=0.0)) for a in arrays) or 1.0
 
 
@@ -139,7 +139,7 @@ def time_axis(time: npt.ArrayLike | None, count: int) -> Times:
 
 
 def label_time(ax: "Axes", times: Times, label: str) -> None:
-    """Name the time axis, and shorten dates."""
+    """Label the time axis, and shorten dates."""
     from matplotlib.dates import ConciseDateFormatter  # noqa: PLC0415  # slow to import
 
     ax.set_xlabel(label)
@@ -152,7 +152,7 @@ def label_time(ax: "Axes", times: Times, label: str) -> None:
 
 
 def view_from_above(ax: "Axes", unit: str = "m", *, adjustable: Adjustable = "datalim") -> None:
-    """Name the axes east and north, on equal scales."""
+    """Label the axes east and north, and give them equal scales."""
     ax.set(xlabel=f"east ({unit})", ylabel=f"north ({unit})")
     ax.set_aspect("equal", adjustable=adjustable)
 
@@ -177,25 +177,25 @@ def draw_sites(ax: "Axes", paths: Iterable[FloatArray], label: str) -> None:
 def add_names(
     ax: "Axes", names: Iterable[Any], places: FloatArray, shift: tuple[float, float] = (5, 5)
 ) -> None:
-    """Write the names beside positions; None has no name."""
+    """Write names beside positions; None is not written."""
     for name, place in zip(names, places, strict=True):
         if name is not None:
             ax.annotate(str(name), tuple(place[:2]), xytext=shift, textcoords="offset points")
 
 
 def names_of(sensors: Any, count: int) -> list[Any]:
-    """Return the names of sensors, None for sensors given as positions."""
+    """Return the names of sensors; None for sensors given as positions."""
     names = [getattr(one, "name", None) for one in sensors] if isinstance(sensors, Sequence) else []
     return names if len(names) == count else [None] * count
 
 
 def ellipse_radius(probability: float) -> float:
-    """Return the radius, in standard deviations, of the ellipse of a probability."""
+    """Return the radius of the ellipse of a probability, in standard deviations."""
     return math.sqrt(-2 * math.log1p(-_share(probability, "probability")))
 
 
 def ellipse(centre: FloatArray, covariance: FloatArray, radius: float, name: str) -> FloatArray:
-    """Return the centre, a gap and the ellipse, shape (n, 2)."""
+    """Return the centre, a gap and the ellipse, of shape (n, 2)."""
     variances = np.diagonal(covariance)
     if not np.all(variances > 0):
         raise ValueError(f"{name} has a variance that is not positive in the components drawn")
@@ -246,7 +246,7 @@ def wrapped_label(angle: float, period: float) -> str:
 
 
 def rounded(value: float, sigma: float) -> tuple[str, str]:
-    """Return both as text, to two significant digits of sigma."""
+    """Return a value and its sigma as text, to two significant digits of sigma."""
     if sigma < 1e-9 or math.isinf(sigma):
         return f"{value:.9g}", f"{sigma:.2g}"
     # rounded first: 0.0996 is 0.10, not 0.100

@@ -23,28 +23,28 @@ def bias(
     ax: "Axes | None" = None,
     legend: bool = True,
 ) -> "Axes":
-    """Draw the azimuth bias of one sensor over the azimuth, with two standard deviations.
+    """Draw the azimuth bias of one sensor against the azimuth, with a band of two sigmas.
 
     Parameters
     ----------
     result : Bias
-        Of one sensor, as `tertia.registration.calibrate` returns it.
+        Bias of one sensor, as returned by `tertia.registration.calibrate`.
     azimuth, residual : array_like of shape (N,), optional
-        Directions, and measured minus true azimuths, in radians, to be drawn as points.
+        Azimuths, and measured minus true azimuths, in radians, to be drawn as points.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
     legend : bool
-        Whether to name the curve, the band and the points.
+        Whether to draw a legend.
 
     Returns
     -------
     matplotlib.axes.Axes
-        Degrees over degrees.
+        The bias against the azimuth, both in degrees.
 
     Raises
     ------
     ValueError
-        Biases of several sensors, or points of different shapes.
+        If these are the biases of several sensors, or the points have different shapes.
 
     Examples
     --------

@@ -37,19 +37,19 @@ def fused(
 ) -> "Axes":
     """Draw estimates of a vector and the fused estimate, with their error ellipses.
 
-    If there are more than two components, ellipses are of the marginal distribution of two.
+    If there are more than two components, the ellipses are those of two of them.
 
     Parameters
     ----------
     estimates : array_like of shape (K, m)
-        The estimates, as given to `tertia.fusion.fuse`; a single row for
-        `tertia.fusion.fuse_scalar`.
+        The estimates, as given to `tertia.fusion.fuse`; for `tertia.fusion.fuse_scalar`, a single
+        row.
     covariances : array_like of shape (K, m, m)
-        Their covariances.
+        Covariances of the estimates.
     result : FusedEstimate
         The fused estimate.
     components : (int, int)
-        The components along the two axes, from 0.
+        Indices of the components on the two axes, from 0.
     probability : float
         Probability that an ellipse contains the true vector, for normal errors.
     equal : bool
@@ -57,18 +57,18 @@ def fused(
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
     legend : bool
-        Whether to name the estimates.
+        Whether to draw a legend.
 
     Returns
     -------
     matplotlib.axes.Axes
-        One component over the other. The first six estimates differ in colour, marker and line.
+        One component against the other. The first six estimates differ in colour, marker and line.
 
     Raises
     ------
     ValueError
-        A batch, `estimates` or `covariances` that do not fit `result`, components that are the same
-        or do not exist, or a probability that is not between 0 and 1.
+        If there is a batch, `estimates` or `covariances` do not fit `result`, the two components
+        are equal or do not exist, or the probability is not between 0 and 1.
 
     Examples
     --------
@@ -141,7 +141,7 @@ def _pair(components: Sequence[int], m: int) -> list[int]:
 
 
 def _draw_ellipses(ax: "Axes", ellipses: list[FloatArray]) -> None:
-    """Draw the estimates and, last, the fused one."""
+    """Draw the estimates and then the fused estimate."""
     *estimates, fused = ellipses
     alike = len(estimates) > len(_ESTIMATES)
     for k, points in enumerate(estimates):

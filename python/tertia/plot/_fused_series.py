@@ -54,7 +54,7 @@ def fused_series(
     z : array_like of shape (K, steps)
         The plots, as given to `tertia.fusion.fuse_series`; nan is not drawn.
     result : FusedSeries
-        Their fused track.
+        The fused track of these plots.
     measurement_variance : array_like of shape (), (K, 1) or (K, steps), optional
         Variances given to `fuse_series`, to draw the stated standard deviations.
     time : array_like of shape (steps,), optional
@@ -71,14 +71,14 @@ def fused_series(
     Returns
     -------
     plots, weights, noise : matplotlib.axes.Axes
-        Three panels with a common time axis. Plots minus the fused angle, with its 2-sigma band;
-        outliers are crossed, and distant ones are drawn at the edge. Weights in the fused angle.
-        Standard deviations of the plots as estimated (solid) and as stated (dashed).
+        Three panels with a common time axis. Plots minus the fused angle, with the 2-sigma band of
+        the fused angle; outliers are crossed, and distant ones are drawn at the edge. Weights in
+        the fused angle. Estimated (solid) and stated (dashed) standard deviations of the plots.
 
     Raises
     ------
     ValueError
-        `result` has a batch, or does not fit the other arguments.
+        If `result` has a batch, or does not fit the other arguments.
 
     Examples
     --------
@@ -146,7 +146,7 @@ def _stated(measurement_variance: npt.ArrayLike, plots: FloatArray) -> FloatArra
 def _draw_plots(
     ax: "Axes", times: Times, deviations: FloatArray, result: FusedSeries, names: list[str]
 ) -> None:
-    """Draw the deviations from the fused angle; outliers do not set the scale."""
+    """Draw the deviations from the fused angle; outliers do not affect the scale."""
     width = 2 * result.sigma[:, 0]
     known = np.isfinite(width)
     edge = MARGIN * largest(np.where(result.outlier, np.nan, deviations), width[known])
@@ -158,9 +158,9 @@ def _draw_plots(
 
 
 def _draw_weights(ax: "Axes", times: Times, weights: FloatArray, has_plot: BoolArray) -> None:
-    """Draw the weights of all steps, and in bold those of each sensor's own plots.
+    """Draw the weights of all steps, in bold at the steps at which the sensor has a plot.
 
-    If sensors measure alternately, the weights change with every step.
+    If sensors measure alternately, the weights change at every step.
     """
     if np.isnan(weights).all():
         ax.text(0.5, 0.5, "no weights", transform=ax.transAxes, ha="center", va="center")

@@ -1,4 +1,4 @@
-"""Pictures of the gates of a tracker: about one prediction, and over the time of a track."""
+"""Pictures of the gates of a tracker: around one prediction, and during a track."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -59,38 +59,39 @@ def gates(
     guard_acceleration: float = 5.0,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draw the gates about the prediction of a row, their sectors, and the plots of the scan.
+    """Draw the gates around a prediction, their sectors, and the plots of the scan.
 
     Parameters
     ----------
     table : TrackTable
         The tracks.
     row : int
-        A row with a plot.
+        Index of a row with a plot; the gates are those of its prediction.
     plots : Plots
         All plots that the tracker was given.
     radars : sequence of Radar
         The radars.
     guard_acceleration : float
-        Acceleration in metres per second squared that widens the guard gate.
+        Acceleration that widens the guard gate, in m/s².
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
 
     Returns
     -------
     matplotlib.axes.Axes
-        Metres from the prediction. The inner, outer and guard gate hold a true plot with the
-        probabilities .65, .95 and .998; the widened guard gate has the covariance `S + a² t⁴/4` at
-        t seconds since the last plot. Lines separate what is ahead and behind, where the speed
-        changes, from the sides, where the course does.
+        Metres from the prediction. The inner, outer and guard gate contain a true plot with the
+        probabilities .65, .95 and .998. The widened guard gate has the covariance `S + a² t⁴/4` at
+        t seconds since the last plot, with the acceleration a. Lines separate the sectors ahead and
+        behind, which indicate a change of speed, from those at the sides, which indicate a change
+        of course.
 
     Raises
     ------
     ValueError
-        A row that is not there or has no plot, plots that are not those of the table, an
-        acceleration that is not positive.
+        If the row does not exist or has no plot, if the plots are not those of the table, or if the
+        acceleration is not positive.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
@@ -175,17 +176,16 @@ def gate_history(table: TrackTable, track: int, *, ax: "Axes | None" = None) -> 
     Returns
     -------
     matplotlib.axes.Axes
-        The squared distance `d² = e' S⁻¹ e` of each innovation e, on a scale of square roots, with
-        the thresholds of the three gates. Where the track is more likely to turn than not, the
-        background is shaded. A plot beyond the guard gate was taken in the one that an acceleration
-        widens.
+        The squared distance `d² = e' S⁻¹ e` of each innovation e, on a square-root scale, with the
+        thresholds of the three gates. The background is shaded where the track probably turns. A
+        plot beyond the guard gate was accepted in the widened guard gate.
 
     Raises
     ------
     ValueError
-        There is no such track, or it has no plots.
+        If there is no such track, or it has no plots.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Examples
     --------
@@ -254,7 +254,7 @@ def _draw_gate(
 
 
 def _draw_sectors(ax: "Axes", covariance: FloatArray, velocity: FloatArray, reach: float) -> None:
-    """Draw the lines at 45° to the course, where the covariance is a circle."""
+    """Draw the lines at 45° to the course, in coordinates in which the covariance is a circle."""
     root = np.linalg.cholesky(covariance)
     u = np.linalg.solve(root, velocity)
     u /= np.linalg.norm(u)

@@ -41,7 +41,7 @@ def location(
     legend: bool = True,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draw stations, measurements, and the position with its error ellipse, from above.
+    """Draw stations, measurements, and the position with its error ellipse, seen from above.
 
     Parameters
     ----------
@@ -52,24 +52,24 @@ def location(
     azimuth : array_like of shape (K,), optional
         The azimuths in radians, drawn as rays.
     range : array_like of shape (K,), optional
-        The ranges in metres, drawn as arcs about the stations; in space, the horizontal ranges
-        below the target.
+        The ranges in metres, drawn as arcs about the stations. If D = 3, they are converted to
+        horizontal ranges at the height of the target.
     probability : float
         Probability that the ellipse contains the true position, for normal errors.
     legend : bool
-        Whether to name stations, measurements and position.
+        Whether to draw a legend.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
 
     Returns
     -------
     matplotlib.axes.Axes
-        North over east in metres. Outliers are dashed, in another colour.
+        North against east in metres. Outliers are dashed, in another colour.
 
     Raises
     ------
     ValueError
-        A batch, shapes that do not fit, or a probability that is not between 0 and 1.
+        If there is a batch, shapes do not fit, or the probability is not between 0 and 1.
 
     Examples
     --------
@@ -128,9 +128,9 @@ def accuracy_map(
     stations : sequence of K Station, or array_like of shape (K, D)
         The stations, as given to `tertia.location.accuracy_map`.
     grid : array_like of shape (rows, columns, D)
-        The positions, rows to the north and columns to the east.
+        The positions; rows run to the north and columns to the east.
     result : Accuracy
-        Their accuracy.
+        The accuracy at these positions.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
 
@@ -142,7 +142,7 @@ def accuracy_map(
     Raises
     ------
     ValueError
-        Shapes that do not fit, or no position that is determined.
+        If shapes do not fit, or no position is determined.
 
     Examples
     --------
@@ -190,7 +190,7 @@ def _marks(outliers: BoolArray | None, values: FloatArray) -> BoolArray:
 
 
 def _draw_lines(ax: "Axes", lines: list[FloatArray], outlier: BoolArray, name: str) -> None:
-    """Draw the lines that exist; the legend names kept and outlying ones once each."""
+    """Draw the lines that exist; the legend has one entry for kept and one for outlying lines."""
     named = set()
     for line, wrong in zip(lines, outlier, strict=True):
         if np.isnan(line).all():
@@ -208,7 +208,7 @@ def _draw_lines(ax: "Axes", lines: list[FloatArray], outlier: BoolArray, name: s
 
 
 def _toward(azimuth: FloatArray, axes: FloatArray | None) -> FloatArray:
-    """Return the direction of each azimuth in its station's own horizontal plane, (K, 2)."""
+    """Return the direction of each azimuth in the station's own horizontal plane, (K, 2)."""
     level = np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
     if axes is None:
         return level

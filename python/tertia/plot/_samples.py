@@ -40,8 +40,8 @@ def bearing(
 ) -> "Axes":
     """Draw a record of bearings, its outliers and blocks, the estimate and its 2-sigma band.
 
-    The record is continuous about the estimate, also across north; the labels of the axis are
-    wrapped to [0, period).
+    The record is drawn continuously about the estimate, even across north; the labels of the axis
+    are wrapped to [0, period).
 
     Parameters
     ----------
@@ -52,22 +52,22 @@ def bearing(
     period : float or None
         Period given to `tertia.estimate_bearing`, in the unit of `theta`.
     block_size : int
-        Block size given to `tertia.estimate_bearing`, since the estimate does not contain it.
+        Block size given to `tertia.estimate_bearing`, because the estimate does not contain it.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
     legend : bool
-        Whether to name measurements, outliers and bearing.
+        Whether to draw a legend.
 
     Returns
     -------
     matplotlib.axes.Axes
-        Bearings over the number of the measurement, from 0, in the unit of `theta`. A block is
-        darker the more weight it has.
+        Bearings against the index of the measurement, in the unit of `theta`. Blocks with more
+        weight are darker.
 
     Raises
     ------
     ValueError
-        `theta` is not one sample, or `theta` or `block_size` do not fit `estimate`.
+        If `theta` is not one sample, or `theta` or `block_size` does not fit `estimate`.
 
     Examples
     --------
@@ -107,24 +107,25 @@ def screening(
     y : array_like of shape (N,)
         The measurements, as given to the screening; nan is not drawn.
     screening : Screening
-        Its screening.
+        The result of the screening.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
     legend : bool
-        Whether to name measurements, outliers and band.
+        Whether to draw a legend.
 
     Returns
     -------
     matplotlib.axes.Axes
-        Measurements plotted against their index, in the unit of `y`. The band is mean ± threshold,
-        the final one of a sequential screening, so an earlier measurement outside may have passed.
+        Measurements against their index, in the unit of `y`. The band is mean ± threshold. For a
+        sequential screening it is the final band, so an earlier measurement outside it may have
+        been accepted.
 
     Raises
     ------
     TypeError
-        `y` does not hold real numbers.
+        If `y` does not hold real numbers.
     ValueError
-        `y` is not one sample, or does not fit `screening`.
+        If `y` is not one sample, or does not fit `screening`.
 
     Examples
     --------
@@ -164,7 +165,7 @@ def _sample(value: npt.ArrayLike, name: str, outlier: BoolArray, result: str) ->
 
 
 def _extents(theta: FloatArray, estimate: BearingEstimate, block_size: int) -> FloatArray:
-    """Return first and last measurement of each block, (blocks, 2); missing ones do not count."""
+    """Return the first and last measurement of each block, (blocks, 2), without missing ones."""
     if estimate.block_means is None:
         return np.empty((0, 2))
     present = np.flatnonzero(~np.isnan(theta))

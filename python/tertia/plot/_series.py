@@ -1,4 +1,4 @@
-"""Pictures of one series: its smooth curve, or whether its errors are as claimed."""
+"""Pictures of one series: its smooth curve, and the consistency of its errors."""
 
 from typing import TYPE_CHECKING
 
@@ -34,34 +34,34 @@ def smoothing(
     legend: bool = True,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draw a series, its smooth curve, and the error band of that.
+    """Draw a series and its smoothed values with their error band.
 
     Parameters
     ----------
     y : array_like of shape (N,), or (N, D) of positions
-        As given to `tertia.smoothing`; nan is not drawn.
+        The series, as given to `tertia.smoothing`; nan is not drawn.
     result : LocalPolynomial or SmoothedPositions
-        The smooth values or positions.
+        The smoothed values or positions.
     time : array_like of shape (N,), optional
         Times of the rows, numbers or datetime64; by default they are numbered from 0.
     axis : int
-        Which component of positions.
+        Index of the component that is drawn, for positions.
     width : float
         Half the width of the band, in standard deviations.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
     legend : bool
-        Whether to name points, curve and band.
+        Whether to draw a legend.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The values over time.
+        The values against time.
 
     Raises
     ------
     ValueError
-        A batch, or arguments that do not fit `result`.
+        If there is a batch, or an argument does not fit `result`.
 
     Examples
     --------
@@ -117,33 +117,33 @@ def consistency(
     legend: bool = True,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draw normalised squared errors over time with the bounds within which they are consistent.
+    """Draw normalised squared errors over time, with bounds for consistent errors.
 
     Parameters
     ----------
     normalised : array_like of shape (..., steps)
-        From `tertia.metrics.nees` or `tertia.metrics.nis`; independent runs are averaged. nan where
-        there is none.
+        From `tertia.metrics.nees` or `tertia.metrics.nis`, nan where there is none. Independent
+        runs are averaged.
     dimension : int
-        Components of each error: 3 for the state of a track, 1 for innovations.
+        Number of components of each error: 3 for the state of a track, 1 for innovations.
     probability : float
-        Probability that the mean of a step lies within the bounds, if the covariances are right.
+        Probability that the mean of a step lies within the bounds if the covariances are correct.
     time : array_like of shape (steps,), optional
         Times of the steps, numbers or datetime64; by default they are numbered from 0.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
     legend : bool
-        Whether to name means and bounds.
+        Whether to draw a legend.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The mean of each step over time, and the bounds for the number of runs that it is made of.
+        The mean of each step against time, and the bounds for the number of runs in it.
 
     Raises
     ------
     ValueError
-        No steps, only nan, times that do not fit, or a number outside its domain.
+        If there are no steps or only nan, times do not fit, or a number is outside its domain.
 
     Examples
     --------

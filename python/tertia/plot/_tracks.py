@@ -1,4 +1,4 @@
-"""Pictures of tracks of many targets: from above, and how often radars update them."""
+"""Pictures of tracks of many targets: seen from above, and how often radars update them."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -48,7 +48,7 @@ def tracks(
     probability: float = 0.95,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draw tracks from above, with their numbers, manoeuvres and some error ellipses.
+    """Draw tracks seen from above, with their numbers, manoeuvres and some error ellipses.
 
     Parameters
     ----------
@@ -57,26 +57,27 @@ def tracks(
     radars : sequence of Radar
         The radars.
     plots : Plots, optional
-        The plots, drawn as dots; they need the radars.
+        The plots, drawn as dots; they require the radars.
     plans : sequence of FlightPlan
-        Flight plans, dashed.
+        Flight plans, drawn as dashed lines.
     probability : float
-        Probability that an ellipse contains the true position, for normal errors. Three are
-        drawn per track.
+        Probability that an ellipse contains the true position, for normal errors. Three ellipses
+        are drawn per track.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
     legend : bool
-        Whether to name tracks, plots and plans.
+        Whether to draw a legend.
 
     Returns
     -------
     matplotlib.axes.Axes
-        North over east in kilometres. The 60 longest tracks have their numbers at their ends.
+        North against east in kilometres. The 60 longest tracks are labelled with their numbers at
+        their ends.
 
     Raises
     ------
     ValueError
-        Plots of radars that are not given, or a probability that is not between 0 and 1.
+        If a plot belongs to a radar that is not given, or the probability is not between 0 and 1.
 
     Examples
     --------
@@ -127,7 +128,7 @@ def tracks(
 def update_probability(
     table: TrackTable, radars: Sequence[Radar], *, ax: "Axes | None" = None, legend: bool = True
 ) -> "Axes":
-    """Draw the update probability of confirmed tracks versus range, for each radar.
+    """Draw the update probability of confirmed tracks against range, for each radar.
 
     Parameters
     ----------
@@ -138,18 +139,18 @@ def update_probability(
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
     legend : bool
-        Whether to name the radars.
+        Whether to draw a legend.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The share of scans with a plot and its standard error, in intervals of range with at least
-        five scans; dashed, the stated detection probability of each radar.
+        Share of scans with a plot and its standard error, in intervals of range with at least five
+        scans. Dashed lines are the stated detection probabilities of the radars.
 
     Raises
     ------
     ValueError
-        A table that contains a radar not among those given.
+        If the table contains a radar that is not given.
 
     Examples
     --------
@@ -193,12 +194,12 @@ def update_probability(
 
 
 def _km(position: FloatArray) -> FloatArray:
-    """Return east and north in kilometres, the coordinates first."""
+    """Return east and north in kilometres, with the coordinates on the first axis."""
     return np.asarray(position.T / 1e3)
 
 
 def _lines(table: _Tracks) -> dict[int, IntArray]:
-    """Return the rows of each track by time."""
+    """Return the rows of each track in time order."""
     order = np.lexsort((table.time, table.track))
     names, starts = np.unique(table.track[order], return_index=True)
     return dict(zip(names.tolist(), np.split(order, starts[1:]), strict=False))
@@ -211,7 +212,7 @@ def _longest(lines: dict[int, IntArray]) -> dict[int, IntArray]:
 
 
 def _draw_tracks(ax: "Axes", table: _Tracks, lines: dict[int, IntArray]) -> None:
-    """Draw all tracks of one colour as one line, and manoeuvres below them."""
+    """Draw all tracks of one colour as one line, with manoeuvres below them."""
     turning = []
     for first, colour in enumerate(_COLOURS[: len(lines)]):
         parts = []
@@ -251,7 +252,7 @@ def _check_radars(numbers: IntArray, radars: Sequence[Radar], name: str) -> None
 
 
 def _shares(distance: FloatArray, hit: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return middles of intervals of distance, the share of hits there, and its error."""
+    """Return the middles of intervals of distance, the share of hits in each, and its error."""
     far = float(np.max(distance, initial=0.0)) or 1.0
     place = np.minimum((distance / far * _BINS).astype(int), _BINS - 1)
     count = np.bincount(place, minlength=_BINS)

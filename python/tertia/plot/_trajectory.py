@@ -1,4 +1,4 @@
-"""Pictures of one target over time: from above, its height, and the residuals."""
+"""Pictures of one target over time: seen from above, its height, and the residuals."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -56,7 +56,7 @@ def trajectory(
     legend: bool = True,
     probability: float = 0.95,
 ) -> "dict[str, Axes]":
-    """Draw positions over time from above, their heights, and the residuals of the stations.
+    """Draw positions seen from above, their heights, and the residuals of the stations.
 
     Parameters
     ----------
@@ -65,29 +65,28 @@ def trajectory(
     result : Trajectory or Location
         The positions; a result of `locate` must be a batch of shape (N,).
     time : array_like of shape (N,), optional
-        Times of the rows, numbers or datetime64; by default those of a trajectory, or numbers from
-        0.
+        Times of the rows, numbers or datetime64; by default those of a trajectory, otherwise
+        numbers from 0.
     probability : float
-        Probability that an ellipse contains the true position, for normal errors. About ten are
-        drawn.
+        Probability that an ellipse contains the true position, for normal errors. About ten
+        ellipses are drawn.
     legend : bool
-        Whether to draw a legend for all panels.
+        Whether to draw a common legend for all panels.
     figure : matplotlib.figure.Figure or SubFigure, optional
-        Where to draw; by default on a new one.
+        Figure to draw on; by default a new one.
 
     Returns
     -------
     dict of str to matplotlib.axes.Axes
-        "plan", north over east in metres, where positions with an outlier are crossed; in space
-        "height" with its 2-sigma band; and for each kind of measurement, such as "range", the
-        residuals in standard deviations. Outliers are crossed there, and those far away are drawn
-        at the edge.
+        "plan": north against east in metres, with crosses on positions with an outlier. If D = 3,
+        "height" with its 2-sigma band. For each kind of measurement, such as "range", the residuals
+        in standard deviations; outliers are crossed, and distant ones are drawn at the edge.
 
     Raises
     ------
     ValueError
-        Not one batch of positions, arguments that do not fit `result`, or a probability that is not
-        between 0 and 1.
+        If `result` is not one batch of positions, an argument does not fit it, or the probability
+        is not between 0 and 1.
 
     Examples
     --------
@@ -151,7 +150,7 @@ def trajectory(
 def _by_station(
     residual: ByKind, outlier: ByKind, k: int
 ) -> dict[Kind, tuple[FloatArray, BoolArray]]:
-    """Return residuals and marks (K, N) of the kinds that were measured."""
+    """Return residuals and outlier marks, (K, N), for each kind that was measured."""
     found: dict[Kind, tuple[FloatArray, BoolArray]] = {}
     for kind in KINDS:
         values, marks = getattr(residual, kind), getattr(outlier, kind)
@@ -171,7 +170,7 @@ def _by_station(
 
 
 def _called(stations: Sequence[Station] | npt.ArrayLike, k: int) -> list[str]:
-    """Return the names of the stations, numbers of those that have none."""
+    """Return the names of the stations, or their numbers for those without a name."""
     names = names_of(stations, k)
     return [f"station {at}" if name is None else str(name) for at, name in enumerate(names)]
 
@@ -205,7 +204,7 @@ def _draw_plan(
 
 
 def _most(points: FloatArray) -> FloatArray:
-    """Return bounds of almost all points, of shape (2, ...)."""
+    """Return bounds that contain almost all points, of shape (2, ...)."""
     known = points[np.isfinite(points).reshape(len(points), -1).all(axis=1)]
     bounds: FloatArray = np.quantile(known, [_TAIL, 1 - _TAIL], axis=0) if len(known) else known
     return bounds
@@ -238,7 +237,7 @@ def _draw_residuals(
 
 
 def _join_times(panels: "list[Axes]", times: Times, label: str) -> None:
-    """Let panels above each other have the same times."""
+    """Give panels above each other the same time axis."""
     *above, last = panels
     for ax in above:
         ax.sharex(last)

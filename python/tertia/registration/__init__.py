@@ -2,12 +2,13 @@
 
 `calibrate` estimates the bias of one sensor from targets whose positions are known.
 
-`register` estimates the noise from the scatter of plots about short straight lines in each radar's
-own tracks, and the biases from the differences between tracks of different radars.
+`register` estimates noise and biases. The noise follows from the scatter of plots about short
+straight lines in the tracks of each radar, the biases from the differences between tracks of
+different radars.
 
-In the core, the kernels stand to the left of the tracker, where a tracker that registers its radars
-during operation can use them. This module stands to the right of `tertia.tracker`, because it takes
-recordings and makes the tracks that the kernels need.
+In the core, the tracker depends on the kernels of registration, so that it can register its radars
+during operation. This module depends on `tertia.tracker`, because it takes recordings and makes the
+tracks that the kernels need.
 """
 
 from tertia.registration._calibrate import calibrate

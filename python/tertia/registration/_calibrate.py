@@ -24,43 +24,45 @@ def calibrate(
     deviation_order: int = 2,
     degrees: bool = False,
 ) -> Bias:
-    """Estimate the bias of a sensor from a calibration run: targets whose positions are known.
+    """Estimate the bias of a sensor from a calibration run, with known target positions.
 
     Parameters
     ----------
     station : Station
-        The sensor, with the standard deviation of each kind that was measured.
+        The sensor, with the standard deviation of each kind that it measured.
     time : array_like of shape (N,)
-        Times in seconds, not decreasing.
+        Times in seconds, in non-decreasing order.
     position : array_like of shape (N, D)
         Known positions of the target in metres.
     range, azimuth, elevation : array_like of shape (N,), optional
-        What the sensor measured, in metres and radians; nan where nothing was.
+        Measurements of the sensor in metres and radians; nan where one is missing.
     deviation_order : int
-        Order of the Fourier series by which the bias of the azimuth follows the azimuth. Where the
-        target was seen over less than 120 degrees, at most 1.
+        Order of the Fourier series that describes how the azimuth bias depends on the azimuth. At
+        most 1 is used if the run covers less than 120 degrees of azimuth.
     degrees : bool
-        Whether the angles given here are in degrees.
+        Whether the angles in this call are in degrees.
 
     Returns
     -------
     Bias
-        What the sensor measures too much, with its uncertainty, as `Station(bias=...)` takes it. In
-        directions that the run has not covered, the sigma of `Bias.at` grows.
+        The bias that the sensor adds to its measurements, with its uncertainty; it can be passed to
+        `Station(bias=...)`. In directions that the run does not cover, the sigma of `Bias.at` is
+        larger.
 
     Raises
     ------
     ValueError
-        A wrong shape, nothing measured, or a missing standard deviation.
+        If a shape is wrong, nothing was measured, or a standard deviation is missing.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
-    The model is y = c + Σ (a_k sin k α + b_k cos k α) + g(t) + e: c constant with a wide prior,
-    coefficients N(0, (s/k)²), g Gauss-Markov, e of the stated standard deviation or larger. The
-    variances and the correlation time are integrated out over a grid by their likelihood, with a
-    Kalman filter. Measurements have Tukey's weights. Cost O(N).
+    The model of the measured minus the true value is y = c + Σ (a_k sin k α + b_k cos k α) + g(t) +
+    e, with the azimuth α. Here c is constant with a wide prior, the k-th coefficients are N(0,
+    (s/k)²), g is a Gauss-Markov process, and the errors e have the stated standard deviation or a
+    larger one. The variances and the correlation time are integrated out over a grid, weighted by
+    their likelihood from a Kalman filter. Measurements have Tukey's weights. The cost is O(N).
 
     Examples
     --------
@@ -82,9 +84,7 @@ def calibrate(
         raise ValueError(f"time has shape {instants.shape}; it must be (N,)")
     back = np.flatnonzero(np.diff(instants) < 0)
     if back.size:
-        raise ValueError(
-            f"time[{back[0] + 1}] is before the time before it; time must not decrease"
-        )
+        raise ValueError(f"time[{back[0] + 1}] is before the previous time; time must not decrease")
     place = points(position, "position")
     if place.shape != (instants.size, station.position.shape[-1]):
         raise ValueError(
@@ -151,7 +151,7 @@ def _expected(station: Station, place: FloatArray) -> dict[str, FloatArray]:
 
 
 def _arc(direction: FloatArray) -> float:
-    """Return the arc that directions cover: the circle less the largest gap."""
+    """Return the arc that the directions cover: the full circle minus the largest gap."""
     ordered = np.sort(direction % (2 * np.pi))
     gaps = np.diff(np.append(ordered, ordered[0] + 2 * np.pi))
     return float(2 * np.pi - np.max(gaps))

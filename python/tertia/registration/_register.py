@@ -33,7 +33,7 @@ _REDUNDANT = 30.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rounds:
-    """A registration, and the tracks of each radar alone that it uses.
+    """A registration, and the tracks of single radars that it is based on.
 
     `stated` are the tracks with the stated noise, `found` those with the estimated noise.
     """
@@ -58,14 +58,14 @@ def register(
     plots : Plots
         The plots of a recording, in any order.
     sensors : sequence of K Radar or PositionSensor
-        The sensors. The positions of a `PositionSensor` are late, at most: they show the errors of
-        the radars.
+        The sensors. Positions of a `PositionSensor` are assumed to be free of systematic errors
+        except for a delay; they help to determine the errors of the radars.
     tracks : TrackTable, optional
-        Tracks from all plots and all radars; by default they are made here.
+        Tracks from all plots of all radars; by default they are made from `plots`.
     n_threads : int, optional
         Number of threads; by default one for small tasks and all cores for large ones.
     **options
-        Options of the tracker; see `tertia.tracker.Tracker`.
+        Options of the tracker, as for `tertia.tracker.Tracker`.
 
     Returns
     -------
@@ -75,32 +75,35 @@ def register(
     Raises
     ------
     ValueError
-        No radar, a table without the plots, or an error of the tracker.
+        If there is no radar, if `tracks` was not made from these plots, or if the tracker raises an
+        error.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
     **Systematic errors.** Each radar has an offset and a gain of the range, an offset of the
-    azimuth, and a clock offset, with the mean and standard deviations of its `bias`, or of
-    `RADAR_LIMITS`. A radar with `bias=Bias()` is trusted. The plots of one target in 2.2 scans of
-    the slowest radar form a block. Position, velocity and acceleration of the target are projected
-    out, so that blocks are independent and the filter plays no part; blocks that fit no motion are
-    left out. An error that no block depends on keeps its prior: a radar alone says nothing of its
-    errors, and a clock error that all radars share is seen by none.
+    azimuth, and a clock offset. Their prior is the `bias` of the radar or, if that is None,
+    `RADAR_LIMITS`. A radar with `bias=Bias()` is taken as free of errors. The plots of one target
+    within 2.2 scans of the slowest radar form a block. The position, velocity and acceleration of
+    the target are projected out, so that blocks are independent and do not depend on a filter;
+    blocks that fit no motion are left out. An error that does not affect any block keeps its prior:
+    a single radar contains no information on its errors, and a clock error that all radars share
+    cannot be seen.
 
-    Tracks of single radars are compared first; they may show errors ten times as large as their
-    prior. The plots are tracked without these errors, and again where the errors found differ.
+    Tracks of single radars are compared first; this finds errors up to ten times as large as their
+    prior. The plots are then tracked with these errors removed, and tracked again as long as the
+    estimated errors still change.
 
     **Noise.** A line is fitted to every six successive plots of a straight track. The mean squares
-    about the lines, in range and in azimuth, have a robust mean: lines beyond the 99.9 % quantile
+    of the residuals, in range and in azimuth, have a robust mean: lines beyond the 99.9 % quantile
     of chi-squared are excluded. Tracking is repeated three times, each time with the noise
-    estimated before, because too narrow gates exclude the plots with the largest errors. A factor
-    by which residuals of the blocks are larger multiplies it: the scatter of a radar that smooths
-    its plots is less than their error.
+    estimated before, because gates that are too narrow exclude the plots with the largest errors.
+    If the residuals of the blocks are larger still, the noise is multiplied by their ratio: if a
+    radar smooths its plots, their scatter about a line is smaller than their error.
 
-    Errors are assumed to be constant. Without a `frame` of the radars, the curvature of the earth
-    counts as a gain of the range. Cost O(N log N + N K^2) in plots.
+    Errors are assumed to be constant. If the radars have no `frame`, the curvature of the earth
+    appears as a gain of the range. The cost is O(N log N + N K^2) for N plots.
 
     Examples
     --------
@@ -139,7 +142,7 @@ def rounds(
     run: Run,
     joint: TrackTable | None = None,
 ) -> Rounds:
-    """Register radars; return also the tracks of each sensor alone."""
+    """Register radars; return the registration and the tracks of each sensor alone."""
     count, edges = len(given), _edges(plots, max(map(interval, given)))
     stated, found, sensors = [], [], list(given)
     levels = np.full((2, count, 2), np.nan)
@@ -179,7 +182,7 @@ def rounds(
 
 
 def _stated(sensors: Sequence[Radar | PositionSensor]) -> FloatArray:
-    """Return the standard deviations of range and azimuth, (K, 2); inf where none are measured."""
+    """Return the standard deviations of range and azimuth, (K, 2); inf for kinds not measured."""
     return np.array(
         [
             [one.range_sigma, one.azimuth_sigma] if isinstance(one, Radar) else [np.inf, np.inf]
@@ -195,10 +198,11 @@ def _systematic(
     joint: TrackTable | None,
     alone: Sequence[TrackTable],
 ) -> Errors:
-    """Return the systematic errors that tracks of all radars show.
+    """Return the systematic errors, estimated from the tracks of all radars.
 
-    Where errors are large, the plots of one target go to several tracks, of which no block has
-    plots of two radars. So plots are tracked again without the errors found, until these stay.
+    If errors are large, the plots of one target go to several tracks, and no block contains plots
+    of two radars. Therefore plots are tracked again with the estimated errors removed, until the
+    errors no longer change.
     """
     prior = bias = start(alone, sensors)[0]
     projected = in_plane(plots, sensors)
@@ -220,7 +224,7 @@ def _systematic(
 
 
 def with_noise(radar: Radar, sigma: FloatArray) -> Radar:
-    """Return the radar with other standard deviations of range and azimuth, where known."""
+    """Return the radar with other standard deviations of range and azimuth, if known."""
     range_sigma, azimuth_sigma = np.where(
         np.isfinite(sigma) & (np.asarray(sigma) > 0),
         sigma,
@@ -232,9 +236,9 @@ def with_noise(radar: Radar, sigma: FloatArray) -> Radar:
 
 
 def corrected(states: Common, registration: Registration, radars: Sequence[Radar]) -> Common:
-    """Return states without biases, and with covariances scaled to the noise of their time.
+    """Return states without biases, and with covariances scaled to the noise of their period.
 
-    The states are from tracks with the noise of the whole recording. Their standard deviations
+    The states come from tracks with the noise of the whole recording. Their standard deviations
     along and across the range are scaled to the noise of each period.
     """
     history, whole = registration.history, registration.noise_factor
@@ -259,18 +263,18 @@ def corrected(states: Common, registration: Registration, radars: Sequence[Radar
 
 
 def in_stretches(time: FloatArray, edges: FloatArray) -> IntArray:
-    """Return the period of each time."""
+    """Return the index of the period that contains each time."""
     return np.clip(np.searchsorted(edges, time, side="right") - 1, 0, len(edges) - 2)
 
 
 def _by_kind(columns: FloatArray) -> ByKind:
-    """Return columns (..., 2) of range and azimuth."""
+    """Return an array (..., 2) of range and azimuth as a `ByKind`."""
     range_, azimuth = (np.ascontiguousarray(columns[..., axis]) for axis in range(2))
     return ByKind(range=range_, azimuth=azimuth)
 
 
 def _edges(plots: Plots, period: float) -> FloatArray:
-    """Return the edges of periods, each of several scans."""
+    """Return the edges of the periods, each of which covers several scans."""
     known = plots.time[np.isfinite(plots.time)]
     if not len(known):
         return np.array([0.0, 1.0])
@@ -282,7 +286,7 @@ def _edges(plots: Plots, period: float) -> FloatArray:
 def _noise(
     table: TrackTable, plots: Plots, radar: Radar, edges: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return standard deviations of range and azimuth and their errors, (2, 2), and over time."""
+    """Return the noise of range and azimuth with its standard errors, (2, 2), and over time."""
     rows = np.flatnonzero(table.plot >= 0)
     own = plots[table.plot[rows]]
     up = radar.position[2] if len(radar.position) == 3 else 0.0

@@ -25,7 +25,7 @@ class NoiseHistory:
         Ratio of estimated to stated noise, of shape (K, T), for range and azimuth; nan if a period
         has too few straight tracks.
     sigma : ByKind
-        Standard deviations of the factors, likewise.
+        Standard deviations of the factors, in the same arrangement.
     """
 
     edges: FloatArray
@@ -45,16 +45,16 @@ class Registration(Result):
     covariance : ndarray of shape (4 * K, 4 * K)
         Covariance of range, gain, azimuth and time, radar by radar.
     prior : Bias
-        What was known of the biases before.
+        Biases and standard deviations as known before the registration.
     noise_factor : ByKind
         Ratio of estimated to stated noise, of shape (K,), for range and azimuth; nan if there are
         too few straight tracks.
     noise_factor_sigma : ByKind
-        Standard deviations of the factors, likewise.
+        Standard deviations of the factors, in the same arrangement.
     history : NoiseHistory
         Noise over time.
     sensors : tuple of K Radar or PositionSensor
-        The sensors, radars with the estimated noise and bias.
+        The sensors; the radars have the estimated noise and bias.
     """
 
     _rows: ClassVar = "bias_range", 0
@@ -70,7 +70,7 @@ class Registration(Result):
 
     @property
     def observable(self) -> dict[str, BoolArray]:
-        """Which errors the plots determine, to less than half of their prior sigma, (K,) each."""
+        """Which errors have a sigma below half of their prior sigma, (K,) each."""
         pairs = {
             kind: [np.asarray(getattr(one, f"{kind}_sigma")) for one in (self.bias, self.prior)]
             for kind in KINDS

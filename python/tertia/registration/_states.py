@@ -33,10 +33,11 @@ def alone(plots: Plots, sensors: Sequence[Radar | PositionSensor], k: int, run: 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Common:
-    """States of the radars' tracks at M common instants of targets.
+    """States of the tracks of K radars at M instants that they have in common.
 
-    `state` (M, K, 4) and `covariance` (M, K, 4, 4) are nan where a radar has no track;
-    `joint_state` and `joint_covariance` belong to the tracks of all radars, numbered by `track`.
+    `state` (M, K, 4) and `covariance` (M, K, 4, 4) are nan where a radar has no track.
+    `joint_state` and `joint_covariance` are those of the tracks from all radars; `track` has the
+    numbers of these tracks.
     """
 
     time: FloatArray
@@ -48,21 +49,21 @@ class Common:
 
     @property
     def present(self) -> BoolArray:
-        """Which radars have a track, (M, K)."""
+        """Whether each radar has a track at each instant, (M, K)."""
         return np.asarray(np.isfinite(self.state[..., 0]))
 
     def chosen(self, index: BoolArray) -> Common:
-        """Return some of the instants."""
+        """Return the selected instants."""
         return Common(*(getattr(self, name)[index] for name in self.__slots__))
 
     def columns(self) -> dict[str, Any]:
-        """Return the columns that the core takes."""
+        """Return the columns in the form that the core takes."""
         names = ("time", "track", "state", "covariance")
         return {name: np.ascontiguousarray(getattr(self, name)) for name in names}
 
 
 def common(joint: TrackTable, single: Sequence[TrackTable], radars: Sequence[Radar]) -> Common:
-    """Return the states of all tracks at instants of the slowest radar.
+    """Return the states of all tracks at instants at which the slowest radar has plots.
 
     A track of a radar belongs to the joint track that contains more than half of its plots.
     """
@@ -73,7 +74,7 @@ def common(joint: TrackTable, single: Sequence[TrackTable], radars: Sequence[Rad
 
 
 def _columns(table: TrackTable) -> dict[str, Any]:
-    """Return the columns of a table that the core takes."""
+    """Return the columns of a table in the form that the core takes."""
     columns = {
         "state": np.hstack([table.position, table.velocity]),
         **{

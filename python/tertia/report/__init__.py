@@ -1,6 +1,6 @@
-"""Reports: a recording of radars on one page, with tracks, noise, fusion, plans and truth.
+"""Reports: one page about a recording of radars, with tracks, noise, fusion, plans and truth.
 
-`make` needs the extra `report` (Plotly, Jinja2); the page opens in any browser, without a network.
+`make` needs the extra `report` (Plotly, Jinja2). The page opens in any browser, without a network.
 """
 
 from tertia.report._bearings import Emitter

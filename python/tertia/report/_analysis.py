@@ -1,4 +1,4 @@
-"""The analysis shown on a page: tracks, radars, fusion, truth, plans."""
+"""Analysis of a recording for the page: tracks, radars, fusion, truth, plans."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def analyse(
 
 
 def _fuse(stated: Common, better: Common) -> Fusion:
-    """Fuse at the common instants of the tracks, with stated and with estimated noise."""
+    """Fuse at the common instants of the tracks, with the stated and with the estimated noise."""
     pair = stated, better
     keys = [list(zip(one.track.tolist(), one.time.tolist(), strict=True)) for one in pair]
     both = set(keys[0]) & set(keys[1])
@@ -180,7 +180,7 @@ def _judge_all(
     update_interval: float | None,
     limits: Mapping[str, float],
 ) -> tuple[dict[str, Judged], float]:
-    """Evaluate all sets of tracks with the same update interval; return it as well."""
+    """Evaluate all sets of tracks with the same update interval, and return that interval, too."""
     rows = {name: confirmed_rows(table) for name, table in sets.items()}
     rows = {name: one for name, one in rows.items() if np.any(one.updated)}
     usual = usual_periods(rows[TOGETHER]) if TOGETHER in rows else []
@@ -212,9 +212,9 @@ def _audit_all(judged: dict[str, Judged]) -> dict[str, Audit]:
 
 
 def _judge_fusion(fused: Fusion, truth: Truth, joint: Judged, max_distance: float) -> Fusion:
-    """Compare the states with the targets that the joint tracks follow at the time.
+    """Compare the fused states with the targets that the joint tracks follow at the time.
 
-    As elsewhere, what is farther away than `max_distance` is of no target or of another one.
+    As elsewhere, a state farther than `max_distance` from its target is not compared with it.
     """
     updated = joint.rows.updated
     target = _followed(
@@ -256,7 +256,7 @@ def _followed(
 
 
 def means(time: FloatArray, values: FloatArray, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the mean of the known values in each period, and their numbers."""
+    """Return the mean of the known values in each period, and their number."""
     known = np.isfinite(values)
     which = in_stretches(time[known], edges)
     count = np.bincount(which, minlength=len(edges) - 1)
@@ -265,6 +265,6 @@ def means(time: FloatArray, values: FloatArray, edges: FloatArray) -> tuple[Floa
 
 
 def within(nees: FloatArray) -> float:
-    """Return the fraction of errors within the 95 % ellipse, nan if there are none."""
+    """Return the fraction of errors within the 95 % ellipse; nan if there are none."""
     known = nees[np.isfinite(nees)]
     return float(np.mean(known <= MOST_NEES)) if len(known) else np.nan

@@ -1,4 +1,4 @@
-"""Emitters located by direction finders: a bearing from each finder, and the position."""
+"""Location of emitters by direction finders: a bearing from each, and the position."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class Emitter:
     Attributes
     ----------
     name : str
-        Label on the page.
+        Label of the emitter on the page.
     time : ndarray of shape (N,)
-        Seconds.
+        Times in seconds.
     azimuth : ndarray of shape (N, K)
-        Bearings from K stations in radians, clockwise from north; nan where there is none.
+        Bearings from K stations in radians, clockwise from north; nan where one is missing.
     """
 
     name: str
@@ -54,8 +54,8 @@ class Emitter:
 class Heard:
     """An emitter, its bearing from each station (radians, nan where unknown), and its position.
 
-    `moves` is true if the bearings of the two halves of the record differ; then there is a path
-    in place of a position from the whole record. `instants` are the positions at single times, if
+    `moves` is true if the bearings of the two halves of the record differ; there is then a path
+    instead of one position from the whole record. `instants` are the positions at single times, if
     any.
     """
 
@@ -71,14 +71,14 @@ class Heard:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Finders:
-    """Direction finders, and what they heard of each emitter."""
+    """Direction finders, and what they measured of each emitter."""
 
     stations: Sequence[Station]
     heard: list[Heard]
 
     @property
     def names(self) -> list[str]:
-        """Names of the stations, or their numbers from 1 on."""
+        """Names of the stations, or their numbers from 1."""
         return [str(station.name or k) for k, station in enumerate(self.stations, start=1)]
 
 

@@ -50,7 +50,7 @@ class Panel:
 
 
 def numbers(values: npt.ArrayLike, digits: int = _DIGITS) -> list[float | None]:
-    """Return numbers rounded for JSON, None where unknown."""
+    """Return numbers rounded for JSON; None where unknown."""
     array = np.asarray(values, dtype=np.float64)
     return [float(f"{x:.{digits}g}") if np.isfinite(x) else None for x in array.tolist()]
 
@@ -77,7 +77,7 @@ def joined(lines: Sequence[FloatArray]) -> FloatArray:
 
 
 def rows_of(count: int, x_title: str, y_titles: Sequence[str]) -> dict[str, Any]:
-    """Return the layout of stacked panels with a common axis."""
+    """Return the layout of panels one below the other, with a common axis."""
     gap = 0.1 if count > 1 else 0.0
     size = (1.0 - gap * (count - 1)) / count
     layout: dict[str, Any] = {"xaxis": {"title": {"text": x_title}, "anchor": f"y{count}"}}
@@ -99,7 +99,7 @@ def _axis(i: int, stem: str = "y") -> str:
 
 
 def radar_panels(analysis: Analysis, time: str) -> list[Panel]:
-    """Return noise, updates and outliers over time."""
+    """Return panels of noise, updates and outliers over time."""
     return [_noise(analysis, time), _update_probability(analysis, time), _outliers(analysis, time)]
 
 
@@ -155,7 +155,7 @@ def _outliers(analysis: Analysis, time: str) -> Panel:
 
 
 def fusion_panels(analysis: Analysis, time: str) -> list[Panel]:
-    """Return the weights of the radars' tracks over time."""
+    """Return panels of the weights of the radars' tracks over time."""
     if analysis.fusion is None:
         return []
     data, titles = [], []
@@ -176,7 +176,7 @@ def fusion_panels(analysis: Analysis, time: str) -> list[Panel]:
 
 
 def truth_panels(analysis: Analysis, time: str) -> list[Panel]:
-    """Return GOSPA and normalised errors over time."""
+    """Return panels of GOSPA and normalised errors over time."""
     if TOGETHER not in analysis.judged:
         return []
     judged = analysis.judged[TOGETHER]
@@ -221,7 +221,7 @@ def _nees(analysis: Analysis, time: str) -> Panel:
 
 
 def _marked(name: str, x: FloatArray, y: FloatArray, k: int, **more: Any) -> dict[str, Any]:
-    """Return line number k with marks at its points."""
+    """Return the line with number k, with markers at its points."""
     marker = {"symbol": MARKS[k % len(MARKS)], "size": 7}
     return line(name, x, y, k, mode="lines+markers", marker=marker, **more)
 
@@ -232,7 +232,7 @@ def dots(name: str, places: FloatArray, marker: dict[str, Any]) -> dict[str, Any
 
 
 def _panel(name: str, i: int) -> dict[str, Any]:
-    """Return the settings of a line in panel i, with one legend entry for all panels."""
+    """Return the settings of a line in panel i; all panels share one legend entry."""
     return {"legendgroup": name, "showlegend": i == 0, "yaxis": _axis(i)}
 
 
@@ -244,7 +244,7 @@ def _bounds(count: int) -> tuple[float, float]:
 
 
 def plan_panels(analysis: Analysis, time: str) -> list[Panel]:
-    """Return the cross-track distances of tracks from their plans."""
+    """Return a panel of the cross-track distances of tracks from their plans."""
     if not analysis.followed:
         return []
     leaving = [one for one in analysis.followed if np.isfinite(one.left)]

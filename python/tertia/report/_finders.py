@@ -1,4 +1,4 @@
-"""What a page says of direction finders: where emitters are, by which bearings."""
+"""The part of a page on direction finders: positions of emitters, and their bearings."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def emitter_rows(finders: Finders) -> list[Row]:
 
 
 def finder_findings(finders: Finders) -> list[str]:
-    """Return where each emitter is, as sentences."""
+    """Return the position of each emitter, as sentences."""
     found = []
     for row in emitter_rows(finders):
         if row["moves"]:
@@ -188,7 +188,7 @@ def _finder_map(finders: Finders, heard: Heard, number: int) -> Panel:
 
 
 def _path(path: Trajectory) -> list[dict[str, Any]]:
-    """Return the path of an emitter that moves, and ellipses along it."""
+    """Return the path of a moving emitter, and ellipses along it."""
     known = np.flatnonzero(np.isfinite(path.position).all(axis=1))
     places = path.position[known[:: max(1, len(known) // POINTS)]] / 1e3
     chosen = known[np.unique(np.linspace(0, len(known) - 1, _ELLIPSES).astype(int))]

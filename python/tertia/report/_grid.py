@@ -1,4 +1,4 @@
-"""Lines of latitude and longitude on a map, and rings about radars."""
+"""Lines of latitude and longitude on a map, and range rings about radars."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ _LOOK = {"color": GREY, "dash": "dot", "width": 1}
 
 
 def grid(radars: Sequence[Radar], low: FloatArray, high: FloatArray) -> list[dict[str, Any]]:
-    """Return the grid and the rings of a map, whose corners are given in kilometres."""
+    """Return the grid and the range rings of a map whose corners are given in kilometres."""
     frame = radars[0].frame
     return [*([] if frame is None else _graticule(frame, low, high)), *_rings(radars, low, high)]
 
 
 def _graticule(frame: SystemPlane, low: FloatArray, high: FloatArray) -> list[dict[str, Any]]:
-    """Return lines of latitude and longitude, with their degrees at the left and below."""
+    """Return lines of latitude and longitude, labelled at the left and at the bottom."""
     # a window of another shape shows more
     edge = np.linspace(2.0 * low - high, 2.0 * high - low, _POINTS)
     inside = low + _INSIDE * (high - low)
@@ -62,7 +62,7 @@ def _graticule(frame: SystemPlane, low: FloatArray, high: FloatArray) -> list[di
 
 
 def _rings(radars: Sequence[Radar], low: FloatArray, high: FloatArray) -> list[dict[str, Any]]:
-    """Return rings about the radars, as far as the map or their ranges go."""
+    """Return range rings about the radars, up to their maximum ranges or the edges of the map."""
     angle = np.linspace(0.0, 2.0 * np.pi, 2 * _POINTS)
     circle = np.column_stack([np.sin(angle), np.cos(angle)])
     corners = np.array([[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])])
@@ -95,7 +95,7 @@ def _lines(name: str, lines: Sequence[FloatArray]) -> dict[str, Any]:
 def _words(
     name: str, places: FloatArray, words: list[str], sides: str | list[str]
 ) -> dict[str, Any]:
-    """Return texts on a map, which are shown and hidden with the lines of the same name."""
+    """Return texts on a map that are shown and hidden with the lines of the same name."""
     return {
         "type": "scatter",
         "mode": "text",
@@ -112,7 +112,7 @@ def _words(
 
 
 def _step(span: float, steps: Sequence[float]) -> float:
-    """Return the smallest step that makes a few lines."""
+    """Return the smallest step that gives only a few lines."""
     return next((step for step in steps if span <= _LINES * step), steps[-1])
 
 

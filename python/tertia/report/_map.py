@@ -1,4 +1,4 @@
-"""The map of a page: its fixed parts, and those that move over time."""
+"""The map of a page: its fixed parts, and the parts that move over time."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def map_of(analysis: Analysis) -> dict[str, Any]:
 
 
 def _corners(analysis: Analysis, table: TrackTable) -> tuple[FloatArray, FloatArray]:
-    """Return the corners of the map in kilometres; clutter may be farther away."""
+    """Return the corners of the map in kilometres; clutter may lie outside."""
     places = np.array([radar.position[:2] for radar in analysis.radars])
     seen = np.concatenate([table.position, places]) / 1e3
     low, high = seen.min(axis=0), seen.max(axis=0)
@@ -75,7 +75,7 @@ def _corners(analysis: Analysis, table: TrackTable) -> tuple[FloatArray, FloatAr
 
 
 def _thinned(table: TrackTable) -> list[IntArray]:
-    """Return the rows of each track, every n-th if there are too many, and the last."""
+    """Return the rows of each track, only every n-th and the last if there are too many."""
     step = max(1, int(np.ceil(len(table) / ROWS)))
     order = np.lexsort((table.time, table.track))
     starts = np.flatnonzero(np.diff(table.track[order], prepend=-1) != 0)
@@ -130,7 +130,7 @@ def _lines(name: str, table: TrackTable, k: int, *, visible: bool = False) -> di
 
 
 def _chosen_plots(analysis: Analysis) -> tuple[FloatArray, FloatArray]:
-    """Return times and positions of plots, every n-th if there are too many."""
+    """Return times and positions of plots, only every n-th if there are too many."""
     plots = analysis.plots
     valid = np.isfinite(plots.time) & np.isfinite(plots.range) & np.isfinite(plots.azimuth)
     own = plots[np.flatnonzero(valid)]

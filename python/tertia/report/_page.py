@@ -1,4 +1,4 @@
-"""The page: sections of figures and tables in a template."""
+"""The page: a template with sections of figures and tables."""
 
 from __future__ import annotations
 
@@ -103,6 +103,6 @@ def _cards(numbers: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _script(value: Any) -> Markup:
-    """Return JSON for a script element; text of the recording cannot close the element."""
+    """Return JSON for a script element, escaped so that text cannot close the element."""
     text = json.dumps(value, allow_nan=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))

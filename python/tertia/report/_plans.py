@@ -19,9 +19,10 @@ _ENDS = 3000.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Followed:
-    """A track and its plan: when it conformed, and its cross-track distance in metres.
+    """A track and its plan: when the track conformed, and its cross-track distance in metres.
 
-    `left` and `back` are times in seconds; nan: never.
+    `left` and `back` are the times in seconds at which the plan was left and followed again; nan if
+    never.
     """
 
     track: int
@@ -40,7 +41,7 @@ def plan_names(plans: Sequence[FlightPlan]) -> list[str]:
 
 
 def followed(table: TrackTable, plans: Sequence[FlightPlan], scan_period: float) -> list[Followed]:
-    """Return the confirmed tracks that have or had plans, in order of the plans.
+    """Return the confirmed tracks that have or had plans, in the order of the plans.
 
     `scan_period` is that of the slowest radar.
     """
@@ -68,7 +69,7 @@ def followed(table: TrackTable, plans: Sequence[FlightPlan], scan_period: float)
 
 
 def _flights(found: Sequence[Followed]) -> list[Followed]:
-    """Leave out tracks that overlap in time with a longer one of the same plan."""
+    """Remove tracks that overlap in time with a longer track of the same plan."""
     kept: list[Followed] = []
     for one in sorted(found, key=lambda one: -len(one.time)):
         middle = float(np.median(one.time))
@@ -79,7 +80,7 @@ def _flights(found: Sequence[Followed]) -> list[Followed]:
 
 
 def _departure(time: FloatArray, on: BoolArray, lasting: float) -> tuple[float, float]:
-    """Return when the plan was left for long enough, and when the flight returned to it."""
+    """Return when the plan was left for long enough to count, and when it was followed again."""
     edges = np.flatnonzero(np.diff(on, prepend=True, append=True))
     for begin, end in edges.reshape(-1, 2):
         if end - begin >= _ROW and time[end - 1] - time[begin] >= lasting:

@@ -1,4 +1,4 @@
-"""Innovations of each radar's plots, and how often it updates tracks."""
+"""Innovations of each radar's plots, and rates at which it updates tracks."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ _OUTLIER = 18.420681
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Innovations:
-    """Normalised squared innovations per axis of one radar's plots in the tracks of all radars.
+    """Normalised innovations squared, per axis, of one radar's plots in the tracks of all radars.
 
-    `outlier` marks those that the stated noise exceeds once in 10,000.
+    `outlier` marks innovations that would occur once in 10,000 with the stated noise.
     """
 
     time: FloatArray
@@ -37,11 +37,11 @@ def innovations(table: TrackTable, k: int) -> Innovations:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Updates:
-    """Counts for one radar, in each of T periods.
+    """Counts for one radar, in each of T periods; all have the shape (T,).
 
-    `expected` and `hit` count scans of confirmed tracks, `outlier` updates with an innovation that
-    is too large, `unassociated` plots with the identity of a track that does not use them,
-    `refused` plots that could not be used, `unused` plots of no track; each (T,).
+    `expected` and `hit`: scans of confirmed tracks, and those of them with a plot. `outlier`:
+    updates with an innovation that is too large. `unassociated`: plots with the identity of a track
+    that does not use them. `refused`: plots that could not be used. `unused`: plots of no track.
     """
 
     time: FloatArray
@@ -55,7 +55,7 @@ class Updates:
 
 
 def scans_of(joint: TrackTable, k: int) -> tuple[BoolArray, BoolArray]:
-    """Return the rows of scans of confirmed tracks by a radar, and those with a plot."""
+    """Return the rows that are scans of confirmed tracks by a radar, and those with a plot."""
     # after the last plot of a track nothing is missed
     last = np.full(int(joint.track.max(initial=0)) + 1, -np.inf)
     taken = joint.plot >= 0

@@ -1,4 +1,4 @@
-"""Tracks of each radar versus what all other radars saw, where there is no truth."""
+"""Comparison of the tracks of each radar with the other radars, if there is no truth."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _MOST_GAP = 15.0
 
 @dataclass(frozen=True, slots=True)
 class Referenced:
-    """Distances of a radar's tracks from the smoothed tracks of all others, in metres.
+    """Distances of a radar's tracks from the smoothed tracks of all other radars, in metres.
 
-    `distance` is their root mean square per axis, `sigma` that of the reference's own standard
-    deviations, and `nees` is per axis, of the covariances of both.
+    `distance` is their root mean square per axis, `sigma` that of the standard deviations of the
+    smoothed tracks. `nees` is per axis, with the covariances of both.
     """
 
     radar: str
@@ -40,7 +40,7 @@ def versus_others(
     *,
     motion: Motion,
 ) -> list[Referenced]:
-    """Compare the tracks of each radar with the others' plots of the same targets."""
+    """Compare the tracks of each radar with the other radars' plots of the same targets."""
     if len(radars) < 2:
         return []
     smooth: Motion = "imm"

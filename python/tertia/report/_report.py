@@ -1,4 +1,4 @@
-"""Report of a recording."""
+"""The report on a recording."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Report:
     Attributes
     ----------
     html : str
-        The page: one file that needs no network.
+        The page: one file that does not need a network.
     summary : dict
         The tables of the page and its `findings`, as values for JSON; unknown values are None.
         Names end in their units.
@@ -38,7 +38,7 @@ class Report:
     summary: dict[str, Any]
 
     def __repr__(self) -> str:
-        """Return the size of the page, not the page."""
+        """Return the size of the page instead of its contents."""
         counts = (
             (self.summary["tracks"], "tracks"),
             (len(self.summary["radars"]), "radars"),
@@ -58,7 +58,7 @@ class Report:
         Raises
         ------
         OSError
-            The file cannot be written.
+            If the file cannot be written.
         """
         Path(path).write_text(self.html, encoding="utf-8")
 
@@ -80,46 +80,47 @@ def make(
     progress: Callable[[str, float], None] | None = None,
     **options: Any,
 ) -> Report:
-    """Make a page of a recording.
+    """Make a page about a recording.
 
-    The page shows the tracks of all radars together and of each alone, the latter fused at common
-    instants; noise and biases of the radars, as estimated by `tertia.registration`; updates and
-    outliers over time; conformance to flight plans; all tracks versus truth, if it is given, and
-    otherwise those of each radar versus what all others saw (`tracker.smooth_tracks`); and
-    positions of emitters from bearings, or their paths if they move.
+    The page shows the tracks of all radars together and those of each radar alone; the latter are
+    also fused at common instants. It shows noise and biases of the radars as estimated by
+    `tertia.registration`, updates and outliers over time, and the conformance to flight plans. All
+    tracks are compared with the truth if it is given; otherwise those of each radar are compared
+    with what all other radars saw (`tracker.smooth_tracks`). Finally, it shows positions of
+    emitters from bearings, or their paths if they move.
 
     Parameters
     ----------
     plots : Plots, optional
-        The plots, in any order. Without, the page is one of bearings alone.
+        The plots, in any order. Without plots, the page is about bearings alone.
     sensors : sequence of K Radar
         The radars.
     motion : {"imm", "cv", "singer", "window"} or a model
-        Motion model of the targets; see `tertia.tracker.Tracker`.
+        Motion model of the targets, as for `tertia.tracker.Tracker`.
     plans : sequence of FlightPlan
         Flight plans, for the motions "imm" and "window".
     truth : tertia.metrics.Truth, optional
-        Positions of the targets.
+        True positions of the targets.
     stations : sequence of Station
-        Direction finders, in the plane.
+        Direction finders, with positions in the plane.
     bearings : sequence of Emitter
         Bearings of each emitter from all stations.
     max_distance : float
         Largest distance in metres from a track to its target; also the cutoff of GOSPA.
     update_interval : float, optional
-        Required seconds between updates; by default those of the fastest radar.
+        Required time between updates in seconds; by default that of the fastest radar.
     limits : mapping of str to float, optional
-        Limits of indicators, as for `tertia.metrics.indicators`; the page then says whether they
+        Limits of indicators, as for `tertia.metrics.indicators`; the page then states whether they
         are met.
     title : str
-        The title of the page.
+        Title of the page.
     since : datetime.datetime, optional
-        Date and time at which the time scale is zero: axes then show times of day, in UTC if it has
-        a time zone.
+        Date and time at which the times are zero. Axes then show times of day, in UTC if it has a
+        time zone.
     progress : callable, optional
-        Called before each step with its name and the fraction completed, 0 to 1.
+        Function that is called before each step with its name and the completed fraction, 0 to 1.
     **options
-        Options of the tracker; see `tertia.tracker.Tracker`.
+        Options of the tracker, as for `tertia.tracker.Tracker`.
 
     Returns
     -------
@@ -129,20 +130,21 @@ def make(
     Raises
     ------
     ImportError
-        The extra `report` is not installed.
+        If the extra `report` is not installed.
     ValueError, TypeError
-        Neither plots nor bearings, stations in space, bearings that do not match them, a parameter
-        outside its domain or of the wrong type, or an error of the tracker.
+        If there are neither plots nor bearings, stations are in space, bearings do not match the
+        stations, a parameter is outside its domain or has the wrong type, or the tracker raises an
+        error.
 
     Notes
     -----
     Noise and biases are estimated by `tertia.registration.register`. Positions and velocities are
-    fused by `tertia.fusion.fuse`; a track of a single radar is assigned to the joint track with
-    most of its plots.
+    fused by `tertia.fusion.fuse`; a track of a single radar is assigned to the joint track that
+    contains most of its plots.
 
-    Long recordings are thinned on the page, but not in any computation: the page contains at most
-    30,000 rows of tracks, 10,000 plots and 15,000 positions of the truth, by keeping every n-th,
-    and the first 500 rows of each table. The player interpolates between the rows.
+    Long recordings are thinned on the page, but not in any computation. By keeping every n-th row,
+    the page contains at most 30,000 rows of tracks, 10,000 plots and 15,000 positions of the truth;
+    of each table it contains the first 500 rows. The player interpolates between the rows.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Whether tracks meet limits of their indicators."""
+"""Comparison of the indicators of tracks with their limits."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def requirement_rows(analysis: Analysis) -> list[Row]:
 
 
 def requirement_cells(analysis: Analysis) -> list[Row]:
-    """Return the same as texts for a table."""
+    """Return these indicators as texts for a table."""
     return [
         {
             "figure": figure,

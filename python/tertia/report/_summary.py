@@ -1,4 +1,4 @@
-"""The summary of a page: all its tables as values, and its findings."""
+"""The summary of a page: the values of all its tables, and its findings."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def _radar_findings(analysis: Analysis, scale: Times) -> list[str]:
 
 
 def _better(analysis: Analysis) -> list[str]:
-    """Return how the estimated noise changes the tracks, if the change is significant."""
+    """Return sentences on how the estimated noise changes the tracks, if significantly."""
     stated, found = (analysis.judged[name].indicators for name in (TOGETHER, FOUND))
     if (
         stated.false_tracks <= found.false_tracks

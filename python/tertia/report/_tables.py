@@ -41,9 +41,9 @@ KINDS = ("range", "m", " m"), ("azimuth", "deg", "°")
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table: its name, caption, columns, and rows of text; all its values as CSV.
+    """A table: its name, caption and columns, rows of text, and all values as CSV.
 
-    `words` says which columns have no numbers.
+    `words` marks the columns that contain text instead of numbers.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Table:
 
 
 def text(value: object) -> str:
-    """Return a number as text with three digits, or all digits before the decimal point."""
+    """Return a number as text with three digits, or with all digits before the decimal point."""
     if value is None or (isinstance(value, float) and np.isnan(value)):
         return "–"
     if isinstance(value, float):
@@ -77,7 +77,7 @@ def _parts(value: float | None) -> float | None:
 
 
 def finite_or_none(value: float) -> float | None:
-    """Return a number, None where it is not known."""
+    """Return a number; None if it is not finite."""
     return float(value) if np.isfinite(value) else None
 
 
@@ -121,7 +121,7 @@ def radar_rows(analysis: Analysis) -> list[Row]:
 
 
 def _bias(kind: str, unit: str, value: float, sigma: float, is_observable: bool) -> Row:
-    """Return a systematic error; none where the plots do not determine it."""
+    """Return a systematic error; None if the plots do not determine it."""
     return {
         f"{kind}_bias{unit}": float(value) if is_observable else None,
         f"{kind}_bias_sigma{unit}": float(sigma),
@@ -129,7 +129,7 @@ def _bias(kind: str, unit: str, value: float, sigma: float, is_observable: bool)
 
 
 def fusion_rows(analysis: Analysis) -> list[Row]:
-    """Return the errors of tracks at the common instants, of single radars and fused."""
+    """Return the errors of single and of fused tracks at the common instants."""
     if analysis.fusion is None:
         return []
     fused = analysis.fusion
@@ -165,7 +165,7 @@ def fusion_rows(analysis: Analysis) -> list[Row]:
 
 
 def evaluation_rows(analysis: Analysis) -> list[Row]:
-    """Return the measures of each set of tracks versus truth, one row per measure."""
+    """Return the figures of each set of tracks compared with the truth, one row per figure."""
     if not analysis.judged:
         return []
     columns = {
@@ -183,7 +183,7 @@ def evaluation_rows(analysis: Analysis) -> list[Row]:
 
 
 def audit_rows(analysis: Analysis) -> list[Row]:
-    """Return what the errors of each set of tracks say of its sigmas."""
+    """Return the audit of each set of tracks, which judges its sigmas."""
     return [
         {
             "tracks": name,
@@ -229,7 +229,7 @@ def plan_rows(analysis: Analysis) -> list[Row]:
 
 
 def track_rows(analysis: Analysis) -> list[Row]:
-    """Return the tracks of all radars together, one row each."""
+    """Return one row for each track of all radars together."""
     table, rows = analysis.joint, []
     plans = {one.track: one.name for one in analysis.followed}
     for number in np.unique(table.track[table.confirmed]):
@@ -278,9 +278,9 @@ def table(
     rows: list[Row],
     values: Sequence[Row] | None = None,
 ) -> Table:
-    """Return a table of the columns by their titles, without the rows beyond `ROWS`.
+    """Return a table with columns by their titles, cut off after `ROWS` rows.
 
-    `values` are the rows of the summary where those of the table have texts.
+    `values` are rows of the summary, for rows of the table that consist of texts.
     """
     cells = [[text(row.get(key)) for key in columns] for row in rows[:ROWS]]
     more = max(0, len(rows) - ROWS)
@@ -295,7 +295,7 @@ def _are_words(cells: Sequence[str]) -> bool:
 
 
 def _csv(rows: Sequence[Row]) -> str:
-    """Return all rows, in full precision."""
+    """Return all rows as CSV, in full precision."""
     file = io.StringIO()
     names = dict.fromkeys(name for row in rows for name in row)
     writer = csv.DictWriter(file, list(names), lineterminator="\n")
@@ -342,7 +342,7 @@ def _radar_table(analysis: Analysis) -> Table:
 
 
 def reference_rows(analysis: Analysis) -> list[Row]:
-    """Return the tracks of each radar versus what all others saw."""
+    """Return the comparison of each radar's tracks with what all other radars saw."""
     return [
         {
             "radar": one.radar,
@@ -476,6 +476,6 @@ def _track_table(analysis: Analysis, times: Times) -> Table:
 
 
 def _timed(rows: list[Row], times: Times) -> list[Row]:
-    """Return rows with times as texts."""
+    """Return rows with times converted to text."""
     names = ("first_s", "last_s", "left_s", "back_s")
     return [row | {name: times.text(row[name]) for name in names if name in row} for row in rows]

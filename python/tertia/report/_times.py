@@ -1,4 +1,4 @@
-"""Times on a page: in seconds, or as times of day."""
+"""Times on a page: in seconds or as times of day."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ _DAY = 86_400.0
 
 @dataclass(frozen=True, slots=True)
 class Times:
-    """Texts of times, whose zero is at `since`, if that is known."""
+    """Conversion of times to text; their zero is at `since`, if that is known."""
 
     since: datetime | None
 
     @property
     def title(self) -> str:
-        """Title of an axis of time."""
+        """Title of a time axis."""
         if self.since is None:
             return "time (s)"
         return "time (as recorded)" if self.since.tzinfo is None else "time (UTC)"
 
     @property
     def zero(self) -> float | None:
-        """Milliseconds from 1970 to zero, for dates without a zone in the browser."""
+        """Milliseconds from 1970 to the zero of time, as a date without time zone for browsers."""
         if self.since is None:
             return None
         zoned = self.since if self.since.tzinfo else self.since.replace(tzinfo=timezone.utc)
@@ -34,7 +34,7 @@ class Times:
         return f"{name} (s)" if self.since is None else name
 
     def text(self, seconds: float | None) -> str | None:
-        """Return a time of day, with the date after the first day; or seconds."""
+        """Return a time of day, with the date after the first day, or a number of seconds."""
         if seconds is None or self.since is None:
             return None if seconds is None else f"{seconds:,.0f}"
         when = self.since + timedelta(seconds=seconds)
@@ -43,5 +43,5 @@ class Times:
         return f"{when:%H:%M:%S}" if 0 <= seconds < _DAY else f"{when:%Y-%m-%d %H:%M:%S}"
 
     def at(self, seconds: float) -> str:
-        """Return a time as it stands in a sentence."""
+        """Return a time as part of a sentence."""
         return f"{self.text(seconds)} s" if self.since is None else str(self.text(seconds))

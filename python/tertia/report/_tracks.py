@@ -1,4 +1,4 @@
-"""Rows of confirmed tracks, and the tracks of single radars fused at common instants."""
+"""Rows of confirmed tracks, and tracks of single radars fused at common instants."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def confirmed_rows(table: TrackTable) -> Rows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Combined:
-    """Tracks of single radars fused: state (M, 4), covariance, weights (M, K) in position."""
+    """Fused tracks of single radars: state (M, 4), covariance, weights (M, K) in position."""
 
     state: FloatArray
     covariance: FloatArray
@@ -32,7 +32,7 @@ class Combined:
 
 
 def combine(states: Common, method: fusion.InstantMethod) -> Combined:
-    """Fuse the states at each instant; a weight is the mean of the weights east and north."""
+    """Fuse the states at each instant; a weight is the mean of the weights of east and north."""
     found = fusion.fuse(states.state, states.covariance, method=method)
     weight = np.trace(found.weights[..., :2, :2], axis1=-2, axis2=-1) / 2
     weight[~states.present] = np.nan

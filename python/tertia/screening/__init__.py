@@ -1,7 +1,8 @@
-"""Screening: which measurements of a sample are outliers.
+"""Screening: finding the outliers of a sample of measurements.
 
 Every function works along the last axis of an array of shape `(..., N)`. The leading axes are a
-batch, which several threads share where that pays; results do not depend on their number.
+batch, which is shared among several threads if that is faster; the number of threads does not
+affect the results.
 
 Sources: Manoilov, Pysarchuk, Pavliuk 2006, equations (M1)-(M4); Motylev 2010, equations (R1)-(R3);
 Fisch, Eckley, Fearnhead 2022 for points and bursts.

@@ -53,13 +53,13 @@ class ExtremeTest(Result):
     Attributes
     ----------
     index : int or ndarray of int
-        Which value along the last axis is the most extreme.
+        Index, along the last axis, of the most extreme value.
     statistic : float or ndarray
         The test statistic.
     pvalue : float or ndarray
         Probability of a statistic at least as large if no value is an outlier.
     critical_value : float
-        Threshold of the statistic at the significance asked for.
+        Threshold of the statistic at the chosen significance.
     outlier : bool or ndarray of bool
         Whether the statistic exceeds the threshold.
     """
@@ -75,17 +75,18 @@ class ExtremeTest(Result):
 
 
 def z_test(x: npt.ArrayLike, y: npt.ArrayLike, sigma: npt.ArrayLike) -> OutlierTest:
-    """Test whether x is an outlier against the others y, with known standard deviation.
+    """Test whether x is an outlier compared with other measurements y of known standard deviation.
 
-    Equation (R1): `t = |x - mean(y)| / (sigma sqrt((n+1)/n))` is standard normal (two-sided) if x
-    comes from the same distribution as the n measurements y.
+    Equation (R1): the statistic is `t = |x - mean(y)| / (sigma sqrt((n+1)/n))`. If x comes from the
+    same distribution as the n measurements y, t is the absolute value of a standard normal
+    variable.
 
     Parameters
     ----------
     x : array_like of shape (...)
         Measurements to test; they are not among y.
     y : array_like of shape (..., n)
-        The others, n >= 1. `x` and `y[..., 0]` broadcast against each other.
+        The other measurements, n >= 1. `x` and `y[..., 0]` broadcast against each other.
     sigma : array_like of shape (...)
         Standard deviation of one measurement, in the unit of y; broadcast in the same way.
 
@@ -97,9 +98,9 @@ def z_test(x: npt.ArrayLike, y: npt.ArrayLike, sigma: npt.ArrayLike) -> OutlierT
     Raises
     ------
     ValueError
-        No others, a value that is not finite, sigma <= 0, or shapes that do not broadcast.
+        If y is empty, a value is not finite, sigma <= 0, or shapes do not broadcast.
     TypeError
-        An argument does not hold real numbers.
+        If an argument does not hold real numbers.
 
     Examples
     --------
@@ -115,17 +116,18 @@ def z_test(x: npt.ArrayLike, y: npt.ArrayLike, sigma: npt.ArrayLike) -> OutlierT
 
 
 def t_test(x: npt.ArrayLike, y: npt.ArrayLike) -> OutlierTest:
-    """Test whether x is an outlier against the others y, whose standard deviation is estimated.
+    """Test whether x is an outlier compared with other measurements y.
 
-    Equations (R2) and (R3): `t = |x - mean(y)| / s`, where s is the standard deviation of the n
-    measurements y; `t sqrt(n/(n+1))` follows Student's distribution with n - 1 degrees of freedom.
+    The standard deviation is estimated from y. Equations (R2) and (R3): `t = |x - mean(y)| / s`,
+    where s is the standard deviation of the n measurements y. Then `t sqrt(n/(n+1))` follows
+    Student's distribution with n - 1 degrees of freedom.
 
     Parameters
     ----------
     x : array_like of shape (...)
         Measurements to test; they are not among y.
     y : array_like of shape (..., n)
-        The others, n >= 2. `x` and `y[..., 0]` broadcast against each other.
+        The other measurements, n >= 2. `x` and `y[..., 0]` broadcast against each other.
 
     Returns
     -------
@@ -135,9 +137,9 @@ def t_test(x: npt.ArrayLike, y: npt.ArrayLike) -> OutlierTest:
     Raises
     ------
     ValueError
-        Fewer than 2 others, a value that is not finite, or shapes that do not broadcast.
+        If y has fewer than 2 measurements, a value is not finite, or shapes do not broadcast.
     TypeError
-        An argument does not hold real numbers.
+        If an argument does not hold real numbers.
 
     Examples
     --------
@@ -151,10 +153,11 @@ def t_test(x: npt.ArrayLike, y: npt.ArrayLike) -> OutlierTest:
 
 
 def thompson_tau(y: npt.ArrayLike) -> OutlierTest:
-    """Test every measurement as if it had been chosen beforehand.
+    """Test every measurement of a sample as if it had been chosen beforehand.
 
-    The statistic is `|y_i - M| / sqrt(D)`; its p-value is exact for one measurement that was not
-    chosen for its deviation. For the most deviating one use `grubbs`.
+    The statistic is `|y_i - M| / sqrt(D)`, with M and D the mean and the variance of the sample.
+    Its p-value is exact for one measurement that was not chosen for its deviation. To test the most
+    deviating measurement use `grubbs`.
 
     Parameters
     ----------
@@ -169,9 +172,9 @@ def thompson_tau(y: npt.ArrayLike) -> OutlierTest:
     Raises
     ------
     ValueError
-        Fewer than 3 measurements, or one that is not finite.
+        If there are fewer than 3 measurements, or one is not finite.
     TypeError
-        `y` does not hold real numbers.
+        If `y` does not hold real numbers.
 
     Examples
     --------
@@ -185,15 +188,16 @@ def thompson_tau(y: npt.ArrayLike) -> OutlierTest:
 def grubbs(y: npt.ArrayLike, significance: float = 0.05) -> ExtremeTest:
     """Test the most deviating measurement of a sample.
 
-    Grubbs' statistic `G = max |y_i - M| / sqrt(D)`, two-sided. The p-value is Bonferroni's: exact
-    while `G > sqrt((N-1)/2)`, otherwise an upper bound.
+    Grubbs' statistic is `G = max |y_i - M| / sqrt(D)`, two-sided, with M and D the mean and the
+    variance of the sample. The p-value is Bonferroni's: exact if `G > sqrt((N-1)/2)`, otherwise an
+    upper bound.
 
     Parameters
     ----------
     y : array_like of shape (..., N)
         Samples, N >= 3.
     significance : float
-        Probability of an alarm in a clean sample.
+        Probability of an alarm in a sample without outliers.
 
     Returns
     -------
@@ -203,9 +207,10 @@ def grubbs(y: npt.ArrayLike, significance: float = 0.05) -> ExtremeTest:
     Raises
     ------
     ValueError
-        Fewer than 3 measurements, one that is not finite, or a significance outside (0, 1).
+        If there are fewer than 3 measurements, one is not finite, or the significance is outside
+        (0, 1).
     TypeError
-        `y` does not hold real numbers.
+        If `y` does not hold real numbers.
 
     Examples
     --------
@@ -224,17 +229,17 @@ def cochran(
 ) -> ExtremeTest:
     """Test the largest of several variances.
 
-    Cochran's statistic `C = max d_j / sum d_j` for L variances with the same degrees of freedom.
-    The p-value is Bonferroni's: exact while `C > 1/2`, otherwise an upper bound.
+    Cochran's statistic is `C = max d_j / sum d_j` for L variances d_j with the same degrees of
+    freedom. The p-value is Bonferroni's: exact if `C > 1/2`, otherwise an upper bound.
 
     Parameters
     ----------
     variances : array_like of shape (..., L)
         Sample variances, L >= 2.
     degrees_of_freedom : float
-        Number of measurements for each variance minus one.
+        Number of measurements for each variance, minus one.
     significance : float
-        Probability of an alarm when all variances are equal.
+        Probability of an alarm if all variances are equal.
 
     Returns
     -------
@@ -244,10 +249,10 @@ def cochran(
     Raises
     ------
     ValueError
-        Fewer than 2 variances, one that is negative or not finite, all zero, degrees of freedom
-        not between 1 and 1e9, or a significance outside (0, 1).
+        If there are fewer than 2 variances, one is negative or not finite, all are zero, the
+        degrees of freedom are not between 1 and 1e9, or the significance is outside (0, 1).
     TypeError
-        `variances` does not hold real numbers.
+        If `variances` does not hold real numbers.
 
     Examples
     --------
@@ -272,33 +277,35 @@ def critical_value(
     test: TestName = "leave-one-out",
     degrees_of_freedom: float | None = None,
 ) -> float:
-    """Threshold of a test at a given significance; the inverse of `false_alarm_probability`.
+    """Return the threshold of a test at a given significance; inverse of `false_alarm_probability`.
 
     Parameters
     ----------
     n : int
-        Number of the others ("z-test", "t-test"), of variances ("cochran"), otherwise of
-        measurements in the sample.
+        Number of variances for "cochran", of measurements y for "z-test" and "t-test", and of
+        measurements in the sample for the other tests.
     significance : float
-        Probability of flagging a good measurement, or of an alarm in a clean sample ("grubbs",
-        "cochran").
+        Probability of flagging a good measurement; for "grubbs" and "cochran", of an alarm in a
+        sample without outliers.
     test : {"leave-one-out", "z-test", "t-test", "thompson-tau", "grubbs", "cochran"}
-        The function of the same name; for "leave-one-out" the threshold is its k.
+        The function whose threshold is returned; for "leave-one-out" it is the k of
+        `leave_one_out`.
     degrees_of_freedom : float
         Degrees of freedom of each variance, 1 to 1e9, for "cochran" only.
 
     Returns
     -------
     float
-        Exact for the first four. For "grubbs" and "cochran" exact as long as two values cannot
-        exceed it at once, else slightly large (the significance is not exceeded).
+        The threshold. It is exact for the first four tests. For "grubbs" and "cochran" it is exact
+        if two values cannot exceed it at once; otherwise it is slightly too large, so that the
+        significance is not exceeded.
 
     Raises
     ------
     ValueError
-        n too small for the test, a significance outside (0, 1), or an unknown test.
+        If n is too small for the test, the significance is outside (0, 1), or the test is unknown.
     TypeError
-        A number of the wrong type.
+        If a number has the wrong type.
 
     Examples
     --------
@@ -319,9 +326,9 @@ def false_alarm_probability(
     test: TestName = "leave-one-out",
     degrees_of_freedom: float | None = None,
 ) -> float:
-    """Probability that a test with threshold k flags a good measurement.
+    """Return the probability that a test with threshold k flags a good measurement.
 
-    The inverse of `critical_value`. For the default test with frozen statistics it is
+    This is the inverse of `critical_value`. For "leave-one-out" with frozen statistics it is
     `2 P(t_{n-2} > k sqrt((n-1)/n))` for every good measurement.
 
     Parameters
@@ -329,22 +336,24 @@ def false_alarm_probability(
     k : float
         Threshold of the test.
     n : int
-        As in `critical_value`.
+        As for `critical_value`.
     test : {"leave-one-out", "z-test", "t-test", "thompson-tau", "grubbs", "cochran"}
-        As in `critical_value`.
+        As for `critical_value`.
     degrees_of_freedom : float
         Degrees of freedom of each variance, 1 to 1e9, for "cochran" only.
 
     Returns
     -------
     float
+        Probability of flagging a good measurement; for "grubbs" and "cochran", of an alarm in a
+        sample without outliers.
 
     Raises
     ------
     ValueError
-        n too small for the test, k <= 0, or an unknown test.
+        If n is too small for the test, k <= 0, or the test is unknown.
     TypeError
-        A number of the wrong type.
+        If a number has the wrong type.
 
     Examples
     --------
@@ -382,7 +391,7 @@ def _flat(array: FloatArray, batch: tuple[int, ...]) -> FloatArray:
 
 
 def _rows(y: FloatArray, batch: tuple[int, ...]) -> IntArray:
-    """Which row of y each test of the batch is against."""
+    """Return the index of the row of y with which each element of the batch is compared."""
     own = y.shape[:-1]
     rows = np.arange(math.prod(own), dtype=np.int64).reshape(own)
     return np.broadcast_to(rows, batch).ravel()

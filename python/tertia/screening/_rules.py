@@ -1,4 +1,4 @@
-"""Rules that mark outliers, and the preparation of angles for them."""
+"""Rules that mark outliers, and the unwrapping of angles."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ class Screening(Result):
     outlier : ndarray of bool, shape (..., N)
         Whether a measurement is an outlier.
     cleaned : ndarray of shape (..., N)
-        The sample with each outlier replaced, or nan where it is excluded.
+        The sample with each outlier replaced, or set to nan if outliers are excluded.
     mean, variance : float or ndarray of shape (...)
-        Mean and variance (divisor n - 1) of the cleaned sample; unit of y and its square.
+        Mean and variance (divisor n - 1) of the cleaned sample, in the unit of y and its square.
     threshold : float or ndarray of shape (...)
-        Half width of the band about the mean outside which a measurement is an outlier; unit of y.
-        A sequential screening moves the band: this is the last one. `moving_polynomial` says what
-        these three are for a series that moves.
+        Half width of the band about the mean outside which a measurement is an outlier, in the unit
+        of y. In a sequential screening the band changes, and this is the last one. For the meaning
+        of these three in a series that changes, see `moving_polynomial`.
     """
 
     _rows: ClassVar = "outlier", 0
@@ -64,11 +64,12 @@ class Screening(Result):
 def leave_one_out_statistics(
     y: npt.ArrayLike, *, n_threads: int | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Mean and variance of the others, for every measurement.
+    """Return, for every measurement, the mean and variance of all other measurements.
 
     Equations (M2) and (M3): `M'_i` is the mean and `D'_i` the variance (divisor N - 2) of the
-    sample without `y_i`. The cost is O(N). Where one value makes up more than half of the sum of
-    squares, the others are summed anew, so that no digits are lost to cancellation.
+    sample without `y_i`. The cost is O(N). If one value makes up more than half of the sum of
+    squares, the other squares are summed again without it, so that no digits are lost to
+    cancellation.
 
     Parameters
     ----------
@@ -80,14 +81,14 @@ def leave_one_out_statistics(
     Returns
     -------
     mean, variance : ndarray of shape (..., N)
-        M' in the unit of y, D' in its square.
+        M' in the unit of y, and D' in its square.
 
     Raises
     ------
     ValueError
-        Fewer than 3 measurements, or one that is not finite.
+        If there are fewer than 3 measurements, or one is not finite.
     TypeError
-        `y` does not hold real numbers.
+        If `y` does not hold real numbers.
 
     Examples
     --------
@@ -104,31 +105,33 @@ def leave_one_out_statistics(
 def leave_one_out_mask(
     y: npt.ArrayLike, k: float = 2.5, *, n_threads: int | None = None
 ) -> BoolArray:
-    """Whether each measurement is an outlier against the others: the fastest screening.
+    """Return which measurements are outliers compared with the others; the fastest screening.
 
-    Returns the mask of `leave_one_out(y, k, statistics="frozen")` and nothing else. The rule
-    `|y_i - M'_i| > k sqrt(D'_i)` is exactly `|y_i - M| > c sqrt(D)` with a constant
-    `c(k, N) = k (N-1)^(3/2) / sqrt(N (N (N-2) + k^2 (N-1)))`, so two reads of the sample suffice.
+    The result is the mask of `leave_one_out(y, k, statistics="frozen")` alone. The rule
+    `|y_i - M'_i| > k sqrt(D'_i)` is equivalent to `|y_i - M| > c sqrt(D)` with the constant
+    `c(k, N) = k (N-1)^(3/2) / sqrt(N (N (N-2) + k^2 (N-1)))`, so that it is sufficient to read the
+    sample twice.
 
     Parameters
     ----------
     y : array_like of shape (..., N)
         Samples, N >= 3.
     k : float
-        Threshold in standard deviations of the others; see `false_alarm_probability`.
+        Threshold in standard deviations of the other measurements; see `false_alarm_probability`.
     n_threads : int, optional
         Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
     outlier : ndarray of bool, shape (..., N)
+        True for outliers.
 
     Raises
     ------
     ValueError
-        Fewer than 3 measurements, one that is not finite, or k <= 0.
+        If there are fewer than 3 measurements, one is not finite, or k <= 0.
     TypeError
-        `y` does not hold real numbers.
+        If `y` does not hold real numbers.
 
     Examples
     --------
@@ -159,37 +162,38 @@ def leave_one_out(
     y : array_like of shape (..., N)
         Samples, N >= 3.
     k : float
-        Threshold in standard deviations of the others. A good measurement is flagged with
-        probability `false_alarm_probability(k, N)`; `critical_value(N, significance)` is the
+        Threshold in standard deviations of the other measurements. A good measurement is flagged
+        with probability `false_alarm_probability(k, N)`; `critical_value(N, significance)` is the
         inverse.
     statistics : {"sequential", "frozen"}
-        "sequential", as in the paper: an outlier leaves the statistics as soon as it is found, so
-        later measurements are compared with a cleaner sample. "frozen": all measurements are
-        compared with the sample as it was.
+        "sequential", as in the paper: an outlier is removed as soon as it is found, so that later
+        measurements are compared with a cleaner sample. "frozen": all measurements are compared
+        with the original sample.
     direction : {"forward", "backward"}
         Direction of a sequential pass. It affects which measurements are flagged.
     replace : bool
-        Replace an outlier by `M'_i`; if False, exclude it.
+        Whether to replace an outlier by `M'_i`; if False, it is excluded.
     passes : int
-        Largest number of passes; screening ends early when a pass finds nothing.
+        Largest number of passes; screening ends when a pass finds no outlier.
     nan_policy : {"raise", "omit"}
-        "omit": nan is 'no measurement'.
+        How to treat nan. "raise" makes it an error; "omit" takes it as 'no measurement'.
     n_threads : int, optional
         Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
     Screening
+        The outliers, and the sample without them.
 
     Raises
     ------
     ValueError
-        Fewer than 3 measurements, one that is not finite, deviations too large or too small to be
-        squared, k <= 0, an unknown word, fewer than 2 measurements left, or several passes with a k
-        so small that they would consume the whole sample (below 2.5 with replacement, 1.7321
-        without).
+        If there are fewer than 3 measurements, one is not finite, deviations are too large or too
+        small to be squared, k <= 0, a string is not one of the allowed values, fewer than 2
+        measurements are left, or there are several passes with a k so small that they would flag
+        the whole sample (below 2.5 with replacement, 1.7321 without).
     TypeError
-        `y` does not hold real numbers.
+        If `y` does not hold real numbers.
 
     Examples
     --------
@@ -225,34 +229,37 @@ def k_sigma(
 ) -> Screening:
     """Find outliers by the classical rule `|y_i - M| > k sqrt(D)`.
 
-    Equation (M1). In a sample of N nothing can deviate by more than `(N-1)/sqrt(N)` standard
-    deviations, so with k = 3 nothing is ever found below N = 11; `leave_one_out` has no such limit.
+    Equation (M1), with M and D the mean and the variance of the sample. In a sample of N
+    measurements none can deviate by more than `(N-1)/sqrt(N)` standard deviations. With k = 3,
+    therefore, no outlier can be found if N < 11; `leave_one_out` has no such limit.
 
     Parameters
     ----------
     y : array_like of shape (..., N)
         Samples, N >= 2.
     k : float
-        Threshold in standard deviations of the whole sample, 2.1 to 3 in practice.
+        Threshold in standard deviations of the whole sample, usually 2.1 to 3.
     replace : {"neighbours", "mean"} or None
         What replaces an outlier: the mean of the nearest good measurements on both sides, the mean
         of the whole sample, or nothing (it is excluded).
     nan_policy : {"raise", "omit"}
-        "omit": nan is 'no measurement'.
+        How to treat nan. "raise" makes it an error; "omit" takes it as 'no measurement'.
     n_threads : int, optional
         Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
     Screening
+        The outliers, and the sample without them.
 
     Raises
     ------
     ValueError
-        Fewer than 2 measurements, one that is not finite, deviations too large or too small to be
-        squared, k <= 0, an unknown word, or too few measurements left.
+        If there are fewer than 2 measurements, one is not finite, deviations are too large or too
+        small to be squared, k <= 0, a string is not one of the allowed values, or too few
+        measurements are left.
     TypeError
-        `y` does not hold real numbers.
+        If `y` does not hold real numbers.
 
     Examples
     --------
@@ -283,46 +290,49 @@ def bursts(
     nan_policy: NanPolicy = "raise",
     n_threads: int | None = None,
 ) -> Screening:
-    """Find single outliers and bursts (runs of outliers on one side) together.
+    """Find single outliers and bursts, which are runs of outliers on one side.
 
-    Starts from median and MAD, finds by dynamic programming the points and segments whose removal
-    explains most (collective and point anomaly detection), refits mean and standard deviation to
-    the rest, and repeats. The cost is O(N max_burst).
+    The algorithm starts from the median and the MAD (median absolute deviation). By dynamic
+    programming it finds the points and segments whose removal improves the fit most (collective and
+    point anomaly detection). It then refits mean and standard deviation to the remaining
+    measurements, and repeats. The cost is O(N max_burst).
 
     Parameters
     ----------
     y : array_like of shape (..., N)
-        Samples, N >= 3; 30 or more for the error rates of the documentation.
+        Samples, N >= 3. The error rates in the documentation hold for N >= 30.
     point_penalty, burst_penalty : float
-        How much a single outlier and a burst must explain, in units of `ln max(N, 30)`. Smaller
-        penalties are more sensitive: (2.0, 2.5) finds more, and flags more of a clean sample.
+        Improvement of the fit that a single outlier and a burst must give, in units of
+        `ln max(N, 30)`. Smaller penalties are more sensitive: (2.0, 2.5) finds more outliers, and
+        flags more good measurements in a sample without outliers.
     min_burst, max_burst : int
         Shortest (>= 2) and longest (at most 100 000) burst, in measurements.
     correlation : float
-        Correlation of successive measurements in a quiet record, between -1 and 1. Correlated noise
-        looks like bursts unless its correlation is given.
+        Correlation of successive measurements in a record without outliers, between -1 and 1.
+        Correlated noise looks like bursts unless its correlation is given.
     rounding : float
         Step to which the measurements were rounded, in the unit of y; 0: none, or unknown. The
-        variance of rounding, `rounding**2 / 12`, is added to that of the noise. If it is unknown
-        and more than half of the measurements are equal, the distance to the nearest different one
+        variance of rounding, `rounding**2 / 12`, is added to that of the noise. If it is 0 and more
+        than half of the measurements are equal, the distance to the nearest different measurement
         is taken as the step.
     nan_policy : {"raise", "omit"}
-        "omit": nan is 'no measurement'.
+        How to treat nan. "raise" makes it an error; "omit" takes it as 'no measurement'.
     n_threads : int, optional
         Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
     Screening
-        Outliers are excluded; `threshold` is that of a single outlier. Nothing is flagged if fewer
+        Outliers are excluded; `threshold` is that for a single outlier. Nothing is flagged if fewer
         than 5 measurements or less than a quarter of the sample would be left.
 
     Raises
     ------
     ValueError
-        Fewer than 3 measurements, one that is not finite, or a parameter outside its domain.
+        If there are fewer than 3 measurements, one is not finite, or a parameter is outside its
+        domain.
     TypeError
-        `y` does not hold real numbers.
+        If `y` does not hold real numbers.
 
     Examples
     --------
@@ -359,18 +369,19 @@ def moving_polynomial(
     period: float | None = None,
     n_threads: int | None = None,
 ) -> Screening:
-    """Find outliers of a series that moves, by comparing each measurement with its neighbours.
+    """Find outliers of a series whose value changes, by comparing measurements with neighbours.
 
-    The others in its window determine a least-squares polynomial, from which the measurement
-    deviates by e. The variance of that polynomial is h times that of the noise, and
-    `z = e / sqrt(1 + h)`. An outlier has `|z| > k s` with `s = 1.4826 median |z|`, and the largest
-    `|z|` within two places. It leaves, and all are judged again, up to three times; outliers that
-    agree with what is left return.
+    A least-squares polynomial is fitted to the other measurements in the window of a measurement.
+    The measurement deviates from it by e. The variance of the polynomial is h times that of the
+    noise, and `z = e / sqrt(1 + h)`. A measurement is an outlier if `|z| > k s`, with `s = 1.4826
+    median |z|`, and if its `|z|` is the largest within two places. Outliers are removed, and all
+    measurements are judged again, up to three times; outliers that agree with the remaining
+    measurements are restored.
 
     Parameters
     ----------
     y : array_like of shape (..., N)
-        Measurements in the order of time; nan where there is none.
+        Measurements in time order; nan where one is missing.
     window : int
         Number of instants in a window, odd. Each instant is in the middle of its window; near the
         ends, the first and the last window are used.
@@ -381,30 +392,32 @@ def moving_polynomial(
     time : array_like of shape (N,) or (..., N), optional
         Times of the measurements, in non-decreasing order; by default 0, 1, 2, ...
     period : float, optional
-        360.0 or 2*pi for angles, which must move by less than half a period in half a window.
+        Period of the values, 360.0 or 2*pi for angles. They must change by less than half a period
+        in half a window. By default nothing wraps.
     n_threads : int, optional
         Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
     Screening
-        Outliers are replaced by the polynomials; `variance` is that of the noise about these, s²,
-        and `threshold` is k s. A measurement with fewer than `degree` + 3 good ones in its window
-        is not judged. Where no measurement is judged, `variance` and `threshold` are nan, and so is
-        `mean` where there is none.
+        Outliers are replaced by the values of the polynomials. `variance` is s², that of the noise
+        about the polynomials, and `threshold` is k s. A measurement with fewer than `degree` + 3
+        good ones in its window is not judged. If no measurement is judged, `variance` and
+        `threshold` are nan; `mean` is nan if there are no measurements.
 
     Raises
     ------
     ValueError
-        An infinite measurement, decreasing times, shapes that do not fit, or a parameter outside
+        If a measurement is infinite, times decrease, shapes do not fit, or a parameter is outside
         its domain.
     TypeError
-        `y` or `time` does not hold real numbers.
+        If `y` or `time` does not hold real numbers.
 
     Notes
     -----
-    Outliers that follow each other for more than a quarter of a window determine the polynomials:
-    for a value that stays, `bursts` finds these. The cost is O(N window degree).
+    Outliers that follow each other for more than a quarter of a window determine the polynomials
+    and are not found. If the true value is constant, `bursts` finds them. The cost is O(N window
+    degree).
 
     Examples
     --------
@@ -445,31 +458,32 @@ def unwrap_about_median(
 ) -> FloatArray:
     """Unwrap angles about their circular median.
 
-    Whole periods are added until every angle is within half a period of the circular mean, then of
-    the median of the result; the first angle decides on which turn the result lies. Nearly half of
-    the angles may be wrong without moving the others. (`numpy.unwrap` compares neighbours, so one
-    wrong angle moves all that follow.)
+    Whole periods are added so that every angle is within half a period of the circular mean. This
+    is repeated with the median of the result instead of the mean. The multiple of the period that
+    all results have in common follows from the first angle. Nearly half of the angles may be wrong
+    without shifting the others. By contrast, `numpy.unwrap` compares neighbours, so that one wrong
+    angle shifts all later ones.
 
     Parameters
     ----------
     theta : array_like of shape (..., N)
         Angles, N >= 1.
     period : float
-        360.0 for degrees, 2*pi for radians.
+        Period of the angles: 360.0 for degrees, 2*pi for radians.
     n_threads : int, optional
         Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
     ndarray of shape (..., N)
-        Angles that can be averaged, in the unit of `theta`.
+        Unwrapped angles, which can be averaged, in the unit of `theta`.
 
     Raises
     ------
     ValueError
-        No angles, one that is not finite, or period <= 0.
+        If there are no angles, one is not finite, or period <= 0.
     TypeError
-        `theta` does not hold real numbers.
+        If `theta` does not hold real numbers.
 
     Examples
     --------

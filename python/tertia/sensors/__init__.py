@@ -1,6 +1,6 @@
 """Sensors: positions, measurements and errors of stations and radars.
 
-Positions are local east, north and up in metres; azimuths and elevations are radians, azimuths
+Positions are local east, north and up in metres. Azimuths and elevations are in radians, azimuths
 clockwise from north.
 """
 

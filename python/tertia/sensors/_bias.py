@@ -48,49 +48,50 @@ _NO_DEVIATION: dict[str, Any] = {
 class Bias(Result):
     """Systematic errors of a sensor, assumed or estimated.
 
-    After its bias is subtracted, a measurement has only the systematic error of the bias, which is
-    normal with the standard deviation `<kind>_sigma`. A sigma of 0 means that the bias is known,
-    inf that it is unknown, and None that it is to be estimated.
+    The values are subtracted from the measurements. The remaining systematic error is normal with
+    mean zero and standard deviation `<kind>_sigma`. A sigma of 0 means that the bias is known
+    exactly, inf that it is unknown, and None that it is to be estimated.
 
     Parameters
     ----------
     degrees : bool
-        Whether the angles and their sigmas are given in degrees; radians are stored.
+        Whether the angles and their sigmas in this call are in degrees; radians are stored.
 
     Attributes
     ----------
     range : float or ndarray of shape (K,)
-        Metres, of one sensor or of K.
+        Bias of the ranges in metres, of one sensor or of K sensors.
     azimuth, elevation : float or ndarray of shape (K,)
-        Radians.
+        Biases of the angles in radians.
     range_gain : float or ndarray of shape (K,)
         A range is measured as (1 + range_gain) times the true one, plus `range`.
     time : float or ndarray of shape (K,)
-        Reading of the sensor's clock less the true time, in seconds.
+        Reading of the sensor's clock minus the true time, in seconds.
     range_sigma, range_gain_sigma, azimuth_sigma, elevation_sigma, time_sigma : float, ndarray of
             shape (K,), or None
-        Their standard deviations.
+        Standard deviations of these biases, in the same units.
     drift_share : float or None
-        Share of the variance that changes slowly, between 0 and 1; the rest is constant. None: to
-        be estimated where the sigma is, else 0.
+        Share of the variance of the bias that varies slowly, between 0 and 1; the rest is constant.
+        None: estimated if the sigma is estimated, otherwise 0.
     drift_time : float or None
-        Correlation time of this change in seconds: the correlation falls to 1/e; inf is no change.
-        None: to be estimated.
+        Correlation time of the slow variation in seconds, after which the correlation has fallen to
+        1/e; inf means no variation. None: it is estimated.
     deviation_order : int
-        Order of the Fourier series in the azimuth by which the azimuth bias of one sensor deviates
-        from `azimuth`, as on a compass card; 0: none.
+        Order of the Fourier series that describes how the azimuth bias of one sensor deviates from
+        `azimuth` as a function of the azimuth, as on the deviation card of a compass; 0: none.
     deviation_sigma : float
-        Standard deviation of its first harmonics; those of the k-th are 1/k of it.
+        Standard deviation of the first harmonics of the deviation in radians; that of the k-th
+        harmonics is 1/k of it.
     deviation : ndarray of shape (2 * deviation_order,)
-        Its coefficients: of sin a, cos a, sin 2a, ...
+        Coefficients of the deviation in radians: of sin a, cos a, sin 2a, ...
     deviation_covariance : ndarray of shape (1 + 2 * order, 1 + 2 * order) or None
-        Covariance of the constant part and the coefficients, as `calibrate` finds it; None: they
-        are independent, with the standard deviations above.
+        Covariance of the constant part and the coefficients, as estimated by `calibrate`. None:
+        they are independent, with the standard deviations above.
 
     Raises
     ------
     ValueError, TypeError
-        A wrong shape, a bias that is not finite, a sigma that is negative or nan, or an argument of
+        If a shape is wrong, a bias is not finite, a sigma is negative or nan, or an argument has
         the wrong type.
 
     Examples
@@ -177,7 +178,7 @@ class Bias(Result):
             object.__setattr__(self, name, None if column is None else scalar_or_array(column))
         order = integer(deviation_order, "deviation_order", 0)
         if order > 0 and shape != ():
-            raise ValueError("deviation_order is that of one sensor; the fields have one for each")
+            raise ValueError("deviation_order is for one sensor; the fields are those of several")
         scale = _bias_number(real(deviation_sigma, "deviation_sigma"), "azimuth_sigma", degrees)
         curve = np.zeros(2 * order) if deviation is None else finite(deviation, "deviation")
         curve = np.radians(curve) if degrees and deviation is not None else curve
@@ -197,7 +198,7 @@ class Bias(Result):
 
     @classmethod
     def _of(cls, columns: Mapping[str, FloatArray]) -> Bias:
-        """Return biases and their sigmas of several sensors, (K,), which nobody checks."""
+        """Return biases and sigmas of several sensors, (K,), without checking them."""
         bias: Bias = object.__new__(cls)
         none = np.zeros(len(next(iter(columns.values()))))
         for name in Bias.__slots__:
@@ -206,22 +207,24 @@ class Bias(Result):
         return bias
 
     def at(self, azimuth: npt.ArrayLike | None = None) -> tuple[Any, Any]:
-        """Return the azimuth bias of one sensor in a direction, and its standard deviation.
+        """Return the azimuth bias of one sensor in given directions, and its standard deviation.
 
         Parameters
         ----------
         azimuth : array_like of shape (...), optional
-            Directions in radians; without, the part that does not depend on them.
+            Directions in radians; if missing, the part that does not depend on the direction.
 
         Returns
         -------
         value, sigma : float or ndarray of shape (...)
-            Radians. The sigma grows by itself in directions that a calibration has not seen.
+            In radians. After a calibration, the sigma is larger in directions that the calibration
+            did not cover.
 
         Raises
         ------
         ValueError, TypeError
-            Biases of several sensors, a sigma of None, or directions that are no radians.
+            If these are the biases of several sensors, if the sigma is None, or if directions
+            cannot be radians.
 
         Examples
         --------
@@ -255,23 +258,23 @@ class Bias(Result):
         return scalar_or_array(value), scalar_or_array(np.sqrt(variance))
 
     def correct(self, plots: Any) -> Any:
-        """Return plots without these biases of range, azimuth and time.
+        """Return plots with these biases of range, azimuth and time removed.
 
         Parameters
         ----------
         plots : Plots
-            Of one sensor, or of K sensors with their biases.
+            Plots of one sensor, or of the K sensors of these biases.
 
         Returns
         -------
         Plots
-            At the times `t - time`, with the ranges `(r - range) / (1 + range_gain)` and the
-            azimuths `a - azimuth`.
+            The plots at the times `t - time`, with the ranges `(r - range) / (1 + range_gain)` and
+            the azimuths `a - azimuth`.
 
         Raises
         ------
         ValueError
-            A plot of a sensor that has no bias here.
+            If a plot belongs to a sensor without a bias here.
 
         Examples
         --------
@@ -305,14 +308,14 @@ class Bias(Result):
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the bias to a file, as JSON."""
+        """Write the bias to a JSON file."""
         fields = {name: getattr(self, name) for name in Bias.__slots__}
         saved = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in fields.items()}
         Path(path).write_text(json.dumps(saved), encoding="utf-8")
 
     @classmethod
     def load(cls, path: str | Path) -> Bias:
-        """Return the bias that `save` has written."""
+        """Read a bias from a file that `save` has written."""
         return cls(**json.loads(Path(path).read_text(encoding="utf-8")))
 
     def __len__(self) -> int:
@@ -331,7 +334,7 @@ class Bias(Result):
         return Bias(**own)
 
     def __repr__(self) -> str:
-        """Show what is not zero."""
+        """Show the fields that are not zero."""
         shown = []
         for name in Bias.__slots__:
             value = getattr(self, name)
@@ -349,7 +352,7 @@ class Bias(Result):
 
 
 def _bias_number(value: npt.ArrayLike, name: str, degrees: bool) -> FloatArray:
-    """Return biases, or the standard deviations of biases, within their domain."""
+    """Return biases, or their standard deviations, after checking their domain."""
     if not name.endswith("_sigma"):
         known = radians(value, name, degrees=degrees) if name in ANGLES else value
         return finite(known, name)

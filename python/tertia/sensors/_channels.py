@@ -1,4 +1,4 @@
-"""Channels of a rotating radar, and what its plots are detected by."""
+"""Channels of a rotating radar, and the channels by which a plot was detected."""
 
 from __future__ import annotations
 
@@ -35,19 +35,20 @@ class Channel:
     Attributes
     ----------
     detection_probability : float
-        Probability that the channel detects a target within range in a scan. Where some targets
-        have no transponder, theirs count in that of the replies.
+        Probability that the channel detects a target within range in a scan. If some targets have
+        no transponder, they count as not detected by the reply channels.
     range_sigma : float or None
-        Standard deviation of its ranges in metres; None: that of the radar.
+        Standard deviation of the channel's ranges in metres; None: that of the radar.
     azimuth_sigma : float or None
-        Standard deviation of its azimuths in radians; None: that of the radar.
+        Standard deviation of the channel's azimuths in radians; None: that of the radar.
     clutter_per_scan : float or None
-        False plots of this channel alone in a scan; None: estimated from the plots.
+        Number of false plots per scan detected by this channel alone; None: estimated from the
+        plots.
 
     Raises
     ------
     ValueError, TypeError
-        A number outside its domain, or an argument of the wrong type.
+        If a number is outside its domain, or an argument has the wrong type.
 
     Examples
     --------
@@ -95,7 +96,7 @@ class Channel:
 
 
 def narrow(azimuth_sigma: float) -> float:
-    """Return a standard deviation of azimuths if it can be that of a radar."""
+    """Return a standard deviation of azimuths, after checking that it can be that of a radar."""
     if azimuth_sigma > WIDEST_BEAM:
         raise ValueError(
             f"azimuth_sigma is {azimuth_sigma:g}; that of a radar must be at most "
@@ -123,9 +124,9 @@ def channels_of(value: Any) -> dict[str, Channel] | None:
 def sigmas_of(
     channels: Mapping[str, Channel], detection: str, own: tuple[float, float]
 ) -> tuple[float, float]:
-    """Return the standard deviations of a detection; `own` are those of the radar.
+    """Return the standard deviations for a detection; `own` are those of the radar.
 
-    A plot with a reply has those of the reply.
+    A plot detected by echo and reply has those of the reply.
     """
     channel = channels[detection.rpartition("+")[2]]
     sigmas = channel.range_sigma, channel.azimuth_sigma
@@ -134,10 +135,10 @@ def sigmas_of(
 
 
 def ways(channels: Mapping[str, Channel]) -> dict[str, float]:
-    """Return the probability of each detection by channels, and of none (an empty name).
+    """Return the probability of each combination of channels, and of no detection (empty name).
 
-    Channels detect independently. A target has a transponder of one kind; where a radar asks for
-    both, half of the targets have each.
+    Channels detect independently. A target has a transponder of one kind; if a radar interrogates
+    both kinds, half of the targets have a transponder of each kind.
     """
     echo = channels["psr"].detection_probability if "psr" in channels else 0.0
     replies = {
@@ -153,7 +154,7 @@ def ways(channels: Mapping[str, Channel]) -> dict[str, float]:
 
 
 def detections(value: npt.ArrayLike) -> IntArray:
-    """Return what plots were detected by as indices of `DETECTIONS`, from those or from names."""
+    """Return detections as indices of `DETECTIONS`; they may be given as indices or names."""
     array = array_of(value, "detection")
     if array.dtype.kind in "iuf":
         # frames keep whole numbers as floats where some are missing

@@ -17,29 +17,29 @@ _FASTEST = 1e-3
 class PositionSensor:
     """A sensor that reports positions at any time: multilateration, ADS-B, lidar, a tracker.
 
-    It has no scan: a report is expected every `update_interval`, but a target may report more
-    often.
+    It has no scan: a report of each target is expected every `update_interval`, but targets may
+    report more often.
 
     Attributes
     ----------
     position_sigma : float or None
-        Standard deviation of east and of north in metres, of reports without a covariance; None:
+        Standard deviation of east and of north in metres, for reports without a covariance; None:
         such reports are not used.
     update_interval : float
-        Seconds between the reports of a target, at least 0.001. Without one for so long, one is
-        missed.
+        Expected time between reports of a target in seconds, at least 0.001. If no report comes
+        within this time, one report counts as missed.
     detection_probability : float
         Probability that a target reports in an update interval.
     bias : Bias or None
-        Its systematic error of time: how late reports are. None: it is found where radars are
-        registered, with a standard deviation of 0.2 s before; `Bias()` is a clock that is right.
+        Systematic error of time: how late reports are. None: it is estimated when radars are
+        registered; before that, its standard deviation is taken as 0.2 s. `Bias()`: there is none.
     name : str or None
-        Its label in plots and reports.
+        Label of the sensor in pictures and reports.
 
     Raises
     ------
     ValueError, TypeError
-        A number outside its domain, or an argument of the wrong type.
+        If a number is outside its domain, or an argument has the wrong type.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Stations, radars, and what they measure, kind by kind."""
+"""Stations, radars, and their measurements of each kind."""
 
 from __future__ import annotations
 
@@ -57,30 +57,31 @@ class Station:
     Attributes
     ----------
     position : ndarray of shape (..., 2) or (..., 3)
-        East, north and up in metres; with leading axes where the station moves.
+        East, north and up in metres; with leading axes if the station moves.
     range_sigma : float or None
-        Standard deviation of its ranges in metres; None if it is unknown, or none are measured.
+        Standard deviation of the ranges in metres; None if it is unknown, or if no ranges are
+        measured.
     azimuth_sigma, elevation_sigma : float or None
-        Standard deviations of its angles in radians.
+        Standard deviations of the angles in radians, or None.
     arrival_time_sigma : float or None
-        Standard deviation of its times of arrival in seconds.
+        Standard deviation of the times of arrival in seconds, or None.
     position_sigma : float
-        Standard deviation of each coordinate of its position, as surveyed, in metres. It is an
-        error of all its measurements, and the same one at all times.
+        Standard deviation of each coordinate of the surveyed position in metres. The resulting
+        error is common to all measurements of the station at all times.
     bias : Bias or None
-        Its systematic errors; None if they are not known.
+        Systematic errors of the station; None if they are not known.
     name : str or None
-        Its label in plots.
+        Label of the station in pictures.
     axes : ndarray of shape (..., D, D) or None
-        The station's own east, north and up as rows, in the coordinates of the frame: its azimuths
-        and elevations refer to them. None: the axes of the frame. They differ where the earth
-        curves between the station and the origin (see `tertia.geo`).
+        East, north and up at the station as rows, in the coordinates of the frame. The azimuths and
+        elevations of the station refer to these axes. None: the axes of the frame. They differ if
+        the earth curves between the station and the origin (see `tertia.geo`).
 
     Raises
     ------
     ValueError, TypeError
-        A wrong shape, a number outside its domain, axes that are not a rotation, or an argument of
-        the wrong type.
+        If a shape is wrong, a number is outside its domain, axes are not a rotation, or an argument
+        has the wrong type.
 
     Examples
     --------
@@ -136,9 +137,9 @@ class Station:
 class Radar:
     """A radar: its position, scan period and accuracy.
 
-    In a flat plane the height of a target counts from that of the radar. With a `frame`, as
-    `tertia.geo.SystemPlane.radar` sets it, the radar is on the earth, its azimuths are relative to
-    true north there, and heights are above the ellipsoid.
+    On a flat earth the height of a target is relative to the radar. With a `frame`, as set by
+    `tertia.geo.SystemPlane.radar`, the radar is on the curved earth: its azimuths are relative to
+    true north at the radar, and heights are above the ellipsoid.
 
     Parameters
     ----------
@@ -150,35 +151,36 @@ class Radar:
     position : ndarray of shape (2,) or (3,)
         East, north and, if known, up in metres.
     range_sigma : float
-        Standard deviation of its ranges in metres.
+        Standard deviation of the ranges in metres.
     azimuth_sigma : float
-        Standard deviation of its azimuths in radians, at most 0.5.
+        Standard deviation of the azimuths in radians, at most 0.5.
     scan_period : float
         Seconds per rotation of the antenna, at least 0.001.
     max_range : float
-        Largest range of detections in metres.
+        Largest range at which targets are detected, in metres.
     detection_probability : float
-        Probability that a target within range is detected in a scan, by default 0.9; that of the
-        channels, where these are given.
+        Probability that a target within range is detected in a scan, by default 0.9; if `channels`
+        are given, it follows from them.
     channels : dict of str to Channel, or None
-        How it detects by echoes ("psr") and by replies ("ssr", "mode-s"), independently. Plots then
-        count by what they were detected by (`Plots.detection`), and those without that have the
-        sigmas of the radar. None: all its plots are alike.
+        How the radar detects by echoes ("psr") and by replies ("ssr", "mode-s"), independently. The
+        sigmas of a plot then depend on the channels that detected it (`Plots.detection`); plots
+        whose channels are unknown have the sigmas of the radar. None: all plots have the same
+        properties.
     range_resolution, azimuth_resolution : float or None
-        Differences in metres and in radians at each of which two targets make one plot with a
-        probability of a half. Both or none: without them every target has a plot of its own.
+        Differences in metres and in radians at each of which two targets give one common plot with
+        a probability of a half. Give both or none; without them every target has a plot of its own.
     bias : Bias or None
-        Its systematic errors of range, azimuth and time: what they are about, and how well that is
-        known. None: nothing is known but `RADAR_LIMITS`; `Bias()`: there are none.
+        Systematic errors of range, azimuth and time: their values and how well these are known.
+        None: only the limits `RADAR_LIMITS` are known. `Bias()`: there are no systematic errors.
     name : str or None
-        Its label in plots and reports.
+        Label of the radar in pictures and reports.
     frame : tertia.geo.SystemPlane or None
-        The plane of its position on the earth; None: the earth is flat.
+        System plane in which `position` is given, for a curved earth; None: the earth is flat.
 
     Raises
     ------
     ValueError, TypeError
-        A wrong shape, a number outside its domain, or an argument of the wrong type.
+        If a shape is wrong, a number is outside its domain, or an argument has the wrong type.
 
     Examples
     --------
@@ -255,20 +257,20 @@ class Radar:
 
     @property
     def site(self) -> LocalFrame | None:
-        """Local frame of east, north and up at the radar; None on a flat earth."""
+        """The local frame of east, north and up at the radar; None on a flat earth."""
         return None if self.frame is None else self.frame.site(self.position)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ByKind:
-    """One array for each kind of measurement; None for kinds that were not measured.
+    """One array for each kind of measurement; None for kinds that are not measured.
 
     Attributes
     ----------
     range, azimuth, elevation, arrival_time : ndarray of shape (..., K) or None
         One element for each station.
     range_difference : ndarray of shape (..., K - 1) or None
-        One element for each station but the first.
+        One element for each station except the first.
     """
 
     range: npt.NDArray[Any] | None = None
@@ -279,7 +281,7 @@ class ByKind:
 
     @property
     def count(self) -> int | IntArray:
-        """Number of nonzero elements of all kinds, such as outliers, of shape (...)."""
+        """Number of nonzero elements of all kinds, such as True for outliers, of shape (...)."""
         marks = [getattr(self, field.name) for field in fields(self)]
         present = [mark for mark in marks if mark is not None]
         total: int | IntArray = scalar_or_array(
@@ -291,7 +293,7 @@ class ByKind:
 def stack_stations(
     stations: Sequence[Station] | npt.ArrayLike,
 ) -> tuple[FloatArray, FloatArray | None, dict[str, FloatArray]]:
-    """Return positions, (..., K, D), axes, (..., K, D, D), and the stations' own sigmas, (K,)."""
+    """Return positions, (..., K, D), axes, (..., K, D, D), and sigmas of the stations, (K,)."""
     if isinstance(stations, Station):
         raise TypeError("stations is one Station; it must be a sequence of them")
     if not isinstance(stations, Sequence) or not any(isinstance(s, Station) for s in stations):
@@ -316,23 +318,24 @@ def stack_stations(
 
 
 def own_biases(sensors: Sequence[Radar | PositionSensor | Station]) -> Bias:
-    """Return the systematic errors of sensors, (K,), as known; else within their limits."""
+    """Return the systematic errors of sensors, (K,), as stated, otherwise as in the limits."""
     given = [_bias_of(sensor) for sensor in sensors]
     columns: dict[str, Any] = {kind: [_error(bias, kind) for bias in given] for kind in ERRORS}
     return Bias(**columns)
 
 
 def drift_rates(sensors: Sequence[Radar | PositionSensor | Station]) -> FloatArray:
-    """Return the rates at which systematic errors return to their prior, (K, 4), 1/s.
+    """Return the rates at which systematic errors return to their prior mean, (K, 4), in 1/s.
 
-    An error of which a share drifts counts as one that drifts as a whole, as much more slowly.
+    If only a share of an error drifts, it is treated as an error that drifts entirely, but at a
+    correspondingly lower rate.
     """
     biases = [_bias_of(sensor) for sensor in sensors]
     return np.array([[_drift_rate(bias, kind) for kind in ERROR_KINDS] for bias in biases])
 
 
 def _drift_rate(bias: Bias | None, kind: str) -> float:
-    """Return the rate at which a systematic error returns to its prior; 0 where it is constant."""
+    """Return the rate at which a systematic error returns to its prior; 0 if it is constant."""
     given = Bias() if bias is None else bias
     is_estimated = bias is None or getattr(bias, f"{kind}_sigma") is None
     share, time = given.drift_share, given.drift_time
@@ -342,7 +345,7 @@ def _drift_rate(bias: Bias | None, kind: str) -> float:
 
 
 def _bias_of(sensor: Radar | PositionSensor | Station) -> Bias | None:
-    """Return the bias of a sensor; None: that of a radar within the limits."""
+    """Return the bias of a sensor; None stands for the limits of a radar."""
     if sensor.bias is not None or isinstance(sensor, Radar):
         return sensor.bias
     if isinstance(sensor, PositionSensor):
@@ -351,13 +354,13 @@ def _bias_of(sensor: Radar | PositionSensor | Station) -> Bias | None:
 
 
 def _error(bias: Bias | None, kind: str) -> float:
-    """Return a systematic error, or its standard deviation, as it is known."""
+    """Return a systematic error or its standard deviation, as far as stated."""
     value = getattr(RADAR_LIMITS if bias is None else bias, kind)
     return float(getattr(RADAR_LIMITS, kind) if value is None else value)
 
 
 def survey_sigmas(stations: Sequence[Station] | npt.ArrayLike) -> FloatArray | None:
-    """Return the standard deviations of the stations' positions, (K,); None where all are exact."""
+    """Return the standard deviations of the stations' positions, (K,); None if all are exact."""
     if not isinstance(stations, Sequence) or not isinstance(next(iter(stations), None), Station):
         return None
     sigmas = [one.position_sigma for one in sequence_of(stations, Station, "stations")]
@@ -372,20 +375,20 @@ def by_kind(array: npt.NDArray[Any], kinds: Sequence[Kind]) -> ByKind:
 
 
 def require_dimension(array: FloatArray, name: str, shape: str) -> None:
-    """Fail unless the last axis is east, north and perhaps up."""
+    """Raise an error unless the last axis is east, north and optionally up."""
     if array.ndim < 1 or array.shape[-1] not in {2, 3}:
         raise ValueError(f"{name} has shape {array.shape}; it must be {shape}")
 
 
 def _detected(given: float | None, channels: Mapping[str, Channel] | None) -> float:
-    """Return the probability that a radar detects a target."""
+    """Return the probability that a radar detects a target, from its channels if it has them."""
     if channels is None:
         return probability(_DETECTED if given is None else given, "detection_probability")
     own = 1.0 - ways(channels)[""]
     # a copy of a radar is made with both
     if given not in {None, own}:
         raise ValueError(
-            f"detection_probability is {given}; where there are channels it is theirs, {own:g}"
+            f"detection_probability is {given}; with channels it must be theirs, {own:g}"
         )
     return own
 
@@ -400,7 +403,7 @@ def _own_bias(bias: Bias | None) -> Bias | None:
 
 
 def _all_axes(stations: Sequence[Station], d: int) -> FloatArray | None:
-    """Return the axes of all stations, None if all are those of the frame."""
+    """Return the axes of all stations; None if all are those of the frame."""
     own = [station.axes for station in stations]
     if not [axes for axes in own if axes is not None]:
         return None
@@ -409,7 +412,7 @@ def _all_axes(stations: Sequence[Station], d: int) -> FloatArray | None:
 
 
 def _axes(axes: npt.ArrayLike, place: FloatArray) -> FloatArray:
-    """Return axes of a station, checked."""
+    """Return the axes of a station, checked."""
     array = finite(axes, "axes")
     d = place.shape[-1]
     if array.ndim < 2 or array.shape[-2:] != (d, d):

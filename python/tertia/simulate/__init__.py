@@ -1,4 +1,4 @@
-"""Simulation: records with their truth, to test estimators."""
+"""Simulation: measurements together with their truth, to test estimators."""
 
 from tertia.simulate._bearings import BearingRecord, direction_finder
 from tertia.simulate._covariances import wishart

@@ -23,7 +23,7 @@ class BearingRecord(Result):
     bearing : float
         True bearing.
     single, burst : ndarray of bool, shape (..., N)
-        Which measurements are single outliers, and which belong to a burst of outliers.
+        True for single outliers, and for measurements that belong to a burst of outliers.
     """
 
     _rows: ClassVar = "theta", 0
@@ -50,20 +50,20 @@ def direction_finder(
 ) -> BearingRecord:
     """Simulate a direction finder with noise, single outliers and bursts of one polarity.
 
-    The noise is normal. Single outliers (equipment failures) strike each measurement independently.
-    The number of bursts (disturbances that outlast the sampling interval) is Poisson; their lengths
-    and positions are uniform as far as they fit into the record, and each has one constant offset.
-    A measurement in a burst is never a single outlier as well. The defaults are scenario 'PS1' of
-    the documentation.
+    The noise is normal. Single outliers, as from equipment failures, are independent of each other.
+    Bursts, as from disturbances longer than the sampling interval, have a Poisson number, uniform
+    lengths and positions as far as they fit into the record, and one constant offset each. A
+    measurement in a burst is never a single outlier as well. The defaults are scenario 'PS1' of the
+    documentation.
 
     Parameters
     ----------
     n : int
-        Measurements per record.
+        Number of measurements per record.
     bearing : float
-        True bearing.
+        True bearing, in the unit of `period`.
     sigma : float
-        Standard deviation of the noise.
+        Standard deviation of the noise, in the unit of `period`.
     single_probability : float
         Probability that a measurement is a single outlier.
     bursts_per_100 : float
@@ -71,25 +71,27 @@ def direction_finder(
     burst_length : (int, int)
         Lengths of the shortest and longest burst; none is longer than the record.
     amplitude : (float, float)
-        Smallest and largest offset of an outlier, in units of `sigma`; uniform in between.
+        Smallest and largest size of the offset of an outlier, in units of `sigma`; it is uniform
+        in between.
     positive_probability : float
-        Probability that an outlier, or a whole burst, is positive; 0.5 has no polarity.
+        Probability that a single outlier, or a whole burst, is positive; with 0.5 there is no
+        polarity.
     period : float or None
-        Bearings are wrapped to [0, period); None leaves them unwrapped.
+        Period of the bearings, which are wrapped to [0, period); None leaves them unwrapped.
     batch : int or tuple of int
         Shape of the batch of records.
     rng : numpy.random.Generator or int, optional
-        Source of randomness, or its seed.
+        Random generator or its seed.
 
     Returns
     -------
     BearingRecord
-        `theta` has the shape `(*batch, n)` and the unit of `sigma`.
+        The record; `theta` has the shape `(*batch, n)` and the unit of `sigma`.
 
     Raises
     ------
     ValueError, TypeError
-        A parameter outside its domain or of the wrong type, or a pair in falling order.
+        If a parameter is outside its domain or has the wrong type, or a pair is in falling order.
 
     Examples
     --------

@@ -24,24 +24,24 @@ def wishart(
     covariance : array_like of shape (m, m)
         Mean of the matrices.
     degrees_of_freedom : float
-        n - 1 for the sample covariance of n measurements. A whole number, or above m - 1; below m
-        the matrices are singular.
+        n - 1 for the sample covariance of n measurements; a whole number, or any number above
+        m - 1. If it is less than m, the matrices are singular.
     batch : int or tuple of int
         Shape of the batch of matrices.
     rng : numpy.random.Generator or int, optional
-        Source of randomness, or its seed.
+        Random generator or its seed.
 
     Returns
     -------
     ndarray of shape (*batch, m, m)
-        Symmetric matrices.
+        Sample covariances.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        The covariance is not positive definite.
+        If the covariance is not positive definite.
     ValueError, TypeError
-        A wrong shape, a number outside its domain, or an argument of the wrong type.
+        If a shape is wrong, a number is outside its domain, or an argument has the wrong type.
 
     Examples
     --------

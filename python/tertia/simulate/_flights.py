@@ -39,55 +39,55 @@ def flights(
     """Simulate aircraft that follow or leave their plans.
 
     Aircraft are point masses that turn by banking, with a limited roll rate, in a constant wind. A
-    turn begins where the pilot expects it to end on the next leg; on legs the heading is corrected
-    for the wind, and legs are intercepted without oscillation. Plans do not account for the wind:
-    the airspeed is the planned ground speed plus an error.
+    pilot begins a turn where it is expected to end on the next leg. On legs the heading is
+    corrected for the wind, and legs are intercepted without oscillation. Plans do not account for
+    the wind: the airspeed is the planned ground speed plus an error.
 
     Parameters
     ----------
     plans : sequence of F FlightPlan
-        The plans. A flight starts at the first waypoint at the plan's time.
+        The plans. A flight starts at the first waypoint at the time of its plan.
     scenario : str or sequence of F str
-        One for all flights, or one for each.
+        One scenario for all flights, or one for each.
         "conforming": the plan is flown.
         "speed": the plan is flown, but 15 to 30 m/s faster or slower from some point on.
-        "shortcut": from a point on a leg directly to a waypoint after the next.
-        "holding": one or two racetracks at a point on a leg, then on.
-        "vectoring": 12 to 20 km to one side, along the leg, and back to a waypoint.
-        "hijack": a turn by 45 to 150 degrees at a point on a leg, and away.
+        "shortcut": from a point on a leg, the flight goes directly to a waypoint after the next.
+        "holding": one or two racetracks at a point on a leg, then on along the plan.
+        "vectoring": 12 to 20 km to one side, parallel to the leg, and back to a waypoint.
+        "hijack": a turn by 45 to 150 degrees at a point on a leg; the flight does not return.
         "straight-on": a turn is not flown.
-        "wrong-turn": a turn to the other side, or by 30 to 60 degrees too much or too little.
+        "wrong-turn": a turn to the opposite side, or by 30 to 60 degrees too much or too little.
         "fly-over": a turn begins at its waypoint instead of before it.
     wind : array_like of shape (), (2,) or (F, 2)
-        Velocity of the air, east and north, in metres per second, for all flights or for
-        each. With a number, each flight has its own wind: the speed is uniform between 0 and that
-        number, and the direction uniform.
+        Velocity of the air, east and north, in m/s, for all flights or for each. If it is a number,
+        each flight has its own wind, with a uniform direction and a speed that is uniform between 0
+        and that number.
     bank, bank_sigma : float
-        Mean and standard deviation of the bank angle in turns, radians, normal across flights.
+        Mean and standard deviation of the bank angle in turns in radians; normal across flights.
     navigation_sigma : float
-        Standard deviation in metres of the slowly varying cross-track error, and of the point where
-        a turn begins.
+        Standard deviation in metres of the slowly varying cross-track error, and of the point at
+        which a turn begins.
     speed_error : float
-        Largest error of the airspeed in metres per second, uniform across flights.
+        Largest error of the airspeed in m/s; the error is uniform across flights.
     lasting : float
-        Seconds after leaving the plan until the end of a flight that never returns.
+        Seconds from leaving the plan to the end of a flight that does not return to it.
     step : float
         Seconds between samples.
     rng : numpy.random.Generator or int, optional
-        Source of randomness, or its seed.
+        Random generator or its seed.
 
     Returns
     -------
     Traffic
-        A flight ends at the last waypoint of its route. It never leaves its plan if "conforming" or
-        "speed".
+        The flights. Each ends at the last waypoint of its route. The scenarios "conforming" and
+        "speed" never count as leaving the plan.
 
     Raises
     ------
     ValueError, TypeError
-        An unknown scenario, or one with a turn where a plan has none; a leg shorter than a metre; a
-        speed below 30 m/s, a speed error above a quarter of the speed, a wind above 0.4 of the
-        airspeed; a parameter outside its domain; or a parameter of the wrong type.
+        If a scenario is unknown, or has a turn but the plan has none; if a leg is shorter than a
+        metre; if a speed is below 30 m/s, a speed error above a quarter of the speed, or a wind
+        above 0.4 of the airspeed; if a parameter is outside its domain or has the wrong type.
 
     Examples
     --------
@@ -139,7 +139,7 @@ def flights(
 
 
 def _plans(plans: Sequence[FlightPlan]) -> tuple[FlightPlan, ...]:
-    """Return the plans, all of them with legs."""
+    """Return the plans, after checking their legs and speeds."""
     filed = sequence_of(plans, FlightPlan, "plans")
     for i, plan in enumerate(filed):
         short = np.flatnonzero(np.hypot(*np.diff(plan.waypoints, axis=0).T) < 1.0)
@@ -169,7 +169,7 @@ def _scenarios(scenario: Any, plans: Sequence[FlightPlan]) -> list[FlightScenari
 
 
 def _winds(wind: Any, limits: FloatArray, random: np.random.Generator) -> FloatArray:
-    """Return the wind of each flight, which must not exceed its limit."""
+    """Return the wind of each flight, after checking that it does not exceed its limit."""
     n = len(limits)
     given = finite(wind, "wind")
     if given.shape == ():

@@ -1,4 +1,4 @@
-"""Motion of aircraft along routes: arguments of the core, and random numbers."""
+"""Motion of aircraft along routes: arguments for the core, and random numbers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _NUMBERS, _STEPS = 1_000_000, 256
 
 @dataclass(frozen=True, slots=True)
 class Pilots:
-    """Differences among flights: wind, speed error, bank and roll, limit of turn rates."""
+    """Differences between flights: wind, speed error, bank angle, roll rate and turn rate limit."""
 
     wind: FloatArray
     speed_error: FloatArray
@@ -61,7 +61,7 @@ def fly(
 
 
 def _table(routes: Sequence[Route]) -> dict[str, Any]:
-    """Return routes of different lengths as arrays of shape (F, M), the last waypoint repeated."""
+    """Return routes as arrays of shape (F, M), padded by repetition of the last waypoint."""
     sizes = np.array([len(route.waypoints) for route in routes])
     last = sizes - 1
     # the waypoint that stands at each place
@@ -86,7 +86,7 @@ def _table(routes: Sequence[Route]) -> dict[str, Any]:
 
 
 class _Wander:
-    """A normal process with a correlation time whose rate is a process too (critically damped)."""
+    """A normal process with a correlation time, critically damped: its rate is a process, too."""
 
     def __init__(self, sigma: float, time: float, step: float) -> None:
         a, decay = step / time, np.exp(-step / time)

@@ -43,7 +43,7 @@ def _choice(value: object, name: str, known: Sequence[str]) -> None:
 
 
 def _period(period: float | None) -> float | None:
-    """Return the wrap of angles, which is positive, or None."""
+    """Return the period of angles, checked to be positive, or None."""
     if period is not None:
         period = _number(period, "period", 0)
         _require(period > 0, "period", period, "a positive number or None")
@@ -51,14 +51,14 @@ def _period(period: float | None) -> float | None:
 
 
 def _wrap(angle: FloatArray, period: float | None) -> None:
-    """Bring angles to [0, period), in place."""
+    """Wrap angles to [0, period), in place."""
     if period is not None:
         angle %= period
         angle[angle >= period] = 0.0
 
 
 def _root(matrix: FloatArray) -> FloatArray:
-    """Return a square root of a matrix that may be singular, by its eigenvalues."""
+    """Return a square root of a matrix, which may be singular, from its eigenvalues."""
     values, vectors = np.linalg.eigh(matrix)
     root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))
     return root

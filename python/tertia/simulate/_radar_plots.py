@@ -1,4 +1,4 @@
-"""Plots of traffic by rotating radars."""
+"""Plots that rotating radars make of traffic."""
 
 from __future__ import annotations
 
@@ -39,15 +39,15 @@ class RadarPlots:
     Attributes
     ----------
     plots : Plots
-        The plots, as input of a tracker.
+        The plots, as input for a tracker.
     target : ndarray of int, shape (N,)
-        Index of the flight that caused the plot; -1: clutter.
+        Index of the flight that caused the plot; -1 for clutter.
     outlier : ndarray of bool, shape (N,)
-        Which plots are outliers.
+        True for outliers.
     duplicate : ndarray of bool, shape (N,)
-        Which plots repeat another plot of the same scan.
+        True for plots that repeat another plot of the same scan.
     phase : ndarray of shape (K,)
-        Time at which the beam of each radar points north.
+        Time in seconds at which the beam of each radar points north.
     """
 
     plots: Plots
@@ -65,12 +65,12 @@ class RadarPlots:
         return f"RadarPlots({len(self)}, {int(np.sum(self.target == CLUTTER))} of them clutter)"
 
     def __getitem__(self, index: slice | IntArray | BoolArray) -> RadarPlots:
-        """Return some of the plots."""
+        """Return the plots of a slice, a mask or indices."""
         names = ("plots", "target", "outlier", "duplicate")
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
     def alone(self, flight: int) -> RadarPlots:
-        """Return the plots of one flight, with all clutter between its first and last plot."""
+        """Return the plots of one flight, and all clutter between its first and last plot."""
         own = self.target == flight
         span = np.flatnonzero(own)
         if not len(span):
@@ -99,56 +99,59 @@ def radar_plots(
 ) -> RadarPlots:
     """Simulate the plots that rotating radars make of traffic.
 
-    The beam rotates clockwise, once per scan period. An aircraft within range is detected with the
-    radar's detection probability when the beam passes it; range and azimuth have normal noise. If
-    the flight has a height, the range is the slant range, even if the plot has no height. Clutter
-    has a Poisson number, is uniform over the area within range, and has no identity.
+    The beam rotates clockwise, once per scan period. When it passes an aircraft within range, the
+    aircraft is detected with the radar's detection probability. Range and azimuth have normal
+    noise. If the flight has a height, the range is the slant range, even if the plot has no height.
+    The number of false plots (clutter) is Poisson; they are uniform over the area within range, and
+    have no identity.
 
-    A radar with channels detects each aircraft by all of them, and a plot by echo alone has neither
-    identity nor height. Its channels make the clutter that they state.
+    If a radar has channels, each of them detects aircraft independently. A plot detected by echo
+    alone has neither identity nor height. Clutter is then as stated by the channels.
 
-    Radars with a `frame` are on the earth: the traffic is in that plane, its heights are above the
-    ellipsoid, and each radar sees it by its own vertical and true north.
+    Radars with a `frame` are on the earth. The positions of the traffic are in that system plane,
+    its heights are above the ellipsoid, and each radar measures relative to its own vertical and
+    true north.
 
     Parameters
     ----------
     traffic : Traffic
         The aircraft.
     radars : sequence of K Radar
-        The radars; their height is 0 where the position has none.
+        The radars; a radar without a third coordinate has the height 0.
     clutter : array_like of shape () or (K,)
-        Mean number of false plots per scan; needs a finite `max_range`. Where a radar has channels,
-        of the first one of psr, ssr and mode-s, if that states none.
+        Mean number of false plots per scan; it requires a finite `max_range`. For a radar with
+        channels, it is the clutter of the first channel in the order psr, ssr, mode-s, unless that
+        channel states its own.
     phase : array_like of shape () or (K,), optional
-        A time at which the beam points north; by default uniform over a scan.
+        A time in seconds at which the beam points north; by default uniform over a scan.
     bias : Bias, optional
-        Systematic errors of range, gain of the range, azimuth and time, alike for all radars or of
-        shape (K,); by default there are none.
+        Systematic errors of range, gain of the range, azimuth and time, the same for all radars or
+        of shape (K,); by default there are none.
     bias_start : float
-        Time in seconds from which the radars have them.
+        Time in seconds from which the radars have these systematic errors.
     outlier_probability : float
         Probability that a plot is an outlier.
     outlier_size : float
-        Standard deviation of its errors, relative to the noise.
+        Standard deviation of the errors of an outlier, relative to the noise.
     duplicate_probability : float
-        Probability that a plot is duplicated, with different noise.
+        Probability that a plot is duplicated, with independent noise.
     height_missing_probability, identity_missing_probability : float
-        Probability that the reply is missing.
+        Probabilities that the height, and that the identity, is missing in a reply.
     identity_garbled_probability : float
         Probability that some of the lowest 12 bits of an identity are wrong.
     rng : numpy.random.Generator or int, optional
-        Source of randomness, or its seed.
+        Random generator or its seed.
 
     Returns
     -------
     RadarPlots
-        Plots and their truth; heights are rounded to 100 ft.
+        The plots and their truth; heights are rounded to 100 ft.
 
     Raises
     ------
     ValueError, TypeError
-        A parameter outside its domain, shapes that do not match, clutter without a range, or a
-        parameter of the wrong type.
+        If a parameter is outside its domain or has the wrong type, if shapes do not match, or if
+        there is clutter without a maximum range.
 
     Examples
     --------
@@ -205,7 +208,7 @@ def radar_plots(
 
 @dataclass(frozen=True, slots=True)
 class _Defects:
-    """Probabilities of bad plots, and the size of outliers."""
+    """Probabilities of defective plots, and the size of outliers."""
 
     outlier: float
     size: float
@@ -237,7 +240,7 @@ def _meetings(traffic: Traffic, radar: Radar, north: float) -> tuple[IntArray, F
 
 
 def _polar(radar: Radar, position: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return ranges, slant where there is a height, and azimuths."""
+    """Return ranges, which are slant if there is a height, and azimuths."""
     if radar.frame is not None and radar.site is not None:
         # flights without a height are on the ellipsoid
         places = radar.frame.to_geodetic(np.column_stack([position, np.nan_to_num(height)]))
@@ -312,7 +315,7 @@ def _seen(
 
 
 def _detected(radar: Radar, draw: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return what aircraft were detected by, by uniform numbers, and sigmas of their plots."""
+    """Return detections of aircraft, decided by uniform random numbers, and sigmas of the plots."""
     detection = np.full(len(draw), NO_DETECTION)
     own = radar.range_sigma, radar.azimuth_sigma
     sigma = np.tile(np.array(own)[:, np.newaxis], len(draw))
@@ -344,7 +347,7 @@ def _clutter(
     north: float,
     random: np.random.Generator,
 ) -> list[dict[str, npt.NDArray[np.generic]]]:
-    """Return false plots while there is traffic, by channel."""
+    """Return false plots for the duration of the traffic, by channel."""
     means = {"": mean}
     if radar.channels is not None:
         stated = {name: one.clutter_per_scan for name, one in radar.channels.items()}
@@ -368,7 +371,7 @@ def _false(
     north: float,
     random: np.random.Generator,
 ) -> dict[str, npt.NDArray[np.generic]]:
-    """Return false plots of a channel, at times when the beam has their azimuths."""
+    """Return false plots of a channel, each at a time when the beam has its azimuth."""
     if mean == 0.0 or not len(traffic):
         return _nothing()
     limit = radar.max_range

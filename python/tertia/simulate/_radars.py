@@ -1,4 +1,4 @@
-"""Plots of one target by radars, and named scenarios."""
+"""Plots of one target by several radars, and named scenarios."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ class RadarRecord(Result):
     z : ndarray of shape (..., K, steps)
         Measured angles, wrapped to [0, period) if there is a period; nan where a radar has no plot.
     truth : ndarray of shape (..., steps, 3)
-        Angle (not wrapped), rate and acceleration.
+        True angle (not wrapped), rate and acceleration.
     outlier : ndarray of bool, shape (..., K, steps)
-        Which plots are outliers.
+        True for outliers.
     """
 
     _rows: ClassVar = "z", 0
@@ -75,39 +75,39 @@ def radars(
     Parameters
     ----------
     model : SingerModel
-        Motion of the target; each radar has a plot every `model.dt`.
+        Model of the motion of the target; each radar has a plot every `model.dt`.
     steps : int
-        Plots of each radar.
+        Number of steps: plots of each radar, if none are missing.
     sigma : array_like of shape (K,) or (K, steps)
-        Standard deviation of each radar's noise, at each step.
+        Standard deviation of the noise of each radar, or of each radar at each step.
     detection_probability : array_like of shape (), (K, 1) or (K, steps)
-        Probability that a step has a plot: 0 in an outage, or between the scans of a slower radar.
-        False counts as 0, True as 1.
+        Probability that a radar has a plot at a step: 0 in an outage, or between the scans of a
+        slower radar. False counts as 0, True as 1.
     outlier_probability : array_like of shape (), (K, 1) or (K, steps)
         Probability that a plot is an outlier.
     outlier_size : float
-        Standard deviation of an outlier, in units of the noise's.
+        Standard deviation of an outlier, in units of that of the noise.
     turn : (int, int, float), optional
-        First and last step of a turn, and the maximum of the rate (angle per unit of time) that it
-        adds; the rate follows a raised cosine.
+        First and last step of a turn, and the maximum of the rate (angle per unit of time) that the
+        turn adds; the rate follows a raised cosine.
     angle, rate : float
         Initial angle and rate of the target.
     period : float, optional
-        Plots are wrapped to [0, period); None leaves them unwrapped.
+        Period of the angle; plots are wrapped to [0, period). None leaves them unwrapped.
     batch : int or tuple of int
         Shape of the batch of records.
     rng : numpy.random.Generator or int, optional
-        Source of randomness, or its seed.
+        Random generator or its seed.
 
     Returns
     -------
     RadarRecord
-        Plots and truth.
+        The plots and the truth.
 
     Raises
     ------
     ValueError, TypeError
-        A parameter outside its domain, shapes that do not fit, or a parameter of the wrong type.
+        If a parameter is outside its domain or has the wrong type, or shapes do not fit.
 
     Examples
     --------
@@ -147,24 +147,24 @@ def radars(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RadarScenario(RadarRecord):
-    """Plots of two radars in a scenario, the truth, and the model of the filters.
+    """Plots of two radars in a scenario, with the truth and the motion model for filters.
 
     Attributes
     ----------
     z : ndarray of shape (..., 2, steps)
         Measured angles in degrees, unwrapped; nan where a radar has no plot.
     truth : ndarray of shape (..., steps, 3)
-        Angle, rate and acceleration.
+        True angle, rate and acceleration.
     outlier : ndarray of bool, shape (..., 2, steps)
-        Which plots are outliers.
+        True for outliers.
     measurement_variance : ndarray of shape (2, 1)
-        Variances of the plots as the radars state them.
+        Variances of the plots as stated by the radars.
     model : SingerModel
-        Motion that the filter assumes.
+        Motion model that filters assume.
     counted : ndarray of bool, shape (steps,)
         Steps at which errors are evaluated: filters have settled, and radar 1 scans.
     disturbed : ndarray of bool, shape (steps,)
-        Steps of the disturbance or of the turn; in "unknown" all.
+        Steps of the disturbance or of the turn; in "unknown" all steps.
     """
 
     measurement_variance: FloatArray
@@ -183,40 +183,41 @@ def radar_scenario(
 ) -> RadarScenario:
     """Simulate two radars in one of the scenarios of the documentation.
 
-    Units are degrees and seconds. Unless noted otherwise the noise has a sigma of 0.1, and both
+    Units are degrees and seconds. Unless noted otherwise, the noise has a sigma of 0.1, and both
     radars state it correctly.
 
     Parameters
     ----------
     name : str
         "healthy": nothing is wrong.
-        "noisy": from the middle on, radar 2 has five times its stated noise.
-        "outliers": for 20 scans from the middle on, 30 % of radar 2's plots have 15 sigma.
-        "turn": the target approaches at 200 m/s without random acceleration and, 60 km away in the
-        middle of the record, turns by 90 degrees at 1.5 degrees per second.
-        "known": sigma is 0.05 and 0.2, as the radars state.
+        "noisy": from the middle of the record on, radar 2 has five times its stated noise.
+        "outliers": for 20 scans from the middle on, 30 % of the plots of radar 2 are outliers of 15
+        sigma.
+        "turn": the target approaches at 200 m/s without random acceleration. In the middle of the
+        record, 60 km away, it turns by 90 degrees at 1.5 degrees per second.
+        "known": sigma is 0.05 for radar 1 and 0.2 for radar 2, as they state.
         "unknown": sigma is 0.05 and 0.2, but both radars state 0.1.
         "outage": plots have a probability of 0.7; radar 2 has none for 8 scans from the middle on.
-        "asynchronous": radar 2 scans half a period after radar 1, so there are twice as many steps
+        "asynchronous": radar 2 scans half a period after radar 1, so there are twice as many steps,
         of half the length.
     model : SingerModel, optional
-        Motion of the target, except for the turn; each radar scans every `model.dt`. By default
-        `SingerModel(5.0, 1 / 20, 0.003)`.
+        Model of the motion of the target, except in "turn"; each radar scans every `model.dt`. By
+        default `SingerModel(5.0, 1 / 20, 0.003)`.
     steps : int
-        Scans of each radar, at least 40.
+        Number of scans of each radar, at least 40.
     batch, rng
         As for `radars`.
 
     Returns
     -------
     RadarScenario
-        Plots, truth, and the model of the filters. Errors are evaluated from scan 20 on.
+        Plots, truth, and the motion model for filters. Errors are evaluated from scan 20 on.
 
     Raises
     ------
     ValueError, TypeError
-        An unknown scenario, fewer than 40 scans, or a parameter outside its domain or of the wrong
-        type.
+        If the scenario is unknown, there are fewer than 40 scans, or a parameter is outside its
+        domain or has the wrong type.
 
     Examples
     --------
@@ -269,7 +270,7 @@ def radar_scenario(
 
 
 def _disturbed(name: ScenarioName, since: FloatArray, dt: float) -> BoolArray:
-    """Tell which scans are disturbed; `since` counts scans from the middle of the record."""
+    """Return which scans are disturbed; `since` counts scans from the middle of the record."""
     if name == "unknown":
         return np.ones(since.shape, dtype=bool)
     scans = _DISTURBED_SCANS.get(name, 0.0)
@@ -277,7 +278,7 @@ def _disturbed(name: ScenarioName, since: FloatArray, dt: float) -> BoolArray:
 
 
 def _right_angle(time: FloatArray) -> FloatArray:
-    """Return angle, rate and acceleration of the target that turns, from the time 0 on."""
+    """Return angle, rate and acceleration of the turning target; the turn begins at time 0."""
     turned = np.clip(time, 0.0, _TURN_TIME)
     # north and east as real and imaginary part; the course is south at first
     velocity = -_SPEED * np.exp(1j * _TURN_RATE * turned)

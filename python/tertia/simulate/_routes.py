@@ -1,4 +1,4 @@
-"""Routes that are flown instead of a plan, one for each scenario."""
+"""Routes that are flown instead of the plan, one for each scenario."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ _DIRECT_ANGLE = np.radians(110.0)
 class Route:
     """The waypoints that are flown, the speed after each, and how each is passed.
 
-    The plan is left where the waypoint `leave` is passed, and is valid again from the waypoint
-    `rejoin` on; NEVER: neither.
+    The flight leaves its plan when it passes the waypoint `leave`, and follows it again from the
+    waypoint `rejoin` on. NEVER means that it does not.
     """
 
     waypoints: FloatArray
@@ -61,19 +61,19 @@ class Route:
 
 
 def heights(plan: FlightPlan) -> FloatArray:
-    """Return the heights of a plan, nan where it has none."""
+    """Return the heights of a plan; nan if it has none."""
     return np.full(len(plan.waypoints), np.nan) if plan.heights is None else plan.heights
 
 
 def build(
     plan: FlightPlan, scenario: FlightScenario, lasting: float, random: np.random.Generator
 ) -> Route:
-    """Return the route of a scenario; a flight that never returns lasts `lasting` seconds."""
+    """Return the route of a scenario; without return, it ends `lasting` seconds after leaving."""
     return _BUILDERS[scenario](_Planned(plan), lasting, random)
 
 
 class _Planned:
-    """The geometry of a plan: unit vectors along the legs, lengths, and what turns take of them."""
+    """Geometry of a plan: directions and lengths of the legs, and the parts that turns need."""
 
     def __init__(self, plan: FlightPlan) -> None:
         self.waypoints, self.speeds, self.heights = plan.waypoints, plan.speeds, heights(plan)
@@ -93,7 +93,7 @@ class _Planned:
         return len(self.waypoints)
 
     def spot(self, leg: int, random: np.random.Generator) -> tuple[FloatArray, float]:
-        """Return a place on the straight part of a leg, and its share of the leg."""
+        """Return a random point on the straight part of a leg, and its distance as a fraction."""
         settled = _SETTLED * self.speeds[leg]
         first = settled + (self.leads[leg - 1] if leg else 0.0)
         last = self.lengths[leg] - self.leads[leg] - settled
@@ -104,7 +104,7 @@ class _Planned:
         return self.waypoints[leg] + share * self.lengths[leg] * self.along[leg], share
 
     def height(self, leg: int, share: float) -> float:
-        """Return the height on a leg."""
+        """Return the height at a given fraction of a leg."""
         return float((1 - share) * self.heights[leg] + share * self.heights[leg + 1])
 
     def route(
@@ -117,9 +117,9 @@ class _Planned:
         leave: int,
         rejoin: int = NEVER,
     ) -> Route:
-        """Return the plan with other places between two of its waypoints, all at one height.
+        """Return the plan with other points between two of its waypoints, all at one height.
 
-        `leave` and `rejoin` count the waypoints of the new route.
+        `leave` and `rejoin` are indices of waypoints of the new route.
         """
         before, after = between
         n = len(places)
@@ -144,7 +144,7 @@ def _conforming(plan: _Planned, lasting: float, random: np.random.Generator) -> 
 
 
 def _speed(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
-    """Fly the route, from some place on faster or slower."""
+    """Return the planned route, flown faster or slower from a random point on."""
     leg = int(random.integers(len(plan) - 1))
     place, share = plan.spot(leg, random)
     route = plan.route(
@@ -157,7 +157,7 @@ def _speed(plan: _Planned, lasting: float, random: np.random.Generator) -> Route
 
 
 def _shortcut(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
-    """Fly from a point on a leg to a waypoint after the next."""
+    """Return a route from a point on a leg directly to a waypoint after the next."""
     leg = int(random.integers(len(plan) - 2))
     place, share = plan.spot(leg, random)
     target = min(_ahead(plan, place, plan.along[leg], leg, leg + 2), len(plan) - 1)
@@ -168,7 +168,7 @@ def _shortcut(plan: _Planned, lasting: float, random: np.random.Generator) -> Ro
 
 
 def _holding(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
-    """Fly once or twice round a racetrack at a place on a leg."""
+    """Return a route with one or two racetracks at a point on a leg."""
     leg = int(random.integers(len(plan) - 1))
     fix, share = plan.spot(leg, random)
     along, speed = plan.along[leg], plan.speeds[leg]
@@ -185,7 +185,7 @@ def _holding(plan: _Planned, lasting: float, random: np.random.Generator) -> Rou
 
 
 def _vectoring(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
-    """Fly off to one side, along the leg, and back to a waypoint if one is ahead."""
+    """Return a route to one side, parallel to a leg, and back to a waypoint if one is ahead."""
     leg = int(random.integers(len(plan) // 2))
     place, share = plan.spot(leg, random)
     along = plan.along[leg]
@@ -202,7 +202,7 @@ def _vectoring(plan: _Planned, lasting: float, random: np.random.Generator) -> R
 
 
 def _hijack(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
-    """Turn away at a place on a leg, and never come back."""
+    """Return a route that turns away at a point on a leg and does not return."""
     leg = int(random.integers(len(plan) - 1))
     place, share = plan.spot(leg, random)
     angle = random.uniform(*_HIJACK_ANGLE) * random.choice([-1.0, 1.0])
@@ -220,7 +220,7 @@ def _hijack(plan: _Planned, lasting: float, random: np.random.Generator) -> Rout
 
 
 def _straight_on(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
-    """Do not fly a turn: the plan is left where it should have begun."""
+    """Return a route without one of the turns; the plan is left where that turn should begin."""
     turn = int(random.integers(1, len(plan) - 1))
     along = plan.along[turn - 1]
     begin = plan.waypoints[turn] - plan.leads[turn - 1] * along
@@ -232,7 +232,7 @@ def _straight_on(plan: _Planned, lasting: float, random: np.random.Generator) ->
 
 
 def _wrong_turn(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
-    """Turn to the other side, or by 30 to 60 degrees too much or too little."""
+    """Return a route with a turn to the opposite side, or 30 to 60 degrees too large or small."""
     turn = int(random.integers(1, len(plan) - 1))
     angle = plan.angles[turn - 1]
     error = random.uniform(*_WRONG_ANGLE) * random.choice([-1.0, 1.0])
@@ -246,7 +246,7 @@ def _wrong_turn(plan: _Planned, lasting: float, random: np.random.Generator) -> 
 
 
 def _fly_over(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
-    """Begin a turn at its waypoint: the plan is left where it should have begun."""
+    """Return a route with a turn at its waypoint; the plan is left where it should begin."""
     turn = int(random.integers(1, len(plan) - 1))
     place = plan.waypoints[turn]
     begin = place - plan.leads[turn - 1] * plan.along[turn - 1]
@@ -276,9 +276,9 @@ TURNS = frozenset({"shortcut", "straight-on", "wrong-turn", "fly-over"})
 
 
 def _ahead(plan: _Planned, place: FloatArray, along: FloatArray, leg: int, first: int) -> int:
-    """Return the first waypoint from `first` on that is ahead and far enough for a turn.
+    """Return the first waypoint from `first` on that is ahead and far enough away for a turn.
 
-    Without one, this is the number of waypoints.
+    If there is none, return the number of waypoints.
     """
     for target in range(first, len(plan)):
         way = plan.waypoints[target] - place
@@ -289,12 +289,12 @@ def _ahead(plan: _Planned, place: FloatArray, along: FloatArray, leg: int, first
 
 
 def right(along: FloatArray) -> FloatArray:
-    """Return unit vectors to the right of unit vectors."""
+    """Return unit vectors rotated by 90 degrees to the right."""
     return np.stack([along[..., 1], -along[..., 0]], axis=-1)
 
 
 def rotate(vector: FloatArray, angle: float) -> FloatArray:
-    """Return a vector turned clockwise."""
+    """Return a vector rotated clockwise."""
     turned: FloatArray = np.cos(angle) * vector + np.sin(angle) * right(vector)
     return turned
 

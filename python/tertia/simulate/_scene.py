@@ -1,4 +1,4 @@
-"""A whole scene: traffic on plans, radars and direction finders, some of which are faulty."""
+"""A complete scene: traffic on plans, radars and direction finders, some of them faulty."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ _WORSE_STATION = 2.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """A simulated scene: what the sensors state, what they measured, and the truth.
+    """A simulated scene: the stated properties of the sensors, their measurements, and the truth.
 
     Attributes
     ----------
@@ -62,14 +62,15 @@ class Scene:
     record : RadarPlots
         The plots of the radars.
     stations : list of Station
-        The direction finders as they are stated.
+        The direction finders as stated.
     emitters : mapping of str to (float, float)
         East and north of the emitters in metres, by name.
     bearings : ndarray of shape (E, K, N)
-        Bearings of each emitter by each direction finder in degrees, one a second.
+        Bearings of each emitter by each direction finder in degrees, one per second.
     radar_faults, station_faults : mapping of str to mapping
-        What is worse than stated, by the name of the sensor: for radars `range_bias_m`, and
-        `azimuth_sigma_deg` from `azimuth_sigma_since_s` on; for direction finders `sigma_deg`.
+        Properties that are worse than stated, by the name of the sensor. For radars:
+        `range_bias_m`, and `azimuth_sigma_deg` from `azimuth_sigma_since_s` on. For direction
+        finders: `sigma_deg`.
     """
 
     radars: list[Radar]
@@ -93,39 +94,39 @@ def scene(
     frame: SystemPlane | None = None,
     rng: np.random.Generator | int | None = None,
 ) -> Scene:
-    """Simulate air traffic as radars see it, and emitters as direction finders hear them.
+    """Simulate air traffic seen by radars, and emitters located by direction finders.
 
-    Every fifth aircraft leaves its plan. The ranges of the last of several radars are 150 m too
-    long, and after half the time its azimuths are 2.5 times as noisy as stated; the last direction
-    finder is twice as noisy as stated.
+    Every fifth aircraft leaves its plan. If there are several radars, the ranges of the last one
+    are 150 m too long, and its azimuths are 2.5 times as noisy as stated in the second half of the
+    recording. The last direction finder is twice as noisy as stated.
 
     Parameters
     ----------
     name : str
-        The airspace and kind of radar, as for `set_up`.
+        Airspace and kind of radar, as for `set_up`.
     aircraft_count, radar_count, station_count : int
-        How many there are; aircraft at most 3000, direction finders at least one.
+        Numbers of aircraft (at most 3000), radars and direction finders (at least one).
     duration : float
         Duration of the recording in seconds.
     clutter : float
         Mean number of false plots per scan of a radar.
     frame : SystemPlane, optional
-        Plane on the earth in which the aircraft fly; the radars are on the ellipsoid. By default
-        the earth is flat.
+        System plane on the earth in which the aircraft fly; the radars are on the ellipsoid. By
+        default the earth is flat.
     rng : numpy.random.Generator or int, optional
-        Source of randomness, or its seed.
+        Random generator or its seed.
 
     Returns
     -------
     Scene
-        What the sensors state, what they measured, and the truth.
+        The stated properties of the sensors, their measurements, and the truth.
 
     Raises
     ------
     ValueError
-        An unknown set-up, or a number outside its domain.
+        If the set-up is unknown, or a number is outside its domain.
     TypeError
-        A parameter of the wrong type.
+        If a parameter has the wrong type.
 
     Examples
     --------
@@ -153,7 +154,7 @@ def scene(
 
 
 def _radars(air: SetUp, count: int, frame: SystemPlane | None) -> list[Radar]:
-    """Return the radars as they are stated: the first at the origin, the others around it."""
+    """Return the radars as stated: the first at the origin, the others around it."""
     first, found = air.radar, []
     for k in range(count):
         angle = 2 * np.pi * (k - 1) / max(count - 1, 1)
@@ -200,7 +201,7 @@ def _record(
     duration: float,
     random: np.random.Generator,
 ) -> tuple[RadarPlots, dict[str, dict[str, float]]]:
-    """Return the plots, and what is wrong with the last radar."""
+    """Return the plots, and the faults of the last radar."""
     real, bias = list(radars), np.zeros(len(radars))
     faults = {}
     if len(radars) > 1:
@@ -253,7 +254,7 @@ def _stations(count: int) -> list[Station]:
 
 
 def _bearings(stations: list[Station], random: np.random.Generator) -> FloatArray:
-    """Return what each finder hears of each emitter, (E, K, N) in degrees."""
+    """Return the bearings of each emitter by each direction finder, (E, K, N), in degrees."""
     sigmas = [_STATION_SIGMA] * (len(stations) - 1) + [_STATION_SIGMA * _WORSE_STATION]
     heard = []
     for emitter in _EMITTERS.values():

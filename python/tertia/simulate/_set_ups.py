@@ -33,15 +33,15 @@ class SetUp:
     Attributes
     ----------
     radar : Radar
-        At the origin.
+        The radar, at the origin.
     distance : (float, float)
         Smallest and largest distance of routes from the radar in metres.
     speed : (float, float)
-        Lowest and highest ground speed of plans in metres per second.
+        Lowest and highest ground speed of plans in m/s.
     height : (float, float)
-        Lowest and highest flight level of plans in metres.
+        Lowest and highest height of plans in metres.
     wind : float
-        Highest wind in metres per second; see `flights`.
+        Largest wind speed in m/s, as for `flights`.
     """
 
     radar: Radar
@@ -52,22 +52,22 @@ class SetUp:
 
 
 def set_up(name: SetUpName) -> SetUp:
-    """Return a radar and its traffic.
+    """Return a radar and its traffic for one of three kinds of airspace.
 
     Parameters
     ----------
     name : str
-        "tma": terminal area, scans of 4 s. "middle": 6 s. "en-route": 10 s.
+        "tma": terminal area, with scans of 4 s. "middle": scans of 6 s. "en-route": scans of 10 s.
 
     Returns
     -------
     SetUp
-        Radar, distances, speeds, levels and wind.
+        The radar, and the distances, speeds, heights and wind of its traffic.
 
     Raises
     ------
     ValueError
-        An unknown name.
+        If the name is unknown.
 
     Examples
     --------
@@ -82,7 +82,7 @@ def set_up(name: SetUpName) -> SetUp:
 def _radar(
     name: str, period: float, noise: tuple[float, float], seen: float, limit: float
 ) -> Radar:
-    """Return the radar at the origin; its noise in metres and degrees."""
+    """Return the radar at the origin, with its noise given in metres and degrees."""
     return Radar(
         (0.0, 0.0),
         range_sigma=noise[0],
@@ -126,31 +126,31 @@ _find = set_up
 def routes(
     set_up: SetUpName | SetUp, n: int, rng: np.random.Generator | int | None = None
 ) -> list[FlightPlan]:
-    """Draw plans of random routes around a radar.
+    """Generate plans of random routes around a radar.
 
-    Two to four turns by 20 to 110 degrees to both sides. Every leg has room for the arcs of its
-    turns and for 15 to 30 scans of straight flight. All legs lie within the distances of the
-    set-up. One speed and one level per route; the identity is the number of the plan.
+    Each route has two to four turns by 20 to 110 degrees to either side. Every leg has room for the
+    arcs of its turns and for 15 to 30 scans of straight flight. All legs lie within the distances
+    of the set-up. Each route has one speed and one height; the identity is the number of the plan.
 
     Parameters
     ----------
     set_up : str or SetUp
-        "tma", "middle", "en-route", or one of your own.
+        "tma", "middle", "en-route", or a `SetUp` of your own.
     n : int
         Number of plans.
     rng : numpy.random.Generator or int, optional
-        Source of randomness, or its seed.
+        Random generator or its seed.
 
     Returns
     -------
     list of n FlightPlan
-        All start at the time 0.
+        The plans, all of which start at time 0.
 
     Raises
     ------
     ValueError, TypeError
-        An unknown set-up, one whose distances leave no room for routes, or a parameter of the wrong
-        type.
+        If the set-up is unknown, its distances leave no room for routes, or a parameter has the
+        wrong type.
 
     Examples
     --------
@@ -192,7 +192,7 @@ _BATCH, _TRIES = 2000, 500
 def _draw(
     scene: SetUp, n: int, random: np.random.Generator
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Return candidates: waypoints (n, M, 2), how many of them count, and speeds."""
+    """Return candidates for routes: waypoints (n, M, 2), their numbers, and speeds."""
     turns = random.integers(_TURNS[0], _TURNS[1] + 1, n)
     legs = _TURNS[1] + 1
     speed = random.uniform(*scene.speed, n)
@@ -222,7 +222,7 @@ def _draw(
 
 
 def _inside(scene: SetUp, points: FloatArray, sizes: IntArray) -> BoolArray:
-    """Return whether all legs keep to the distances of the set-up."""
+    """Return whether all legs of a route keep to the distances of the set-up."""
     first, way = points[:, :-1], np.diff(points, axis=1)
     share = -np.sum(first * way, axis=-1) / np.sum(way**2, axis=-1)
     nearest = first + np.clip(share, 0.0, 1.0)[..., np.newaxis] * way

@@ -21,20 +21,20 @@ _FARTHEST = 1e12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassiveLocation:
-    """Two stations that measure two azimuths and a range difference, and their accuracy.
+    """Two stations that measure two azimuths and one range difference, and their accuracy.
 
     Attributes
     ----------
     position : ndarray of shape (..., 2)
-        Target, east and north in metres.
+        True position of the target, east and north in metres.
     jacobian : ndarray of shape (..., 3, 2)
         Derivatives of the azimuth from the first station, the azimuth from the second (radians),
         and the range to the first station minus that to the second (metres), with respect to the
         position.
     sigma : ndarray of shape (3,)
-        Standard deviations of the three measurements.
+        Standard deviations of the three measurements, in radians and metres.
     covariances : ndarray of shape (..., 2, 2, 2)
-        Covariance of the position found from the two azimuths, and of the one found from the first
+        Covariances of two estimates of the position: from the two azimuths, and from the first
         azimuth and the range difference. Both use the first azimuth, so they are not independent.
     """
 
@@ -44,9 +44,10 @@ class PassiveLocation:
     covariances: FloatArray
 
     def estimates(self, rng: np.random.Generator | int | None = None) -> FloatArray:
-        """Draw both estimates of every position, to first order.
+        """Simulate both estimates of every position, to first order.
 
-        The result has the shape (..., 2, 2): the estimate, then its components east and north.
+        The result has the shape (..., 2, 2); the axes are the estimate and its components east and
+        north.
         """
         shape = self.jacobian.shape[:-1]
         error = self.sigma * generator(rng).standard_normal(shape)
@@ -71,7 +72,7 @@ def passive_location(
     Parameters
     ----------
     position : array_like of shape (..., 2)
-        Target, east and north in metres.
+        Position of the target, east and north in metres.
     stations : array_like of shape (2, 2)
         Positions of the stations, east and north in metres.
     azimuth_sigma : float
@@ -82,13 +83,13 @@ def passive_location(
     Returns
     -------
     PassiveLocation
-        Derivatives of the measurements, and covariances of the two positions found from them.
+        Derivatives of the measurements, and covariances of the two estimates of the position.
 
     Raises
     ------
     ValueError, TypeError
-        A wrong shape, a number outside its domain, a target on the line through the stations, where
-        the azimuths do not cross, or an argument of the wrong type.
+        If a shape is wrong, a number is outside its domain, the target is on the line through the
+        stations, where the azimuths do not intersect, or an argument has the wrong type.
 
     Examples
     --------
@@ -137,7 +138,7 @@ class StationRecord:
     measurements : dict of str to ndarray of shape (..., K)
         Arguments of `tertia.location.locate`: `locate(stations, **record.measurements)`.
     outlier : dict of str to ndarray of bool, shape (..., K)
-        Which measurements are outliers.
+        True for outliers.
     position : ndarray of shape (..., D)
         True position of the target.
     """
@@ -164,33 +165,34 @@ def stations(
     Parameters
     ----------
     stations : sequence of K Station
-        The stations; each measures the kinds that it has a standard deviation for.
+        The stations; each measures the kinds for which it has a standard deviation.
     position : array_like of shape (..., D)
-        True position of the target.
+        True position of the target in metres.
     kinds : sequence of {"range", "azimuth", "elevation", "arrival_time"}, optional
-        Kinds that are measured; by default all with a standard deviation.
+        Kinds that are measured; by default all kinds with a standard deviation.
     outlier_probability : float
         Probability that a measurement is an outlier.
     outlier_size : float
-        Offset of an outlier, in standard deviations, up or down; times of arrival are late.
+        Offset of an outlier, in standard deviations: positive or negative, but always positive
+        (late) for times of arrival.
     missing_probability : float
         Probability that a measurement is missing.
     propagation_speed : float
-        Speed of signals in metres per second, by default that of light. They are emitted at 0 s.
+        Speed of signals in m/s, by default the speed of light. Signals are emitted at 0 s.
     batch : int or tuple of int
         Shape of the batch of records of every position.
     rng : numpy.random.Generator or int, optional
-        Source of randomness, or its seed.
+        Random generator or its seed.
 
     Returns
     -------
     StationRecord
-        Measurements of the shape `(*batch, ..., K)`, nan where they are missing.
+        Measurements of shape `(*batch, ..., K)`; nan where they are missing.
 
     Raises
     ------
     ValueError, TypeError
-        An unknown kind, or a parameter outside its domain or of the wrong type.
+        If a kind is unknown, or a parameter is outside its domain or has the wrong type.
 
     Examples
     --------
@@ -233,7 +235,7 @@ def stations(
 def _sights(
     places: FloatArray, axes: FloatArray | None, target: FloatArray, speed: float
 ) -> dict[Kind, FloatArray]:
-    """Return what each station measures alone, without errors, (..., K)."""
+    """Return what each station measures on its own, without errors, (..., K)."""
     k, d = places.shape[-2:]
     batch = np.broadcast_shapes(
         places.shape[:-2], target.shape[:-1], () if axes is None else axes.shape[:-3]

@@ -26,33 +26,33 @@ _HEIGHTS = (3000.0, 12_000.0)
 class Traffic:
     """Aircraft over time, each sampled at equal steps.
 
-    Sample k of flight i is at time `start[i] + k * step`. Flights end at different times: samples
-    after their end are nan (False in `turning`).
+    Sample k of flight i is at time `start[i] + k * step`. Flights end at different times; samples
+    after the end of a flight are nan (False in `turning`).
 
     Attributes
     ----------
     start : ndarray of shape (F,)
         Time of the first sample in seconds.
     count : ndarray of int, shape (F,)
-        Number of samples, two or more.
+        Number of samples, at least two.
     step : float
         Seconds between samples.
     position : ndarray of shape (F, S, 2)
         East and north in metres.
     velocity : ndarray of shape (F, S, 2)
-        Over the ground, in metres per second.
+        Velocity over the ground, east and north, in m/s.
     turn_rate : ndarray of shape (F, S)
         Rate of the course over the ground in radians per second, positive clockwise.
     turning : ndarray of bool, shape (F, S)
-        Whether the aircraft turns: it banks by more than 5 degrees.
+        Whether the aircraft turns, which means that it banks by more than 5 degrees.
     height : ndarray of shape (F, S)
-        Metres; nan where flights have no heights.
+        Height in metres; nan if flights have no heights.
     identity : ndarray of int, shape (F,)
-        Reply of the transponder; -1 where there is none.
+        Reply of the transponder; -1 if there is none.
     wind : ndarray of shape (F, 2)
-        Velocity of the air.
+        Velocity of the air, east and north, in m/s.
     left, returned : ndarray of shape (F,)
-        Times at which the flight leaves its plan and returns to it; nan if never.
+        Times in seconds at which the flight leaves its plan and returns to it; nan if never.
     plans : tuple of FlightPlan
         The plans; empty if aircraft fly without plans.
     """
@@ -82,7 +82,7 @@ class Traffic:
         return f"Traffic({len(self)} flights, {np.min(self.start):g} to {np.max(self.end):g} s)"
 
     def __getitem__(self, index: slice | IntArray | BoolArray) -> Traffic:
-        """Return some of the flights."""
+        """Return the flights of a slice, a mask or indices."""
         chosen = np.arange(len(self))[index]
         if chosen.ndim != 1:
             raise TypeError(f"index is {index!r}; it must be a slice or an array of flights")
@@ -92,7 +92,7 @@ class Traffic:
 
     @property
     def end(self) -> FloatArray:
-        """Time of the last sample of each flight."""
+        """Time of the last sample of each flight in seconds."""
         return self.start + (self.count - 1) * self.step
 
     @property
@@ -105,28 +105,28 @@ class Traffic:
     def at(self, flight: npt.ArrayLike, time: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return position and velocity of flights at any times.
 
-        Cubic interpolation between the positions and velocities of the samples.
+        The result is a cubic interpolation between the positions and velocities of the samples.
 
         Parameters
         ----------
         flight : array_like of int, shape (...)
             Indices of the flights.
         time : array_like of shape (...)
-            Seconds.
+            Times in seconds.
 
         Returns
         -------
         position, velocity : ndarray of shape (..., 2)
-            nan before the start and after the end of a flight.
+            East and north, in metres and m/s; nan before the start and after the end of a flight.
 
         Raises
         ------
         IndexError
-            No such flight.
+            If there is no such flight.
         ValueError
-            Shapes that do not fit.
+            If shapes do not fit.
         TypeError
-            Numbers of flights that are no integers.
+            If indices of flights are not integers.
 
         Examples
         --------
@@ -155,7 +155,7 @@ class Traffic:
     def _state(
         self, flight: IntArray, time: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return position, velocity and height at times, even before start or after end."""
+        """Return position, velocity and height at any times, even outside the flight."""
         if not len(flight):
             return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)
         flight, time = np.ascontiguousarray(flight), np.ascontiguousarray(time)
@@ -163,7 +163,7 @@ class Traffic:
         return position, velocity, height
 
     def _columns(self) -> dict[str, Any]:
-        """Return the columns that the core takes."""
+        """Return the columns in the form that the core takes."""
         names = ("start", "count", "position", "velocity", "height")
         columns = {name: np.ascontiguousarray(getattr(self, name)) for name in names}
         return columns | {"step": self.step}
@@ -191,34 +191,35 @@ def dense_traffic(
 ) -> Traffic:
     """Simulate many aircraft quickly: straight flights, and some with one turn.
 
-    Halfway through, positions are uniform over a rectangle about the origin. Courses, speeds and
-    heights (3 to 12 km) are uniform. A turn has a constant rate of 0.75 to 3 degrees per second,
-    changes the course by 20 to 110 degrees, and begins at any time.
+    At half of the duration, positions are uniform over a rectangle about the origin. Courses,
+    speeds and heights (3 to 12 km) are uniform. A turn has a constant rate of 0.75 to 3 degrees per
+    second, changes the course by 20 to 110 degrees, and begins at a uniformly distributed time.
 
     Parameters
     ----------
     n : int
         Number of aircraft.
     area : (float, float)
-        Extent east and north in metres.
+        Extent of the rectangle east and north in metres.
     speed : (float, float)
-        Lowest and highest speed in metres per second.
+        Lowest and highest speed in m/s.
     turning_share : float
         Probability that an aircraft turns.
     duration, step : float
-        Seconds from first to last sample, and from one to the next.
+        Seconds from the first to the last sample, and between successive samples.
     rng : numpy.random.Generator or int, optional
-        Source of randomness, or its seed.
+        Random generator or its seed.
 
     Returns
     -------
     Traffic
-        All flights start at time 0. The identity is the index of the aircraft.
+        The flights, all of which start at time 0. The identity is the index of the aircraft.
 
     Raises
     ------
     ValueError, TypeError
-        A parameter outside its domain or of the wrong type, or a lowest speed above the highest.
+        If a parameter is outside its domain or has the wrong type, or the lowest speed is above the
+        highest.
 
     Examples
     --------
@@ -262,38 +263,38 @@ def encounter(
     Parameters
     ----------
     name : str
-        "crossing": all are at the same position halfway through; the course of each differs by
-        `angle` from that of the one before.
-        "formation": abreast, `spacing` apart.
-        "in-trail": one behind the other, `spacing` apart.
+        "crossing": all aircraft are at the same position at half of the duration; the courses of
+        successive aircraft differ by `angle`.
+        "formation": the aircraft fly side by side, `spacing` apart.
+        "in-trail": the aircraft fly one behind the other, `spacing` apart.
     n : int
         Number of aircraft.
     speed : float
-        Metres per second.
+        Speed in m/s.
     spacing : float
-        Metres between neighbours; the default is five nautical miles.
+        Distance between neighbours in metres; by default five nautical miles.
     angle : float
-        Radians between the courses of neighbours in a crossing.
+        Angle between the courses of neighbours in "crossing", in radians.
     middle : array_like of shape (2,)
-        Position of their centre halfway through: east and north in metres.
+        Position of the centre of the aircraft at half of the duration, east and north in metres.
     course : float
         Mean course in radians, clockwise from north.
     height : float
-        Metres, the same for all.
+        Height in metres, the same for all.
     duration, step : float
         As for `dense_traffic`.
     rng : numpy.random.Generator or int, optional
-        Source of randomness, or its seed; aircraft are numbered in random order.
+        Random generator or its seed; aircraft are numbered in random order.
 
     Returns
     -------
     Traffic
-        The flights, as `dense_traffic` returns them.
+        The flights, as for `dense_traffic`.
 
     Raises
     ------
     ValueError, TypeError
-        An unknown encounter, or a parameter outside its domain or of the wrong type.
+        If the encounter is unknown, or a parameter is outside its domain or has the wrong type.
 
     Examples
     --------
@@ -339,8 +340,8 @@ def _smooth_flights(
 ) -> Traffic:
     """Return flights with one turn each; east and north are real and imaginary parts.
 
-    `velocity` is the velocity before the turn, `middle` the position halfway through. A turn has a
-    rate (clockwise), a beginning and an end; a turn that is not flown begins at infinity.
+    `velocity` is the velocity before the turn, `middle` the position at half of the duration. A
+    turn has a rate (clockwise), a beginning and an end; if no turn is flown, it begins at infinity.
     """
     rate, begin, end = turn
     end_time = time[-1]
@@ -376,5 +377,5 @@ def _smooth_flights(
 
 
 def parts(array: npt.NDArray[np.complex128]) -> FloatArray:
-    """Return real and imaginary parts on a last axis."""
+    """Return real and imaginary parts on a new last axis."""
     return np.ascontiguousarray(array)[..., np.newaxis].view(np.float64)

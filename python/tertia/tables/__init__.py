@@ -1,11 +1,11 @@
-"""Tables: the same functions as the commands, for tables in memory.
+"""Tables: the functions of the commands, for tables in memory.
 
 A table is a DataFrame of Polars or pandas, or a Table or RecordBatch of pyarrow; results are of the
 same kind. Needs the extra `tables` (Polars); pandas also needs pyarrow. An error in a record is a
-`RecordError`, which has its row and column; values that look wrong, such as radians in a column of
+`RecordError` with its row and column. Values that look wrong, such as radians in a column of
 degrees, cause a `RecordWarning`.
 
-Groups are independent of each other, so a recording may be divided between them: every function
+Groups are independent of each other, so a recording may be divided between groups: every function
 here can be passed to `map_partitions` of Dask and `map_batches` of Ray. With `stream` it can also
 be applied to an iterator of record batches, as in `mapInArrow` of Spark and readers of large files.
 """

@@ -1,4 +1,4 @@
-"""Estimates with their covariances versus the truth."""
+"""Comparison of estimates and their covariances with the truth."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class Audited:
 
     @property
     def summary(self) -> pl.DataFrame:
-        """One row per part: its NEES and coverage with their intervals, and the verdict."""
+        """One row per part: NEES and coverage with their intervals, and the verdict."""
         return pl.DataFrame(
             [
                 {
@@ -141,7 +141,7 @@ def _figures(one: Audit, part: str, unit: str) -> list[tuple[Any, ...]]:
 
 
 def _cells(shown: Indicator) -> list[float | None]:
-    """Return the figure and its bounds, None where there is none."""
+    """Return the figure and its bounds; None for missing values."""
     return [x if np.isfinite(x) else None for x in (shown.value, shown.low, shown.high)]
 
 
@@ -163,28 +163,30 @@ def audit(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        Positions: `east_m`, `north_m` and, if known, `up_m`, or `latitude_deg` and `longitude_deg`;
-        with `east_sigma_m`, `north_sigma_m`, `up_sigma_m`, and covariances such as
-        `covariance_east_north_m2`, or `position_sigma_m` for all axes; and `time_s`. Outputs of the
-        other functions are such tables; tracks of yaps and flights of traffic are recognised.
+        Positions: `east_m`, `north_m` and, if known, `up_m`, or `latitude_deg` and `longitude_deg`.
+        Their errors: `east_sigma_m`, `north_sigma_m`, `up_sigma_m`, and covariances such as
+        `covariance_east_north_m2`, or `position_sigma_m` for all axes. Also `time_s`. The results
+        of the other functions are such tables; tracks of yaps and flights of traffic are
+        recognised.
     truth : table, optional
         Positions of the targets: `time_s`, and `target` if there are several. It may have sigmas of
-        its own. By default the truth is in columns of the table: `true_east_m`, ...
+        its own. By default the truth is in columns of `table`: `true_east_m` and so on.
     columns, truth_columns : mapping of str to str, optional
-        Names of the columns in the table and in the truth, by these standard names.
+        Column names in the table and in the truth, keyed by standard name.
     value : str, optional
-        A column that is audited in place of positions, such as `azimuth_deg`: its sigma is in
-        `azimuth_sigma_deg`, the truth in `true_azimuth_deg`. Degrees wrap.
+        Column that is audited instead of positions, such as `azimuth_deg`. Its sigma is in
+        `azimuth_sigma_deg`, and the truth in `true_azimuth_deg`. Degrees wrap.
     by : str or sequence of str
-        Columns of what is independent of the rest, such as flights; by default `track` or `target`.
+        Columns that identify independent parts, such as flights; by default `track` or `target`.
     strata : str or sequence of str
-        Columns by which the record is divided.
+        Columns whose values divide the record into parts that are audited separately.
     origin : (float, float), optional
-        Latitude and longitude in degrees of the origin, if only one of the tables has them.
+        Latitude and longitude in degrees of the origin of east and north; needed if only one of the
+        tables has latitudes and longitudes.
     truth_sigma : float
-        Standard deviation of each axis of the truth, where it has no sigmas of its own.
+        Standard deviation of each axis of the truth in metres, if the truth has no sigmas.
     max_distance : float
-        Largest distance in metres at which a track can belong to a target.
+        Largest distance in metres between a track and its target.
 
     Returns
     -------
@@ -195,12 +197,12 @@ def audit(
     Raises
     ------
     RecordError
-        A missing column, a cell that cannot be understood, a covariance that is not positive
-        definite, or no estimate with a truth.
+        If a column is missing, a cell cannot be understood, a covariance is not positive definite,
+        or no estimate has a truth.
     ValueError
-        An argument outside its domain, or one that is needed.
+        If an argument is outside its domain, or a required one is missing.
     TypeError
-        A table of an unsupported kind.
+        If the table is of an unsupported kind.
 
     Notes
     -----
@@ -250,7 +252,7 @@ def audit_of(
     truth_sigma: float = 0.0,
     max_distance: float = 1000.0,
 ) -> Audited:
-    """Return the audit; see `audit`."""
+    """Return the audit, as described in `audit`."""
     spread = real(truth_sigma, "truth_sigma")
     if not 0.0 <= spread < np.inf:
         raise ValueError(f"truth_sigma is {truth_sigma}; it must be 0 or more")
@@ -306,7 +308,7 @@ _Errors = tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None, An
 
 
 def _called(source: Source, columns: Mapping[str, str] | None) -> dict[str, str]:
-    """Return the names of columns, those of other programs included."""
+    """Return the names of columns, including those of other programs."""
     called = dict(columns or {})
     there = set(names(source[0].table))
     for needed, foreign in _FOREIGN.items():
@@ -316,14 +318,14 @@ def _called(source: Source, columns: Mapping[str, str] | None) -> dict[str, str]
 
 
 def _only(called: Mapping[str, str], schema: Schema, by: Sequence[str]) -> dict[str, str]:
-    """Return the names of columns that are read, and refuse those that nothing has."""
+    """Return the names of the columns that are read; refuse names that no table has."""
     known_names = {name for one in schema.values() for name in one.columns} | set(by)
     foreign = {name for one in _FOREIGN.values() for name in one}
     return {k: v for k, v in called.items() if k in known_names or k not in foreign}
 
 
 def _labels(records: Records, by: Sequence[str]) -> IntArray:
-    """Return a number for each group: of the columns `by`, or of the tracks."""
+    """Return a number for each group, from the columns `by` or from the tracks."""
     rows = records.rows
     frame = records.by if by else rows.select("name")
     groups = layout(frame, rows.height)
@@ -374,7 +376,7 @@ def _scalar_errors(records: Records, value: str, truth: Source | None) -> _Error
 
 
 def _beside(records: Records) -> _Errors:
-    """Return the errors where the truth is in the same rows."""
+    """Return the errors if the truth is in the same rows."""
     rows = records.rows
     axes = _axes(records, "true_")
     if axes and _axes(records, ""):
@@ -399,7 +401,7 @@ def _beside(records: Records) -> _Errors:
 def _versus(
     rows: _Estimates, there: Records, origin: tuple[float, float] | None, distance: float
 ) -> _Errors:
-    """Return the errors versus a truth of its own times."""
+    """Return the errors relative to a truth with times of its own."""
     records = rows.records
     for one, table in ((records, "the estimates"), (there, "the truth")):
         if "time" not in one.column:
@@ -450,7 +452,7 @@ def _versus(
 def _common_places(
     records: Records, there: Records, origin: tuple[float, float] | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the positions of both in the same frame."""
+    """Return the positions of estimates and truth in the same frame."""
     axes = min(_axes(records, ""), _axes(there, ""))
     if axes:
         return tuple(  # type: ignore[return-value]
@@ -471,7 +473,7 @@ def _common_places(
 
 
 def _frame(rows: pl.DataFrame, origin: tuple[float, float] | None) -> LocalFrame:
-    """Return the plane at the origin, by default in the middle of the positions."""
+    """Return the plane at the origin, by default at the middle of the positions."""
     if origin is None:
         middle = rows.select(pl.col(GEODETIC[:2]).fill_nan(None).median()).row(0)
         if None in middle:
@@ -487,7 +489,7 @@ def _local(frame: Any, rows: pl.DataFrame, prefix: str = "") -> FloatArray:
 
 
 def _axes(records: Records, prefix: str) -> int:
-    """Return how many local coordinates there are: 0, 2 or 3."""
+    """Return the number of local coordinates: 0, 2 or 3."""
     there = [f"{prefix}{name}" in records.column for name in LOCAL]
     return 3 if all(there) else 2 if all(there[:2]) else 0
 
@@ -538,7 +540,7 @@ def _usual_step(truth: Truth) -> float:
 
 
 def _bridged(truth: Truth, target: IntArray, time: FloatArray) -> Any:
-    """Return which times are not in a long gap of the truth."""
+    """Return which times are not within a long gap of the truth."""
     longest = _LONGEST_GAP * _usual_step(truth)
     fine = target >= 0
     for k, (_, times, _) in enumerate(truth):

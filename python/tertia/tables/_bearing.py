@@ -58,7 +58,7 @@ def bearing(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per measurement, within a group in the order of measurement.
+        One row per measurement; within a group, rows are in the order of measurement.
     columns : mapping of str to str, optional
         Column names in this table, keyed by standard name.
     values : str
@@ -66,28 +66,29 @@ def bearing(
     by : str or sequence of str
         Columns by whose values the rows are grouped; by default all rows are one group.
     groups : str, optional
-        Column of labels of what shares a systematic error: a stop, an hour, a sector.
+        Column of labels, equal for measurements that share a systematic error: those of one stop,
+        one hour, or one sector.
     **options
         Parameters of `tertia.bearing.estimate_bearing`, except `nan_policy`.
 
     Returns
     -------
     table of the same kind
-        One row per group, in the order of their first measurements: `by`, the numbers of
-        measurements (`count`) and of missing ones (`missing`), the estimate and its sigma
-        (`azimuth_deg`, `azimuth_sigma_deg`), with `groups` or `bias_sigma` the size of the
-        systematic errors that the sigma includes (`azimuth_bias_sigma_deg`), `outlier_count`,
-        `polarity`, and a `note` if there is no estimate. An empty table gives an empty result.
+        One row per group, in the order of their first measurements. Columns are `by`; the numbers
+        of measurements (`count`) and of missing ones (`missing`); the estimate and its sigma
+        (`azimuth_deg`, `azimuth_sigma_deg`); with `groups` or `bias_sigma`, the size of the
+        systematic errors that the sigma includes (`azimuth_bias_sigma_deg`); `outlier_count`;
+        `polarity`; and a `note` if there is no estimate. An empty table gives an empty result.
 
     Raises
     ------
     RecordError
-        A column that is missing, has the name of a result or holds no numbers, or a measurement
-        that is infinite.
+        If a column is missing, has the name of a result or does not hold numbers, or if a
+        measurement is infinite.
     ValueError
-        An option outside its domain.
+        If an option is outside its domain.
     TypeError
-        A table of an unsupported kind, or an option of the wrong type.
+        If the table is of an unsupported kind, or an option has the wrong type.
 
     Examples
     --------
@@ -118,7 +119,7 @@ def bearings_of(
     groups: str | None = None,
     **options: Any,
 ) -> Bearings:
-    """Return the estimates of all groups with their measurements; see `bearing`."""
+    """Return the estimates of all groups with their measurements, as described in `bearing`."""
     estimate_bearing(_NONE, **options)
     keys = as_names(by)
     fields = {values: "value", column_name(values, "sigma"): "sigma"}

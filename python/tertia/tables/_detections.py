@@ -1,4 +1,4 @@
-"""What plots were detected by, as files call it."""
+"""Detections of plots, by their names in files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _CODES |= {other: _CODES[name] for other, name in _OTHERS.items()}
 
 
 def refuse_unknown(records: Records) -> None:
-    """Refuse rows with a detection of another name."""
+    """Refuse rows with an unknown name of a detection."""
     if "detection" in records.column:
         names = pl.col("detection").cast(pl.String).str.to_lowercase()
         records.refuse(
@@ -36,7 +36,7 @@ def refuse_unknown(records: Records) -> None:
 
 
 def detections_of(rows: pl.DataFrame) -> IntArray:
-    """Return what plots were detected by, as indices; -1 where that is not known."""
+    """Return the detections of plots, as indices; -1 where unknown."""
     if "detection" not in rows.columns:
         return np.full(rows.height, NO_DETECTION)
     names = rows["detection"].cast(pl.String).str.to_lowercase()

@@ -1,4 +1,4 @@
-"""Tracks versus truth."""
+"""Comparison of tracks with the truth."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ _TRUTH_ON_EARTH: Schema = {
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """Measures of all tracks (`figure`, `value`, `unit`), one row per target, and sources."""
+    """Figures of all tracks (`figure`, `value`, `unit`), one row per target, and sources."""
 
     rows: pl.DataFrame
     targets: pl.DataFrame
@@ -100,31 +100,29 @@ def evaluate(
         Positions of the targets: `time_s`, `target` (or `track`), and `east_m` and `north_m`, or
         `latitude_deg` and `longitude_deg`.
     columns : mapping of str to str, optional
-        Names of the columns in the table of tracks, by these standard names.
+        Column names in the table of tracks, keyed by standard name.
     origin : (float, float), optional
         Latitude and longitude in degrees of the origin of the tracks, for a truth in degrees.
     max_distance : float
-        Largest distance in metres at which a track can belong to a target.
+        Largest distance in metres between a track and its target.
     update_interval : float, optional
-        Required seconds between updates; by default those of the fastest sensor.
+        Required time between updates in seconds; by default that of the fastest sensor.
     limits : mapping of str to float, optional
         Limits of indicators, as for `tertia.metrics.indicators`.
 
     Returns
     -------
     table of the same kind
-        Names of the measures, their values, and units; and of those that may have limits `low` and
-        `high`, bounds of a confidence interval of 95 % by flight, `limit` and `verdict`.
+        Names of the figures, their values, and units. For figures that may have limits, also `low`
+        and `high`, the bounds of a 95 % confidence interval by flight, `limit` and `verdict`.
 
     Raises
     ------
-    RecordError
-        A missing column, a cell that cannot be understood, or a covariance that is not
-        positive definite.
+    If a column is missing, a cell cannot be understood, or a covariance is not positive definite.
     ValueError
-        An argument outside its domain, or one that is needed.
+        If an argument is outside its domain, or a required one is missing.
     TypeError
-        A table of an unsupported kind.
+        If the table is of an unsupported kind.
 
     Examples
     --------
@@ -159,7 +157,7 @@ def evaluation_of(
     update_interval: float | None = None,
     limits: Mapping[str, float] | None = None,
 ) -> Evaluation:
-    """Return the measures of all tracks and of each target; see `evaluate`."""
+    """Return the figures of all tracks and of each target, as described in `evaluate`."""
     distance = positive_number(max_distance, "max_distance")
     interval = update_interval
     if interval is not None:
@@ -195,7 +193,7 @@ def evaluation_of(
 
 
 def _verdicts(judged: Judged, limits: Mapping[str, float] | None) -> pl.DataFrame:
-    """Return intervals, limits and verdicts of the measures that may have limits."""
+    """Return intervals, limits and verdicts of the figures that may have limits."""
     rows = [
         (name, one.low, one.high, limit, one.verdict or None)
         for name, one, limit, _ in requirements(judged, limits)
@@ -213,9 +211,10 @@ def truth_of(
     *,
     identity: str,
 ) -> Truth:
-    """Return the truth in the time scale of plots.
+    """Return the truth in the time scale of the plots.
 
-    `origin` is where east and north are 0, `identity` the column by which plots tell targets apart.
+    `origin` is the place where east and north are 0; `identity` is the column by which plots
+    identify targets.
     """
     records = _read_truth(source)
     times = records.rows["time"]
@@ -269,7 +268,7 @@ def _truth(
 def _in_the_plane(
     rows: pl.DataFrame, source: Source, origin: tuple[float, float] | None
 ) -> FloatArray:
-    """Return east and north of latitudes and longitudes."""
+    """Return latitudes and longitudes as east and north."""
     if origin is None:
         raise ValueError(
             f"{source[0].called} has latitudes and longitudes: give origin, where east and north "
@@ -285,7 +284,7 @@ def _in_the_plane(
 def _doubt_swapped(
     frame: SystemPlane, latitude: FloatArray, longitude: FloatArray, local: FloatArray
 ) -> None:
-    """Warn where places are far from the origin, and near it if latitude and longitude swap."""
+    """Warn if places are far from the origin, but near it with latitude and longitude swapped."""
     away = float(np.median(np.linalg.norm(local, axis=-1)))
     if away < _FAR or np.any(np.abs(longitude) > 90):
         return

@@ -21,7 +21,7 @@ def result(table: Any, frame: pl.DataFrame, keys: Sequence[str] = ()) -> Any:
 
 
 def extended(table: Any, columns: pl.DataFrame) -> Any:
-    """Return the same rows with more columns, in the order of the table."""
+    """Return the same rows with additional columns, in the order of the table."""
     there = set(columns.columns) & set(names(table))
     if there:
         raise ValueError(f"the table has a column {sorted(there)[0]} already")
@@ -78,7 +78,7 @@ def height(table: Any) -> int:
 
 
 def part(table: Table, start: int, stop: int | None = None) -> Table:
-    """Return consecutive rows."""
+    """Return consecutive rows of a table."""
     rows = slice(start, stop)
     if _is_of("pandas", "DataFrame", table):
         return table.iloc[rows]  # type: ignore[attr-defined,no-any-return]
@@ -117,7 +117,7 @@ def names(table: Any) -> list[Any]:
 
 
 def _is_of(library: str, name: str, table: Any) -> bool:
-    """Return whether a table is of a library, without importing the library."""
+    """Return whether a table belongs to a library, without importing the library."""
     module = sys.modules.get(library)
     return module is not None and isinstance(table, getattr(module, name))
 

@@ -1,4 +1,4 @@
-"""One track per target from the plots of several sensors."""
+"""Fusion of the plots of several sensors into one track per target."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class FusedTarget:
     result: FusedSeries
 
     def of_sensor(self, name: str) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Return weights, noise and outliers (-1: no plot) of a sensor; nan without any plots."""
+        """Return weights, noise and outliers (-1: no plot) of a sensor; nan if it has no plots."""
         if name not in self.target.sensors:
             count = self.target.times.size
             return np.full(count, np.nan), np.full(count, np.nan), np.full(count, -1)
@@ -83,7 +83,7 @@ class FusedTarget:
 
 @dataclass(frozen=True, slots=True)
 class Fusion:
-    """The tracks of all targets, and the fitted parameters."""
+    """The tracks of all targets, and the estimated parameters."""
 
     targets: list[FusedTarget]
     rows: pl.DataFrame
@@ -116,14 +116,14 @@ def fuse_series(
     method: FusionMethod = "robust",
     **options: Any,
 ) -> Table:
-    """Fuse the plots of several sensors into one track per target, as `tertia fuse-series`.
+    """Fuse the plots of several sensors into one track per target, as `tertia fuse-series` does.
 
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per plot, in any order: `time_s` (seconds, or dates with time), `sensor`, the angle,
-        and optionally its sigma (`azimuth_sigma_deg`). At the time of a missing plot (null, nan)
-        the track is still estimated.
+        One row per plot, in any order: `time_s` (seconds, or datetimes), `sensor`, the angle, and
+        optionally its sigma (`azimuth_sigma_deg`). A missing plot (null, nan) still defines a time
+        at which the track is estimated.
     columns : mapping of str to str, optional
         Column names in this table, keyed by standard name.
     values : str
@@ -131,43 +131,43 @@ def fuse_series(
     by : str or sequence of str
         Columns whose values group the rows into targets; by default all rows are one target.
     sensors : sequence of str, optional
-        All sensors, if the table may contain plots of only some of them: the result has columns for
-        each. By default the sensors in the table.
+        All sensors; needed if the table may lack plots of some of them, because the result has
+        columns for each sensor. By default the sensors in the table.
     sigma : float or mapping, optional
         Stated standard deviation of the plots, one for all or one per sensor, instead of the values
-        in the table. Without either, it is fitted to the whole table.
+        in the table. If neither is given, it is estimated from the whole table.
     bias_sigma : float or mapping, optional
-        Standard deviation of a constant error of each sensor and target, one for all or one per
-        sensor; 0, as for sensors that a mapping leaves out, is a trusted one.
+        Standard deviation of a constant systematic error, one for all sensors or one per sensor;
+        each target has its own error. 0 means no such error; it also holds for sensors that are not
+        in the mapping.
     alpha, acceleration_sigma : float, optional
         Inverse of the time constant of the acceleration, and standard deviation of the
-        acceleration; by default fitted.
+        acceleration; by default they are estimated.
     period : float or None
-        360.0 for degrees, 2*pi for radians, None for data that do not wrap.
+        Period of the angle: 360.0 for degrees, 2*pi for radians, None for data that do not wrap.
     method : str
-        See `tertia.fusion.fuse_series`.
+        As for `tertia.fusion.fuse_series`.
     **options
-        See `tertia.fusion.fuse_series`.
+        Options of `tertia.fusion.fuse_series`.
 
     Returns
     -------
     table of the same kind
-        One row per target and time: `by`, `time_s`, the angle, its rate and its acceleration, each
-        with its sigma (`azimuth_deg`, `azimuth_sigma_deg`, `azimuth_rate_deg_s` ...), and for each
-        sensor its weight, its estimated sigma and whether its plot is an outlier (`weight_A`,
-        `azimuth_sigma_A_deg`, `outlier_A`); unknown values are null. An empty table gives an empty
-        result.
+        One row per target and time. Columns are `by`, `time_s`; the angle, its rate and its
+        acceleration, each with its sigma (`azimuth_deg`, `azimuth_sigma_deg`, `azimuth_rate_deg_s`
+        and so on); and for each sensor its weight, its estimated sigma and whether its plot is an
+        outlier (`weight_A`, `azimuth_sigma_A_deg`, `outlier_A`). Unknown values are null. An empty
+        table gives an empty result.
 
     Raises
     ------
-    RecordError
-        A column that is missing, holds no numbers or is given for two purposes, a plot without a
-        time or sensor, two plots of one target by one sensor at one time, or too few plots to fit
-        the values that are not given.
+    If a column is missing, does not hold numbers or is given for two purposes; if a plot has no
+    time or sensor; if there are two plots of one target by one sensor at one time; or if there
+    are too few plots to estimate the values that are not given.
     ValueError
-        An option outside its domain.
+        If an option is outside its domain.
     TypeError
-        A table of an unsupported kind, or an option of the wrong type.
+        If the table is of an unsupported kind, or an option has the wrong type.
 
     Examples
     --------
@@ -221,7 +221,7 @@ def fusion_of(
     progress: Progress[list[Target]] = iter,
     **options: Any,
 ) -> Fusion:
-    """Return the tracks of all targets with their plots; see `fuse_series`."""
+    """Return the tracks of all targets with their plots, as described in `fuse_series`."""
     given = Given(_stated(sigma), alpha, acceleration_sigma)
     bias = _of_biases(bias_sigma)
     options["period"] = period
@@ -276,7 +276,7 @@ def _stated(sigma: float | Mapping[str, float] | None) -> dict[str | None, float
 
 
 def _of_biases(bias_sigma: float | Mapping[str, float]) -> dict[str | None, float]:
-    """Return what is given by sensor; None is for all of them, nothing where all are trusted."""
+    """Return the given values by sensor; None stands for all sensors; empty if all are 0."""
     each = bias_sigma if isinstance(bias_sigma, Mapping) else {None: bias_sigma}
     given: dict[str | None, float] = {}
     for name, value in each.items():
@@ -376,7 +376,7 @@ class _Plots:
     def target(
         self, keys: pl.DataFrame, names: Sequence[str], moments: pl.Series, times: FloatArray
     ) -> Target:
-        """Return the target, its sensors in the order in which they come."""
+        """Return the target, and its sensors in the order of their first plots."""
         counts = np.bincount(self.sensor, minlength=len(names))
         own = sorted(np.flatnonzero(counts), key=lambda k: int(np.argmax(self.sensor == k)))
         row = np.zeros(len(names), dtype=np.int64)
@@ -391,7 +391,7 @@ class _Plots:
 
 
 def _refuse_second(records: Records) -> None:
-    """Refuse the first plot that a sensor has a second time at one time of a target."""
+    """Refuse the first plot of a sensor that is its second one at a time of a target."""
     rows = records.rows
     present = rows["angle"].is_not_nan()
     # a missing plot leaves a time, as often as it comes
@@ -405,7 +405,7 @@ def _refuse_second(records: Records) -> None:
 
 
 def _alike(targets: Sequence[Target], *, same_sensors: bool) -> list[list[Target]]:
-    """Return targets of equal numbers of sensors and times together, up to a number of plots."""
+    """Return batches of targets with equal numbers of sensors and times, of limited size."""
     batches: list[list[Target]] = []
     begun: dict[tuple[object, ...], list[Target]] = {}
     for target in targets:
@@ -424,7 +424,7 @@ def _fuse(
     bias: Mapping[str | None, float],
     options: Mapping[str, Any],
 ) -> Iterator[FusedTarget]:
-    """Fuse targets of equal numbers of sensors and times in one call."""
+    """Fuse targets with equal numbers of sensors and times in one call."""
     variances = [noise.variance(one.sensors, one.sigma) for one in targets]
     arrays = ([one.z for one in targets], variances, [one.times for one in targets])
     z, variance, times = arrays[0][0], arrays[1][0], arrays[2][0]
@@ -455,7 +455,7 @@ def _of_row(found: FusedSeries, k: int) -> FusedSeries:
 def _rows(
     fused: Sequence[FusedTarget], sensors: Sequence[str], columns: Sequence[str]
 ) -> pl.DataFrame:
-    """Return one row per target and time with the columns of all sensors; unknown are null."""
+    """Return one row per target and time with the columns of all sensors; null where unknown."""
     mean, sigma = (
         np.concatenate([getattr(one.result, name) for one in fused]) for name in ("mean", "sigma")
     )

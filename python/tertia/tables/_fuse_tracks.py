@@ -1,4 +1,4 @@
-"""One picture of the tracks of several sensors."""
+"""Fusion of the tracks of several sensors into one picture."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ TRACKS: Schema = {
 
 @dataclass(frozen=True, slots=True)
 class Fused:
-    """Tracks of sensors, the picture that was made of them, and the names of the tracks."""
+    """Tracks of sensors, the picture made from them, and the names of the tracks."""
 
     tracks: SensorTracks
     names: list[str]
@@ -90,7 +90,7 @@ class Fused:
 
     @property
     def per_sensor(self) -> pl.DataFrame:
-        """Return one row per sensor: its tracks, and how many are together with others."""
+        """Return one row per sensor: its tracks, and how many of them are fused with others."""
         found, rows = self.picture, []
         together = np.sum(found.members >= 0, axis=1) > 1
         for k, name in enumerate(self.sensors.names):
@@ -115,33 +115,32 @@ def fuse_tracks(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per message, in any order, as `track` returns them: `time_s`, `track`, `sensor`,
+        One row per message, in any order, as returned by `track`: `time_s`, `track`, `sensor`,
         `east_m`, `north_m`, `velocity_east_m_s`, `velocity_north_m_s`; and, if known, their sigmas
         and covariances, `turn_probability`, `height_m` or `flight_level`, and `icao_address`,
-        `mode_3a` or `identity`. Rows without a `plot`, and rows that are not `confirmed`, are left
-        out where there are these columns.
+        `mode_3a` or `identity`. If there is a column `plot` or `confirmed`, rows without a plot, or
+        rows that are not confirmed, are left out.
     sensors : sequence of Radar
-        The sensors. A sensor without a name has its index as name.
+        The sensors. The name of a sensor without a name is its index.
     columns : mapping of str to str, optional
         Column names in this table, keyed by standard name.
     **options
-        See `tertia.tertiary.FusionCentre`.
+        Options of `tertia.tertiary.FusionCentre`.
 
     Returns
     -------
     table of the same kind
         One row per target and cycle: `time_s`, `track`, position and velocity with their
         covariance, `course_deg`, `speed_m_s`, `height_m`, the identity, `pvalue`, `confirmed`,
-        `doubtful`, and the track of each sensor, `track_<sensor>`; null where nothing is known.
+        `doubtful`, and the track of each sensor, `track_<sensor>`. Unknown values are null.
 
     Raises
     ------
-    RecordError
-        A missing column, a sensor that is not among `sensors`, or a cell that cannot be understood.
+    If a column is missing, a sensor is not among `sensors`, or a cell cannot be understood.
     ValueError
-        An option outside its domain.
+        If an option is outside its domain.
     TypeError
-        A table of an unsupported kind, or an option of the wrong type.
+        If the table is of an unsupported kind, or an option has the wrong type.
 
     Examples
     --------
@@ -165,7 +164,7 @@ def fused_tracks(
     columns: Mapping[str, str] | None = None,
     **options: Any,
 ) -> Fused:
-    """Return the picture that is made of tables or files of tracks."""
+    """Return the picture made from tables or files of tracks."""
     radars = sensors_of(sensors)
     records = read(source, TRACKS, columns=columns, sensors=radars.names)
     rows, clock = records.rows, Clock.of(records.rows["time"], midnight=False)
@@ -194,7 +193,7 @@ def fused_tracks(
 
 
 def _covariances(rows: pl.DataFrame) -> FloatArray:
-    """Return covariances (N, 4, 4); nan where not all is known."""
+    """Return covariances (N, 4, 4); nan unless all elements are known."""
     covariance = np.empty((rows.height, 4, 4))
     for i, name in enumerate(_SIGMAS):
         covariance[:, i, i] = rows[name].to_numpy() ** 2

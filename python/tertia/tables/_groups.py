@@ -25,7 +25,7 @@ _UNITS = ("m_s2", "deg_s2", "nm_s2", "deg_s", "nm_s", "m_s", "deg", "nm", "m", "
 class Layout:
     """The rows of each group: `order` lists those of the first group, then those of the next.
 
-    `sorted`: they come in this order already.
+    `sorted` means that the rows are already in this order.
     """
 
     keys: pl.DataFrame
@@ -35,7 +35,7 @@ class Layout:
 
     @property
     def group(self) -> IntArray:
-        """Group of each element of `order`."""
+        """The group of each element of `order`."""
         return np.repeat(np.arange(len(self.lengths)), self.lengths)
 
     def arranged(self, values: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
@@ -43,14 +43,14 @@ class Layout:
         return values if self.sorted else values[self.order]
 
     def __iter__(self) -> Iterator[tuple[pl.DataFrame, IntArray]]:
-        """Yield the keys of each group, one row, and its rows."""
+        """Yield the keys of each group, as a table with one row, and the rows of the group."""
         ends = np.cumsum(self.lengths)
         for k, end in enumerate(ends):
             yield self.keys[k : k + 1], self.order[end - self.lengths[k] : end]
 
 
 def as_names(by: str | Sequence[str]) -> list[str]:
-    """Return the names of columns, each once."""
+    """Return the names of columns, each only once."""
     return [by] if isinstance(by, str) else list(dict.fromkeys(by))
 
 
@@ -76,7 +76,7 @@ def layout(frame: pl.DataFrame, count: int) -> Layout:
 
 
 def run_starts(frame: pl.DataFrame) -> IntArray:
-    """Return the first row of each run of equal rows, of a table with rows and columns."""
+    """Return the first row of each run of equal rows; the table must have rows and columns."""
     new = np.zeros(frame.height, dtype=bool)
     new[0] = True
     for column in frame.get_columns():
@@ -85,7 +85,7 @@ def run_starts(frame: pl.DataFrame) -> IntArray:
 
 
 def group_name(keys: pl.DataFrame) -> str:
-    """Return the name of a group: its columns with their values."""
+    """Return the name of a group: its key columns with their values."""
     cells = zip(keys.columns, keys.row(0), strict=True) if keys.width else ()
     return ", ".join(f"{column} {'' if v is None else v}" for column, v in cells)
 
@@ -101,14 +101,14 @@ def beside(keys: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
 
 
 def known(values: npt.ArrayLike, there: BoolArray | None = None) -> pl.Series:
-    """Return numbers, null where they are unknown: by default where they are not finite."""
+    """Return numbers, null where unknown; by default, numbers that are not finite are unknown."""
     array = np.asarray(values)
     absent = ~np.isfinite(array) if there is None else ~np.asarray(there)
     return pl.Series(array).set(pl.Series(absent), None)
 
 
 def named(numbers: IntArray, names: Sequence[str]) -> pl.Series:
-    """Return the names with these numbers, null where the number is -1."""
+    """Return the names with these numbers; null where the number is -1."""
     # the last one is that of -1
     chosen = np.array([*names, None], dtype=object)[numbers]
     return pl.Series(chosen.tolist(), dtype=pl.String)
@@ -124,7 +124,7 @@ def column_name(column: str, *qualifiers: str, per: str = "") -> str:
 
 
 def split_unit(column: str) -> tuple[str, str]:
-    """Return the name of a column without its unit, and the unit, empty if it has none."""
+    """Return the name of a column without its unit, and the unit; empty if there is none."""
     unit = next((unit for unit in _UNITS if column.endswith(f"_{unit}")), "")
     return column.removesuffix(f"_{unit}") if unit else column, unit
 
@@ -134,9 +134,9 @@ def by_length(
 ) -> Iterator[tuple[IntArray, Found | ValueError]]:
     """Call a function for all groups of the same length at once, with arrays (groups, length, ...).
 
-    If this fails, the function is called for each group alone, (1, length, ...), because one bad
-    group must not affect the others. Yields the groups and their result, or the reason if there is
-    none. Groups that are neighbours are views of the arrays.
+    If the call fails, the function is called for each group separately, with arrays (1, length,
+    ...), because one bad group must not affect the others. Yields groups with their result or, if
+    there is none, the reason. If groups are adjacent, the arrays are views.
     """
     starts = np.cumsum(lengths) - lengths
     ranked = np.argsort(lengths, kind="stable")

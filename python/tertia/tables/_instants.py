@@ -1,4 +1,4 @@
-"""Measurements of several sensors that belong to one instant, though their times differ."""
+"""Measurements of several sensors that belong to one instant although their times differ."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tertia._arrays import FloatArray, IntArray
 
 
 def check_tolerance(tolerance: float) -> float:
-    """Return seconds, at least 0."""
+    """Return the tolerance in seconds, checked to be at least 0."""
     seconds = _arrays.real(tolerance, "tolerance")
     if not seconds >= 0:
         raise ValueError(f"tolerance is {seconds:g}; it must be at least 0 seconds")
@@ -18,10 +18,10 @@ def check_tolerance(tolerance: float) -> float:
 
 
 def instants(rows: pl.DataFrame, tolerance: float) -> tuple[IntArray, FloatArray]:
-    """Return the instant of each row, which are sorted by time, and the time of each instant.
+    """Return the instant of each row, with rows sorted by time, and the time of each instant.
 
-    An instant ends where the next time is farther than `tolerance` from its first, or where a
-    sensor measures the same again.
+    An instant ends if the next time is later than its first time by more than `tolerance`, or if a
+    sensor measures the same kind again.
     """
     time = rows["seconds"].to_numpy()
     keys = list(zip(rows["site"], rows["kind"], strict=True))

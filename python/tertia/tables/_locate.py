@@ -63,15 +63,15 @@ def locate(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per sensor and time, in any order: `time_s` (seconds, or dates with time; without
-        it all rows of a target are of one instant, at 0), `sensor`,
-        and any of `range_m`, `azimuth_deg`, `elevation_deg`, `range_difference_m` (from the first
-        sensor) and `arrival_time_s` (from any origin, preferably from `time_s`: seconds since 1970
-        have steps of .2 µs), with their sigmas (`range_sigma_m`) if they differ from those of the
-        sensor; or one row per measurement, with `kind`, `value` and `sigma`. Where a sensor moves,
-        it was at `sensor_east_m`, `sensor_north_m` and in space `sensor_up_m`, or on the earth at
-        `sensor_latitude_deg`, `sensor_longitude_deg` and `sensor_height_m`. Measurements with
-        equal times, or within `tolerance`, form an instant.
+        One row per sensor and time, in any order: `time_s` (seconds, or datetimes), `sensor`, and
+        any of `range_m`, `azimuth_deg`, `elevation_deg`, `range_difference_m` (from the first
+        sensor) and `arrival_time_s`, with their sigmas (`range_sigma_m`) if they differ from those
+        of the sensor. Alternatively one row per measurement, with `kind`, `value` and `sigma`.
+        Without `time_s` all rows of a target belong to one instant, at 0. Times of arrival may
+        count from any origin, preferably from `time_s`, because seconds since 1970 have steps of .2
+        µs. The position of a moving sensor is in `sensor_east_m`, `sensor_north_m` and in space
+        `sensor_up_m`, or, on the earth, in `sensor_latitude_deg`, `sensor_longitude_deg` and
+        `sensor_height_m`. Measurements with equal times, or within `tolerance`, form an instant.
     sensors : sequence of Station
         The stations, with the names used in the table.
     columns : mapping of str to str, optional
@@ -79,54 +79,55 @@ def locate(
     by : str or sequence of str
         Columns whose values group the rows into targets; by default all rows are one target.
     tolerance : float
-        Seconds within which measurements are of one instant, at the mean of their times; none has
-        two of the same kind of a sensor. With inf a target has one position: the measurements of
-        each sensor are combined first, as by `bearing`, with wrong ones left out. Of fewer than 40
-        those are wrong that contradict all sensors, and a mean has the sigma that is stated, more
-        where the others scatter or last. Without a sigma, or if sensors move, the median counts of
-        fewer than five, with the sigma of one.
+        Seconds within which measurements belong to one instant, whose time is the mean of theirs.
+        An instant has at most one measurement of each kind by each sensor. With inf, each target
+        has one position: the measurements of each sensor are first combined, without outliers, as
+        by `bearing`. If a sensor has fewer than 40, those that contradict all sensors are left out,
+        and their mean has the stated sigma, or a larger one if they scatter more or are correlated.
+        Without a sigma, or if sensors move, fewer than five are replaced by their median, with the
+        sigma of one measurement.
     method : str
-        See `tertia.location.locate`.
+        As for `tertia.location.locate`.
     max_range : float, optional
-        See `tertia.location.locate`.
+        As for `tertia.location.locate`.
     pooled : bool
-        Whether the sigmas are relative, or one sigma is unknown, for all instants of a target
-        together.
+        Whether the sigmas are only relative (or, if none is given, unknown); a common factor, or
+        sigma, is then estimated from all instants of a target together.
     redundancy : int, optional
-        See `tertia.location.locate`.
+        As for `tertia.location.locate`.
     range_difference_correlation, propagation_speed : float
-        See `tertia.location.locate`.
+        As for `tertia.location.locate`.
     multipath : bool
-        See `tertia.location.locate`.
+        As for `tertia.location.locate`.
     height, height_sigma : float, optional
-        Height of all targets and its standard deviation in metres, in space: above the ellipsoid
-        where the sensors have latitudes and longitudes, else up.
+        Height of all targets and its standard deviation in metres, in space. It is above the
+        ellipsoid if the sensors have latitudes and longitudes, otherwise it is the coordinate up.
     initial : array_like, optional
-        A position near the targets, to select one of several that fit the measurements.
+        A position near the targets, which selects one of several that fit the measurements.
     probability : float, optional
-        Content of the regions of the positions; adds their columns, and `cep_m`, the radius
-        that holds the target with a probability of one half.
+        Probability of regions about the positions. If it is given, the result has columns of the
+        regions, and `cep_m`, the radius that contains the target with a probability of one half.
     risk : float, optional
-        Risk of a protection level; adds its column.
+        Risk of a protection level, for which a column is added.
 
     Returns
     -------
     table of the same kind
-        One row per target and time: `by`, `time_s`, the position with its sigmas and covariances
-        (`east_m`, `east_sigma_m`, `covariance_east_north_m2`), of times of arrival the
-        `emission_time_s` and its sigma, `measurement_count`, `degrees_of_freedom`, `pvalue`,
-        `outlier_count`, `outlier_measurement` (their names), and a `status` if there is no
-        position; unknown values are null.
+        One row per target and time. Columns are `by`, `time_s`; the position with its sigmas and
+        covariances (`east_m`, `east_sigma_m`, `covariance_east_north_m2`); with times of arrival,
+        `emission_time_s` and its sigma; `measurement_count`, `degrees_of_freedom`, `pvalue`,
+        `outlier_count`, `outlier_measurement` (the names of the outliers); and a `status` if there
+        is no position. Unknown values are null.
 
     Raises
     ------
     RecordError
-        A missing column, a cell that cannot be understood, an impossible or duplicate measurement,
-        or a sigma that is not stated.
+        If a column is missing, a cell cannot be understood, a measurement is impossible or
+        duplicate, or a sigma is not stated.
     ValueError
-        An option outside its domain.
+        If an option is outside its domain.
     TypeError
-        A table of an unsupported kind.
+        If the table is of an unsupported kind.
 
     Examples
     --------
@@ -174,7 +175,7 @@ def locations_of(
     progress: Progress[Target] = iter,
     **options: Any,
 ) -> Positions[Location]:
-    """Return the positions of all targets with their measurements; see `locate`."""
+    """Return the positions of all targets with their measurements, as described in `locate`."""
     stations = sensors_of(sensors)
     targets = read_targets(
         source,
@@ -249,7 +250,7 @@ def _at_height(
     height: float | None,
     **options: Any,
 ) -> Location:
-    """Locate at a height, which on the earth is above the ellipsoid and not above a plane."""
+    """Locate at a given height, which on the earth is above the ellipsoid, not above a plane."""
     if height is None or not isinstance(frame, LocalFrame):
         return locate_instants(stations, height=height, **options)
     found = locate_instants(stations, height=height - frame.height, **options)
@@ -262,7 +263,7 @@ def _at_height(
 
 
 def _emission(found: Location) -> dict[str, pl.Series]:
-    """Return the columns of the emission, if there were times of arrival."""
+    """Return the columns of the emission if there were times of arrival."""
     if found.emission_time is None:
         return {}
     each = found.emission_time, found.emission_time_sigma
@@ -272,7 +273,7 @@ def _emission(found: Location) -> dict[str, pl.Series]:
 def _regions(
     found: Location, probability: float | None, risk: float | None
 ) -> dict[str, pl.Series]:
-    """Return the columns of regions and protection levels that are asked for."""
+    """Return the requested columns of regions and protection levels."""
     columns: dict[str, Any] = {}
     if probability is not None:
         region = found.region(probability)

@@ -13,17 +13,17 @@ def is_mark(text: str) -> bool:
 
 
 def unmarked(column: pl.Expr) -> pl.Expr:
-    """Return text without surrounding spaces, null if it marks a missing value."""
+    """Return text without surrounding spaces; null if it marks a missing value."""
     text = column.str.strip_chars()
     return pl.when(~text.str.to_lowercase().is_in(_MARKS)).then(text)
 
 
 def without_marks(column: pl.Series) -> pl.Series:
-    """Return the same of a column."""
+    """Return a column of text without surrounding spaces, and with null for missing values."""
     return column.to_frame().select(unmarked(pl.first())).to_series()
 
 
 def names_without_marks(column: pl.Series) -> pl.Series:
-    """Return the same of names, of which a few come often."""
+    """Return the same as `without_marks`; faster if there are few different names."""
     each = column.unique()
     return column if without_marks(each).equals(each) else without_marks(column)

@@ -1,4 +1,4 @@
-"""Measurements of several stations, laid out by target, time and station."""
+"""Measurements of several stations, arranged by target, time and station."""
 
 from __future__ import annotations
 
@@ -60,12 +60,12 @@ SCHEMA: Schema = {
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Measurements of one target at N times by K stations, in metres, radians, seconds.
+    """Measurements of one target at N times by K stations, in metres, radians and seconds.
 
     `rows` has one measurement per row, in the units of the columns, with `step` and `site`.
-    `values` and `sigmas` are (N, K) for each kind, nan where there is none. `sensors` are the
-    stations, where they move at the N times. `singles` has all measurements where those of a sensor
-    are combined, with `outlier`.
+    `values` and `sigmas` are (N, K) for each kind, nan where there is no measurement. `sensors` are
+    the stations; moving stations have their positions at the N times. If the measurements of each
+    sensor are combined, `singles` has all of them, with `outlier`.
     """
 
     name: str
@@ -86,7 +86,7 @@ class Target:
             yield kind, rows["step"].to_numpy(), rows["site"].to_numpy(), own
 
     def measured(self) -> dict[str, FloatArray]:
-        """Return the measurements as the arguments of `locate` and `reconstruct`."""
+        """Return the measurements in the form of arguments of `locate` and `reconstruct`."""
         return {str(kind): taken(kind, values) for kind, values in self.values.items()}
 
     def all_sigmas(
@@ -94,7 +94,7 @@ class Target:
     ) -> dict[Kind, FloatArray]:
         """Return a sigma for every measurement, (N, K): its own, or that of its station.
 
-        With `optional`, return None if only one kind was measured and no sigma is stated for it.
+        With `optional`, return None if only one kind was measured and none of its sigmas is stated.
         """
         found = {}
         for kind, values in self.values.items():
@@ -113,12 +113,12 @@ class Target:
 
 
 def taken(kind: Kind, array: FloatArray) -> FloatArray:
-    """Return the columns without the first station for range differences."""
+    """Return the columns; for range differences, without that of the first station."""
     return array[:, 1:] if kind == "range_difference" else array
 
 
 def _stated(sensors: Sensors[Station], kind: Kind) -> FloatArray:
-    """Return the sigma of each station, nan where none is stated."""
+    """Return the sigma of each station; nan where none is stated."""
     if kind == "range_difference":
         return sensors.range_difference_sigma
     each = [getattr(one, f"{kind}_sigma") for one in sensors.items]
@@ -137,9 +137,9 @@ def read_targets(
 ) -> list[Target]:
     """Return the measurements of each target, sorted by time.
 
-    A row without measurements keeps its time. If they need not be `timed`, those of a table without
-    times are of one instant. So are measurements within a `tolerance` in seconds, with inf all of a
-    target, those of a sensor combined.
+    A row without measurements keeps its time. Unless times are required (`timed`), all rows of a
+    table without times belong to one instant. Measurements within `tolerance` seconds belong to one
+    instant, too; with inf, all measurements of a target do, and those of each sensor are combined.
     """
     schema = SCHEMA if timed else {**SCHEMA, "time": replace(TIME, required=False)}
     for part in source:
@@ -173,7 +173,7 @@ def read_targets(
 
 
 def doubt_instants(target: Target) -> None:
-    """Warn where sensors never measure at the same time, which no instant survives."""
+    """Warn if sensors never measure at the same time, so that no instant can be located."""
     sites = target.rows.group_by("step").agg(pl.col("site").n_unique())["site"]
     if len(sites) > 1 and sites.max() == 1 and target.rows["site"].n_unique() > 1:
         apart = float(np.median(np.diff(target.times)))
@@ -184,7 +184,7 @@ def doubt_instants(target: Target) -> None:
 
 
 def _require_kinds(part: Part, columns: Mapping[str, str]) -> None:
-    """Refuse a table without any column of measurements."""
+    """Refuse a table without columns of measurements."""
 
     def has(name: str) -> bool:
         return part.has(columns.get(name, name))
@@ -223,7 +223,7 @@ def _one_by_one(records: Records, placed: Sequence[str]) -> pl.DataFrame:
 
 
 def _refuse_impossible(measured: pl.DataFrame, records: Records, *, repeated: bool) -> None:
-    """Refuse values outside their domain, duplicates, and differences of the first station."""
+    """Refuse values outside their domain, duplicates, and range differences of the first sensor."""
     rows = measured.filter(pl.col("kind").is_not_null())
     one = Records(rows, records.column, records.source, records.by)
     kind, value = pl.col("kind"), pl.col("value")
@@ -239,7 +239,7 @@ def _refuse_impossible(measured: pl.DataFrame, records: Records, *, repeated: bo
     )
     one.refuse(
         (kind == "range_difference") & (pl.col("site") == 0),
-        "the first sensor has a range difference; they are those of the others to it",
+        "the first sensor has a range difference; only the other sensors have one",
     )
     if repeated:
         return

@@ -1,4 +1,4 @@
-"""Stations that move: a place per row."""
+"""Moving stations, which have a position in each row."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _UNPLACED = "{} needs latitudes and longitudes of the sensors, too"
 
 
 def names_of_places(records: Records, sensors: Sensors[Station]) -> list[str]:
-    """Return the quantities that are the places of sensors; none where all stand."""
+    """Return the quantities that are positions of sensors; empty if no sensor moves."""
     if "place_0" not in records.column:
         return []
     needed = list(PLACES)[: sensors.dimension]
@@ -40,9 +40,9 @@ def _are_geodetic(records: Records) -> bool:
 
 
 def local_places(records: Records, rows: pl.DataFrame, sensors: Sensors[Station]) -> FloatArray:
-    """Return the place of the sensor of each row with its axes as further rows, (M, 1 + D, D).
+    """Return the position of the sensor of each row, with its axes as further rows, (M, 1 + D, D).
 
-    They are nan where a row has no place.
+    They are nan if a row has no position.
     """
     d = sensors.dimension
     given = rows.select(list(PLACES)[:d]).to_numpy()
@@ -60,9 +60,9 @@ def local_places(records: Records, rows: pl.DataFrame, sensors: Sensors[Station]
 
 
 def apart(rows: pl.DataFrame, places: FloatArray, count: int) -> tuple[pl.DataFrame, IntArray]:
-    """Return rows of which each of a moving sensor is of a sensor of its own.
+    """Return the rows, with an additional sensor for each row of a moving sensor.
 
-    Also which of the `count` sensors each of them is, after these.
+    Also return, for each additional sensor, the index of its moving sensor among the `count` ones.
     """
     moves = np.isfinite(places[:, 0]).all(axis=1)
     site = rows["site"].to_numpy().copy()
@@ -74,7 +74,7 @@ def apart(rows: pl.DataFrame, places: FloatArray, count: int) -> tuple[pl.DataFr
 def stations_of(
     sensors: Sensors[Station], rows: pl.DataFrame, places: FloatArray, own: IntArray, count: int
 ) -> Sensors[Station]:
-    """Return the sensors, and further ones like `own`, at their places at each of `count` steps."""
+    """Return the sensors, plus moving ones like `own` with their positions at `count` steps."""
     like = np.concatenate([np.arange(len(sensors.items)), own]).astype(np.int64)
     d = sensors.dimension
     position = np.empty((count, len(like), d))

@@ -1,4 +1,4 @@
-"""Names of columns as people write them."""
+"""Column names in the different ways in which people write them."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _UNIT = re.compile(r"_(m_s2|m_s|deg_s|m2|km|nm|ft|kt|m|deg|rad|ms|s)$")
 
 @lru_cache(maxsize=1024)
 def plain_name(name: object) -> str:
-    """Return a name without what is written in different ways: `Azimuth [deg]` is azimuth_deg."""
+    """Return a name in standard spelling: `Azimuth [deg]` becomes azimuth_deg."""
     return re.sub(r"[\W_]+", "_", str(name)).strip("_").casefold() or str(name)
 
 
 def hint(columns: Iterable[str], there: Sequence[object], near: float = NEAR) -> str:
-    """Return which name is meant by one of some columns, as the end of a message, or nothing."""
+    """Return the end of a message that suggests the intended name, or an empty text."""
     found = [(_alike(column, name), str(name)) for column in columns for name in there]
     likeness, name = max(found, default=(0.0, ""))
     if likeness > 1.0:
@@ -28,7 +28,7 @@ def hint(columns: Iterable[str], there: Sequence[object], near: float = NEAR) ->
 
 
 def misspelt(columns: Sequence[str], known: Iterable[str], there: Iterable[object]) -> str | None:
-    """Return which column that nobody knows may be one of some that are not there."""
+    """Return a message if unknown columns are probably misspelt names of missing ones."""
     plain = set(map(plain_name, known))
     said = hint(columns, [name for name in there if plain_name(name) not in plain], VERY_NEAR)
     return f"has no column {' or '.join(columns)}{said}" if said else None
@@ -47,7 +47,7 @@ def all_misspelt(keys: Sequence[str], there: Sequence[str] | Mapping[str, object
 
 
 def _alike(column: str, name: object) -> float:
-    """Return how alike two names are without their units, beyond 1 if only these differ."""
+    """Return the similarity of two names without units; above 1 if only the units differ."""
     one, other = (_UNIT.sub("", plain_name(text)) for text in (column, name))
     units = [plain_name(text)[len(stem) :] for text, stem in ((column, one), (name, other))]
     if one == other and all(units):

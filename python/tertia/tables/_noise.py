@@ -1,4 +1,4 @@
-"""The noise of plots and the motion of targets: given, or fitted to the recording."""
+"""The noise of plots and the motion of targets: given, or estimated from the recording."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _GATE = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """The plots of one target, (K, steps), nan where a sensor has none at a time."""
+    """The plots of one target, (K, steps); nan where a sensor has none at a time."""
 
     name: str
     keys: pl.DataFrame
@@ -39,20 +39,20 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """Given values: sigmas by sensor (None: all others), and the parameters of the motion."""
+    """Given values: sigmas by sensor (None: all other sensors), and parameters of the motion."""
 
     sigmas: dict[str | None, float]
     alpha: float | None
     acceleration_sigma: float | None
 
     def sigma(self, sensor: str) -> float | None:
-        """Return the sigma of a sensor, None where none is given."""
+        """Return the sigma of a sensor; None if it is not given."""
         return self.sigmas.get(sensor, self.sigmas.get(None))
 
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """A fitted number, its relative error, and the sensors whose plots were used."""
+    """An estimated number, its relative error, and the sensors whose plots were used."""
 
     name: str
     value: float
@@ -63,14 +63,14 @@ class Fitted:
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """The motion of the targets, the sigmas used instead of those of plots, and fitted values."""
+    """The motion of the targets, sigmas that replace those of plots, and estimated values."""
 
     model: SingerModel
     sigmas: dict[str, float]
     fitted: list[Fitted]
 
     def variance(self, sensors: Sequence[str], sigma: FloatArray) -> FloatArray:
-        """Return variances of plots from their own sigmas (K, steps), nan if there is none."""
+        """Return variances of plots from their own sigmas (K, steps); nan if there are none."""
         found = sigma.copy()
         for own, name in zip(found, sensors, strict=True):
             known = own[~np.isnan(own)]
@@ -85,7 +85,7 @@ class Noise:
 def settle(
     targets: Sequence[Target], sensors: Sequence[str], given: Given, period: float | None
 ) -> Noise:
-    """Fit the values that are not given; raises RecordError if there are too few plots."""
+    """Estimate the values that are not given; RecordError if there are too few plots."""
     sigmas = {name: given.sigma(name) for name in sensors}
     stated = {
         name
@@ -121,7 +121,7 @@ def settle(
 def _fit(
     targets: Sequence[Target], sensors: Sequence[str], period: float | None
 ) -> tuple[dict[str, SensorFit], dict[str, str]]:
-    """Return the fits of sensors, and the reasons why others cannot be fitted."""
+    """Return the estimates for sensors, and the reasons why others have none."""
     fits, problems = {}, {}
     for name in sensors:
         series = [
@@ -152,7 +152,7 @@ def _motion(name: str, value: float, which: int, fit: SensorFit) -> Fitted:
 
 @dataclass(frozen=True, slots=True)
 class SensorFit:
-    """The noise of a sensor and of the motion it observed, without outliers."""
+    """The noise of a sensor, and of the motion it observed, estimated without outliers."""
 
     sensor: str
     noise: NoiseFit
@@ -160,17 +160,17 @@ class SensorFit:
 
     @property
     def motion_error(self) -> float:
-        """Relative error of the acceleration; inf if the plots do not determine alpha."""
+        """The relative error of the acceleration; inf if the plots do not determine alpha."""
         alpha, acceleration, _ = self.noise.sigma
         known = np.isfinite(alpha) and self.noise.acceleration_sigma > 0
         return float(acceleration / self.noise.acceleration_sigma) if known else np.inf
 
 
 def fit_sensor(sensor: str, series: Sequence[Series], period: float | None) -> SensorFit:
-    """Fit the noise of one sensor to all its series, without outliers.
+    """Estimate the noise of one sensor from all its series, without outliers.
 
-    A few of them would otherwise dominate the fit. Raises ValueError where there is too little to
-    fit.
+    A few outliers would otherwise dominate the estimate. Raises ValueError if there are too few
+    plots.
     """
     times, z = _stacked(series)
     noise = fit_noise(z, time=times, period=period, outlier_gate=_GATE)
@@ -178,7 +178,7 @@ def fit_sensor(sensor: str, series: Sequence[Series], period: float | None) -> S
 
 
 def best_motion(fits: Sequence[SensorFit]) -> SensorFit:
-    """Return the fit that determines the motion best.
+    """Return the estimate that determines the motion best.
 
     All sensors observe the same motion, so averaging their fits would hardly add information.
     """
@@ -186,7 +186,7 @@ def best_motion(fits: Sequence[SensorFit]) -> SensorFit:
 
 
 def _stacked(series: Sequence[Series]) -> Series:
-    """Return the series as rows of equal length: the longest ones, up to a limit."""
+    """Return the longest series as rows of equal length, up to a limit."""
     present = [(t[~np.isnan(z)], z[~np.isnan(z)]) for t, z in series]
     present.sort(key=lambda pair: -pair[0].size)
     longest = min(_MOST_PLOTS, present[0][0].size)

@@ -1,4 +1,4 @@
-"""Positions of targets in tables: coordinates, residuals, outliers, times without a position."""
+"""Positions of targets in tables: coordinates, residuals, outliers, unlocated instants."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, slots=True)
 class Located(Generic[R]):
-    """A target, its estimates, how its instants were located, and its measurements.
+    """A target, its estimates, the location of its instants, and its measurements.
 
     `measurements` have whitened residuals and outlier flags, null where unknown; `step` is the
     index of the time. `rows` has one row per time, and `sensors` one per sensor and kind.
@@ -92,7 +92,7 @@ class Positions(Generic[R]):
 
 
 def result_names(motion: Sequence[tuple[str, str]] = ()) -> list[str]:
-    """Return the names of result columns, including further vectors (prefix, unit)."""
+    """Return the names of result columns, including additional vectors (prefix, unit)."""
     space = np.zeros((0, 3, 3))
     vectors = [coordinates(space[..., 0], space, *form) for form in [("", "m"), *motion]]
     return [
@@ -111,7 +111,7 @@ def result_names(motion: Sequence[tuple[str, str]] = ()) -> list[str]:
 def coordinates(
     values: FloatArray, covariance: FloatArray, prefix: str = "", unit: str = "m"
 ) -> dict[str, pl.Series]:
-    """Return columns of vectors (N, D) and their sigmas, null where unknown."""
+    """Return columns of vectors (N, D) and their sigmas; null where unknown."""
     columns = {}
     for i, axis in enumerate(_AXES[: values.shape[1]]):
         columns[f"{prefix}{axis}_{unit}"] = known(values[:, i])
@@ -136,7 +136,7 @@ def of_measurements(
     outliers: ByKind,
     judged: BoolArray,
 ) -> pl.DataFrame:
-    """Return the measurements with their residuals, and outlier flags of `judged` instants (N,)."""
+    """Return the measurements with residuals, and with outlier flags at `judged` instants (N,)."""
     residual = np.full(target.rows.height, np.nan)
     outlier = np.zeros(target.rows.height, dtype=bool)
     for kind, step, site, own in target.by_kind():
@@ -190,7 +190,7 @@ def of_singles(target: Target, measurements: pl.DataFrame) -> pl.DataFrame:
 def of_instants(
     target: Target, measurements: pl.DataFrame, fixes: Location, judged: BoolArray
 ) -> dict[str, Any]:
-    """Return the columns on how each instant was located, null if it was not."""
+    """Return columns that describe how each instant was located; null if it was not."""
     located = pl.Series(np.asarray(fixes.success))
     outliers = measurements.filter("outlier")
     listed = outliers.group_by("step").agg(
@@ -216,7 +216,7 @@ def of_instants(
 
 
 def reason(status: int) -> str | None:
-    """Return why an instant was not located, None if it was."""
+    """Return the reason why an instant was not located; None if it was."""
     return LocationStatus(status).message if status else None
 
 

@@ -1,4 +1,4 @@
-"""Paths of targets from the measurements of several stations."""
+"""Reconstruction of the paths of targets from the measurements of several stations."""
 
 from __future__ import annotations
 
@@ -59,34 +59,34 @@ def reconstruct(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per sensor and time, or per measurement, as for `locate`; with `arrival_time_s`,
-        all rows of one `time_s` are of one emission.
+        One row per sensor and time, or per measurement, as for `locate`. All `arrival_time_s` with
+        the same `time_s` belong to one emission.
     sensors : sequence of Station
-        The stations, with the names used in the table. Their systematic errors and survey errors
-        count, unless `bias` is given.
+        The stations, with the names used in the table. Their systematic errors are used unless
+        `bias` is given; their survey errors are always used.
     columns : mapping of str to str, optional
         Column names in this table, keyed by standard name.
     by : str or sequence of str
         Columns whose values group the rows into targets; by default all rows are one target.
     tolerance : float
-        Seconds within which measurements are of one instant, at the mean of their times.
+        Seconds within which measurements belong to one instant, whose time is the mean of theirs.
     **options
-        See `tertia.trajectory.reconstruct`; `propagation_speed` is a number.
+        Options of `tertia.trajectory.reconstruct`; `propagation_speed` must be a single number.
 
     Returns
     -------
     table of the same kind
-        One row per target and time: the columns of `locate`, and `velocity_east_m_s`,
+        One row per target and time, with the columns of `locate`, and `velocity_east_m_s`,
         `velocity_east_sigma_m_s`, `acceleration_east_m_s2` and so on.
 
     Raises
     ------
     RecordError
-        As for `locate`; also too few measurements to reconstruct a path.
+        As for `locate`; also if there are too few measurements to reconstruct a path.
     ValueError
-        An option outside its domain.
+        If an option is outside its domain.
     TypeError
-        A table of an unsupported kind, or an option of the wrong type.
+        If the table is of an unsupported kind, or an option has the wrong type.
 
     Examples
     --------
@@ -121,7 +121,7 @@ def paths_of(
     progress: Progress[Target] = iter,
     **options: Any,
 ) -> Positions[Trajectory]:
-    """Return the paths of all targets with their measurements; see `reconstruct`."""
+    """Return the paths of all targets with their measurements, as described in `reconstruct`."""
     require_options(**{name: one for name, one in options.items() if name not in _OF_THE_CALL})
     stations = sensors_of(sensors)
     results = result_names(_MOTION)
@@ -171,7 +171,7 @@ def _has_position(found: Trajectory) -> BoolArray:
 
 
 def _of_stations(target: Target, kind: Kind, sigma: FloatArray) -> FloatArray | None:
-    """Return the sigma of each station, (K,); None where those of its measurements differ."""
+    """Return the sigma of each station, (K,); None if its measurements have different sigmas."""
     own = np.where(np.isnan(target.values[kind]), np.nan, sigma)
     least, largest = np.fmin.reduce(own), np.fmax.reduce(own)
     if np.any(largest > least):

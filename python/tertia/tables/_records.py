@@ -1,7 +1,7 @@
-"""Records of every kind: one reader for tables and files, controlled by a schema, and one error.
+"""Records of every kind: one reader for tables and files, controlled by a schema.
 
 A schema lists the quantities of a record, the columns that may hold each, and their units.
-`columns` maps standard column names to those of a table.
+`columns` maps standard column names to those of a table. All errors are `RecordError`.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _LISTED = 16
 _DIGITS = {16: "{:06X}", 8: "{:04o}"}
 _SPELLING = {16: "hexadecimal digits", 8: "octal digits", 10: "a whole number, 0 or more"}
 _AS_OTHERS = "a number of seconds or a date with time, as the others are"
-_SAY_FORMAT = "; or give --time-format, as %d.%m.%Y %H:%M:%S"
+_SAY_FORMAT = "; or give --time-format, for example %d.%m.%Y %H:%M:%S"
 # what Polars adds to the name of a column that a header has again
 AGAIN = "_duplicated_0"
 # so many values show whether a unit is right
@@ -57,20 +57,20 @@ Kind: TypeAlias = Literal["number", "time", "name", "identity", "flag"]
 
 
 class RecordError(ValueError):
-    """A record that cannot be used.
+    """An error in a record or in a table.
 
     Attributes
     ----------
     reason : str
-        The error.
+        Description of the error.
     file : str or None
-        The file; None for a table in memory.
+        Name of the file; None for a table in memory.
     row : int or None
-        The row, from 0; None if the file or table as a whole is wrong.
+        Index of the row, from 0; None if the error concerns the file or table as a whole.
     line : int or None
-        The line of a text file, from 1.
+        Line of a text file, from 1.
     column : str or None
-        The column, by its name in the file or table.
+        Name of the column in the file or table.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class RecordError(ValueError):
         self.reason, self.file, self.row, self.line, self.column = reason, file, row, line, column
 
     def __str__(self) -> str:
-        """Begin with the place."""
+        """Return the message, which begins with the place of the error."""
         where = None
         if self.line is not None:
             where = f"line {self.line}"
@@ -98,11 +98,11 @@ class RecordError(ValueError):
 
 
 class ColumnError(RecordError):
-    """A column that is missing, or that is given for two purposes."""
+    """An error about a column that is missing, or that is given for two purposes."""
 
 
 class RecordWarning(UserWarning):
-    """Records that look wrong, such as radians in a column of degrees."""
+    """A warning about records that look wrong, such as radians in a column of degrees."""
 
 
 def doubt(message: str) -> None:
@@ -112,11 +112,11 @@ def doubt(message: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """A quantity: the columns that may hold it, of which the first one present is used.
+    """A quantity, and the columns that may hold it; the first of them that is present is used.
 
     Each column has a factor to the unit of the library (for identities, the base). `required`: one
     of the columns must be present. `whole`: no cell may be missing. `positive`: numbers must be
-    positive. `most`: none is larger, in the unit of the column, with either sign.
+    positive. `most`: largest absolute value, in the unit of the column.
     """
 
     kind: Kind
@@ -143,9 +143,9 @@ SENSOR = Field("name", {"sensor": 1.0}, whole=True)
 class Part:
     """A table, or the rows of one file.
 
-    `line` is the line of the first row if a file has lines, `rows` are the positions of the rows in
+    `line` is the line of the first row if a file has lines. `rows` are the positions of the rows in
     the file if some were left out. `sensors` is the information in the file about its sensors, by
-    name, and `time_format` is how times are written, if not in one of the usual ways.
+    name. `time_format` is the format of times if it is not one of the usual formats.
     """
 
     table: Any
@@ -158,7 +158,7 @@ class Part:
 
     @property
     def called(self) -> str:
-        """The file, or 'the table'."""
+        """Name of the file, or 'the table'."""
         return self.file or "the table"
 
     def error(self, reason: str, row: int | None = None, column: str | None = None) -> RecordError:
@@ -168,7 +168,7 @@ class Part:
         return RecordError(reason, file=self.file, row=place, line=line, column=column)
 
     def column(self, name: str) -> str:
-        """Return the column of this name, or the one that differs in case, spaces or brackets."""
+        """Return the column with this name, or one that differs in case, spaces or brackets."""
         there = names(self.table)
         alike = [one for one in there if plain_name(one) == plain_name(name)]
         if name not in there and len(alike) > 1:
@@ -180,15 +180,15 @@ class Part:
         return found
 
     def has(self, name: str) -> bool:
-        """Return whether there is a column of this name, or nearly."""
+        """Return whether there is a column with this name, or nearly this name."""
         return self.column(name) in names(self.table)
 
     def series(self, name: str) -> pl.Series:
-        """Return the column of this name, or nearly."""
+        """Return the column with this name, or nearly this name."""
         return series(self.table, self.column(name))
 
     def require(self, *columns: str) -> None:
-        """Refuse a table without any of the columns."""
+        """Refuse a table that has none of the columns."""
         if not any(self.has(column) for column in columns):
             raise ColumnError(
                 f"{self.called} has no column {' or '.join(columns)}"
@@ -197,7 +197,7 @@ class Part:
             )
 
     def listed(self) -> str:
-        """Return the available columns, in words."""
+        """Return a list of the available columns, as text."""
         there = [str(name) for name in names(self.table)]
         more = f" and {len(there) - _LISTED} more" if len(there) > _LISTED + 1 else ""
         return f"it has {', '.join(there[:_LISTED] if more else there)}{more}"
@@ -207,7 +207,7 @@ Source: TypeAlias = Sequence[Part]
 
 
 def source_of(table: Any) -> Source:
-    """Return the parts of a table, or of files that were read."""
+    """Return the parts of a table, or those of files that were read."""
     if isinstance(table, list) and all(isinstance(one, Part) for one in table):
         return table
     names(table)  # refuses what is no table
@@ -216,10 +216,10 @@ def source_of(table: Any) -> Source:
 
 @dataclass(frozen=True, slots=True)
 class Records:
-    """The rows of all parts by quantity, in the units of the library; numbers are nan if missing.
+    """The rows of all parts by quantity, in the units of the library; missing numbers are nan.
 
-    `rows` also has `part` and `row`, the origin of each row. `column` gives the column of the files
-    that holds a quantity, and `by` has the columns that group the rows.
+    `rows` also has the columns `part` and `row`, the origin of each row. `column` is the column in
+    the files that holds a quantity, and `by` are the columns that group the rows.
     """
 
     rows: pl.DataFrame
@@ -228,7 +228,7 @@ class Records:
     by: pl.DataFrame
 
     def refuse(self, wrong: pl.Series | pl.Expr, reason: str, column: str | None = None) -> None:
-        """Refuse the first row that is wrong; `reason` is formatted with its quantities."""
+        """Refuse the first wrong row; `reason` is formatted with its quantities."""
         at = self.rows.select(wrong).to_series().arg_true()
         if len(at):
             row = self.rows.row(at[0], named=True)
@@ -247,8 +247,8 @@ def read(
 ) -> Records:
     """Read records by their schema; `columns` maps standard names to those of a table.
 
-    If the names of `sensors` are given, the quantity `sensor` is their index. Columns of `by`
-    must not have the names in `results`.
+    If the names of `sensors` are given, the quantity `sensor` is an index into them. Columns of
+    `by` must not have names that are in `results`.
     """
     called = _called(schema, columns, by, results)
     readers = [Reader(part, schema, called, sensors) for part in source]
@@ -269,7 +269,7 @@ def _called(
     by: Sequence[str],
     results: Sequence[str],
 ) -> dict[str, str]:
-    """Return the names of columns, and refuse names for two purposes."""
+    """Return the names of columns; refuse a name that is given for two purposes."""
     called = dict(columns or {})
     known = list(dict.fromkeys([name for one in schema.values() for name in one.columns]))
     for name in called:
@@ -294,7 +294,7 @@ def _called(
 
 
 def _require_alike(first: Reader, other: Reader) -> None:
-    """Refuse files whose times or identities are of different kinds."""
+    """Refuse files whose times, or identities, are of different kinds."""
     one, two = first.part.called, other.part.called
     if first.times_are != other.times_are:
         name = first.taken.get("time", "time_s")
@@ -309,7 +309,7 @@ def _require_alike(first: Reader, other: Reader) -> None:
 
 
 def _alike(frames: list[pl.DataFrame]) -> list[pl.DataFrame]:
-    """Return columns as text unless all files agree on their types."""
+    """Return columns as text if files do not agree on their types."""
     for name in frames[0].columns:
         if len({frame[name].dtype for frame in frames}) > 1:
             frames = [frame.with_columns(pl.col(name).cast(pl.String)) for frame in frames]
@@ -319,8 +319,8 @@ def _alike(frames: list[pl.DataFrame]) -> list[pl.DataFrame]:
 class Reader:
     """Reads the columns of one part.
 
-    If `problems` is None, the first bad row is an error; otherwise the reason of each is added to
-    it. `like` are times whose kind must be the same as in this part.
+    If `problems` is None, the first bad row is an error; otherwise the reason for each bad row is
+    added to it. `like` is a column of times; those of this part must be of the same kind.
     """
 
     def __init__(
@@ -339,7 +339,7 @@ class Reader:
         self.times_are = "no times"
 
     def rows(self, number: int = 0) -> pl.DataFrame:
-        """Return the quantities of all rows, with the number of the part and the row."""
+        """Return the quantities of all rows, with the numbers of the part and of the row."""
         count = height(self.part.table)
         found = {name: self._column(name, one, count) for name, one in self.schema.items()}
         place = {
@@ -407,7 +407,7 @@ class Reader:
         return found
 
     def _sensors(self, name: str | None, count: int) -> pl.Series:
-        """Return the numbers of sensors; the only one needs no column."""
+        """Return the indices of sensors; if there is only one, no column is needed."""
         known = list(self.sensors or ())
         if name is None:
             if len(known) != 1:
@@ -425,7 +425,7 @@ class Reader:
         return known_numbers
 
     def refuse(self, wrong: pl.Series, reason: str, values: pl.Series | str) -> None:
-        """Refuse rows that are wrong; `reason` is formatted with the value."""
+        """Refuse the wrong rows; `reason` is formatted with the value."""
         if not wrong.any():
             return
         rows = wrong.fill_null(False).arg_true()
@@ -442,7 +442,7 @@ class Reader:
         raise self.part.error(said(rows[0]) + more, rows[0], column)
 
     def numbers(self, values: pl.Series, *, positive: bool = False) -> pl.Series:
-        """Return numbers, nan where missing."""
+        """Return numbers; nan where missing."""
         if values.dtype == pl.String:
             values = without_marks(values)
         elif not (values.dtype.is_numeric() or values.dtype == pl.Null):
@@ -463,7 +463,7 @@ class Reader:
         return found.fill_null(math.nan)
 
     def times(self, values: pl.Series) -> pl.Series:
-        """Return times as numbers or as dates, null where missing."""
+        """Return times as numbers or as datetimes; null where missing."""
         name = values.name
         if isinstance(values.dtype, (pl.Date, pl.Datetime)):
             dates = values.cast(pl.Datetime("us")) if values.dtype == pl.Date else values
@@ -504,17 +504,17 @@ class Reader:
         return found
 
     def _formatted(self, values: pl.Series, form: str) -> pl.Series:
-        """Return times that are written in another way."""
+        """Return times that are in the format `form`."""
         try:
             found = in_format(values, form)
         except pl.exceptions.PolarsError as error:
             raise self.part.error(f"the time format {form!r}: {error}") from None
         bad = values.is_not_null() & found.is_null()
-        self.refuse(bad, f"{values.name} is {{!r}}, not as the time format {form}", values)
+        self.refuse(bad, f"{values.name} is {{!r}}, not in the time format {form}", values)
         return found
 
     def _doubt_midnight(self, first: pl.Series, seconds: pl.Series) -> None:
-        """Warn where times of day may have passed midnight."""
+        """Warn if times of day may have passed midnight."""
         is_of_day = len(first) and first.cast(pl.Float64, strict=False).null_count()
         if self.problems is None and is_of_day and (seconds.diff() < -_HALF_DAY).any():
             doubt(
@@ -523,7 +523,7 @@ class Reader:
             )
 
     def identities(self, values: pl.Series, name: str) -> pl.Series:
-        """Return identities as numbers, -1 where there is none."""
+        """Return identities as numbers; -1 where there is none."""
         if values.dtype.is_float():
             values = self.numbers(values).fill_nan(None).cast(pl.Int64, strict=False)
         base = IDENTITIES[name]
@@ -554,7 +554,7 @@ def _absent(kind: Kind, count: int) -> pl.Series:
 
 
 def doubt_unit(name: str, values: pl.Series) -> None:
-    """Warn where the unit of a column looks wrong."""
+    """Warn if the unit of a column looks wrong."""
     if name not in {"azimuth_deg", "range_m", *_MOST}:
         return
     known = values.to_numpy()
@@ -580,7 +580,7 @@ def doubt_unit(name: str, values: pl.Series) -> None:
 
 
 def doubt_time(name: str, times: pl.Series) -> None:
-    """Warn where times are hardly seconds."""
+    """Warn if times are probably not in seconds."""
     if times.dtype.is_numeric() and len(times):
         last = times.max()
         if isinstance(last, (int, float)) and last > _LATEST:
@@ -588,7 +588,7 @@ def doubt_time(name: str, times: pl.Series) -> None:
 
 
 def identity_texts(numbers: IntArray, name: str) -> pl.Series:
-    """Return identities as written in a column, null where there is none."""
+    """Return identities in the spelling of a column; null where there is none."""
     digits = _DIGITS.get(IDENTITIES[name])
     if digits is None:
         return pl.Series(numbers).set(pl.Series(numbers == NO_IDENTITY), None)

@@ -1,4 +1,4 @@
-"""Systematic errors and noise of radars from their plots."""
+"""Estimation of systematic errors and noise of radars from their plots."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _ERRORS = ("range", "range_gain", "azimuth", "time")
 
 @dataclass(frozen=True, slots=True)
 class Registered:
-    """A recording, and what its plots say of the radars."""
+    """A recording, and the errors of the radars estimated from its plots."""
 
     recording: Recording
     registration: Registration
 
     @property
     def rows(self) -> pl.DataFrame:
-        """One row per radar, as files describe radars."""
+        """One row per radar, in the form in which files describe radars."""
         found = self.registration
         rows = radar_rows(replace(self.recording.sensors, items=found.sensors))
         factors = {
@@ -55,32 +55,32 @@ def register(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per plot; see `track`.
+        One row per plot, with the columns of `track`.
     sensors : sequence of Radar
-        The radars. A radar without a name has its index as name.
+        The radars. The name of a radar without a name is its index.
     columns : mapping of str to str, optional
         Column names in this table, keyed by standard name.
     n_threads : int, optional
         Number of threads; by default one for small tasks and all cores for large ones.
     **options
-        See `tertia.tracker.Tracker`.
+        Options of `tertia.tracker.Tracker`.
 
     Returns
     -------
     table of the same kind
-        One row per radar, with the columns by which files describe radars: place, `range_sigma_m`
-        and `azimuth_sigma_deg` as found, `range_bias_m`, `range_gain`, `azimuth_bias_deg` and
-        `time_bias_s` with their sigmas; further `range_noise_factor` and `azimuth_noise_factor`,
-        the noise found over the noise stated, and for each error whether the plots determine it, as
-        `time_observable`.
+        One row per radar, with the columns by which files describe radars: position, estimated
+        `range_sigma_m` and `azimuth_sigma_deg`, and `range_bias_m`, `range_gain`,
+        `azimuth_bias_deg` and `time_bias_s` with their sigmas. Further columns are
+        `range_noise_factor` and `azimuth_noise_factor`, the ratios of the estimated to the stated
+        noise, and for each error whether the plots determine it, such as `time_observable`.
 
     Raises
     ------
     RecordError
-        A missing column, a time that is missing, a sensor that is not among `sensors`, or a cell
-        that cannot be understood.
+        If a column or a time is missing, a sensor is not among `sensors`, or a cell cannot be
+        understood.
     ValueError, TypeError
-        An option outside its domain, or of the wrong type.
+        If an option is outside its domain or has the wrong type.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def register(
 
 
 def registered(recording: Recording, n_threads: int | None = None, **options: Any) -> Registered:
-    """Return what the plots of a recording say of its radars."""
+    """Return the errors of the radars of a recording, estimated from its plots."""
     radars = recording.sensors.items
     found = registration.register(recording.plots, radars, n_threads=n_threads, **options)
     return Registered(recording, found)

@@ -1,4 +1,4 @@
-"""What transponders reply besides the identity by which plots are associated."""
+"""Replies of transponders other than the identity by which plots are associated."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Columns: TypeAlias = Mapping[str, pl.Series]
 
 
 def replies_of(rows: pl.DataFrame, names: Sequence[str]) -> Columns:
-    """Return these replies of plots as files hold them, null where there is none."""
+    """Return these replies of plots in the form of files; null where there is none."""
     found = {"callsign": rows["callsign"].cast(pl.String)}
     if "mode_3a" in names:
         found["mode_3a"] = identity_texts(rows["mode_3a"].to_numpy(), "mode_3a")
@@ -32,7 +32,7 @@ def replies_of(rows: pl.DataFrame, names: Sequence[str]) -> Columns:
 
 
 def of_plots(replies: Columns, plot: IntArray) -> Columns:
-    """Return the replies of some plots, null where the index is negative."""
+    """Return the replies of some plots; null where the index is negative."""
     index = pl.Series(plot)
     index = index.set(index < 0, None)
     return {name: column.gather(index) for name, column in replies.items()}
@@ -45,10 +45,10 @@ class Replies:
         self._last: pl.DataFrame | None = None
 
     def known(self, time: FloatArray, track: IntArray, own: Columns) -> Columns:
-        """Return what is known of the target of each row by then.
+        """Return the replies of the target of each row that are known by the time of the row.
 
-        `own` are the replies of the rows' plots, null where there is none. The rows come after
-        those of the last call.
+        `own` are the replies of the plots of the rows, null where there is none. The rows must be
+        later than those of the previous call.
         """
         order = np.argsort(time, kind="stable")
         rows = pl.DataFrame({"_time": time, "_track": track, **own})[order]

@@ -40,18 +40,19 @@ def screen(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per measurement, within a group in the order of measurement.
+        One row per measurement; within a group, rows are in the order of measurement.
     columns : mapping of str to str, optional
         Column names in this table, keyed by standard name.
     values : str
         Column of the measurements; null and nan are missing.
     by : str or sequence of str
-        Columns by whose values the rows are grouped into samples; by default all rows are one.
+        Columns by whose values the rows are grouped into samples; by default all rows are one
+        sample.
     rule : {"bursts", "leave-one-out", "k-sigma"}
-        Function of `tertia.screening`.
+        Name of the function of `tertia.screening`, with a hyphen for an underscore.
     period : float, optional
-        360.0 for degrees, 2*pi for radians; angles are unwrapped first. By default the measurements
-        do not wrap.
+        Period of angles, 360.0 for degrees, 2*pi for radians; they are unwrapped first. By default
+        the measurements do not wrap.
     name : str
         Name of the new column.
     **options
@@ -60,17 +61,18 @@ def screen(
     Returns
     -------
     table of the same kind
-        The same rows with one more column: whether each measurement is an outlier; null where it
-        is missing, or where its group is too small for the rule.
+        The same rows with one more column: whether each measurement is an outlier. It is null if
+        the measurement is missing, or if its group is too small for the rule.
 
     Raises
     ------
     RecordError
-        A column that is not there or holds no numbers, or a measurement that is infinite.
+        If a column is missing or does not hold numbers, or a measurement is infinite.
     ValueError
-        A column of this name that already exists, an unknown rule, or an option outside its domain.
+        If the table already has a column called `name`, the rule is unknown, or an option is
+        outside its domain.
     TypeError
-        A table of an unsupported kind, or an option of the wrong type.
+        If the table is of an unsupported kind, or an option has the wrong type.
 
     Examples
     --------

@@ -80,9 +80,9 @@ _DOUBTFUL_SIGMA = 0.005
 class Sensors(Generic[S]):
     """Radars or stations, with further properties that their classes do not have.
 
-    `norths` are radians to add to azimuths, for radars in a flat plane whose north differs from
-    that of the plane. `range_difference_sigma` is in metres, nan if none is stated. `frame`
-    converts latitudes and longitudes. `file` is the source.
+    `norths` are angles in radians to be added to azimuths, for radars in a flat plane whose north
+    differs from that of the plane. `range_difference_sigma` is in metres, nan if none is stated.
+    `frame` converts latitudes and longitudes. `file` is the source.
     """
 
     items: Sequence[S]
@@ -93,7 +93,7 @@ class Sensors(Generic[S]):
 
     @property
     def names(self) -> list[str]:
-        """The names; a sensor without a name is called by its index."""
+        """The names of the sensors; the name of a sensor without a name is its index."""
         return [str(k) if one.name is None else one.name for k, one in enumerate(self.items)]
 
     @property
@@ -112,9 +112,9 @@ class Sensors(Generic[S]):
     ) -> dict[str, pl.Series]:
         """Return latitude, longitude and in space height of positions, (N, D), by column.
 
-        Positions in a system plane are at their height; without it, and in a tangent plane, they
-        are on the ellipsoid; null for positions that are not on the earth. Without a frame there
-        are no columns.
+        Positions in a system plane are at their height. If it is missing, and in a tangent plane,
+        positions are on the ellipsoid. Positions that are not on the earth give null. Without a
+        frame there are no columns.
         """
         if self.frame is None:
             return {}
@@ -127,7 +127,7 @@ class Sensors(Generic[S]):
         return {name: known(cells) for name, cells in zip(GEODETIC, found, strict=False)}
 
     def origin(self) -> str | None:
-        """Return the place of the origin, in words; None if unknown."""
+        """Return the position of the origin as text; None if it is unknown."""
         if self.frame is None:
             return None
         place = f"latitude {self.frame.latitude:.10g}, longitude {self.frame.longitude:.10g}"
@@ -136,7 +136,7 @@ class Sensors(Generic[S]):
         return f"origin of east, north and up: {place}, height {self.frame.height:.10g} m"
 
     def flat(self) -> Sensors[Station]:
-        """Return stations without their heights, which bearings do not need."""
+        """Return stations without heights, which bearings do not need."""
         if self.dimension == 2:
             return self  # type: ignore[return-value]
         if self.frame is not None:
@@ -173,8 +173,8 @@ def radars(
     """Return the radars that rows describe.
 
     `origin` is the place where east and north are zero. Positions and scan periods from recordings
-    (`found`) are used if the rows do not give them. With latitudes and longitudes they are on the
-    earth, or, where it is `flat`, in the plane that touches it.
+    (`found`) are used if the rows do not give them. Radars with latitudes and longitudes are on the
+    earth or, if `flat`, in the plane that is tangent to it.
     """
     described = _named(rows, "radar", file)
     if found is not None:
@@ -205,8 +205,8 @@ def with_others(
 ) -> Sensors[Any]:
     """Return radars, if there are any, and other sensors that rows describe.
 
-    Without radars, latitudes and longitudes need the `origin`. Stations are taken for their
-    azimuths; those without an `azimuth_sigma_deg` are left out.
+    If there are no radars, latitudes and longitudes need the `origin`. Only the azimuths of
+    stations are used; stations without an `azimuth_sigma_deg` are left out.
     """
     if found is None:
         frame = None
@@ -239,7 +239,7 @@ def with_others(
 
 
 def _for_azimuths(cells: _Cells, frame: LocalFrame | SystemPlane | None) -> Station:
-    """Return a station with its place in the plane of radars, and its azimuths alone."""
+    """Return a station with its position in the plane of the radars, for azimuths alone."""
     column, unit = _STATION["azimuth_sigma"]
     options: dict[str, Any] = {"azimuth_sigma": cells.required(column) * unit}
     bias = _bias(cells)
@@ -259,7 +259,7 @@ def _for_azimuths(cells: _Cells, frame: LocalFrame | SystemPlane | None) -> Stat
 
 
 def radar_rows(sensors: Sensors[Radar]) -> pl.DataFrame:
-    """Return the rows that describe radars, from which `radars` makes them again."""
+    """Return rows that describe the radars, from which `radars` can create them again."""
     import polars as pl  # noqa: PLC0415  # slow to import
 
     position = np.array([np.pad(one.position, (0, 3 - len(one.position))) for one in sensors.items])
@@ -293,7 +293,7 @@ def radar_rows(sensors: Sensors[Radar]) -> pl.DataFrame:
 
 
 def _channel_columns(channels: Sequence[Mapping[str, Channel]]) -> dict[str, list[float | None]]:
-    """Return the columns of the channels that radars have."""
+    """Return the columns of the channels of radars."""
     columns: dict[str, list[float | None]] = {}
     for name, prefix in _CHANNELS.items():
         if any(name in own for own in channels):
@@ -308,7 +308,7 @@ def _channel_columns(channels: Sequence[Mapping[str, Channel]]) -> dict[str, lis
 def stations(
     rows: Sequence[Row], *, origin: Row | None = None, file: str = "the table"
 ) -> Sensors[Station]:
-    """Return the stations that rows describe; see `radars`."""
+    """Return the stations that rows describe, with arguments as for `radars`."""
     cells = [_Cells(row, name, file) for name, row in _named(rows, "station", file).items()]
     positions, axes, frame = _places(cells, origin, file)
     items = []
@@ -341,7 +341,7 @@ class _Cells:
         return RecordError(reason, file=self.file)
 
     def number(self, column: str) -> float | None:
-        """Return a number, None where it is missing."""
+        """Return a number; None if it is missing."""
         value = self.row.get(column)
         if value is None or is_mark(str(value)):
             return None
@@ -360,7 +360,7 @@ class _Cells:
         return found
 
     def required(self, column: str) -> float:
-        """Return a number that must be there."""
+        """Return a number; an error if it is missing."""
         found = self.number(column)
         if found is None:
             others = [name for name in self.row if name != column]
@@ -369,14 +369,14 @@ class _Cells:
         return found
 
     def sigma(self, column: str) -> float | None:
-        """Return a positive number, None where it is missing."""
+        """Return a positive number; None if it is missing."""
         found = self.number(column)
         if found is not None and found <= 0:
             raise self.error(f"{column} of {self.name} is {found:g}; it must be positive")
         return found
 
     def made(self, kind: type[S], place: FloatArray, options: Mapping[str, Any]) -> S:
-        """Return the sensor."""
+        """Return the sensor, created from the cells."""
         try:
             return kind(place, name=self.name, **options)
         except ValueError as error:
@@ -399,12 +399,12 @@ def _named(rows: Sequence[Row], noun: str, file: str) -> dict[str, Row]:
 
 
 def _with_plain_names(row: Row) -> Row:
-    """Return the cells of a sensor by the names that are looked for, as in other tables."""
+    """Return the cells of a sensor with column names in standard spelling, as in other tables."""
     return {plain_name(key): value for key, value in row.items()}
 
 
 def _completed(cells: _Cells, found: Row) -> Row:
-    """Return the properties of a radar, from the rows and from a recording."""
+    """Return the properties of a radar from its row, completed from a recording."""
 
     def has(*columns: str) -> bool:
         return any(cells.number(column) is not None for column in columns)
@@ -464,7 +464,7 @@ def _radar(cells: _Cells, place: FloatArray, frame: SystemPlane | None = None) -
 
 
 def _channels(cells: _Cells) -> dict[str, Channel] | None:
-    """Return the channels of a radar, None where none is described."""
+    """Return the channels of a radar; None if none are described."""
     found = {}
     for name, prefix in _CHANNELS.items():
         columns = {key: f"{prefix}_{column}" for key, (column, _) in _CHANNEL.items()}
@@ -484,9 +484,9 @@ def _channels(cells: _Cells) -> dict[str, Channel] | None:
 
 
 def _bias(cells: _Cells) -> Bias | None:
-    """Return the systematic errors of a sensor, None if nothing is known of them.
+    """Return the systematic errors of a sensor; None if nothing is known about them.
 
-    Those of kinds without a cell are to be estimated.
+    Errors of kinds without a cell are to be estimated.
     """
     found: dict[str, Any] = {}
     for kind, (column, sigma_column, unit) in _BIAS.items():
@@ -515,8 +515,9 @@ def _places(
 ) -> tuple[FloatArray, FloatArray | None, LocalFrame | None]:
     """Return positions, (K, D), in the plane, or in space if any sensor has a height.
 
-    For latitudes and longitudes, the frame is at the origin, by default at the first sensor, and
-    `axes`, (K, D, D), has the east, north and up of each sensor as rows; otherwise there are none.
+    With latitudes and longitudes, the frame is at the origin, by default at the first sensor, and
+    `axes`, (K, D, D), are the axes east, north and up of each sensor as rows; otherwise there are
+    no axes.
     """
     if _are_geodetic(cells, origin, file):
         return _on_the_earth(cells, origin, file)
@@ -524,7 +525,7 @@ def _places(
 
 
 def _are_geodetic(cells: Sequence[_Cells], origin: Row | None, file: str) -> bool:
-    """Tell whether places are latitudes and longitudes."""
+    """Return whether positions are given as latitudes and longitudes."""
     local, geodetic = (_first_given(cells, form) for form in (LOCAL, GEODETIC))
     if local and geodetic:
         raise RecordError(
@@ -538,7 +539,7 @@ def _are_geodetic(cells: Sequence[_Cells], origin: Row | None, file: str) -> boo
 
 
 def _first_given(cells: Sequence[_Cells], form: Iterable[str]) -> str | None:
-    """Return the first given coordinate of this form, and its sensor."""
+    """Return the first given coordinate of this form, with the name of its sensor."""
     given = (
         f"{column} of {one.name}"
         for one in cells
@@ -583,7 +584,7 @@ def _on_the_earth(
 
 
 def in_the_plane(axes: FloatArray) -> FloatArray:
-    """Return the rotations about the vertical that are nearest to axes, (K, 2, 2)."""
+    """Return the rotations about the vertical that are nearest to the axes, (K, 2, 2)."""
     angle = np.arctan2(axes[:, 0, 1] - axes[:, 1, 0], axes[:, 0, 0] + axes[:, 1, 1])
     cosine, sine = np.cos(angle), np.sin(angle)
     return np.stack([cosine, sine, -sine, cosine], axis=-1).reshape(-1, 2, 2)

@@ -1,4 +1,4 @@
-"""Positions of targets, smoothed over time."""
+"""Smoothing of the positions of targets over time."""
 
 from __future__ import annotations
 
@@ -40,42 +40,44 @@ def smooth(
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per plot, in any order; null and nan are missing.
     columns : mapping of str to str, optional
-        How columns are called in the table, by the names that they have here: `time_s` (seconds,
-        or dates with time), and those of the other arguments.
+        Column names in this table, keyed by standard name: `time_s` (seconds, or datetimes), and
+        the names in the other arguments.
     values : str or sequence of str
-        Columns of the axes. By default `east_m` and `north_m`, or, where these are missing,
-        `latitude_deg` and `longitude_deg`, which are smoothed in the system plane about the first.
+        Columns of the axes. By default `east_m` and `north_m` or, if these are missing,
+        `latitude_deg` and `longitude_deg`, which are smoothed in the system plane about the first
+        position.
     sigma : float, str or sequence of these
-        Standard deviation of the plots, or the column that contains it: for all axes, or for each.
+        Standard deviation of the plots, or the column that contains it: one for all axes, or one
+        for each.
     by : str or sequence of str
         Columns whose values group the rows into targets; by default all rows are one target.
     correlation_time : float, optional
-        Time over which the noise is correlated; by default it is found for each track.
+        Correlation time of the noise; by default it is estimated for each track.
     robust : bool
-        Whether noise may be larger than stated, plots may be outliers, and the position may jump.
+        Whether to allow for noise that is larger than stated, outliers, and jumps of the position.
     jerk : float, optional
-        Intensity of the white jerk; by default the most likely motion of each track is found.
+        Intensity of the white jerk; by default the motion of each track is estimated.
 
     Returns
     -------
     table of the same kind
         The same rows with additional columns for each axis: the smoothed value, rate and
         acceleration, each followed by its sigma, for example `east_smoothed_m`,
-        `east_smoothed_sigma_m`, `east_rate_m_s` and `east_acceleration_m_s2`; unknown values are
-        null. From latitudes and longitudes there are `latitude_smoothed_deg` and
-        `longitude_smoothed_deg`, too. `smoothing_outlier` marks the rows that were left out.
+        `east_smoothed_sigma_m`, `east_rate_m_s` and `east_acceleration_m_s2`. Unknown values are
+        null. If positions are latitudes and longitudes, there are also `latitude_smoothed_deg` and
+        `longitude_smoothed_deg`. `smoothing_outlier` marks the rows that were left out.
 
     Raises
     ------
     RecordError
-        A column that is not there or holds no numbers, a measurement that is infinite, or a time
-        that is missing.
+        If a column is missing or does not hold numbers, a measurement is infinite, or a time is
+        missing.
     ValueError
-        A result column that already exists, a sigma that is not positive, or a negative jerk.
+        If a result column already exists, a sigma is not positive, or the jerk is negative.
     numpy.linalg.LinAlgError
-        Sigmas so different that rounding makes the smaller ones vanish.
+        If sigmas differ so much that the smaller ones are lost to rounding.
     TypeError
-        A table of an unsupported kind, or an option of the wrong type.
+        If the table is of an unsupported kind, or an option has the wrong type.
 
     Examples
     --------
@@ -190,7 +192,7 @@ def _are_geodetic(source: Source, columns: Mapping[str, str]) -> bool:
 
 
 def _plane_of(frame: pl.DataFrame) -> SystemPlane:
-    """Return the plane about the first place."""
+    """Return the system plane about the first position."""
     places = frame.select(GEODETIC[:2]).filter(pl.all_horizontal(pl.all().is_finite()))
     if places.is_empty():
         raise RecordError("there are no positions: all are missing")

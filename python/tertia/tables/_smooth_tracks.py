@@ -44,7 +44,7 @@ _WORDS: dict[str, dict[int, str]] = {
 
 @dataclass(frozen=True, slots=True)
 class Smoothing:
-    """A recording, its tracks as they were at the time, the same smoothed, and the time taken."""
+    """A recording, its tracks as known at the time, the smoothed tracks, and the time taken."""
 
     recording: Recording
     tracks: TrackTable
@@ -53,7 +53,7 @@ class Smoothing:
 
     @property
     def rows(self) -> pl.DataFrame:
-        """The rows, with the columns of files."""
+        """The rows of the smoothed tracks, with the columns of files."""
         table, of = self.table, self.recording
         course, speed = movement(table, of.sensors)
         words = {
@@ -89,7 +89,7 @@ class Smoothing:
         )
 
     def summary(self) -> dict[str, Any]:
-        """Return measures of the whole recording."""
+        """Return figures of the whole recording."""
         table = self.table
         sigma = np.sqrt(np.trace(table.covariance[:, :2, :2], axis1=1, axis2=2) / 2)
         return {
@@ -116,44 +116,44 @@ def smooth_tracks(
     clock_period: float | None = None,
     n_threads: int | None = None,
 ) -> Table:
-    """Return where targets were, by all plots, as the command `tertia smooth-tracks` does.
+    """Return where targets were, estimated from all plots, as `tertia smooth-tracks` does.
 
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per plot, in any order, with the columns of `track`.
     sensors : sequence of Radar
-        The radars. A radar without a name has its index as name.
+        The radars. The name of a radar without a name is its index.
     columns : mapping of str to str, optional
         Column names in this table, keyed by standard name.
     motion : {"imm", "cv"} or ImmModel, CvModel
         Motion model of the targets.
     every : float, optional
-        Interval of further rows between plots, in seconds.
+        Interval in seconds at which additional rows between plots are returned.
     exclude : str, optional
-        Name of a sensor whose plots are not used; they have rows nevertheless.
+        Name of a sensor whose plots are not used; they still have rows.
     clock_period : float, optional
-        Seconds after which the clock of the plots starts again, for example 86400.
+        Seconds after which the clock of the plots restarts from 0, for example 86400.
     n_threads : int, optional
-        Threads to use; by default all cores.
+        Number of threads; by default all cores.
 
     Returns
     -------
     table of the same kind
-        One row for every plot of a track, and for every further time: the columns of `track` but
-        for plans and `confirmed`, with `acceleration_m_s2`, `turn_rate_deg_s`,
+        One row for every plot of a track, and for every additional time. The columns are those of
+        `track` except those of plans and `confirmed`; and `acceleration_m_s2`, `turn_rate_deg_s`,
         `speed_change_probability`, `height_sigma_m`, the movement as words (`transversal`,
-        `longitudinal`, `vertical`), `gap_s`, `outlier` and `final`; null where nothing is known. As
-        truth it can be given to `evaluate`.
+        `longitudinal`, `vertical`), `gap_s`, `outlier` and `final`. Unknown values are null. The
+        result can be used as the truth in `evaluate`.
 
     Raises
     ------
     RecordError
         As for `track`.
     ValueError
-        An option outside its domain, or a sensor that is not among `sensors`.
+        If an option is outside its domain, or a sensor is not among `sensors`.
     TypeError
-        A table of an unsupported kind, or an option of the wrong type.
+        If the table is of an unsupported kind, or an option has the wrong type.
 
     Examples
     --------

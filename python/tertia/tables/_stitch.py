@@ -1,4 +1,4 @@
-"""Tracks over the seams of a recording that was tracked in parts."""
+"""Tracks across the boundaries of a recording that was tracked in parts."""
 
 from __future__ import annotations
 
@@ -14,36 +14,36 @@ _NEEDED = ("time_s", "track", "sensor", "plot")
 def stitch(parts: Iterable[Table]) -> Iterator[Table]:
     """Join the tracks of parts of a recording that overlap in time.
 
-    Every part but the first begins some minutes before the end of the part before it. Tracks of two
-    parts that share plots there are one track, with the number of the earlier part. Up to the
-    end of a part its own rows stand, which know more of the past; those of the next part follow.
-    Memory holds one part and the rows of two.
+    Every part except the first must begin some minutes before the end of the previous part. Tracks
+    of two parts that share plots in this overlap become one track, with the number of the earlier
+    part. Up to the end of a part its own rows are used, because they have a longer history; then
+    those of the next part follow. At any time, memory holds one part and the rows of two parts.
 
     Parameters
     ----------
     parts : iterable of DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        Results of `track`, in order of time, from plots with a column `plot` that numbers them in
-        the whole recording.
+        Results of `track`, in time order, from plots with a column `plot` that numbers them in the
+        whole recording.
 
     Returns
     -------
     iterator of tables of the same kind
-        One table per part: its rows that are not in those before, with the number of the track in
-        the whole recording.
+        One table per part, with the rows that are not in the earlier tables, and the numbers of the
+        tracks in the whole recording.
 
     Raises
     ------
     ValueError
-        A part that ends before the one before it, plots that are not numbered in the whole
-        recording, or a table without the columns of tracks.
+        If a part ends before the previous one, plots are not numbered in the whole recording, or a
+        table does not have the columns of tracks.
     TypeError
-        A table of an unsupported kind.
+        If a table is of an unsupported kind.
 
     Notes
     -----
-    A part does not know what was before it: the systematic errors of radars, the clutter and how
-    long a target has been there. Tracks at a seam are as good as the overlap is long; the page
-    'Embedding' has figures.
+    A part does not contain information from earlier parts: systematic errors of radars, clutter,
+    and how long a target has existed. The longer the overlap, the better are the tracks at a
+    boundary; the page 'Embedding' has figures.
 
     Examples
     --------
@@ -74,7 +74,7 @@ def stitch(parts: Iterable[Table]) -> Iterator[Table]:
 
 
 def _read(table: Table, number: int) -> pl.DataFrame:
-    """Return a table of tracks as a frame of Polars."""
+    """Return a table of tracks as a Polars DataFrame."""
     there = names(table)
     missing = [name for name in _NEEDED if name not in there]
     if missing:
@@ -94,7 +94,7 @@ def _check_order(before: pl.DataFrame, own: pl.DataFrame, number: int) -> None:
 def _continued(
     before: pl.DataFrame, own: pl.DataFrame, count: int, number: int
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Return the rows of a part with the numbers of the whole, and those that are new."""
+    """Return the rows of a part with track numbers of the whole recording, and the new rows."""
     common = _common(before, own, number)
     earlier = _paired(common)
     fresh = [one for one in own["track"].unique().sort().to_list() if one not in earlier]
@@ -117,7 +117,7 @@ def _continued(
 
 
 def _common(before: pl.DataFrame, own: pl.DataFrame, number: int) -> pl.DataFrame:
-    """Return the tracks, and the times of their rows, of each plot that both parts have."""
+    """Return the tracks, and the times of their rows, of each plot that both parts contain."""
     start, end = own["time_s"].min(), before["time_s"].max()
     ends = [
         one.filter(pl.col("plot").is_not_null()).select(_NEEDED)
@@ -129,14 +129,14 @@ def _common(before: pl.DataFrame, own: pl.DataFrame, number: int) -> pl.DataFram
         other = pl.col("sensor").ne_missing(pl.col("sensor_own"))
         for plot in common.filter(apart | other)["plot"].head(1):
             raise ValueError(
-                f"plot {plot} of parts[{number - 1}] is another one in parts[{number}]: number the "
-                "plots of the recording in a column `plot`, before it is divided"
+                f"plot {plot} of parts[{number - 1}] is a different one in parts[{number}]: number "
+                "the plots of the recording in a column `plot`, before it is divided"
             )
     return common
 
 
 def _paired(common: pl.DataFrame) -> dict[int, int]:
-    """Return the earlier track of tracks, one to one: those with most plots in common first."""
+    """Return the earlier track of each track, one to one; most common plots are paired first."""
     counts = common.group_by("track", "track_own").len()
     most = counts.sort("len", "track", "track_own", descending=[True, False, False])
     found: dict[int, int] = {}

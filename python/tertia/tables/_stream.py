@@ -25,19 +25,20 @@ def stream(
 ) -> Iterator[Table]:
     """Apply a function of this module to a table that arrives in batches.
 
-    Memory holds two batches and the rows of one incomplete group. While the function runs, the next
-    batch is read, or the last result used: a result comes with the batch after the one it is of.
+    At any time, memory holds two batches and the rows of one incomplete group. The next batch is
+    read, or the last result used, while the function runs; therefore each result is returned one
+    batch later.
 
     Parameters
     ----------
     function : callable
         `bearing`, `screen`, `fuse_series` or `smooth`.
     batches : iterable of tables of one kind
-        Consecutive rows. The rows of a group must be consecutive, but may extend over several
-        batches.
+        Batches of consecutive rows. The rows of a group must be consecutive, but may extend over
+        several batches.
     by : str or sequence of str
-        Columns whose values group the rows; by default all rows are one group, which is complete
-        when the batches end.
+        Columns whose values group the rows; by default all rows are one group, which is complete at
+        the end of the batches.
     **options
         Parameters of the function.
 
@@ -49,7 +50,7 @@ def stream(
     Raises
     ------
     ValueError
-        A group whose rows are not consecutive, or an error of the function.
+        If the rows of a group are not consecutive, or the function raises it.
     TypeError
         As for the function.
 
@@ -104,13 +105,13 @@ def _complete(
 
 
 class _Begun:
-    """The groups that have begun: of each a hash of eight bytes, in sorted arrays."""
+    """The groups seen so far: a hash of eight bytes for each, in sorted arrays."""
 
     def __init__(self) -> None:
         self.sorted: list[npt.NDArray[np.uint64]] = []
 
     def add(self, groups: pl.DataFrame) -> None:
-        """Add groups; refuse one that has begun before."""
+        """Add groups; refuse one that has been added before."""
         if not groups.width or not groups.height:
             return
         hashes = groups.with_columns(cs.categorical().cast(pl.String)).hash_rows().to_numpy()

@@ -1,4 +1,4 @@
-"""Times as text and as dates: seconds of the day, ISO 8601, and the clock of records."""
+"""Times as text and as datetimes: seconds of the day, ISO 8601, and the clock of records."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ _COMMA = r"(\d\d),(\d+)"
 
 
 def kind_of_times(times: pl.Series) -> str:
-    """Return the kind of times, in words."""
+    """Return the kind of times, as text."""
     if not isinstance(times.dtype, pl.Datetime):
         return "numbers"
     return "dates" if times.dtype.time_zone is None else "dates with a time zone"
 
 
 def seconds_of_text(column: pl.Series) -> pl.Series:
-    """Return numbers of seconds, or seconds of the day where a cell is like 12:34:56.7."""
+    """Return numbers of seconds; cells like 12:34:56.7 become seconds of the day."""
     part = column.str.extract_groups(_OF_DAY).struct
     hours, minutes, rest = (
         part.field(name).str.replace(",", ".", literal=True).cast(pl.Float64) for name in "hms"
@@ -52,7 +52,7 @@ def seconds_of_day(column: pl.Series) -> pl.Series:
 
 
 def moments(column: pl.Series, first: str | None, zoned: bool | None) -> pl.Series:
-    """Return ISO 8601 dates with times, of the same kind as the first one; null elsewhere."""
+    """Return ISO 8601 datetimes of the same kind as the first one; null elsewhere."""
     column, begin = (
         one.str.replace(r"\s*(UTC|GMT|Z)$", "Z")
         .str.replace(r"\s+([+-]\d\d)", "$1")
@@ -71,9 +71,9 @@ def moments(column: pl.Series, first: str | None, zoned: bool | None) -> pl.Seri
 
 
 def in_format(column: pl.Series, form: str) -> pl.Series:
-    """Return times as a format of strftime says; without a date, as seconds of the day.
+    """Return times in a format of strftime; without a date, as seconds of the day.
 
-    Null where a text is not so.
+    Null if a text does not have this format.
     """
     # Polars counts %f in nanoseconds
     form = form.replace(".%f", "%.f")
@@ -85,7 +85,7 @@ def in_format(column: pl.Series, form: str) -> pl.Series:
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Times of records, and the corresponding seconds: since `origin`, if they are dates."""
+    """Conversion of the times of records to seconds; if they are datetimes, since `origin`."""
 
     dtype: Any
     origin: int = 0
@@ -93,12 +93,12 @@ class Clock:
 
     @property
     def dated(self) -> bool:
-        """Whether the times are dates."""
+        """Whether the times are datetimes."""
         return isinstance(self.dtype, pl.Datetime)
 
     @classmethod
     def of(cls, moments: pl.Series, *, midnight: bool = False) -> Clock:
-        """Return the clock that begins with the first of some dates, or the midnight before it."""
+        """Return the clock that starts at the first of some datetimes, or at midnight before it."""
         if not isinstance(moments.dtype, pl.Datetime) or moments.is_empty():
             return cls(moments.dtype)
         ticks = PER_SECOND[moments.dtype.time_unit]

@@ -88,7 +88,7 @@ _PRODUCTS = {("m", "m"): "m2", ("m", "m_s"): "m2_s", ("m_s", "m_s"): "m2_s2"}
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Plots, radars, the kind of times, the column of identities, replies, and plots' numbers."""
+    """Plots, radars, the kind of times, the column of identities, replies, and plot numbers."""
 
     plots: Plots
     sensors: Sensors[Any]
@@ -98,13 +98,13 @@ class Recording:
     numbers: IntArray
 
     def numbered(self, plot: IntArray) -> pl.Series:
-        """Return the numbers of plots by their rows, null where there is no plot."""
+        """Return the numbers of plots by their rows; null where there is no plot."""
         return known(self.numbers[plot], plot >= 0)
 
 
 @dataclass(frozen=True, slots=True)
 class Tracking:
-    """A recording, its tracks, the errors of the sensors in the end, and the processing time."""
+    """A recording, its tracks, the final errors of the sensors, and the processing time."""
 
     recording: Recording
     plans: Sequence[FlightPlan]
@@ -129,7 +129,7 @@ class Tracking:
 
     @property
     def sensors(self) -> pl.DataFrame:
-        """One row per radar; scans that missed a target are those of confirmed tracks."""
+        """One row per radar; missed scans are counted for confirmed tracks only."""
         table, sensor = self.table, self.recording.plots.sensor
         refused = table.track_of_plot < 0
         used = np.zeros(len(sensor), dtype=bool)
@@ -149,7 +149,7 @@ class Tracking:
 
     @property
     def errors(self) -> pl.DataFrame:
-        """One row per sensor: its systematic errors; null where the plots do not determine them."""
+        """One row per sensor: its systematic errors; null if the plots do not determine them."""
         prior = own_biases(self.recording.sensors.items)
         columns: dict[str, Any] = {"sensor": list(self.recording.sensors.names)}
         for kind, (name, unit, scale) in _ERRORS.items():
@@ -160,7 +160,7 @@ class Tracking:
         return pl.DataFrame(columns)
 
     def summary(self) -> dict[str, Any]:
-        """Return measures of the whole recording."""
+        """Return figures of the whole recording."""
         table, plots = self.table, self.recording.plots
         followed = table.plan >= 0
         moments = plots.time[np.isfinite(plots.time)]
@@ -211,45 +211,44 @@ def track(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per plot, in any order: `time_s` (seconds, or dates with time), `range_m` or
-        `range_nm`, and `azimuth_deg`; `sensor`, its name, if there are several; and, if known,
-        `height_m` or `flight_level`, and `icao_address` (hexadecimal), `mode_3a` (octal) or
-        `identity`, of which the first one there is tells targets apart; `callsign`; `detection`,
-        where radars have channels: psr, ssr, psr+ssr, mode-s or psr+mode-s, or as `read_asterix`
-        calls them; and `plot`, the number of the plot in a recording of which this is a part, see
-        `stitch`. Reports of a
-        `PositionSensor` have `east_m` and `north_m`, or `latitude_deg` and `longitude_deg` where
-        radars are on the earth, instead of range and azimuth; and, if known, `east_sigma_m`,
-        `north_sigma_m` and `covariance_east_north_m2`.
+        One row per plot, in any order. `time_s` (seconds, or datetimes), `range_m` or `range_nm`,
+        and `azimuth_deg`; `sensor`, the name of the sensor, if there are several. If known,
+        `height_m` or `flight_level`; `icao_address` (hexadecimal), `mode_3a` (octal) or `identity`,
+        of which the first one present identifies targets; `callsign`. If radars have channels,
+        `detection`: psr, ssr, psr+ssr, mode-s or psr+mode-s, or the names of `read_asterix`. For
+        parts of a recording, `plot`, the number of the plot in the whole recording (see `stitch`).
+        Reports of a `PositionSensor` have, instead of range and azimuth, `east_m` and `north_m`, or
+        `latitude_deg` and `longitude_deg` if radars are on the earth; and, if known,
+        `east_sigma_m`, `north_sigma_m` and `covariance_east_north_m2`.
     sensors : sequence of Radar, PositionSensor or Station
-        The sensors. A sensor without a name has its index as name.
+        The sensors. The name of a sensor without a name is its index.
     columns : mapping of str to str, optional
         Column names in this table, keyed by standard name.
     plans : sequence of FlightPlan
         Flight plans of the targets.
     **options
-        See `tertia.tracker.Tracker`. With `mode_3a`, 7500, 7600 and 7700 are emergency codes by
-        default.
+        Options of `tertia.tracker.Tracker`. With `mode_3a`, 7500, 7600 and 7700 are emergency codes
+        by default.
 
     Returns
     -------
     table of the same kind
         One row for every plot of a confirmed track and for every scan that missed it: `time_s`,
-        `track`, `sensor`, `plot` (its number, by default its row), position and velocity with their
-        covariance, `course_deg`, `speed_m_s`, `turn_probability`, `association_probability`,
-        `existence_probability`, `height_m`, `vertical_rate_m_s`, the identity, the last `mode_3a`
-        and `callsign` where plots have them, `plan`, `conforms`, `merged` and `confirmed`; null
-        where nothing is known.
+        `track`, `sensor`, `plot` (the number of the plot, by default its row), position and
+        velocity with their covariance, `course_deg`, `speed_m_s`, `turn_probability`,
+        `association_probability`, `existence_probability`, `height_m`, `vertical_rate_m_s`, the
+        identity, the last `mode_3a` and `callsign` if plots have them, `plan`, `conforms`, `merged`
+        and `confirmed`. Unknown values are null.
 
     Raises
     ------
     RecordError
-        A missing column, a time that is missing, a sensor that is not among `sensors`, or
-        a cell that cannot be understood.
+        If a column or a time is missing, a sensor is not among `sensors`, or a cell cannot be
+        understood.
     ValueError
-        An option outside its domain.
+        If an option is outside its domain.
     TypeError
-        A table of an unsupported kind, or an option of the wrong type.
+        If the table is of an unsupported kind, or an option has the wrong type.
 
     Warns
     -----
@@ -296,12 +295,12 @@ def recording_of(
 
 
 def _is_of_radar(sensor: pl.Series, sensors: Sensors[Any]) -> bool:
-    """Return whether one of some rows is of a radar."""
+    """Return whether any of the rows is from a radar."""
     return any(isinstance(sensors.items[one], Radar) for one in sensor.unique().to_list())
 
 
 def _numbers(records: Records) -> IntArray:
-    """Return the numbers of plots: their rows, or those of a column `plot`."""
+    """Return the numbers of plots: their rows, or those in a column `plot`."""
     if "plot" not in records.column:
         return np.arange(len(records.rows))
     records.refuse(
@@ -313,7 +312,7 @@ def _numbers(records: Records) -> IntArray:
 
 
 def schema_of(sensors: Sensors[Any]) -> Schema:
-    """Return what rows of plots of these sensors hold."""
+    """Return the schema of rows of plots of these sensors."""
     schema = PLOTS if all(isinstance(one, Radar) for one in sensors.items) else REPORTS
     has_channels = any(getattr(one, "channels", None) is not None for one in sensors.items)
     return {**schema, **DETECTION} if has_channels else schema
@@ -421,7 +420,7 @@ def track_rows(
 def movement(
     table: TrackTable | SmoothedTracks | SystemTracks, sensors: Sensors[Radar]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return courses and speeds; on the earth the true ones."""
+    """Return courses and speeds; on the earth, the true ones."""
     course, speed = np.arctan2(*table.velocity.T), np.hypot(*table.velocity.T)
     if not isinstance(sensors.frame, SystemPlane):
         return course, speed
@@ -431,7 +430,7 @@ def movement(
 
 
 def covariance_columns() -> dict[tuple[int, int], str]:
-    """Return the columns of the covariances between two components of the state."""
+    """Return the columns of the covariances between pairs of components of the state."""
     return {
         (i, j): f"covariance_{first}_{second}_{_PRODUCTS[unit, other]}"
         for i, (first, unit) in enumerate(_STATE)

@@ -1,4 +1,4 @@
-"""Weights of several sensors' estimates of the same quantity."""
+"""Weights of several sensors for estimates of the same quantity."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _LOSSES = (1e-6, 1e6)
 
 @dataclass(frozen=True, slots=True)
 class Weighed:
-    """One row per sensor, the fused estimate last, and the loss from estimating the weights."""
+    """One row per sensor, followed by the fused estimate; and the loss from estimated weights."""
 
     rows: pl.DataFrame
     fused: FusedEstimate
@@ -52,45 +52,46 @@ def weights(
     loss: float = 0.05,
     bias_sigma: float = 0.0,
 ) -> Table:
-    """Estimate the weights of sensors that measured the same quantity, as `tertia weights`.
+    """Estimate the weights of sensors that measured the same quantity, as `tertia weights` does.
 
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per measurement: `sensor`, and all components; incomplete rows are left out.
+        One row per measurement: `sensor`, and all components. Incomplete rows are left out.
     columns : mapping of str to str, optional
         Column names in this table, keyed by standard name.
     values : str or sequence of str
         Columns of the components of the measured quantity.
     differences : bool
-        Whether the noise is estimated from successive differences, because the measured quantity
+        Whether to estimate the noise from successive differences, for a measured quantity that
         changes slowly.
     loss : float
         Relative loss of precision for which the required number of measurements is computed.
     bias_sigma : float
-        Standard deviation of the systematic error of each sensor and component, which the scatter
-        of its measurements does not show, in their unit. It is part of the sigmas and weights, not
-        of the loss.
+        Standard deviation of the systematic error of each sensor and component, in their unit. Such
+        an error does not show in the scatter of the measurements. It is part of the sigmas and the
+        weights, but not of the loss.
 
     Returns
     -------
     table of the same kind
-        One row per sensor, and a last row, `fused`: `sensor`, `measurement_count`, means with their
-        sigmas (`east_m`, `east_sigma_m`), and weights (`weight`, or for each pair of components
-        `weight_east_north`). The sigmas allow for the number of measurements: two of them hold
-        95.45 %, also with n = 3 (see `tertia.fusion.fuse`).
+        One row per sensor, and a last row, `fused`. Columns are `sensor`, `measurement_count`,
+        means with their sigmas (`east_m`, `east_sigma_m`), and weights (`weight`, or for each pair
+        of components `weight_east_north`). The sigmas allow for the number of measurements: an
+        interval of two sigmas contains a component with a probability of 95.45 %, even with n = 3
+        (see `tertia.fusion.fuse`).
 
     Raises
     ------
     RecordError
-        A column that is not there or holds no numbers, a sensor without a name, fewer than two
-        sensors, or a sensor whose measurements have no scatter.
+        If a column is missing or does not hold numbers, a sensor has no name, there are fewer than
+        two sensors, or the measurements of a sensor have no scatter.
     ValueError
-        A loss or a bias_sigma outside its domain.
+        If `loss` or `bias_sigma` is outside its domain.
     numpy.linalg.LinAlgError
-        A covariance that is singular.
+        If a covariance is singular.
     TypeError
-        A table of an unsupported kind.
+        If the table is of an unsupported kind.
 
     Examples
     --------
@@ -120,7 +121,7 @@ def weights_of(
     loss: float = 0.05,
     bias_sigma: float = 0.0,
 ) -> Weighed:
-    """Return the weights and the loss from estimating them; see `weights`."""
+    """Return the weights and the loss from estimating them, as described in `weights`."""
     if not _LOSSES[0] <= loss <= _LOSSES[1]:
         raise ValueError(f"loss is {loss:g}; it must be between {_LOSSES[0]:g} and {_LOSSES[1]:g}")
     bias = real(bias_sigma, "bias_sigma")
@@ -185,7 +186,7 @@ def _samples(
         raise RecordError(f"there {there}; two are needed", file=source[0].file)
     for name, sample in samples.items():
         if len(sample) < 2:
-            raise RecordError(f"sensor {name} has 1 measurement; its weight needs two at least")
+            raise RecordError(f"sensor {name} has 1 measurement; its weight needs at least two")
         large = np.any(np.abs(sample) > LARGEST, axis=0)
         if np.any(large):
             column = components[int(np.flatnonzero(large)[0])]

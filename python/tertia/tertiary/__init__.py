@@ -1,7 +1,7 @@
-"""Tracks of several sensors in one picture: track-to-track association and fusion.
+"""Tertiary: tracks of several sensors, associated track to track and fused into one picture.
 
-`FusionCentre` works cycle by cycle, `fuse_tracks` on recordings. Tracks come from `Tracker`, one
-for each sensor, or from other systems, as `SensorTracks`.
+`FusionCentre` works cycle by cycle, `fuse_tracks` on recordings. The tracks come, as
+`SensorTracks`, from one `Tracker` for each sensor or from other systems.
 """
 
 from tertia.tertiary._centre import FusionCentre, SystemTracks, fuse_tracks

@@ -1,4 +1,4 @@
-"""The centre: one picture of the tracks of several sensors."""
+"""The fusion centre, which combines the tracks of several sensors into one picture."""
 
 from __future__ import annotations
 
@@ -39,31 +39,33 @@ _State: TypeAlias = "tuple[tuple[Radar, ...], float, int | None, float, bytes]"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SystemTracks(Result):
-    """Targets as a centre sees them, one row for each at each instant.
+    """Targets in the picture of a fusion centre: one row for each target at each instant.
 
     Attributes
     ----------
     time : ndarray of shape (N,)
-        Seconds.
+        Time in seconds.
     track : ndarray of int, shape (N,)
-        Number of the target, from 1, which it keeps.
+        Number of the target, from 1; it does not change.
     position, velocity : ndarray of shape (N, 2)
         East and north, in metres and metres per second.
     covariance : ndarray of shape (N, 4, 4)
         Covariance of position and velocity.
     members : ndarray of int, shape (N, K)
-        Number of the track of each sensor; -1 where it has none.
+        Number of the target's track at each sensor; -1 if the sensor has none.
     pvalue : ndarray of shape (N,)
-        Probability that tracks of one target differ more; nan for a single one.
+        Probability that tracks of the same target differ at least as much as these do; nan for a
+        single track.
     confirmed : ndarray of bool, shape (N,)
-        Whether the target was there for three cycles.
+        Whether the target has existed for three cycles.
     doubtful : ndarray of bool, shape (N,)
-        Whether only one sensor has seen it for ten cycles although another one must: it is within
-        `max_range`, with a detection probability above 0.8.
+        Whether only one sensor has seen the target for ten cycles although another sensor should
+        see it: one with the target within its `max_range`, and with a detection probability above
+        0.8.
     height : ndarray of shape (N,)
-        Metres; nan where it is not known.
+        Height in metres; nan if it is not known.
     identity : ndarray of int, shape (N,)
-        Reply of the transponder; -1 where there is none.
+        Reply of the transponder; -1 if there is none.
     """
 
     _rows: ClassVar = "time", 0
@@ -99,50 +101,54 @@ class SystemTracks(Result):
 
 
 class FusionCentre:
-    """A centre that makes one picture of the tracks of several sensors, cycle by cycle.
+    """A centre that fuses the tracks of several sensors into one picture, cycle by cycle.
 
-    It brings tracks to one instant, removes the systematic errors of their sensors, which it
-    estimates at the same time, decides which tracks are of one target, and fuses these. It can be
-    pickled and copied; the copy goes on to the last bit.
+    In each cycle it extrapolates the tracks to one instant, subtracts the systematic errors of the
+    sensors, which it also estimates, decides which tracks belong to one target, and fuses them. It
+    can be pickled and copied; the copy gives exactly the same results.
 
     Parameters
     ----------
     sensors : sequence of Radar
-        The sensors; tracks refer to them by their index. `bias` is what is known of their
-        systematic errors before.
+        The sensors; tracks refer to them by their index. `bias` is what is known beforehand of
+        their systematic errors.
     method : str
-        "tracklets": the plot behind each row is reconstructed from the track, and the plots are
-        filtered as the tracker does it (default). `range_sigma` and `azimuth_sigma` must be those
-        that the sensor's own tracker assumes.
-        "matrix": the states are combined with the least covariance, where errors of two tracks of
-        one target have the given `cross_correlation`.
-        "covariance-intersection": for sensors of which nothing is known.
-        "static": fixed weights by the accuracy of the sensors at 100 km. "equal": equal weights.
-        "paper": component by component by the inverse squares of the last corrections.
+        "tracklets" (default): the plot behind each row is reconstructed from the track, and the
+        reconstructed plots are filtered as in the tracker. `range_sigma` and `azimuth_sigma` must
+        be those that the sensor's own tracker assumes.
+        "matrix": the states are combined with the smallest covariance, assuming that the errors of
+        two tracks of one target have the given `cross_correlation`.
+        "covariance-intersection": for tracks whose error correlation is unknown.
+        "static": fixed weights, from the accuracy of the sensors at 100 km. "equal": equal weights.
+        "paper": for each component, weights are the inverse squares of the last corrections.
     cross_correlation : (float, float)
-        Correlation of the errors of two tracks of one target in position and in velocity, from
-        their common process noise; only for "matrix". (0, 0): they are independent.
+        Correlation of the errors of two tracks of one target in position and in velocity, which
+        their common process noise causes; only for "matrix". (0, 0) means that they are
+        independent.
     registration : bool, optional
-        Whether to estimate the systematic errors of the sensors; by default from two sensors on.
+        Whether to estimate the systematic errors of the sensors; by default if there are two or
+        more sensors.
     update_interval : float
-        Seconds from cycle to cycle, of `fuse_tracks`.
+        Time between cycles in seconds; used by `fuse_tracks`.
     n_threads : int, optional
-        Number of threads; by default one per core where that pays. Pictures do not depend on it.
+        Number of threads; by default one per core if that is faster. It does not affect the
+        results.
 
     Raises
     ------
     ValueError
-        A number outside its domain.
+        If a number is outside its domain.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
-    Two tracks are compared by `D² = d' T⁻¹ d`, with d their difference and T the sum of their
-    covariances and of what is not known of the biases, and by its mean over the last cycles: a new
-    pair needs both within 99.9 %, one that has been a pair one of them within 99.9999 %. Sensors
-    follow one another, each with one assignment of its tracks to the groups so far. A group takes
-    the number of the target with most members in common.
+    Two tracks are compared by `D² = d' T⁻¹ d` and by the mean of D² over the last cycles. Here d is
+    the difference of the tracks, and T is the sum of their covariances and of the covariance of the
+    biases. A new pair is accepted if both are within the 99.9 % quantile; an existing pair is kept
+    if one of them is within the 99.9999 % quantile. The sensors are processed in turn: the tracks
+    of each are assigned to the groups formed so far. A group takes the number of the target with
+    which it has most members in common.
 
     Source: Panasyuk, Pudovkin, Rogachev 2018; Bar-Shalom, Fortmann 1988, chapter 10; Bar-Shalom,
     Campo 1986.
@@ -201,22 +207,22 @@ class FusionCentre:
 
     @property
     def bias(self) -> Bias:
-        """Systematic errors of the sensors, (K,), as they are known by now."""
+        """Systematic errors of the sensors as known at present, (K,)."""
         columns: dict[str, Any] = {}
         for suffix, table in zip(("", "_sigma"), self._core.known(), strict=True):
             columns |= {kind + suffix: table[:, at] for at, kind in enumerate(KINDS)}
         return Bias(**columns)
 
     def update(self, tracks: SensorTracks, *, time: float) -> SystemTracks:
-        """Take messages about tracks, and return the picture of a time.
+        """Process messages about tracks, and return the picture at a given time.
 
         Parameters
         ----------
         tracks : SensorTracks
-            Messages since the last cycle, in any order. What is later than `time` waits for the
-            next cycle; what is not newer than its track is dropped.
+            Messages since the last cycle, in any order. Those later than `time` are kept for the
+            next cycle; those that are not newer than the state of their track are dropped.
         time : float
-            Seconds; it must grow.
+            Time of the picture in seconds; it must be later than that of the previous update.
 
         Returns
         -------
@@ -226,9 +232,9 @@ class FusionCentre:
         Raises
         ------
         ValueError
-            A sensor that does not exist, or a time that is not later than the one before.
+            If a sensor does not exist, or `time` is not later than that of the previous update.
         TypeError
-            An argument of the wrong type.
+            If an argument has the wrong type.
         """
         instance(tracks, "tracks", SensorTracks)
         instant = float(finite(real(time, "time"), "time"))
@@ -260,24 +266,24 @@ class FusionCentre:
         )
 
     def join(self, a: int, b: int) -> None:
-        """Take the tracks of two targets for those of one, until `release`.
+        """Treat the tracks of two targets as those of one, until `release`.
 
         Parameters
         ----------
         a, b : int
-            Numbers of two targets that no sensor sees both.
+            Numbers of two targets; no sensor may have tracks of both.
 
         Raises
         ------
         ValueError
-            There is no such target, or a sensor has a track of each.
+            If there is no such target, or a sensor has a track of each.
         TypeError
-            A number that is not an integer.
+            If a number is not an integer.
         """
         self._decide(a, b, joined=True)
 
     def separate(self, a: int, b: int) -> None:
-        """Take the tracks of two targets for those of two, until `release`.
+        """Treat the tracks of two targets as those of different targets, until `release`.
 
         Parameters
         ----------
@@ -287,9 +293,9 @@ class FusionCentre:
         Raises
         ------
         ValueError
-            There is no such target.
+            If there is no such target.
         TypeError
-            A number that is not an integer.
+            If a number is not an integer.
         """
         self._decide(a, b, joined=False)
 
@@ -300,7 +306,7 @@ class FusionCentre:
             raise ValueError(f"a is {first}, b is {second}; these are not two targets{clash}")
 
     def release(self, a: int) -> None:
-        """Forget what `join` and `separate` decided of a target's tracks.
+        """Cancel all decisions of `join` and `separate` about the tracks of a target.
 
         Parameters
         ----------
@@ -310,9 +316,9 @@ class FusionCentre:
         Raises
         ------
         ValueError
-            There is no such target.
+            If there is no such target.
         TypeError
-            A number that is not an integer.
+            If the number is not an integer.
         """
         number = integer(a, "a", 1)
         if not self._core.release(number):
@@ -340,9 +346,9 @@ def core_settings(
     registration: bool | None = None,
     update_interval: float = 5.0,
 ) -> dict[str, Any]:
-    """Check the options of `FusionCentre` that need neither sensors nor tracks.
+    """Check the options of `FusionCentre` that can be checked without sensors and tracks.
 
-    Commands call it to refuse wrong options before they read files.
+    Commands call this to refuse wrong options before they read files.
     """
     if registration is not None:
         instance(registration, "registration", bool)
@@ -362,7 +368,7 @@ def core_settings(
 
 
 def fuse_tracks(tracks: SensorTracks, sensors: Sequence[Radar], **options: Any) -> SystemTracks:
-    """Fuse the tracks of several sensors, of a whole recording.
+    """Fuse the tracks of several sensors from a whole recording.
 
     Parameters
     ----------
@@ -376,7 +382,7 @@ def fuse_tracks(tracks: SensorTracks, sensors: Sequence[Radar], **options: Any) 
     Returns
     -------
     SystemTracks
-        All targets at all cycles, the first one `update_interval` after the first row.
+        All targets at all cycles; the first cycle is `update_interval` after the first row.
 
     Raises
     ------

@@ -29,36 +29,37 @@ _LARGEST = {"time": 1e11, "position": 1e9, "velocity": 1e5, "covariance": 1e18, 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class SensorTracks(Result):
-    """Tracks of one or several sensors, each row a state after a plot, in any order.
+    """Tracks of one or several sensors, in any order; each row is the state after a plot.
 
     Attributes
     ----------
     time : ndarray of shape (N,)
-        Seconds.
+        Time in seconds.
     sensor : ndarray of int, shape (N,)
         Index of the sensor.
     track : ndarray of int, shape (N,)
-        Number of the track at its sensor, not negative. A number that has not been there for six
-        scans is another track.
+        Number of the track at its sensor, not negative. A number that reappears after six scans
+        or more denotes a new track.
     position, velocity : ndarray of shape (N, 2)
         East and north, in metres and metres per second.
     covariance : ndarray of shape (N, 4, 4)
-        Covariance of position and velocity; nan where the sensor does not state it. It is then
-        that of a plot of the sensor, and of the velocity of a line through three of them.
+        Covariance of position and velocity; nan if the sensor does not report it. In that case the
+        position has the covariance of a plot of the sensor, and the velocity that of a line
+        through three plots.
     height : ndarray of shape (N,)
-        Metres; nan where it is not known.
+        Height in metres; nan if it is not known.
     identity : ndarray of int, shape (N,)
-        Reply of the transponder, for example a code or an address; -1 where there is none.
+        Reply of the transponder, for example a code or an address; -1 if there is none.
     turn_probability : ndarray of shape (N,)
-        Probability that the target turns; nan where it is not known.
+        Probability that the target turns; nan if it is not known.
 
     Raises
     ------
     ValueError
-        Columns of different lengths, numbers that are not finite or too large, or a covariance that
-        is not positive definite.
+        If columns have different lengths, numbers are not finite or too large, or a covariance is
+        not positive definite.
     TypeError
-        A column of the wrong type.
+        If a column has the wrong type.
 
     Examples
     --------
@@ -134,7 +135,7 @@ class SensorTracks(Result):
     def of(cls, table: TrackTable, *, sensor: int | None = None) -> SensorTracks:
         """Return the tracks of a tracker: the rows of confirmed tracks that have a plot.
 
-        Where a plot is missing a row repeats what was known before, and tells nothing.
+        Rows without a plot are left out, because they only extrapolate and contain nothing new.
 
         Parameters
         ----------
@@ -151,9 +152,9 @@ class SensorTracks(Result):
         Raises
         ------
         ValueError
-            A negative sensor.
+            If `sensor` is negative.
         TypeError
-            An argument of the wrong type.
+            If an argument has the wrong type.
 
         Examples
         --------
@@ -189,7 +190,7 @@ class SensorTracks(Result):
         Parameters
         ----------
         several : sequence of SensorTracks
-            At least one.
+            The tables; at least one.
 
         Returns
         -------
@@ -199,7 +200,7 @@ class SensorTracks(Result):
         Raises
         ------
         ValueError
-            No table.
+            If there is no table.
         """
         if not several:
             raise ValueError("several is empty; there must be at least one table")

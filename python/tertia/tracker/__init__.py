@@ -1,8 +1,8 @@
-"""Tracker: radar plots in, tracks out, scan by scan or for a whole recording.
+"""Tracker: tracks from radar plots, scan by scan or for a whole recording.
 
 Plots are polar, from one radar or from several that rotate independently. Targets fly straight or
-turn; interacting multiple models estimate which. Azimuths are in radians, clockwise from north;
-positions are local east and north in metres.
+turn; interacting multiple models estimate which. Other sensors report positions or azimuths alone.
+Azimuths are in radians, clockwise from north; positions are local east and north in metres.
 """
 
 from tertia.kalman import SingerModel

@@ -1,4 +1,4 @@
-"""Stations that measure azimuths without ranges: which the tracker takes, and where they were."""
+"""Stations that measure azimuths without ranges: checks, and their positions at each plot."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _OTHERS = ("range_sigma", "elevation_sigma", "arrival_time_sigma")
 
 
 def check_station(station: Station, name: str) -> None:
-    """Fail unless the tracker can use all that a station says of its azimuths."""
+    """Raise an error unless the tracker supports all properties of a station."""
     if station.azimuth_sigma is None:
         raise ValueError(f"{name}.azimuth_sigma is None; the tracker needs that of a Station")
     for key in _OTHERS:
         if getattr(station, key) is not None:
             raise ValueError(
-                f"{name}.{key} is {getattr(station, key):g}; the tracker takes azimuths alone of a "
-                "Station: what has a range is of a Radar, or a position of a PositionSensor"
+                f"{name}.{key} is {getattr(station, key):g}; the tracker uses only azimuths of a "
+                "Station: ranges need a Radar, and positions a PositionSensor"
             )
     if station.position.ndim > 1:
         raise ValueError(
@@ -46,7 +46,7 @@ def check_station(station: Station, name: str) -> None:
 
 
 def placed(plots: Plots, sensors: Sequence[Any]) -> Plots:
-    """Return plots of which those of stations have the places from which they were measured."""
+    """Return plots with the positions from which stations measured theirs."""
     station = np.array([isinstance(one, Station) for one in sensors])
     if plots.sensor_position is None and not station.any():
         return plots
@@ -70,8 +70,8 @@ def placed(plots: Plots, sensors: Sequence[Any]) -> Plots:
         if len(wrong):
             at = wrong[0]
             raise ValueError(
-                f"plots.sensor_position[{at}] is that of sensors[{own[at]}], which is no Station; "
-                "give plots of other sensors that move as positions, of a PositionSensor"
+                f"plots.sensor_position[{at}] is that of sensors[{own[at]}], which is not a "
+                "Station: give plots of other moving sensors as positions, of a PositionSensor"
             )
     given = np.full((len(plots), 2), np.nan) if plots.position is None else plots.position
     return plots._replaced(
@@ -81,6 +81,6 @@ def placed(plots: Plots, sensors: Sequence[Any]) -> Plots:
 
 
 def _north(sensor: Any) -> float:
-    """Return the azimuth of a station's north in the plane."""
+    """Return the azimuth of the station's north in the plane."""
     axes = sensor.axes if isinstance(sensor, Station) else None
     return 0.0 if axes is None else float(np.arctan2(axes[1, 0], axes[1, 1]))

@@ -27,7 +27,7 @@ _RADIUS = 6.33e6
 
 
 def plane_of(sensors: Sequence[Radar]) -> SystemPlane | None:
-    """Return the plane of the sensors, None if the earth is flat."""
+    """Return the system plane of the sensors; None if the earth is flat."""
     frames = [sensor.frame for sensor in sensors]
     for k, frame in enumerate(frames):
         if frame != frames[0]:
@@ -40,8 +40,8 @@ def positions(
 ) -> tuple[FloatArray, FloatArray]:
     """Return positions, (N, 2), and their covariances, (N, 2, 2); nan where there are none.
 
-    Plots without a height are at the mean level of those with one, and its error is in their
-    covariance. Where none has one, ranges are horizontal.
+    A plot without a height is assumed at the mean height of those with one, and the error of this
+    assumption is part of its covariance. If no plot has a height, ranges are taken as horizontal.
     """
     sites, known = _sites(sensors), np.isfinite(plots.height)
     heights = plots.height[known]
@@ -74,11 +74,12 @@ def _sigmas(plots: Plots, sensors: Sequence[Radar]) -> FloatArray:
 
 
 def in_plane(plots: Plots, sensors: Sequence[Any]) -> Plots:
-    """Return plots of radars on the earth as radars in a flat plane would measure them.
+    """Convert plots of radars on the earth to those that radars in a flat plane would measure.
 
-    The formulas of the flat plane take these to the exact positions. Plots without a height are at
-    the mean level of those before them. A plot that is too near for its height is used without it,
-    unless it may be straight above the radar. Plots of other sensors stay as they are.
+    The formulas of the flat plane then give the exact positions. A plot without a height is assumed
+    at the mean height of the plots before it. If the range of a plot is shorter than its height
+    allows, the height is ignored, unless the plot may be straight above the radar. Plots of other
+    sensors are not changed.
     """
     radars = [one for one in sensors if isinstance(one, Radar)]
     plane = plane_of(radars)
@@ -119,7 +120,7 @@ def _flattened(plots: Plots, sensors: Sequence[Radar], plane: SystemPlane) -> Pl
 
 
 def _levels(height: FloatArray, low: FloatArray) -> FloatArray:
-    """Return the mean of the heights up to each plot, (N,); `low` before any is known."""
+    """Return the mean of the heights up to each plot, (N,); `low` before the first height."""
     known = np.isfinite(height)
     count = np.cumsum(known)
     total = np.cumsum(np.where(known, height, 0.0))
@@ -127,7 +128,7 @@ def _levels(height: FloatArray, low: FloatArray) -> FloatArray:
 
 
 def reach(radar: Radar) -> float:
-    """Return the largest range in the plane, where lengths far from the centre are too long."""
+    """Return the largest range in the plane, in which lengths far from the centre are enlarged."""
     if radar.frame is None:
         return radar.max_range
     far = float(np.hypot(*radar.position[:2])) + radar.max_range
@@ -135,7 +136,7 @@ def reach(radar: Radar) -> float:
 
 
 def _sites(sensors: Sequence[Radar]) -> FloatArray:
-    """Return latitudes and longitudes in radians, and heights, (K, 3)."""
+    """Return latitudes and longitudes in radians and heights in metres, (K, 3)."""
     sites = [one.site for one in sensors]
     return np.array(
         [[np.radians(s.latitude), np.radians(s.longitude), s.height] for s in sites if s]

@@ -24,17 +24,18 @@ Association: TypeAlias = "AssociationName | Mht | PaperScore"
 
 @dataclass(frozen=True, slots=True)
 class ImmModel:
-    """Straight flight and turns, mixed by their probabilities: interacting multiple models.
+    """Interacting multiple models (IMM): straight flight and turns, mixed by their probabilities.
 
     Attributes
     ----------
     straight_sigma, turn_sigma : float
         Standard deviation of the acceleration during a scan, in straight flight and in turns, in
-        metres per second squared. Simulated legs are straighter (0.05) than recorded ones (0.2).
+        m/s². For straight flight, 0.05 suits simulated legs and 0.2 recorded ones.
     turn_rate_walk : float
-        Random walk of the turn rate, in radians per second and root of a second.
+        Intensity of the random walk of the turn rate, in radians per second and per square root of
+        a second.
     turn_rate_sigma : float
-        Standard deviation of the rate at which a turn begins, in radians per second.
+        Standard deviation of the initial turn rate of a turn, in radians per second.
     straight_time, turn_time : float
         Mean duration of straight flight and of a turn, in seconds.
     """
@@ -58,7 +59,7 @@ class CvModel:
     Attributes
     ----------
     straight_sigma : float
-        Standard deviation of the acceleration during a scan, in metres per second squared.
+        Standard deviation of the acceleration during a scan, in m/s².
     """
 
     straight_sigma: float = 0.1
@@ -70,20 +71,21 @@ class CvModel:
 
 @dataclass(frozen=True, slots=True)
 class WindowModel:
-    """Least squares over a sliding window of plots, as in the source.
+    """Least squares over a sliding window of plots, as in the source (see `Tracker`).
 
     Attributes
     ----------
     straight : int
-        Plots in the window in straight flight.
+        Number of plots in the window in straight flight.
     after_turn : int
-        Plots that are kept when a manoeuvre is detected: by default 3, of a quadratic 7.
+        Number of plots that are kept when a manoeuvre is detected; by default 3, or 7 if `degree`
+        is 2.
     planned_turn : int
-        Plots in the window near a turn of the flight plan.
+        Number of plots in the window near a turn of the flight plan.
     degree : {1, 2}
-        Degree of the polynomial after a manoeuvre was detected. A quadratic, through five plots or
-        more, is used until its acceleration is no longer significant, for twelve scans at most;
-        then a line begins with three plots.
+        Degree of the polynomial after a manoeuvre is detected. A quadratic (2) is fitted to at
+        least five plots and used until its acceleration is no longer significant, at most for
+        twelve scans; then a line is started from three plots.
     """
 
     straight: int = 20
@@ -107,13 +109,13 @@ class WindowModel:
 class PaperScore:
     """Association by the score of the source, `½ (1/q − 1) d² + ln q` at the distance d.
 
-    The density of false plots, the probability of detection and the size of covariances do not
-    count, and confirmation is by its M plots in N scans alone, however many false plots there are.
+    The density of false plots, the detection probability and the size of the covariances are
+    ignored. A track is confirmed by M plots in N scans, whatever the number of false plots.
 
     Attributes
     ----------
     q : float
-        Variance of the distance of a false plot over that of a true one, above 1.
+        Ratio of the variance of the distance of a false plot to that of a true one, above 1.
     """
 
     q: float = 100.0
@@ -128,27 +130,26 @@ class PaperScore:
 
 @dataclass(frozen=True, slots=True, init=False)
 class PlanModel:
-    """Parameters of the use of flight plans, and the wind.
+    """Parameters for the use of flight plans, and the wind.
 
     Attributes
     ----------
     flown_probability : float
-        Probability that a planned turn is flown, before any was seen; 0: plans have no influence.
-        With the motion "window" it only matters whether it is 0.
+        Probability that a planned turn is flown, before any turn has been observed. 0: plans have
+        no influence. With the motion "window" it only matters whether it is 0.
     wind : (float, float)
-        East and north velocity of the air, in metres per second, in which planned turns are flown.
+        East and north velocity of the air in m/s, used for planned turns.
     wind_sigma : float
-        Standard deviation of the wind in metres per second: 20 if it is unknown, about 6 if it is
-        known.
+        Standard deviation of the wind in m/s: about 6 if the wind is known, 20 if it is not.
     initiation : bool
-        Whether a new target is expected where a flight is due that has no track yet. Such tracks
-        are confirmed earlier, and by two plots where there are few false ones. Not for primary
-        radars that see echoes of the scan before: two of these are enough then.
+        Whether to expect a new target where a flight is due that has no track yet. Such a track is
+        confirmed earlier; two plots are enough if false plots are rare. Do not use it for a primary
+        radar that shows echoes of the previous scan again: two of these would confirm a track.
 
     Raises
     ------
     ValueError, TypeError
-        A number outside its domain, or of the wrong type.
+        If a number is outside its domain or has the wrong type.
     """
 
     flown_probability: float
@@ -182,22 +183,23 @@ class PlanModel:
 
 @dataclass(frozen=True, slots=True)
 class Mht:
-    """Several hypotheses of which plot belongs to which track (multiple-hypothesis tracking).
+    """Multiple-hypothesis tracking: several hypotheses about which plot belongs to which track.
 
     Attributes
     ----------
     max_hypotheses : int
-        Most joint hypotheses of tracks that compete for plots.
+        Largest number of joint hypotheses for a group of tracks that compete for plots.
     scans : int
-        Number of scans after which a choice is final. Nothing is shown later for it: the best
-        hypothesis is shown at once.
+        Number of scans after which a choice is final. This delays no output: the best hypothesis is
+        always shown at once.
     cut : float
-        A hypothesis is dropped when it is exp(cut) times less likely than the best.
+        Logarithm of a ratio: a hypothesis is dropped if it is exp(cut) times less likely than the
+        best one.
 
     Raises
     ------
     ValueError, TypeError
-        A number outside its domain, or of the wrong type.
+        If a number is outside its domain or has the wrong type.
     """
 
     max_hypotheses: int = 32
@@ -215,7 +217,7 @@ class Mht:
 
 
 def core_motion(motion: Motion, profile: ProfileName = "aircraft") -> _core.Motion:
-    """Return a motion model as an argument of the core; names stand for that of the profile."""
+    """Return a motion model in the form for the core; a name gives the model of the profile."""
     names = get_args(MotionName)
     if isinstance(motion, str):
         if motion not in names:
@@ -239,7 +241,7 @@ def core_motion(motion: Motion, profile: ProfileName = "aircraft") -> _core.Moti
 
 
 def profile_of(profile: ProfileName) -> tuple[ImmModel, float]:
-    """Return how targets of a profile move, and the largest speed of one."""
+    """Return the motion model of a profile, and its largest speed."""
     if not isinstance(profile, str) or profile not in _PROFILES:
         names = ", ".join(get_args(ProfileName))
         raise ValueError(f"profile is {profile!r}; it must be one of {names}")
@@ -247,7 +249,7 @@ def profile_of(profile: ProfileName) -> tuple[ImmModel, float]:
 
 
 def core_association(association: Association) -> _core.TrackAssociation:
-    """Return a rule of association as an argument of the core."""
+    """Return a rule of association in the form for the core."""
     match association:
         case "gnn":
             return _core.TrackAssociation.gnn()
@@ -268,7 +270,7 @@ def core_association(association: Association) -> _core.TrackAssociation:
 
 
 def core_radar(radar: Radar) -> _core.Radar:
-    """Return a radar as an argument of the core."""
+    """Return a radar in the form for the core."""
     east, north, *up = radar.position.tolist()
     size, angle = radar.range_resolution, radar.azimuth_resolution
     return _core.Radar(
@@ -284,7 +286,7 @@ def core_radar(radar: Radar) -> _core.Radar:
 
 
 def _core_channels(radar: Radar) -> list[list[float] | None] | None:
-    """Return the numbers of a primary, a secondary and a mode S channel, where there are any."""
+    """Return the numbers of the primary, secondary and mode S channels; None without channels."""
     if radar.channels is None:
         return None
     own, sigmas = radar.channels, (radar.range_sigma, radar.azimuth_sigma)

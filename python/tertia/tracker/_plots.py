@@ -26,8 +26,8 @@ NO_IDENTITY = -1
 class Plots(Result):
     """Plots of one or several sensors, in any order.
 
-    Those of a `Radar` are polar, those of a `PositionSensor` positions with their covariances, and
-    those of a `Station` azimuths.
+    Plots of a `Radar` are polar, those of a `PositionSensor` are positions with covariances, and
+    those of a `Station` are azimuths.
 
     Parameters
     ----------
@@ -37,36 +37,38 @@ class Plots(Result):
     Attributes
     ----------
     time : ndarray of shape (N,)
-        Seconds.
+        Time in seconds.
     range : ndarray of shape (N,)
-        Metres from the sensor: slant, but horizontal where radars are in a plane and no height is
-        known of any target; nan for positions and for azimuths alone.
+        Range from the sensor in metres; nan for positions and for azimuths alone. It is the slant
+        range. If the radars are in a flat plane and no target has a known height, it is taken as
+        horizontal.
     azimuth : ndarray of shape (N,)
-        Radians, clockwise from north.
+        Azimuth in radians, clockwise from north.
     sensor : ndarray of int, shape (N,)
         Index of the sensor.
     height : ndarray of shape (N,)
-        Metres; nan where it is not known.
+        Height in metres; nan if it is not known.
     identity : ndarray of int, shape (N,)
-        Reply of the transponder, for example a code or an address; -1 where there is none.
+        Reply of the transponder, for example a code or an address; -1 if there is none.
     detection : ndarray of int, shape (N,)
-        What the plot was detected by: the index of psr, ssr, psr+ssr, mode-s or psr+mode-s, -1
-        where that is not known. It may be given by these names. It counts where the radar has
-        `channels`, and one that these cannot make counts as not known.
+        What the plot was detected by: the index of psr, ssr, psr+ssr, mode-s or psr+mode-s; -1 if
+        it is not known. It may also be given by these names. It is used if the radar has
+        `channels`; a detection that these channels cannot make is treated as not known.
     position : ndarray of shape (N, 2) or None
-        East and north in metres, of sensors that report positions; nan for plots of radars.
+        East and north in metres, for sensors that report positions; nan for plots of radars.
     covariance : ndarray of shape (N, 2, 2) or None
-        Of the positions; nan where it is that of the sensor.
+        Covariances of the positions; nan where the `position_sigma` of the sensor applies.
     sensor_position : ndarray of shape (N, 2) or None
-        East and north of a `Station` that moves, in metres; nan where the station says it.
+        East and north of a moving `Station` at each plot in metres; nan where the position of the
+        station itself applies.
 
     Raises
     ------
     ValueError
-        Columns of different shapes, an azimuth of more than two turns, or a detection of another
-        name.
+        If columns have different shapes, an azimuth exceeds two turns, or the name of a detection
+        is unknown.
     TypeError
-        A column of the wrong type.
+        If a column has the wrong type.
     """
 
     _rows: ClassVar = "time", 0
@@ -120,7 +122,7 @@ class Plots(Result):
                 ) from None
             object.__setattr__(self, key, column)
         if covariance is not None and position is None:
-            raise ValueError("covariance is that of position, which is None")
+            raise ValueError("covariance is given, but position is None")
         count = len(instants)
         object.__setattr__(self, "position", _rows(position, "position", (count, 2)))
         object.__setattr__(self, "covariance", _rows(covariance, "covariance", (count, 2, 2)))
@@ -136,7 +138,7 @@ class Plots(Result):
         return f"Plots({len(self)})"
 
     def __getitem__(self, index: Any) -> Plots:
-        """Return some of the plots."""
+        """Return the plots of a slice, a mask or indices."""
         some = Plots.__new__(Plots)
         for name in self.__slots__:
             whole = getattr(self, name)
@@ -152,8 +154,9 @@ class Plots(Result):
     def to_cartesian(self, sensors: Sequence[Radar]) -> tuple[FloatArray, FloatArray]:
         """Return the plots as positions in the plane, as used by the tracker.
 
-        Radars on the earth (`Radar.frame`) have their plots in the system plane. Those without a
-        height are then at the mean level of the others, whose error is in the covariance.
+        Plots of radars on the earth (`Radar.frame`) are converted to the system plane. Plots
+        without a height are assumed at the mean height of the others; the error of this assumption
+        is part of their covariance.
 
         Parameters
         ----------
@@ -163,19 +166,19 @@ class Plots(Result):
         Returns
         -------
         position : ndarray of shape (N, 2)
-            East and north in metres; nan where the plot is invalid or straight above the radar. The
-            mean of sine and cosine of a noisy azimuth is smaller by exp(-sigma^2 / 2), which is
-            corrected.
+            East and north in metres; nan if the plot is invalid or straight above the radar. Noise
+            of the azimuth reduces the mean of its sine and cosine by the factor exp(-sigma^2 / 2),
+            which is corrected.
         covariance : ndarray of shape (N, 2, 2)
-            `J diag(range_sigma^2, azimuth_sigma^2) J'`; with a height, plus the contributions of
-            the slant range and the height error.
+            `J diag(range_sigma^2, azimuth_sigma^2) J'`, with J the derivatives of the position. If
+            there is a height, the contributions of the slant range and the height error are added.
 
         Raises
         ------
         ValueError
-            A plot of a sensor that does not exist.
+            If a plot belongs to a sensor that does not exist.
         TypeError
-            A sensor that is not a radar.
+            If a sensor is not a radar.
 
         Examples
         --------
@@ -194,7 +197,7 @@ class Plots(Result):
         return positions(self, radars, plane)
 
     def _replaced(self, **columns: FloatArray | IntArray) -> Plots:
-        """Return the same plots with other values in some of the columns."""
+        """Return the same plots with some of the columns replaced."""
         some = Plots.__new__(Plots)
         for name in self.__slots__:
             object.__setattr__(some, name, columns.get(name, getattr(self, name)))
@@ -202,7 +205,7 @@ class Plots(Result):
 
 
 class PlotStatus(enum.IntEnum):
-    """Reason why a plot was not used; replaces the track in `TrackTable.track_of_plot`."""
+    """Reason why a plot was not used; stored instead of the track in `TrackTable.track_of_plot`."""
 
     INVALID = -1
     LATE = -2
@@ -215,7 +218,7 @@ class PlotStatus(enum.IntEnum):
 
     @property
     def message(self) -> str:
-        """The reason, as a sentence."""
+        """The meaning of the status, as a sentence."""
         return _MESSAGES[self]
 
 
@@ -227,17 +230,17 @@ _MESSAGES = {
     PlotStatus.LATE: "the plot is more than a scan older than plots that were processed before",
     PlotStatus.AT_SENSOR: "the target is straight above the radar",
     PlotStatus.OUT_OF_RANGE: "the plot is beyond the range of the radar",
-    PlotStatus.CLOCK_ERROR: "the plot comes alone or with few long after others: a wrong clock",
+    PlotStatus.CLOCK_ERROR: "the plot is isolated and much later than others: its clock is wrong",
     PlotStatus.DUPLICATE: "the plot repeats the one before it",
-    PlotStatus.NO_QUALITY: "the position has no covariance, or one that is none",
+    PlotStatus.NO_QUALITY: "the position has no valid covariance",
     PlotStatus.UNASSOCIATED: (
-        "the azimuth is of no confirmed track, or of several in nearly the same direction"
+        "the azimuth matches no confirmed track, or several in nearly the same direction"
     ),
 }
 
 
 def continuous(time: FloatArray, period: float, now: float) -> FloatArray:
-    """Return continuous times from a clock that starts again, near now if that is known."""
+    """Return continuous times from a clock that wraps, near `now` if that is known."""
     known = np.flatnonzero(np.isfinite(time))
     if not len(known):
         return time
@@ -249,7 +252,7 @@ def continuous(time: FloatArray, period: float, now: float) -> FloatArray:
 
 
 def _rows(value: npt.ArrayLike | None, name: str, shape: tuple[int, ...]) -> FloatArray | None:
-    """Return `value` as an array of this shape, if it is given."""
+    """Return `value` as an array of the given shape; None if it is None."""
     if value is None:
         return None
     array = samples(value, name)

@@ -1,4 +1,4 @@
-"""Systematic errors of radars, found while tracking."""
+"""Systematic errors of radars, estimated while tracking."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Alone = Callable[[Plots, Radar | PositionSensor, int], TrackTable]
 
 
 def target_plots(plots: Plots, tracks: TrackTable, rows: IntArray) -> dict[str, Any]:
-    """Return the columns of the plots of these rows, with their targets, as the core takes them."""
+    """Return the columns of the plots of these rows, with their targets, for the core."""
     return {
         "sensor": plots.sensor,
         "target": np.ascontiguousarray(tracks.track[rows]),
@@ -47,7 +47,7 @@ def target_plots(plots: Plots, tracks: TrackTable, rows: IntArray) -> dict[str, 
 
 
 def is_registrable(sensors: Sequence[Sensor]) -> bool:
-    """Return whether a radar may have errors, and there is another sensor that knows places."""
+    """Return whether a radar may have errors and another sensor can reveal them."""
     deviates = any(one.bias is not None and one.bias.deviation_order > 0 for one in sensors)
     unknown = columns_of(own_biases(sensors), "_sigma").any(axis=1)
     radar = np.array([isinstance(one, Radar) for one in sensors])
@@ -56,21 +56,21 @@ def is_registrable(sensors: Sequence[Sensor]) -> bool:
 
 
 class Registrar:
-    """Errors of radars as they are known after each scan.
+    """Systematic errors of radars as known after each scan.
 
-    Reported positions have noise and may be late; azimuths alone say nothing.
+    Reported positions have noise and may be late. Azimuths alone are not used.
 
     Attributes
     ----------
     sensors : tuple of Radar, PositionSensor or Station
         The sensors.
     kept : list of Plots
-        Plots of the last scans, while large errors are sought.
+        Plots of the last scans, kept while large errors are searched for.
     """
 
     def __init__(self, sensors: Sequence[Sensor]) -> None:
         if not any(isinstance(one, Radar) for one in sensors):
-            raise ValueError("registration is of radars, and sensors has no Radar")
+            raise ValueError("registration needs a Radar, and sensors has none")
         self.sensors = tuple(sensors)
         self.kept: list[Plots] = []
         self._begin, self._due = np.nan, np.inf
@@ -81,17 +81,17 @@ class Registrar:
 
     @property
     def period(self) -> float:
-        """Seconds of a scan of the slowest sensor."""
+        """Scan period of the slowest sensor in seconds."""
         return max(map(interval, self.sensors))
 
     @property
     def bias(self) -> Bias:
-        """The errors of each radar and their standard deviations, (K,)."""
+        """Systematic errors of each radar with their standard deviations, (K,)."""
         value, sigma, _ = self._core.known()
         return bias_of(value, sigma)
 
     def correct(self, plots: Plots) -> Plots:
-        """Return plots without the errors of their sensors."""
+        """Return plots with the systematic errors of their sensors removed."""
         time, distance, azimuth = self._core.correct(plots)
         return plots._replaced(time=time, range=distance, azimuth=azimuth)
 
@@ -102,45 +102,46 @@ class Registrar:
 
     @property
     def held(self) -> list[bool]:
-        """Whether plots of each sensor are to confirm no tracks for now."""
+        """Whether plots of each sensor must not confirm tracks at present."""
         held = self._core.held()
         # where plots of all sensors are far from their tracks, targets manoeuvre
         return [False] * len(held) if all(held) else held
 
     @property
     def changes(self) -> list[tuple[float, int]]:
-        """Times and sensors of sudden changes."""
+        """Times and sensors of sudden changes of the errors."""
         return self._core.changes()
 
     def learn(
         self, plots: Plots, first: int, tracks: TrackTable, noise: FloatArray, time: float
     ) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Learn from the rows that these plots made, of which the first has this number.
+        """Update the errors by the rows that these plots made; the first plot has the given number.
 
-        `noise`, (K, 2), is that with which they were made. Adds what is not known of the errors to
-        the covariances of the rows, and moves them by what was learnt. Returns tracks, and by how
-        much they move at which times.
+        `noise`, (K, 2), is the noise with which the rows were made. The uncertainty of the errors
+        is added to the covariances of the rows, and the rows are moved by the change of the errors.
+        Returns tracks, and by how much they move at which times.
         """
         flat = in_plane(_with_heights(plots, first, tracks), self.sensors)
         return self._core.learn(flat, first, tracks._columns, tracks.track_of_plot, noise, time)
 
     @property
     def _first(self) -> float:
-        """Seconds after which the sensors are compared at first."""
+        """Return the seconds after which the sensors are compared for the first time."""
         radars = [one for one in self.sensors if isinstance(one, Radar)]
         return _FIRST_SCANS * max(radar.scan_period for radar in radars)
 
     @property
     def is_first(self) -> bool:
-        """Whether the radars were not yet compared, so that two tracks may be one aircraft."""
+        """Whether the radars have not been compared yet, so that two tracks may be one aircraft."""
         return not self._due > self._begin + self._first
 
     def search(self, plots: Plots, time: float, alone: Alone) -> bool:
-        """Seek large errors in the first scans; return whether tracks are to start anew.
+        """Search for large errors in the first scans; return whether tracks are to start anew.
 
-        Then `kept` are the plots from which on. What is found comes from the tracks of each radar
-        alone; it is sought again later where radars have no targets in common yet, or few scans
-        showed no large errors. Tracks go on where they were of all radars before.
+        If so, `kept` are the plots from which they start. The errors are estimated from the tracks
+        of each radar alone. The search is repeated later if radars have no targets in common yet,
+        or if few scans showed no large errors. Later, tracks start anew only if the first scans did
+        not allow the comparison of all radars.
         """
         if self._paired.all():
             return False
@@ -161,7 +162,7 @@ class Registrar:
         return found and (is_first or not self._compared)
 
     def search_recording(self, plots: Plots, alone: Alone) -> None:
-        """Seek large errors in the first scans in which radars have targets in common."""
+        """Search for large errors in the first scans in which radars have targets in common."""
         known = plots.time[np.isfinite(plots.time)]
         if not len(known):
             return
@@ -173,9 +174,10 @@ class Registrar:
             due *= 2.0
 
     def _vote(self, plots: Plots, alone: Alone, *, is_first: bool = False) -> bool:
-        """Start from the errors that these plots show, if they are large.
+        """Start the estimation anew from the errors that these plots show, if they are large.
 
-        The first scans say so of several targets only, and not that there are none.
+        In the first scans, large errors are accepted only if several targets show them; if none are
+        found, the search goes on.
         """
         plots = _thinned(plots, len(self.sensors))
         count = 2 if is_first else 3
@@ -214,11 +216,11 @@ class Registrar:
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return all that is known."""
+        """Return the complete state."""
         return {**self.__dict__, "_core": self._core.__getstate__()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore what is known."""
+        """Restore the state."""
         self.__dict__.update(state)
         self._core = _core.Registrar.from_state(state["_core"])
 
@@ -236,7 +238,7 @@ def scans(time: FloatArray, period: float) -> list[IntArray]:
 
 
 def _with_heights(plots: Plots, first: int, tracks: TrackTable) -> Plots:
-    """Return plots of which those without a height are at the height of their track."""
+    """Return plots in which missing heights are replaced by the heights of their tracks."""
     unknown = ~np.isfinite(plots.height)
     if not unknown.any():
         return plots
@@ -248,10 +250,10 @@ def _with_heights(plots: Plots, first: int, tracks: TrackTable) -> Plots:
 
 
 def _thinned(plots: Plots, sensors: int) -> Plots:
-    """Return the plots of so many targets of each sensor as are enough to find large errors.
+    """Return the plots of only as many targets per sensor as suffice to find large errors.
 
-    They are chosen by their identities, the same ones for all sensors; no plots are left out where
-    most plots of a sensor have none.
+    The targets are selected by their identities, the same for all sensors. Nothing is left out if
+    most plots of a sensor have no identity.
     """
     has_identity, chosen = plots.identity >= 0, []
     for k in range(sensors):
@@ -269,7 +271,7 @@ def _thinned(plots: Plots, sensors: int) -> Plots:
 
 
 def _joined(parts: Sequence[Plots]) -> Plots:
-    """Return the plots of several scans."""
+    """Return the plots of several scans as one."""
     columns: dict[str, Any] = {
         name: np.concatenate([getattr(part, name) for part in parts])
         for name in ("time", "range", "azimuth", "sensor", "height", "identity", "detection")

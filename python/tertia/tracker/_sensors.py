@@ -1,4 +1,4 @@
-"""The sensors of a tracker, as arguments of the core."""
+"""The sensors of a tracker in the form for the core."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _DETECTION_PROBABILITY = 0.9
 
 
 def sensors_of(values: Any) -> tuple[Sensor, ...]:
-    """Return the sensors of a tracker, checked; at least one, on the same earth."""
+    """Return the sensors of a tracker, checked: at least one, all on the same earth."""
     if not isinstance(values, Sequence):
         names = "Radar, PositionSensor or Station"
         raise TypeError(f"sensors is {values!r}; it must be a sequence of {names}")
@@ -31,20 +31,20 @@ def sensors_of(values: Any) -> tuple[Sensor, ...]:
     plane_of([one for one in values if isinstance(one, Radar)])
     stations = {i: one for i, one in enumerate(values) if isinstance(one, Station)}
     if len(stations) == len(values):
-        raise ValueError("sensors has a Station alone; azimuths without ranges begin no tracks")
+        raise ValueError("sensors has only Stations; azimuths without ranges start no tracks")
     for i, station in stations.items():
         check_station(station, f"sensors[{i}]")
     return tuple(values)
 
 
 def slant(sensors: Sequence[Sensor]) -> list[bool]:
-    """Return which sensors are radars whose ranges are slant also where no height is known."""
+    """Return which sensors are radars whose ranges are slant even if no height is known."""
     radars = [one if isinstance(one, Radar) else None for one in sensors]
     return [one is not None and (one.site is not None or len(one.position) > 2) for one in radars]
 
 
 def interval(sensor: Sensor) -> float:
-    """Return after how many seconds a sensor comes again to a target; 0 of one that may not."""
+    """Return the seconds between looks of a sensor at a target; 0 if there is no such interval."""
     if isinstance(sensor, Station):
         return 0.0
     return sensor.scan_period if isinstance(sensor, Radar) else sensor.update_interval
@@ -53,7 +53,7 @@ def interval(sensor: Sensor) -> float:
 def core_sensors(
     sensors: Sequence[Sensor], motion: Motion
 ) -> tuple[list[_core.Radar], list[_core.Geometry]]:
-    """Return the sensors, and what their plots say of positions."""
+    """Return the sensors, and how their plots determine positions."""
     windowed = motion == "window" or isinstance(motion, WindowModel)
     if windowed and any(isinstance(one, Station) for one in sensors):
         raise ValueError(f"motion {motion!r} takes no azimuths alone, and sensors has a Station")
@@ -64,7 +64,7 @@ def core_sensors(
 
 
 def _core_sensor(sensor: Sensor, period: float) -> tuple[_core.Radar, _core.Geometry]:
-    """Return a sensor, and what its plots say of positions; a station has no scan of its own."""
+    """Return a sensor, and how its plots determine positions; `period` is for a station."""
     if isinstance(sensor, Station):
         sigma = sensor.azimuth_sigma
         assert sigma is not None  # it was checked
@@ -88,7 +88,7 @@ def _radar_geometry(radar: Radar) -> _core.Geometry:
 
 
 def _as_radar(sensor: PositionSensor) -> _core.Radar:
-    """Return a sensor of positions as the core counts its reports: by intervals, everywhere."""
+    """Return a position sensor in the form of a radar, by which the core counts its reports."""
     return _core.Radar(
         position=[0.0, 0.0, 0.0],
         range_sigma=1.0 if sensor.position_sigma is None else sensor.position_sigma,

@@ -34,9 +34,9 @@ def core_settings(
     emergency_codes: Sequence[int] = (),
     with_plans: bool = False,
 ) -> _core.TrackerSettings:
-    """Check the options of `Tracker` that need neither sensors nor plots.
+    """Check the options of `Tracker` that can be checked without sensors and plots.
 
-    Commands call it to refuse wrong options before they read files.
+    Commands call this to refuse wrong options before they read files.
     """
     model = PlanModel() if plan_model is None else plan_model
     if not isinstance(model, PlanModel):
@@ -70,7 +70,7 @@ def core_settings(
 
 
 def _confirmation(rule: tuple[int, int] | float) -> tuple[int, int] | float:
-    """Return plots and scans, or the probability of a target, that confirm a track."""
+    """Return the plots and scans, or the probability of a target, that confirm a track."""
     if isinstance(rule, float):
         return real(rule, "confirmation")
     if not isinstance(rule, Sequence) or len(rule) != 2:

@@ -1,4 +1,4 @@
-"""Tracks from all their plots, those that came later as well."""
+"""Smoothed tracks, each from all of its plots, including later ones."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Transversal(enum.IntEnum):
 
 
 class Longitudinal(enum.IntEnum):
-    """How a target moves along its course: whether it is faster or slower than before, I062/200."""
+    """How the speed of a target changes along its course, as in ASTERIX I062/200."""
 
     CONSTANT_SPEED = 0
     INCREASING_SPEED = 1
@@ -60,7 +60,7 @@ class Longitudinal(enum.IntEnum):
 
 
 class Vertical(enum.IntEnum):
-    """How a target moves vertically: level, up or down, as in ASTERIX I062/200."""
+    """How a target moves vertically: level, climbing or descending, as in ASTERIX I062/200."""
 
     LEVEL = 0
     CLIMB = 1
@@ -70,48 +70,50 @@ class Vertical(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothedTracks(Result):
-    """States of tracks by all their plots: one row for every plot, and for every time asked for.
+    """States of tracks from all their plots: one row for every plot and every requested time.
 
-    A track has states from its first plot to its last one.
+    The states of a track extend from its first plot to its last one.
 
     Attributes
     ----------
     time : ndarray of shape (N,)
-        Seconds, in order within each track.
+        Time in seconds, in order within each track.
     track : ndarray of int, shape (N,)
-        Number of the track; of tracks that are joined, that of the first.
+        Number of the track; for tracks that are joined, the number of the first.
     sensor : ndarray of int, shape (N,)
-        Index of the sensor of the plot; -1 between plots.
+        Index of the sensor of the plot; -1 if the row has no plot.
     plot : ndarray of int, shape (N,)
-        Index of the plot; -1 between plots.
+        Index of the plot; -1 if the row has no plot.
     position, velocity : ndarray of shape (N, 2)
         East and north, in metres and metres per second.
     covariance : ndarray of shape (N, 4, 4)
         Covariance of position and velocity.
     acceleration : ndarray of shape (N,)
-        Along the course, in metres per second squared.
+        Acceleration along the course in m/s².
     turn_rate : ndarray of shape (N,)
-        Radians per second, positive to the right.
+        Turn rate in radians per second, positive to the right.
     innovation : ndarray of shape (N, 2)
-        Plot minus the position that all other plots give, in metres; nan between plots.
+        Plot minus the position estimated from all other plots, in metres; nan if the row has no
+        plot.
     innovation_covariance : ndarray of shape (N, 2, 2)
         Covariance of the innovation.
     turn_probability, speed_change_probability : ndarray of shape (N,)
-        Probabilities that the target turns, and that its speed changes.
+        Probability that the target turns, and probability that its speed changes.
     height, height_sigma, vertical_rate : ndarray of shape (N,)
-        Metres, its standard deviation, and metres per second upward; nan before the first height
-        and after the last one.
+        Height in metres, its standard deviation, and vertical rate in m/s, positive upwards; nan
+        before the first height and after the last one.
     transversal, longitudinal, vertical : ndarray of int, shape (N,)
-        How the target moves: `Transversal`, `Longitudinal`, `Vertical`. Undetermined where no
-        movement has a probability of 0.7.
+        How the target moves, as a `Transversal`, `Longitudinal` and `Vertical`. Undetermined if no
+        movement has a probability of at least 0.7.
     identity : ndarray of int, shape (N,)
-        Reply of the transponder, of the last plot; -1 where there is none.
+        Reply of the transponder in the last plot; -1 if there is none.
     gap : ndarray of shape (N,)
         Seconds to the nearest plot that is used.
     outlier : ndarray of bool, shape (N,)
-        Whether the plot does not fit to the others, and was left out.
+        Whether the plot contradicts the others and was left out.
     final : ndarray of bool, shape (N,)
-        Whether the state is 30 s older than the last plot: later ones would not change it.
+        Whether the state is at least 30 s older than the last plot, so that later plots would not
+        change it.
     """
 
     _rows: ClassVar = "time", 0
@@ -165,10 +167,10 @@ def smooth_tracks(
     exclude: int | None = None,
     n_threads: int | None = None,
 ) -> SmoothedTracks:
-    """Return where targets were, by all plots of their tracks.
+    """Return where targets were, estimated from all plots of their tracks.
 
-    Two filters of three models, straight flight, turns and changes of speed, one forwards in time
-    and one backwards, are combined at each plot and at any time between.
+    Two filters, one forwards and one backwards in time, are combined at each plot and at any time
+    between plots. Each has three models: straight flight, turns and changes of speed.
 
     Parameters
     ----------
@@ -177,25 +179,26 @@ def smooth_tracks(
     sensors : sequence of Radar
         The radars; plots refer to them by their index. Their biases are subtracted.
     tracks : TrackTable, optional
-        Which plots belong together; by default `track(plots, sensors)`. Tracks with the same
-        identity are joined where they follow each other within five minutes and at speeds of
-        aircraft, unless a radar sees two of them in one scan.
+        The assignment of plots to tracks; by default `track(plots, sensors)`. Tracks with the same
+        identity are joined if one follows the other within five minutes and at the speed of an
+        aircraft, unless a radar sees both in one scan.
     motion : {"imm", "cv"} or ImmModel, CvModel
-        Motion model of the targets: straight flight and turns as given, and changes of speed; or
-        straight flight alone.
+        Motion model of the targets. "imm" or an `ImmModel`: straight flight and turns as given by
+        the model, and changes of speed. "cv" or a `CvModel`: straight flight alone.
     registration : tertia.registration.Registration or False, optional
-        Its radars, with estimated biases and noise, are used in place of `sensors`. By default,
-        without `tracks`, biases are those that tracking finds by the end; False: none.
+        A registration whose radars, with estimated biases and noise, replace `sensors`. By default,
+        if `tracks` is not given, the biases are those that the tracker has estimated at the end of
+        the recording. False: biases are not estimated.
     time : array_like of shape (T,), optional
-        Further times of states, in seconds.
+        Additional times in seconds at which states are returned.
     every : float, optional
-        Interval of further states, in seconds: at its multiples.
+        Interval in seconds: states are also returned at all its multiples.
     exclude : int, optional
-        Index of a sensor whose plots are not used. They have rows nevertheless, so that they can be
-        compared with what all other sensors saw.
+        Index of a sensor whose plots are not used. They still have rows, so that they can be
+        compared with the estimate from all other sensors.
     n_threads : int, optional
-        Threads, over tracks; by default all cores if that pays off. The result is the same to the
-        last bit.
+        Number of threads, over tracks; by default all cores if that is faster. It does not affect
+        the results.
 
     Returns
     -------
@@ -205,18 +208,19 @@ def smooth_tracks(
     Raises
     ------
     ValueError
-        A plot of a sensor that does not exist, tracks of other plots, or a parameter outside its
-        domain.
+        If a plot belongs to a sensor that does not exist, if the tracks are those of other plots,
+        or if a parameter is outside its domain.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
-    A plot that is farther from what all others say than the guard gate allows (probability 0.998),
-    and farther than the plots beside it, is left out, and the track is smoothed again. N plots and
-    times cost O(N). States at the times of plots do not depend on further times.
+    A plot is left out, and the track smoothed again, if the plot is outside the guard gate
+    (probability 0.998) about the estimate from all other plots, and farther from that estimate than
+    the adjacent plots are. The cost is O(N) for N plots and times. States at the times of plots do
+    not depend on additional times.
 
-    The systematic errors of the radars that remain are not part of the covariances.
+    The covariances do not include the remaining systematic errors of the radars.
 
     Source: Fraser, Potter 1969; Helmick, Blair, Hoffman 1995.
 
@@ -279,7 +283,7 @@ def smooth_tracks(
 
 @dataclass(frozen=True, slots=True)
 class _Rows:
-    """Plots of tracks, by track and time; `first` has the index of the first one of each track."""
+    """Plots of tracks, by track and time; `first` has the index of the first plot of each track."""
 
     plot: IntArray
     sensor: IntArray
@@ -297,7 +301,7 @@ class _Rows:
         radars: Sequence[Radar],
         sites: Sequence[Radar],
     ) -> _Rows:
-        """Sort the plots in these rows; `radars` were tracked by, `sites` are known by now."""
+        """Sort the plots in these rows; tracking used `radars`, smoothing uses `sites`."""
         own = plots[tracks.plot[rows]]
         corrected = own_biases(sites).correct(own)
         # clocks are continuous in tracks, but plots that waited for others have rows of later times
@@ -336,7 +340,7 @@ class _Rows:
 
 
 def _joined(tracks: TrackTable, radars: Sequence[Radar]) -> IntArray:
-    """Return the number of the target of each row: that of its first track."""
+    """Return the number of the target of each row, which is that of its first track."""
     if not len(tracks):
         return tracks.track
     seen = tracks[np.lexsort((tracks.time, tracks.track))]
@@ -358,10 +362,10 @@ def _joined(tracks: TrackTable, radars: Sequence[Radar]) -> IntArray:
 
 
 def _changes(seen: TrackTable, radars: Sequence[Radar]) -> list[tuple[int, int]]:
-    """Return the tracks that go on as another one, of rows of one identity in the order of time.
+    """Return pairs of tracks, the second continuing the first, from rows of one identity by time.
 
-    A radar that sees two of them in one scan sees two targets. Tracks of one target may have its
-    plots in turn for some scans.
+    A radar that sees two tracks in one scan sees two targets. Two tracks of one target may receive
+    its plots alternately for some scans.
     """
     for sensor in np.unique(seen.sensor):
         own = seen[seen.sensor == sensor]
@@ -381,7 +385,7 @@ def _changes(seen: TrackTable, radars: Sequence[Radar]) -> list[tuple[int, int]]
 def _smoothed(
     rows: _Rows, counts: IntArray, numbers: FloatArray, codes: IntArray, marks: BoolArray
 ) -> SmoothedTracks:
-    """Return the table of what the core found."""
+    """Return the output of the core as a table."""
     columns = iter(np.split(numbers, np.cumsum([1, 2, 2, 16, 2, 4, *[1] * 7]), axis=1))
 
     def one(*shape: int) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Systematic errors of radars that are far larger than expected, from the tracks of each alone."""
+"""Systematic errors of radars that are far larger than expected, from tracks of single radars."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _STRAIGHT, _TURN = 0.1, 3.0
 def start(
     alone: Sequence[TrackTable], sensors: Sequence[Sensor]
 ) -> tuple[Bias, FloatArray, IntArray]:
-    """Return errors from which to start, and how well they are known before.
+    """Return initial values of the errors, and the sigmas of their prior.
 
-    The tracks of each sensor alone are compared at the time at which most pairs can be. Returned
-    are also how well they are known after that, (K, 4), and how many targets a sensor has in common
-    with others, (K,).
+    The tracks of the single sensors are compared at the time at which most pairs can be compared.
+    Also returned are the sigmas after the comparison, (K, 4), and the number of targets that each
+    sensor has in common with others, (K,).
     """
     prior = own_biases(sensors)
     sigma = columns_of(prior, "_sigma")
@@ -61,7 +61,7 @@ def bias_of(value: FloatArray, sigma: FloatArray) -> Bias:
 
 
 def _time_of_most_pairs(tables: Sequence[TrackTable], ages: Sequence[float]) -> float | None:
-    """Return the time at which most tracks of radars have a track of another one beside them."""
+    """Return the time at which most tracks of a radar coincide with a track of another radar."""
     known = [table.time for table in tables if len(table)]
     if len(known) < 2:
         return None
@@ -84,7 +84,7 @@ def _time_of_most_pairs(tables: Sequence[TrackTable], ages: Sequence[float]) -> 
 
 
 def _at(table: TrackTable, time: float, sensor: int, age: float) -> dict[str, Any]:
-    """Return the tracks of a radar at a time, straight on from their last rows."""
+    """Return the tracks of a radar at a time, extrapolated straight on from their last rows."""
     rows = np.flatnonzero((table.time <= time) & (table.time > time - age))
     rows = rows[np.argsort(table.time[rows], kind="stable")]
     _, newest = np.unique(table.track[rows][::-1], return_index=True)

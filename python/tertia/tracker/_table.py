@@ -20,13 +20,13 @@ class Column:
     Attributes
     ----------
     name : str
-        The attribute of the table.
+        Name of the attribute of the table.
     unit : str
-        Its unit; empty where it has none.
+        Unit; empty if there is none.
     type : {"float", "int", "bool"}
-        The type of its values.
+        Type of the values.
     shape : tuple of int
-        Shape of the value of a row; empty for a single number.
+        Shape of the value in one row; empty for a single number.
     doc : str
         Description of the column.
     """
@@ -49,7 +49,7 @@ _PLACES = {column.name: place for place, column in enumerate(COLUMNS)}
 
 
 class _Columns:
-    """Columns that become arrays when they are asked for."""
+    """Columns that become arrays on first access."""
 
     __slots__ = ("_columns",)
 
@@ -76,13 +76,13 @@ class TrackTable(_Columns, Result):
     Attributes
     ----------
     time : ndarray of shape (N,)
-        Seconds.
+        Time in seconds.
     track : ndarray of int, shape (N,)
-        Number of the track, from 1; 2**40 and more while late plots may still change it.
+        Number of the track, from 1; it is 2**40 or more while late plots may still change it.
     sensor : ndarray of int, shape (N,)
         Index of the sensor.
     plot : ndarray of int, shape (N,)
-        Index of the plot among all that the tracker was given; -1 for a missed detection.
+        Index of the plot among all plots that the tracker was given; -1 for a missed detection.
     position, velocity : ndarray of shape (N, 2)
         East and north, in metres and metres per second.
     covariance : ndarray of shape (N, 4, 4)
@@ -94,27 +94,28 @@ class TrackTable(_Columns, Result):
     turn_probability : ndarray of shape (N,)
         Probability that the target turns.
     association_probability : ndarray of shape (N,)
-        Probability that the plots of the track are its own; 1 where no other choice is likely.
+        Probability that the plots of the track are its own; 1 if no other assignment is likely.
     existence_probability : ndarray of shape (N,)
-        Probability that the track is of a target, not of false plots.
+        Probability that the track is that of a target and not made of false plots.
     height, vertical_rate : ndarray of shape (N,)
-        Metres, and metres per second upward; nan where no height was reported.
+        Height in metres and vertical rate in m/s, positive upwards; nan if no height was reported.
     identity : ndarray of int, shape (N,)
-        Reply of the transponder; -1 where there is none.
+        Reply of the transponder; -1 if there is none.
     plan : ndarray of int, shape (N,)
         Index of the flight plan; -1 if the track has none.
     plan_status : ndarray of int, shape (N,)
-        How the track came to its plan, or why it has none: a `flightplan.CorrelationStatus`.
+        How the track obtained its plan, or why it has none: a `flightplan.CorrelationStatus`.
     merged : ndarray of bool, shape (N,)
-        Whether the plot is that of another track as well, not resolved by the radar.
+        Whether the plot also belongs to another track, because the radar did not resolve the two
+        targets.
     confirmed : ndarray of bool, shape (N,)
-        Whether the track was confirmed by then.
+        Whether the track had been confirmed by this time.
     conforms : ndarray of bool, shape (N,)
-        Whether the target follows its plan; False where the plan is blocked.
+        Whether the target follows its plan; False if the plan is blocked.
     final : ndarray of bool, shape (N,)
-        Whether the row stays as it is; False where late plots may still change it.
+        Whether the row is final; False if late plots may still change it.
     track_of_plot : ndarray of int, shape (P,)
-        The track of each plot; a negative `PlotStatus` where it was not used.
+        Number of the track of each plot; a negative `PlotStatus` if the plot was not used.
     """
 
     _rows: ClassVar = "time", 0
@@ -165,11 +166,12 @@ class TrackTable(_Columns, Result):
         return TrackTable(**kept, track_of_plot=self.track_of_plot)
 
     def latest(self) -> TrackTable:
-        """Return the rows that still hold, of a table that joins those of several updates.
+        """Return the rows that are still valid, of a table that joins those of several updates.
 
-        A tracker with a `lag` replaces rows that are not final: a new row replaces those of its
-        track from its time on, and any other with the same plot; a final row replaces all before
-        it. `table[table.final]` is the record, without what may change.
+        A tracker with a `lag` replaces rows that are not final. A new row replaces the rows of its
+        track from its time on, and any other row with the same plot; a final row replaces all
+        earlier rows of its track. `table[table.final]` contains only the rows that can no longer
+        change.
         """
         # of each plot the last row holds
         _, last = np.unique(self.plot[::-1], return_index=True)
@@ -198,10 +200,10 @@ class TrackTable(_Columns, Result):
 
 
 def joined(tables: Iterable[TrackTable], order: IntArray, first: int) -> TrackTable:
-    """Return the tables of successive parts of plots as one; they are empty then.
+    """Join the tables of successive parts of the plots; the given tables are emptied.
 
-    `order` is where the plots of the parts are in the whole, whose first plot has the number
-    `first`.
+    `order` has the places of the plots of the parts in the whole, and `first` is the number of the
+    first plot of the whole.
     """
     whole, tracks, done = _core.TrackColumns(), np.empty(len(order), dtype=np.int64), 0
     for table in tables:

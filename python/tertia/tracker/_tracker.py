@@ -39,93 +39,94 @@ _State: TypeAlias = tuple[
 
 
 class Tracker:
-    """A tracker for the plots of one or more radars, scan by scan.
+    """A tracker for the plots of one or more sensors, scan by scan.
 
-    It can be pickled and copied; the copy gives the same results as the original, to the last bit.
+    It can be pickled and copied; the copy gives exactly the same results as the original.
 
     Parameters
     ----------
     sensors : sequence of Radar, PositionSensor or Station
-        The sensors; plots refer to them by their index. A station measures azimuths alone, which
-        update confirmed tracks and begin none. With a `frame`, as
-        `tertia.geo.SystemPlane.radar` sets it, tracks are in that plane, and heights are above the
-        ellipsoid; all radars must have the same one, or none.
+        The sensors; plots refer to them by their index. A `Station` measures azimuths alone, which
+        update confirmed tracks but do not start any. If radars have a `frame`, as set by
+        `tertia.geo.SystemPlane.radar`, tracks are in that plane, and heights are above the
+        ellipsoid; all radars must have the same frame, or none.
     motion : {"imm", "cv", "singer", "window"} or ImmModel, CvModel, SingerModel, WindowModel
-        How confirmed targets move: interacting multiple models of straight flight, turns and what
-        their flight plans say (default); straight flight; acceleration that fades; or least squares
-        over a sliding window of plots, as in the source. A name stands for the model with its usual
-        parameters; a `SingerModel` must be exact, and its `dt` is not used.
+        How confirmed targets move. "imm" (default): interacting multiple models of straight flight,
+        turns, and turns in the flight plan. "cv": straight flight. "singer": acceleration that
+        decays. "window": least squares over a sliding window of plots, as in the source. A name
+        stands for the model with its usual parameters. A `SingerModel` must be exact; its `dt` is
+        not used.
     plans : sequence of FlightPlan
-        Flight plans, for "imm" and "window". A track finds its plan by its identity, or by its
+        Flight plans, for "imm" and "window". They are assigned to tracks by identity, or by
         position and time.
     plan_model : PlanModel, optional
-        Parameters of the use of flight plans, and the wind.
+        Parameters for the use of flight plans, and the wind.
     association : {"gnn", "mht", "paper"} or Mht, PaperScore
-        How plots are given to tracks. "gnn": by the assignment of each scan with the largest
-        likelihood ratio against false plots, for good (global nearest neighbour). "mht": where
-        plots are not certain, several hypotheses are kept until later plots decide, and the best is
-        shown; for targets close to one another. "paper": by the score of the source, for
+        How plots are assigned to tracks. "gnn" (global nearest neighbour): by the assignment with
+        the largest likelihood ratio against false plots, final in each scan. "mht": uncertain
+        plots lead to several hypotheses, which are kept until later plots decide; the best is
+        shown. It is for targets close to one another. "paper": by the score of the source, for
         comparison.
     confirmation : (int, int) or float
-        Number of plots that confirm a track, and number of scans in which they must occur. In
-        clutter more are required, so that at most one false track is confirmed in a thousand scans.
-        A float: the probability of a target (`existence_probability`) that confirms a track of
-        three plots; sooner where detections are missed.
+        (M, N): a track is confirmed by M plots in N scans. If there is clutter, more plots are
+        required, so that at most one false track is confirmed in a thousand scans. A float p: a
+        track of at least three plots is confirmed as soon as the probability that it is a target
+        (`existence_probability`) reaches p; this is faster if detections are often missed.
     coasting : int
         Number of scans without a plot after which a track ends.
     clutter_density : float, optional
-        False plots per square metre and scan; by default estimated from the plots.
+        False plots per square metre and scan; by default it is estimated from the plots.
     profile : {"aircraft", "vessel", "road", "drone"}
-        What is tracked: how "imm" moves, and the largest speed.
+        Kind of targets; it determines the motion of the model "imm" and the largest speed.
     max_speed : float, optional
-        Largest speed of a target, in metres per second; by default that of the profile: 350, 30, 70
-        or 40.
+        Largest speed of a target in m/s; by default that of the profile: 350, 30, 70 or 40.
     gate_probability : float
-        Probability that a target's plot is within its gate.
+        Probability that the plot of a target is within its gate.
     guard_acceleration : float, optional
-        Largest acceleration, in metres per second squared, that is considered for a target whose
-        gate is empty; by default 5, but for windows from 12 with scans of 4 s to 7 with scans of 10
-        s.
+        Largest acceleration in m/s² that is considered for a target whose gate is empty. The
+        default is 5; with the motion "window" it falls from 12 for scans of 4 s to 7 for scans of
+        10 s.
     identity_error_probability : float
-        Probability that an identity is read wrongly: noticeable for codes of four digits, tiny for
+        Probability that an identity is wrong: considerable for codes of four digits, tiny for
         addresses of 24 bits (1e-9).
     emergency_codes : sequence of int
-        Identities that signal an emergency, such as 0o7500, 0o7600, 0o7700 where identities are
-        codes of mode 3/A. After two of them in a row the plan of a track is suspended, see
-        `suspend_plan`; they do not count as identities.
+        Identities that signal an emergency, for example 0o7500, 0o7600, 0o7700 if identities are
+        mode 3/A codes. After two of them in succession the plan of a track is suspended (see
+        `suspend_plan`). They are not used as identities.
     lag : float
-        Seconds by which plots may be late. With a lag, rows that are older are final and the same,
-        to the last bit, for any order in which plots came; younger ones may be replaced, see
-        `TrackTable.latest`. 0 (default): rows are final at once, and plots may be as late as one
-        scan.
+        Seconds by which plots may be late. With a lag, rows older than this are final, and do not
+        depend on the order in which the plots came; later rows may still be replaced, see
+        `TrackTable.latest`. With 0 (default), rows are final at once, and plots may be up to one
+        scan late.
     clock_period : float, optional
-        Seconds after which the clock of the plots starts again, for example 86400 for the time of
-        day.
+        Seconds after which the clock of the plots restarts from 0, for example 86400 for the time
+        of day.
     registration : bool, optional
-        Whether to estimate the systematic errors of the radars while tracking, from targets that
-        other radars see or other sensors report, and to correct plots by them; by default where
-        there are such sensors, and a radar that is not trusted (`bias=Bias()`). Positions of a
-        `PositionSensor` are late, at most. `bias` is what is known by now; what is
-        not known is part of the covariances. Errors of several times the limits are found from the
-        first three scans, before which there are no rows, or seven scans; the tracks then start
-        anew, with new numbers.
+        Whether to estimate the systematic errors of the radars while tracking, and to correct the
+        plots. This needs targets that other radars or position sensors see as well. By default it
+        is done if there are such sensors and a radar that may have errors (a `bias` other than
+        `Bias()`). Positions of a `PositionSensor` are assumed to have no systematic error except a
+        delay. `Tracker.bias` has the present estimate; its uncertainty is part of the covariances.
+        Errors of several times the limits are found from the first three scans, during which no
+        rows are returned, or from the first seven; the tracks then start anew, with new numbers.
     n_threads : int, optional
-        Threads to use for scans of more than a thousand plots per thread; by default all cores. The
-        tracks are the same to the last bit.
+        Number of threads for scans with more than a thousand plots per thread; by default all
+        cores. It does not affect the results.
 
     Raises
     ------
     ValueError
-        A number outside its domain.
+        If a number is outside its domain.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
-    Confirmed tracks take their plots first, by the assignment with the largest likelihood ratio
-    against false plots; then tentative ones; each plot that is left begins a tentative track. A
-    plot outside all gates is taken within the guard gate, which an acceleration since the last plot
-    widens. A scan of P plots costs O(P log P) with O(1) plots in a gate.
+    Confirmed tracks are assigned their plots first, by the assignment with the largest likelihood
+    ratio against false plots, then tentative tracks. Each remaining plot starts a tentative track.
+    If no plot is within the gate of a track, a plot within its guard gate is taken. The guard gate
+    is widened by a possible acceleration since the last plot. The cost of a scan of P plots is O(P
+    log P) if there are O(1) plots in a gate.
 
     Source: Glagovskiy, Lavina, Rudelson 2014, sections on gates and manoeuvres; Bar-Shalom, Li,
     Kirubarajan 2001, section 11.6.
@@ -211,57 +212,57 @@ class Tracker:
         instance(registration, "registration", bool)
         if registration and lag:
             raise ValueError(
-                "registration needs plots in order, and lag takes late ones; give one of them"
+                "registration needs plots in time order, but lag allows late plots; give only one"
             )
         self._registrar = Registrar(self.sensors) if registration else None
 
     @property
     def bias(self) -> Bias:
-        """Systematic errors of the sensors, (K,), as they are known by now."""
+        """Systematic errors of the sensors as known at present, (K,)."""
         return own_biases(self.sensors) if self._registrar is None else self._registrar.bias
 
     @property
     def noise_factor(self) -> FloatArray:
-        """Noise of each sensor over what it states, (K,); nan before it is known.
+        """Ratio of the estimated to the stated noise of each sensor, (K,); nan before it is known.
 
-        Where it is surely more than 1, tracks use it: those of radars in range and azimuth each.
-        Errors that last from scan to scan count as more.
+        If it is significantly above 1, tracks use it, for radars with separate factors for range
+        and azimuth. Errors that are correlated from scan to scan count as larger.
         """
         return self._core.noise_factor()
 
     def update(self, plots: Plots, *, time: float | None = None) -> TrackTable:
-        """Process the plots of a scan, or of any period.
+        """Process the plots of a scan, or of any other period.
 
         Parameters
         ----------
         plots : Plots
-            Plots in any order, at most one scan or the lag older than those before.
+            Plots in any order, at most one scan, or `lag`, older than the previous plots.
         time : float, optional
-            Time in seconds by which all plots have arrived, but for late ones; by default the time
-            of the last plot. With it, a scan without plots counts as missed.
+            Time in seconds up to which all plots have arrived, except for late ones; by default the
+            time of the last plot. If it is given, a scan without plots counts as missed.
 
         Returns
         -------
         TrackTable
-            New rows of the confirmed tracks. With a lag, those that became final, and then those
-            that are new or have changed.
+            New rows of the confirmed tracks. With a lag, the rows that became final, followed by
+            those that are new or have changed.
 
         Raises
         ------
         ValueError
-            A plot of a sensor that does not exist, or a time that is not finite.
+            If a plot belongs to a sensor that does not exist, or `time` is not finite.
         TypeError
-            An argument of the wrong type.
+            If an argument has the wrong type.
         """
         return self._track(plots, time, False)
 
     def finish(self) -> TrackTable:
-        """Make all rows final: no late plots will come.
+        """Make all rows final when no more plots will come.
 
         Returns
         -------
         TrackTable
-            The rows that became final; none without a lag, as they are final at once.
+            The rows that became final. Without a lag there are none, as rows are final at once.
         """
         return TrackTable._of(*self._core.finish(self.n_threads))
 
@@ -290,14 +291,14 @@ class Tracker:
         return self._scan(plots, end, rows)
 
     def _scan(self, plots: Plots, end: float | None, rows: str) -> TrackTable:
-        """Return rows of tracks from plots without errors."""
+        """Return rows of tracks from plots whose systematic errors were removed."""
         plots = placed(plots, self.sensors)
         return TrackTable._of(*self._core.track(plots, plots.time, end, rows, self.n_threads))
 
     def _registered(
         self, registrar: Registrar, plots: Plots, end: float | None, recording: bool
     ) -> TrackTable:
-        """Return rows of tracks, while the errors of the sensors are learned scan by scan."""
+        """Return rows of tracks, while the errors of the sensors are estimated scan by scan."""
         if recording:
             registrar.search_recording(plots, _alone)
         rows, first = "all" if recording else "confirmed", self._core.plots
@@ -326,7 +327,7 @@ class Tracker:
     def _learned(
         self, registrar: Registrar, plots: Plots, end: float | None, rows: str
     ) -> TrackTable:
-        """Return the rows of a scan, with what is not known of the errors in their covariances."""
+        """Return the rows of a scan, with the uncertainty of the errors in their covariances."""
         first = self._core.plots
         self._core.set_noise(registrar.noise)
         self._core.hold(registrar.held)
@@ -348,24 +349,24 @@ class Tracker:
         track : ndarray of int, shape (T,)
             Numbers of the tracks.
         position : ndarray of shape (T, 2)
-            East and north in metres: along the plan if it is used, otherwise straight on.
+            East and north in metres: along the plan if the track uses it, otherwise straight on.
 
         Raises
         ------
         ValueError
-            Seconds that are not finite.
+            If `seconds` is not finite.
         TypeError
-            Seconds that are not a number.
+            If `seconds` is not a number.
         """
         return self._core.extrapolate(float(finite(real(seconds, "seconds"), "seconds")))
 
     @property
     def plans(self) -> tuple[FlightPlan | None, ...]:
-        """The flight plans by their numbers; None where one was removed."""
+        """The flight plans by their numbers; None for a plan that was removed."""
         return tuple(self._plans)
 
     def add_plan(self, plan: FlightPlan) -> int:
-        """Add a flight plan, from the next plot on.
+        """Add a flight plan, which is used from the next plot on.
 
         Parameters
         ----------
@@ -375,14 +376,14 @@ class Tracker:
         Returns
         -------
         int
-            Its number, as in `TrackTable.plan`. Numbers are never used again.
+            Number of the plan, as in `TrackTable.plan`. Numbers are not reused.
 
         Raises
         ------
         ValueError
-            A motion that takes no plans.
+            If the motion model does not use plans.
         TypeError
-            An argument of the wrong type.
+            If an argument has the wrong type.
 
         Examples
         --------
@@ -402,31 +403,31 @@ class Tracker:
         return number
 
     def replace_plan(self, number: int, plan: FlightPlan) -> None:
-        """Put a flight plan in the place of another: an aircraft was cleared on another route.
+        """Replace a flight plan by another, for example when an aircraft is cleared to a new route.
 
-        A track that has the plan follows the new one from the leg nearest to it, unless their
-        identities differ. Where only the times are new, nothing else changes.
+        A track that has the plan follows the new plan from its nearest leg, unless the identities
+        of the plans differ. If only the times are new, nothing else changes.
 
         Parameters
         ----------
         number : int
             Number of the plan to be replaced.
         plan : FlightPlan
-            The plan in its place.
+            The new plan.
 
         Raises
         ------
         ValueError
-            There is no plan of this number.
+            If there is no plan of this number.
         TypeError
-            An argument of the wrong type.
+            If an argument has the wrong type.
         """
         instance(plan, "plan", FlightPlan)
         self._core.replace_plan(integer(number, "number", 0), plan._route)
         self._plans[number] = plan
 
     def remove_plan(self, number: int) -> None:
-        """Remove a flight plan; a track that has it looks for another.
+        """Remove a flight plan; a track that has it is assigned another plan if one fits.
 
         Parameters
         ----------
@@ -436,17 +437,17 @@ class Tracker:
         Raises
         ------
         ValueError
-            There is no plan of this number.
+            If there is no plan of this number.
         TypeError
-            A number that is not an integer.
+            If the number is not an integer.
         """
         self._core.remove_plan(integer(number, "number", 0))
         self._plans[number] = None
 
     def correlate(self, track: int, plan: int, *, take: bool = False) -> None:
-        """Give a flight plan to a track by hand, until the track ends or the plan is removed.
+        """Assign a flight plan to a track by hand, until the track ends or the plan is removed.
 
-        The track keeps it, whatever its identity and its path. As with any other plan, it is
+        The track keeps the plan whatever its identity and path are. Like any other plan, it is
         blocked while the track does not follow it.
 
         Parameters
@@ -456,21 +457,22 @@ class Tracker:
         plan : int
             Number of the plan.
         take : bool
-            Whether to take the plan from a track that has it, which then looks for another.
+            Whether to take the plan from the track that has it; that track may then be assigned
+            another plan.
 
         Raises
         ------
         ValueError
-            There is no such track or plan, or it is the plan of another track and `take` is not
-            set.
+            If there is no such track or plan, or if the plan belongs to another track and `take` is
+            False.
         TypeError
-            An argument of the wrong type.
+            If an argument has the wrong type.
         """
         number = integer(track, "track", 1)
         self._core.correlate(number, integer(plan, "plan", 0), flag(take, "take"))
 
     def decorrelate(self, track: int) -> None:
-        """Take its flight plan from a track, which does not find this plan again by itself.
+        """Remove the flight plan from a track; it is not assigned to the track again automatically.
 
         Parameters
         ----------
@@ -480,17 +482,17 @@ class Tracker:
         Raises
         ------
         ValueError
-            There is no such track, or it has no plan.
+            If there is no such track, or it has no plan.
         TypeError
-            A number that is not an integer.
+            If the number is not an integer.
         """
         self._core.decorrelate(integer(track, "track", 1))
 
     def suspend_plan(self, track: int) -> None:
-        """Ignore the flight plan of a track until `resume_plan`: it is wrong, or an emergency.
+        """Ignore the flight plan of a track until `resume_plan` is called.
 
-        A plan that the track finds later is suspended, too. Suspensions are pickled with the
-        tracker.
+        This is for plans that are wrong, and for emergencies. If the track is assigned another
+        plan, that plan is suspended, too. Suspensions are part of the pickled state of the tracker.
 
         Parameters
         ----------
@@ -500,16 +502,16 @@ class Tracker:
         Raises
         ------
         ValueError
-            There is no such track.
+            If there is no such track.
         TypeError
-            A number that is not an integer.
+            If the number is not an integer.
         """
         self._suspend(track, suspended=True)
 
     def resume_plan(self, track: int) -> None:
-        """Use a suspended flight plan again as soon as the track is back on it.
+        """Use the suspended flight plan of a track again, as soon as the track is back on it.
 
-        This requires five successive scans on one of its legs.
+        The track is back on its plan after five successive scans on one of its legs.
 
         Parameters
         ----------
@@ -519,9 +521,9 @@ class Tracker:
         Raises
         ------
         ValueError
-            There is no such track.
+            If there is no such track.
         TypeError
-            A number that is not an integer.
+            If the number is not an integer.
         """
         self._suspend(track, suspended=False)
 
@@ -530,7 +532,7 @@ class Tracker:
 
     @property
     def suspended_plans(self) -> IntArray:
-        """Numbers of the confirmed tracks whose plans are suspended, by hand or an emergency."""
+        """Numbers of the confirmed tracks whose plans are suspended, by hand or by emergency."""
         return self._core.suspended_plans()
 
     def __getstate__(self) -> _State:
@@ -585,12 +587,12 @@ def track(plots: Plots, sensors: Sequence[Sensor], **options: Any) -> TrackTable
 
 
 def tracked(plots: Plots, sensors: Sequence[Sensor], **options: Any) -> tuple[TrackTable, Bias]:
-    """Return the tracks of a recording, and the errors of the sensors as they are known then."""
+    """Return the tracks of a recording, and the errors of the sensors as estimated at its end."""
     tracker = Tracker(sensors, **options)
     return tracker._track(plots, None, True), tracker.bias
 
 
 def _alone(plots: Plots, sensor: Radar | PositionSensor, count: int) -> TrackTable:
-    """Return the tracks of one sensor that have so many plots."""
+    """Return the tracks of one sensor that have at least `count` plots."""
     own = replace(plots, sensor=np.zeros(len(plots), dtype=np.int64))
     return track(own, [sensor], motion="cv", confirmation=(count, count + 1))

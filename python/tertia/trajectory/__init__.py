@@ -1,9 +1,9 @@
-"""Trajectory: positions over time from the measurements of several stations, without outliers.
+"""Trajectory: positions over time from measurements of several stations, excluding outliers.
 
-There is redundancy in space (several stations at an instant) and in time (many instants). The
+There is redundancy in space (several stations at one instant) and in time (many instants). The
 source uses them in either order: locate each instant, then smooth the positions; or smooth each
-series of measurements, then locate. Faults are removed in space, by comparison with other stations;
-over time, a run of faults looks like motion.
+series of measurements, then locate. Faults are detected by comparison with other stations, not over
+time, because a run of faults at one station looks like motion.
 
 Positions are local east, north and up in metres; azimuths and elevations are in radians, azimuths
 clockwise from north.

@@ -1,4 +1,4 @@
-"""Trajectories from arrival times at receivers that nobody synchronised."""
+"""Trajectories from arrival times at receivers with unsynchronised clocks."""
 
 from __future__ import annotations
 
@@ -24,35 +24,36 @@ _RESOLUTION = 1e-4
 
 
 def group_arrivals(arrivals: Arrivals) -> Arrivals:
-    """Find which arrivals belong to the same emission, although no clock agrees with another.
+    """Find which arrivals belong to the same emission, if the clocks are not synchronised.
 
     Parameters
     ----------
     arrivals : Arrivals
-        Identities must emit at irregular intervals, or at intervals of their own: offsets of clocks
-        are found by comparing intervals.
+        Identities must emit at irregular intervals, or each at an interval of its own, because the
+        offsets of clocks are found by comparing intervals.
 
     Returns
     -------
     Arrivals
-        The same with `emission`. It is -1 for the later arrivals (echoes) of an emission that a
-        receiver heard twice, and for receivers that share too few emissions with the others.
+        The same arrivals with `emission`. It is -1 for repeated arrivals (echoes) of an emission at
+        a receiver, and for receivers that have too few emissions in common with the others.
 
     Raises
     ------
     TypeError
-        `arrivals` is something else.
+        If `arrivals` is not an `Arrivals`.
 
     Notes
     -----
-    Receivers join one after the other. Differences between the arrivals of all identities at one
-    receiver and the emissions that are known have a peak at the offset of its clock: the window
-    that stands out of its surroundings most. A line of least absolute deviations through the peak
-    gives the rate. Times on one clock are cut into emissions wherever the gap is larger than half
-    the width of the widest peak. `reconstruct_arrivals` does the same, and in addition knows how
-    far sound or light goes between receivers.
+    Receivers are added one after the other. The differences between all arrivals at a receiver and
+    the known emissions of the same identity have a peak at the offset of its clock; the peak is the
+    window with the largest excess over its surroundings. A line of least absolute deviations
+    through the peak gives the rate of the clock. The times on one clock are then divided into
+    emissions wherever a gap is larger than half the width of the widest peak.
+    `reconstruct_arrivals` does the same, and also uses the travel times of the signal between
+    receivers.
 
-    Cost N log N, and at most two million differences for each receiver.
+    The cost is O(N log N), with at most two million differences for each receiver.
 
     Examples
     --------
@@ -81,64 +82,68 @@ def reconstruct_arrivals(
     clock_drift: float | None = None,
     jerk: float | None = None,
 ) -> ArrivalTrajectory:
-    """Reconstruct trajectories from arrival times at receivers whose clocks are not synchronised.
+    """Reconstruct trajectories from arrival times at receivers with unsynchronised clocks.
 
     Parameters
     ----------
     stations : sequence of K Station
-        Receivers that do not move. `position_sigma` is the standard deviation of the survey.
-        `arrival_time_sigma`, if given, weighs receivers against each other; a common factor is
-        always estimated. A clock with `bias=Bias(time=...)` is a time base; without any, it is the
-        first station's.
+        The receivers, which must not move. `position_sigma` is the standard deviation of their
+        survey. `arrival_time_sigma`, if given, determines the relative weights of the receivers; a
+        common factor is always estimated. A receiver with `bias=Bias(time=...)` has a known clock,
+        which serves as time base. If no clock is known, that of the first station serves as time
+        base.
     arrivals : Arrivals
-        Grouped or not; see `group_arrivals`.
+        The arrivals, grouped into emissions or not; see `group_arrivals`.
     beacons : mapping, optional
-        Where identities are that do not move: the number of a station, a position of shape (D,),
-        or a `Station` with a `position_sigma`. All other identities move.
+        Positions of the identities that do not move: the number of a station, a position of shape
+        (D,), or a `Station` with a `position_sigma`. All other identities move.
     propagation_speed, propagation_speed_sigma : float
-        Speed of sound or light in metres per second, and its standard deviation; 0: it is known.
+        Speed of sound or light in m/s, and its standard deviation, which is 0 if the speed is
+        known.
     path_sigma : float, optional
-        Standard deviation, in seconds, of an error that all arrivals from one beacon at one
-        receiver share; by default estimated.
+        Standard deviation of an error in seconds that all arrivals from one beacon at one receiver
+        share; by default it is estimated.
     clock_drift : float, optional
-        Intensity of the random walk of the clocks' rates, in 1/sqrt(s); by default estimated.
+        Intensity of the random walk of the clocks' rates, in 1/sqrt(s); by default it is estimated.
     jerk : float, optional
-        Intensity of the white jerk of moving identities in m^2/s^5; by default estimated for each.
+        Intensity of the white jerk of moving identities in m²/s⁵; by default it is estimated for
+        each identity.
 
     Returns
     -------
     ArrivalTrajectory
-        Positions, velocities and accelerations with their covariance; clocks, positions of
-        receivers and the speed of propagation.
+        Positions, velocities and accelerations with their covariance; also the clocks, the
+        positions of the receivers and the propagation speed.
 
     Raises
     ------
     ValueError
-        A wrong shape, a number outside its domain, times too large to resolve the travel times,
-        receivers that share too few emissions with the others, or an unknown that nothing
-        determines.
+        If a shape is wrong, a number is outside its domain, times are too large to resolve the
+        travel times, receivers have too few emissions in common with the others, or an unknown is
+        not determined by the arrivals.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
-    An arrival at receiver h of an emission e is
+    An arrival at receiver h of an emission e from a beacon b is modelled as
 
         t = T_e + |p_e - s_h| / c + o_h(t) + m_bh + error,
 
-    with errors of Student's distribution with 3 degrees of freedom, whose scale is estimated. o_h
-    is linear between nodes, with rates that walk at random; s_h and c have the given
-    standard deviations; m_bh is a constant of a beacon and a receiver; p_e moves with white jerk.
-    All unknowns are estimated at once, by scoring steps; intensities by MacKay's fixed point. The
-    information of an arrival is mean(psi')^2 / mean(psi^2) of the residuals (Huber 1964), so that
-    the covariance does not depend on Student's distribution.
+    The errors have Student's distribution with 3 degrees of freedom and an estimated scale. The
+    clock offset o_h is linear between nodes, and its rate is a random walk. s_h and c have the
+    given standard deviations, m_bh is constant for a beacon and a receiver, and p_e moves with
+    white jerk. All unknowns are estimated at once, by scoring steps; the intensities by MacKay's
+    fixed point iteration. The information of an arrival is mean(psi')^2 / mean(psi^2) of the
+    residuals (Huber 1964), so that the covariance remains correct if their distribution is not
+    Student's.
 
-    If the survey is wrong by more than `position_sigma`, or motion is much smoother than it is
-    taken to be, the error goes into the speed: look at `propagation_speed_deviation`.
+    If the survey is wrong by more than `position_sigma`, or motion is much smoother than assumed,
+    the estimated speed absorbs the error: check `propagation_speed_deviation`.
 
     Model: Baktoft et al., Scientific Reports 7 (2017) 14294, without separate synchronisation.
 
-    Cost about N (K D)^2 a step.
+    The cost is about N (K D)^2 per step.
 
     Examples
     --------
@@ -286,7 +291,7 @@ def _not_negative(value: float, name: str) -> None:
 
 
 def _refuse_coarse(time: FloatArray, speed: float, places: FloatArray) -> None:
-    """Fail where the doubles themselves are too coarse."""
+    """Raise an error if the times are too large for the resolution of double precision."""
     extent = float(np.linalg.norm(np.ptp(places, axis=0)))
     if extent == 0:
         raise ValueError("stations are all at the same place")
@@ -305,7 +310,7 @@ def _beacons(
     stations: tuple[Station, ...],
     places: FloatArray,
 ) -> tuple[FloatArray, FloatArray, list[int | None]]:
-    """Return all places, their sigmas, and the place of each identity; None where it moves."""
+    """Return all positions, their sigmas, and the position of each identity (None: it moves)."""
     k, d = places.shape
     sites, sigmas = [*places], [station.position_sigma for station in stations]
     given = {} if beacons is None else beacons
@@ -332,7 +337,7 @@ def _beacons(
 
 
 def _time_base(stations: tuple[Station, ...]) -> tuple[list[bool], FloatArray]:
-    """Return whose clocks are known, and how much they are fast."""
+    """Return which clocks are known, and how much they are fast."""
     is_base, offset = [], np.zeros(len(stations))
     for at, station in enumerate(stations):
         bias = station.bias
@@ -351,7 +356,7 @@ def _time_base(stations: tuple[Station, ...]) -> tuple[list[bool], FloatArray]:
 
 
 def _sigmas(stations: tuple[Station, ...], speed: float) -> tuple[FloatArray, bool]:
-    """Return standard deviations of arrivals in metres, and whether they were stated."""
+    """Return standard deviations of arrivals in metres, and whether they were given."""
     given = np.array(
         [np.nan if (s := station.arrival_time_sigma) is None else s for station in stations]
     )

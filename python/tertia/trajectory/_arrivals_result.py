@@ -1,4 +1,4 @@
-"""Arrivals, and what is reconstructed from them."""
+"""Arrivals, and the trajectories reconstructed from them."""
 
 from __future__ import annotations
 
@@ -26,19 +26,20 @@ class Arrivals(Result):
     Attributes
     ----------
     time : ndarray of shape (n,)
-        Seconds by the receiver's own clock.
+        Time of arrival in seconds by the clock of the receiver.
     sensor : ndarray of shape (n,)
-        Number of the receiver among the stations, from 0.
+        Index of the receiver among the stations.
     identity : ndarray of shape (n,)
-        Who emitted: integers or strings.
+        Identity of the emitter, integers or strings.
     emission : ndarray of shape (n,) or None
-        Number of the emission; -1 for an arrival that belongs to none. None: unknown.
+        Number of the emission; -1 for an arrival that belongs to none. None if it is not known for
+        any arrival.
 
     Raises
     ------
     ValueError, TypeError
-        Columns of different lengths, no arrivals, a time that is not finite, or a number of a
-        sensor or emission that is not an integer.
+        If columns have different lengths, there are no arrivals, a time is not finite, or an index
+        of a sensor or number of an emission is not an integer.
 
     Examples
     --------
@@ -85,7 +86,7 @@ class Arrivals(Result):
         return len(self.time)
 
     def __repr__(self) -> str:
-        """Return what there is."""
+        """Return the numbers of arrivals, emissions, identities and receivers, as text."""
         identities, receivers = np.unique(self.identity).size, np.unique(self.sensor).size
         grouped = ""
         if self.emission is not None:
@@ -99,57 +100,59 @@ class Arrivals(Result):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArrivalTrajectory(Result):
-    """Trajectories from arrivals, with the clocks, places and speed that explain them.
+    """Trajectories reconstructed from arrivals, with estimated clocks, positions and speed.
 
     Attributes
     ----------
     time : ndarray of shape (N,)
-        Times of the emissions of moving identities, ascending, in seconds of the time base.
+        Times of the emissions of moving identities, ascending, in seconds on the time base.
     time_sigma : ndarray of shape (N,)
-        Their standard deviations.
+        Standard deviations of the times.
     target : ndarray of shape (N,)
-        Who emitted, as in `Arrivals.identity`.
+        Identity of the emitter, as in `Arrivals.identity`.
     position, velocity, acceleration : ndarray of shape (N, D)
-        In metres and seconds.
+        In metres, m/s and m/s².
     covariance : ndarray of shape (N, 3 D, 3 D)
-        Covariance of position, velocity and acceleration, in this order, including the uncertainty
-        of clocks, of the speed of propagation, of the stations' positions and of path errors.
+        Covariance of position, velocity and acceleration, in this order. It includes the
+        uncertainty of the clocks, of the propagation speed, of the stations' positions and of path
+        errors.
     systematic : {"given", "estimated", "not included"}
-        What the covariance says of path errors: "estimated" with `path_sigma=None` and beacons,
-        "given" with a `path_sigma` or, without beacons, sigmas of stations; otherwise
-        "not included".
+        How the covariance treats path errors. "estimated": `path_sigma` was None and there are
+        beacons. "given": a `path_sigma` was given or, if there are no beacons, stations have
+        sigmas. Otherwise "not included".
     arrivals : Arrivals
-        With `emission`: row of the emission among all of them, -1 for arrivals that were not used.
+        The arrivals; `emission` is the row of the emission among all emissions, or -1 for arrivals
+        that were not used.
     residual : ndarray of shape (n,)
         Measured minus expected times of arrival, divided by their standard deviation; nan for
         arrivals that were not used.
     outlier : ndarray of shape (n,)
-        Where residuals are beyond 4; such arrivals hardly count.
+        True where a residual exceeds 4 in size; such arrivals have hardly any weight.
     bias : ClockBias
-        Clocks of the K receivers: reading less time of the time base.
+        Clocks of the K receivers: reading minus the time on the time base.
     stations : tuple of K Station
-        With estimated positions and their standard deviations.
+        The stations with estimated positions and their standard deviations.
     arrival_time_sigma : float
-        Standard deviation of an arrival in seconds, in the mean over stations.
+        Standard deviation of an arrival in seconds, averaged over the stations.
     noise_factor : float
-        Estimated over stated standard deviation; nan if none was stated.
+        Ratio of the estimated to the stated standard deviation; nan if none was stated.
     propagation_speed, propagation_speed_sigma : float
         Estimated speed in metres per second and its standard deviation.
     propagation_speed_deviation : float
-        Estimated less given speed, divided by the given sigma; nan if that is 0. Beyond 3, survey,
-        model of motion or medium are wrong.
+        Estimated minus given speed, divided by the given sigma; nan if that is 0. If it exceeds 3
+        in size, the survey, the motion model or the given speed is wrong.
     path_sigma : float
         Standard deviation of path errors in seconds.
     clock_drift : float
         Intensity of the random walk of clock rates in 1/sqrt(s).
     jerk : dict
-        Intensity of the jerk of each moving identity in m^2/s^5.
+        Intensity of the jerk of each moving identity in m²/s⁵.
     degrees_of_freedom : float
-        Arrivals less what was estimated from them.
+        Number of arrivals minus the number of parameters estimated from them.
     iterations : int
-        Steps of the solution.
+        Number of steps of the solution.
     success : bool
-        Whether it converged.
+        Whether the solution converged.
     """
 
     _rows: ClassVar = "time", 0
@@ -190,8 +193,9 @@ class ArrivalTrajectory(Result):
     def correlation(self) -> float:
         """Correlation of residuals of successive emissions of a moving identity at a receiver.
 
-        Where it is more than chance, arrivals of an identity count as fewer in the covariance, the
-        correlation r as (1 - r) / (1 + r) of them. What the path took of the errors is not in it.
+        If a correlation r is significant, the arrivals of an identity count in the covariance as
+        (1 - r) / (1 + r) times their number. Errors that the estimated path has absorbed are not
+        visible in r.
         """
         rows = np.flatnonzero(
             np.isin(self.arrivals.identity, self.target) & ~np.isnan(self.residual)
@@ -207,7 +211,7 @@ class ArrivalTrajectory(Result):
         return float(np.mean(products[same]) / np.mean(residual**2))
 
     def __repr__(self) -> str:
-        """Return the number of positions, the median sigma, and what is wrong."""
+        """Return the number of positions, the median sigma, and warnings, as text."""
         n, d = self.position.shape
         sigma = float(np.median(np.sqrt(np.sum(self.sigma**2, axis=-1)))) if n else np.nan
         text = (

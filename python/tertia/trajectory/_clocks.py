@@ -1,4 +1,4 @@
-"""Clocks of receivers over time, as they were estimated."""
+"""Estimated clocks of receivers over time."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
 class ClockBias(Bias):
     """Systematic errors of clocks, which change over time.
 
-    `time` and `time_sigma` are those at the middle of the record.
+    The attributes `time` and `time_sigma` are those at the middle of the record.
 
     Attributes
     ----------
     node : ndarray of shape (M,)
-        Times, in seconds of the time base, between which the clocks are linear.
+        Nodes between which the clocks are linear, in seconds on the time base.
     reading : ndarray of shape (..., M)
-        Reading of the clock less the time at the nodes, in seconds; (K, M) of K receivers.
+        Reading of the clock minus the time at the nodes, in seconds; (K, M) for K receivers.
     variance : ndarray of shape (..., M)
-        Its variance.
+        Variance of `reading` in s².
     covariance : ndarray of shape (..., M - 1)
-        Its covariance between one node and the next.
+        Covariance of `reading` between successive nodes in s².
     """
 
     __slots__ = ("covariance", "node", "reading", "variance")
@@ -54,7 +54,7 @@ class ClockBias(Bias):
         super().__init__(time=value, time_sigma=sigma)
 
     def __reduce__(self) -> tuple[type[ClockBias], tuple[FloatArray, ...]]:
-        """Pickle what the rest follows from."""
+        """Pickle the fields from which the others follow."""
         return ClockBias, (self.node, self.reading, self.variance, self.covariance)
 
     def __getitem__(self, sensor: int) -> ClockBias:
@@ -65,33 +65,33 @@ class ClockBias(Bias):
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the clocks to a file, as JSON."""
+        """Write the clocks to a JSON file."""
         saved = {name: getattr(self, name).tolist() for name in ClockBias.__slots__}
         Path(path).write_text(json.dumps(saved), encoding="utf-8")
 
     @classmethod
     def load(cls, path: str | Path) -> ClockBias:
-        """Return the clocks that `save` has written."""
+        """Read clocks from a file that `save` has written."""
         saved = json.loads(Path(path).read_text(encoding="utf-8"))
         return cls(**{name: np.array(values, dtype=np.float64) for name, values in saved.items()})
 
     def at(
         self, azimuth: npt.ArrayLike | None = None, time: npt.ArrayLike | None = None
     ) -> tuple[Any, Any]:
-        """Return the errors of the clocks at a time of the time base, and their sigmas.
+        """Return the errors of the clocks at given times on the time base, and their sigmas.
 
         Parameters
         ----------
         azimuth : array_like, optional
-            Clocks do not depend on it.
+            Ignored, as clocks do not depend on it.
         time : array_like, optional
-            Seconds; by default the middle of the record. Before and after the nodes the last line
-            goes on, with a sigma of inf.
+            Times in seconds; by default the middle of the record. Before the first and after the
+            last node, the line is extrapolated, with a sigma of inf.
 
         Returns
         -------
         value, sigma : float or ndarray
-            Seconds, in the shape of `time` after that of the receivers.
+            In seconds; the axes of the receivers come first, followed by those of `time`.
         """
         del azimuth
         middle = 0.5 * (self.node[0] + self.node[-1])
@@ -111,17 +111,17 @@ class ClockBias(Bias):
         return value[()], sigma[()]
 
     def correct(self, arrivals: Arrivals) -> FloatArray:
-        """Return the times of arrivals on the time base.
+        """Convert times of arrival to the time base.
 
         Parameters
         ----------
         arrivals : Arrivals
-            `sensor` numbers the receivers of these clocks.
+            The arrivals; `sensor` is the index of the receiver among these clocks.
 
         Returns
         -------
         ndarray of shape (n,)
-            Seconds.
+            Times in seconds.
         """
         corrected = np.array(arrivals.time)
         for sensor in np.unique(arrivals.sensor):
@@ -139,7 +139,7 @@ class ClockBias(Bias):
         return corrected
 
     def _place(self, time: FloatArray) -> tuple[npt.NDArray[np.intp], FloatArray]:
-        """Return the node before each time, and how far it is towards the next."""
+        """Return the node before each time, and the fraction of the way to the next node."""
         if self.node.size == 1:
             return np.zeros(time.shape, dtype=np.intp), np.zeros(time.shape)
         at = np.clip(np.searchsorted(self.node, time) - 1, 0, self.node.size - 2)

@@ -79,108 +79,116 @@ def reconstruct(
     Parameters
     ----------
     stations : sequence of K Station
-        Positions and standard deviations of the stations; positions of shape (D,) or, if they move,
-        (N, D). If their axes change over time, the order must be "spatial-first". With a
-        `position_sigma`, which is that of an error common to all instants, also the smoother "rts".
+        Positions and standard deviations of the stations. Positions have the shape (D,) or, if
+        stations move, (N, D). If their axes change over time, the order must be "spatial-first". A
+        `position_sigma`, an error common to all instants, needs "spatial-first" and "rts".
     time : array_like of shape (N,)
-        Times of the instants, not decreasing. An instant may have a single measurement.
+        Times of the instants in seconds, in non-decreasing order. An instant may have a single
+        measurement.
     range, azimuth, elevation : array_like of shape (N, K), optional
-        Measurements in metres and radians, nan where there is none.
+        Measurements in metres and radians; nan where one is missing.
     range_difference : array_like of shape (N, K - 1), optional
-        See `tertia.location.locate`.
+        Range of each station except the first minus the range of the first station, in metres; see
+        `tertia.location.locate`.
     arrival_time : array_like of shape (N, K), optional
-        When what was emitted at an instant came to each station, in seconds of one clock or as
-        NumPy's dates; nan or NaT where it did not. Nothing is known of the emissions: two arrivals
-        are a hyperbola, one tells nothing.
+        Time at which the signal emitted at each instant arrived at each station, in seconds of a
+        common clock or as NumPy's datetimes; nan or NaT where it did not arrive. The times of
+        emission are unknown: two arrivals determine a hyperbola, a single one determines nothing.
     range_sigma, azimuth_sigma, elevation_sigma : array_like of shape (K,) or (N, K), optional
-        Standard deviations of the stations, or of each measurement, in place of the stations' own.
+        Standard deviations in metres and radians, one per station or one per measurement, instead
+        of those of the stations.
     range_difference_sigma : array_like of shape (K - 1,), optional
-        Those of the range differences.
+        Standard deviations of the range differences in metres.
     arrival_time_sigma : array_like of shape (K,) or (N, K), optional
-        Those of the times of arrival, in seconds.
+        Standard deviations of the times of arrival in seconds.
     range_difference_correlation : float
-        See `tertia.location.locate`.
+        As for `tertia.location.locate`.
     propagation_speed : array_like of shape () or (N,)
-        Of what arrives, in metres per second; by default that of light.
+        Speed of the signal in m/s; by default the speed of light.
     order : {"spatial-first", "temporal-first"}
-        "spatial-first": instants are located, then positions are smoothed over time;
-        "temporal-first": each series of measurements is smoothed over time, and nan between its
-        first and last measurement filled, then positions are computed.
+        "spatial-first": instants are located, then the positions are smoothed over time.
+        "temporal-first": each series of measurements is smoothed over time, missing values between
+        its first and last measurement are filled, then positions are computed.
     spatial : {"robust", "least-squares"}
-        How each instant is located.
+        How each instant is located: with or without detection of faults.
     smoother : {"rts", "local-polynomial"}
-        How positions or series are smoothed over time: by `tertia.smoothing.smooth` or
-        `local_polynomial`.
+        How positions or series are smoothed over time: "rts" by `tertia.smoothing.smooth`,
+        "local-polynomial" by `tertia.smoothing.local_polynomial`.
     window, degree
         Parameters of "local-polynomial".
     jerk : float, optional
-        Intensity of the white jerk for "rts"; by default the most likely motion is found, which has
-        white jerk, or white acceleration: see `tertia.smoothing.smooth`. With "temporal-first"
-        it is always fitted.
+        Intensity of the white jerk for "rts" in m²/s⁵; by default the motion is estimated, driven
+        by white jerk or white acceleration (see `tertia.smoothing.smooth`). With "temporal-first"
+        the jerk is always estimated.
     bias : Bias, optional
-        Systematic errors of the stations, in place of their own; `Bias()` trusts all stations.
-        Without, they are found from contradictions between the stations, as with sigmas of None.
-        Sigmas that are not 0 need "spatial-first" and "rts", and a finite one stands for all
-        instants. inf, of all stations or none: nothing is known of the bias, which is constant;
-        this fails where the measurements do not determine it.
+        Systematic errors that replace those of the stations; `Bias()` means that there are none. If
+        it is missing, or a sigma is None, they are estimated from contradictions between the
+        stations. Sigmas other than 0 need "spatial-first" and "rts". A finite sigma is that of an
+        error common to all instants. A sigma of inf, for all stations or none, means that the bias
+        is constant and unknown; this is an error if the measurements do not determine it.
     degrees : bool
-        Whether the angles given here are in degrees.
+        Whether the angles in this call are in degrees.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
     Trajectory
-        Positions, velocities and accelerations with their covariance, faults, residuals, biases.
+        Positions, velocities and accelerations with their covariance, outliers, residuals and
+        biases.
 
     Raises
     ------
     ValueError
-        A wrong shape, a number outside its domain, times that decrease, no instant that can be
-        located, or biases that the measurements do not determine.
+        If a shape is wrong, a number is outside its domain, times decrease, no instant can be
+        located, or biases are not determined by the measurements.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Warns
     -----
     UserWarning
-        Angles of which most contradict each other as radians, and fit as degrees.
+        If most angles contradict each other as radians, but agree as degrees.
 
     Notes
     -----
-    With "rts", measurements are linearised about the track, also where those of an instant do not
-    determine a position. With "robust", each is noise or an outlier, both normal about the track
-    without it; its weight is the probability that it is noise. Their sizes and the share of
-    outliers are the likeliest ones, by expectation and maximisation, from a noise as large as the
-    residuals of the first track down to that stated. The covariance includes the uncertainty of the
-    fitted jerk: it is the mean over the intensities q, weighted by likelihood and a prior on log q
-    proportional to q^(1/4).
+    With "rts", measurements are linearised about the track, even if those of an instant do not
+    determine a position. With "robust", each measurement is either noise or an outlier; both are
+    normal about the track without that measurement. The weight of a measurement is the probability
+    that it is noise. The sizes of noise and outliers and the share of outliers maximise the
+    likelihood. They are found by expectation maximisation, from a noise as large as the residuals
+    of the first track down to the stated noise. The covariance includes the uncertainty of the
+    estimated jerk: it is the mean over the intensities q, weighted by the likelihood and a prior on
+    log q proportional to q^(1/4).
 
-    Systematic errors: what a station measures of a kind has an error c + g(t), with c constant and
-    g Gauss-Markov. To first order it adds A_t (c + g) to the position, with A_t the matrix of the
-    least-squares solution, and (I - H_t)(c + g) to the residuals, with H_t = J_t A_t. Its variance,
-    the share that drifts, and the correlation time follow from the residuals alone, with nothing
-    assumed about the positions, because a bias can look like a curve of the path: a Kalman filter
-    of c and g gives their likelihood on a grid, over which the results are averaged. Only c is
-    removed from the measurements; what may be left of it, and the variance of g, are propagated
-    into the covariance. What all stations of a kind have in common is then taken to be as large as
-    what contradicts, or as what is stated of a variance but neither scatters nor contradicts.
-    Where nothing lasts, nothing is removed, and what cannot be excluded is in the covariance. Of
-    range differences the errors are those of the receivers. Limits of faults grow with the errors
-    that last.
+    **Systematic errors.** The measurements of one kind by a station have an error c + g(t), with c
+    constant and g a Gauss-Markov process. To first order this adds A_t (c + g) to the position,
+    with A_t the matrix of the least-squares solution, and (I - H_t)(c + g) to the residuals, with
+    H_t = J_t A_t. The variance of the error, the share that drifts, and the correlation time are
+    estimated from the residuals alone, without assumptions about the positions, because a bias can
+    look like a curve of the path. A Kalman filter of c and g gives their likelihood on a grid, over
+    which the results are averaged. Only c is subtracted from the measurements; its remaining
+    uncertainty and the variance of g are propagated into the covariance.
 
-    The time at which each instant was emitted is one more unknown, without a prior: arrivals count
-    by their differences from what they have in common, which is the weighted median of those that
-    are not late.
+    The error that all stations of a kind have in common cannot contradict anything. It is assumed
+    to be as large as the errors that contradictions show, or as the part of a stated variance that
+    causes neither scatter nor contradictions. If no systematic error is found, nothing is
+    subtracted, and the error that cannot be excluded is part of the covariance. For range
+    differences the errors are those of the receivers. Limits for faults increase with the
+    systematic errors.
+
+    The time of emission of each instant is one more unknown, without a prior. Arrivals are
+    therefore used relative to their common part, the weighted median of the arrivals that are not
+    late.
 
     With a sigma of inf, c is estimated with Tukey's weights about the track. Its covariance is
-    A^-1 B A^-1, with A the derivative of the scores, and B their variance from the standard
-    deviations or the residuals, whichever is larger, times one plus twice the sum of the
-    autocorrelations of the scores if these are significant (Geyer 1992).
+    A^-1 B A^-1, where A is the derivative of the scores and B their variance. B follows from the
+    standard deviations or from the residuals, whichever gives more. If the autocorrelations of the
+    scores are significant (Geyer 1992), B is multiplied by one plus twice their sum.
 
     With "temporal-first", velocities are A_t times the rates of the smoothed series.
 
-    Cost O(N K).
+    The cost is O(N K).
 
     Examples
     --------
@@ -200,8 +208,8 @@ def reconstruct(
     >>> np.flatnonzero(track.outlier.range[:, 0]).tolist()
     [30, 31, 32, 33]
 
-    The same target by when its signals, sent at unknown times, came to the stations, which three of
-    them determine:
+    The same target from the arrival times of its signals at three of the stations, which determine
+    it although the times of emission are unknown:
 
     >>> sent = t + rng.uniform(0, 0.3, 60)
     >>> arrival = sent[:, np.newaxis] + np.linalg.norm(offset, axis=-1) / 299_792_458.0
@@ -309,7 +317,7 @@ def reconstruct(
 
 
 def _usual(sigmas: FloatArray, values: FloatArray) -> FloatArray:
-    """Return the median standard deviation of what each station measured of a kind, (5, K)."""
+    """Return the median standard deviation of the measurements of each station and kind, (5, K)."""
     measured = np.where(np.isnan(values), np.nan, sigmas)
     with warnings.catch_warnings():
         # of what was not measured there is none
@@ -318,7 +326,7 @@ def _usual(sigmas: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def _warn_if_degrees(record: dict[str, Any], found: dict[str, Any]) -> None:
-    """Warn where the single instants do not fit as radians, but would as degrees."""
+    """Warn if the single instants do not fit as radians, but would fit as degrees."""
     places, axes, values, sigmas = (record[n] for n in ("stations", "axes", "values", "sigmas"))
     rows = _rows(places, 2), None if axes is None else _rows(axes, 3)
     options: tuple[Any, ...] = (
@@ -338,12 +346,12 @@ def _warn_if_degrees(record: dict[str, Any], found: dict[str, Any]) -> None:
 
 
 def _rows(array: FloatArray, axes: int) -> FloatArray:
-    """Return rows for each instant, or the only one."""
+    """Return rows for each instant, or the only row."""
     return array if array.ndim > axes else array[np.newaxis]
 
 
 def _smoothed(mean: FloatArray, found: Sequence[Any]) -> SmoothedPositions:
-    """Return the path as smoothed positions; outliers are those of the measurements."""
+    """Return the path as smoothed positions; its outliers are those of the measurements."""
     covariance, innovation, log_likelihood, count, (jerk, jerk_sigma, wandering) = found
     return SmoothedPositions(
         mean,
@@ -361,7 +369,7 @@ def _smoothed(mean: FloatArray, found: Sequence[Any]) -> SmoothedPositions:
 
 
 def _unit(kind: Kind, arrivals: Arrivals | None) -> FloatArray:
-    """Return what the core takes for one unit of a systematic error: of clocks, metres a second."""
+    """Return the unit of a systematic error for the core, in metres per second for a clock."""
     if kind != "arrival_time" or arrivals is None:
         return np.ones(())
     return arrivals.speed[..., np.newaxis]
@@ -372,7 +380,7 @@ def _bias(
     found: tuple[list[float], list[float], float, float, bool] | None,
     arrivals: Arrivals | None,
 ) -> Bias | None:
-    """Return what was given and found; None where neither was."""
+    """Return the biases given and estimated; None if there are neither."""
     fields: dict[str, Any] = {}
     for at, error in enumerate(ERRORS.values()):
         fields |= {error: given.value[at], f"{error}_sigma": given.sigma[at]}
@@ -411,16 +419,14 @@ def _instants(time: npt.ArrayLike) -> FloatArray:
         raise ValueError(f"time has shape {instants.shape}; it must be (N,)")
     back = np.flatnonzero(np.diff(instants) < 0)
     if back.size:
-        raise ValueError(
-            f"time[{back[0] + 1}] is before the time before it; time must not decrease"
-        )
+        raise ValueError(f"time[{back[0] + 1}] is before the previous time; time must not decrease")
     return instants
 
 
 def _places(
     stations: Sequence[Station], n: int
 ) -> tuple[FloatArray, FloatArray | None, dict[Kind, FloatArray]]:
-    """Return positions, (K, D) or (N, K, D), axes, and standard deviations, (K,)."""
+    """Return positions, (K, D) or (N, K, D), axes, and position sigmas, (K,)."""
     if not isinstance(stations, Sequence) or not all(isinstance(s, Station) for s in stations):
         raise TypeError("stations must be a sequence of Station")
     if not stations:
@@ -441,7 +447,7 @@ def _checked(
     *,
     degrees: bool,
 ) -> FloatArray:
-    """Return checked measurements; each must have a standard deviation."""
+    """Return measurements, after checking them; each must have a standard deviation."""
     n, k = shape
     count = k - int(kind == "range_difference")
     array = radians(values, kind, degrees=degrees) if kind in ANGLES else samples(values, kind)
@@ -471,7 +477,7 @@ def require_options(
     jerk: float | None = None,
     bias: Bias | None = None,
 ) -> None:
-    """Refuse options of `reconstruct` that are wrong whatever was measured."""
+    """Raise an error for options of `reconstruct` that are wrong for any measurements."""
     chosen = {"order": (order, Order), "spatial": (spatial, Spatial)}
     for name, (value, allowed) in {**chosen, "smoother": (smoother, Smoother)}.items():
         if value not in get_args(allowed):
@@ -497,11 +503,11 @@ def _require_order(
     *,
     is_timed: bool,
 ) -> None:
-    """Refuse what an order or a smoother cannot do."""
+    """Raise an error for input that the order or the smoother does not support."""
     if way[0] == "temporal-first" and is_timed:
         raise ValueError("arrival_time needs order 'spatial-first': each emission has its own time")
     if way[0] == "temporal-first" and axes is not None and axes.ndim > 3:
-        raise ValueError("axes of stations change along time; order must be 'spatial-first'")
+        raise ValueError("axes of stations change over time; order must be 'spatial-first'")
     if surveys is not None and way != ("spatial-first", "rts"):
         raise ValueError(
             "position_sigma of stations needs order 'spatial-first' and smoother 'rts'"
@@ -511,7 +517,7 @@ def _require_order(
 def _deviations(
     stations: Sequence[Station], bias: Bias | None, azimuth: FloatArray | None
 ) -> tuple[tuple[FloatArray, FloatArray] | None, Sequence[Station], Bias | None]:
-    """Return deviations and their sigmas, (N, K), and stations and bias without them."""
+    """Return deviations and their sigmas, (N, K), and the stations and bias without them."""
     own = [bias] * len(stations) if bias is not None else [station.bias for station in stations]
     if not any(one is not None and one.deviation_order > 0 for one in own):
         return None, stations, bias
@@ -545,7 +551,7 @@ def _prior(
     measured: dict[Kind, FloatArray],
     arrivals: Arrivals | None,
 ) -> dict[str, Any]:
-    """Return what the core is to assume of systematic errors."""
+    """Return the prior of the systematic errors for the core."""
     k = given.sigma.shape[1]
     flat: BoolArray = np.array([np.isinf(row).any() for row in given.sigma])
     for at, (kind, error) in enumerate(ERRORS.items()):

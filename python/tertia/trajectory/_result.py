@@ -22,34 +22,35 @@ class Trajectory(Result):
     Attributes
     ----------
     time : ndarray of shape (N,)
-        As given.
+        Times as given.
     position, velocity, acceleration : ndarray of shape (N, D)
         In metres, metres per unit of time, and so on; nan where unknown.
     covariance : ndarray of shape (N, 3 D, 3 D)
         Covariance of position, velocity and acceleration, in this order, including the uncertainty
-        of estimated biases; inf where unknown. The blocks between the three are 0 unless the
-        smoother is "rts" and the order "spatial-first".
+        of estimated biases; inf where unknown. The covariances between the three are 0, except with
+        the smoother "rts" and the order "spatial-first".
     fixes : Location
         Positions of the single instants, from the measurements or, with "temporal-first", from the
-        smoothed series. With "rts", "robust" and "spatial-first", measurements that the track
-        contradicts are left out; at instants with one or two degrees of freedom, standard
-        deviations are divided by the square roots of Tukey's weights about the track.
+        smoothed series. With "rts", "robust" and "spatial-first", measurements that contradict the
+        track are left out. At instants with one or two degrees of freedom, standard deviations are
+        divided by the square roots of Tukey's weights about the track.
     outlier : ByKind
-        Measurements that were left out because other stations or the track contradict them.
+        True for measurements that were left out because they contradict other stations or the
+        track.
     residual : ByKind
         Measured minus predicted values, divided by their standard deviations.
     systematic : {"given", "estimated", "not included"}
-        Whether the covariance has the systematic errors: as given, as found from contradictions
-        between the stations, or not, because nothing can tell: nothing could contradict, or it
-        could in one way and does not.
+        How the covariance treats systematic errors: it includes them as given; it includes them as
+        estimated from contradictions between the stations; or it does not include them, because no
+        contradiction was possible, or only one was possible and did not occur.
     bias : Bias or None
-        Systematic errors of the K stations, given or found: what was removed, and the standard
-        deviations of what is left, with the share that drifts; `time` is by how much a clock that
-        arrivals were timed with is fast. A sigma of 0 means that none were found and none are
-        likely. None with "temporal-first" and local polynomials.
+        Systematic errors of the K stations, given or estimated: the values that were subtracted,
+        and the standard deviations of the remaining errors with the share that drifts. `time` is
+        the amount by which the clock is fast that measured the arrivals. A sigma of 0 means that no
+        error was found and none is likely. None with "temporal-first" and with local polynomials.
     smoothed : SmoothedPositions or None
-        Further results of the smoother: likelihood, jerk, innovations. None for local polynomials
-        and for "temporal-first".
+        Further results of the smoother: likelihood, jerk, innovations. None with local polynomials
+        and with "temporal-first".
     """
 
     _rows: ClassVar = "time", 0
@@ -75,9 +76,9 @@ class Trajectory(Result):
 
     @property
     def statistics(self) -> dict[Kind, FloatArray]:
-        """Number, mean and root mean square of each station's residuals, of shape (K, 3).
+        """Number, mean and root mean square of the residuals of each station, of shape (K, 3).
 
-        Measurements that were left out are not counted; residuals are in standard deviations.
+        Residuals are in standard deviations. Measurements that were left out are not counted.
         """
         return {
             kind: _statistics(residual, getattr(self.outlier, kind))

@@ -1,14 +1,15 @@
-"""Weights: the matrices that combine estimates, and what it costs not to know them exactly.
+"""Weights: matrices that combine estimates, and the loss when these matrices are estimated.
 
 Source: Kulyavets et al. 2005, equations (1) to (14), for any number of sensors. `S_k` is the
-covariance of sensor k's estimate, `C_k` its inverse, `S_p` the inverse of the sum of all `C_k`, and
-`W_k = S_p C_k` the weight of sensor k; vec stacks columns. `tertia.fusion.fuse` combines estimates.
+covariance of the estimate of sensor k, `C_k` its inverse, `S_p` the inverse of the sum of all
+`C_k`, and `W_k = S_p C_k` the weight of sensor k; vec stacks columns. `tertia.fusion.fuse` combines
+the estimates.
 
-No covariance is inverted, only sums of two, so the covariance of one sensor may be (almost)
+No single covariance is inverted, only sums of two, so the covariance of one sensor may be (almost)
 singular. Rounding leaves an error of about 1e-15 / p in the weights, in units of standard
-deviations. Here p is the smallest share of a component's variance that the other components leave
-unexplained, in the covariance of a sensor added to that of the others; below 1e-13 the sum counts
-as singular.
+deviations. Here p refers to the covariance of a sensor plus that of the others: it is the smallest
+share of the variance of a component that the other components do not explain. If p is below 1e-13,
+the sum counts as singular.
 """
 
 from tertia.weights._jacobian import (

@@ -1,4 +1,4 @@
-"""Honest sigmas where the covariances are estimated from few measurements."""
+"""Correct sigmas if covariances are estimated from few measurements."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ def enlarged(
 ) -> tuple[FloatArray, float]:
     """Return the factors of the sigmas of a fused estimate, and the p-value of its statistic.
 
-    `covariances` (K, m, m) are estimated; `laws` are the degrees of freedom and mean of each. The
-    factors, (m,), are such that two sigmas hold 95.45 %: of one estimate half of Student's
-    quantile; of several by simulation, in which the estimates are taken for the truth
-    (parametric bootstrap). Given the simulated covariances, the error is normal, so nothing but
-    covariances has to be drawn for the factors.
+    `covariances` (K, m, m) are estimated; `laws` are the degrees of freedom and the mean of each.
+    With the factors, (m,), an interval of two sigmas contains a component with a probability of
+    95.45 %. For one estimate the factor is half of Student's quantile. For several estimates the
+    factor comes from a simulation that takes the estimates as the truth (parametric bootstrap).
+    Given the simulated covariances the error is normal, so only covariances have to be drawn.
     """
     sensors, m = covariances.shape[:2]
     if sensors == 1:
@@ -56,7 +56,7 @@ def enlarged(
 
 
 def _root(covariances: FloatArray) -> FloatArray:
-    """Return symmetric roots, also of singular covariances."""
+    """Return the symmetric square roots of covariances, which may be singular."""
     values, vectors = np.linalg.eigh(covariances)
     root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))[..., np.newaxis, :]
     symmetric: FloatArray = root @ np.swapaxes(vectors, -1, -2)

@@ -1,4 +1,4 @@
-"""How a weight changes with the covariances."""
+"""Derivatives of a weight matrix with respect to the covariances."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from tertia._arrays import FloatArray, finite, integer, samples, threads
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JacobianOperator:
-    """The Jacobian of a weight matrix, which multiplies vectors without being formed.
+    """The Jacobian of a weight matrix, as an operator that multiplies vectors.
 
-    `scipy.sparse.linalg.aslinearoperator` accepts it where there is no batch.
+    The Jacobian itself is not formed. `scipy.sparse.linalg.aslinearoperator` accepts the operator
+    if there is no batch.
 
     Attributes
     ----------
@@ -28,13 +29,13 @@ class JacobianOperator:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(m², K m²)."""
+        """Shape of the Jacobian, (m², K m²)."""
         sensors, m = self.left.shape[-3:-1]
         return m * m, sensors * m * m
 
     @property
     def dtype(self) -> np.dtype[np.float64]:
-        """Always float64."""
+        """Type of the elements, always float64."""
         return self.left.dtype
 
     def matvec(self, x: npt.ArrayLike) -> FloatArray:
@@ -50,8 +51,8 @@ class JacobianOperator:
     def rmatvec(self, y: npt.ArrayLike) -> FloatArray:
         """Return the product of the transposed Jacobian and y, (..., m²), of shape (..., K m²).
 
-        It turns the gradient of a function of W into that of the same function of all S_j, in
-        O(K m³). vec stacks columns.
+        It converts the gradient of a function with respect to W into the gradient of the same
+        function with respect to all S_j, in O(K m³). vec stacks columns.
         """
         m = self.left.shape[-1]
         gradient = _unvec(_vectors(y, self.shape[0]), (1, m, m))
@@ -68,29 +69,29 @@ def jacobian(
     Parameters
     ----------
     covariances : array_like of shape (..., K, m, m)
-        See `weight_matrices`.
+        As for `weight_matrices`.
     sensor : int
-        The sensor whose weight it is; negative numbers count from the last.
+        Index of the sensor whose weight is differentiated; negative numbers count from the last.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
     ndarray of shape (..., K, m², m²)
-        `d vec W_sensor / d vec S_j` for each j. vec stacks columns, on both sides: element
-        [j, b m + a, q m + p] is `d W[a, b] / d S_j[p, q]`. All elements of `S_j` count as free, so
-        a change must be made in both halves.
+        `d vec W_sensor / d vec S_j` for each j. vec stacks columns on both sides: element
+        [j, b m + a, q m + p] is `d W[a, b] / d S_j[p, q]`. All elements of `S_j` count as
+        independent, so a symmetric change of an off-diagonal element changes two of them.
 
     Raises
     ------
     numpy.linalg.LinAlgError, ValueError, TypeError
-        As for `weight_matrices`, or no such sensor.
+        As for `weight_matrices`; also if there is no such sensor.
 
     Notes
     -----
-    (7), (8) and (12) to (14) of the source; for two sensors and the second one's weight these are
-    P1 and P2. `P_j = [C_j (W - δ I)]' ⊗ W_j`, where δ is 1 for the sensor itself. Cost O(K m⁴),
-    that of writing the result.
+    Equations (7), (8) and (12) to (14) of the source; for two sensors and the weight of the second,
+    the result consists of its P1 and P2. In general it is `P_j = [C_j (W - δ I)]' ⊗ W_j`, where δ
+    is 1 for the sensor itself and 0 for others. The cost is O(K m⁴), the size of the result.
 
     Examples
     --------
@@ -111,12 +112,12 @@ def jacobian_operator(
     Parameters
     ----------
     covariances, sensor, n_threads
-        See `jacobian`.
+        As for `jacobian`.
 
     Returns
     -------
     JacobianOperator
-        With `matvec` and `rmatvec`; vec stacks columns.
+        The operator, with `matvec` and `rmatvec`; vec stacks columns.
 
     Raises
     ------
@@ -125,7 +126,7 @@ def jacobian_operator(
 
     Examples
     --------
-    How the weight of the second sensor changes when the first one's variance grows by 0.1:
+    The change of the second sensor's weight if the variance of the first one increases by 0.1:
 
     >>> from tertia import weights
     >>> operator = weights.jacobian_operator([[[1.0]], [[3.0]]])
@@ -139,7 +140,7 @@ def jacobian_operator(
 
 
 def _vectors(x: npt.ArrayLike, size: int) -> FloatArray:
-    """Return vectors of this size; a single column is one, too."""
+    """Return vectors of this size; a single column also counts as a vector."""
     array = finite(x, "x")
     if array.shape == (size, 1):
         array = array[:, 0]

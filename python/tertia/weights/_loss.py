@@ -1,4 +1,4 @@
-"""The loss due to estimated weights, and how many measurements keep it small."""
+"""The loss due to estimated weights, and the number of measurements that limits it."""
 
 from __future__ import annotations
 
@@ -44,15 +44,15 @@ class FusionLoss(Result):
     loss : float or ndarray of shape (...)
         `trace(mean_squared_error) / trace(fused_covariance) - 1`.
     component_loss : ndarray of shape (..., m)
-        Loss of each component alone, which does not depend on units.
+        Loss of each component alone; unlike `loss`, it does not depend on the units.
     mean_squared_error : ndarray of shape (..., m, m)
-        Mean squared error of the estimate fused with estimated weights.
+        Mean squared error of the estimate that is fused with estimated weights.
     fused_covariance : ndarray of shape (..., m, m)
-        Covariance of the estimate fused with the true weights.
+        Covariance of the estimate that is fused with the true weights.
     loss_sigma : float, ndarray of shape (...) or None
-        Standard error of `loss` if it was simulated.
+        Standard error of `loss` if it was simulated; otherwise None.
     method : {"first-order", "monte-carlo"}
-        How it was computed.
+        Method by which the loss was computed.
     """
 
     _rows: ClassVar = "loss", 0
@@ -82,27 +82,27 @@ def fusion_loss(
     rng: np.random.Generator | int = 0,
     n_threads: int | None = None,
 ) -> FusionLoss:
-    """Return how much the mean squared error grows because the weights are estimated.
+    """Return the increase of the mean squared error that estimated weights cause.
 
     Parameters
     ----------
     covariances : array_like of shape (..., K, m, m)
-        The true covariances, or their estimates; see `weight_matrices`.
+        The true covariances, or their estimates, as for `weight_matrices`.
     n : int, inf or array_like of shape (K,)
-        Measurements from which each covariance is estimated; inf where it is known.
+        Number of measurements from which each covariance is estimated; inf if it is known.
     method : {"auto", "first-order", "monte-carlo"}
-        "first-order": a closed form, too small where n is small or W is near 0 or I.
-        "monte-carlo": the mean over simulated covariances, exact but for its standard error.
-        "auto": the closed form from 100 (m + 1) degrees of freedom, where its error is at most a
-        twentieth of the loss, and Monte Carlo below.
+        "first-order": a closed form, which is too small if n is small or W is near 0 or I.
+        "monte-carlo": the mean over simulated covariances, exact except for its standard error.
+        "auto": the closed form if there are at least 100 (m + 1) degrees of freedom, so that its
+        error is at most a twentieth of the loss; otherwise Monte Carlo.
     convention : {"sample-mean", "known-mean", "paper", "differences"}
         How the covariances are estimated (see `sample_covariance`).
     trials : int
-        Simulated sets of covariances, at least 2; the same for the whole batch.
+        Number of simulated sets of covariances, at least 2; the same for the whole batch.
     rng : numpy.random.Generator or int
-        Source of randomness, or its seed; by default always the same.
+        Random generator or seed; by default a fixed seed, so that the result is always the same.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
@@ -117,9 +117,10 @@ def fusion_loss(
     Notes
     -----
     To first order the mean squared error is
-    `{I + sum over j of c_j [tr(I - W_j) W_j + W_j (I - W_j)]} S_p`; for equal sensors the loss is
-    `(m + 1) / (2 (n - 1))`. Below m + 4 degrees of freedom of two sensors together the squared
-    error has no variance, and the standard error means little.
+    `{I + sum over j of c_j [tr(I - W_j) W_j + W_j (I - W_j)]} S_p`, with c_j from
+    `covariance_factor`; for equal sensors the loss is `(m + 1) / (2 (n - 1))`. If two sensors
+    together have fewer than m + 4 degrees of freedom, the squared error has no variance, and the
+    standard error of the loss is not reliable.
 
     Examples
     --------
@@ -167,41 +168,42 @@ def required_samples(
     rng: np.random.Generator | int = 0,
     n_threads: int | None = None,
 ) -> int | IntArray:
-    """Return how many measurements per sensor keep the loss of the fused estimate under a bound.
+    """Return the number of measurements per sensor that keeps the fusion loss under a bound.
 
     Parameters
     ----------
     covariances : array_like of shape (..., K, m, m)
-        The true covariances, or assumed ones; see `weight_matrices`.
+        The true covariances, or assumed ones, as for `weight_matrices`.
     loss : float
-        The bound on the loss as of `fusion_loss`.
+        Bound on the loss, as defined in `fusion_loss`.
     method : {"first-order", "monte-carlo"}
         "monte-carlo": the simulated loss plus two of its standard errors is under the bound.
-        "first-order": closed form; too small where W is near 0 or I.
+        "first-order": the closed form is under the bound; the result is too small if W is near 0
+        or I.
     convention : {"sample-mean", "known-mean", "paper", "differences"}
         How the covariances are estimated (see `sample_covariance`).
     trials : int
-        Simulated sets of covariances for each n, at least 2.
+        Number of simulated sets of covariances for each n, at least 2.
     rng : numpy.random.Generator or int
-        Source of randomness, or its seed; by default always the same.
+        Random generator or seed; by default a fixed seed, so that the result is always the same.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
     int or ndarray of int, shape (...)
-        The smallest n, the same for all sensors.
+        The smallest sufficient n, the same for all sensors.
 
     Raises
     ------
     numpy.linalg.LinAlgError, ValueError, TypeError
-        As for `fusion_loss`, or a bound that is not between 1e-6 and 1e6.
+        As for `fusion_loss`; also if the bound is not between 1e-6 and 1e6.
 
     Notes
     -----
-    If the covariances of two sensors are unknown, n >= 15 m + 6 for m <= 3, and in general
-    `1 + 22 max((m + 3)² / 16 [m <= 5], m - 1)`, kept the loss below 5 % in all cases tried; for
-    more sensors n >= 1 + 22 (m + 1) did (docs/weights.md).
+    In all cases tried (docs/weights.md), the following n kept the loss below 5 % if the covariances
+    were unknown. Two sensors: n >= 15 m + 6 for m <= 3, and in general
+    `n >= 1 + 22 max((m + 3)² / 16 [m <= 5], m - 1)`. More sensors: n >= 1 + 22 (m + 1).
 
     Examples
     --------
@@ -246,9 +248,10 @@ def _smallest(
     least: int,
     guess: IntArray | None = None,
 ) -> IntArray:
-    """Return for each of `count` problems the smallest n >= least for which `holds` says so.
+    """Return for each of `count` problems the smallest n >= least for which `holds` is true.
 
-    `holds` takes indices of problems and an n for all of them; it must not become false again.
+    `holds` takes indices of problems and an n for all of them; once true, it must stay true for all
+    larger n.
     """
     low = np.full(count, least - 1)
     high = np.full(count, least) if guess is None else guess.copy()
@@ -269,7 +272,7 @@ def _smallest(
 def _simulated(
     s: FloatArray, draws: FloatArray, n_threads: int | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return fused covariance and excess (..., 2, m, m), the loss and its sigma."""
+    """Return fused covariance and excess of the error, (..., 2, m, m), the loss and its sigma."""
     found = _core.weigh("excess", s, threads(n_threads), draws=draws)
     m = s.shape[-1]
     matrices = found[..., :-2].reshape(*found.shape[:-1], 2, m, m)
@@ -277,7 +280,7 @@ def _simulated(
 
 
 def _relative_factor(n: int, convention: Convention) -> float:
-    """Return c of a sample covariance in units of its own mean."""
+    """Return the factor c of a sample covariance, relative to the mean of that covariance."""
     [(degrees_of_freedom, _)] = _core.wishart_law(n, convention, 1)
     return 1 / degrees_of_freedom
 
@@ -285,7 +288,7 @@ def _relative_factor(n: int, convention: Convention) -> float:
 def _draws(
     laws: list[tuple[float, float]], m: int, trials: int, rng: np.random.Generator
 ) -> FloatArray:
-    """Draw the Wishart matrices of every sensor, (trials, K, m, m), for a true covariance I."""
+    """Draw the Wishart matrices of every sensor, (trials, K, m, m), if the true covariance is I."""
     draws = []
     for degrees_of_freedom, mean in laws:
         whole = np.isinf(degrees_of_freedom) or degrees_of_freedom == int(degrees_of_freedom)

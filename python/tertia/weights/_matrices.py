@@ -1,4 +1,4 @@
-"""Weight matrices and the covariance of what they fuse."""
+"""Weight matrices, and the covariance of the fused estimate."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ from tertia.weights._readers import common_batch, deviation, moderate
 def weight_matrices(covariances: npt.ArrayLike, *, n_threads: int | None = None) -> FloatArray:
     """Return the weight matrices of several estimates of the same vector.
 
-    The fused estimate is the sum of `W_k x_k`; for two sensors `x_1 + W_2 (x_2 - x_1)`.
+    The fused estimate is the sum of all `W_k x_k`; for two sensors, `x_1 + W_2 (x_2 - x_1)`.
 
     Parameters
     ----------
     covariances : array_like of shape (..., K, m, m)
-        Covariance of each of K >= 2 estimates, with independent errors. A covariance may be
-        singular where the others are not singular in the same direction.
+        Covariance of each of K >= 2 estimates, whose errors must be independent. A covariance may
+        be singular if the others are not singular in the same direction.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
     ndarray of shape (..., K, m, m)
-        `W_k`. They sum to the identity, and are not symmetric in general.
+        The weights `W_k`. They sum to the identity; in general they are not symmetric.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        A covariance is indefinite, or some are singular in the same direction.
+        If a covariance is indefinite, or some are singular in the same direction.
     ValueError
-        A wrong shape, a matrix that is not symmetric, an element that is not finite, or a variance
-        that is not positive.
+        If a shape is wrong, a matrix is not symmetric, an element is not finite, or a variance is
+        not positive.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
-    Equations (1), (2) and (6) of the source, generalised to K sensors. Cost O(K m³).
+    Equations (1), (2) and (6) of the source, generalised to K sensors. The cost is O(K m³).
 
     Examples
     --------
@@ -59,18 +59,18 @@ def fused_covariance(covariances: npt.ArrayLike, *, n_threads: int | None = None
     Parameters
     ----------
     covariances, n_threads
-        See `weight_matrices`.
+        As for `weight_matrices`.
 
     Returns
     -------
     ndarray of shape (..., m, m)
-        `S_p`.
+        The covariance `S_p`.
 
     Raises
     ------
     numpy.linalg.LinAlgError, ValueError, TypeError
-        As for `weight_matrices`; also where covariances are (almost) singular in different
-        directions, so that rounding would leave an error of more than 0.1 % in a fused variance.
+        As for `weight_matrices`; also if covariances are (almost) singular in different directions,
+        so that rounding would leave an error of more than 0.1 % in a fused variance.
 
     Examples
     --------
@@ -85,26 +85,26 @@ def fused_covariance(covariances: npt.ArrayLike, *, n_threads: int | None = None
 def scalar_information(h: npt.ArrayLike, sigma: npt.ArrayLike) -> FloatArray:
     """Return the information matrix of a measured scalar, `h h' / sigma²`, of rank one.
 
-    `tertia.fusion.fuse_scalar` gets the same result without forming or inverting it.
+    `tertia.fusion.fuse_scalar` gives the same result without forming or inverting this matrix.
 
     Parameters
     ----------
     h : array_like of shape (..., m)
-        Derivatives of the scalar with respect to the components.
+        Derivatives of the scalar with respect to the components of the estimate.
     sigma : array_like of shape (...)
         Standard deviation of the scalar.
 
     Returns
     -------
     ndarray of shape (..., m, m)
-        The information: the inverse of a covariance, if it had one.
+        The information matrix. It is singular for m > 1, so no covariance corresponds to it.
 
     Raises
     ------
     ValueError
-        A number that is not finite, or a sigma that is not positive.
+        If a number is not finite, or a sigma is not positive.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Examples
     --------

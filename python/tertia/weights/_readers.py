@@ -1,4 +1,4 @@
-"""Arguments of `weights` and `fusion`: numbers of moderate size, and arrays of one batch."""
+"""Checks of arguments of `weights` and `fusion`: size of numbers, and shapes of batches."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def deviation(value: npt.ArrayLike, name: str) -> FloatArray:
 
 
 def squares(value: npt.ArrayLike, name: str) -> FloatArray:
-    """Return finite matrices of as many rows as columns."""
+    """Return finite square matrices."""
     array = finite(value, name)
     if array.ndim < 2 or array.shape[-1] != array.shape[-2]:
         raise ValueError(f"{name} has shape {array.shape}; it must be (..., m, m)")
@@ -38,7 +38,7 @@ def squares(value: npt.ArrayLike, name: str) -> FloatArray:
 
 
 def common_batch(**shapes: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape that the leading axes are broadcast to."""
+    """Return the shape to which the leading axes are broadcast."""
     try:
         return np.broadcast_shapes(*shapes.values())
     except ValueError:
@@ -49,7 +49,7 @@ def common_batch(**shapes: tuple[int, ...]) -> tuple[int, ...]:
 def of_one_batch(
     **arrays: tuple[FloatArray, tuple[int, ...]],
 ) -> dict[str, FloatArray]:
-    """Return arrays, each given with the shape of one element, with the same leading axes."""
+    """Broadcast arrays to common leading axes; each is given with the shape of one element."""
     first, (given, _) = next(iter(arrays.items()))
     batches = {}
     for name, (array, tail) in arrays.items():

@@ -1,4 +1,4 @@
-"""Covariances that are estimated, and how well they are known."""
+"""Estimated covariances, and their uncertainty."""
 
 from __future__ import annotations
 
@@ -28,30 +28,31 @@ def sample_covariance(
     Parameters
     ----------
     x : array_like of shape (..., n, m)
-        n >= 2 measurements of a vector.
+        Measurements of a vector, n >= 2.
     mean : array_like of shape (..., m), optional
-        The true value, where it is known.
+        The true value of the vector, if it is known.
     differences : bool
-        Use differences of successive measurements, for a target that moves slowly.
+        Whether to use differences of successive measurements, for a target that moves slowly.
     ddof : int
-        Subtracted from n in the divisor of deviations from the sample mean: 1 is unbiased, 0 the
-        maximum of the likelihood. Not used with `mean` or `differences`.
+        Number subtracted from n in the divisor of deviations from the sample mean: 1 gives an
+        unbiased estimate, 0 the maximum of the likelihood. Ignored with `mean` or `differences`.
 
     Returns
     -------
     ndarray of shape (..., m, m)
-        From deviations from the sample mean with divisor `n - ddof` (with 1 the convention
-        "sample-mean" of `covariance_factor`), from `mean` with divisor n ("known-mean"), or from
-        differences with divisor 2 (n - 1) ("differences"). The paper prints (3) with the true mean
-        and divisor n - 1, which is `n / (n - 1)` times the second (convention "paper").
+        The covariance: from deviations from the sample mean with divisor `n - ddof` (for `ddof` 1,
+        the convention "sample-mean" of `covariance_factor`); from deviations from `mean` with
+        divisor n ("known-mean"); or from differences with divisor 2 (n - 1) ("differences").
+        Equation (3) of the paper has the true mean and divisor n - 1, which gives `n / (n - 1)`
+        times the covariance of "known-mean" (convention "paper").
 
     Raises
     ------
     ValueError
-        Fewer than two measurements, a number that is not finite, shapes that do not fit, both
-        `mean` and `differences`, or a divisor that is not positive.
+        If there are fewer than two measurements, a number is not finite, shapes do not fit, both
+        `mean` and `differences` are given, or the divisor is not positive.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Examples
     --------
@@ -85,30 +86,31 @@ def sample_covariance(
 
 
 def covariance_factor(n: float, convention: Convention = "sample-mean") -> float:
-    """Return c of the covariance of a sample covariance, `c (S ⊗ S)(I + K)`.
+    """Return the factor c in the covariance of a sample covariance, `c (S ⊗ S)(I + K)`.
 
     Parameters
     ----------
     n : int or inf
-        Measurements, at least 2; inf for a covariance that is known.
+        Number of measurements, at least 2; inf for a covariance that is known.
     convention : {"sample-mean", "known-mean", "paper", "differences"}
         How the covariance is estimated (see `sample_covariance`).
 
     Returns
     -------
     float
-        `1 / (n - 1)`, `1 / n`, `n / (n - 1)²` or `(3 n - 4) / (2 (n - 1)²)`.
+        `1 / (n - 1)`, `1 / n`, `n / (n - 1)²` or `(3 n - 4) / (2 (n - 1)²)`, for the conventions in
+        the order above.
 
     Raises
     ------
     ValueError
-        n is not a whole number of at least 2, or an unknown convention.
+        If n is not a whole number of at least 2, or the convention is unknown.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
-    (4) and (5) of the source, for normal measurements.
+    Equations (4) and (5) of the source, for normal measurements. K is the commutation matrix.
 
     Examples
     --------
@@ -130,28 +132,29 @@ def covariance_of_covariance(
     covariance : array_like of shape (..., m, m)
         The true covariance S, or its estimate.
     factor : float
-        c, from `covariance_factor`.
+        The factor c, from `covariance_factor`.
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
     ndarray of shape (..., m², m²)
-        `c (S ⊗ S)(I + K)`: element [j m + i, l m + q] is `c (s_iq s_jl + s_il s_jq)`. vec stacks
-        columns. It is singular, because S is symmetric.
+        `c (S ⊗ S)(I + K)`, with K the commutation matrix: element [j m + i, l m + q] is
+        `c (s_iq s_jl + s_il s_jq)`. vec stacks columns. The matrix is singular, because S is
+        symmetric.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        A covariance that is indefinite.
+        If a covariance is indefinite.
     ValueError
-        As for `weight_matrices`, or a factor that is negative.
+        As for `weight_matrices`; also if the factor is negative.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
-    (4) and (5) of the source. Cost O(m⁴).
+    Equations (4) and (5) of the source. The cost is O(m⁴).
 
     Examples
     --------
@@ -169,36 +172,36 @@ def covariance_of_covariance(
 def shrink_covariance(
     model: npt.ArrayLike, sample: npt.ArrayLike, n: npt.ArrayLike, n_model: float = 12.0
 ) -> FloatArray:
-    """Shrink a covariance estimated from few measurements towards one that a model predicts.
+    """Shrink a covariance estimated from few measurements towards the covariance of a model.
 
     Parameters
     ----------
     model : array_like of shape (..., m, m)
-        The covariance that the sensor's geometry and its nominal errors predict.
+        The covariance predicted from the geometry of the sensor and its nominal errors.
     sample : array_like of shape (..., m, m)
         The sample covariance.
     n : int, inf or array_like of shape (...)
-        Measurements in the sample, at least 1.
+        Number of measurements in the sample, at least 1.
     n_model : float
-        Degrees of freedom that the model is worth.
+        Weight of the model, as an equivalent number of degrees of freedom.
 
     Returns
     -------
     ndarray of shape (..., m, m)
-        `(n_model S_model + (n - 1) S) / (n_model + n - 1)`.
+        The covariance `(n_model S_model + (n - 1) S) / (n_model + n - 1)`.
 
     Raises
     ------
     ValueError
-        Shapes that do not fit, or a number that is not finite, too small, or not positive where it
-        must be.
+        If shapes do not fit, or a number is not finite, too small, or not positive where it must
+        be.
     TypeError
-        An argument of the wrong type.
+        If an argument has the wrong type.
 
     Notes
     -----
-    The mean of the inverse Wishart posterior, but for the m + 1 in its denominator. docs/weights.md
-    compares it with the sample covariance alone and with general shrinkage.
+    This is the mean of the inverse Wishart posterior, except for the m + 1 in its denominator.
+    docs/weights.md compares it with the sample covariance alone and with general shrinkage.
 
     Examples
     --------

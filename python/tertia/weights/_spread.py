@@ -1,4 +1,4 @@
-"""How far weights that are computed from estimated covariances are from the true ones."""
+"""Covariance and bias of weights that are computed from estimated covariances."""
 
 from __future__ import annotations
 
@@ -29,41 +29,42 @@ def weight_covariance(
     Parameters
     ----------
     covariances : array_like of shape (..., K, m, m)
-        The true covariances, or their estimates; see `weight_matrices`.
+        The true covariances, or their estimates, as for `weight_matrices`.
     n : int, inf or array_like of shape (K,)
-        Measurements from which each covariance is estimated; inf where it is known.
+        Number of measurements from which each covariance is estimated; inf if it is known.
     sensor : int
-        The sensor whose weight it is; negative numbers count from the last.
+        Index of the sensor whose weight is considered; negative numbers count from the last.
     convention : {"sample-mean", "known-mean", "paper", "differences"}
         How the covariances are estimated (see `sample_covariance`).
     n_threads : int, optional
-        Threads to use; by default one for small tasks and all cores for large ones.
+        Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
     ndarray of shape (..., m², m²)
-        Covariance of vec W to first order; vec stacks columns: element [b m + a, q m + p] is that
-        of `W[a, b]` and `W[p, q]`. Reliable from about n = 30: below, where W is near 0 or I, the
-        standard deviations are too small (docs/weights.md says by how much).
+        Covariance of vec W to first order. vec stacks columns: element [b m + a, q m + p] is the
+        covariance of `W[a, b]` and `W[p, q]`. It is reliable from about n = 30. For smaller n, the
+        standard deviations are too small if W is near 0 or I (docs/weights.md says by how much).
 
     Raises
     ------
     numpy.linalg.LinAlgError, ValueError, TypeError
-        As for `weight_matrices`; or no such sensor, or an n that is not a whole number of at least
-        2 or is too small: if m > 1, the variance is infinite if two sensors together have less than
-        m + 2 degrees of freedom, or where the sensors' shortfalls from m degrees of freedom each
-        add up to m - 1 or more.
+        As for `weight_matrices`; also if there is no such sensor, or if an n is not a whole number
+        of at least 2 or is too small. For m > 1, an n is too small if the variance is infinite: if
+        two sensors together have fewer than m + 2 degrees of freedom, or if the numbers of degrees
+        of freedom by which the sensors fall short of m add up to m - 1 or more.
 
     Notes
     -----
-    (10) of the source in closed form. Cost O(K m⁴), where the printed product takes O(m⁶). In the
-    convention "paper" c is as printed, and the Jacobian is taken at the given covariances: the
-    result is `n² / (n - 1)²` too large, because W does not change when all covariances are
-    multiplied by n / (n - 1). `weight_bias` and `fusion_loss` allow for that.
+    Equation (10) of the source in closed form. The cost is O(K m⁴); the product as printed takes
+    O(m⁶). In the convention "paper", c is as printed, and the Jacobian is taken at the given
+    covariances. The result is then too large by the factor `n² / (n - 1)²`, because W does not
+    change if all covariances are multiplied by n / (n - 1). `weight_bias` and `fusion_loss` allow
+    for that.
 
     Examples
     --------
-    For scalars it is `2 (c_1 + c_2) W² (1 - W)²`:
+    For scalars the result is `2 (c_1 + c_2) W² (1 - W)²`:
 
     >>> from tertia import weights
     >>> weights.weight_covariance([[[1.0]], [[1.0]]], 33)
@@ -88,12 +89,12 @@ def weight_bias(
     Parameters
     ----------
     covariances, n, sensor, convention, n_threads
-        See `weight_covariance`.
+        As for `weight_covariance`.
 
     Returns
     -------
     ndarray of shape (..., m, m)
-        Expected estimate of `W_sensor` less `W_sensor`, to second order.
+        Expected value of the estimated `W_sensor` minus the true `W_sensor`, to second order.
 
     Raises
     ------
@@ -102,9 +103,9 @@ def weight_bias(
 
     Notes
     -----
-    `-sum over j of c_j W_j [(I - W_j) + tr(I - W_j) I] (W - δ I)`, where δ is 1 for the sensor
-    itself. In the convention "paper" the factors n/(n - 1) add to it where the n differ. Cost
-    O(K m³).
+    The bias is `-sum over j of c_j W_j [(I - W_j) + tr(I - W_j) I] (W - δ I)`, where δ is 1 for the
+    sensor itself and 0 for others. In the convention "paper", the factors n/(n - 1) of the
+    covariances add to the bias if n differs between sensors. The cost is O(K m³).
 
     Examples
     --------

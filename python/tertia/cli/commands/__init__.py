@@ -1,1 +1,1 @@
-"""The commands: each parses its options, calls `tertia.tables` once, prints and writes."""
+"""The commands; each parses options, calls `tertia.tables` once, and outputs the results."""

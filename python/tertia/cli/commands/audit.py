@@ -1,4 +1,4 @@
-"""`tertia audit`: sigmas of estimates versus the truth."""
+"""`tertia audit`: comparison of the sigmas of estimates with the truth."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -33,35 +33,37 @@ def audit(
         typer.Argument(
             metavar="FILE",
             readable=False,
-            help="Estimates with sigmas: any output of the other commands, a table, CAT062.",
+            help="Estimates with sigmas: output of another command, a table, or ASTERIX CAT062.",
         ),
     ],
     *,
     truth: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", readable=False, help=f"{TRUTH} By default columns true_*."),
+        typer.Option(
+            metavar="FILE", readable=False, help=f"{TRUTH} By default, columns true_* of FILE."
+        ),
     ] = None,
     value: Annotated[
         str | None,
         typer.Option(
-            metavar="COLUMN", help="Audit this column, as azimuth_deg; by default positions."
+            metavar="COLUMN", help="Column to audit, such as azimuth_deg; by default positions."
         ),
     ] = None,
     by: Annotated[
         list[str] | None,
         typer.Option(
             metavar="COLUMN",
-            help="Rows of one value are independent of the others; by default track or target.",
+            help="Column whose values identify independent parts; by default track or target.",
         ),
     ] = None,
     strata: Annotated[
         list[str] | None,
-        typer.Option(metavar="COLUMN", help="Divide the record by this column; may be repeated."),
+        typer.Option(metavar="COLUMN", help="Audit parts by this column, too; may be repeated."),
     ] = None,
     column: ColumnNames = None,
     truth_column: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=COLUMN", help="The same in the truth; may be repeated."),
+        typer.Option(metavar="NAME=COLUMN", help="As --column, for the truth; may be repeated."),
     ] = None,
     truth_sigma: Annotated[
         float, typer.Option(help="Standard deviation of each axis of the truth, in metres.")
@@ -71,10 +73,10 @@ def audit(
     output: Output = None,
     plot_file: PlotFile = None,
 ) -> dict[str, Any]:
-    """Say whether sigmas are too small, too large, or honest: estimates against the truth.
+    """Audit sigmas of estimates with the truth: too small, too large, or honest.
 
-    All figures have intervals that allow for time-correlated errors. The truth is interpolated
-    linearly between its times.
+    All figures have confidence intervals that allow for time-correlated errors. The truth is
+    interpolated linearly between its times.
     """
     write.check_suffixes(output, plot_file)
     with working("Auditing"):

@@ -53,16 +53,16 @@ def bearing(
     groups: Annotated[
         str | None,
         typer.Option(
-            metavar="COLUMN", help="Column of what shares a systematic error: stop, hour."
+            metavar="COLUMN", help="Column of labels of a common systematic error: stop, hour."
         ),
     ] = None,
     bias_sigma: Annotated[
         float | None,
-        typer.Option(help="Size of that error; by default from differences of groups."),
+        typer.Option(help="Sigma of the systematic error; by default from differences of groups."),
     ] = None,
-    method: Annotated[Method, typer.Option(help="How to estimate.")] = "robust",
+    method: Annotated[Method, typer.Option(help="Method of estimation.")] = "robust",
     period: Period = 360.0,
-    block_size: Annotated[int, typer.Option(help="Measurements per block.")] = 10,
+    block_size: Annotated[int, typer.Option(help="Number of measurements per block.")] = 10,
     k: Annotated[
         float, typer.Option(help="Threshold of the methods corrected, paper and k-sigma.")
     ] = 2.5,
@@ -72,7 +72,7 @@ def bearing(
 ) -> dict[str, Any]:
     """Estimate a bearing and its sigma per group, and count the outliers.
 
-    The measurements of a group must be in order of time. Missing ones (empty, NA, nan, null, None,
+    The measurements of a group must be in time order. Missing ones (empty, NA, nan, null, None,
     -) are left out and counted.
     """
     write.check_suffixes(output, plot_file)
@@ -130,8 +130,8 @@ def _in_batches(
 ) -> pl.DataFrame | None:
     """Return one row per group of a recording without holding all of it in memory.
 
-    None where groups are not consecutive or anything is wrong: whoever reads the file as a whole
-    finds out what, and where.
+    None if groups are not consecutive or there is an error, which is then reported when the file is
+    read as a whole.
     """
     needed = [columns.get(name, name) for name in (*by, *([groups] if groups else []), values)]
     options |= {"columns": columns, "values": values, "groups": groups}
@@ -146,7 +146,7 @@ def _in_batches(
 
 
 def _with_numbers(column: str) -> Callable[[pl.DataFrame], pl.DataFrame]:
-    """Return the function that makes numbers of a column of text, which take less memory."""
+    """Return a function that converts a column of text to numbers, which need less memory."""
 
     def read_numbers(batch: pl.DataFrame) -> pl.DataFrame:
         return batch.with_columns(Reader(Part(batch), {}, {}).numbers(batch[column]))
@@ -155,7 +155,7 @@ def _with_numbers(column: str) -> Callable[[pl.DataFrame], pl.DataFrame]:
 
 
 def _cells(value: str) -> Any:
-    """Return the function that formats a row, with as many digits as are known."""
+    """Return a function that formats a row, with as many digits as are significant."""
     sigma, bias_sigma = (column_name(value, what) for what in ("sigma", "bias_sigma"))
 
     def cells(row: dict[str, object]) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Control lines of a stream: what a controller tells the tracker while it runs."""
+"""Control lines of a stream: commands of a controller to a running tracker."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CSV_MARK = "#control "
 
 
 def request_of(line: bytes) -> dict[str, Any] | None:
-    """Return the request of a control line; None of any other line."""
+    """Return the request in a control line; None for any other line."""
     text = line.decode("utf-8", "replace").strip()
     if text.startswith(CSV_MARK):
         text = text.removeprefix(CSV_MARK)
@@ -33,9 +33,9 @@ def request_of(line: bytes) -> dict[str, Any] | None:
 
 
 class Control:
-    """Executes requests, which name plans as files do.
+    """Execution of requests, which name plans as files do.
 
-    `plans` gets the last plan of each number, and keeps those that are removed.
+    `plans` contains the latest version of each plan by number, including removed plans.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class Control:
         }
 
     def answer(self, request: Mapping[str, Any]) -> str:
-        """Execute a request; return the answer, a line of JSON."""
+        """Execute a request, and return the answer, a line of JSON."""
         name = request["control"]
         reason = None
         try:
@@ -91,7 +91,7 @@ class Control:
         return plan_of(fields, self._frame)
 
     def _number(self, request: Mapping[str, Any], key: str = "name") -> int:
-        """Return the number of the plan of a name."""
+        """Return the number of the plan with a name."""
         name = request.get(key)
         names, plans = plan_names(self._plans), self._tracker.plans
         found = [at for at, plan in enumerate(plans) if plan is not None and names[at] == name]

@@ -1,4 +1,4 @@
-"""`tertia track --udp`: plots in ASTERIX as they arrive, and system tracks that are sent on."""
+"""`tertia track --udp`: plots that arrive in ASTERIX, and system tracks that are sent."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ _PLOTS = {
 
 
 class Datagrams:
-    """Converts the payloads of UDP packets to plots, as `stream` does with lines.
+    """Conversion of the payloads of UDP packets to plots, as `stream` does for lines.
 
-    `row` counts the plots of categories 48 and 1, `bad` the packets that have none.
+    `row` counts the plots of categories 48 and 1, `bad` the packets without such plots.
     """
 
     kind = None
@@ -63,7 +63,7 @@ class Datagrams:
         return [name for name in REPLIES if name != self._identity]
 
     def of(self, packets: Sequence[bytes]) -> pl.DataFrame:
-        """Return the plots of packets by the schema, `row` counted from the first of all."""
+        """Return the plots of packets by the schema; `row` counts from the first packet of all."""
         try:
             found = read_asterix([*self._service, *packets])
         except ValueError as error:
@@ -102,7 +102,7 @@ class Datagrams:
         return rows.with_columns(pl.col("row") + self.row)
 
     def _doubt(self, sensors: pl.Series) -> None:
-        """Count the plots of radars that are not in the file, and print the first."""
+        """Count the plots of radars not in the sensors file, and report the first such radar."""
         if sensors.len() and not self._unknown:
             note(f"tertia: {self.name}: radar {sensors[0]} is not in the file of sensors")
         self._unknown.update(sensors.to_list())
@@ -113,7 +113,7 @@ class Datagrams:
         self.bad += count
 
     def end(self) -> None:
-        """Print how many plots there were, and what was left out."""
+        """Print how many plots arrived, and how many were left out."""
         note(f"{counted(self.row, 'plot')} arrived")
         if self.bad:
             note(f"{counted(self.bad, 'packet')} left out")
@@ -142,7 +142,7 @@ class TrackSender:
 
 
 def receiver(address: str) -> socket.socket:
-    """Return a socket that receives packets at a port, of a multicast group if one is given."""
+    """Return a socket that receives packets at a port, from a multicast group if one is given."""
     host, port = _address(address if ":" in address else f"0.0.0.0:{port_of(address)}", "--udp")
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
@@ -167,7 +167,7 @@ def _address(text: str, option: str) -> tuple[str, int]:
 
 
 def port_of(text: str) -> int:
-    """Return the number of a port, or fail."""
+    """Return the number of a port; exit with an error if it is invalid."""
     if not text.isdecimal() or not 0 < int(text) < _PORTS:
-        fail(f"{text!r} is no port: give a number from 1 to {_PORTS - 1}", WRONG_USAGE)
+        fail(f"{text!r} is not a port: give a number from 1 to {_PORTS - 1}", WRONG_USAGE)
     return int(text)

@@ -1,4 +1,4 @@
-"""`tertia evaluate`: tracks versus truth."""
+"""`tertia evaluate`: comparison of tracks with the truth."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -41,7 +41,7 @@ def evaluate(
     tracks: Annotated[
         Path,
         typer.Argument(
-            metavar="TRACKS", readable=False, help="Tracks, as tertia track writes them."
+            metavar="TRACKS", readable=False, help="Tracks, as written by tertia track."
         ),
     ],
     *,
@@ -53,7 +53,7 @@ def evaluate(
     limits: LimitFile = None,
     output: Output = None,
     targets: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write one row per target.")
+        Path | None, typer.Option(metavar="FILE", help="Write one row per target to this file.")
     ] = None,
     plot_file: PlotFile = None,
 ) -> dict[str, Any]:

@@ -59,25 +59,25 @@ def fuse_series(
         list[str] | None,
         typer.Option(
             metavar="[NAME=]VALUE",
-            help="Stated sigma of the plots of a sensor, or of all others; may be repeated. "
-            "What neither this nor the files say is fitted.",
+            help="Stated sigma of the plots of a sensor, or of all other sensors; may be repeated. "
+            "It is estimated if neither this nor the files state it.",
         ),
     ] = None,
     bias_sigma: Annotated[
         list[str] | None,
         typer.Option(
             metavar="[NAME=]VALUE",
-            help="Sigma of a constant error of a sensor, or of all others, which is estimated; "
-            "may be repeated. Sensors without one are trusted.",
+            help="Sigma of the constant error of a sensor, or of all other sensors; the error is "
+            "estimated. May be repeated. By default there is none.",
         ),
     ] = None,
-    method: Annotated[FusionMethod, typer.Option(help="How to fuse.")] = "robust",
+    method: Annotated[FusionMethod, typer.Option(help="Method of fusion.")] = "robust",
     alpha: Annotated[
         float | None,
-        typer.Option(help="One over the time in which accelerations fade; by default fitted."),
+        typer.Option(help="Inverse of the decay time of accelerations; by default estimated."),
     ] = None,
     acceleration_sigma: Annotated[
-        float | None, typer.Option(help="Sigma of the acceleration; by default fitted.")
+        float | None, typer.Option(help="Sigma of the acceleration; by default estimated.")
     ] = None,
     n_threads: Threads = None,
     output: Output = None,
@@ -86,8 +86,8 @@ def fuse_series(
     """Fuse the plots of several sensors into one track, and show the weight of each sensor.
 
     One row per plot, in any order: time_s, sensor (by default the name of each file), azimuth_deg,
-    and optionally azimuth_sigma_deg. At the time of a missing plot (empty, NA, nan, null, None, -)
-    the track is still estimated.
+    and optionally azimuth_sigma_deg. The track is also estimated at the times of missing plots
+    (empty, NA, nan, null, None, -).
     """
     write.check_suffixes(output, plot_file)
     found = fusion_of(
@@ -118,12 +118,12 @@ def fuse_series(
         _draw(found.targets, plot_file, value, period or None)
     sensors = found.sensors["sensor"].unique()
     if len(sensors) == 1:
-        note(f"{sensors[0]} is the only sensor: its filtered track, nothing to fuse")
+        note(f"{sensors[0]} is the only sensor: its track is filtered, nothing is fused")
     return {"sensors": found.sensors.to_dicts()}
 
 
 def _by_sensor(flag: str, options: Sequence[str]) -> dict[Any, float]:
-    """Return the values of an option by sensor; None is for all others."""
+    """Return the values of an option by sensor; None stands for all other sensors."""
     stated: dict[str | None, float] = {}
     for option in options:
         name, separator, text = option.rpartition("=")

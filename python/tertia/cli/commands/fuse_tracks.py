@@ -1,4 +1,4 @@
-"""`tertia fuse-tracks`: one picture of the tracks of several sensors."""
+"""`tertia fuse-tracks`: fusion of the tracks of several sensors into one picture."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -30,7 +30,7 @@ def fuse_tracks(
         typer.Argument(
             metavar="TRACKS...",
             readable=False,
-            help="Tracks of single sensors, as tertia track writes them; stacked.",
+            help="Tracks of single sensors, as written by tertia track; files are concatenated.",
         ),
     ],
     *,
@@ -38,19 +38,19 @@ def fuse_tracks(
     flat: Flat = False,
     column: ColumnNames = None,
     method: Annotated[
-        TrackMethod, typer.Option(help="How the tracks of one target are fused.")
+        TrackMethod, typer.Option(help="Method by which the tracks of one target are fused.")
     ] = "tracklets",
     registration: Annotated[
         bool | None, typer.Option(help="Estimate the systematic errors of the sensors.")
     ] = None,
     update_interval: Annotated[
-        float, typer.Option(metavar="S", help="Seconds from picture to picture.")
+        float, typer.Option(metavar="S", help="Seconds between pictures.")
     ] = 5.0,
     output: Output = None,
 ) -> dict[str, Any]:
-    """Fuse the tracks of several sensors: which are of one target, and where it is.
+    """Fuse the tracks of several sensors that belong to one target into one track.
 
-    The tracks of each sensor come from its plots alone. Rows without a plot are left out.
+    The tracks of each sensor must come from its plots alone. Rows without a plot are left out.
     """
     write.check_suffixes(output)
     options = {"method": method, "registration": registration, "update_interval": update_interval}

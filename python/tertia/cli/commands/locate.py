@@ -54,61 +54,67 @@ def locate(
     by: By = None,
     form: Annotated[
         Literal["table", "krakensdr"],
-        typer.Option("--format", help="Of the files: krakensdr is that of its app, with spectra."),
+        typer.Option("--format", help="Format of the files; krakensdr: of its app, with spectra."),
     ] = "table",
     tolerance: Annotated[
         float,
         typer.Option(
             metavar="SECONDS",
-            help="Measurements within these are one instant; inf: one position per target.",
+            help="Seconds within which measurements form an instant; inf: one position per target.",
         ),
     ] = 0.0,
-    method: Annotated[LocationMethod, typer.Option(help="How to locate.")] = "robust",
+    method: Annotated[LocationMethod, typer.Option(help="Estimator of the position.")] = "robust",
     max_range: Annotated[
         float | None,
-        typer.Option(metavar="METRES", help="Of --method posterior: the farthest a target may be."),
+        typer.Option(
+            metavar="METRES", help="For posterior: largest distance of a target in metres."
+        ),
     ] = None,
     pooled: Annotated[
         bool,
-        typer.Option("--pooled", help="Sigmas are relative: one factor for all instants."),
+        typer.Option("--pooled", help="Sigmas are relative; estimate one factor for all instants."),
     ] = False,
     redundancy: Annotated[
         int | None,
-        typer.Option(metavar="N", help="Degrees of freedom that a search for outliers needs: 3."),
+        typer.Option(
+            metavar="N",
+            help="Degrees of freedom needed for an outlier search; by default 3 (arrivals: 2).",
+        ),
     ] = None,
     range_difference_correlation: Annotated[
         float,
         typer.Option(
-            metavar="R", help="Of range differences: 0.5 if they share the first sensor's error."
+            metavar="R",
+            help="Correlation of range differences; 0.5: common error of the first sensor.",
         ),
     ] = 0.5,
     propagation_speed: Annotated[
-        float, typer.Option(metavar="M_S", help="Speed of signals, for times of arrival.")
+        float, typer.Option(metavar="M_S", help="Speed of signals in m/s, for times of arrival.")
     ] = LIGHT,
     multipath: Annotated[
-        bool, typer.Option(help="Outliers among arrivals are late rather than early.")
+        bool, typer.Option(help="Whether outliers among arrivals are mostly late.")
     ] = True,
     height: Annotated[
         float | None,
         typer.Option(
-            help="Height of all targets in metres, in space; on the earth above the ellipsoid."
+            help="Height of all targets in metres, in space; on the earth, above the ellipsoid."
         ),
     ] = None,
     height_sigma: Annotated[
-        float | None, typer.Option(help="Its standard deviation in metres.")
+        float | None, typer.Option(help="Standard deviation of the height in metres.")
     ] = None,
     initial: Annotated[
         str | None,
         typer.Option(
             metavar="EAST,NORTH[,UP]",
-            help="A position in metres near the target, where several explain the measurements.",
+            help="A position near the target in metres, if several fit the measurements.",
         ),
     ] = None,
     probability: Annotated[
         float | None,
         typer.Option(
             metavar="P",
-            help="Write regions with this probability: area, axes, CEP; outlines on a map.",
+            help="Write regions with this probability: area, axes, CEP; on maps, outlines.",
         ),
     ] = None,
     risk: Annotated[
@@ -209,7 +215,7 @@ def _say_sigma(one: Located[Location]) -> None:
 
 
 def _say_bias(one: Located[Location]) -> None:
-    """Print the systematic errors that the contradictions demand, or that nothing can tell."""
+    """Print the systematic errors found from contradictions, or a note that none can be found."""
     if one.result.systematic == "not included":
         typer.echo("  systematic errors are not included: nothing is redundant")
     if one.result.systematic != "estimated" or one.result.bias is None:

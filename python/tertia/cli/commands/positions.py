@@ -28,7 +28,7 @@ def print_all(found: Positions[Any], by: Sequence[str]) -> None:
 
 
 def say_located(one: Located[Any]) -> None:
-    """Print how many instants of a target were located, how well, and why others were not."""
+    """Print how many instants were located, with what sigma, and why others were not."""
     fixes, sigma = one.fixes, one.result.sigma
     located = np.asarray(fixes.success)
     total = np.sqrt(np.sum(sigma[np.isfinite(sigma).all(axis=1)] ** 2, axis=1))
@@ -60,7 +60,7 @@ def write_all(
     *,
     shapes: Callable[[], Sequence[maps.Shape]] = tuple,
 ) -> None:
-    """Write positions, as a table or for a map, and the measurements."""
+    """Write positions as a table or for a map, and the measurements."""
     if output is not None and maps.is_map(output):
         maps.write(features(), output, noun, shapes())
     elif output is not None:

@@ -45,32 +45,34 @@ def reconstruct(
     by: By = None,
     tolerance: Annotated[
         float,
-        typer.Option(metavar="SECONDS", help="Measurements within these are one instant."),
+        typer.Option(metavar="SECONDS", help="Seconds within which measurements form an instant."),
     ] = 0.0,
-    spatial: Annotated[Spatial, typer.Option(help="How to locate an instant.")] = "robust",
+    spatial: Annotated[
+        Spatial, typer.Option(help="Estimator of the position at an instant.")
+    ] = "robust",
     order: Annotated[
-        Order, typer.Option(help="Locate instants, then smooth over time; or the reverse.")
+        Order, typer.Option(help="Whether to locate or to smooth over time first.")
     ] = "spatial-first",
-    smoother: Annotated[Smoother, typer.Option(help="How to smooth over time.")] = "rts",
-    window: Annotated[int, typer.Option(help="Instants per local polynomial, odd.")] = 13,
+    smoother: Annotated[Smoother, typer.Option(help="Smoother over time.")] = "rts",
+    window: Annotated[
+        int, typer.Option(help="Number of instants in a local polynomial, odd.")
+    ] = 13,
     degree: Annotated[
         str, typer.Option(help="Degree of the local polynomials, or adaptive.")
     ] = "adaptive",
     jerk: Annotated[
         float | None,
-        typer.Option(
-            help="Intensity of the white jerk for rts in m²/s⁵; by default the motion is fitted."
-        ),
+        typer.Option(help="Intensity of the white jerk for rts in m²/s⁵; by default estimated."),
     ] = None,
     bias: Annotated[
         str | None,
         typer.Option(
             metavar="KIND[,KIND]",
-            help="Constant biases of which nothing is known: range, azimuth, elevation.",
+            help="Kinds with unknown constant biases: range, azimuth, elevation.",
         ),
     ] = None,
     propagation_speed: Annotated[
-        float, typer.Option(metavar="M_S", help="Speed of signals, for times of arrival.")
+        float, typer.Option(metavar="M_S", help="Speed of signals in m/s, for times of arrival.")
     ] = LIGHT,
     n_threads: Threads = None,
     output: MapOutput = None,

@@ -42,11 +42,11 @@ def register(
     n_threads: Threads = None,
     output: Output = None,
 ) -> dict[str, Any]:
-    """Estimate range, gain, azimuth and clock errors of radars from targets they share.
+    """Estimate range, gain, azimuth and clock errors of radars from common targets.
 
-    Plots are as for track. The output describes the radars with the errors and the noise that were
-    found; as --sensors of track it takes the errors out. An error that the plots do not determine
-    keeps the limits of EUROCONTROL's standard, or those of the sensors file.
+    Plots are as for tertia track. The output describes the radars with the estimated errors and
+    noise; with --sensors of tertia track, the errors are subtracted. An error that the plots do not
+    determine keeps the limits of EUROCONTROL's standard, or those of the sensors file.
     """
     if not files:
         fail("give files of plots", WRONG_USAGE)

@@ -1,4 +1,4 @@
-"""`tertia report`: a recording of radars on one page."""
+"""`tertia report`: one page about a recording of radars."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -65,18 +65,18 @@ def report(
     truth: Annotated[Path | None, typer.Option(metavar="FILE", readable=False, help=TRUTH)] = None,
     bearings: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Azimuths by the stations, as tertia locate reads them."),
+        typer.Option(metavar="FILE", help="Azimuths from the stations, as read by tertia locate."),
     ] = None,
     by: By = None,
     origin: Origin = None,
     flat: Flat = False,
     column: ColumnNames = None,
-    motion: Annotated[MotionName, typer.Option(help="How targets move.")] = "imm",
+    motion: Annotated[MotionName, typer.Option(help="Motion model of the targets.")] = "imm",
     clock_period: ClockPeriod = None,
     update_interval: UpdateInterval = None,
     max_distance: MaxDistance = 1000.0,
     limits: LimitFile = None,
-    output: Annotated[Path, typer.Option(metavar="FILE", help="Write the page, .html.")] = Path(
+    output: Annotated[Path, typer.Option(metavar="FILE", help="File for the page, .html.")] = Path(
         "report.html"
     ),
 ) -> dict[str, Any]:
@@ -152,7 +152,7 @@ def _seen(
 def _heard(
     bearings: Path, sensors: Path, by: list[str], clock: Clock | None
 ) -> tuple[dict[str, Any], Clock]:
-    """Read bearings and stations, in the time scale of plots if there are any."""
+    """Read bearings and stations, in the time scale of the plots if there are any."""
     stations = read.read_stations(sensors).flat()
     targets = [
         one
@@ -178,7 +178,7 @@ def _heard(
 
 @contextmanager
 def _bar() -> Iterator[Callable[[str, float], None]]:
-    """Show the current step and the progress, on a terminal."""
+    """Show the current step and the progress, if the output is a terminal."""
     console = Console(stderr=True)
     with Progress(
         TextColumn("{task.description}"),

@@ -1,4 +1,4 @@
-"""What a map has beside positions: their regions, and the bearings of which they are made."""
+"""Shapes on a map in addition to positions: their regions, and lines of bearing."""
 
 from collections.abc import Iterator
 
@@ -40,7 +40,7 @@ def _regions(
 
 
 def _parts(polygon: Polygon) -> list[list[FloatArray]]:
-    """Return outlines, each with the holes in it."""
+    """Return outlines, each with its holes."""
     parts = [[ring] for ring in polygon if _area(ring) > 0]
     for hole in polygon:
         if _area(hole) <= 0:
@@ -50,7 +50,7 @@ def _parts(polygon: Polygon) -> list[list[FloatArray]]:
 
 
 def _area(ring: FloatArray) -> float:
-    """Return the area in a ring, negative where it is clockwise."""
+    """Return the area of a ring; negative if it is clockwise."""
     (x, y), (u, v) = ring.T, np.roll(ring, -1, axis=0).T
     return float(np.sum(x * v - u * y)) / 2
 

@@ -34,7 +34,7 @@ _TRUTH_STEP = 2.0
 
 def simulate(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Folder for the files; it is made if missing.")
+        Path, typer.Argument(metavar="DIR", help="Folder for the files; it is created if missing.")
     ],
     *,
     set_up: Annotated[SetUpName, typer.Option(help="Airspace and kind of radar.")] = "middle",
@@ -44,7 +44,7 @@ def simulate(
         int, typer.Option(min=3, max=20, help="Number of direction finders.")
     ] = 4,
     duration: Annotated[
-        float, typer.Option(min=60.0, max=86_400.0, help="Seconds that the radars record.")
+        float, typer.Option(min=60.0, max=86_400.0, help="Duration of the recording in seconds.")
     ] = 900.0,
     clutter: Annotated[
         float, typer.Option(min=0.0, max=10_000.0, help="False plots per scan of a radar.")
@@ -53,10 +53,12 @@ def simulate(
         str | None,
         typer.Option(
             metavar="LAT,LON",
-            help="Where the first radar is on the earth, in degrees; without it the earth is flat.",
+            help="Position of the first radar in degrees; by default the earth is flat.",
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same files.")] = 1,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Seed of the random numbers; determines the files.")
+    ] = 1,
 ) -> dict[str, Any]:
     """Simulate air traffic observed by radars, and emitters observed by direction finders.
 
@@ -66,7 +68,7 @@ def simulate(
     stated.
     """
     if folder.exists() and not folder.is_dir():
-        fail(f"cannot write {folder}: it is no folder", WRONG_USAGE)
+        fail(f"cannot write {folder}: it is not a folder", WRONG_USAGE)
     place = pair(origin, "--origin", float)
     with working("Simulating"):
         scene = simulated.scene(

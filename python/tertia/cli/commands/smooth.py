@@ -1,4 +1,4 @@
-"""`tertia smooth`: positions of targets, or any series, smoothed over time."""
+"""`tertia smooth`: smoothing of positions or other series over time."""
 
 import math
 from collections.abc import Sequence
@@ -25,15 +25,15 @@ def smooth(
         list[str],
         typer.Option(
             metavar="NUMBER|COLUMN",
-            help="Standard deviation of the measurements, or its column: of all values, or one "
-            "after the other.",
+            help="Standard deviation of the measurements, or a column with it; once for all "
+            "axes, or repeated for each.",
         ),
     ],
     value: Annotated[
         list[str] | None,
         typer.Option(
             metavar="COLUMN",
-            help="Column of an axis; may be repeated. By default east_m and north_m, or "
+            help="Column of an axis; may be repeated. By default, east_m and north_m, or "
             "latitude_deg and longitude_deg.",
         ),
     ] = None,
@@ -41,23 +41,23 @@ def smooth(
     by: By = None,
     correlation_time: Annotated[
         float | None,
-        typer.Option(help="Seconds over which the noise is correlated; by default found."),
+        typer.Option(help="Correlation time of the noise in seconds; by default estimated."),
     ] = None,
     robust: Annotated[
-        bool, typer.Option(help="Whether there may be outliers, jumps and larger noise.")
+        bool, typer.Option(help="Whether to allow for outliers, jumps and larger noise.")
     ] = True,
     jerk: Annotated[
         float | None,
         typer.Option(
-            help="Intensity of the white jerk; by default the motion of each track is found."
+            help="Intensity of the white jerk; by default, each track's motion is estimated."
         ),
     ] = None,
     output: Output = None,
 ) -> dict[str, Any]:
-    """Smooth positions over time, without their outliers and over their jumps.
+    """Smooth positions over time, allowing for outliers and jumps.
 
-    One row per measurement, in any order: time_s, and the columns of the values. Where one is
-    missing, or several have one time, the track is still estimated.
+    One row per measurement, in any order: time_s, and the columns of the values. The track is
+    also estimated at times with missing values or with several rows.
     """
     write.check_suffixes(output)
     with working("Smoothing"):
@@ -86,7 +86,7 @@ def smooth(
 
 
 def _sigmas(options: Sequence[str]) -> float | str | list[float | str]:
-    """Return numbers as numbers, and names of columns as they are."""
+    """Return options as numbers or as names of columns."""
 
     def parsed(text: str) -> float | str:
         try:

@@ -1,4 +1,4 @@
-"""`tertia smooth-tracks`: where targets were, by all plots."""
+"""`tertia smooth-tracks`: estimation of where targets were, from all plots."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -35,19 +35,23 @@ def smooth_tracks(
     sensors: SensorFile,
     flat: Flat = False,
     column: ColumnNames = None,
-    motion: Annotated[Literal["imm", "cv"], typer.Option(help="How targets move.")] = "imm",
+    motion: Annotated[
+        Literal["imm", "cv"], typer.Option(help="Motion model of the targets.")
+    ] = "imm",
     every: Annotated[
-        float | None, typer.Option(help="Interval of further rows between plots, in seconds.")
+        float | None, typer.Option(help="Interval of additional rows between plots, in seconds.")
     ] = None,
-    exclude: Annotated[str | None, typer.Option(help="A sensor whose plots are not used.")] = None,
+    exclude: Annotated[
+        str | None, typer.Option(help="Name of a sensor whose plots are not used.")
+    ] = None,
     clock_period: ClockPeriod = None,
     n_threads: Threads = None,
     output: Output = None,
     plot_file: PlotFile = None,
 ) -> dict[str, Any]:
-    """Find where targets were, by all plots of their tracks, those that came later as well.
+    """Estimate where targets were from all plots of their tracks, including later ones.
 
-    One row per plot, as for tertia track. Rows written can be the truth of tertia evaluate.
+    One row per plot, as for tertia track. The output can be the truth of tertia evaluate.
     """
     if not files:
         fail("give files of plots", WRONG_USAGE)

@@ -1,4 +1,4 @@
-"""`tertia track --stream`: tracks from a stream of plots, row by row."""
+"""`tertia track --stream`: tracks from a stream of plots, written row by row."""
 
 import csv
 import json
@@ -49,7 +49,7 @@ _WRITTEN = 1000
 
 
 def source(files: Sequence[Path]) -> Path:
-    """Return the source of a stream of lines, or fail."""
+    """Return the source of a stream of lines; exit with an error if there is none."""
     if len(files) > 1:
         fail("a stream is one file, or standard input", WRONG_USAGE)
     path = files[0] if files else STDIN
@@ -70,13 +70,13 @@ def run(
     rows: Rows | None,
     send: str | None,
 ) -> None:
-    """Track plots from a file, from standard input, or as they arrive at a UDP address (a text).
+    """Track plots from a file, from standard input, or from packets to a UDP address (a text).
 
-    With control, its lines are obeyed.
+    With `control`, control lines are executed.
     """
     if sys.stdout is sys.stderr:
         # where --json has put what else is printed
-        fail("a stream has no --json; --rows jsonl writes its rows so", WRONG_USAGE)
+        fail("a stream has no --json; use --rows jsonl", WRONG_USAGE)
     if latency is not None and not 0 <= latency < np.inf:
         fail(f"--latency is {latency:g}; it must be a number of seconds, 0 or more", WRONG_USAGE)
     out = _RowWriter(rows) if send is None else TrackSender(send)
@@ -99,7 +99,7 @@ def run(
 
 
 class _RowWriter:
-    """Writes rows to standard output, in lines of CSV or JSON; by default as the plots are."""
+    """Writer of rows to standard output, as CSV or JSON; by default in the format of the plots."""
 
     def __init__(self, rows: Rows | None) -> None:
         self._rows = rows
@@ -107,7 +107,7 @@ class _RowWriter:
         self._headed = False
 
     def write(self, rows: pl.DataFrame, kind: Rows | None) -> None:
-        """Write rows; a table of none has its header, once."""
+        """Write rows; an empty table writes the header, only once."""
         if self._headed and not rows.height:
             return
         if (self._rows or kind) == "jsonl":
@@ -121,7 +121,7 @@ class _RowWriter:
 class _Plots:
     """Converts lines to plots; the first line shows whether they are CSV or JSON.
 
-    `line` counts lines, `row` those that may be plots, and `bad` those that are not.
+    `line` counts all lines, `row` possible plots, and `bad` lines that are not used.
     """
 
     def __init__(self, name: str, columns: Mapping[str, str], sensors: Sensors[Radar]) -> None:
@@ -154,7 +154,7 @@ class _Plots:
         return [name for name in REPLIES if name in self._chosen and name != self.identity]
 
     def of(self, lines: Sequence[bytes]) -> pl.DataFrame:
-        """Return the plots of lines by the schema, `row` counted from the first of all."""
+        """Return the plots of lines by the schema; `row` counts from the start of the stream."""
         numbers, found = [], []
         for cells in self._cells(lines):
             numbers.append((self.line, self.row))
@@ -204,7 +204,7 @@ class _Plots:
                 yield _of_csv(text, self._header, self._separator)
 
     def _is_comment(self, line: str) -> bool:
-        """Return whether a line before the header is a comment, and not a header after a `#`."""
+        """Return whether a line before the header is a comment, not a header after a `#`."""
         cells = set(map(plain_name, re.split(r"[,;\t|]", line)))
         looked_for = (name for names in self._choices.values() for name in names)
         return line.startswith("#") and cells.isdisjoint(map(plain_name, looked_for))
@@ -236,7 +236,7 @@ class _Plots:
                 self._chosen.setdefault(quantity, known[0])
 
     def _read(self, text: pl.DataFrame, problems: dict[int, str]) -> pl.DataFrame:
-        """Read texts by the schema; a text that cannot be read is a problem."""
+        """Read texts by the schema; texts that cannot be read are added to `problems`."""
         names = self.sensors.names
         absent = [
             choices[0]
@@ -258,7 +258,7 @@ class _Plots:
     def _learn_times(
         self, text: pl.DataFrame, called: Mapping[str, str], problems: Mapping[int, str]
     ) -> None:
-        """Determine the kind of times from the first good one."""
+        """Determine the kind of times from the first valid one."""
         column = text[self._choices["time"][0]]
         for at in range(len(column)):
             wrong: dict[int, str] = {}
@@ -285,7 +285,7 @@ class _Plots:
                 doubt_unit(next(names), texts[called].cast(pl.Float64, strict=False))
 
     def end(self) -> None:
-        """Fail if there was no plot; otherwise print how many lines were ignored."""
+        """Exit with an error if there was no plot; otherwise print how many lines were ignored."""
         if not self.row:
             fail(f"{self.name} is empty")
         if self.bad == self.row:
@@ -300,7 +300,7 @@ def _of_json(text: str) -> Cells | str:
         cells = json.loads(text)
     except ValueError:
         cells = None
-    return cells if isinstance(cells, dict) else "it is no JSON object"
+    return cells if isinstance(cells, dict) else "it is not a JSON object"
 
 
 def _of_csv(text: str, header: Sequence[str], separator: str) -> Cells | str:
@@ -319,9 +319,9 @@ def _text(value: object) -> str | None:
 
 
 class _Arrived:
-    """Plots that were tracked, by their index: their numbers in the stream, and replies.
+    """Numbers in the stream, and replies, of plots that were tracked, by their index.
 
-    Without a lag only those of the last call are asked for.
+    Without a lag, only plots of the last call are needed.
     """
 
     def __init__(self, kept: int) -> None:
@@ -329,14 +329,14 @@ class _Arrived:
         self._first, self._kept = 0, kept
 
     def add(self, plots: pl.DataFrame) -> None:
-        """Add the next plots, whose number is `row`."""
+        """Add the next plots; `row` is their number in the stream."""
         rows = plots.select("row", **replies_of(plots, list(REPLIES)))
         old = max(self._known.height - self._kept, 0)
         self._known = pl.concat([self._known[old:], rows]) if self._known.height else rows
         self._first += old
 
     def of(self, plot: IntArray) -> tuple[IntArray, Columns]:
-        """Return numbers, -1 for a missed detection, and replies, null there."""
+        """Return the numbers and replies of plots; -1 and null for a missed detection."""
         found = dict(of_plots(self._known.to_dict(), plot - self._first))
         numbers = found.pop("row", pl.Series([], dtype=pl.Int64))
         return numbers.fill_null(-1).to_numpy(), found
@@ -375,7 +375,7 @@ class _Stream:
 
     @property
     def pause(self) -> float:
-        """Seconds after which a pause ends what is collected."""
+        """Length in seconds of a pause that ends the collection of plots."""
         return max(self._latency, 1e-3)
 
     def run(self, arriving: Lines | Packets) -> None:
@@ -408,7 +408,7 @@ class _Stream:
             raise typer.Exit(code)
 
     def _read(self, lines: Sequence[bytes]) -> None:
-        """Take plots, and obey control lines between those before and after."""
+        """Take plots, and execute control lines between those before and after them."""
         if self._control is None:
             self._take(self._plots.of(lines))
             return

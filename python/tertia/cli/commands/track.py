@@ -60,10 +60,10 @@ def track(
     origin: Origin = None,
     flat: Flat = False,
     column: ColumnNames = None,
-    motion: Annotated[MotionName, typer.Option(help="How targets move.")] = "imm",
+    motion: Annotated[MotionName, typer.Option(help="Motion model of the targets.")] = "imm",
     association: Annotated[
         AssociationName,
-        typer.Option(help="How plots are given to tracks; mht: by several hypotheses."),
+        typer.Option(help="How plots are assigned to tracks; mht: with several hypotheses."),
     ] = "gnn",
     flown_probability: Annotated[
         float, typer.Option(help="Probability that a planned turn is flown.")
@@ -74,25 +74,25 @@ def track(
     ] = "0,0",
     wind_sigma: Annotated[float, typer.Option(help="Sigma of the wind in m/s.")] = 20.0,
     initiation: Annotated[
-        bool, typer.Option(help="Expect new targets where flights are due.")
+        bool, typer.Option(help="Expect new targets where flights without a track are due.")
     ] = False,
     confirmation: Annotated[
         str,
         typer.Option(metavar="M,N", help="M plots in N scans confirm a track."),
     ] = "3,4",
     coasting: Annotated[
-        int, typer.Option(help="Scans without a plot after which a track ends.")
+        int, typer.Option(help="Number of scans without a plot after which a track ends.")
     ] = 5,
     clutter_density: Annotated[
         float | None,
         typer.Option(help="False plots per m² and scan; by default estimated from the plots."),
     ] = None,
     profile: Annotated[
-        ProfileName, typer.Option(help="What is tracked: how it moves, and its largest speed.")
+        ProfileName, typer.Option(help="Kind of targets: sets their motion and largest speed.")
     ] = "aircraft",
     max_speed: Annotated[
         float | None,
-        typer.Option(help="No target is faster, in m/s; by default that of the profile."),
+        typer.Option(help="Largest speed of a target in m/s; by default that of the profile."),
     ] = None,
     gate_probability: Annotated[
         float, typer.Option(help="Probability that a target's plot is within its gate.")
@@ -100,16 +100,16 @@ def track(
     lag: Annotated[
         float,
         typer.Option(
-            help="Seconds by which plots of a stream may be late; its rows may be replaced by "
-            "others until they are final."
+            help="Seconds by which plots of a stream may be late; until they are final, rows "
+            "may be replaced by later ones."
         ),
     ] = 0.0,
     clock_period: ClockPeriod = None,
     registration: Annotated[
         Switch | None,
         typer.Option(
-            help="Find the systematic errors of the radars and take them out; by default where "
-            "there are two radars or more."
+            help="Estimate and subtract the systematic errors of the radars; by default if there "
+            "are two radars or more."
         ),
     ] = None,
     trusted: Annotated[
@@ -123,38 +123,38 @@ def track(
         bool,
         typer.Option(
             "--stream",
-            help="Track plots as they come: lines of CSV or JSON on standard input, or of one "
-            "file; rows of confirmed tracks go to standard output.",
+            help="Track plots as they arrive, as lines of CSV or JSON on standard input or in one "
+            "file; write rows of confirmed tracks to standard output.",
         ),
     ] = False,
     control: Annotated[
         bool,
-        typer.Option("--control", help="Obey control lines of the stream, such as add_plan."),
+        typer.Option("--control", help="Execute control lines in the stream, such as add_plan."),
     ] = False,
     latency: Annotated[
         float | None,
         typer.Option(
-            help="Seconds for which a stream gathers plots; by default a quarter of a scan."
+            help="Seconds for which a stream collects plots; by default a quarter of a scan."
         ),
     ] = None,
     udp: Annotated[
         str | None,
         typer.Option(
             metavar="[GROUP:]PORT",
-            help="Track plots in ASTERIX that arrive by UDP, until Ctrl-C, as with --stream.",
+            help="Track plots that arrive in ASTERIX by UDP, as with --stream, until Ctrl-C.",
         ),
     ] = None,
     send: Annotated[
         str | None,
         typer.Option(
             metavar="HOST:PORT",
-            help="Send the tracks of a stream by UDP in ASTERIX, category 62; by default they go "
-            "to standard output.",
+            help="Send the tracks of a stream by UDP in ASTERIX, category 62; by default, write "
+            "them to standard output.",
         ),
     ] = None,
     rows: Annotated[
         streams.Rows | None,
-        typer.Option(help="What a stream writes; by default what it reads."),
+        typer.Option(help="Format of the rows of a stream; by default that of its input."),
     ] = None,
 ) -> dict[str, Any]:
     """Track targets from the plots of one or several radars, with flight plans if given.
@@ -237,7 +237,7 @@ def track(
 
 
 def _trusting(radars: Sensors[Radar], trusted: list[str] | None) -> Sensors[Radar]:
-    """Return the radars, of which the trusted ones have no systematic errors."""
+    """Return the radars, with no systematic errors for the trusted ones."""
     for name in trusted or []:
         if name not in radars.names:
             fail(f"--trusted {name!r}: there is no such radar", WRONG_USAGE)

@@ -1,4 +1,4 @@
-"""`tertia weights`: weights of several sensors' estimates of the same quantity."""
+"""`tertia weights`: weights of several sensors for estimates of the same quantity."""
 
 from typing import Annotated, Any
 
@@ -25,21 +25,25 @@ def weights(
     value: Annotated[
         list[str],
         typer.Option(
-            metavar="COLUMN", help="Column of a component of what is measured; may be repeated."
+            metavar="COLUMN",
+            help="Column of a component of the measured quantity; may be repeated.",
         ),
     ],
     column: ColumnNames = None,
     differences: Annotated[
         bool,
         typer.Option(
-            "--differences", help="What is measured moves slowly: noise of successive differences."
+            "--differences", help="Estimate noise from successive differences, for a slow quantity."
         ),
     ] = False,
     loss: Annotated[
-        float, typer.Option(help="Relative loss for which the measurements are counted.")
+        float, typer.Option(help="Relative loss for which to compute the number of measurements.")
     ] = 0.05,
     bias_sigma: Annotated[
-        float, typer.Option(help="Systematic error of each sensor, in the unit of the values.")
+        float,
+        typer.Option(
+            help="Sigma of the systematic error of each sensor, in the unit of the values."
+        ),
     ] = 0.0,
     output: Output = None,
 ) -> dict[str, Any]:
@@ -87,7 +91,7 @@ def weights(
 
 
 def _rounded(row: dict[str, Any], values: list[str]) -> dict[str, Any]:
-    """Return a row with as many digits as are known."""
+    """Return a row with as many digits as are significant."""
     row = dict(row)
     for name in values:
         sigma = column_name(name, "sigma")

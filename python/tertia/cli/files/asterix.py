@@ -25,9 +25,9 @@ def _read(path: Path) -> AsterixRecording:
 
 
 def _doubt_rest(path: Path, found: AsterixRecording) -> None:
-    """Print what of a recording is not read."""
+    """Print which parts of a recording are not read."""
     if found.skipped:
-        doubt(f"{path}: not read are {found.skipped_text()}")
+        doubt(f"{path}: not read: {found.skipped_text()}")
     if found.damaged:
         lost = f", and {counted(found.lost_bytes, 'byte')} of no block" if found.lost_bytes else ""
         doubt(
@@ -37,7 +37,7 @@ def _doubt_rest(path: Path, found: AsterixRecording) -> None:
 
 
 def _doubt_radars(path: Path, messages: pl.DataFrame) -> None:
-    """Print of which radars the messages say that their plots should not be used."""
+    """Print which radars report that their plots should not be used."""
     for what, wrong in (
         ("its time source is invalid", ~pl.col("time_valid")),
         ("it is not released for operational use", pl.col("state") == "inhibited"),
@@ -101,7 +101,7 @@ def tracks(path: Path) -> Part:
 
 
 def truth(path: Path) -> Part:
-    """Return the positions of targets from ADS-B reports, or else from system tracks."""
+    """Return the positions of targets from ADS-B reports or, if there are none, system tracks."""
     found = _read(path)
     tables = (found.reports, found.tracks, found.positions)
     rows = next((one for one in tables if not one.is_empty()), None)

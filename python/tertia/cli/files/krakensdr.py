@@ -36,7 +36,7 @@ _STANDS = 1e-3
 
 
 def recording(path: Path) -> Part:
-    """Return the bearings of a recording, and the places of its stations."""
+    """Return the bearings of a recording, and the positions of its stations."""
     try:
         cells = pl.read_csv(path, has_header=False, infer_schema=False, glob=False)
     except FileNotFoundError:
@@ -48,7 +48,7 @@ def recording(path: Path) -> Part:
     first = len(_COLUMNS) + _RESERVED
     if cells.width not in {first, first + _SPECTRUM}:
         fail(
-            f"{path} is no recording of KrakenSDR: it has {cells.width} columns; these have "
+            f"{path} is not a recording of KrakenSDR: it has {cells.width} columns; these have "
             f"{first}, or {first + _SPECTRUM} with spectra (format 'Kraken App')"
         )
     cells = cells.select(pl.all().str.strip_chars())
@@ -59,10 +59,10 @@ def recording(path: Path) -> Part:
         )
         spectra = cells[:, first:].cast(pl.Float64).to_numpy() if cells.width > first else None
     except pl.exceptions.PolarsError as error:
-        fail(f"{path}: a number is none: {str(error).splitlines()[0]}")
+        fail(f"{path}: a cell is not a number: {str(error).splitlines()[0]}")
     relative = rows["angle"].to_numpy()
     if spectra is None:
-        doubt(f"{path} has no spectra: its angles are taken for clockwise from the heading")
+        doubt(f"{path} has no spectra: its angles are taken as clockwise from the heading")
     elif not _is_compass(path, relative, spectra):
         relative = -relative
     heading = pl.when(pl.col("heading") == "Compass").then("compass_heading")
@@ -78,7 +78,7 @@ def recording(path: Path) -> Part:
 
 
 def _is_compass(path: Path, angle: FloatArray, spectra: FloatArray) -> bool:
-    """Return whether angles are clockwise; the spectra are along the unit circle, anticlockwise."""
+    """Return whether angles are clockwise, by comparison with the spectra (anticlockwise)."""
     maximum = np.argmax(spectra, axis=1)
     telling = np.abs(np.sin(np.radians(maximum))) > np.sin(np.radians(2 * _NEAR))
     circle, compass = (
@@ -98,12 +98,12 @@ def _is_compass(path: Path, angle: FloatArray, spectra: FloatArray) -> bool:
 
 
 def _moves() -> pl.Expr:
-    """Whether the station of a row moves."""
+    """Return whether the station of each row moves."""
     spread = [(pl.col(name).max() - pl.col(name).min()).over("sensor") for name in _PLACE]
     return pl.max_horizontal(spread) > _STANDS
 
 
 def _places(rows: pl.DataFrame) -> dict[str, dict[str, float]]:
-    """Return the places of the stations, in the middle of those that move."""
+    """Return the positions of the stations; for moving stations, the middle of their positions."""
     found = rows.group_by("sensor").agg(pl.col(_PLACE).median())
     return {row.pop("sensor"): row for row in found.to_dicts()}

@@ -26,13 +26,13 @@ LimitFile: TypeAlias = Annotated[
         "--limits",
         metavar="FILE",
         readable=False,
-        help="Limits of indicators, .toml, as examples/limits_5nm.toml.",
+        help="Limits of indicators, .toml; for example examples/limits_5nm.toml.",
     ),
 ]
 
 
 def read_limits(path: Path | None) -> dict[str, float]:
-    """Return the limits of a file by the names of their indicators; its `source` is a comment."""
+    """Return the limits in a file by the names of their indicators; `source` is ignored."""
     if path is None:
         return {}
     try:

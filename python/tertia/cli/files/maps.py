@@ -1,4 +1,4 @@
-"""Tracks and positions for maps: GeoJSON and KML."""
+"""Writing of tracks and positions for maps, as GeoJSON and KML."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -42,11 +42,11 @@ class Feature:
 
     @property
     def has_heights(self) -> bool:
-        """Whether it has heights."""
+        """Whether the places have heights."""
         return int(self.places.shape[1]) > 2
 
     def coordinates(self, *, unwrapped: bool) -> list[list[float]]:
-        """Return the places in the order of files; `unwrapped`: no jump at 180 degrees."""
+        """Return the places in the order of files; `unwrapped` avoids a jump at 180 degrees."""
         places = self.places.copy()
         if unwrapped:
             places[:, 0] = np.unwrap(places[:, 0], period=360.0)
@@ -60,7 +60,7 @@ class Feature:
 class Shape:
     """A line, or the parts of a region, each an outline and its holes, with its properties.
 
-    A part is a list of longitudes and latitudes, (N, 2); a line is the only outline of one part.
+    Outlines are longitudes and latitudes, (N, 2); a line is one part with one outline.
     """
 
     name: str
@@ -80,12 +80,12 @@ def _unwrapped(ring: FloatArray, *, closed: bool) -> list[list[float]]:
 
 
 def is_map(path: Path | None) -> bool:
-    """Return whether a result is for a map."""
+    """Return whether a result is written for a map."""
     return path is not None and path.suffix.lower() in SUFFIXES
 
 
 def check(output: Path | None, sensors: Sensors[Any]) -> None:
-    """Fail before any processing if positions are not in latitude and longitude."""
+    """Exit with an error, before any processing, if positions have no latitude and longitude."""
     if output is None or not is_map(output):
         return
     if sensors.frame is None:

@@ -61,7 +61,7 @@ def kind_of(path: Path) -> str:
 
 
 def has_lines(path: Path) -> bool:
-    """Return whether a file has uncompressed lines of CSV or JSON, judging by its name."""
+    """Return whether a file has uncompressed lines of CSV or JSON, according to its name."""
     packed = path.suffix.lower() in _PACKED
     return not packed and kind_of(path) not in {*_BINARY, *asterix.SUFFIXES, ".json"}
 
@@ -72,7 +72,7 @@ def tables(*paths: Path) -> Source:
 
 
 def batches(path: Path, columns: Sequence[str]) -> Iterator[pl.DataFrame]:
-    """Yield some columns of a file, so many rows at a time; nothing of a format that cannot.
+    """Yield some columns of a file in batches of rows; nothing for formats without batches.
 
     Errors are those of Polars.
     """
@@ -116,7 +116,7 @@ def truth(path: Path) -> Source:
 
 
 def _filled(parts: list[Part], paths: Sequence[Path]) -> Source:
-    """Fail if no file has any rows."""
+    """Return the parts; exit with an error if no file has any rows."""
     if not any(part.table.height for part in parts):
         listed = " and ".join(map(str, paths))
         fail(f"{listed} {'is' if len(paths) == 1 else 'are'} empty")
@@ -124,12 +124,12 @@ def _filled(parts: list[Part], paths: Sequence[Path]) -> Source:
 
 
 def _table(path: Path) -> Part:
-    """Return the table in a file, whose times are written as the option says."""
+    """Return the table in a file, with times in the format of the option."""
     return replace(_rows(path), time_format=TIME_FORMAT.get())
 
 
 def _rows(path: Path) -> Part:
-    """Return the table in a file; columns of CSV are text, so that 007 remains 007."""
+    """Return the table in a file; columns of CSV remain text, for example 007."""
     kind, frame = kind_of(path), _frame(path)
     if kind in _BINARY:
         return Part(frame, str(path), path.stem)
@@ -178,7 +178,7 @@ def _frame(path: Path) -> pl.DataFrame:
 
 
 def _say_why(path: Path, error: str) -> NoReturn:
-    """Fail with a message that says why Polars cannot read a file."""
+    """Exit with a message that says why Polars cannot read a file."""
     if path.stat().st_size == 0:
         fail(f"{path} is empty")
     kind, wrong = kind_of(path), damage(path)
@@ -188,7 +188,7 @@ def _say_why(path: Path, error: str) -> NoReturn:
     if reason is not None:
         fail(f"cannot read {path}: {reason}")
     if kind in _BINARY:
-        fail(f"cannot read {path}: it is no {_BINARY[kind]} file, or cut off: {error}")
+        fail(f"cannot read {path}: it is not in {_BINARY[kind]} format, or is cut off: {error}")
     if kind in JSON_LINES and path.suffix.lower() not in _PACKED:
         for number, line in enumerate(path.read_bytes().splitlines(), start=1):
             if line.strip() and not _is_object(line):
@@ -204,7 +204,7 @@ def _is_object(line: bytes) -> bool:
 
 
 def read_sensors(path: Path, source: Source = (), *, flat: bool = False) -> Sensors[Any]:
-    """Return the radars of a sensors file, as `read_radars`, and its other sensors."""
+    """Return the radars of a sensors file, as `read_radars` does, and its other sensors."""
     if path.suffix.lower() != ".toml":
         return read_radars(path, source, flat=flat)
     (reports, origin), (stations, _) = (_described(path, noun) for noun in (_REPORTS, "station"))
@@ -220,7 +220,7 @@ def read_radars(
 ) -> Sensors[Radar]:
     """Return the radars of a sensors file, completed from recordings; the earth may be flat.
 
-    They must be the only sensors that plots are from where they are `alone`.
+    With `alone`, all plots must be from radars of the file.
     """
     rows, origin = _described(path, "radar")
     if alone and path.suffix.lower() == ".toml" and _described(path, _REPORTS)[0]:
@@ -240,7 +240,7 @@ def read_radars(
 
 
 def read_stations(path: Path, source: Source = ()) -> Sensors[Station]:
-    """Return the stations of a sensors file; without a place, at that of their recording."""
+    """Return the stations of a sensors file; missing positions come from their recording."""
     rows, origin = _described(path, "station")
     found = {name: row for part in reversed(source) for name, row in part.sensors.items()}
     rows = [
@@ -268,16 +268,16 @@ def _described(
         fail(f"cannot read {path}: {error}")
     rows, origin = document.get(noun, []), document.get(_ORIGIN)
     if not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
-        fail(f"{path}: {noun} is no list of tables; each must begin with [[{noun}]]")
+        fail(f"{path}: {noun} is not a list of tables; each must begin with [[{noun}]]")
     if origin is not None and not isinstance(origin, Mapping):
-        fail(f"{path}: {_ORIGIN} is no table; it must begin with [{_ORIGIN}]")
+        fail(f"{path}: {_ORIGIN} is not a table; it must begin with [{_ORIGIN}]")
     return rows, origin
 
 
 def plan_frame(
     origin: tuple[float, float] | None, sensors: Sensors[Any]
 ) -> LocalFrame | SystemPlane | None:
-    """Return the frame of plans: about an origin, or that of the sensors."""
+    """Return the frame of plans, at the given origin or at that of the sensors."""
     if origin is None:
         return sensors.frame
     return (SystemPlane if isinstance(sensors.frame, SystemPlane) else LocalFrame)(*origin)
@@ -289,7 +289,7 @@ def _messages(
     fixes: Path | None,
     airways: Path | None,
 ) -> list[Any]:
-    """Return the plans of ICAO messages."""
+    """Return the plans in ICAO messages."""
     if fixes is None:
         fail(f"{path} has messages: give --fixes, a table of name, latitude_deg, longitude_deg")
     if frame is None:

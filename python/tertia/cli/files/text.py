@@ -1,4 +1,4 @@
-"""Delimited text as people have it: separators, decimal commas and encodings."""
+"""Delimited text with various separators, decimal commas and encodings."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _DECIMAL_COMMA = r"^(\s*[+-]?\d*),(\d+(?:[eE][+-]?\d+)?\s*)$"
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """How a text file is written."""
+    """Format of a text file."""
 
     separator: str = ","
     encoding: str = "utf-8"
@@ -53,12 +53,12 @@ class Dialect:
 
     @property
     def is_plain(self) -> bool:
-        """Whether it is CSV as the library writes it."""
+        """Whether the file is CSV in the format that the library writes."""
         return self == Dialect()
 
     @classmethod
     def of(cls, path: Path) -> Dialect:
-        """Return the dialect of a file, which its beginning shows."""
+        """Return the dialect of a file, recognised from its beginning."""
         packed = path.suffix.lower()
         # what is read once from a pipe is gone
         if packed == ".zst" or not path.is_file():
@@ -76,7 +76,7 @@ class Dialect:
 
 
 def _comments(lines: list[str]) -> int:
-    """Return how many comments are before the header, which may begin as they do."""
+    """Return the number of comment lines before the header, which may also begin with `#`."""
     count = next((k for k, line in enumerate(lines) if not line.startswith(_COMMENT)), len(lines))
     if not 0 < count < len(lines):
         return 0
@@ -85,12 +85,12 @@ def _comments(lines: list[str]) -> int:
 
 
 def separator_of(header: str) -> str:
-    """Return what separates most columns of a header."""
+    """Return the separator that gives most columns in a header."""
     return max(_SEPARATORS, key=lambda one: len(next(csv.reader([header], delimiter=one), ())))
 
 
 def with_point(cell: str) -> str:
-    """Return a number with a decimal point in place of a comma, other text as it is."""
+    """Return a number with a decimal point instead of a comma, and other text unchanged."""
     return re.sub(_DECIMAL_COMMA, r"\1.\2", cell)
 
 
@@ -99,7 +99,7 @@ def _is_number(cell: str) -> bool:
 
 
 def decoded(contents: bytes) -> str:
-    """Return a text in UTF-8 or UTF-16, with or without a byte order mark."""
+    """Decode a text in UTF-8 or UTF-16, with or without a byte order mark."""
     encoding = _BOMS.get(contents[:2]) or _without_mark(contents[:_BEGIN])
     return contents.decode(encoding).lstrip("\ufeff")
 
@@ -113,12 +113,12 @@ def _without_mark(begin: bytes) -> str:
 
 
 def _opened(path: Path) -> BinaryIO:
-    """Open a file, unpacked."""
+    """Open a file, decompressing it if necessary."""
     return gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb")  # type: ignore[return-value]
 
 
 def foreign(path: Path) -> str | None:
-    """Return what a file is that is no text, in words."""
+    """Return a description of a file that is not text; None for text."""
     packed = path.suffix.lower()
     if packed == ".zst" or not path.is_file():
         return None
@@ -149,7 +149,7 @@ def damage(path: Path) -> str | None:
 
 
 def too_long(path: Path) -> str | None:
-    """Return which line has more fields than the header, in words."""
+    """Return a message about the first line with more fields than the header."""
     dialect = Dialect.of(path)
     try:
         with _opened(path) as file:
@@ -168,7 +168,7 @@ def too_long(path: Path) -> str | None:
 def read_text(path: Path) -> pl.DataFrame:
     """Read a table in delimited text; its cells remain text.
 
-    Where columns are not separated by commas, these are decimal commas.
+    If the separator of columns is not a comma, commas in cells are decimal commas.
     """
     dialect = Dialect.of(path)
     frame = _read(path, dialect)
@@ -193,7 +193,7 @@ def _read(path: Path, dialect: Dialect) -> pl.DataFrame:
     if text is None:
         text = _text(contents, "cp1252") if dialect.encoding == "utf-8" else None
         if text is None:
-            reason = f"it is no text: {dialect.encoding} does not decode it"
+            reason = f"it is not text: {dialect.encoding} does not decode it"
             raise pl.exceptions.ComputeError(reason)
         doubt(f"{path} is not in UTF-8: it is read as Windows-1252")
     for _ in range(dialect.comments):

@@ -1,4 +1,4 @@
-"""Writing of tables, texts and pictures to files: completely, or not at all."""
+"""Writing of tables, texts and pictures to files, each completely or not at all."""
 
 from __future__ import annotations
 
@@ -61,9 +61,9 @@ def check_suffixes(
     *others: Path | None,
     maps: Sequence[str] = (),
 ) -> None:
-    """Fail before any processing if a result, each of which is a file, could not be written.
+    """Exit with an error, before any processing, if one of the output files could not be written.
 
-    The first may be one of the `maps`, too.
+    The first file may also have one of the suffixes `maps`.
     """
     tables = [path for path in (output, *others) if path is not None]
     for at, path in enumerate(tables):
@@ -79,7 +79,7 @@ def check_suffixes(
 
 
 def check_suffix(path: Path, known: Iterable[str]) -> None:
-    """Fail if a result could not be written for its name or its folder."""
+    """Exit with an error if a result cannot be written because of its name or its folder."""
     if path.suffix.lower() not in known:
         fail(f"cannot write {path}: its name must end in {', '.join(known)}", WRONG_USAGE)
     try:
@@ -126,7 +126,7 @@ def write_asterix(rows: pl.DataFrame, path: Path) -> None:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder if it does not exist, or fail."""
+    """Create a folder if it does not exist; exit with an error if that fails."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -147,7 +147,7 @@ def save_groups(
     *,
     across: bool = False,
 ) -> None:
-    """Write a picture of the first groups, stacked or side by side (`across`); `draw` draws one."""
+    """Write a picture of the first groups, stacked or side by side (`across`)."""
     from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
 
     drawn = groups[:_MAX_GROUPS_DRAWN]
@@ -166,7 +166,7 @@ def save_groups(
 
 @contextmanager
 def _whole(path: Path) -> Iterator[BinaryIO]:
-    """Open a temporary file that replaces this one when it is complete, or fail."""
+    """Open a temporary file that replaces the given one when it is complete."""
     target = path.resolve()
     part = target.with_name(f".{target.name}.{os.getpid()}")
     try:

@@ -36,7 +36,7 @@ _TimeFormat = Annotated[
     typer.Option(
         "--time-format",
         metavar="FORMAT",
-        help="How times are written, as %d.%m.%Y %H:%M:%S; by default seconds, times of day or "
+        help="Format of times, such as %d.%m.%Y %H:%M:%S; by default seconds, times of day or "
         "ISO 8601.",
     ),
 ]
@@ -48,7 +48,7 @@ _Settings = Annotated[
         readable=False,
         is_eager=True,
         callback=settings.use,
-        help="Options from a file, .toml; those of the command line come first.",
+        help="File of options, .toml; options of the command line take precedence.",
     ),
 ]
 
@@ -57,7 +57,7 @@ def command(function: Callable[..., Any]) -> Callable[..., None]:
     """Return a command that reports each error in one line, also if it is interrupted.
 
     All commands have --settings and --time-format. If the function returns something, the command
-    has the option --json, which prints that.
+    has the option --json, which prints the result.
     """
     signature = inspect.signature(function)
     machine = signature.return_annotation is not None
@@ -96,7 +96,7 @@ def command(function: Callable[..., Any]) -> Callable[..., None]:
 
 
 def _keep_measurements(options: Mapping[str, Any]) -> None:
-    """Refuse a result that would be written over what is read."""
+    """Refuse a result that would overwrite an input."""
     given = dict.fromkeys(options.get("files") or [options.get("file")], "measurements")
     given |= {options.get(name): name for name in ("tracks", "truth", "bearings")}
     for result in (options.get(name) for name in _RESULTS):
@@ -104,12 +104,12 @@ def _keep_measurements(options: Mapping[str, Any]) -> None:
             # a name that is too long is told where it is used
             with contextlib.suppress(OSError):
                 if isinstance(result, Path) and isinstance(path, Path) and result.samefile(path):
-                    fail(f"cannot write {result}: it has the {what}", WRONG_USAGE)
+                    fail(f"cannot write {result}: it contains the {what}", WRONG_USAGE)
 
 
 @contextlib.contextmanager
 def _mistakes() -> Iterator[None]:
-    """Print warnings about records, and exit with one line on an error.
+    """Print warnings about records, and exit with a one-line message after an error.
 
     The records have been checked at this point, so an error of the library is due to an option.
     """
@@ -141,7 +141,7 @@ def _mistakes() -> Iterator[None]:
 
 @contextlib.contextmanager
 def written_out() -> Iterator[None]:
-    """Exit with one line if output cannot be written, silently if the reader closed the pipe."""
+    """Exit with a message if output cannot be written, but silently if the pipe was closed."""
     try:
         try:
             yield

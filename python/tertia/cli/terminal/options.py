@@ -20,16 +20,18 @@ Recording: TypeAlias = Annotated[
 ]
 Recordings: TypeAlias = Annotated[
     list[Path],
-    typer.Argument(metavar="FILES...", readable=False, help=f"Measurements: {_TABLES}; stacked."),
+    typer.Argument(
+        metavar="FILES...", readable=False, help=f"Measurements: {_TABLES}; files are concatenated."
+    ),
 ]
 PlotFiles: TypeAlias = Annotated[
     list[Path] | None,
-    typer.Argument(metavar="PLOTS...", readable=False, help=f"Plots: {_TABLES}; ASTERIX; stacked."),
+    typer.Argument(metavar="PLOTS...", readable=False, help=f"Plots: {_TABLES}, or ASTERIX."),
 ]
 SensorFile: TypeAlias = Annotated[
     Path,
     typer.Option(
-        "--sensors", metavar="FILE", readable=False, help="Sensors: .toml, or a table as .csv."
+        "--sensors", metavar="FILE", readable=False, help="Sensors: .toml, or a table such as .csv."
     ),
 ]
 PlanFile: TypeAlias = Annotated[
@@ -38,7 +40,7 @@ PlanFile: TypeAlias = Annotated[
         "--plans",
         metavar="FILE",
         readable=False,
-        help="Flight plans: .csv, .json, .geojson; messages of ICAO, .fpl, .txt.",
+        help="Flight plans: .csv, .json, .geojson; ICAO messages: .fpl, .txt.",
     ),
 ]
 FixFile: TypeAlias = Annotated[
@@ -47,7 +49,7 @@ FixFile: TypeAlias = Annotated[
         "--fixes",
         metavar="FILE",
         readable=False,
-        help="Aerodromes and fixes of messages: name, latitude_deg, longitude_deg; GeoJSON.",
+        help="Aerodromes and fixes in messages: name, latitude_deg, longitude_deg; or GeoJSON.",
     ),
 ]
 AirwayFile: TypeAlias = Annotated[
@@ -56,53 +58,52 @@ AirwayFile: TypeAlias = Annotated[
         "--airways",
         metavar="FILE",
         readable=False,
-        help="Airways of messages: airway, sequence, fix.",
+        help="Airways in messages: airway, sequence, fix.",
     ),
 ]
-TRUTH = "The truth: time_s, target, east_m, north_m; ASTERIX."
+TRUTH = "Truth: a table of time_s, target, east_m, north_m, or ASTERIX."
 By: TypeAlias = Annotated[
     list[str] | None,
-    typer.Option(metavar="COLUMN", help="One estimate per value of this; may be repeated."),
+    typer.Option(metavar="COLUMN", help="Column whose values group the rows; may be repeated."),
 ]
 ColumnNames: TypeAlias = Annotated[
     list[str] | None,
     typer.Option(
         "--column",
         metavar="NAME=COLUMN",
-        help="How a column is called in the files; may be repeated.",
+        help="Name of a column in the files, by its standard name; may be repeated.",
     ),
 ]
 Value: TypeAlias = Annotated[
     str, typer.Option("--value", metavar="COLUMN", help="Column of the measurements.")
 ]
-Period: TypeAlias = Annotated[
-    float, typer.Option(help="Period of the measurements; 0: they do not wrap.")
-]
+Period: TypeAlias = Annotated[float, typer.Option(help="Period of the measurements; 0: none.")]
 Origin: TypeAlias = Annotated[
     str | None,
     typer.Option(
         metavar="LAT,LON",
-        help="Where east and north are zero, in degrees; by default as for the sensors.",
+        help="Origin of east and north in degrees; by default that of the sensors.",
     ),
 ]
 Flat: TypeAlias = Annotated[
     bool,
     typer.Option(
-        "--flat", help="Radars with latitudes are in a plane that touches the earth at the origin."
+        "--flat",
+        help="Place radars with latitudes in the plane tangent to the earth at the origin.",
     ),
 ]
 ClockPeriod: TypeAlias = Annotated[
-    float | None, typer.Option(help="Seconds after which the times begin again, as 86400.")
+    float | None, typer.Option(help="Seconds after which times restart from 0, such as 86400.")
 ]
 UpdateInterval: TypeAlias = Annotated[
     float | None,
-    typer.Option(help="Required seconds between updates; by default those of the fastest sensor."),
+    typer.Option(help="Required seconds between updates; by default that of the fastest sensor."),
 ]
 MaxDistance: TypeAlias = Annotated[
-    float, typer.Option(help="A track farther from a target is not its track, in metres.")
+    float, typer.Option(help="Largest distance in metres between a track and its target.")
 ]
 Threads: TypeAlias = Annotated[
-    int | None, typer.Option(min=1, help="Threads to use; by default all cores.")
+    int | None, typer.Option(min=1, help="Number of threads; by default all cores.")
 ]
 Output: TypeAlias = Annotated[
     Path | None, typer.Option("--output", metavar="FILE", help=f"Write the result as {_WRITTEN}.")
@@ -118,7 +119,8 @@ MapOutput: TypeAlias = Annotated[
 MeasurementOutput: TypeAlias = Annotated[
     Path | None,
     typer.Option(
-        metavar="FILE", help="Write one row per measurement: its residual, if an outlier."
+        metavar="FILE",
+        help="Write one row per measurement: residual, and whether it is an outlier.",
     ),
 ]
 PlotFile: TypeAlias = Annotated[
@@ -130,7 +132,7 @@ PlotFile: TypeAlias = Annotated[
 def pair(
     text: str | None, option: str, kind: Callable[[str], Number]
 ) -> tuple[Number, Number] | None:
-    """Parse two numbers separated by a comma."""
+    """Return two numbers from text in which a comma separates them."""
     if text is None:
         return None
     try:

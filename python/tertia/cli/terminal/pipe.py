@@ -21,7 +21,7 @@ class Quiet(enum.Enum):
 
 
 class _Arriving:
-    """Parts that a thread reads, to detect pauses; it waits until they are taken."""
+    """Parts read by a thread, so that pauses are detected; it waits until they are taken."""
 
     def __init__(self, read: Callable[[], bytes], pause: float, waiting: int) -> None:
         self._pause = pause
@@ -60,7 +60,7 @@ class _Arriving:
 
 
 class Lines(_Arriving):
-    """The lines that can be read from a file descriptor, and marks where there are none."""
+    """The lines that arrive at a file descriptor, and marks when none arrive."""
 
     def __init__(self, descriptor: int, pause: float) -> None:
         super().__init__(lambda: os.read(descriptor, _BYTES), pause, _WAITING)
@@ -76,7 +76,7 @@ class Lines(_Arriving):
 
 
 class Packets(_Arriving):
-    """The packets that arrive at a socket, and marks where there are none."""
+    """The packets that arrive at a socket, and marks when none arrive."""
 
     def __init__(self, receiving: socket.socket, pause: float) -> None:
         # an empty packet is no end

@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 
 def fail(message: str, code: int = FAILED) -> NoReturn:
-    """Print an error to stderr, and exit."""
+    """Print an error to stderr, and exit with a code."""
     note(f"tertia: {message}")
     raise typer.Exit(code)
 
@@ -36,7 +36,7 @@ def note(message: str) -> None:
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """Leave, and say why, where a file cannot be read."""
+    """Exit with a message if a file cannot be read."""
     try:
         yield
     except FileNotFoundError:
@@ -46,7 +46,7 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def counted(number: int, noun: str) -> str:
-    """Return a number of things as text."""
+    """Return a number with its noun, in the plural unless the number is one."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 

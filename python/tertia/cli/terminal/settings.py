@@ -1,4 +1,4 @@
-"""Options of commands from a file."""
+"""Default options of commands, read from a file."""
 
 import sys
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ _NONE = ("--settings", "--help")
 
 
 def use(context: typer.Context, path: Path | None) -> Path | None:
-    """Make the settings of a file the defaults of a command; a table of its name comes first."""
+    """Make the settings in a file the defaults of a command, first those in a table of its name."""
     if path is None:
         return None
     try:
@@ -33,7 +33,7 @@ def use(context: typer.Context, path: Path | None) -> Path | None:
     commands: Mapping[str, Any] = getattr(group, "commands", {})
     own = document.get(str(context.info_name), {})
     if not isinstance(own, Mapping):
-        fail(f"{path}: {context.info_name} is no table of options", WRONG_USAGE)
+        fail(f"{path}: {context.info_name} is not a table of options", WRONG_USAGE)
     known = _options(context.command)
     # what other commands have may be there for them
     elsewhere = {*commands, *(name for one in commands.values() for name in _options(one))}
@@ -45,7 +45,8 @@ def use(context: typer.Context, path: Path | None) -> Path | None:
         if name not in known:
             listed = ", ".join(sorted(known))
             fail(
-                f"{path}: {name} is no option of {context.info_name}; it has {listed}", WRONG_USAGE
+                f"{path}: {name} is not an option of {context.info_name}; it has {listed}",
+                WRONG_USAGE,
             )
         several = known[name].multiple or known[name].nargs == -1
         one = [value] if several and not isinstance(value, list) else value

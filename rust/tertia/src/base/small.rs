@@ -53,6 +53,18 @@ pub(crate) fn add<const D: usize>(a: &mut Matrix<D>, b: &Matrix<D>) {
     }
 }
 
+/// Copies the upper triangle to the lower one. In a recursion `F A F^T` an antisymmetric part from
+/// rounding grows with the powers of time in F, although what is measured keeps A itself small: after
+/// 300 steps it cost a likelihood seven digits, after 10,000 a smoothed variance all of them.
+#[inline(always)]
+pub(crate) fn symmetrise<const D: usize>(a: &mut Matrix<D>) {
+    for r in 0..D {
+        for c in 0..r {
+            a[r][c] = a[c][r];
+        }
+    }
+}
+
 /// The Cholesky factor of a symmetric matrix with a unit diagonal, after scaling.
 pub(crate) struct Factor<const D: usize> {
     lower: Matrix<D>,

@@ -54,6 +54,14 @@ pub struct Alone {
     pub identity: i64,
 }
 
+impl Alone {
+    /// Covariance of the position (0) or of the velocity (2).
+    fn part(&self, at: usize) -> Matrix2<f64> {
+        let c = &self.covariance;
+        Matrix2::new(c[5 * at], c[5 * at + 1], c[5 * at + 4], c[5 * at + 5])
+    }
+}
+
 /// Errors from which a registration starts, and how well they are known before.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Start {
@@ -229,11 +237,7 @@ fn pair(
         return None;
     }
     let difference = Vector4::from(a.state) - Vector4::from(b.state);
-    let part = |at: usize| {
-        let of =
-            |c: &[f64; 16]| Matrix2::new(c[5 * at], c[5 * at + 1], c[5 * at + 4], c[5 * at + 5]);
-        of(&a.covariance) + of(&b.covariance)
-    };
+    let part = |at: usize| a.part(at) + b.part(at);
     let speeds = difference[2].powi(2) + difference[3].powi(2);
     let variances = [10, 15].map(|at| a.covariance[at] + b.covariance[at] + SPARE_SPEED.powi(2));
     if speeds > VELOCITIES * (variances[0] + variances[1]) {
@@ -244,10 +248,11 @@ fn pair(
     if form(&velocity, off)? > VELOCITIES {
         return None;
     }
+    let velocity = common_velocity(a, b)?;
     let (off, spread) = (Vector2::new(difference[0], difference[1]), part(0));
     let mut design = Design::zeros();
     for (side, sign, track) in [(0, 1.0, a), (1, -1.0, b)] {
-        let columns = columns(track, &radars[track.radar], &prior[track.radar]);
+        let columns = columns(track, velocity, &radars[track.radar], &prior[track.radar]);
         design.view_mut((0, side * ERRORS), (2, ERRORS)).copy_from(&(sign * columns));
     }
     let wide = SVector::<f64, BOTH>::from_fn(|i, _| wide(i));
@@ -259,9 +264,23 @@ fn pair(
     possible.then_some(Pair { first, second, off, spread, design, at, bonus })
 }
 
-/// How far errors of one standard deviation move a track.
-fn columns(track: &Alone, radar: &Radar, prior: &Errors) -> SMatrix<f64, 2, ERRORS> {
-    let [x, y, vx, vy] = track.state;
+/// The velocity of a target that both tracks estimate. With the velocity of each in its own columns, a
+/// clock error of both would explain their errors of position, which are correlated with those of velocity.
+fn common_velocity(a: &Alone, b: &Alone) -> Option<Vector2<f64>> {
+    let [own, other] = [a, b].map(|track| Vector2::new(track.state[2], track.state[3]));
+    let spare = Matrix2::identity() * (SPARE_SPEED * SPARE_SPEED);
+    let weight = a.part(2) * (a.part(2) + b.part(2) + spare).try_inverse()?;
+    Some(own + weight * (other - own))
+}
+
+/// How far errors of one standard deviation move a track of this velocity.
+fn columns(
+    track: &Alone,
+    velocity: Vector2<f64>,
+    radar: &Radar,
+    prior: &Errors,
+) -> SMatrix<f64, 2, ERRORS> {
+    let [x, y, ..] = track.state;
     let offset = [x - radar.position[0], y - radar.position[1]];
     let ground = offset[0].hypot(offset[1]).max(1.0);
     let up = if track.height.is_finite() { track.height - radar.position[2] } else { 0.0 };
@@ -272,7 +291,7 @@ fn columns(track: &Alone, radar: &Radar, prior: &Errors) -> SMatrix<f64, 2, ERRO
         Vector2::new(e, n) * (slope * prior[0]),
         Vector2::new(e, n) * (slope * range * prior[1]),
         Vector2::new(n, -e) * (ground * prior[2]),
-        Vector2::new(-vx, -vy) * prior[3],
+        -velocity * prior[3],
     ])
 }
 
@@ -334,5 +353,46 @@ impl Pair {
         let own = SMatrix::<f64, BOTH, BOTH>::from_fn(|i, j| spread[(self.at[i], self.at[j])]);
         let total = self.design * own * self.design.transpose();
         0.5 * (total + total.transpose())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::sighting::CLOCK;
+    use super::super::sighting::tests::{PRIOR, radar};
+    use super::*;
+
+    /// Errors of position and velocity are correlated in a young track, but a clock error of all radars
+    /// moves their tracks alike, and nothing shows it.
+    #[test]
+    fn young_tracks_do_not_show_a_clock_error_of_all_radars() {
+        let mut covariance = [0.0; 16];
+        for axis in 0..2 {
+            let of = |i: usize, j: usize| 4 * (2 * i + axis) + 2 * j + axis;
+            covariance[of(0, 0)] = 1e4;
+            covariance[of(0, 1)] = 2e3;
+            covariance[of(1, 0)] = 2e3;
+            covariance[of(1, 1)] = 1e3;
+        }
+        let track = |radar: usize, target: usize| {
+            let [turn, phase] = [2.0 * target as f64, (7 * target + 3 * radar) as f64];
+            let errors = [phase.sin(), phase.cos()].map(|e| 100.0 * e);
+            let position = [3e4 * turn.sin(), 5e4 + 3e4 * turn.cos()];
+            let velocity = [200.0 * (3.0 * turn).sin(), 200.0 * (3.0 * turn).cos()];
+            let at = |axis: usize| position[axis] + errors[axis];
+            let rate = |axis: usize| velocity[axis] + 0.2 * errors[axis];
+            let state = [at(0), at(1), rate(0), rate(1)];
+            Alone { radar, state, covariance, height: f64::NAN, identity: target as i64 }
+        };
+        let tracks: Vec<Alone> = (0..40).map(|i| track(i % 2, i / 2)).collect();
+        let found = start(
+            &tracks,
+            &[[0.0; 3], [8e4, 0.0, 0.0]].map(|at| radar(at, 50.0, 0.1)),
+            &[PRIOR; 2],
+        );
+        assert_eq!(found.paired, [20, 20]);
+        let [first, second] = [0, 1].map(|k| found.errors[k][CLOCK]);
+        assert!((first + second).abs() < 1e-9, "{first} {second}");
+        assert!((first - second).abs() < PRIOR[CLOCK], "{first} {second}");
     }
 }

@@ -16,7 +16,7 @@ use super::results::Summary;
 use super::rows::{invert, solve, triangularise};
 use super::track::{ENOUGH, Track};
 use super::whitening::Whitening;
-use crate::base::small::{Matrix as Square, dot};
+use crate::base::small::{Matrix as Square, dot, symmetrise};
 use nalgebra::{SMatrix, SVector};
 use pulp::{Arch, Simd, WithSimd};
 use std::f64::consts::TAU;
@@ -28,6 +28,10 @@ const LOSS: f64 = 1e6;
 /// than the smoother, and a difference of their variances would be inaccurate. For positions, and
 /// for velocities and accelerations.
 const OPENING: [usize; 2] = [12, 48];
+
+/// The same as a part of the record, for a target that hardly wanders: the variance of its acceleration
+/// falls with the fifth power of the time, by 3e6 from there to the end.
+const LONG_OPENING: usize = 20;
 
 /// State and covariance after an instant's plot, and how the plot came in, number by number.
 #[derive(Clone, Debug)]
@@ -81,10 +85,13 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
         motion: ProcessNoise,
         out: &mut Smoothed<'_>,
     ) -> Option<Summary> {
-        let opening = OPENING[usize::from(out.components > D)];
-        let summary = self.forwards(track, motion, Some(opening), (out.innovation, out.loss))?;
-        self.backwards(track, motion, out)?;
-        Some(summary)
+        let short = OPENING[usize::from(out.components > D)];
+        let long = track.len() / LONG_OPENING;
+        [Some(short), (long > short).then_some(long)].into_iter().flatten().find_map(|opening| {
+            let summary =
+                self.forwards(track, motion, Some(opening), (out.innovation, out.loss))?;
+            self.backwards(track, motion, out).map(|()| summary)
+        })
     }
 
     fn forwards(
@@ -459,6 +466,7 @@ fn move_back<const N: usize>(t: f64, l: &mut [f64; N], big: Option<&mut Square<N
             big[d + i][c] += t * p;
         }
     }
+    symmetrise(big);
 }
 
 /// F over a time t.

@@ -12,7 +12,7 @@ use super::diffuse;
 use super::motion::{self, ProcessNoise};
 use super::rows::invert;
 use super::track::{ENOUGH, Track};
-use crate::base::small::{Matrix as Square, dot};
+use crate::base::small::{Matrix as Square, dot, symmetrise};
 
 /// Variance of the first state over that of the plots that determine it.
 const VAGUE: f64 = 1e3;
@@ -438,6 +438,7 @@ fn back<const D: usize, const N: usize>(t: f64, phi: f64, l: &mut [f64; N], big:
             big[3 * D + i][c] *= phi;
         }
     }
+    symmetrise(big);
 }
 
 /// `λ' Λ^-1 λ` of the positions: how much a jump before this instant would explain (de Jong, Penzer

@@ -3,7 +3,7 @@
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
-use crate::base::small::Matrix as Square;
+use crate::base::small::{Matrix as Square, symmetrise};
 
 /// What drives a motion: the intensities of white noise in its jerk, and in its acceleration.
 ///
@@ -81,12 +81,7 @@ pub(super) fn advance<const D: usize, const N: usize>(
             p[D + i][c] += t * a;
         }
     }
-    // an asymmetry of rounding grows: after 300 steps it cost the likelihood seven digits
-    for r in 0..N {
-        for c in 0..r {
-            p[r][c] = p[c][r];
-        }
-    }
+    symmetrise(p);
     let q = motion.jerk * t;
     let (pp, pv, pa) = (q * t * t * t * t / 20.0, q * t * t * t / 8.0, q * t * t / 6.0);
     let (vv, va) = (q * t * t / 3.0, q * t / 2.0);

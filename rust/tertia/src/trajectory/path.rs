@@ -8,6 +8,10 @@ use crate::smoothing::{
     likeliest_other, likelihood, relative_error, smooth,
 };
 
+/// Ratio of a variance to what later instants leave of it, beyond which the quick smoother is not exact
+/// enough: up to there variances are right to 1e-4.
+const LOSS: f64 = 1e7;
+
 /// Positions with their covariances, (N, D) and (N, D, D); nan where there is none.
 #[derive(Clone, Debug)]
 pub(super) struct Plots {
@@ -108,7 +112,7 @@ impl<const D: usize, const N: usize> Smoother<D, N> {
             covariance: &mut covariance,
             components,
             innovation: &mut [],
-            loss: f64::INFINITY,
+            loss: LOSS,
         };
         if let Some(summary) = self.quick.smooth(track, fit.motion, &mut out) {
             return Path { mean, covariance, fit, summary };
