@@ -38,6 +38,8 @@ def samples(value: npt.ArrayLike, name: str) -> FloatArray:
     """
     if type(value) is _ARRAY and value.dtype is _FLOAT64:
         return value
+    if type(value) is float:
+        return np.array(value)
     if isinstance(value, np.ma.MaskedArray):
         value = np.ma.filled(value.astype(np.float64), np.nan)
     array = array_of(value, name)

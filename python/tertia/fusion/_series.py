@@ -285,14 +285,14 @@ def fuse_series(
     if initial is not None and biased:
         raise ValueError("initial contains the systematic errors; leave it out with a bias_sigma")
     fused = _core.fuse_series(arguments, threads(n_threads))
-    variance = spread(stated, plots.shape)
-    lasting, phi = _lasting(correlation_time, plots, variance, (time, model.dt), wrap)
+    lasting, phi = _lasting(correlation_time, plots, stated, (time, model.dt), wrap)
     one = trusted(fused, phi.shape)
     if biased:
         angle = fused[0][0][..., 0]
         one = registered(arguments, angle, prior, (1 + phi) / (1 - phi), threads(n_threads))
     (mean, upper, weights, noise, innovation, innovation_variance), outlier = one.fused
     if lasting.any():
+        variance = spread(stated, plots.shape)
         factor = growth(upper[..., 0], variance, noise, ~np.isnan(plots), phi)
         upper = upper * factor[..., np.newaxis]
     found = FusedSeries(
@@ -310,7 +310,7 @@ def fuse_series(
     )
     if third_filter is None:
         return found
-    noise_of_mean = np.mean(variance, axis=-2) / radars
+    noise_of_mean = np.mean(spread(stated, plots.shape), axis=-2) / radars
     again = filter_series(
         mean[..., 0], noise_of_mean, third_filter, time=time, period=wrap, n_threads=n_threads
     )

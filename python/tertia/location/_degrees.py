@@ -40,6 +40,8 @@ def warn_if_degrees(
     `solve` finds it for other values. This takes long, so a record is solved again only if most of
     its instants fail; a few faults do not count as failure.
     """
+    if found[-1][0].ndim == 0 and _is_usual(found[-1]):
+        return
     tried, agrees = _agreement(found[-1], _CHANCES[0])
     if not tried or agrees >= _SHARES[0] * tried:
         return
@@ -61,6 +63,12 @@ def warn_if_degrees(
                 stacklevel=3,
             )
             return
+
+
+def _is_usual(columns: Columns) -> bool:
+    """Return whether a single instant agrees, or nothing can tell; the same in plain numbers."""
+    status, freedom, _, pvalue = (column.item() for column in columns[:4])
+    return freedom < 0 or (status == 0 and not pvalue < _CHANCES[0])
 
 
 def _agreement(columns: Columns, chance: float) -> tuple[int, int]:

@@ -288,7 +288,7 @@ def locate(
             *rows[:5], max_range=max_range, pooled=pools, free=free, n_threads=threads(n_threads)
         )
         return _checked(location)
-    grows = np.ones_like(free) if pools else free & (not unknown)
+    grows = np.full_like(free, pools) if pools or unknown else free
     solve = partial(
         _solved,
         rows,
@@ -310,7 +310,7 @@ def locate(
         tuple(measured),
         estimated=unknown,
         arrivals=arrivals,
-        systematic=said(free, tells=bool(np.count_nonzero(result[-2][1] > 0))),
+        systematic=said(free, tells=not lies_between(result[-2][1], -np.inf, 0.0)),
         bias=own.found(
             _stated(measured, arrivals),
             [each + shared for each, shared in zip(growth, common, strict=True)],

@@ -11,7 +11,7 @@ use std::borrow::Cow;
 use std::num::NonZero;
 use tertia::Error;
 use tertia::association::gate::{self, Factor, GateSector, Scan, Thresholds};
-use tertia::association::score::{self, Surroundings};
+use tertia::association::score::{self, PaperScore, Surroundings};
 use tertia::association::{Assigner, Association, Pair, Scoring};
 
 type Gated<'py> = (Integers<'py>, Integers<'py>, Array<'py>, Array<'py>);
@@ -77,13 +77,12 @@ pub fn paper_score<'py>(
     let rows = d2.blocks("d2", 1)?;
     let mut out = rows.output(py)?;
     let values = out.values()?;
-    let done = release(py, SCORE_NS * rows.size(), || {
+    let score = PaperScore::new(q, dimension).map_err(value_error)?;
+    release(py, SCORE_NS * rows.size(), || {
         for (value, &d2) in values.iter_mut().zip(rows.values.iter()) {
-            *value = score::paper(d2, q, dimension)?;
+            *value = score.of(d2);
         }
-        score::paper(0.0, q, dimension)
     })?;
-    done.map_err(value_error)?;
     Ok(out)
 }
 

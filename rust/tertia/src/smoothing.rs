@@ -11,6 +11,7 @@ mod information;
 mod lasting;
 mod motion;
 mod noise;
+mod opening;
 mod polynomial;
 mod quick;
 mod record;

@@ -37,29 +37,89 @@ pub(super) struct Dense {
     settled: Vec<(u32, f64)>,
     row_of: Vec<u32>,
     column_of: Vec<u32>,
+    wish: [Vec<Wish>; 2],
+    wanted: Vec<bool>,
+}
+
+/// What a row, or a column, gains most from.
+#[derive(Clone, Copy, Debug)]
+struct Wish {
+    gain: f64,
+    partner: u32,
+}
+
+impl Wish {
+    const NONE: Self = Self { gain: 0.0, partner: NONE };
+
+    /// The better one; of equal ones the first.
+    fn hear(&mut self, gain: f64, partner: u32) {
+        if gain > self.gain || gain == self.gain && partner < self.partner {
+            *self = Self { gain, partner };
+        }
+    }
 }
 
 impl Dense {
-    /// The column of each row such that the sum of the gains is largest. O(rows · columns) at best,
-    /// times the least of both at worst.
+    /// The column of each row such that the sum of the gains is largest; `result` has none yet.
+    /// O(rows · columns) at best, times the least of both at worst. Rows are placed one after the
+    /// other or, where fewer of them want the same partner, columns.
     pub fn assign(
         &mut self,
-        pairs: impl Iterator<Item = Pair>,
+        pairs: impl Iterator<Item = Pair> + Clone,
         rows: usize,
         columns: usize,
         result: &mut [Option<u32>],
     ) {
+        let [of_rows, of_columns] = self.conflicts(pairs.clone(), rows, columns);
+        if of_rows <= of_columns {
+            self.place_all(pairs, rows, columns);
+            for (result, &column) in result.iter_mut().zip(&self.column_of) {
+                *result = (column != NONE).then_some(column);
+            }
+            return;
+        }
+        let turned = pairs.map(|pair| Pair { row: pair.column, column: pair.row, ..pair });
+        self.place_all(turned, columns, rows);
+        for (result, &column) in result.iter_mut().zip(&self.row_of) {
+            *result = (column != NONE).then_some(column);
+        }
+    }
+
+    /// How many rows, and how many columns, gain most from what another one gains most from, too.
+    fn conflicts(
+        &mut self,
+        pairs: impl Iterator<Item = Pair>,
+        rows: usize,
+        columns: usize,
+    ) -> [usize; 2] {
+        let Self { wish: [of_rows, of_columns], wanted, .. } = self;
+        for (wishes, length) in [(&mut *of_rows, rows), (&mut *of_columns, columns)] {
+            wishes.clear();
+            wishes.resize(length, Wish::NONE);
+        }
+        for Pair { row, column, gain } in pairs {
+            assert!((column as usize) < columns, "a column that is not there");
+            of_rows[row as usize].hear(gain, column);
+            of_columns[column as usize].hear(gain, row);
+        }
+        [(of_rows, columns), (of_columns, rows)].map(|(wishes, others)| {
+            wanted.clear();
+            wanted.resize(others, false);
+            let rivals = wishes.iter().filter(|wish| {
+                wish.partner != NONE && std::mem::replace(&mut wanted[wish.partner as usize], true)
+            });
+            rivals.count()
+        })
+    }
+
+    fn place_all(&mut self, pairs: impl Iterator<Item = Pair>, rows: usize, columns: usize) {
         self.reset(rows, columns);
         for pair in pairs {
-            assert!((pair.column as usize) < columns, "a column that is not there");
             let (lane, at) = (pair.column as usize / WIDEST, pair.column as usize % WIDEST);
             let cost = &mut self.costs[pair.row as usize * self.width + lane][at];
             *cost = cost.min(-pair.gain);
         }
         Arch::new().dispatch(Placing(self));
-        for (result, &column) in result.iter_mut().zip(&self.column_of) {
-            *result = (column != NONE).then_some(column);
-        }
     }
 
     fn reset(&mut self, rows: usize, columns: usize) {

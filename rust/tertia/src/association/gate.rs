@@ -18,6 +18,8 @@ const SMALLEST_PROBABILITY: f64 = 1e-6;
 const LARGEST_DIMENSION: usize = 1000;
 /// Least share of a variance that the components before it leave unexplained.
 const REGULAR: f64 = 1e-13;
+/// One of so many plots are many, and are sorted by counting.
+const MANY: usize = 16;
 /// Margin of a half width against rounding.
 const MARGIN: f64 = 1.0 + 1e-12;
 
@@ -220,11 +222,11 @@ pub fn pairs<const M: usize>(scan: &Scan<'_>, threshold: f64) -> Result<Vec<Gate
     let half_widths = sums.half_widths(threshold);
     let plane: Vec<[f64; 2]> = plots.iter().map(|p| [p[0], p[1]]).collect();
     let grid = Grid::new(&plane, cell(&half_widths))?;
-    let (mut out, mut near) = (Vec::new(), Vec::new());
+    let (mut out, mut near, mut there) = (Vec::new(), Vec::new(), vec![false; plots.len()]);
     for (track, (position, half)) in tracks.iter().zip(&half_widths).enumerate() {
         near.clear();
         grid.within([position[0], position[1]], *half, &mut |plot| near.push(plot));
-        near.sort_unstable();
+        sort(&mut near, &mut there);
         let mut last: Option<Last<M>> = None;
         for &plot in &near {
             let sum = match last.filter(|last| sums.is_same(last.plot, plot)) {
@@ -242,6 +244,16 @@ pub fn pairs<const M: usize>(scan: &Scan<'_>, threshold: f64) -> Result<Vec<Gate
         }
     }
     Ok(out)
+}
+
+/// Sorts some of as many indices as `there` is long, none of them twice; all of it is false, and
+/// remains so.
+fn sort(indices: &mut Vec<usize>, there: &mut [bool]) {
+    if indices.len() < there.len() / MANY {
+        return indices.sort_unstable();
+    }
+    indices.drain(..).for_each(|index| there[index] = true);
+    indices.extend((0..there.len()).filter(|&index| std::mem::take(&mut there[index])));
 }
 
 /// The factor of an innovation, for this plot and those with the same covariance.

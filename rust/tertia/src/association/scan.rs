@@ -3,7 +3,7 @@
 use super::assignment::Assigner;
 use super::gate::{self, Gated, Scan};
 use super::pair::Pair;
-use super::score::{self, Surroundings};
+use super::score::{self, PaperScore, Surroundings};
 use crate::base::error::Result;
 
 /// What a pair is worth.
@@ -38,18 +38,29 @@ pub fn associate<const M: usize>(
     is_global: bool,
 ) -> Result<Association> {
     let found = gate::pairs::<M>(scan, threshold)?;
-    let base = match scoring {
-        Scoring::Likelihood(surroundings) => surroundings.missed(),
-        Scoring::Paper(q) => score::paper(threshold, q, M)?,
-    };
-    let worth = |pair: &Gated| match scoring {
+    let size = [scan.predicted.len() / M, scan.plots.len() / M];
+    match scoring {
         Scoring::Likelihood(surroundings) => {
-            surroundings.likelihood(score::log_density(pair.nis, pair.ln_determinant, M))
+            let density = |g: &Gated| score::log_density(g.nis, g.ln_determinant, M);
+            let worth = |g: &Gated| surroundings.likelihood(density(g));
+            Ok(assigned(&found, size, worth, surroundings.missed(), is_global))
         }
-        Scoring::Paper(q) => score::paper(pair.nis, q, M).unwrap_or(f64::NAN),
-    };
+        Scoring::Paper(q) => {
+            let paper = PaperScore::new(q, M)?;
+            Ok(assigned(&found, size, |g| paper.of(g.nis), paper.of(threshold), is_global))
+        }
+    }
+}
+
+/// Assigns so many tracks and plots by what pairs are worth beyond a base.
+fn assigned(
+    found: &[Gated],
+    [tracks, plots]: [usize; 2],
+    worth: impl Fn(&Gated) -> f64,
+    base: f64,
+    is_global: bool,
+) -> Association {
     let pair = |g: &Gated| Pair { row: g.track, column: g.plot, gain: worth(g) - base };
-    let (tracks, plots) = (scan.predicted.len() / M, scan.plots.len() / M);
     let mut assigner = Assigner::default();
     let plot_of_track = if is_global {
         assigner.assign_all(found.iter().map(pair), tracks, plots).to_vec()
@@ -64,7 +75,7 @@ pub fn associate<const M: usize>(
         let at = found.partition_point(|g| (g.track as usize, g.plot) < (track, *plot));
         (score[track], nis[track]) = (worth(&found[at]), found[at].nis);
     }
-    Ok(Association { plot_of_track, score, nis })
+    Association { plot_of_track, score, nis }
 }
 
 #[cfg(test)]

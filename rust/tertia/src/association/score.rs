@@ -6,13 +6,36 @@ const LN_TWO_PI: f64 = 1.837_877_066_409_345_3;
 
 /// `S = ½ (1/Q − 1) d² + m/2 ln Q`: the log-likelihood ratio of a true against a false association,
 /// where the covariance of the latter is Q Σ. It ignores ln |Σ|.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PaperScore {
+    slope: f64,
+    largest: f64,
+}
+
+impl PaperScore {
+    /// With the ratio Q, of m components.
+    ///
+    /// # Errors
+    /// A ratio that is not above 1.
+    pub fn new(q: f64, m: usize) -> Result<Self> {
+        require_ratio(q)?;
+        Ok(Self { slope: 0.5 * (1.0 / q - 1.0), largest: 0.5 * m as f64 * q.ln() })
+    }
+
+    /// The score of a d².
+    #[inline]
+    #[must_use]
+    pub fn of(&self, d2: f64) -> f64 {
+        self.slope * d2 + self.largest
+    }
+}
+
+/// The [`PaperScore`] of one plot.
 ///
 /// # Errors
 /// A ratio that is not above 1.
 pub fn paper(d2: f64, q: f64, m: usize) -> Result<f64> {
-    require_ratio(q)?;
-    // S = ½ (1/Q − 1) d² + m/2 ln Q
-    Ok(0.5 * (1.0 / q - 1.0) * d2 + 0.5 * m as f64 * q.ln())
+    Ok(PaperScore::new(q, m)?.of(d2))
 }
 
 fn require_ratio(q: f64) -> Result<()> {

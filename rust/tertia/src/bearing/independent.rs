@@ -1,7 +1,7 @@
 //! Modes that do not persist: each measurement for itself.
 
 use super::modes::{Modes, Sums, excess};
-use crate::base::exponential::exp;
+use crate::base::exponential::{LARGEST_EXPONENT, exp};
 use pulp::{Simd, WithSimd};
 
 const LANES: usize = 8;
@@ -36,21 +36,29 @@ impl<const KINDS: usize> WithSimd for Expect<'_, KINDS> {
         for k in 0..=chunks.len() {
             let (chunk, present) =
                 if k < chunks.len() { (&chunks[k], &ones) } else { (&padded, &last) };
+            // lane by lane within each mode: the other way round two modes are not vectorised
+            let (mut r, mut excess) = ([[0.0; LANES]; KINDS], [LARGEST_EXPONENT; LANES]);
+            for j in 0..KINDS {
+                for i in 0..LANES {
+                    let z = chunk[i] - modes.centre;
+                    let log = c[j].0[0] + z * (c[j].0[1] + z * c[j].0[2]);
+                    r[j][i] = log;
+                    excess[i] = if log > excess[i] { log } else { excess[i] };
+                }
+            }
+            let mut all = ones;
+            for j in 0..KINDS {
+                for i in 0..LANES {
+                    r[j][i] = c[j].1 * exp(r[j][i] - (excess[i] - LARGEST_EXPONENT));
+                    all[i] += r[j][i];
+                }
+            }
             for i in 0..LANES {
-                let z = chunk[i] - modes.centre;
-                let mut r = [0.0; KINDS];
-                let mut all = 1.0;
-                for j in 0..KINDS {
-                    r[j] = c[j].0[0] + z * (c[j].0[1] + z * c[j].0[2]);
-                }
-                let shift = excess(&r);
-                for j in 0..KINDS {
-                    r[j] = c[j].1 * exp(r[j] - shift);
-                    all += r[j];
-                }
-                let share = present[i] / all;
-                for j in 0..KINDS {
-                    let g = r[j] * share;
+                all[i] = present[i] / all[i];
+            }
+            for j in 0..KINDS {
+                for i in 0..LANES {
+                    let g = r[j][i] * all[i];
                     lanes[j][0][i] += g;
                     lanes[j][1][i] += g * chunk[i];
                     lanes[j][2][i] += g * chunk[i] * chunk[i];

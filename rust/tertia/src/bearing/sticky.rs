@@ -11,18 +11,23 @@ use pulp::{Simd, WithSimd};
 /// Modes with the good one.
 const MOST: usize = MOST_BAD + 1;
 
+const LANES: usize = 8;
 /// Ratios below this were not cut.
 const LARGE: f64 = 1e290;
+/// Sums outside of this are made 1; times a ratio they remain finite.
+const USUAL: std::ops::Range<f64> = 1e-100..1e3;
 
-/// Buffers of the two passes.
+/// Buffers of the two passes, a column for each mode.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Passes {
     /// Densities of each bad mode over that of the good one.
     ratio: [Vec<f64>; MOST_BAD],
-    /// Probabilities of the modes given the measurements so far.
-    forward: Vec<[f64; MOST]>,
-    /// One over the predicted density of each measurement over that of the good mode.
-    scale: Vec<f64>,
+    /// Proportional to the joint densities of the measurements so far and the mode of the last.
+    forward: [Vec<f64>; MOST],
+    /// Proportional to the density of the later measurements given the mode.
+    backward: [Vec<f64>; MOST],
+    /// The next measurement and the later ones given its mode; 0 after the last.
+    ahead: [Vec<f64>; MOST],
 }
 
 struct Ratios<'a, const KINDS: usize> {
@@ -58,89 +63,202 @@ pub(super) fn expect(
     passes: &mut Passes,
     bad: &mut [f64],
 ) -> (Sums, f64) {
-    for ratio in &mut passes.ratio {
-        ratio.resize(y.len(), 0.0);
-    }
-    passes.forward.resize(y.len(), [0.0; MOST]);
-    passes.scale.resize(y.len(), 0.0);
+    passes.make_room(y.len());
     let (arch, [first, second]) = (pulp::Arch::new(), &mut passes.ratio);
-    let sums = if modes.kinds() == 1 {
+    let sticky = Sticky::of(modes);
+    let likelihood = !bad.is_empty();
+    let (sums, log_ratio) = if modes.kinds() == 1 {
         arch.dispatch(Ratios { modes, y, ratio: [first] });
-        passes.both::<2>(modes, y, bad)
+        let log_ratio = passes.both::<2>(&sticky, y.len());
+        (arch.dispatch(Collect::<2> { sticky: &sticky, y, passes, bad }), log_ratio)
     } else {
         arch.dispatch(Ratios { modes, y, ratio: [first, second] });
-        passes.both::<MOST>(modes, y, bad)
+        let log_ratio = passes.both::<MOST>(&sticky, y.len());
+        (arch.dispatch(Collect::<MOST> { sticky: &sticky, y, passes, bad }), log_ratio)
     };
-    let likelihood = if bad.is_empty() { 0.0 } else { passes.log_likelihood(modes, y) };
+    let likelihood = if likelihood { log_ratio + passes.log_likelihood(modes, y) } else { 0.0 };
     (sums, likelihood)
 }
 
-impl Passes {
-    /// Forward and backward pass over so many modes, the good one first.
-    fn both<const MODES: usize>(&mut self, modes: &Modes, y: &[f64], bad: &mut [f64]) -> Sums {
-        let n = y.len();
-        let ratio = self.ratio.each_ref().map(|r| &r[..n]);
-        let (forward, scale) = (&mut self.forward[..n], &mut self.scale[..n]);
-        // the good mode is what ratios refer to
-        let density = |t: usize, j: usize| if j == 0 { 1.0 } else { ratio[j - 1][t] };
+/// The chain: its persistence κ, the shares π of the modes, the good one first, and `(1 − κ) π`.
+struct Sticky {
+    persistence: f64,
+    share: [f64; MOST],
+    renewed: [f64; MOST],
+}
+
+impl Sticky {
+    fn of(modes: &Modes) -> Self {
+        let [first, second] = modes.bad.map(|mode| mode.share);
+        let share = [modes.good_share(), first, second];
         let persistence = modes.persistence;
-        let share: [f64; MODES] = std::array::from_fn(|j| match j {
-            0 => modes.good_share(),
-            _ => modes.bad[j - 1].share,
-        });
-        let renewed = share.map(|s| (1.0 - persistence) * s);
-        let mut predicted = share;
-        for t in 0..n {
-            let joint: [f64; MODES] = std::array::from_fn(|j| predicted[j] * density(t, j));
-            scale[t] = 1.0 / joint.iter().sum::<f64>();
-            for j in 0..MODES {
-                forward[t][j] = joint[j] * scale[t];
-                predicted[j] = persistence * forward[t][j] + renewed[j];
+        Self { persistence, share, renewed: share.map(|s| (1.0 - persistence) * s) }
+    }
+}
+
+impl Passes {
+    /// Columns for n measurements, and beyond them, to whole lanes, good ones after which nothing
+    /// comes.
+    fn make_room(&mut self, n: usize) {
+        let whole = n.next_multiple_of(LANES);
+        for ratio in &mut self.ratio {
+            ratio.resize(n, 0.0);
+        }
+        for j in 0..MOST {
+            let good = f64::from(u8::from(j == 0));
+            for (column, value) in [
+                (&mut self.forward[j], good),
+                (&mut self.backward[j], 1.0),
+                (&mut self.ahead[j], 0.0),
+            ] {
+                column.resize(whole, value);
+                column[n.saturating_sub(1)..].fill(value);
             }
         }
-        let mut sums = Sums::default();
-        let mut drawn = [0.0; MODES];
-        let mut backward = [1.0; MODES];
-        for t in (0..n).rev() {
-            for j in 0..MODES - 1 {
-                let g = forward[t][j + 1] * backward[j + 1];
-                sums.count[j] += g;
-                sums.first[j] += g * y[t];
-                sums.second[j] += g * y[t] * y[t];
-                if !bad.is_empty() {
-                    bad[t * (MODES - 1) + j] = g;
-                }
-            }
-            if t == 0 {
-                for j in 0..MODES {
-                    drawn[j] += forward[0][j] * backward[j];
-                }
-                break;
-            }
-            // P(j at t | rest) over the probability of coming to j at t
-            let ahead: [f64; MODES] =
-                std::array::from_fn(|j| density(t, j) * backward[j] * scale[t]);
-            let mut renewal = 0.0;
-            for j in 0..MODES {
-                sums.persisted += persistence * forward[t - 1][j] * ahead[j];
-                drawn[j] += renewed[j] * ahead[j];
-                renewal += renewed[j] * ahead[j];
-            }
-            backward = ahead.map(|a| persistence * a + renewal);
-        }
-        sums.drawn_good = drawn[0];
-        sums.drawn[..MODES - 1].copy_from_slice(&drawn[1..]);
-        sums
     }
 
-    /// The log-likelihood after both passes, without its part `−½ N ln 2π`.
+    /// Forward and backward pass over so many modes, side by side, because each step waits for the one
+    /// before. Returns the logarithm of the density of all measurements over that with good modes only.
+    fn both<const MODES: usize>(&mut self, chain: &Sticky, n: usize) -> f64 {
+        let Self { ratio, forward, backward, ahead } = self;
+        let ratio = ratio.each_ref().map(|r| &r[..n]);
+        let [forward, backward, ahead] =
+            [forward, backward, ahead].map(|columns| columns.each_mut().map(|c| &mut c[..n]));
+        // the good mode is what ratios refer to
+        let density = |t: usize, j: usize| if j == 0 { 1.0 } else { ratio[j - 1][t] };
+        let Sticky { persistence, share, renewed } = *chain;
+        let (mut log, mut last) = (0.0, 1.0);
+        let mut predicted: [f64; MODES] = std::array::from_fn(|j| share[j]);
+        let mut b = [1.0; MODES];
+        for t in 0..n {
+            let mut a: [f64; MODES] = std::array::from_fn(|j| predicted[j] * density(t, j));
+            last = a.iter().sum::<f64>();
+            if !USUAL.contains(&last) {
+                log += last.ln();
+                a = a.map(|a| a / last);
+                last = 1.0;
+            }
+            for j in 0..MODES {
+                forward[j][t] = a[j];
+                predicted[j] = persistence * a[j] + renewed[j] * last;
+            }
+            let u = n - 1 - t;
+            for j in 0..MODES {
+                backward[j][u] = b[j];
+            }
+            if u == 0 {
+                break;
+            }
+            let mut next: [f64; MODES] = std::array::from_fn(|j| density(u, j) * b[j]);
+            let renewal: f64 = (0..MODES).map(|j| renewed[j] * next[j]).sum();
+            b = next.map(|next| persistence * next + renewal);
+            let sum = b.iter().sum::<f64>();
+            if !USUAL.contains(&sum) {
+                b = b.map(|b| b / sum);
+                next = next.map(|next| next / sum);
+            }
+            for j in 0..MODES {
+                ahead[j][u - 1] = next[j];
+            }
+        }
+        log + last.ln()
+    }
+
+    /// The log-likelihood with good modes only and what was cut from ratios, without its part
+    /// `−½ N ln 2π`.
     fn log_likelihood(&self, modes: &Modes, y: &[f64]) -> f64 {
         let ratio = &self.ratio[..modes.kinds()];
         let of = |t: usize| {
             let cut = ratio.iter().any(|r| r[t] > LARGE);
             let excess = if cut { modes.excess(y[t]) } else { 0.0 };
-            excess - self.scale[t].ln() - 0.5 * ((y[t] - modes.centre) / modes.width).powi(2)
+            excess - 0.5 * ((y[t] - modes.centre) / modes.width).powi(2)
         };
         (0..y.len()).map(of).sum::<f64>() - y.len() as f64 * modes.width.ln()
+    }
+}
+
+/// The expected sums after both passes.
+struct Collect<'a, const MODES: usize> {
+    sticky: &'a Sticky,
+    y: &'a [f64],
+    passes: &'a Passes,
+    /// As in [`expect`].
+    bad: &'a mut [f64],
+}
+
+impl<const MODES: usize> WithSimd for Collect<'_, MODES> {
+    type Output = Sums;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Sums {
+        let Self { sticky: Sticky { persistence, renewed, .. }, y, passes, bad } = self;
+        let chunks = |columns: &'_ [Vec<f64>; MOST], j: usize, k: usize| -> [f64; LANES] {
+            columns[j].as_chunks().0[k]
+        };
+        let zero = [0.0; LANES];
+        let (mut count, mut first, mut second) = ([zero; MODES], [zero; MODES], [zero; MODES]);
+        let (mut drawn, mut persisted) = ([zero; MODES], zero);
+        for k in 0..y.len().div_ceil(LANES) {
+            let at = k * LANES;
+            let mut values = zero;
+            let there = LANES.min(y.len() - at);
+            values[..there].copy_from_slice(&y[at..at + there]);
+            let (mut a, mut g, mut ahead) = ([zero; MODES], [zero; MODES], [zero; MODES]);
+            let (mut all, mut sum, mut stays) = (zero, zero, zero);
+            for j in 0..MODES {
+                a[j] = chunks(&passes.forward, j, k);
+                ahead[j] = chunks(&passes.ahead, j, k);
+                let b = chunks(&passes.backward, j, k);
+                for i in 0..LANES {
+                    g[j][i] = a[j][i] * b[i];
+                    all[i] += g[j][i];
+                    sum[i] += a[j][i];
+                    stays[i] += a[j][i] * ahead[j][i];
+                }
+            }
+            for i in 0..LANES {
+                all[i] = 1.0 / all[i];
+                persisted[i] += stays[i] * all[i];
+                sum[i] *= all[i];
+            }
+            for j in 0..MODES {
+                for i in 0..LANES {
+                    g[j][i] *= all[i];
+                    count[j][i] += g[j][i];
+                    first[j][i] += g[j][i] * values[i];
+                    second[j][i] += g[j][i] * values[i] * values[i];
+                    drawn[j][i] += ahead[j][i] * sum[i];
+                }
+            }
+            if !bad.is_empty() {
+                for i in 0..there {
+                    for j in 1..MODES {
+                        bad[(at + i) * (MODES - 1) + j - 1] = g[j][i];
+                    }
+                }
+            }
+        }
+        let mut sums = Sums::default();
+        let total = |lanes: &[f64; LANES]| lanes.iter().sum::<f64>();
+        // the mode of the first was drawn
+        let first_drawn = passes.first::<MODES>();
+        let drawn: [f64; MODES] =
+            std::array::from_fn(|j| renewed[j] * total(&drawn[j]) + first_drawn[j]);
+        sums.drawn_good = drawn[0];
+        for j in 1..MODES {
+            (sums.count[j - 1], sums.drawn[j - 1]) = (total(&count[j]), drawn[j]);
+            (sums.first[j - 1], sums.second[j - 1]) = (total(&first[j]), total(&second[j]));
+        }
+        sums.persisted = persistence * total(&persisted);
+        sums
+    }
+}
+
+impl Passes {
+    /// Probabilities of the modes of the first measurement.
+    fn first<const MODES: usize>(&self) -> [f64; MODES] {
+        let joint: [f64; MODES] = std::array::from_fn(|j| self.forward[j][0] * self.backward[j][0]);
+        let all: f64 = joint.iter().sum();
+        joint.map(|g| g / all)
     }
 }

@@ -20,6 +20,7 @@
 use super::descent::Loss;
 use super::fix::{Fix, Instant, Output, Status};
 use super::growth::{agreeing, growth};
+use super::lane::LANES;
 use super::record::{NOWHERE, Record};
 use super::solver::{Locator, Workspace};
 use crate::base::angle::median;
@@ -221,24 +222,28 @@ impl Locator {
         workspace: &mut Workspace<D>,
     ) -> Option<f64> {
         let mut factors = Vec::new();
-        for instant in sample {
-            let fix = self.located(instant, instant.sigmas, workspace);
-            let freedom = fix.degrees_of_freedom;
-            if fix.status != Status::None || freedom < 1 {
-                continue;
+        for block in sample.chunks(LANES) {
+            self.descend(block, workspace);
+            for (lane, instant) in block.iter().enumerate() {
+                let fix = self.finished(instant, lane, workspace);
+                let freedom = fix.degrees_of_freedom;
+                if fix.status != Status::None || freedom < 1 {
+                    continue;
+                }
+                let middle = chi_square_upper_quantile(0.5, freedom as usize) / freedom as f64;
+                let known = fix.sigma.is_nan();
+                factors.push(if known { 1.0 } else { fix.sigma * fix.sigma / middle });
             }
-            let middle = chi_square_upper_quantile(0.5, freedom as usize) / freedom as f64;
-            let known = fix.sigma.is_nan();
-            factors.push(if known { 1.0 } else { fix.sigma * fix.sigma / middle });
         }
         let found = (!factors.is_empty()).then(|| median(&mut factors));
         found.filter(|factor| *factor > 0.0 && factor.is_finite())
     }
 
-    fn located<const D: usize>(
+    /// Finishes an instant of a block, for what it leaves in the workspace.
+    fn finished<const D: usize>(
         &self,
         instant: &Instant<'_>,
-        sigmas: &[f64],
+        lane: usize,
         workspace: &mut Workspace<D>,
     ) -> Fix {
         let (mut position, mut covariance) = ([0.0; D], vec![0.0; D * D]);
@@ -250,7 +255,7 @@ impl Locator {
             residual: &mut residual,
             outlier: &mut outlier,
         };
-        self.locate(&Instant { sigmas, ..*instant }, &mut out, workspace)
+        self.one(instant, lane, &mut out, workspace)
     }
 
     /// Squares and degrees of freedom of the residuals with these factors of the variances.
@@ -260,28 +265,47 @@ impl Locator {
         factor: &[f64; KINDS],
         workspace: &mut Workspace<D>,
     ) -> Sums {
-        let Problem { sample, free, .. } = *problem;
         let mut sums = Sums::default();
-        for instant in sample {
-            let at = sums.residual.len();
-            sums.residual.resize(at + free.len(), 0.0);
-            sums.likelihood.push([f64::NAN; SHARES.len()]);
-            let mut sigmas = instant.sigmas.to_vec();
-            stretch(&mut sigmas, free, factor);
-            let fix = self.located(instant, &sigmas, workspace);
-            if fix.status != Status::None || fix.degrees_of_freedom < 1 {
-                continue;
-            }
-            let Workspace { own, plane, space } = &*workspace;
-            let of_arrivals = self.has_arrivals(instant);
-            let loss = self.loss(fix.degrees_of_freedom as usize, of_arrivals);
-            match (D, of_arrivals) {
-                (_, false) => sums.add(loss, &own.records[0], free, at, factor),
-                (2, true) => sums.add(loss, &plane.records[0], free, at, factor),
-                _ => sums.add(loss, &space.records[0], free, at, factor),
+        for block in problem.sample.chunks(LANES) {
+            let mut sigmas: Vec<_> = block.iter().map(|own| own.sigmas.to_vec()).collect();
+            sigmas.iter_mut().for_each(|own| stretch(own, problem.free, factor));
+            let instants: Vec<_> = block
+                .iter()
+                .zip(&sigmas)
+                .map(|(instant, sigmas)| Instant { sigmas, ..*instant })
+                .collect();
+            self.descend(&instants, workspace);
+            for (lane, instant) in instants.iter().enumerate() {
+                self.add(instant, lane, (problem.free, factor), workspace, &mut sums);
             }
         }
         sums
+    }
+
+    /// Adds an instant of a block.
+    fn add<const D: usize>(
+        &self,
+        instant: &Instant<'_>,
+        lane: usize,
+        (free, factor): (&[bool], &[f64; KINDS]),
+        workspace: &mut Workspace<D>,
+        sums: &mut Sums,
+    ) {
+        let at = sums.residual.len();
+        sums.residual.resize(at + free.len(), 0.0);
+        sums.likelihood.push([f64::NAN; SHARES.len()]);
+        let fix = self.finished(instant, lane, workspace);
+        if fix.status != Status::None || fix.degrees_of_freedom < 1 {
+            return;
+        }
+        let Workspace { own, plane, space } = &*workspace;
+        let of_arrivals = self.has_arrivals(instant);
+        let loss = self.loss(fix.degrees_of_freedom as usize, of_arrivals);
+        match (D, of_arrivals) {
+            (_, false) => sums.add(loss, &own.records[lane], free, at, factor),
+            (2, true) => sums.add(loss, &plane.records[lane], free, at, factor),
+            _ => sums.add(loss, &space.records[lane], free, at, factor),
+        }
     }
 }
 
@@ -318,9 +342,9 @@ impl Sums {
             let is_free = place != NOWHERE && free[place];
             let residual = row.residual - dot(&row.gradient, &step);
             let unit = if is_free { factor[place / stations] } else { 1.0 };
+            let normal = (-0.5 * residual * residual).exp() / unit.sqrt();
             for (sum, share) in likelihood.iter_mut().zip(SHARES) {
-                let normal = (1.0 - share) * (-0.5 * residual * residual).exp() / unit.sqrt();
-                *sum += (normal + share * FLAT).ln();
+                *sum += ((1.0 - share) * normal + share * FLAT).ln();
             }
             *if kept { &mut self.kept } else { &mut self.rejected } += 1.0;
             if kept && is_free {

@@ -155,7 +155,7 @@ impl Locator {
     }
 
     /// Finishes an instant of a block, or locates one with arrivals alone.
-    fn one<const D: usize>(
+    pub(super) fn one<const D: usize>(
         &self,
         instant: &Instant<'_>,
         at: usize,
@@ -180,7 +180,11 @@ impl Locator {
     }
 
     /// Reads instants, and goes down from the starts that are trusted side by side.
-    fn descend<const D: usize>(&self, instants: &[Instant<'_>], workspace: &mut Workspace<D>) {
+    pub(super) fn descend<const D: usize>(
+        &self,
+        instants: &[Instant<'_>],
+        workspace: &mut Workspace<D>,
+    ) {
         let Workspace { own, plane, space } = workspace;
         let count = instants.len();
         own.clear(count);

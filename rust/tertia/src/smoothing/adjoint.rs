@@ -12,6 +12,7 @@
 
 use super::information::{Direction, Information, Logarithms};
 use super::motion::{self, ProcessNoise};
+use super::opening::of_three;
 use super::results::Summary;
 use super::rows::{invert, solve, triangularise};
 use super::track::{ENOUGH, Track};
@@ -106,7 +107,14 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
             return None;
         }
         self.steps.clear();
-        let (step, squares, logarithms) = self.open(track, motion, opening, innovation)?;
+        let quick = if opening.is_none() { of_three::<D, N>(track, motion) } else { None };
+        let (step, squares, logarithms) = match quick {
+            Some((x, p, logarithms)) => {
+                self.start = ENOUGH - 1;
+                (Step { x, p, ..Step::new() }, 0.0, logarithms)
+            }
+            None => self.open(track, motion, opening, innovation)?,
+        };
         let steps = opening.map(|_| &mut self.steps);
         let filter =
             Filter { track, motion, start: self.start, step, squares, loss: loss.min(LOSS), steps };

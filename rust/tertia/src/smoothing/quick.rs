@@ -25,12 +25,25 @@ pub(super) struct Quick {
 impl Quick {
     /// The likelihood; `None` where digits would be lost.
     pub fn likelihood(&mut self, track: &Track<'_>, motion: ProcessNoise) -> Option<Summary> {
+        if !track.axes.is_empty() {
+            return self.likelihood_of_axes(track, motion);
+        }
         match track.dimension {
             1 => self.one.likelihood(track, motion),
             2 => self.two.likelihood(track, motion),
             3 => self.three.likelihood(track, motion),
             _ => None,
         }
+    }
+
+    fn likelihood_of_axes(&mut self, track: &Track<'_>, motion: ProcessNoise) -> Option<Summary> {
+        let mut sum = Summary { log_likelihood: 0.0, count: 0 };
+        for axis in &track.axes {
+            let Summary { log_likelihood, count } = self.one.likelihood(axis, motion)?;
+            sum.log_likelihood += log_likelihood;
+            sum.count += count;
+        }
+        Some(sum)
     }
 
     /// States, covariances and innovations, likewise.

@@ -92,6 +92,8 @@ pub struct Track<'a> {
     pub(super) scale: Vec<f64>,
     /// Rows of information at the first instant, with the right side; empty if there is none.
     pub(super) prior: Vec<f64>,
+    /// Each axis alone, where they do not know of each other; else none.
+    pub(super) axes: Vec<Self>,
 }
 
 /// A parabola of every axis.
@@ -161,6 +163,7 @@ impl<'a> Track<'a> {
             seen: vec![if prior.is_some() { Seen::ALL } else { Seen::default() }; d],
             scale: vec![0.0; d],
             prior: Vec::new(),
+            axes: Vec::new(),
         };
         let mut last: Option<(Vec<bool>, f64)> = None;
         for k in 0..n {
@@ -191,10 +194,42 @@ impl<'a> Track<'a> {
         }
         track.set_trend();
         track.set_reference();
-        if let Some(prior) = prior {
-            track.set_prior(prior)?;
+        match prior {
+            Some(prior) => track.set_prior(prior)?,
+            None => track.axes = track.split(),
         }
         Ok(track)
+    }
+
+    /// The axes, if there are several whose errors are independent.
+    fn split(&self) -> Vec<Self> {
+        let d = self.dimension;
+        let mixed = |(at, h): (usize, &f64)| *h != 0.0 && at / d % d != at % d;
+        if d < 2 || self.whitener.iter().enumerate().any(mixed) {
+            return Vec::new();
+        }
+        let column = |values: &[f64], axis: usize| -> Vec<f64> {
+            values.chunks_exact(d).map(|each| each[axis]).collect()
+        };
+        let of = |axis: usize| {
+            let y = column(&self.y, axis);
+            Self {
+                dimension: 1,
+                times: self.times,
+                measured: y.iter().filter(|y| !y.is_nan()).count(),
+                y,
+                trend: Trend::default(),
+                reference: column(&self.reference, axis),
+                whitener: self.whitener.chunks_exact(d * d).map(|h| h[axis * (d + 1)]).collect(),
+                // once for all of them
+                log_determinant: if axis == 0 { self.log_determinant } else { 0.0 },
+                seen: vec![self.seen[axis]],
+                scale: vec![self.scale[axis]],
+                prior: Vec::new(),
+                axes: Vec::new(),
+            }
+        };
+        (0..d).map(of).collect()
     }
 
     /// Takes the parabola out that is nearest to the plots. It is a motion without jerk, so what is

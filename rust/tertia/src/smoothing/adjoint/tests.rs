@@ -3,6 +3,7 @@
 use super::super::smoother::{self, Workspace};
 use super::super::track::Noise;
 use super::*;
+use crate::base::checks::assert_within;
 
 const NOISE: [f64; 4] = [4.0, 1.5, 1.5, 2.0];
 
@@ -95,5 +96,29 @@ fn long_records_that_hardly_wander_keep_their_digits() {
             Both::of(&track, ProcessNoise::with_jerk(jerk), 1e7).differences();
         assert!(states < 1e-7, "{jerk} {states}");
         assert!(variances < 1e-4, "{jerk} {variances}");
+    }
+}
+
+/// The same by rows of information.
+#[test]
+fn the_first_three_plots_as_by_rows() {
+    let matrices = [4.0, 1.2, 1.2, 1.0, 9.0, -2.0, -2.0, 5.0, 1.0, 0.0, 0.0, 2.0];
+    let y = [3.0, -1.0, 4.0, 1.0, 9.0, 2.0];
+    for times in [[0.0, 1.0, 2.0], [5.0, 5.3, 9.0]] {
+        let track = Track::try_new(2, &times, &y, Noise::Each(&matrices), None).unwrap();
+        for (jerk, acceleration) in [(0.0, 0.0), (1e-3, 0.0), (2.0, 0.0), (1e-6, 0.7)] {
+            let motion = ProcessNoise { jerk, acceleration };
+            let (x, p, logarithms) = of_three::<2, 6>(&track, motion).unwrap();
+            let mut engine = Adjoint::<2, 6>::default();
+            let (expected, _, total) = engine.open(&track, motion, None, &mut []).unwrap();
+            assert_within(1e-10, logarithms.total(), total.total());
+            for i in 0..6 {
+                assert!((x[i] - expected.x[i]).abs() < 1e-10 * expected.p[i][i].sqrt());
+                for j in 0..6 {
+                    let size = (expected.p[i][i] * expected.p[j][j]).sqrt();
+                    assert!((p[i][j] - expected.p[i][j]).abs() < 1e-10 * size);
+                }
+            }
+        }
     }
 }
