@@ -2,11 +2,11 @@
 
 use super::carried::Carried;
 use super::filter::Filter;
-use super::kept::{Kept, RUN, TILE, rooms};
-use super::series::{LARGEST, PerStep, Series, Summary, VARIANCES};
+use super::kept::{RUN, TILE, rooms};
+use super::series::{PerStep, Series, Summary};
 use super::shared::Gains;
 use super::steps::Steps;
-use super::tile::{GROUP, LANES, Tile};
+use super::tile::{Group, LANES, Tile};
 use pulp::{Arch, Simd, WithSimd};
 
 /// Filters up to [`LANES`] series of the same length with the same steps between their plots, with
@@ -74,15 +74,15 @@ impl WithSimd for Run<'_, '_, '_, '_> {
             (widths[1], widths[3]) = (0, 0);
         }
         let mut rooms = rooms(buffer, out.len(), widths);
-        let mut kept = [Kept::new(simd); GROUP];
+        let mut group = Group::new(simd);
         let mut tile = Tile::new(series, summaries[0].filter.period());
         for first in (start..n).step_by(RUN) {
             let end = n.min(first + RUN);
             for from in (first..end).step_by(TILE) {
                 tile.read(from..end.min(from + TILE), first);
                 match gains {
-                    Some(gains) => tile.share(simd, gains, &mut vectors, &mut kept, &mut rooms),
-                    None => tile.run(simd, &mut vectors, &mut kept, &mut rooms),
+                    Some(gains) => tile.share(simd, gains, &mut vectors, &mut group, &mut rooms),
+                    None => tile.run(simd, &mut vectors, &mut group, &mut rooms),
                 }
             }
             for (out, room) in out.iter_mut().zip(&rooms) {
@@ -101,32 +101,6 @@ impl WithSimd for Run<'_, '_, '_, '_> {
 }
 
 impl Series<'_> {
-    /// How many plots there are; `None` where one, or the variance of its noise, is refused.
-    #[inline(always)]
-    fn plots(&self) -> Option<usize> {
-        let (mut count, mut refused) = (0, false);
-        // to the end, because a loop that may leave earlier is not made of vectors
-        match self.variance {
-            PerStep::Constant(r) => {
-                for &z in self.z {
-                    count += usize::from(!z.is_nan());
-                    refused |= z.abs() > LARGEST;
-                }
-                refused |= !VARIANCES.contains(&r);
-            }
-            PerStep::Each(each) => {
-                let (least, most) = (*VARIANCES.start(), *VARIANCES.end());
-                for (&z, &r) in self.z.iter().zip(each) {
-                    let seen = !z.is_nan();
-                    count += usize::from(seen);
-                    let allowed = (z.abs() <= LARGEST) & (least <= r) & (r <= most);
-                    refused |= seen & !allowed;
-                }
-            }
-        }
-        (!refused).then_some(count)
-    }
-
     /// The first steps.
     fn head(&self, steps: usize) -> Self {
         let variance = match self.variance {

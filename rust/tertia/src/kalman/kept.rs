@@ -60,69 +60,59 @@ impl<S: Simd> Kept<S> {
     pub fn keep(
         &self,
         simd: S,
-        from: usize,
-        steps: usize,
+        (from, steps): (usize, usize),
         period: Option<f64>,
+        rows: &mut Rows,
         out: &mut [Steps<'_>],
     ) {
-        self.keep_means(simd, from, steps, period, out);
+        if !out[0].mean.is_empty() {
+            rows.fill(simd, self.mean.as_flattened());
+            for (l, out) in out.iter_mut().enumerate() {
+                let room = &mut out.mean[3 * from..][..3 * steps];
+                rows.write(l, room);
+                if let Some(period) = period {
+                    for mean in room.as_chunks_mut::<3>().0 {
+                        mean[0] = wrapped(mean[0], period);
+                    }
+                }
+            }
+        }
         if !out[0].innovation.is_empty() {
-            let rows = Rows::<2>::new(simd, &self.value);
+            rows.fill(simd, &self.value);
             for (l, out) in out.iter_mut().enumerate() {
                 rows.write(l, &mut out.innovation[from..][..steps]);
             }
         }
         if !out[0].covariance.is_empty() {
-            let rows = Rows::<12>::new(simd, self.covariance.as_flattened());
+            rows.fill(simd, self.covariance.as_flattened());
             for (l, out) in out.iter_mut().enumerate() {
                 rows.write(l, &mut out.covariance[6 * from..][..6 * steps]);
             }
         }
         if !out[0].variance.is_empty() {
-            let rows = Rows::<2>::new(simd, &self.variance);
+            rows.fill(simd, &self.variance);
             for (l, out) in out.iter_mut().enumerate() {
                 rows.write(l, &mut out.variance[from..][..steps]);
             }
         }
     }
-
-    #[inline(always)]
-    fn keep_means(
-        &self,
-        simd: S,
-        from: usize,
-        steps: usize,
-        period: Option<f64>,
-        out: &mut [Steps<'_>],
-    ) {
-        if out[0].mean.is_empty() {
-            return;
-        }
-        let rows = Rows::<6>::new(simd, self.mean.as_flattened());
-        for (l, out) in out.iter_mut().enumerate() {
-            let room = &mut out.mean[3 * from..][..3 * steps];
-            rows.write(l, room);
-            if let Some(period) = period {
-                for mean in room.as_chunks_mut::<3>().0 {
-                    mean[0] = wrapped(mean[0], period);
-                }
-            }
-        }
-    }
 }
 
-/// Numbers of each lane one after the other, in groups of four.
+/// Numbers of each lane one after the other, in groups of four: as many as there are in the
+/// covariances of a tile.
 #[repr(align(64))]
-struct Rows<const GROUPS: usize>([[[f64; 4]; WIDEST]; GROUPS]);
+pub(super) struct Rows([[[f64; 4]; WIDEST]; 6 * TILE / 4]);
 
-impl<const GROUPS: usize> Rows<GROUPS> {
+impl Rows {
+    pub fn new() -> Self {
+        Self([[[0.0; 4]; WIDEST]; 6 * TILE / 4])
+    }
+
     #[inline(always)]
-    fn new<S: Simd>(simd: S, vectors: &[Vector<S>]) -> Self {
-        let mut groups = [[[0.0; 4]; WIDEST]; GROUPS];
-        for (rows, group) in groups.iter_mut().zip(vectors.as_chunks::<4>().0) {
+    fn fill<S: Simd>(&mut self, simd: S, vectors: &[Vector<S>]) {
+        for (rows, group) in self.0.iter_mut().zip(vectors.as_chunks::<4>().0) {
             Vector::to_rows(simd, *group, rows, 0);
         }
-        Self(groups)
     }
 
     /// Writes lane l's numbers, as many as there is room for.
@@ -133,8 +123,8 @@ impl<const GROUPS: usize> Rows<GROUPS> {
         for (rows, room) in self.0.iter().zip(groups) {
             *room = rows[l % WIDEST];
         }
-        if let Some(rows) = self.0.get(count) {
-            rest.copy_from_slice(&rows[l % WIDEST][..rest.len()]);
+        if !rest.is_empty() {
+            rest.copy_from_slice(&self.0[count][l % WIDEST][..rest.len()]);
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Some steps of series side by side, read from their rows.
 
 use super::carried::Carried;
-use super::kept::{Kept, TILE};
+use super::kept::{self, Kept, TILE};
 use super::model::Transition;
 use super::series::{PerStep, Series};
 use super::shared::Gains;
@@ -14,7 +14,7 @@ use std::ops::Range;
 pub(super) const LANES: usize = 64;
 
 /// Vectors whose steps alternate, so that none waits for the division of its last one.
-pub(super) const GROUP: usize = 4;
+const GROUP: usize = 4;
 
 /// Steps of all series: rows of four, then of the next four.
 #[repr(align(64))]
@@ -48,12 +48,24 @@ impl Rows {
     }
 }
 
-/// The steps of a tile in the lanes of a vector.
-#[derive(Clone, Copy)]
+/// A group's vectors: plots of a tile and their variances, those of innovations, and states to keep.
 #[repr(align(64))]
-struct Plots<S: Simd> {
-    z: [Vector<S>; TILE],
-    r: [Vector<S>; TILE],
+pub(super) struct Group<S: Simd> {
+    z: [[Vector<S>; TILE]; GROUP],
+    r: [[Vector<S>; TILE]; GROUP],
+    variances: [[Vector<S>; TILE]; GROUP],
+    kept: [Kept<S>; GROUP],
+    rows: kept::Rows,
+}
+
+impl<S: Simd> Group<S> {
+    /// Memory that each group uses again.
+    #[inline(always)]
+    pub fn new(simd: S) -> Self {
+        let one = [[Vector::splat(simd, 1.0); TILE]; GROUP];
+        let kept = [Kept::new(simd); GROUP];
+        Self { z: one, r: one, variances: one, kept, rows: kept::Rows::new() }
+    }
 }
 
 /// Some steps of all series.
@@ -109,27 +121,27 @@ impl<'a> Tile<'a> {
         &self,
         simd: S,
         vectors: &mut [Carried<S>],
-        kept: &mut [Kept<S>; GROUP],
+        group: &mut Group<S>,
         out: &mut [Steps<'_>],
     ) {
         let (one, nan) = (Vector::splat(simd, 1.0), Vector::splat(simd, f64::NAN));
-        let mut variances = [[one; TILE]; GROUP];
-        for (group, vectors) in vectors.chunks_mut(GROUP).enumerate() {
-            let mut plots = [Plots { z: [nan; TILE], r: [one; TILE] }; GROUP];
-            for (at, Plots { z, r }) in plots[..vectors.len()].iter_mut().enumerate() {
-                *z = self.z.lanes(simd, group * GROUP + at);
-                *r = self.r.lanes(simd, group * GROUP + at);
+        if self.steps.len() < TILE {
+            group.variances = [[one; TILE]; GROUP];
+        }
+        for (first, vectors) in (0..).step_by(GROUP).zip(vectors.chunks_mut(GROUP)) {
+            for at in 0..vectors.len() {
+                group.z[at] = self.z.lanes(simd, first + at);
+                group.r[at] = self.r.lanes(simd, first + at);
             }
             for i in 0..self.steps.len() {
                 let Transition { f, q } = self.transition(i);
                 let transition = (Vector::splat_all(simd, f), Vector::splat_all(simd, q));
                 for (at, c) in vectors.iter_mut().enumerate() {
-                    let plots = &plots[at];
-                    let (z, r) = (plots.z[i + self.skipped], plots.r[i + self.skipped]);
+                    let (z, r) = (group.z[at][i + self.skipped], group.r[at][i + self.skipped]);
                     let (value, variance) = c.step(simd, &transition, z, r, self.period);
-                    variances[at][i] = variance;
+                    group.variances[at][i] = variance;
                     if !out.is_empty() {
-                        let kept = &mut kept[at];
+                        let kept = &mut group.kept[at];
                         kept.mean[i] = c.mean;
                         kept.covariance[i] = c.covariance;
                         kept.value[i] = value;
@@ -138,27 +150,26 @@ impl<'a> Tile<'a> {
                 }
             }
             for (at, c) in vectors.iter_mut().enumerate() {
-                c.multiply(simd, &variances[at]);
+                c.multiply(simd, &group.variances[at]);
             }
-            if !out.is_empty() {
-                self.keep(simd, &kept[..vectors.len()], group, out);
-            }
+            self.keep(simd, first, vectors.len(), group, out);
         }
     }
 
-    /// Writes the states of a group's vectors.
+    /// Writes the states of so many vectors where there is room.
     #[inline(always)]
-    fn keep<S: Simd>(&self, simd: S, kept: &[Kept<S>], group: usize, out: &mut [Steps<'_>]) {
-        for (at, kept) in kept.iter().enumerate() {
-            let at = group * GROUP + at;
-            let lanes = at * S::F64_LANES..out.len().min((at + 1) * S::F64_LANES);
-            kept.keep(
-                simd,
-                self.steps.start - self.first,
-                self.steps.len(),
-                self.period,
-                &mut out[lanes],
-            );
+    fn keep<S: Simd>(
+        &self,
+        simd: S,
+        first: usize,
+        count: usize,
+        group: &mut Group<S>,
+        out: &mut [Steps<'_>],
+    ) {
+        let steps = (self.steps.start - self.first, self.steps.len());
+        let out = out.chunks_mut(S::F64_LANES).skip(first);
+        for (kept, out) in group.kept[..count].iter().zip(out) {
+            kept.keep(simd, steps, self.period, &mut group.rows, out);
         }
     }
 
@@ -177,14 +188,12 @@ impl<'a> Tile<'a> {
         simd: S,
         gains: &Gains,
         vectors: &mut [Carried<S>],
-        kept: &mut [Kept<S>; GROUP],
+        group: &mut Group<S>,
         out: &mut [Steps<'_>],
     ) {
-        let nan = Vector::splat(simd, f64::NAN);
-        for (group, vectors) in vectors.chunks_mut(GROUP).enumerate() {
-            let mut plots = [[nan; TILE]; GROUP];
-            for (at, z) in plots[..vectors.len()].iter_mut().enumerate() {
-                *z = self.z.lanes(simd, group * GROUP + at);
+        for (first, vectors) in (0..).step_by(GROUP).zip(vectors.chunks_mut(GROUP)) {
+            for at in 0..vectors.len() {
+                group.z[at] = self.z.lanes(simd, first + at);
             }
             for i in 0..self.steps.len() {
                 let f = Vector::splat_all(simd, &self.transition(i).f);
@@ -192,16 +201,15 @@ impl<'a> Tile<'a> {
                 let gain = [k0, k1, k2, 1.0 / gains.variance[self.steps.start + i]];
                 let gain = Vector::splat_all(simd, &gain);
                 for (at, c) in vectors.iter_mut().enumerate() {
-                    let value = c.share(simd, &f, &gain, plots[at][i + self.skipped], self.period);
+                    let z = group.z[at][i + self.skipped];
+                    let value = c.share(simd, &f, &gain, z, self.period);
                     if !out.is_empty() {
-                        kept[at].mean[i] = c.mean;
-                        kept[at].value[i] = value;
+                        group.kept[at].mean[i] = c.mean;
+                        group.kept[at].value[i] = value;
                     }
                 }
             }
-            if !out.is_empty() {
-                self.keep(simd, &kept[..vectors.len()], group, out);
-            }
+            self.keep(simd, first, vectors.len(), group, out);
         }
     }
 }
