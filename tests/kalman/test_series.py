@@ -228,6 +228,18 @@ class TestArrays:
             np.testing.assert_array_equal(last.upper, together.upper[:, -1])
             np.testing.assert_array_equal(last.log_likelihood, together.log_likelihood)
 
+    @pytest.mark.parametrize("first", [0, 1])
+    def test_a_plot_that_is_missing_before_the_state_is_known(self, first):
+        z = plots(6, 20, seed=6)
+        z[3, first] = NAN
+        together = filter_series(z, R, PRINTED)
+        for row, plots_of_row in enumerate(z):
+            alone = filter_series(plots_of_row, R, PRINTED)
+            found = together.mean[row, 3:], together.covariance[row, 3:]
+            assert_states(found, (alone.mean[3:], alone.covariance[3:]), EXACT_STATE)
+            likelihood = pytest.approx(alone.log_likelihood, rel=1e-12)
+            assert together.log_likelihood[row] == likelihood
+
     @pytest.mark.parametrize("store", ["all", "mean"])
     @pytest.mark.parametrize("shape", [(40,), (3, 40), (2, 20, 40)])
     def test_arrays_of_an_earlier_result(self, shape, store):

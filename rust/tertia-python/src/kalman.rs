@@ -136,13 +136,15 @@ pub fn filter_series<'py>(
     let cost = FILTER_NS * inputs.z.size();
     release(py, cost, || series.filter(&mut rows, cost, n_threads))?
         .map_err(|failure| inputs.z.error(failure))?;
-    let ends: Vec<End> = rows.into_iter().map(|row| row.end).collect();
-    let last = |tail: usize, of: fn(&End) -> &[f64]| {
-        array(py, &shape(&[tail]), ends.iter().flat_map(of).copied())
-    };
-    let likelihood = array(py, inputs.z.batch(), ends.iter().map(|end| end.log_likelihood))?;
-    let count = array(py, inputs.z.batch(), ends.iter().map(|end| end.count as i64))?;
-    Ok(([last(3, |end| &end.mean)?, last(6, |end| &end.covariance)?, likelihood], count))
+    let ends = || rows.iter().map(|row| &row.end);
+    let mean: Vec<_> = ends().map(|end| end.mean).collect();
+    let covariance: Vec<_> = ends().map(|end| end.covariance).collect();
+    let last = [
+        array(py, &shape(&[3]), mean.into_flattened())?,
+        array(py, &shape(&[6]), covariance.into_flattened())?,
+        array(py, inputs.z.batch(), ends().map(|end| end.log_likelihood))?,
+    ];
+    Ok((last, array(py, inputs.z.batch(), ends().map(|end| end.count as i64))?))
 }
 
 /// Smoothed states: means and upper triangles of covariances of all steps.

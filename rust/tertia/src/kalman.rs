@@ -5,12 +5,13 @@
 //! the caller's: an angle, its rate per unit of time, and so on.
 //!
 //! Order: `model <- state <- adjoint, factored <- backward <- filter <- steps, series <- shared <-
-//! kept <- block <- batch, smoother <- fit`; `steady` and `consistency` stand alone.
+//! kept <- carried <- tile <- block <- batch, smoother <- fit`; `steady` and `consistency` stand alone.
 
 mod adjoint;
 mod backward;
 mod batch;
 mod block;
+mod carried;
 mod consistency;
 mod factored;
 mod filter;
@@ -23,6 +24,7 @@ mod smoother;
 mod state;
 mod steady;
 mod steps;
+mod tile;
 
 pub use crate::base::angle::require_period;
 pub use batch::{Batch, End, Row, Table};

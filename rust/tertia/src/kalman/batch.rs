@@ -1,7 +1,7 @@
 //! Many series at once: side by side in lanes, on threads, with what they have in common computed
 //! once.
 
-use super::block::{LANES, run_block};
+use super::block::run_block;
 use super::filter::Filter;
 use super::model::{Singer, Transition};
 use super::series::{PerStep, Series, Summary};
@@ -9,6 +9,7 @@ use super::shared::Gains;
 use super::smoother::{Workspace, smooth};
 use super::state::{Innovation, State, wrapped};
 use super::steps::Steps;
+use super::tile::LANES;
 use crate::base::angle::require_period;
 use crate::base::batch::{RowError, for_each_row};
 use crate::base::error::Result;

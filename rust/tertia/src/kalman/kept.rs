@@ -6,7 +6,7 @@ use crate::base::vector::{Vector, WIDEST};
 use pulp::Simd;
 
 /// Steps whose plots are read and whose states are written at once.
-pub(super) const TILE: usize = 4;
+pub(super) const TILE: usize = 8;
 
 /// Steps that are gathered in the cache before each series' room gets its own: memory is slow where
 /// few numbers go to each of many places in turn. With 11 numbers a step, an odd number of cache
@@ -34,6 +34,8 @@ pub(super) fn rooms(buffer: &mut Vec<f64>, count: usize, widths: [usize; 4]) -> 
 }
 
 /// The states of a vector's lanes after each step of a tile, and their innovations.
+#[derive(Clone, Copy)]
+#[repr(align(64))]
 pub(super) struct Kept<S: Simd> {
     pub mean: [[Vector<S>; 3]; TILE],
     pub covariance: [[Vector<S>; 6]; TILE],
@@ -53,83 +55,76 @@ impl<S: Simd> Kept<S> {
         }
     }
 
-    /// Writes N steps from `from` on, as far as there is room, with angles in [0, period).
+    /// Writes `steps` steps from `from` on, as far as there is room, with angles in [0, period).
     #[inline(always)]
-    pub fn keep<const N: usize>(
+    pub fn keep(
         &self,
         simd: S,
-        from: usize,
+        (from, steps): (usize, usize),
         period: Option<f64>,
+        rows: &mut Rows,
         out: &mut [Steps<'_>],
     ) {
-        self.keep_means::<N>(simd, from, period, out);
-        if !out[0].innovation.is_empty() {
-            let rows = Rows::<1>::new(simd, &self.value);
+        if !out[0].mean.is_empty() {
+            rows.fill(simd, self.mean.as_flattened());
             for (l, out) in out.iter_mut().enumerate() {
-                rows.write(l, &mut out.innovation[from..][..N]);
+                let room = &mut out.mean[3 * from..][..3 * steps];
+                rows.write(l, room);
+                if let Some(period) = period {
+                    for mean in room.as_chunks_mut::<3>().0 {
+                        mean[0] = wrapped(mean[0], period);
+                    }
+                }
+            }
+        }
+        if !out[0].innovation.is_empty() {
+            rows.fill(simd, &self.value);
+            for (l, out) in out.iter_mut().enumerate() {
+                rows.write(l, &mut out.innovation[from..][..steps]);
             }
         }
         if !out[0].covariance.is_empty() {
-            let rows = Rows::<6>::new(simd, self.covariance.as_flattened());
+            rows.fill(simd, self.covariance.as_flattened());
             for (l, out) in out.iter_mut().enumerate() {
-                rows.write(l, &mut out.covariance[6 * from..][..6 * N]);
+                rows.write(l, &mut out.covariance[6 * from..][..6 * steps]);
             }
         }
         if !out[0].variance.is_empty() {
-            let rows = Rows::<1>::new(simd, &self.variance);
+            rows.fill(simd, &self.variance);
             for (l, out) in out.iter_mut().enumerate() {
-                rows.write(l, &mut out.variance[from..][..N]);
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn keep_means<const N: usize>(
-        &self,
-        simd: S,
-        from: usize,
-        period: Option<f64>,
-        out: &mut [Steps<'_>],
-    ) {
-        if out[0].mean.is_empty() {
-            return;
-        }
-        let rows = Rows::<3>::new(simd, self.mean.as_flattened());
-        for (l, out) in out.iter_mut().enumerate() {
-            let room = &mut out.mean[3 * from..][..3 * N];
-            rows.write(l, room);
-            if let Some(period) = period {
-                for mean in room.as_chunks_mut::<3>().0 {
-                    mean[0] = wrapped(mean[0], period);
-                }
+                rows.write(l, &mut out.variance[from..][..steps]);
             }
         }
     }
 }
 
-/// Numbers of each lane one after the other, in groups of four.
-struct Rows<const GROUPS: usize>([[[f64; TILE]; WIDEST]; GROUPS]);
+/// Numbers of each lane one after the other, in groups of four: as many as there are in the
+/// covariances of a tile.
+#[repr(align(64))]
+pub(super) struct Rows([[[f64; 4]; WIDEST]; 6 * TILE / 4]);
 
-impl<const GROUPS: usize> Rows<GROUPS> {
+impl Rows {
+    pub fn new() -> Self {
+        Self([[[0.0; 4]; WIDEST]; 6 * TILE / 4])
+    }
+
     #[inline(always)]
-    fn new<S: Simd>(simd: S, vectors: &[Vector<S>]) -> Self {
-        let mut groups = [[[0.0; TILE]; WIDEST]; GROUPS];
-        for (rows, group) in groups.iter_mut().zip(vectors.as_chunks::<TILE>().0) {
+    fn fill<S: Simd>(&mut self, simd: S, vectors: &[Vector<S>]) {
+        for (rows, group) in self.0.iter_mut().zip(vectors.as_chunks::<4>().0) {
             Vector::to_rows(simd, *group, rows, 0);
         }
-        Self(groups)
     }
 
     /// Writes lane l's numbers, as many as there is room for.
     #[inline(always)]
     fn write(&self, l: usize, room: &mut [f64]) {
-        let (groups, rest) = room.as_chunks_mut::<TILE>();
+        let (groups, rest) = room.as_chunks_mut::<4>();
         let count = groups.len();
         for (rows, room) in self.0.iter().zip(groups) {
             *room = rows[l % WIDEST];
         }
-        if let Some(rows) = self.0.get(count) {
-            rest.copy_from_slice(&rows[l % WIDEST][..rest.len()]);
+        if !rest.is_empty() {
+            rest.copy_from_slice(&self.0[count][l % WIDEST][..rest.len()]);
         }
     }
 }

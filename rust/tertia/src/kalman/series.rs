@@ -97,22 +97,56 @@ impl<'a> Series<'a> {
         variance: PerStep<'a, f64>,
         transition: PerStep<'a, Transition>,
     ) -> Result<Self> {
-        require_plots(z)?;
-        match variance {
-            PerStep::Constant(r) if VARIANCES.contains(&r) => {}
-            PerStep::Constant(_) if z.iter().all(|z| z.is_nan()) => {}
-            PerStep::Constant(r) => require_plot(0.0, r)?,
+        let series = Self { z, variance, transition };
+        if series.plots().is_none() {
+            series.refuse()?;
+        }
+        Ok(series)
+    }
+
+    /// Finds what is refused.
+    fn refuse(&self) -> Result<()> {
+        require_plots(self.z)?;
+        match self.variance {
+            PerStep::Constant(_) if self.z.iter().all(|z| z.is_nan()) => Ok(()),
+            PerStep::Constant(r) => require_plot(0.0, r),
             PerStep::Each(each) => {
                 let requirement =
                     "it must be a positive number from 1e-100 to 1e100 where there is a plot";
                 let holds = |(z, r): (&f64, &f64)| z.is_nan() || VARIANCES.contains(r);
-                if let Some(index) = z.iter().zip(each).position(|pair| !holds(pair)) {
+                let refused = self.z.iter().zip(each).position(|pair| !holds(pair));
+                refused.map_or(Ok(()), |index| {
                     let (argument, value) = ("measurement_variance", each[index]);
-                    return Err(Error::InvalidMeasurement { argument, index, value, requirement });
+                    Err(Error::InvalidMeasurement { argument, index, value, requirement })
+                })
+            }
+        }
+    }
+
+    /// How many plots there are; `None` where one, or the variance of its noise, is refused.
+    #[inline(always)]
+    pub(super) fn plots(&self) -> Option<usize> {
+        let (mut count, mut refused) = (0, false);
+        // to the end, because a loop that may leave earlier is not made of vectors
+        match self.variance {
+            PerStep::Constant(r) => {
+                for &z in self.z {
+                    count += usize::from(!z.is_nan());
+                    refused |= z.abs() > LARGEST;
+                }
+                refused |= !VARIANCES.contains(&r);
+            }
+            PerStep::Each(each) => {
+                let (least, most) = (*VARIANCES.start(), *VARIANCES.end());
+                for (&z, &r) in self.z.iter().zip(each) {
+                    let seen = !z.is_nan();
+                    count += usize::from(seen);
+                    let allowed = (z.abs() <= LARGEST) & (least <= r) & (r <= most);
+                    refused |= seen & !allowed;
                 }
             }
         }
-        Ok(Self { z, variance, transition })
+        (!refused).then_some(count)
     }
 }
 

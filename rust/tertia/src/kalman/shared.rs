@@ -43,11 +43,11 @@ impl Gains {
 
     /// Keeps what all series have in common from step `start` on, as far as there is room.
     pub fn put(&self, start: usize, out: &mut Steps<'_>) {
-        if let Some(room) = out.variance.get_mut(start..) {
-            room.copy_from_slice(&self.variance[start..]);
+        if !out.variance.is_empty() {
+            out.variance[start..].copy_from_slice(&self.variance[start..]);
         }
-        if let Some(room) = out.covariance.get_mut(6 * start..) {
-            room.copy_from_slice(self.covariance[start..].as_flattened());
+        if !out.covariance.is_empty() {
+            out.covariance[6 * start..].copy_from_slice(self.covariance[start..].as_flattened());
         }
     }
 }

@@ -1,6 +1,7 @@
 //! The same bits with the instructions of every processor, and as of one series after the other.
 
 use super::super::model::Singer;
+use super::super::state::State;
 use super::*;
 use crate::base::checks::Level;
 use crate::base::random::noise;

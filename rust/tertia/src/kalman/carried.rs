@@ -1,0 +1,215 @@
+//! Series in the lanes of a vector: what they carry from step to step.
+
+use super::kept::TILE;
+use super::series::{PRODUCTS, Series, Summary, log_likelihood};
+use super::shared::Gains;
+use super::state::{FACTORS_ABOVE, State, residual};
+use crate::base::vector::{Vector, WIDEST};
+use pulp::Simd;
+
+/// F and Q of a step in all lanes.
+pub(super) type Splat<S> = ([Vector<S>; 4], [Vector<S>; 6]);
+
+/// What the lanes of a vector carry from tile to tile.
+#[derive(Clone, Copy)]
+#[repr(align(64))]
+pub(super) struct Carried<S: Simd> {
+    pub mean: [Vector<S>; 3],
+    pub covariance: [Vector<S>; 6],
+    /// Sum of the squares of normalised innovations.
+    squares: Vector<S>,
+    /// Product of the variances of innovations.
+    product: Vector<S>,
+    count: Vector<S>,
+    /// Least R/S: small where a prior was too wide for its noise.
+    narrowest: Vector<S>,
+}
+
+impl<S: Simd> Carried<S> {
+    /// Of up to as many series as there are lanes; without a state where there are none. `None`
+    /// where a covariance is kept as factors, unless only the mean is used.
+    #[inline(always)]
+    pub fn new(simd: S, summaries: &[Summary], mean_only: bool) -> Option<Self> {
+        let mut rows = [[[0.0; 4]; WIDEST]; 3];
+        for (l, summary) in summaries.iter().enumerate() {
+            let state = if mean_only { summary.filter.state() } else { summary.filter.plain()? };
+            let ([x0, x1, x2], [p00, p01, p02, p11, p12, p22]) = (state.mean, state.covariance);
+            rows[0][l] = [x0, x1, x2, p00];
+            rows[1][l] = [p01, p02, p11, p12];
+            rows[2][l] = [p22, 0.0, 0.0, 0.0];
+        }
+        let [x0, x1, x2, p00] = Vector::from_rows(simd, &rows[0], 0);
+        let [p01, p02, p11, p12] = Vector::from_rows(simd, &rows[1], 0);
+        let [p22, zero, ..] = Vector::from_rows(simd, &rows[2], 0);
+        let one = Vector::splat(simd, 1.0);
+        Some(Self {
+            mean: [x0, x1, x2],
+            covariance: [p00, p01, p02, p11, p12, p22],
+            squares: zero,
+            product: one,
+            count: zero,
+            narrowest: one,
+        })
+    }
+
+    /// Adds what was found to the summaries of the first steps; `None` where something is refused.
+    #[inline(always)]
+    pub fn finish(
+        &self,
+        simd: S,
+        summaries: &mut [Summary],
+        series: &[Series<'_>],
+        gains: Option<(&Gains, usize)>,
+    ) -> Option<()> {
+        let mut rows = [[[0.0; 4]; WIDEST]; 4];
+        let [x0, x1, x2] = self.mean;
+        let [p00, p01, p02, p11, p12, p22] = self.covariance;
+        let columns = [
+            [x0, x1, x2, p00],
+            [p01, p02, p11, p12],
+            [p22, self.squares, self.product, self.count],
+            [self.narrowest; 4],
+        ];
+        for (columns, rows) in columns.into_iter().zip(&mut rows) {
+            Vector::to_rows(simd, columns, rows, 0);
+        }
+        for (l, (summary, series)) in summaries.iter_mut().zip(series).enumerate() {
+            let ([x0, x1, x2, p00], [p01, p02, p11, p12]) = (rows[0][l], rows[1][l]);
+            let ([p22, squares, product, count], [narrowest, ..]) = (rows[2][l], rows[3][l]);
+            if narrowest * (1.0 + FACTORS_ABOVE) < 1.0 || !squares.is_finite() {
+                return None;
+            }
+            let mean = [x0, x1, x2];
+            let (covariance, logarithms, count) = match gains {
+                None => ([p00, p01, p02, p11, p12, p22], product.ln(), count as usize),
+                Some((gains, start)) => {
+                    let n = gains.covariance.len();
+                    (gains.covariance[n - 1], gains.logarithms[start], n - start)
+                }
+            };
+            let noise = series.last_variance().unwrap_or(summary.filter.noise());
+            summary.filter.set(State { mean, covariance }, noise);
+            summary.log_likelihood += log_likelihood(squares, logarithms, count);
+            summary.count += count;
+        }
+        Some(())
+    }
+
+    /// [`State::predicted`] and [`State::updated`] in all lanes, in the same order; without a plot,
+    /// gain and innovation are zero. Returns the innovation, nan without a plot, and its variance,
+    /// then 1.
+    #[inline(always)]
+    pub fn step(
+        &mut self,
+        simd: S,
+        transition: &Splat<S>,
+        z: Vector<S>,
+        r: Vector<S>,
+        period: Option<f64>,
+    ) -> (Vector<S>, Vector<S>) {
+        let (zero, one) = (Vector::splat(simd, 0.0), Vector::splat(simd, 1.0));
+        let (y, p) = predicted(transition, &self.mean, &self.covariance);
+        let [p00, p01, p02, p11, p12, p22] = p;
+        let seen = z.is_number();
+        let raw = innovation(simd, z, y[0], period);
+        let value = raw.or(seen, zero);
+        let variance = p00 + r;
+        let s = variance.reciprocal().or(seen, zero);
+        let rest = (r * s).or(seen, one);
+        let (k0, k1, k2) = (p00 * s, p01 * s, p02 * s);
+        self.mean = [y[0] + k0 * value, y[1] + k1 * value, y[2] + k2 * value];
+        self.covariance =
+            [p00 * rest, p01 * rest, p02 * rest, p11 - p01 * k1, p12 - p01 * k2, p22 - p02 * k2];
+        self.squares += value * value * s;
+        self.count += one.or(seen, zero);
+        self.narrowest = self.narrowest.min(rest);
+        (raw, variance.or(seen, one))
+    }
+
+    /// A step of the mean with a gain and 1/S that are known; returns the innovation.
+    #[inline(always)]
+    pub fn share(
+        &mut self,
+        simd: S,
+        f: &[Vector<S>; 4],
+        gain: &[Vector<S>; 4],
+        z: Vector<S>,
+        period: Option<f64>,
+    ) -> Vector<S> {
+        let ([f01, f02, f12, f22], [k0, k1, k2, s]) = (*f, *gain);
+        let [x0, x1, x2] = self.mean;
+        let (y0, y1, y2) = (x0 + f01 * x1 + f02 * x2, x1 + f12 * x2, f22 * x2);
+        let value = innovation(simd, z, y0, period);
+        self.mean = [y0 + k0 * value, y1 + k1 * value, y2 + k2 * value];
+        self.squares += value * value * s;
+        value
+    }
+
+    /// Multiplies the variances of a tile's innovations; where the product leaves its range, their
+    /// logarithms are taken.
+    #[inline(always)]
+    pub fn multiply(&mut self, simd: S, variances: &[Vector<S>; TILE]) {
+        let [a, b, c, d, e, f, g, h] = *variances;
+        let tile = (a * b * (c * d)) * (e * f * (g * h));
+        let total = self.product * tile;
+        if total.is_within(PRODUCTS.start, PRODUCTS.end) {
+            self.product = total;
+            return;
+        }
+        let fits = tile.is_within(PRODUCTS.start, PRODUCTS.end);
+        let (single, one) = ([a, b, c, d, e, f, g, h], Vector::splat(simd, 1.0));
+        let mut sums = [0.0; WIDEST];
+        for factor in single[..if fits { 0 } else { TILE }].iter().chain([&self.product]) {
+            let mut lanes = [1.0; WIDEST];
+            factor.store(&mut lanes, 0);
+            for (sum, variance) in sums.iter_mut().zip(lanes) {
+                *sum += variance.ln();
+            }
+        }
+        self.squares += Vector::load(simd, &sums, 0);
+        self.product = if fits { tile } else { one };
+    }
+}
+
+/// The innovation: nan without a plot.
+#[inline(always)]
+fn innovation<S: Simd>(simd: S, z: Vector<S>, x: Vector<S>, period: Option<f64>) -> Vector<S> {
+    let difference = z - x;
+    if let Some(period) = period
+        && difference.exceeds(0.5 * period)
+    {
+        let mut lanes = [0.0; WIDEST];
+        difference.store(&mut lanes, 0);
+        for value in &mut lanes {
+            *value = residual(*value, 0.0, Some(period));
+        }
+        return Vector::load(simd, &lanes, 0);
+    }
+    difference
+}
+
+/// `F x` and `F P F^T + Q` in all lanes.
+#[inline(always)]
+fn predicted<S: Simd>(
+    ([f01, f02, f12, f22], q): &Splat<S>,
+    [x0, x1, x2]: &[Vector<S>; 3],
+    p: &[Vector<S>; 6],
+) -> ([Vector<S>; 3], [Vector<S>; 6]) {
+    let (f01, f02, f12, f22) = (*f01, *f02, *f12, *f22);
+    let [p00, p01, p02, p11, p12, p22] = *p;
+    let a00 = p00 + f01 * p01 + f02 * p02;
+    let a01 = p01 + f01 * p11 + f02 * p12;
+    let a02 = p02 + f01 * p12 + f02 * p22;
+    let a11 = p11 + f12 * p12;
+    let a12 = p12 + f12 * p22;
+    let mean = [*x0 + f01 * *x1 + f02 * *x2, *x1 + f12 * *x2, f22 * *x2];
+    let covariance = [
+        a00 + f01 * a01 + f02 * a02 + q[0],
+        a01 + f12 * a02 + q[1],
+        f22 * a02 + q[2],
+        a11 + f12 * a12 + q[3],
+        f22 * a12 + q[4],
+        f22 * f22 * p22 + q[5],
+    ];
+    (mean, covariance)
+}
