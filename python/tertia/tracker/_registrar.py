@@ -113,16 +113,26 @@ class Registrar:
         return self._core.changes()
 
     def learn(
-        self, plots: Plots, first: int, tracks: TrackTable, noise: FloatArray, time: float
+        self,
+        plots: Plots,
+        first: int,
+        tracks: TrackTable,
+        noise: FloatArray,
+        time: float,
+        alive: IntArray,
     ) -> tuple[IntArray, FloatArray, FloatArray]:
         """Learn from the rows that these plots made, of which the first has this number.
 
-        `noise`, (K, 2), is that with which they were made. Adds what is not known of the errors to
-        the covariances of the rows, and moves them by what was learnt. Returns tracks, and by how
-        much they move at which times.
+        `noise`, (K, 2), is that with which they were made, and `alive` are the numbers of all
+        tracks, in order. Adds what is not known of the errors to the covariances of the rows, and
+        moves them by what was learnt. Returns tracks, and by how much they move at which times.
         """
-        flat = in_plane(_with_heights(plots, first, tracks), self.sensors)
-        return self._core.learn(flat, first, tracks._columns, tracks.track_of_plot, noise, time)
+        if not np.isfinite(plots.height).all():
+            # at the height of their track
+            plots = plots._replaced(height=tracks._columns.heights(plots.height, first))
+        columns, track = tracks._columns, tracks.track_of_plot
+        flat = in_plane(plots, self.sensors)
+        return self._core.learn(flat, first, columns, track, noise, time, alive)
 
     @property
     def _first(self) -> float:
@@ -233,18 +243,6 @@ def scans(time: FloatArray, period: float) -> list[IntArray]:
         return [np.arange(len(time))]
     edges = np.searchsorted(known, np.arange(known[0] + period, known[-1], period))
     return [part for part in np.split(order, edges) if len(part)]
-
-
-def _with_heights(plots: Plots, first: int, tracks: TrackTable) -> Plots:
-    """Return plots of which those without a height are at the height of their track."""
-    unknown = ~np.isfinite(plots.height)
-    if not unknown.any():
-        return plots
-    height, place = plots.height.copy(), tracks.plot - first
-    rows = np.flatnonzero(place >= 0)
-    rows = rows[unknown[place[rows]]]
-    height[place[rows]] = tracks.height[rows]
-    return plots._replaced(height=height)
 
 
 def _thinned(plots: Plots, sensors: int) -> Plots:
