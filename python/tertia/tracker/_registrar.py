@@ -113,16 +113,27 @@ class Registrar:
         return self._core.changes()
 
     def learn(
-        self, plots: Plots, first: int, tracks: TrackTable, noise: FloatArray, time: float
+        self,
+        plots: Plots,
+        first: int,
+        tracks: TrackTable,
+        noise: FloatArray,
+        time: float,
+        alive: IntArray,
     ) -> tuple[IntArray, FloatArray, FloatArray]:
         """Update the errors by the rows that these plots made; the first plot has the given number.
 
-        `noise`, (K, 2), is the noise with which the rows were made. The uncertainty of the errors
-        is added to the covariances of the rows, and the rows are moved by the change of the errors.
-        Returns tracks, and by how much they move at which times.
+        `noise`, (K, 2), is the noise with which the rows were made, and `alive` are the numbers of
+        all tracks, in order. The uncertainty of the errors is added to the covariances of the rows,
+        and the rows are moved by the change of the errors. Returns tracks, and by how much they
+        move at which times.
         """
-        flat = in_plane(_with_heights(plots, first, tracks), self.sensors)
-        return self._core.learn(flat, first, tracks._columns, tracks.track_of_plot, noise, time)
+        if not np.isfinite(plots.height).all():
+            # at the height of their track
+            plots = plots._replaced(height=tracks._columns.heights(plots.height, first))
+        columns, track = tracks._columns, tracks.track_of_plot
+        flat = in_plane(plots, self.sensors)
+        return self._core.learn(flat, first, columns, track, noise, time, alive)
 
     @property
     def _first(self) -> float:
@@ -235,18 +246,6 @@ def scans(time: FloatArray, period: float) -> list[IntArray]:
         return [np.arange(len(time))]
     edges = np.searchsorted(known, np.arange(known[0] + period, known[-1], period))
     return [part for part in np.split(order, edges) if len(part)]
-
-
-def _with_heights(plots: Plots, first: int, tracks: TrackTable) -> Plots:
-    """Return plots in which missing heights are replaced by the heights of their tracks."""
-    unknown = ~np.isfinite(plots.height)
-    if not unknown.any():
-        return plots
-    height, place = plots.height.copy(), tracks.plot - first
-    rows = np.flatnonzero(place >= 0)
-    rows = rows[unknown[place[rows]]]
-    height[place[rows]] = tracks.height[rows]
-    return plots._replaced(height=height)
 
 
 def _thinned(plots: Plots, sensors: int) -> Plots:

@@ -332,8 +332,8 @@ class Tracker:
         self._core.set_noise(registrar.noise)
         self._core.hold(registrar.held)
         table = self._scan(registrar.correct(plots), end, rows)
-        noise, time = self._core.noise(), self._core.time
-        self._core.shift(*registrar.learn(plots, first, table, noise, time))
+        noise, time, alive = self._core.noise(), self._core.time, self._core.numbers()
+        self._core.shift(*registrar.learn(plots, first, table, noise, time, alive))
         return table
 
     def extrapolate(self, seconds: float) -> tuple[IntArray, FloatArray]:

@@ -73,6 +73,12 @@ impl PlotTracker {
         self.0.tracker_mut().hold(radars);
     }
 
+    /// Numbers of all tracks, in order, (T,).
+    fn numbers<'py>(&self, py: Python<'py>) -> PyResult<Integers<'py>> {
+        let numbers = self.0.tracker().numbers();
+        array(py, &[numbers.len()], numbers.into_iter().map(|number| number as i64))
+    }
+
     /// Moves tracks, in order of their numbers, by positions and velocities (M, 4) at these times.
     fn shift(
         &mut self,

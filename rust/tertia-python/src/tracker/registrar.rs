@@ -8,8 +8,10 @@ use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use tertia::registration::{self as core, ERRORS, Learnt, Place, Report, TargetPlot, Update};
-use tertia::tracker::{Plane, Plot, Plots};
+use tertia::registration::{
+    self as core, Changed, ERRORS, Place, Report, TargetPlot, Update, Updates,
+};
+use tertia::tracker::{Data, Plane, Plot, Plots};
 
 /// The errors of radars, scan by scan.
 #[pyclass(module = "tertia._core")]
@@ -48,7 +50,8 @@ impl Registrar {
 
     /// Learns from a table of tracks and the plots that it is of, of which the first has this number,
     /// until a time; adds what is not known of the errors to the covariances, and moves the rows by what
-    /// was learnt. Returns the same of the tracks: numbers, times, positions and velocities.
+    /// was learnt. `alive` are the numbers of all tracks, in order. Returns the same of the tracks: numbers,
+    /// times, positions and velocities.
     #[allow(clippy::too_many_arguments)] // those of the Python method
     fn learn<'py>(
         &mut self,
@@ -59,6 +62,7 @@ impl Registrar {
         track_of_plot: PyReadonlyArray1<'py, i64>,
         noise: Input<'py>,
         time: f64,
+        alive: PyReadonlyArray1<'py, i64>,
     ) -> PyResult<(Integers<'py>, Array<'py>, Array<'py>)> {
         let noise: Vec<[[f64; 2]; 2]> = noise
             .points::<4>("noise", 2)?
@@ -67,38 +71,15 @@ impl Registrar {
             .collect();
         same_length(self.0.errors().len(), &[noise.len()])?;
         let plots = plots.read(&plots.time, self.0.errors().len())?;
-        let updates = updates(py, table, &plots, first)?;
-        // plots that no confirmed track has
-        let mut loose: Vec<bool> =
-            track_of_plot.as_slice()?.iter().map(|&track| track >= 0).collect();
-        same_length(plots.len(), &[loose.len()])?;
-        let plot = table.integers(py, "plot")?;
-        for (plot, update) in plot.iter().zip(&updates).filter(|(_, update)| update.confirmed) {
-            let own = usize::try_from(plot - first).ok().and_then(|own| loose.get_mut(own));
-            if let (Some(own), true) = (own, update.plot.report.is_seen()) {
-                *own = false;
-            }
-        }
-        let loose = loose.iter().enumerate().filter(|(_, loose)| **loose);
-        let loose: Vec<Report> = loose.map(|(i, _)| report(&plots.get(i))).collect();
-        let Learnt { rows, tracks } = release(py, 1e3 * updates.len() as f64, || {
-            self.0.learn(&updates, &loose, &noise, time)
-        })?;
-        table.upper(py, "covariance", |values| {
-            for (upper, (_, added)) in values.chunks_exact_mut(10).zip(&rows) {
-                for (at, place) in [0, 1, 2, 3, 5, 6, 7, 10, 11, 15].into_iter().enumerate() {
-                    upper[at] += added[place];
-                }
-            }
-        })?;
-        for (name, first) in [("position", 0), ("velocity", 2)] {
-            table.upper(py, name, |values| {
-                for (pair, (moved, _)) in values.chunks_exact_mut(2).zip(&rows) {
-                    pair[0] += moved[first];
-                    pair[1] += moved[first + 1];
-                }
-            })?;
-        }
+        let (track_of_plot, alive) = (track_of_plot.as_slice()?, alive.as_slice()?);
+        same_length(plots.len(), &[track_of_plot.len()])?;
+        let mut told = Told::take(py, table, &plots, first)?;
+        let tracks = release(py, 1e3 * told.count() as f64, || {
+            let loose = told.loose(track_of_plot);
+            self.0.learn_rows(&mut told, &loose, &noise, (time, Some(alive)))
+        });
+        told.put_back(py, table);
+        let tracks = tracks?;
         let count = tracks.len();
         Ok((
             array(py, &[count], tracks.iter().map(|(number, ..)| *number))?,
@@ -141,50 +122,133 @@ impl Registrar {
     }
 }
 
-/// The rows of a table of tracks, with their plots, of which the first has this number.
-fn updates(
-    py: Python<'_>,
-    table: &TrackColumns,
-    plots: &impl Plots,
+/// The columns of a table of tracks, with their plots, of which the first has this number.
+struct Told<'a, P> {
+    plots: &'a P,
     first: i64,
-) -> PyResult<Vec<Update>> {
-    let [track, plot, sensor] = ["track", "plot", "sensor"].map(|name| table.integers(py, name));
-    let (track, plot, sensor) = (track?, plot?, sensor?);
-    let confirmed = table.flags(py, "confirmed")?;
-    let [time, turning] = ["time", "turn_probability"].map(|name| table.numbers(py, name));
-    let (time, turning) = (time?, turning?);
-    let [position, velocity, innovation] =
-        ["position", "velocity", "innovation"].map(|name| table.numbers(py, name));
-    let (position, velocity, innovation) = (position?, velocity?, innovation?);
-    let covariance = table.upper(py, "covariance", |values| values.to_vec())?;
-    let spread = table.upper(py, "innovation_covariance", |values| values.to_vec())?;
-    let row = |i: usize| {
-        let own = usize::try_from(plot[i] - first).ok().filter(|&own| own < plots.len());
-        let radar = sensor[i] as usize;
-        let report =
-            own.map_or(Report { time: time[i], ..missed(radar) }, |own| report(&plots.get(own)));
-        let pair = |values: &[f64]| [values[2 * i], values[2 * i + 1]];
-        let upper = &covariance[10 * i..][..10];
-        let mut whole = [0.0; 16];
-        for (place, at) in UPPER.into_iter().enumerate() {
-            whole[place] = upper[at];
-        }
-        let own = &spread[3 * i..][..3];
-        Update {
-            plot: TargetPlot { report, target: track[i], turn_probability: turning[i] },
-            confirmed: confirmed[i],
-            position: pair(&position),
-            velocity: pair(&velocity),
-            covariance: whole,
-            innovation: pair(&innovation),
-            innovation_covariance: [own[0], own[1], own[1], own[2]],
-        }
-    };
-    Ok((0..track.len()).map(row).collect())
+    track: Vec<i64>,
+    plot: Vec<i64>,
+    sensor: Vec<i64>,
+    confirmed: Vec<bool>,
+    time: Vec<f64>,
+    turning: Vec<f64>,
+    position: Vec<f64>,
+    velocity: Vec<f64>,
+    innovation: Vec<f64>,
+    covariance: Vec<f64>,
+    spread: Vec<f64>,
 }
 
-/// Where the elements of a symmetric matrix of order 4 are in its upper half.
-const UPPER: [usize; 16] = [0, 1, 2, 3, 1, 4, 5, 6, 2, 5, 7, 8, 3, 6, 8, 9];
+impl<'a, P: Plots> Told<'a, P> {
+    /// Takes the columns out of a table.
+    fn take(py: Python<'_>, table: &TrackColumns, plots: &'a P, first: i64) -> PyResult<Self> {
+        Ok(Self {
+            plots,
+            first,
+            track: table.take_integers(py, "track")?,
+            plot: table.take_integers(py, "plot")?,
+            sensor: table.take_integers(py, "sensor")?,
+            confirmed: table.take_flags(py, "confirmed")?,
+            time: table.take_numbers(py, "time")?,
+            turning: table.take_numbers(py, "turn_probability")?,
+            position: table.take_numbers(py, "position")?,
+            velocity: table.take_numbers(py, "velocity")?,
+            innovation: table.take_numbers(py, "innovation")?,
+            covariance: table.take_numbers(py, "covariance")?,
+            spread: table.take_numbers(py, "innovation_covariance")?,
+        })
+    }
+
+    /// Puts them back.
+    fn put_back(self, py: Python<'_>, table: &TrackColumns) {
+        for (name, values) in [
+            ("time", self.time),
+            ("turn_probability", self.turning),
+            ("position", self.position),
+            ("velocity", self.velocity),
+            ("innovation", self.innovation),
+            ("covariance", self.covariance),
+            ("innovation_covariance", self.spread),
+        ] {
+            table.put_back(py, name, Data::Numbers(values));
+        }
+        for (name, values) in [("track", self.track), ("plot", self.plot), ("sensor", self.sensor)]
+        {
+            table.put_back(py, name, Data::Integers(values));
+        }
+        table.put_back(py, "confirmed", Data::Flags(self.confirmed));
+    }
+
+    /// The plot of a row, among those that were given now.
+    fn plot_of(&self, row: usize) -> Option<usize> {
+        let own = usize::try_from(self.plot[row] - self.first).ok();
+        own.filter(|&own| own < self.plots.len())
+    }
+
+    /// Plots of tracks that are not confirmed.
+    fn loose(&self, track_of_plot: &[i64]) -> Vec<Report> {
+        let mut loose: Vec<bool> = track_of_plot.iter().map(|&track| track >= 0).collect();
+        for row in (0..self.count()).filter(|row| self.confirmed[*row]) {
+            let seen = |own: &usize| report(&self.plots.get(*own)).is_seen();
+            if let Some(own) = self.plot_of(row).filter(seen) {
+                loose[own] = false;
+            }
+        }
+        let loose = loose.iter().enumerate().filter(|(_, loose)| **loose);
+        loose.map(|(i, _)| report(&self.plots.get(i))).collect()
+    }
+}
+
+impl<P: Plots> Updates for Told<'_, P> {
+    fn count(&self) -> usize {
+        self.track.len()
+    }
+
+    fn target(&self, row: usize) -> i64 {
+        self.track[row]
+    }
+
+    #[inline(always)]
+    fn get(&self, row: usize) -> Update {
+        let radar = self.sensor[row] as usize;
+        let missed = || Report { time: self.time[row], ..missed(radar) };
+        let report = self.plot_of(row).map_or_else(missed, |own| report(&self.plots.get(own)));
+        let pair = |values: &[f64]| [values[2 * row], values[2 * row + 1]];
+        let upper = &self.covariance[10 * row..][..10];
+        let [xx, xy, yy] = self.spread.as_chunks::<3>().0[row];
+        Update {
+            plot: TargetPlot {
+                report,
+                target: self.track[row],
+                turn_probability: self.turning[row],
+            },
+            confirmed: self.confirmed[row],
+            position: pair(&self.position),
+            velocity: pair(&self.velocity),
+            covariance: WHOLE.map(|at| upper[at]),
+            innovation: pair(&self.innovation),
+            innovation_covariance: [xx, xy, xy, yy],
+        }
+    }
+}
+
+impl<P: Plots> Changed for Told<'_, P> {
+    #[inline(always)]
+    fn change(&mut self, row: usize, moved: &[f64; 4], added: &[f64; 16]) {
+        for i in 0..2 {
+            self.position[2 * row + i] += moved[i];
+            self.velocity[2 * row + i] += moved[2 + i];
+        }
+        let upper = &mut self.covariance[10 * row..][..10];
+        for (upper, place) in upper.iter_mut().zip(UPPER) {
+            *upper += added[place];
+        }
+    }
+}
+
+/// Where the elements of a symmetric matrix of order 4 are in its upper half, and those of that in the whole.
+const WHOLE: [usize; 16] = [0, 1, 2, 3, 1, 4, 5, 6, 2, 5, 7, 8, 3, 6, 8, 9];
+const UPPER: [usize; 10] = [0, 1, 2, 3, 5, 6, 7, 10, 11, 15];
 
 /// What a radar reports of a target that it does not see.
 fn missed(radar: usize) -> Report {

@@ -1,6 +1,6 @@
 //! Tables of tracks as arrays.
 
-use crate::arrays::{Output, Threads};
+use crate::arrays::{Array, Output, Threads, array};
 use numpy::{PyArray, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -67,6 +67,27 @@ impl TrackColumns {
         Ok(())
     }
 
+    /// Heights of plots, of which the first has this number; where there is none, that of its track.
+    fn heights<'py>(
+        &self,
+        py: Python<'py>,
+        height: PyReadonlyArray1<'py, f64>,
+        first: i64,
+    ) -> PyResult<Array<'py>> {
+        let own = height.as_slice()?;
+        let mut filled = own.to_vec();
+        let (plot, tracks) = (self.take_integers(py, "plot")?, self.take_numbers(py, "height")?);
+        for (plot, height) in plot.iter().zip(&tracks) {
+            let place = usize::try_from(plot - first).ok().filter(|place| *place < own.len());
+            if let Some(place) = place.filter(|place| !own[*place].is_finite()) {
+                filled[place] = *height;
+            }
+        }
+        self.put_back(py, "plot", Data::Integers(plot));
+        self.put_back(py, "height", Data::Numbers(tracks));
+        array(py, &[filled.len()], filled)
+    }
+
     /// Leaves out the rows of tracks that are never confirmed.
     fn keep_confirmed(&self, py: Python<'_>, n_threads: Threads) -> PyResult<()> {
         let columns = (0..COLUMNS.len()).map(|index| self.take(py, index));
@@ -83,7 +104,7 @@ impl TrackColumns {
         let mut columns = self.0.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner);
         if let Kept::Data(data) = &mut columns[index] {
             let data = std::mem::replace(data, Data::Flags(Vec::new()));
-            let found = array(py, &COLUMNS[index], data)?;
+            let found = array_of(py, &COLUMNS[index], data)?;
             columns[index] = Kept::Array(found);
         }
         match &columns[index] {
@@ -94,68 +115,34 @@ impl TrackColumns {
 }
 
 impl TrackColumns {
-    /// The values of a column, those of symmetric matrices on and above the diagonal, if it is not an
-    /// array yet; else what `read` makes of that.
-    fn values<T>(
-        &self,
-        py: Python<'_>,
-        name: &str,
-        own: impl FnOnce(&mut Data) -> Option<T>,
-        read: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<T>,
-    ) -> PyResult<T> {
-        let index = COLUMNS.iter().position(|column| column.name == name).expect("it is a column");
-        let mut columns = self.0.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner);
-        match &mut columns[index] {
-            Kept::Data(data) => Ok(own(data).expect("the type of the column")),
-            Kept::Array(array) => read(array.bind(py)),
+    /// The values of a column of numbers, those of symmetric matrices on and above the diagonal, of which
+    /// this table keeps none.
+    pub fn take_numbers(&self, py: Python<'_>, name: &str) -> PyResult<Vec<f64>> {
+        match self.take(py, place(name))? {
+            Data::Numbers(values) => Ok(values),
+            _ => unreachable!("it is a column of numbers"),
         }
     }
 
-    /// The numbers of a column that is no matrix.
-    pub fn numbers(&self, py: Python<'_>, name: &str) -> PyResult<Vec<f64>> {
-        let own = |data: &mut Data| match data {
-            Data::Numbers(values) => Some(values.clone()),
-            _ => None,
-        };
-        self.values(py, name, own, |array| {
-            let values: PyReadonlyArray1<'_, f64> = array.call_method0("ravel")?.extract()?;
-            Ok(values.as_slice()?.to_vec())
-        })
+    /// The values of a column of integers, of which this table keeps none.
+    pub fn take_integers(&self, py: Python<'_>, name: &str) -> PyResult<Vec<i64>> {
+        match self.take(py, place(name))? {
+            Data::Integers(values) => Ok(values),
+            _ => unreachable!("it is a column of integers"),
+        }
     }
 
-    pub fn integers(&self, py: Python<'_>, name: &str) -> PyResult<Vec<i64>> {
-        let own = |data: &mut Data| match data {
-            Data::Integers(values) => Some(values.clone()),
-            _ => None,
-        };
-        self.values(py, name, own, |array| {
-            let values: PyReadonlyArray1<'_, i64> = array.extract()?;
-            Ok(values.as_slice()?.to_vec())
-        })
+    /// The values of a column of flags, of which this table keeps none.
+    pub fn take_flags(&self, py: Python<'_>, name: &str) -> PyResult<Vec<bool>> {
+        match self.take(py, place(name))? {
+            Data::Flags(values) => Ok(values),
+            _ => unreachable!("it is a column of flags"),
+        }
     }
 
-    pub fn flags(&self, py: Python<'_>, name: &str) -> PyResult<Vec<bool>> {
-        let own = |data: &mut Data| match data {
-            Data::Flags(values) => Some(values.clone()),
-            _ => None,
-        };
-        self.values(py, name, own, |array| array.extract())
-    }
-
-    /// Acts on the upper halves of symmetric matrices, row by row, before they are an array.
-    pub fn upper<T>(
-        &self,
-        py: Python<'_>,
-        name: &str,
-        act: impl FnOnce(&mut [f64]) -> T,
-    ) -> PyResult<T> {
-        let own = |data: &mut Data| match data {
-            Data::Numbers(values) => Some(act(values)),
-            _ => None,
-        };
-        self.values(py, name, own, |_| {
-            Err(PyValueError::new_err(format!("{name} is an array already")))
-        })
+    /// Puts the values of a column where they were.
+    pub fn put_back(&self, py: Python<'_>, name: &str, data: Data) {
+        self.put(py, place(name), data);
     }
 
     /// The values of a column, of which this table keeps none.
@@ -187,8 +174,13 @@ impl TrackColumns {
     }
 }
 
+/// Index of a column.
+fn place(name: &str) -> usize {
+    COLUMNS.iter().position(|column| column.name == name).expect("it is a column")
+}
+
 /// The values around which NumPy puts an array, without a copy.
-fn array(py: Python<'_>, column: &Column, data: Data) -> PyResult<Py<PyAny>> {
+fn array_of(py: Python<'_>, column: &Column, data: Data) -> PyResult<Py<PyAny>> {
     let shape = |count: usize| {
         let width = column.shape.iter().product::<usize>();
         [&[count / width], column.shape].concat()

@@ -36,6 +36,68 @@ impl Update {
     }
 }
 
+/// Rows of tracks, wherever they are.
+pub trait Updates {
+    /// How many.
+    fn count(&self) -> usize;
+    /// The number of the track of a row.
+    fn target(&self, row: usize) -> i64;
+    /// A row.
+    fn get(&self, row: usize) -> Update;
+}
+
+/// Rows that are changed where they are.
+pub trait Changed: Updates {
+    /// Moves a row in position and velocity, and adds to its covariance, row by row.
+    fn change(&mut self, row: usize, moved: &[f64; 4], added: &[f64; 16]);
+}
+
+impl Updates for [Update] {
+    fn count(&self) -> usize {
+        self.len()
+    }
+
+    fn target(&self, row: usize) -> i64 {
+        self[row].plot.target
+    }
+
+    fn get(&self, row: usize) -> Update {
+        self[row].clone()
+    }
+}
+
+/// Rows, and their changes in their order.
+pub(super) struct Given<'a> {
+    updates: &'a [Update],
+    pub changes: Vec<([f64; 4], [f64; 16])>,
+}
+
+impl<'a> Given<'a> {
+    pub fn new(updates: &'a [Update]) -> Self {
+        Self { updates, changes: Vec::with_capacity(updates.len()) }
+    }
+}
+
+impl Updates for Given<'_> {
+    fn count(&self) -> usize {
+        self.updates.count()
+    }
+
+    fn target(&self, row: usize) -> i64 {
+        self.updates.target(row)
+    }
+
+    fn get(&self, row: usize) -> Update {
+        self.updates[row].clone()
+    }
+}
+
+impl Changed for Given<'_> {
+    fn change(&mut self, _: usize, moved: &[f64; 4], added: &[f64; 16]) {
+        self.changes.push((*moved, *added));
+    }
+}
+
 /// What tracks are to be changed by after a scan.
 #[derive(Clone, Debug)]
 pub struct Learnt {

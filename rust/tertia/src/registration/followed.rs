@@ -75,7 +75,8 @@ impl Followed {
     /// A track that begins with a row.
     pub fn new(time: f64) -> Self {
         let never = f64::NEG_INFINITY;
-        let (position, velocity, parts) = ([0.0; 2], [0.0; 2], Vec::new());
+        // most tracks of false plots have one
+        let (position, velocity, parts) = ([0.0; 2], [0.0; 2], Vec::with_capacity(1));
         let (excess, share) = ([[0.0; 4]; 4], 1.0);
         Self { row_time: time, time: never, position, velocity, parts, excess, share }
     }
@@ -114,6 +115,18 @@ impl Followed {
                     .sum();
             }
         }
+    }
+
+    /// A number of each of its parts, so that they are in the cache.
+    #[inline(always)]
+    pub fn touched(&self) -> f64 {
+        let parts: f64 = self.parts.iter().map(|(_, time, part)| time + part[2][3]).sum();
+        self.row_time + self.excess[2][3] + parts
+    }
+
+    /// Whether it was confirmed when a radar saw it.
+    pub fn was_confirmed(&self) -> bool {
+        self.time > f64::NEG_INFINITY
     }
 
     /// When a radar has seen it.

@@ -7,8 +7,8 @@
 use super::alarm::Alarm;
 use super::block::{Known, Unknowns};
 use super::change::{Scan, changed};
-use super::exchange::{Learnt, Update};
-use super::followed::{self, Blocks, Followed};
+use super::exchange::{Update, Updates};
+use super::followed::{Blocks, Followed};
 use super::gaussian::Gaussian;
 use super::recording::{STATED, Sums, TargetPlot, Ways, for_each, numbered, scans};
 use super::sighting::{CLOCK, ERRORS, Errors, Report, Sighting};
@@ -17,9 +17,10 @@ use super::watch::Watch;
 use crate::base::state::{restored, saved};
 use crate::sensors::Radar;
 use nalgebra::DMatrix;
-use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
+
+mod learn;
 
 /// Scans by which the clock that is taken out of the plots of a radar changes at once: more would put
 /// plots before those that were tracked.
@@ -64,7 +65,7 @@ pub struct Registrar {
     alarms: Vec<Alarm>,
     time: f64,
     open: BTreeMap<i64, Vec<TargetPlot>>,
-    tracks: BTreeMap<i64, Followed>,
+    tracks: BTreeMap<i64, Box<Followed>>,
     /// Plots that no confirmed track has, of the last scans.
     loose: Vec<Report>,
     recent: Vec<Scan>,
@@ -197,33 +198,7 @@ impl Registrar {
         numbered(&self.sigma)
     }
 
-    /// Learns from the rows of tracks and from plots that no confirmed track has, until a time. `used` are the
-    /// standard deviations of range and azimuth of each radar that the tracks were made with, and those that
-    /// the tracker has found for errors that last.
-    pub fn learn(
-        &mut self,
-        updates: &[Update],
-        loose: &[Report],
-        used: &[[[f64; 2]; 2]],
-        time: f64,
-    ) -> Learnt {
-        let (mut applied, moved) = self.begin(updates, time);
-        followed::use_noise(&mut applied, used);
-        let (unknowns, errors) = (self.unknowns(), self.blocks());
-        let rows = Arch::new().dispatch(Rows {
-            registrar: self,
-            updates,
-            applied: &applied,
-            unknowns: &unknowns,
-            moved: &moved,
-            errors: &errors,
-        });
-        let tracks = self.shift(&moved);
-        self.end(loose, time);
-        Learnt { rows, tracks }
-    }
-
-    /// The same without loose plots; returns what the errors add to the covariance of each target of
+    /// Learns from rows without loose plots; returns what the errors add to the covariance of each target of
     /// these rows, in their order, and by how much all targets move, at the times of their last rows.
     #[allow(clippy::type_complexity)] // two columns
     pub(crate) fn learn_last(
@@ -260,10 +235,15 @@ impl Registrar {
 
     /// Learns from blocks that end by a time; returns the noise that was applied before, with and
     /// without what was not known of the errors, and by how much the errors are found to be larger.
-    fn begin(&mut self, updates: &[Update], time: f64) -> (Vec<[[f64; 2]; 2]>, Vec<Errors>) {
+    fn begin<U: Updates + ?Sized>(
+        &mut self,
+        updates: &U,
+        time: f64,
+    ) -> (Vec<[[f64; 2]; 2]>, Vec<Errors>) {
         let own = (0..self.radars.len()).map(|k| self.own_noise(k));
         let applied = self.noise().into_iter().zip(own).map(|(wide, own)| [wide, own]).collect();
-        if updates.iter().any(|update| update.plot.report.height.is_finite()) {
+        let has_height = |row: usize| updates.get(row).plot.report.height.is_finite();
+        if !self.slant.iter().all(|slant| *slant) && (0..updates.count()).any(has_height) {
             self.slant.fill(true);
         }
         let blocks = self.closed(updates, time, scans(&self.radars));
@@ -301,13 +281,24 @@ impl Registrar {
         }
     }
 
+    fn followed(&self) -> impl Iterator<Item = &Followed> {
+        self.tracks.values().map(|track| &**track)
+    }
+
     /// The blocks that end by a time.
-    fn closed(&mut self, updates: &[Update], time: f64, longest: f64) -> Vec<Vec<TargetPlot>> {
+    fn closed<U: Updates + ?Sized>(
+        &mut self,
+        updates: &U,
+        time: f64,
+        longest: f64,
+    ) -> Vec<Vec<TargetPlot>> {
         let mut closed = Vec::new();
-        let seen = |update: &&Update| update.confirmed && update.plot.report.is_seen();
-        for update in updates.iter().filter(seen) {
-            let plot = update.plot;
-            if self.open.len() == OPEN && !self.open.contains_key(&plot.target) {
+        for row in 0..updates.count() {
+            if self.open.len() == OPEN && !self.open.contains_key(&updates.target(row)) {
+                continue;
+            }
+            let Update { plot, confirmed, .. } = updates.get(row);
+            if !confirmed || !plot.report.is_seen() {
                 continue;
             }
             let block = self.open.entry(plot.target).or_default();
@@ -357,9 +348,9 @@ impl Registrar {
     /// Moves the errors of a radar where most of its tracks miss their plots in the same way.
     fn vote(&mut self, time: f64) {
         let unknowns = self.unknowns();
-        let suspects = suspects(self.tracks.values(), &self.radars, time);
+        let suspects = suspects(self.followed(), &self.radars, time);
         for (k, own) in unknowns.iter().enumerate().filter(|(k, _)| suspects[*k]) {
-            let found = vote(self.tracks.values(), &self.loose, (k, &self.radars[k]), time);
+            let found = vote(self.followed(), &self.loose, (k, &self.radars[k]), time);
             let (Some(moved), [Some(range), _, Some(azimuth), _]) = (found, *own) else {
                 continue;
             };
@@ -430,69 +421,6 @@ impl Registrar {
             self.known.update(&scan.information, &scan.score);
         }
         self.changes.push((time, radar));
-    }
-
-    /// Follows a row of a track: its gains carry the errors of the radars on.
-    #[inline(always)]
-    fn carry(
-        &mut self,
-        update: &Update,
-        applied: &[[[f64; 2]; 2]],
-        unknowns: &Unknowns,
-    ) -> &Followed {
-        let report = &update.plot.report;
-        let radar = &self.radars[report.radar];
-        let seen = Sighting::new(report, report.height, radar, [1.0; 2]);
-        if let Some(seen) = &seen {
-            self.watch(update, seen, applied[report.radar][1]);
-        }
-        let mut first = false;
-        let track = self.tracks.entry(update.plot.target).or_insert_with(|| {
-            first = true;
-            Followed::new(report.time)
-        });
-        track.advance(report.time);
-        if let Some(seen) = seen {
-            let (velocity, own) = (update.velocity, &unknowns[report.radar]);
-            // the noise that the gain of the track was made with
-            let sigma = applied[report.radar].map(|noise| seen.noise(noise));
-            if first {
-                let stated = (&update.covariance, update.confirmed);
-                track.begin(&seen, sigma, stated, velocity, own);
-            } else {
-                track.correct(&seen, sigma, &update.covariance, velocity, own);
-            }
-            if update.confirmed {
-                track.see(report.time, report.radar, update.position, velocity);
-            }
-        }
-        track.limit(&update.covariance);
-        track
-    }
-}
-
-/// The rows of a scan, one after the other.
-struct Rows<'a> {
-    registrar: &'a mut Registrar,
-    updates: &'a [Update],
-    applied: &'a [[[f64; 2]; 2]],
-    unknowns: &'a Unknowns,
-    moved: &'a [Errors],
-    errors: &'a Blocks,
-}
-
-impl WithSimd for Rows<'_> {
-    /// By how much each row moves, and what the errors add to its covariance.
-    type Output = Vec<([f64; 4], [f64; 16])>;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
-        let mut rows = Vec::with_capacity(self.updates.len());
-        for update in self.updates {
-            let track = self.registrar.carry(update, self.applied, self.unknowns);
-            rows.push((track.moved(self.moved), track.added(self.errors)));
-        }
-        rows
     }
 }
 

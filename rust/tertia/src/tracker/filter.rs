@@ -116,6 +116,14 @@ impl Filter {
         }
     }
 
+    /// Numbers all over it, so that it is in the cache.
+    #[inline(always)]
+    pub fn touched(&self) -> f64 {
+        let Self::Multiple(multiple) = self else { return 0.0 };
+        let Bank { straight, turn, probability, .. } = &multiple.bank;
+        straight.covariance[(0, 2)] + turn.mean[0] + turn.covariance[(4, 2)] + probability[0]
+    }
+
     /// What flights it may be, if it is not confirmed.
     pub fn prospects(&self) -> Option<&Prospects> {
         match self {

@@ -124,8 +124,9 @@ fn flat(radar: &Radar, [range, azimuth]: [f64; 2], height: f64) -> Sighted {
     let (ground, (sine, cosine)) = (squared.sqrt(), azimuth.sin_cos());
     let along = (radar.range_sigma * range / ground).powi(2);
     let across = (radar.azimuth_sigma * ground).powi(2);
+    let far = ground * radar.stretch();
     Sighted {
-        position: radar.position_at(squared, azimuth, radar.stretch()),
+        position: [radar.position[0] + far * sine, radar.position[1] + far * cosine],
         noise: Plane {
             xx: along * sine * sine + across * cosine * cosine,
             xy: (along - across) * sine * cosine,

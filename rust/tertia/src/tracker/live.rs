@@ -104,6 +104,13 @@ impl Tracker {
         self.tracks.iter().filter(|track| track.is_confirmed()).map(|track| track.first.index)
     }
 
+    /// Numbers of all tracks, in order.
+    pub fn numbers(&self) -> Vec<u64> {
+        let mut numbers: Vec<u64> = self.tracks.iter().map(|track| track.number).collect();
+        numbers.sort_unstable();
+        numbers
+    }
+
     /// The number of the next track.
     pub(super) fn next_number(&self) -> u64 {
         self.next_number

@@ -4,6 +4,7 @@
 //! several threads settle them, and a track is in the cache for all its radars. Results are written in
 //! the order of the groups: tracks that compete for plots of one radar.
 
+use super::ahead::Ahead;
 use super::claim::{Claim, Spread};
 use super::cluster::{Cells, Clusters};
 use super::clutter::{Clutter, Counts};
@@ -116,9 +117,8 @@ impl Scan {
         }
         self.count(sky);
         plots.clear();
-        for (plot, _) in self.plots.iter().zip(&self.deferred).filter(|(_, deferred)| **deferred) {
-            plots.push(*plot);
-        }
+        let waiting = self.plots.iter().zip(&self.deferred).filter(|(_, deferred)| **deferred);
+        plots.extend(waiting.map(|(plot, _)| *plot));
     }
 
     /// Gives plots to tracks, until none is left that one would take.
@@ -300,22 +300,22 @@ impl Scan {
             }
             claim.track = *place;
         }
-        let mut tracks: Vec<Option<&mut Track>> = Vec::new();
-        tracks.resize_with(count as usize, || None);
+        let mut tracks: Vec<Option<&mut Track>> = (0..count).map(|_| None).collect();
         for (track, place) in sky.tracks.iter_mut().zip(&*places) {
             if *place != NOWHERE {
                 tracks[*place as usize] = Some(track);
             }
         }
         let mut tracks: Vec<&mut Track> = tracks.into_iter().flatten().collect();
-        let (settings, clutter) = (sky.settings, &*sky.clutter);
-        let noise = &*sky.noise;
+        let (settings, clutter, noise) = (sky.settings, &*sky.clutter, &*sky.noise);
         let view = View { plots, claimed, deferred, others, settings, clutter, noise, cells };
         let limits = settings.limits().filter(|_| confirmed);
         let with_rows = sky.rows.wants(confirmed);
         let same = |a: &Claim, b: &Claim| a.component == b.component;
         shares.settle(sky.threads, claims, &mut tracks, same, |share, claims, tracks| {
+            let mut ahead = Ahead::default();
             for component in claims.chunk_by(same) {
+                ahead.read(component.len(), claims, tracks);
                 for group in component.chunk_by(|a, b| a.root == b.root) {
                     share.group(group, tracks, view);
                     let doubts = limits.map(|limits| share.doubt(group, tracks, view, limits));

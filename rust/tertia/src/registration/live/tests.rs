@@ -30,7 +30,7 @@ fn what_the_errors_add_to_a_track() {
     });
     let mut track = Followed::new(0.0);
     track.update(0, &[[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]], &half);
-    registrar.tracks.insert(1, track);
+    registrar.tracks.insert(1, Box::new(track));
     // the predicted covariance, corrected by the plot
     let mut p = Matrix4::from_diagonal(&[900.0, 1600.0, 25.0, 25.0].into());
     for axis in 0..2 {
@@ -108,7 +108,7 @@ fn a_vote_throws_open_blocks_away() {
         track.see(35.0, radar, position, velocity);
         let plot =
             TargetPlot { report: report(35.0, azimuth), target: i.into(), turn_probability: 0.0 };
-        registrar.tracks.insert(i.into(), track);
+        registrar.tracks.insert(i.into(), Box::new(track));
         registrar.open.insert(i.into(), vec![plot]);
         registrar.loose.push(report(39.5, azimuth + 0.5_f64.to_radians()));
     }

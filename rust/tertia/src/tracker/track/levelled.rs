@@ -19,6 +19,8 @@ const LEAST_LEAN: f64 = 1.0;
 const SWAY_MARGIN: f64 = 1.3;
 const SWAY_SIGMAS: f64 = 4.5;
 const STEEPEST_SLOPE: f64 = 3.1;
+/// Largest square of a height over that of the slant range.
+const HIGHEST_SHARE: f64 = 0.81;
 /// A plot at the time of a track's estimate.
 pub(super) struct Here {
     pub position: [f64; 2],
@@ -194,23 +196,24 @@ impl Track {
         (time, centre): (f64, [f64; 2]),
         placed: Option<[f64; 2]>,
     ) -> f64 {
-        let own = self.lean.as_ref().map_or([0.0; 2], |lean| lean.position(0.0));
-        let mut slope = own[0].hypot(own[1]);
+        let mut slope = self.lean.as_ref().map_or(0.0, |lean| {
+            let [x, y] = lean.position(0.0);
+            (x * x + y * y).sqrt()
+        });
         if slope == 0.0 && placed.is_none() {
             return 0.0;
         }
         let mut shift = 0.0;
-        let distance = radar.about(centre);
         let vertical = self.vertical.map(|vertical| vertical.at(time));
         let sigma = vertical.map_or(0.0, |vertical| vertical.height_variance().sqrt());
         if let Some([lowest, highest]) = placed {
             let up = vertical.map_or(lowest, |vertical| vertical.height) - site;
-            let slant = distance.hypot(up);
+            let distance = radar.about(centre);
+            let slant = distance * distance + up * up;
             let curved = distance / RADIUS;
-            for height in [lowest, highest] {
-                let level = (height - site).abs().min(0.9 * slant);
-                let ground = (slant * slant - level * level).sqrt();
-                let here = (ground - distance).abs() + (height - site - up).abs() * curved;
+            for level in [lowest - site, highest - site] {
+                let ground = (slant - (level * level).min(HIGHEST_SHARE * slant)).sqrt();
+                let here = (ground - distance).abs() + (level - up).abs() * curved;
                 shift = f64::max(shift, here);
             }
             slope += up.abs() / distance.max(1.0) + curved;

@@ -91,6 +91,21 @@ impl Track {
         self.suspended
     }
 
+    /// Numbers all over it, so that it is in the cache.
+    #[inline(always)]
+    pub fn touched(&self) -> f64 {
+        let seen = self.beams.all().first().map_or(0.0, |expected| expected.time);
+        let vertical = self.vertical.map_or(0.0, |vertical| vertical.height);
+        let lean = self.lean.as_ref().map_or(0.0, |lean| lean.position(0.0)[0]);
+        let innovation = self.innovation.0[0];
+        self.estimate.covariance[(3, 3)]
+            + self.filter.touched()
+            + seen
+            + vertical
+            + lean
+            + innovation
+    }
+
     /// Ends it: another track goes on with what is returned.
     pub fn retire(&mut self) -> Self {
         let past = self.clone();
