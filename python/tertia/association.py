@@ -58,7 +58,7 @@ _NONE = -1
 
 
 class GateSector(enum.IntEnum):
-    """Sector of a gate in which a plot lies; ahead and behind extend 45 degrees to each side."""
+    """Sector of a gate in which a plot lies; ahead and behind extend by 45 degrees to each side."""
 
     INNER = 0
     AHEAD = 1

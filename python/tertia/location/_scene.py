@@ -1,4 +1,4 @@
-"""The data a position was estimated from, kept for later questions about the position."""
+"""The data from which a position was estimated, kept for later calculations."""
 
 from __future__ import annotations
 

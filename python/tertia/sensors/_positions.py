@@ -15,7 +15,7 @@ _FASTEST = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class PositionSensor:
-    """A sensor that reports positions at any time, such as multilateration, ADS-B or a lidar.
+    """A sensor that reports positions at any time: multilateration, ADS-B, a lidar or a tracker.
 
     Such a sensor has no scan. A report of each target is expected once every `update_interval`, but
     there may be more reports.
@@ -26,8 +26,8 @@ class PositionSensor:
         Standard deviation of each of the coordinates east and north in metres, for reports without
         a covariance; None: such reports are not used.
     update_interval : float
-        Expected time between reports of a target in seconds, at least 0.001. For each such interval
-        without a report, one report counts as missed.
+        Expected time between reports of a target in seconds, at least 0.001. If no report is
+        received within this time, one report counts as missed.
     detection_probability : float
         Probability that a target reports in an update interval.
     bias : Bias or None

@@ -173,8 +173,8 @@ class Radar:
         given, every target has a plot of its own.
     bias : Bias or None
         Systematic errors of range, azimuth and time, with their standard deviations. None: the
-        errors are unknown, within the limits `RADAR_LIMITS`. `Bias()`: there are no systematic
-        errors.
+        errors are unknown, and their standard deviations are the limits `RADAR_LIMITS`. `Bias()`:
+        there are no systematic errors.
     name : str or None
         Label of the radar in pictures and reports.
     frame : tertia.geo.SystemPlane or None
@@ -284,7 +284,7 @@ class ByKind:
 
     @property
     def count(self) -> int | IntArray:
-        """Number of nonzero elements of all kinds, such as True for outliers, of shape (...)."""
+        """Number of elements of all kinds that are not zero, or that are True, of shape (...)."""
         marks = [getattr(self, field.name) for field in fields(self)]
         present = [mark for mark in marks if mark is not None]
         total: int | IntArray = scalar_or_array(
