@@ -83,7 +83,7 @@ def _agrees(columns: Columns, chance: float) -> BoolArray:
 
 
 def _fits_without_few(found: Found) -> BoolArray:
-    """Return which instants fit after a few measurements were left out as outliers."""
+    """Return which instants fit after a few of their measurements were left out as outliers."""
     _, _, residual, outlier, columns = found
     status, freedom = columns[:2]
     axes = (-2, -1)

@@ -26,7 +26,7 @@ _DOMAINS: dict[str, tuple[str, tuple[float, ...]]] = {
 
 
 def checked(value: npt.ArrayLike, kind: str, k: int, *, degrees: bool = False) -> FloatArray:
-    """Return measurements, (..., K) or (..., K - 1), after checking their domain."""
+    """Return measurements, (..., K) or (..., K - 1), after checking whether they are possible."""
     array = radians(value, kind, degrees=degrees) if kind in ANGLES else samples(value, kind)
     require_length(array, kind, k)
     domain, limits = _DOMAINS.get(kind, ("a finite number", ()))
