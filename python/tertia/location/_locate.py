@@ -205,10 +205,11 @@ def locate(
     An error that all stations share causes no contradiction. If the residuals of a batch are
     significantly smaller than stated (at 99 %), the missing part of the variance is attributed to
     an error that all stations share, and this error is added to the covariance. If the common error
-    can be larger, state it in `bias`. If sigmas are stated half as large as they are, this is
-    detected in fewer than half of all single instants with one or two degrees of freedom. The
-    coverage is then 67 and 73 %, compared with 53 % without the increase. It is therefore better to
-    locate such instants as a batch.
+    can be larger, state it in `bias`. If the stated sigmas are half of the true ones, this is
+    detected in fewer than half of all single instants with one or two degrees of freedom. The 95 %
+    ellipse then contains the target in 67 % of the instants with one degree of freedom and in 73 %
+    of those with two, instead of 53 % without the increase. It is therefore better to locate such
+    instants as a batch.
 
     **Large errors.** If the standard deviation is not small compared with the distance to the
     nearest station, the 95 % ellipse is extended along its axes to the points at which the
@@ -396,7 +397,7 @@ def _stated(measured: _Measured, arrivals: Arrivals | None) -> dict[Kind, FloatA
 
 
 def _is_unknown(measured: _Measured) -> bool:
-    """Return whether the common standard deviation of the only kind is to be estimated."""
+    """Return whether there is only one kind, whose common sigma is to be estimated."""
     return len(measured) == 1 and all(np.isnan(s).all() for _, s in measured.values())
 
 

@@ -119,10 +119,10 @@ def z_test(x: npt.ArrayLike, y: npt.ArrayLike, sigma: npt.ArrayLike) -> OutlierT
 def t_test(x: npt.ArrayLike, y: npt.ArrayLike) -> OutlierTest:
     """Test whether x is an outlier compared with other measurements y.
 
-    The standard deviation s of one measurement is estimated from y. The statistic of equations (R2)
-    and (R3) is `t = |x
-    - mean(y)| / s`, where s is the standard deviation of the n measurements y. Then `t
-    sqrt(n/(n+1))` follows Student's distribution with n - 1 degrees of freedom.
+    The statistic of equations (R2) and (R3) is `t = |x - mean(y)| / s`, where s is the standard
+    deviation of the n measurements y, which is estimated from them. If x comes from the same
+    distribution as y, `t sqrt(n/(n+1))` is the absolute value of a variable that has Student's
+    distribution with n - 1 degrees of freedom.
 
     Parameters
     ----------

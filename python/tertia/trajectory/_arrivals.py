@@ -145,7 +145,8 @@ def reconstruct_arrivals(
     smoother than assumed, the estimated propagation speed is wrong. To detect this, check
     `propagation_speed_deviation`.
 
-    Model: Baktoft et al., Scientific Reports 7 (2017) 14294, without separate synchronisation.
+    The model is that of Baktoft et al., Scientific Reports 7 (2017) 14294, but without a separate
+    synchronisation of the clocks.
 
     The cost is about N (K D)^2 per step.
 
