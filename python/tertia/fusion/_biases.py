@@ -17,7 +17,7 @@ _ROUNDS = 2
 
 @dataclass(frozen=True, slots=True)
 class Registered:
-    """Output of the kernel: plots without their constant errors, and these errors (..., K).
+    """Output of the core: plots without the radars' constant errors, and these errors (..., K).
 
     `added` (..., steps, 6) is what the uncertainty of these errors adds to the covariances of the
     track. It is None if every radar is free of systematic errors.
@@ -61,7 +61,7 @@ def registered(
     growth: FloatArray,
     n_threads: int | None,
 ) -> Registered:
-    """Fuse the plots, with the systematic errors removed that their contradictions show.
+    """Fuse the plots after removal of the systematic errors that are estimated from contradictions.
 
     `first` (..., steps) is the angle that is fused as if there were no such errors. `growth` (...,
     K) contains the factors by which time-correlated noise increases the variances.

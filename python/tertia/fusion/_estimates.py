@@ -298,7 +298,7 @@ def _require_paper(
 
 
 def _with_bias(x: FloatArray, s: FloatArray, bias: FloatArray) -> dict[str, FloatArray]:
-    """Return estimates and covariances with systematic errors; nan for sensors with inf."""
+    """Return covariances that include systematic errors, and estimates; nan if the sigma is inf."""
     if not np.any(bias):
         return {}
     sensors, m = x.shape[-2:]

@@ -82,7 +82,7 @@ class NoiseFit(Result):
         return SingerModel(dt, self.alpha, self.acceleration_sigma, exact=True)
 
     def __repr__(self) -> str:
-        """Return the estimates with their uncertainties; at a limit, only determined ones."""
+        """Return the estimates with their uncertainties; at a limit, only those determined."""
         names = ["alpha", "acceleration_sigma", "measurement_sigma"]
         sigmas = dict(zip(names, self.sigma, strict=True))
         if "white acceleration" in self.limits:

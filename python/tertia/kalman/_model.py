@@ -59,7 +59,7 @@ class SingerModel:
         _core.singer_transition(self, self.dt)
 
     def transition(self, dt: float | None = None) -> FloatArray:
-        """Return F over a time step, by default `self.dt`: shape (3, 3)."""
+        """Return the transition matrix F, (3, 3), over a time step, by default over `self.dt`."""
         (f01, f02, f12, f22), _ = self._over(dt)
         return np.array([[1.0, f01, f02], [0.0, 1.0, f12], [0.0, 0.0, f22]])
 
