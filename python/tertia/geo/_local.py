@@ -66,8 +66,8 @@ class LocalFrame(Frame):
     ) -> tuple[float | FloatArray, float | FloatArray, float | FloatArray]:
         """Convert plots of a radar at the origin to geodetic coordinates.
 
-        The radar does not measure the elevation; it follows from the range and the height of the
-        target.
+        The radar does not measure the elevation, which is computed from the range and the height of
+        the target.
 
         Parameters
         ----------
@@ -81,14 +81,14 @@ class LocalFrame(Frame):
         Returns
         -------
         tuple of three float or ndarray of shape (...)
-            Latitude and longitude in degrees, and height in metres; nan where no elevation leads to
-            the height, because the range is shorter than the difference of the heights, or too
-            long.
+            Latitude and longitude in degrees, and height in metres. They are nan where no elevation
+            gives the height of the target, because the range is shorter than the difference of the
+            heights or is too long.
 
         Raises
         ------
         ValueError
-            If azimuths are in degrees, a number is infinite, or shapes do not fit.
+            If azimuths appear to be in degrees, a number is infinite, or shapes do not fit.
 
         Examples
         --------
@@ -140,7 +140,7 @@ class LocalFrame(Frame):
         return columns(batch(self._frame.geodetic_to_polar, places))
 
     def axes(self, latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> FloatArray:
-        """Return the axes east, north and up of other places, as rows, in this frame.
+        """Return the unit vectors east, north and up at other places, as rows, in this frame.
 
         Parameters
         ----------
@@ -150,7 +150,8 @@ class LocalFrame(Frame):
         Returns
         -------
         ndarray of shape (..., 3, 3)
-            Rotation matrices: `axes @ v` is the vector `v` of this frame in the axes of the place.
+            Rotation matrices: if `v` is a vector in this frame, `axes @ v` is the same vector in
+            the axes of the place.
 
         Raises
         ------
@@ -159,7 +160,7 @@ class LocalFrame(Frame):
 
         Examples
         --------
-        The vertical half a degree north of the origin:
+        The direction of the vertical half a degree north of the origin:
 
         >>> from tertia.geo import LocalFrame
         >>> LocalFrame(50.0, 14.0).axes(50.5, 14.0)[2, 1:].round(5)
@@ -185,7 +186,7 @@ class LocalFrame(Frame):
         Parameters
         ----------
         latitude, longitude : array_like of shape (...)
-            In degrees; arrays if the station moves.
+            Latitudes and longitudes in degrees; arrays if the station moves.
         height : array_like of shape (...)
             Height in metres above the ellipsoid.
         range_sigma, azimuth_sigma, elevation_sigma : float, optional

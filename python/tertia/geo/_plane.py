@@ -22,13 +22,14 @@ from tertia.sensors import Radar, Station
 class SystemPlane(Frame):
     """The stereographic plane in which the tracks of several radars are given.
 
-    It is the oblique stereographic projection of a sphere with the radius of the meridian, as usual
-    in air traffic control (TransLib, ARTAS) and in category 62, item 100. It differs from the
-    projection `sterea` of PROJ (EPSG 9809) by up to 1 m within 450 km, and from `stere` by 9 to 51
-    m; files of other systems may use one of these.
+    It is the oblique stereographic projection of a sphere that has the radius of curvature of the
+    meridian, as is usual in air traffic control (TransLib, ARTAS) and in item 100 of ASTERIX
+    category 62. It differs from the projection `sterea` of PROJ (EPSG 9809) by up to 1 m within 450
+    km of the centre, and from `stere` by 9 to 51 m. Files of other systems may use one of these two
+    projections.
 
-    At a height of 10 km, lengths in the plane are .15 % too short 100 km from the centre, and .06 %
-    too short 400 km from it: see `scale_and_convergence`.
+    For targets at a height of 10 km, lengths in the plane are .15 % too short at 100 km from the
+    centre, and .06 % too short at 400 km: see `scale_and_convergence`.
 
     Attributes
     ----------
@@ -44,7 +45,7 @@ class SystemPlane(Frame):
 
     Examples
     --------
-    Two radars, and an aircraft that both see at the same place:
+    Two radars detect the same aircraft, and their plots have the same position in the plane:
 
     >>> import numpy as np
     >>> from tertia.geo import SystemPlane
@@ -79,11 +80,11 @@ class SystemPlane(Frame):
         Returns
         -------
         scale : float or ndarray of shape (...)
-            Ratio of lengths in the plane to true lengths: true speeds are speeds in the plane
+            Ratio of lengths in the plane to true lengths. A true speed is the speed in the plane
             divided by this scale.
         convergence : float or ndarray of shape (...)
-            Direction of true north in the plane in radians: true courses are courses in the plane
-            minus this angle.
+            Direction of true north in the plane in radians. A true course is the course in the
+            plane minus this angle.
 
         Raises
         ------
@@ -111,7 +112,8 @@ class SystemPlane(Frame):
         latitude, longitude : float
             In degrees.
         height : float
-            Height in metres above the ellipsoid; in Central Europe 45 m more than above the sea.
+            Height in metres above the ellipsoid, which in Central Europe is about 45 m larger than
+            the height above the sea.
         **properties
             As for `tertia.sensors.Radar`.
 
@@ -161,9 +163,9 @@ class SystemPlane(Frame):
         Returns
         -------
         Station
-            The station. Its azimuths are relative to true north. Lines of sight are taken as
-            straight in the plane; for a station 250 km from the centre the error is .01 degrees at
-            a range of 100 km.
+            The station. Its azimuths are relative to true north. Lines of sight are treated as
+            straight lines in the plane. For a station 250 km from the centre, the resulting error
+            of the azimuth is .01 degrees at a range of 100 km.
 
         Raises
         ------
@@ -194,7 +196,8 @@ class SystemPlane(Frame):
         Parameters
         ----------
         position : array_like of shape (3,) or (2,)
-            East and north in the plane, and the height, in metres; by default the height is 0.
+            East and north in the plane, and the height above the ellipsoid, in metres; by default
+            the height is 0.
 
         Returns
         -------

@@ -34,7 +34,7 @@ class Arrivals:
     sigma: FloatArray
 
     def emission(self, emission: FloatArray) -> Any:
-        """Return the times of emission, metres after the first arrival, in the caller's units."""
+        """Return times of emission in units of the arrivals, from metres after the first one."""
         seconds = emission / self.speed
         if self.first.dtype.kind not in "mM":
             return scalar_or_array(np.asarray(self.first + seconds))

@@ -39,7 +39,7 @@ class JacobianOperator:
         return self.left.dtype
 
     def matvec(self, x: npt.ArrayLike) -> FloatArray:
-        """Return the change of vec W, (..., m²), for changes of vec S_j, (..., K m²), in O(K m³).
+        """Return the change of vec W, (..., m²), if all vec S_j change by (..., K m²), in O(K m³).
 
         vec stacks columns.
         """

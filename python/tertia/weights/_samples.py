@@ -203,8 +203,8 @@ def shrink_covariance(
 
     Notes
     -----
-    The denominator of the mean of the inverse Wishart posterior is smaller by m + 1; otherwise this
-    is that mean. docs/weights.md compares it with the sample covariance alone and with general
+    This is the mean of the inverse Wishart posterior, except that m + 1 is not subtracted in the
+    denominator. docs/weights.md compares it with the sample covariance alone and with general
     shrinkage.
 
     Examples
