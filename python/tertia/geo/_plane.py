@@ -191,7 +191,7 @@ class SystemPlane(Frame):
         return Station(place, azimuth_sigma=azimuth_sigma, axes=axes, name=name)
 
     def site(self, position: npt.ArrayLike) -> LocalFrame:
-        """Return the local frame at a position in the plane, for example at that of a radar.
+        """Return the local frame at a position in the plane, such as the position of a radar.
 
         Parameters
         ----------

@@ -37,10 +37,11 @@ def polar_to_cartesian(
     Returns
     -------
     state : ndarray of shape (..., 4) or (..., 6)
-        Position, velocity and, with six components, acceleration; east before north in each.
+        Position, velocity and, if there are six components, acceleration; in each of these, east
+        comes before north.
     covariance : ndarray of shape (..., n, n)
-        Covariances `J P J'`, with J the derivatives of the conversion; only if `covariance` is
-        given.
+        Covariances `J P J'`, where J contains the derivatives of the conversion and P is
+        `covariance`; returned only if `covariance` is given.
 
     Raises
     ------
@@ -96,8 +97,8 @@ def cartesian_to_polar(
         each rate is followed by the acceleration. For a target at the sensor the state is nan, and
         there is a warning.
     covariance : ndarray of shape (..., n, n)
-        Covariances `J P J'`, with J the derivatives of the conversion; only if `covariance` is
-        given.
+        Covariances `J P J'`, where J contains the derivatives of the conversion and P is
+        `covariance`; returned only if `covariance` is given.
 
     Raises
     ------
