@@ -245,12 +245,12 @@ class FlightPlan:
 
     @property
     def times(self) -> FloatArray:
-        """Times over the waypoints in seconds, of shape (N,), at the middle of their arcs."""
+        """Times over the waypoints in seconds, (N,); in a turn, at the middle of the arc."""
         return self._route.times
 
     @property
     def distances(self) -> FloatArray:
-        """Distances along the path to the waypoints in metres, (N,), at the middle of arcs."""
+        """Distances along the path to the waypoints in metres, (N,), or to the middle of arcs."""
         return self._route.distances
 
     def at(self, time: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -40,7 +40,8 @@ class FilteredSeries(Result):
     measurement_variance : ndarray of shape (..., steps)
         Variance of the plots as given; read-only.
     systematic : {"not included"}
-        The covariance is that of white noise as given; it does not include systematic errors.
+        The covariance is computed for white noise with the given variance. It does not include
+        systematic errors.
     """
 
     _rows: ClassVar = "mean", 1
@@ -93,7 +94,8 @@ class SmoothedSeries(Result):
     upper : ndarray of shape (..., steps, 6)
         Upper triangles of the covariances of `mean`, row by row.
     systematic : {"not included"}
-        The covariance is that of white noise as given; it does not include systematic errors.
+        The covariance is computed for white noise with the given variance. It does not include
+        systematic errors.
     """
 
     _rows: ClassVar = "mean", 1

@@ -23,7 +23,7 @@ _NUMBERS, _STEPS = 1_000_000, 256
 
 @dataclass(frozen=True, slots=True)
 class Pilots:
-    """Differences between flights: wind, speed error, bank angle, roll rate and turn rate limit."""
+    """Properties of each flight: wind, speed error, bank angle, roll rate and largest turn rate."""
 
     wind: FloatArray
     speed_error: FloatArray
@@ -36,7 +36,7 @@ class Pilots:
 def fly(
     routes: Sequence[Route], pilots: Pilots, step: float, random: np.random.Generator
 ) -> dict[str, Any]:
-    """Return the columns of `Traffic` for flights from the start to the end of their routes."""
+    """Simulate flights from start to end of their routes, and return the columns of `Traffic`."""
     n = len(routes)
     navigation = _Wander(pilots.navigation, _NAVIGATION_TIME, step)
     variation = _Wander(_SPEED_SIGMA, _SPEED_TIME, step)

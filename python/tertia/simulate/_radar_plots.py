@@ -318,7 +318,7 @@ def _seen(
 
 
 def _detected(radar: Radar, draw: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return detections of aircraft, decided by uniform random numbers, and sigmas of the plots."""
+    """Return which channels detect each aircraft, chosen at random, and the sigmas of the plots."""
     detection = np.full(len(draw), NO_DETECTION)
     own = radar.range_sigma, radar.azimuth_sigma
     sigma = np.tile(np.array(own)[:, np.newaxis], len(draw))

@@ -273,7 +273,7 @@ def radar_scenario(
 
 
 def _disturbed(name: ScenarioName, since: FloatArray, dt: float) -> BoolArray:
-    """Return which scans are disturbed; `since` counts scans from the middle of the record."""
+    """Return which scans are disturbed; `since` is the number of scans since the middle one."""
     if name == "unknown":
         return np.ones(since.shape, dtype=bool)
     scans = _DISTURBED_SCANS.get(name, 0.0)

@@ -68,7 +68,7 @@ def heights(plan: FlightPlan) -> FloatArray:
 def build(
     plan: FlightPlan, scenario: FlightScenario, lasting: float, random: np.random.Generator
 ) -> Route:
-    """Return the route of a scenario; without return, it ends `lasting` seconds after leaving."""
+    """Return the route of a scenario; if it never rejoins, it lasts `lasting` s after leaving."""
     return _BUILDERS[scenario](_Planned(plan), lasting, random)
 
 
@@ -117,7 +117,7 @@ class _Planned:
         leave: int,
         rejoin: int = NEVER,
     ) -> Route:
-        """Return the plan with other points between two of its waypoints, all at one height.
+        """Return the planned route with other points, at one height, between two of its waypoints.
 
         `leave` and `rejoin` are indices of waypoints of the new route.
         """

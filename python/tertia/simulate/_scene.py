@@ -154,7 +154,7 @@ def scene(
 
 
 def _radars(air: SetUp, count: int, frame: SystemPlane | None) -> list[Radar]:
-    """Return the radars as stated: the first at the origin, the others around it."""
+    """Return the radars as stated; the first one is at the origin, and the others are around it."""
     first, found = air.radar, []
     for k in range(count):
         angle = 2 * np.pi * (k - 1) / max(count - 1, 1)

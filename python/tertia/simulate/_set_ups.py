@@ -194,7 +194,7 @@ _BATCH, _TRIES = 2000, 500
 def _draw(
     scene: SetUp, n: int, random: np.random.Generator
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Return candidates for routes: waypoints (n, M, 2), their numbers, and speeds."""
+    """Return candidates for routes: waypoints (n, M, 2), how many each route has, and speeds."""
     turns = random.integers(_TURNS[0], _TURNS[1] + 1, n)
     legs = _TURNS[1] + 1
     speed = random.uniform(*scene.speed, n)

@@ -77,7 +77,7 @@ class Traffic:
         return len(self.start)
 
     def __repr__(self) -> str:
-        """Return the number of flights, and their duration."""
+        """Return the number of flights, and when the first starts and the last ends, as text."""
         if not len(self):
             return "Traffic(0 flights)"
         return f"Traffic({len(self)} flights, {np.min(self.start):g} to {np.max(self.end):g} s)"

@@ -49,7 +49,7 @@ def common_batch(**shapes: tuple[int, ...]) -> tuple[int, ...]:
 def of_one_batch(
     **arrays: tuple[FloatArray, tuple[int, ...]],
 ) -> dict[str, FloatArray]:
-    """Broadcast arrays to common leading axes; each is given with the shape of one element."""
+    """Broadcast arrays to common leading axes; the shape of one element is given for each."""
     first, (given, _) = next(iter(arrays.items()))
     batches = {}
     for name, (array, tail) in arrays.items():
