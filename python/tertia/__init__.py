@@ -1,10 +1,11 @@
-"""Estimates with reliable error bars from redundant measurements, some of which are wrong.
+"""Estimates with reliable error bars from redundant measurements, even if some are wrong.
 
 The modules, in the order in which they build on each other:
 
 - `tertia.screening` finds outliers;
 - `tertia.bearing` estimates one bearing from a record of measured bearings;
-- `tertia.weights` computes weights from covariances, and the loss when covariances are estimated;
+- `tertia.weights` computes weights from covariances, and the loss of accuracy if the covariances
+  are estimated;
 - `tertia.sensors` describes stations and radars;
 - `tertia.location` locates a target at one instant from the measurements of several stations;
 - `tertia.kalman` filters and smooths an angle over time;
@@ -18,8 +19,9 @@ The modules, in the order in which they build on each other:
 - `tertia.tertiary` combines the tracks of several sensors into one picture.
 
 `tertia.simulate` simulates records, `tertia.metrics` evaluates errors and tracks, and `tertia.io`
-reads flight plans and ASTERIX. Further modules need extras: `tertia.geo`, `tertia.plot`,
-`tertia.tables`, `tertia.interop` and `tertia.report`; the command `tertia` needs the extra `cli`.
+reads flight plans and ASTERIX recordings. Some modules need optional dependencies (extras) of the
+package: `tertia.geo`, `tertia.plot`, `tertia.tables`, `tertia.interop` and `tertia.report`. The
+command `tertia` needs the extra `cli`.
 """
 
 import importlib
@@ -94,7 +96,7 @@ if DEBUG_BUILD:
 
 
 def __getattr__(name: str) -> Any:
-    """Import a module on first use, as importing all modules takes as long as importing NumPy."""
+    """Import a module on first use, because importing all takes as long as importing NumPy."""
     if name in _HOMES:
         found = getattr(importlib.import_module(f"tertia.{_HOMES[name]}"), name)
     elif name in __all__:

@@ -1,10 +1,10 @@
-"""The command `tertia`, also as `python -m tertia`."""
+"""The command `tertia`, which can also be run as `python -m tertia`."""
 
 import sys
 
 
 def main() -> None:
-    """Run the command; an interrupt ends it with a one-line message, even during imports."""
+    """Run the command; if interrupted, even during imports, it ends with a one-line message."""
     try:
         from tertia import cli  # noqa: PLC0415  # what takes long must be inside
 

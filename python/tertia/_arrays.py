@@ -64,7 +64,7 @@ def array_of(value: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
 
 
 def _without_na(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return the objects with None in place of pandas' NA, which nullable columns contain."""
+    """Return the objects; pandas' NA, which nullable columns contain, is replaced by None."""
     pandas = sys.modules.get("pandas")
     if pandas is None:
         return array
@@ -118,7 +118,7 @@ def points(value: npt.ArrayLike, name: str) -> FloatArray:
 def lies_between(
     array: FloatArray, least: float = -_MOST, most: float = _MOST, *, missing: bool = False
 ) -> bool:
-    """Return whether all numbers lie between the limits or, with `missing`, are nan."""
+    """Return whether all numbers lie between the limits; with `missing`, nan is also allowed."""
     return _core.first_outside(np.asarray(array), least, most, missing) is None
 
 
@@ -131,7 +131,7 @@ def require_between(
     *,
     missing: bool = False,
 ) -> None:
-    """Raise an error at the first number outside the limits; `missing` allows nan."""
+    """Raise an error that names the first number outside the limits; `missing` allows nan."""
     first = _core.first_outside(np.asarray(array), least, most, missing)
     if first is not None:
         index = tuple(map(int, np.unravel_index(first, array.shape)))
@@ -139,7 +139,7 @@ def require_between(
 
 
 def require_each(array: FloatArray, holds: BoolArray, name: str, requirement: str) -> None:
-    """Raise an error at the first number for which the requirement does not hold."""
+    """Raise an error that names the first number for which the requirement does not hold."""
     if holds.all():
         return
     index = tuple(np.argwhere(~holds)[0])
@@ -154,12 +154,12 @@ def radians(
     In modules with geometry (`sensors`, `location`, `trajectory`, `tracker`, `geo`, `simulate`),
     angles are in radians, and azimuths are clockwise from north. `degrees=True` converts the angles
     given in that call; stored and returned angles are in radians. Series of angles (`bearing`,
-    `screening`, `kalman`, `smoothing`, `fusion`) are in the unit of their `period`. Only latitude,
-    longitude and columns named `*_deg` are always in degrees.
+    `screening`, `kalman`, `smoothing`, `fusion`) are in the unit of their `period`. Only latitudes,
+    longitudes and columns named `*_deg` are always in degrees.
 
-    An azimuth of more than two turns is nearly always in degrees, passed without `degrees=True`.
-    The same holds for a sigma above pi/sqrt(3), which is the standard deviation of a uniformly
-    distributed direction. Both would otherwise silently give a wrong position.
+    If an azimuth exceeds two turns, it is nearly always in degrees, and `degrees=True` is missing.
+    The same is true of a sigma above pi/sqrt(3), which is the standard deviation of a uniformly
+    distributed direction. Without this check, such values would give a wrong position and no error.
     """
     array = samples(value, name)
     if degrees:
@@ -235,7 +235,7 @@ def instance(value: Any, name: str, *kinds: type) -> None:
 
 
 def sequence_of(values: Any, kind: type[_T], name: str) -> tuple[_T, ...]:
-    """Return a sequence as a tuple, after checking the type of its elements."""
+    """Return a sequence as a tuple, after checking the types of its elements."""
     if not isinstance(values, Sequence):
         raise TypeError(f"{name} is {values!r}; it must be a sequence of {kind.__name__}")
     for i, value in enumerate(values):
@@ -253,12 +253,12 @@ def listed(values: Any, name: str) -> list[Any]:
 
 
 def threads(n_threads: int | None) -> int | None:
-    """Return the requested number of threads, checked."""
+    """Return the requested number of threads, after checking it."""
     return None if n_threads is None else integer(n_threads, "n_threads", 1)
 
 
 def omits(nan_policy: NanPolicy) -> bool:
-    """Return whether nan means 'no measurement'."""
+    """Return whether this `nan_policy` gives nan the meaning 'no measurement'."""
     if not isinstance(nan_policy, str) or nan_policy not in {"raise", "omit"}:
         raise ValueError(f"nan_policy is {nan_policy!r}; it must be 'raise' or 'omit'")
     return nan_policy == "omit"
@@ -270,12 +270,12 @@ def spread(array: FloatArray, shape: tuple[int, ...]) -> FloatArray:
 
 
 def scalar_or_array(array: npt.NDArray[Any]) -> Any:
-    """Return a Python scalar if there is no batch, the array otherwise."""
+    """Return a Python scalar if there is no batch, and the array otherwise."""
     return array if array.ndim else array.item()
 
 
 def generator(rng: Any) -> np.random.Generator:
-    """Return the random generator for `rng`."""
+    """Return the random generator that `rng` is, or of which it is the seed."""
     try:
         return np.random.default_rng(rng)
     except (TypeError, ValueError) as error:

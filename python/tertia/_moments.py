@@ -18,7 +18,7 @@ def are_moments(array: npt.NDArray[Any]) -> bool:
 
 
 def seconds(array: npt.NDArray[Any], name: str) -> npt.NDArray[np.float64]:
-    """Return datetimes as seconds since 1970; those without a time zone are in UTC."""
+    """Return datetimes as seconds since 1970; datetimes without a time zone are taken as UTC."""
     if array.dtype.kind != "M":
         flat = [_moment(one, f"{name}[{at}]") for at, one in enumerate(array.flat)]
         return np.array(flat, dtype=np.float64).reshape(array.shape)

@@ -34,11 +34,11 @@ _PRODUCTS = {("m", "m"): "m2", ("m", "m_s"): "m2_s", ("m_s", "m_s"): "m2_s2"}
 class Result:
     """A result that can be converted to a table.
 
-    The columns have the names of the attributes. Where the unit is certain, it is appended as in
-    files: `time_s`, `east_m`, `velocity_north_m_s`, `covariance_east_north_m2`. Arrays of other
-    quantities have numbered columns; angles are in the unit of the attribute. A batch has the
-    columns `index_0` and so on. Attributes with other rows than the result, such as the outliers of
-    a bearing, are left out.
+    The columns have the names of the attributes. If the unit of a quantity is certain, it is part
+    of the name, as in files: `time_s`, `east_m`, `velocity_north_m_s`, `covariance_east_north_m2`.
+    The columns of other arrays are numbered. Angles are in the unit of the attribute. The table of
+    a batch also has the columns `index_0`, `index_1` and so on. Attributes whose rows do not
+    correspond to the rows of the table, such as the outliers of a bearing, are left out.
     """
 
     __slots__ = ()
@@ -123,7 +123,7 @@ class Result:
 
 
 def _arrays(result: Any, omitted: tuple[str, ...] = ()) -> Iterator[tuple[str, npt.NDArray[Any]]]:
-    """Yield the numbers and texts of a result and of the results it contains, by name."""
+    """Yield the name and value of each number or text of a result and of the results in it."""
     for field in fields(result):
         value = getattr(result, field.name)
         if field.name.startswith("_") or field.name in omitted or value is None:
@@ -142,7 +142,7 @@ def _arrays(result: Any, omitted: tuple[str, ...] = ()) -> Iterator[tuple[str, n
 
 
 def _columns_of_figures(result: Any) -> dict[str, npt.NDArray[Any]]:
-    """Return columns of the figures of a result and of its parts, with their intervals."""
+    """Return the figures of a result and of its parts as columns, with their intervals."""
     found = list(_figures(result, ""))
     columns = {
         "part": np.array([part for part, _, _ in found]),
@@ -158,7 +158,7 @@ def _columns_of_figures(result: Any) -> dict[str, npt.NDArray[Any]]:
 
 
 def _figures(result: Any, part: str) -> Iterator[tuple[str, str, Any]]:
-    """Yield part, name and value of each figure."""
+    """Yield the part to which a figure belongs, its name and its value, for each figure."""
     for field in fields(result):
         value = getattr(result, field.name)
         for key, one in value.items() if isinstance(value, Mapping) else [(None, value)]:
@@ -169,7 +169,7 @@ def _figures(result: Any, part: str) -> Iterator[tuple[str, str, Any]]:
 
 
 def _flat(name: str, array: npt.NDArray[Any], axes: int) -> Iterator[tuple[str, npt.NDArray[Any]]]:
-    """Yield columns with one number per row; positions have `axes` coordinates."""
+    """Yield columns with one number per row; a position has `axes` coordinates."""
     shape = array.shape[1:]
     if not shape:
         yield f"{name}_{_UNITS[name]}" if name in _UNITS else name, array
@@ -186,7 +186,7 @@ def _flat(name: str, array: npt.NDArray[Any], axes: int) -> Iterator[tuple[str, 
 
 
 def _covariance(array: npt.NDArray[Any], axes: int) -> Iterator[tuple[str, npt.NDArray[Any]]]:
-    """Yield the sigmas and covariances of a state, without those of accelerations."""
+    """Yield the sigmas and covariances of a state, except those of its accelerations."""
     state = [
         (f"{prefix}{axis}", unit) for prefix, unit in _VECTORS.values() for axis in _AXES[:axes]
     ]

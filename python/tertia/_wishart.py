@@ -10,7 +10,7 @@ from tertia._arrays import FloatArray
 def standard_wishart(
     m: int, degrees_of_freedom: float, size: tuple[int, ...], rng: np.random.Generator
 ) -> FloatArray:
-    """Draw Wishart matrices of order `m` with mean `I`, of shape (*size, m, m).
+    """Draw Wishart matrices of order `m` whose mean is `I`; the result has the shape (*size, m, m).
 
     If the degrees of freedom are a whole number below `m`, the matrices are singular.
     """

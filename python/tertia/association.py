@@ -1,10 +1,10 @@
 """Association: assignment of the plots of a scan to tracks.
 
-Source: Glagovskiy, Lavina, Rudelson 2014, for the gates, their sectors and the score of a plot for
-a track. The default score is the usual likelihood ratio; the printed score is kept as
-`paper_score`. Symbols: the innovation is a plot minus the prediction, S is its covariance, `nis =
-innovation' S^-1 innovation` is the normalised innovation squared, m is the number of components, x
-is east and y is north.
+The gates, their sectors and the score of a plot for a track are those of Glagovskiy, Lavina,
+Rudelson 2014. The default score is the usual likelihood ratio; the score printed in that paper is
+available as `paper_score`. Symbols: the innovation is a plot minus its prediction, S is the
+covariance of the innovation, `nis = innovation' S^-1 innovation` is the normalised innovation
+squared, m is the number of components of the innovation, x is east and y is north.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ _NONE = -1
 
 
 class GateSector(enum.IntEnum):
-    """Sector of a gate in which a plot lies; ahead and behind extend 45 degrees to each side."""
+    """Sector of a gate in which a plot lies; ahead and behind extend by 45 degrees to each side."""
 
     INNER = 0
     AHEAD = 1
@@ -115,9 +115,10 @@ class Association(Result):
     plot_of_track : ndarray of int, shape (T,)
         Index of the plot assigned to each track; -1 if there is none.
     score : ndarray of shape (T,)
-        Score of the plot of each track; nan if the track has no plot.
+        Score of the plot that is assigned to each track; nan if the track has no plot.
     nis : ndarray of shape (T,)
-        Normalised innovation squared of the plot of each track; nan if the track has no plot.
+        Normalised innovation squared of the plot that is assigned to each track; nan if the track
+        has no plot.
     """
 
     _rows: ClassVar = "track_of_plot", 0
@@ -136,7 +137,7 @@ class Association(Result):
 
 
 def gate_threshold(gate_probability: float | Gate = "guard", dimension: int = 2) -> float:
-    """Return the threshold of the normalised innovation squared for a gate.
+    """Return the largest normalised innovation squared of the plots within a gate.
 
     Parameters
     ----------
@@ -168,7 +169,7 @@ def gate_threshold(gate_probability: float | Gate = "guard", dimension: int = 2)
 def gate_sectors(
     innovation: npt.ArrayLike, covariance: npt.ArrayLike, velocity: npt.ArrayLike
 ) -> GateSector | IntArray:
-    """Return the sector of the gates in which each plot lies.
+    """Return the sector of the gate of a track in which each plot lies.
 
     Parameters
     ----------
@@ -177,15 +178,15 @@ def gate_sectors(
     covariance : array_like of shape (..., 2, 2)
         Covariances of the innovations.
     velocity : array_like of shape (..., 2)
-        Velocities of the tracks, not zero.
+        Velocities of the tracks; they must not be zero.
 
     Returns
     -------
     GateSector or ndarray of int, shape (...)
-        The sector of each plot. Inside the inner gate the motion is straight and uniform. Between
-        the inner and the outer gate, a plot ahead or behind indicates a change of speed, and a plot
-        to one side a change of course. Beyond the outer gate, in the guard gate, a plot indicates a
-        manoeuvre.
+        The sector of each plot. A plot inside the inner gate indicates straight and uniform motion.
+        Between the inner and the outer gate, a plot ahead or behind indicates a change of speed,
+        and a plot to one side indicates a change of course. A plot beyond the outer gate, in the
+        guard gate, indicates a manoeuvre.
 
     Raises
     ------
@@ -199,12 +200,12 @@ def gate_sectors(
     Notes
     -----
     Sectors are defined by the angle between `S^-1/2 innovation` and `S^-1/2 velocity`, which is the
-    same for every square root of S, so that each sector contains a quarter of the true plots. Up to
-    45 degrees is ahead, 135 degrees or more is behind.
+    same for every square root of S. Therefore each sector contains a quarter of the true plots.
+    Plots at an angle of up to 45 degrees are ahead, and plots at 135 degrees or more are behind.
 
     Examples
     --------
-    An aircraft flies north, with plots ahead and to the left of its predicted position:
+    An aircraft flies north. One plot is ahead of its predicted position, another one to the left:
 
     >>> from tertia.association import GateSector, gate_sectors
     >>> gate_sectors([[0, 200], [-300, 100]], [[1e4, 0], [0, 1e4]], [0, 220])
@@ -254,9 +255,9 @@ def paper_score(nis: npt.ArrayLike, q: float = _RATIO, dimension: int = 2) -> fl
     Returns
     -------
     float or ndarray of shape (...)
-        `(1/q - 1) nis / 2 + m/2 ln q`: the log-likelihood ratio of a true association to a false
-        one. It ignores the size of the covariance; to compare tracks whose covariances differ, use
-        `likelihood_score`.
+        `(1/q - 1) nis / 2 + m/2 ln q`, which is the log-likelihood ratio of a true association to a
+        false one. This score does not depend on the size of the covariance; to compare tracks whose
+        covariances differ, use `likelihood_score`.
 
     Raises
     ------
@@ -283,7 +284,7 @@ def likelihood_score(
     clutter_density: float,
     detection_probability: float = 0.9,
 ) -> float | FloatArray:
-    """Return the log-likelihood ratio of a plot: a plot of this target against a false plot.
+    """Return the log-likelihood ratio of two hypotheses: a plot is of this target, or it is false.
 
     Parameters
     ----------
@@ -292,7 +293,7 @@ def likelihood_score(
     covariance : array_like of shape (..., m, m)
         Covariances of the innovations.
     clutter_density : float
-        False plots in a scan per unit of area (m = 2) or volume (m = 3).
+        Mean number of false plots in a scan per unit of area (m = 2) or volume (m = 3).
     detection_probability : float
         Probability that a target is detected in a scan.
 
@@ -352,7 +353,7 @@ def gate(
     Parameters
     ----------
     predicted : array_like of shape (T, m)
-        Predicted positions, m = 2 or 3; the first two coordinates are those in the plane.
+        Predicted positions, with m = 2 or 3; the first two coordinates are those in the plane.
     covariance : array_like of shape (T, m, m) or (m, m)
         Covariances of the innovations or, if `plot_covariance` is given, of the predictions.
     plots : array_like of shape (N, m)
@@ -378,7 +379,7 @@ def gate(
 
     Notes
     -----
-    Plots are looked up in a spatial index, so the cost is O(T + N) plus the number of pairs.
+    Plots are found with a spatial index, so the cost is O(T + N) plus the number of pairs.
 
     Examples
     --------
@@ -410,20 +411,23 @@ def associate(
     Parameters
     ----------
     predicted, covariance, plots, plot_covariance : array_like
-        As for `gate`: of shapes (T, m), (T, m, m) or (m, m), (N, m), and (N, m, m) or (m, m).
+        The same arguments as for `gate`, with the same shapes.
     method : {"gnn", "nearest"}
-        "gnn": global nearest neighbour, which maximises the sum of the gains (see Notes).
-        "nearest": the best of the remaining pairs is taken repeatedly.
+        "gnn": the global nearest neighbour method, which maximises the sum of the gains (see
+        Notes).
+        "nearest": repeatedly, the pair with the largest gain among the remaining pairs is assigned.
     score : {"likelihood", "paper"}
         "likelihood": the score is `likelihood_score`. "paper": it is `paper_score`.
     clutter_density : float, optional
-        False plots in a scan per unit of area or volume; required if `score` is "likelihood".
+        Mean number of false plots in a scan per unit of area or volume; required if `score` is
+        "likelihood".
     detection_probability : float
         Probability that a target is detected in a scan; used if `score` is "likelihood".
     q : float
         As for `paper_score`; used if `score` is "paper".
     gate_probability : float or {"inner", "outer", "guard"}
-        Probability that a true plot lies within its gate; plots outside are never assigned.
+        Probability that a true plot lies within its gate. Plots outside the gate of a track are
+        never assigned to it.
 
     Returns
     -------
@@ -437,14 +441,15 @@ def associate(
 
     Notes
     -----
-    The gain of a pair is its likelihood score minus `ln(1 - detection_probability)`, because
-    without the pair the plot is false and the target was not detected. Pairs with a gain of zero or
-    less are not assigned. With the paper's score only the gate decides whether a plot is accepted;
-    the gain is then the score minus the score at the edge of the gate.
+    The gain of a pair is its likelihood score minus `ln(1 - detection_probability)`, because if the
+    pair is not assigned, the plot is false and the target was not detected. Pairs with a gain of
+    zero or less are not assigned. If `score` is "paper", the gain is the score of the pair minus
+    the score at the edge of the gate, so that only the gate decides whether a plot is accepted.
 
     Examples
     --------
-    The first track is nearer to both plots, but the second track also gets one of them:
+    The first track is nearer to both plots than the second track, but each track is assigned a
+    plot:
 
     >>> from tertia.association import associate
     >>> result = associate([[0, 0], [3, 0]], [[1, 0], [0, 1]], [[0.9, 0], [0, 0.5]],
@@ -493,7 +498,7 @@ def _scene(
 
 
 def _content(gate_probability: float | Gate) -> float:
-    """Return the probability of a gate."""
+    """Return the probability that a true plot lies within a gate, given as a number or by name."""
     if isinstance(gate_probability, str):
         if gate_probability not in _GATES:
             raise ValueError(

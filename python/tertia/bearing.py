@@ -1,9 +1,9 @@
-"""Bearing: one angle with its standard deviation from a sample of measured angles.
+"""Bearing: estimation of one angle and its standard deviation from a sample of measured angles.
 
-Source: Manoilov, Pysarchuk, Pavliuk 2006, stages 1 to 3.2 and equations (M5)-(M7), as printed
-(`method="paper"`) and corrected (`method="corrected"`). The default method, "robust", is more
-accurate than both and withstands 40 percent of outliers; its sigma allows for time-correlated
-noise.
+The source is Manoilov, Pysarchuk, Pavliuk 2006, stages 1 to 3.2 and equations (M5)-(M7). Its
+algorithm is available as printed (`method="paper"`) and with corrections (`method="corrected"`).
+The default method, "robust", is more accurate than both and remains reliable if up to 40 percent of
+the measurements are outliers; its sigma allows for time-correlated noise.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class BearingEstimate(Result):
         The bearing, in [0, period) if there is a period.
     sigma : float or ndarray of shape (...)
         Standard deviation of the bearing. It is inf if all measurements are equal and `rounding` is
-        not given, because the sample then does not show how large the errors are.
+        not given, because the size of the errors cannot then be estimated from the sample.
     systematic : {"given", "estimated", "not included"}
         How `sigma` treats systematic errors: it includes the given `bias_sigma`, it includes one
         that was estimated from the differences between groups, or it includes none because there
@@ -57,21 +57,23 @@ class BearingEstimate(Result):
         True for outliers, including all measurements of a rejected block. With method "robust", a
         measurement is an outlier if it is more probably bad than good.
     polarity : float or ndarray of shape (...)
-        `(N+ - N-) / N`, with N+ outliers above the bearing and N- below it.
+        `(N+ - N-) / N`, where N+ is the number of outliers above the bearing and N- the number of
+        outliers below it.
     pvalue : float or ndarray of shape (...)
-        P-value of the test that the blocks agree, or, with groups and a given `bias_sigma`, that
-        the groups agree. If it is below 0.05, `sigma` has been increased accordingly. It is nan
-        with fewer than two blocks or groups, and for all methods except "robust".
+        P-value of the test whether the blocks agree or, with groups and a given `bias_sigma`,
+        whether the groups agree. If it is below 0.05, `sigma` has been increased accordingly. It is
+        nan if there are fewer than two blocks or groups, and for all methods except "robust".
     correlation : float or ndarray of shape (...)
         Correlation of successive measurements, given or estimated; nan if all measurements are
         equal.
     effective_number : float or ndarray of shape (...)
-        Number of independent measurements that would give the same variance, systematic errors
-        disregarded.
+        Number of independent measurements that would give the same variance as this sample if there
+        were no systematic errors.
     block_means, block_variances, block_weights : ndarray of shape (..., L) or None
         Mean, variance and weight of each block as used in the estimate. The means are unwrapped
-        angles, and the weights sum to one. A mean is nan if the block has no measurements, a
-        variance if it has fewer than two. None if the method does not use blocks.
+        angles, and the sum of the weights is one. The mean of a block is nan if it has no
+        measurements, and its variance is nan if it has fewer than two. These attributes are None if
+        the method does not use blocks.
     """
 
     _rows: ClassVar = "value", 0
@@ -126,59 +128,63 @@ def estimate_bearing(
     Parameters
     ----------
     theta : array_like of shape (..., N)
-        Measured bearings in time order. N must be at least 5 for method "robust", 2 for "mean" and
-        3 for the others.
+        Measured bearings in time order. N must be at least 5 for the method "robust", 2 for "mean",
+        and 3 for the other methods.
     period : float or None
         Period of the angles: 360.0 for degrees, 2*pi for radians, None for data that do not wrap.
     bias_sigma : float or None
         Standard deviation of the systematic error that all measurements of a group share, in the
         unit of `theta`; without `groups`, all measurements share one error. 0 means that there is
-        no systematic error, inf that nothing is known about it. If None, it is estimated from the
-        differences between the groups, and is not included if there are no groups.
+        no systematic error, and inf means that nothing is known about it. If it is None, the
+        standard deviation is estimated from the differences between the groups. If there are no
+        groups, no systematic error is then included.
     groups : array_like of shape (N,) or (..., N), optional
-        Labels of the measurements, equal for those that share a systematic error: taken at one
-        stop, in one hour, or in one sector of directions. The value is then the mean of the means
-        of the groups. `sigma` allows for errors that are correlated between successive groups, in
-        the order in which the groups first appear. An error that all groups share, such as a
-        misaligned north, cannot be seen in their differences. Only for method "robust".
+        Labels of the measurements. Measurements that share a systematic error have the same label,
+        for example those taken at one stop, in one hour, or in one sector of directions. The
+        estimated bearing is then the mean of the means of the groups. `sigma` allows for errors
+        that are correlated between successive groups, in the order in which the groups first
+        appear. An error that all groups share, such as a misaligned north, has no effect on their
+        differences. Groups are allowed only with the method "robust".
     method : {"robust", "corrected", "paper", "k-sigma", "mean"}
-        "robust": the mean of the results under several hypotheses, weighted by their likelihoods.
-        The hypotheses are: no outliers; outliers on one side; outliers on both sides; outliers in a
-        wide distribution about the good measurements. Outliers may be isolated or in bursts.
-        "paper": the algorithm as printed. It screens by leaving one measurement out at a time,
+        "robust": the mean of the results under several hypotheses, weighted by the likelihoods of
+        the hypotheses. These are that there are no outliers, that there are outliers on one side,
+        that there are outliers on both sides, and that the outliers have a wide distribution about
+        the good measurements. Outliers may be isolated or in bursts.
+        "paper": the algorithm as printed. It screens the measurements by leaving one out at a time,
         replaces blocks with an outlying mean or variance, weights block j by 1/d_j, where d_j is
-        its variance, and computes sigma by (M7). That is not the standard deviation of the bearing;
-        see the documentation.
-        "corrected": like "paper", but bad blocks are excluded, not replaced. Grubbs' test checks
-        the means of the blocks and an exact test their variances, and sigma is correct.
-        "k-sigma": the mean of the measurements y with `|y - M| <= k sqrt(D)`, where M and D are
-        the mean and the variance.
+        its variance, and computes sigma by (M7). This sigma is not the standard deviation of the
+        bearing; see the documentation.
+        "corrected": like "paper", but bad blocks are excluded, not replaced. The means of the
+        blocks are checked by Grubbs' test and their variances by an exact test, and sigma is
+        correct.
+        "k-sigma": the mean of the measurements y with `|y - M| <= k sqrt(D)`, where M and D are the
+        mean and the variance of all measurements.
         "mean": the mean of all measurements.
     block_size : int
-        Number of consecutive measurements per block, at least 2; the last block also takes the
-        remainder.
+        Number of consecutive measurements per block, at least 2. If the number of measurements is
+        not a multiple of it, the last block also contains the remaining measurements.
     k : float
         Threshold of the screening, in standard deviations, in the methods "paper", "corrected" (k1
         of the paper) and "k-sigma".
     variance_test : {"cochran", "student"}, float or None
-        How the methods "paper" and "corrected" decide that the variance d_j of a block is too
-        large. "cochran": by the exact F test at `significance`. A number k2 >= 1: if
-        `d_j > k2 / sum(1/d_j)`. "student": the same with the k2 of the paper; this nearly always
-        rejects a clean block and is for demonstration only. None: no block is rejected for its
-        variance.
+        How the methods "paper" and "corrected" decide whether the variance d_j of a block is too
+        large. With "cochran", the exact F test at `significance` decides. With a number k2 >= 1,
+        the variance is too large if `d_j > k2 / sum(1/d_j)`. With "student", the same rule is
+        applied with the k2 of the paper; this nearly always rejects a block without outliers, and
+        is for demonstration only. With None, no block is rejected because of its variance.
     significance : float
-        False-alarm rate of the tests among blocks.
+        False-alarm rate of the tests that compare the blocks.
     correlation : float or None
         Correlation of successive measurements in a record without outliers; a positive correlation
-        increases `sigma`. 0 means none. If None, the method "robust" estimates it and the other
-        methods take it as 0. The method "paper" ignores it.
+        increases `sigma`. 0 means no correlation. If it is None, the method "robust" estimates the
+        correlation, and the other methods assume 0. The method "paper" ignores this parameter.
     rounding : float
         Step to which the measurements were rounded, in their unit. If it is 0, the step is unknown,
-        and "robust" infers it from equal measurements. If the noise is smaller than the step,
-        `sigma` is at least that of the rounding.
+        and the method "robust" estimates it from equal measurements. If the noise is smaller than
+        the step, `sigma` is at least the standard deviation of the rounding error.
     nan_policy : {"raise", "omit"}
-        How to treat nan. "raise" makes it an error. "omit" takes it as 'no measurement'; the blocks
-        are formed from the remaining measurements.
+        How to treat nan. With "raise", nan is an error. With "omit", nan means 'no measurement',
+        and the blocks are formed from the remaining measurements.
     n_threads : int, optional
         Number of threads; by default one for small tasks and all cores for large ones.
 
@@ -199,22 +205,23 @@ def estimate_bearing(
 
     Notes
     -----
-    **Hypotheses.** Each is a mixture `(1 - e) N(mu, s^2) + sum e_j N(mu + d_j, t_j^2)` of good
-    measurements and one or two kinds of bad ones. It is fitted by EM [1]_, starting from the
-    shortest half of the sample. For bursts, the same mixture is fitted as a Markov chain whose
-    states persist [2]_. The weights are `exp(l - 0.4 k ln N)`, where l is the log-likelihood and k
-    the number of parameters; this penalty is weaker than Schwarz's [3]_. The variance is the sum of
-    the variance under each hypothesis, from the outer products of its scores, and of the spread
-    between the hypotheses. For the spread the weights have half that penalty, because hypotheses
-    that are too doubtful to contribute to the mean may still be true.
+    **Hypotheses.** Each hypothesis is a mixture `(1 - e) N(mu, s^2) + sum e_j N(mu + d_j, t_j^2)`
+    of good measurements and one or two kinds of bad measurements. The mixture is fitted by the EM
+    algorithm [1]_, which starts from the shortest interval that contains half of the sample. For
+    bursts, the same mixture is fitted as a Markov chain whose states persist [2]_. The weights are
+    `exp(l - 0.4 k ln N)`, where l is the log-likelihood and k the number of parameters; this
+    penalty is weaker than Schwarz's [3]_. The variance of the bearing is the weighted mean of the
+    variances under the hypotheses, which are computed from the outer products of the scores, plus
+    the variance of the results between the hypotheses. For the latter, the weights have half that
+    penalty, because hypotheses that are too doubtful to contribute to the mean may still be true.
 
     **Correlation.** For each hypothesis, the posterior of the lag-one correlation of the good
-    measurements is computed exactly. The prior puts one half on zero and the other half uniformly
-    on -0.5 to 0.99.
+    measurements is computed exactly. In the prior, the correlation is zero with a probability of
+    one half, and otherwise uniform between -0.5 and 0.99.
 
     **Groups.** The systematic errors of the groups are random effects. Their standard deviation has
-    a half-Cauchy prior [4]_ as wide as the standard deviation of one measurement; the correlation
-    of successive groups is described by its posterior.
+    a half-Cauchy prior [4]_, whose scale is the standard deviation of one measurement. The
+    correlation of successive groups is treated as unknown, too, and is described by its posterior.
 
     References
     ----------
@@ -272,7 +279,7 @@ def estimate_bearing(
 
 
 def _numbered(groups: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    """Return the numbers of the groups from 0, for each row or for one row that all share."""
+    """Number the groups from 0, and return the numbers: one row for each record, or one for all."""
     labels = array_of(groups, "groups")
     if not shape or labels.shape not in {shape, shape[-1:]}:
         raise ValueError(

@@ -1,11 +1,12 @@
-"""Smoothing over time: of the positions of one target, or of any measured series.
+"""Smoothing of the positions of one target, or of any measured series, over time.
 
 `local_polynomial` fits a polynomial around each instant. `smooth` estimates position, velocity and
 acceleration at every instant from all plots; its model is a target whose acceleration is driven by
-white jerk. Units are the caller's.
+white jerk. The results are in the units of the arguments.
 
-`smooth` detects outliers, jumps, noise that is larger than stated, and time-correlated noise;
-`local_polynomial` assumes white noise and no outliers.
+`smooth` detects outliers, jumps of the position, noise that is larger than stated, and
+time-correlated noise. `local_polynomial` assumes that the noise is white and that there are no
+outliers.
 """
 
 from __future__ import annotations
@@ -55,10 +56,11 @@ class LocalPolynomial(Result):
     residual_variance : float or ndarray of shape (...), or None
         Variance of the noise, estimated from the whole record; None if variances were given.
     degrees_of_freedom : float or ndarray of shape (...), or None
-        Degrees of freedom of `residual_variance`. For short records, multiply `sigma` by quantiles
-        of Student's distribution with these degrees of freedom. None if variances were given.
+        Degrees of freedom of `residual_variance`. To obtain confidence intervals from a short
+        record, multiply `sigma` by a quantile of Student's distribution with these degrees of
+        freedom. None if variances were given.
     systematic : {"not included"}
-        `sigma` covers white noise only; a systematic error is not part of it.
+        `sigma` accounts for white noise only; it does not include systematic errors.
     """
 
     _rows: ClassVar = "value", 0
@@ -90,18 +92,20 @@ class SmoothedPositions(Result):
     mean : ndarray of shape (..., N, 3 D)
         Positions, velocities and accelerations, in this order; nan where unknown.
     covariance : ndarray of shape (..., N, 3 D, 3 D)
-        Covariance of `mean`, for the noise as estimated. Where the state is unknown, its variance
-        is inf and its covariances are 0. An error that all plots share is not included.
+        Covariance of `mean`, given the estimated noise. Where a component of the state is unknown,
+        its variance is inf and its covariances are 0. An error that all plots share is not
+        included.
     innovation : ndarray of shape (..., N, D)
-        Plots minus their predictions from earlier plots, whitened. If the most likely model of the
-        noise holds, they are uncorrelated and have unit variance. The innovation of each axis is
-        conditioned on those of the axes before it. nan where there is no plot, where the plot is an
-        outlier, and where no prediction is possible yet.
+        Whitened differences between the plots and their predictions from earlier plots. If the most
+        likely model of the noise is true, the innovations are uncorrelated and have unit variance.
+        The innovation of each axis is conditioned on the innovations of the axes before it. It is
+        nan where there is no plot, where the plot is an outlier, and where no prediction is
+        possible yet.
     log_likelihood : float or ndarray of shape (...)
         Log-likelihood of all plots if the noise is white and as stated and the initial state is
         unknown, up to a constant that depends on units and times.
     count : int or ndarray of shape (...)
-        Number of measured components in excess of those needed to determine the state.
+        Number of measured components minus the number that is needed to determine the state.
     jerk : float or ndarray of shape (...)
         Intensity of the white jerk, in position² / time⁵: the rate at which the variance of the
         acceleration grows.
@@ -109,8 +113,8 @@ class SmoothedPositions(Result):
         Standard uncertainty of `jerk`, to first order: `jerk` times the standard uncertainty of its
         logarithm. 0 if the jerk was given, inf if the plots do not determine it.
     acceleration_noise : float or ndarray of shape (...)
-        Intensity of the white noise of the acceleration, in position² / time³. If it is positive,
-        the velocity is a random walk, and the plots contain little information on the jerk.
+        Intensity of the white acceleration, in position² / time³. If it is positive, the velocity
+        is a random walk, and the plots contain little information about the jerk.
     outlier : ndarray of bool, of shape (..., N)
         Plots that were left out.
     correlation_time : float or ndarray of shape (...)
@@ -119,7 +123,8 @@ class SmoothedPositions(Result):
     noise_factor : float or ndarray of shape (...)
         Factor, at least 1, by which the stated standard deviations are multiplied.
     systematic : {"not included"}
-        An error common to all plots is not visible in one track and is not included.
+        The covariance does not include an error that is common to all plots, because such an error
+        cannot be detected from one track.
     """
 
     _rows: ClassVar = "mean", 1
@@ -176,7 +181,7 @@ class SmoothedPositions(Result):
 
     @property
     def nis(self) -> FloatArray:
-        """Normalised innovations squared, of shape (..., N); nan where there are none."""
+        """Normalised innovations squared, of shape (..., N); nan where there is no innovation."""
         known = ~np.isnan(self.innovation)
         squares = np.sum(np.where(known, self.innovation, 0.0) ** 2, axis=-1)
         return np.where(known.any(axis=-1), squares, np.nan)
@@ -186,7 +191,7 @@ class SmoothedPositions(Result):
         return slice(derivative * dimension, (derivative + 1) * dimension)
 
     def __repr__(self) -> str:
-        """Return the shape, the jerk, and what is unusual about the noise, as text."""
+        """Return the shape, the jerk, and how the noise differs from the stated noise, as text."""
         parts = [f"SmoothedPositions(position of shape {self.innovation.shape}"]
         if not isinstance(self.jerk, np.ndarray):
             if self.acceleration_noise > 0:
@@ -222,8 +227,9 @@ def local_polynomial(
     y : array_like of shape (..., N)
         Measurements; nan where one is missing.
     window : int
-        Number of instants in a window, odd. Each instant is in the middle of its window; near the
-        ends, the first and last windows are evaluated off-centre.
+        Number of instants in a window; it must be odd. Each instant is in the middle of its window,
+        except near the ends of the series, where the polynomial of the first or last full window is
+        evaluated away from its middle.
     degree : {"adaptive"} or int
         Degree of the polynomials, at most 9 and less than `window`. "adaptive" takes, in each
         window, the highest degree up to `max_degree` whose coefficient is significant.
@@ -232,8 +238,8 @@ def local_polynomial(
     variance : array_like of shape (), (N,) or (..., N), optional
         Variance of the measurements. By default it is constant and unknown.
     derivative : int
-        Order of the derivative, at most the degree: 0 for the value, 1 for its rate, and so on.
-        Adaptive degrees are at least this order.
+        Order of the derivative: 0 for the value, 1 for its rate, and so on. It must not exceed the
+        degree. An adaptive degree is at least as high as this order.
     max_degree : int
         Highest adaptive degree, less than `window` - 1.
     significance : float
@@ -256,16 +262,17 @@ def local_polynomial(
 
     Notes
     -----
-    Degrees are tested from the highest down. The test is that of the coefficient of the orthogonal
-    polynomial of degree p: by F(1, ν) without `variance`, where ν = n - p - 1 are the degrees of
-    freedom left in a window of n measurements, and by chi-square with one degree of freedom with
-    `variance`. The value is nan in a window with too few measurements to test the highest degree,
-    or to fit a fixed degree.
+    Adaptive degrees are tested one after the other, starting with the highest. The test of degree p
+    is whether the coefficient of the orthogonal polynomial of this degree is zero. Without
+    `variance` it is an F test with 1 and ν degrees of freedom, where ν = n - p - 1 is the number of
+    degrees of freedom that remain in a window of n measurements. With `variance` it is a chi-square
+    test with one degree of freedom. The value is nan if a window has too few measurements to test
+    the highest degree or to fit a fixed degree.
 
-    Without `variance`, `sigma` assumes that all measurements have the same variance. This is
-    estimated from the whole record with polynomials of the highest degree, so that the choice of
-    the degree does not reduce it. `sigma` covers the noise alone, as if the degree were known; if
-    the test misses a curvature, the resulting bias is not part of `sigma`.
+    Without `variance`, `sigma` assumes that all measurements have the same variance. This variance
+    is estimated from the whole record with polynomials of the highest degree, so that the choice of
+    the degree does not reduce it. `sigma` accounts for the noise alone, as if the degree were
+    known. If the test does not detect a curvature, the resulting bias is not part of `sigma`.
 
     The cost is O(N window). With equal steps and without `variance`, the fit is a convolution
     (Savitzky and Golay 1964).
@@ -334,13 +341,13 @@ def smooth(
     dt : float, optional
         Time between instants, instead of `time`. By default 1.
     correlation_time : float, optional
-        Correlation time of the noise: plots a time T apart have the correlation
-        `exp(-T / correlation_time)`. 0 means white noise. By default it is estimated from the
-        plots, and is 0 unless they contradict white noise.
+        Correlation time of the noise: plots a time T apart have the correlation `exp(-T /
+        correlation_time)`. 0 means white noise. By default it is estimated from the plots, and it
+        is 0 unless the plots contradict white noise.
     robust : bool
-        Whether to allow for noise that is larger than stated, outliers, and jumps of the position.
-        Outliers are left out, and positions before and after a jump are not averaged. With False
-        and a `correlation_time` of 0, all noise is taken as stated.
+        Whether to allow for noise that is larger than stated, for outliers, and for jumps of the
+        position. Outliers are left out, and positions before and after a jump are not averaged. If
+        it is False and `correlation_time` is 0, the noise is assumed to be as stated.
     jerk : array_like of shape () or (...), optional
         Intensity of the white jerk of every axis, in position² / time⁵; 0 means constant
         acceleration. By default the motion of each target is estimated: it is driven by white jerk,
@@ -377,22 +384,24 @@ def smooth(
     each instant. Three instants determine the state of an axis. With fewer, the variance of each
     component that is not determined is inf.
 
-    The noise is taken as white and as stated unless the innovations contradict this. If they do,
-    models are compared by their likelihood, each with its own jerk: white noise that is larger than
-    stated, and noise of which a share of .6 or .95 is a Gauss-Markov process with one of seven
-    correlation times. The results of the models are averaged, and the spread between them is part
-    of the covariance. Small or smooth residuals do not reduce the stated noise, because
-    time-correlated noise can cause them as well. Outliers and jumps are found by how much each
-    would explain (de Jong and Penzer 1998). These tests need at most three axes and at least three
-    instants per axis; other tracks are smoothed with the noise as stated.
+    The noise is assumed to be white and as large as stated unless the innovations contradict this.
+    If they do, several models of the noise, each with its own jerk, are compared by their
+    likelihoods. In one model the noise is white and larger than stated. In the others, a fraction
+    of .6 or .95 of its variance is that of a Gauss-Markov process with one of seven correlation
+    times. The results of the models are averaged, and the spread between them is part of the
+    covariance. If residuals are small or smooth, the stated noise is not reduced, because
+    time-correlated noise can also be the cause. An outlier or a jump is detected if it
+    significantly increases the likelihood (de Jong and Penzer 1998). These tests require at most
+    three axes and at least three instants per axis; other tracks are smoothed with the noise as
+    stated.
 
-    A velocity that is a random walk has white acceleration instead of white jerk. The estimate is
-    that of the more likely motion. If the other motion is also likely, `covariance` is that of a
-    mixture of both, weighted by their likelihoods. The intensity is treated as known: its
-    uncertainty is not part of `covariance`. If the plots show no jerk, `jerk` is 0 with a
-    `jerk_sigma` of inf; with about ten plots this is common, and does not mean that there is no
-    jerk. The cost is O(N D³). It is about 30 times as high if the motion is estimated, and about 90
-    times as high if, in addition, the innovations contradict the stated noise.
+    If the velocity is a random walk, the motion is driven by white acceleration instead of white
+    jerk. The estimate is that for the more likely of these two motions. If the other motion is also
+    likely, `covariance` is that of a mixture of both, weighted by their likelihoods. The intensity
+    is treated as known: its uncertainty is not part of `covariance`. If the plots show no jerk,
+    `jerk` is 0 with a `jerk_sigma` of inf; with about ten plots this is common, and does not mean
+    that there is no jerk. The cost is O(N D³). It is about 30 times as high if the motion is
+    estimated, and about 90 times as high if the innovations also contradict the stated noise.
 
     Examples
     --------
@@ -470,7 +479,7 @@ def _series(value: npt.ArrayLike, name: str, axes: int, shape: str) -> FloatArra
 def _shared(
     array: FloatArray, shape: tuple[int, ...], batch: tuple[int, ...], name: str, axes_names: str
 ) -> FloatArray:
-    """Return one block of this shape for the whole batch, or one for each of its elements."""
+    """Return one block of this shape for the whole batch, or one block for each element of it."""
     axes = len(shape)
     if array.shape[array.ndim - axes :] == shape and array.ndim >= axes:
         if array.size == math.prod(shape):
@@ -493,7 +502,7 @@ def _variance(variance: FloatArray, batch: tuple[int, ...], n: int) -> FloatArra
 def _covariances(
     value: npt.ArrayLike, batch: tuple[int, ...], n: int, dimension: int
 ) -> tuple[FloatArray, bool]:
-    """Return matrices of covariance, and whether every instant has its own."""
+    """Return covariance matrices, and whether every instant has a matrix of its own."""
     array = samples(value, "covariance")
     square = (dimension, dimension)
     if array.shape in {(), (dimension,)}:

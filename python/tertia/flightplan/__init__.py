@@ -1,8 +1,8 @@
 """Flight plans: planned paths of aircraft, and the conformance of tracks to them.
 
-A plan is a route of straight legs with fly-by turns along arcs tangent to both legs, and a ground
-speed on each leg. Positions are local east and north in metres, courses are in radians clockwise
-from north, and turn angles and cross-track distances are positive to the right.
+A plan is a route of straight legs with a ground speed on each leg. Turns are fly-by turns along
+arcs that are tangent to both legs. Positions are local east and north in metres. Courses are in
+radians, clockwise from north. Turn angles and cross-track distances are positive to the right.
 `tertia.io.read_plans` reads plans from files.
 """
 

@@ -1,4 +1,4 @@
-"""The conformance of a track to its plan, and its times over the waypoints ahead."""
+"""The conformance of a track to its plan, and its estimated times over the waypoints ahead."""
 
 from __future__ import annotations
 
@@ -24,13 +24,14 @@ class Conformance(Result):
     conforms : ndarray of bool, shape (N,)
         Whether the plan is in use: it is not blocked, and its end is still ahead.
     cusum : ndarray of shape (N,)
-        Cumulative sum of deviations; if it exceeds 14, the plan is blocked.
+        Cumulative sum of deviations from the plan; if it exceeds 14, the plan is blocked.
     along_track : ndarray of shape (N,)
         Distance along the path on the current leg, in metres.
     cross_track : ndarray of shape (N,)
         Distance from the path in metres, positive to the right.
     leg : ndarray of int, shape (N,)
-        Index of the current leg, or of the leg at which the plan was blocked; -1 without a plot.
+        Index of the current leg, or of the leg on which the plan was blocked; -1 where there is no
+        plot.
     in_zone : ndarray of bool, shape (N,)
         Whether the aircraft is in the zone in which the turn at the end of the leg may be flown.
     """
@@ -60,7 +61,7 @@ class TimesOver(Result):
     sigma : ndarray of shape (N, W)
         Standard deviation of the time in seconds.
     speed : ndarray of shape (N,)
-        Mean ground speed of the last minute, referred to the present leg, in m/s.
+        Mean ground speed of the last minute in m/s, scaled to the planned speed of the current leg.
     speed_sigma : ndarray of shape (N,)
         Standard deviation of the speed in m/s.
     """
@@ -99,7 +100,8 @@ def conformance(
     time : array_like of shape (N,)
         Times of the plots in seconds, increasing; nan where there is no plot.
     position, velocity : array_like of shape (N, 2)
-        Estimates of the track: east and north in metres, and their rates in m/s.
+        Positions and velocities that the track estimates: east and north in metres, and their rates
+        in m/s.
     covariance : array_like of shape (N, 4, 4), optional
         Covariance of position and velocity; by default zero.
     update_interval : float, optional
@@ -108,8 +110,8 @@ def conformance(
     Returns
     -------
     Conformance
-        For each plot the leg, the position relative to it, the cumulative sum, and whether the plan
-        is in use.
+        For each plot, the leg, the position relative to the leg, the cumulative sum, and whether
+        the plan is in use.
 
     Raises
     ------
@@ -121,12 +123,14 @@ def conformance(
     Notes
     -----
     The deviation of a plot is `q = max(|e| - tolerance, 0)²/(350² + P) + course error²/(5°² +
-    σψ²)`, with the cross-track distance e, its variance P, and the variance σψ² of the course. The
-    tolerance is 0 on straight legs, and `500 + 0.35 lead min(1, |angle|)` metres where a turn may
-    be flown; lead is the distance from the start of the arc to the waypoint. From 0.3 leads and 600
-    m before the arc on, only courses outside those of both legs count as errors. The plan is
-    blocked when the cumulative sum `B = max(0, B + min(q, 20) - 4)` exceeds 14. It is used again
-    after five successive plots within 1200 m and 6° of one leg, the same leg or a later one.
+    σψ²)`, where e is the cross-track distance, P its variance, and σψ² the variance of the course.
+    The tolerance is 0 on straight legs, and `500 + 0.35 lead min(1, |angle|)` metres where a turn
+    may be flown. Here lead is the distance from the start of the arc to the waypoint. In a zone
+    that begins 0.3 leads plus 600 m before the arc, a course is an error only if it is not between
+    the courses of the two legs. The plan is blocked when the cumulative sum `B = max(0, B + min(q,
+    20) - 4)` exceeds 14. The plan is used again after five successive plots that lie within 1200 m
+    of one leg and whose courses are within 6° of its course. This may be the same leg or a later
+    one.
 
     Examples
     --------
@@ -165,8 +169,8 @@ def estimate_times_over(
     plan, time, position, velocity, covariance, update_interval
         As for `conformance`.
     speed_change_sigma : float
-        Standard deviation of the change of the ground speed within a minute, relative to the
-        planned speed, due to wind and the decisions of the crew.
+        Standard deviation of the change of the ground speed within a minute, as a fraction of the
+        planned speed. The changes are due to wind and to decisions of the crew.
 
     Returns
     -------
@@ -183,12 +187,13 @@ def estimate_times_over(
 
     Notes
     -----
-    The rest of the plan is assumed to be flown at the planned speeds, scaled to the mean ground
-    speed of the last minute (exponential weights with a time constant of 60 s). Plots that do not
-    conform to the plan are ignored. The variance of a time that is tau seconds ahead is `s²/V² +
-    tau² (r² + q tau/3)`. Here s² is the variance of the along-track position, V the speed, r² the
-    relative variance of the mean speed, and `q = speed_change_sigma²/60 s` describes the random
-    walk of the speed.
+    It is assumed that the rest of the plan is flown at the planned speeds, multiplied by the ratio
+    of the mean ground speed of the last minute to the planned speed. The mean has exponential
+    weights with a time constant of 60 s. Plots that do not conform to the plan are ignored. The
+    variance of a time over a waypoint that is tau seconds ahead is `s²/V² + tau² (r² + q tau/3)`.
+    Here s² is the variance of the along-track position, V is the speed, r² is the relative variance
+    of the mean speed, and `q = speed_change_sigma²/60 s` is the intensity of the random walk of the
+    relative speed.
 
     Examples
     --------

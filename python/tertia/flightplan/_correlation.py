@@ -25,7 +25,7 @@ from tertia.flightplan._tracks import tracks_of
 
 
 class CorrelationStatus(enum.IntEnum):
-    """How a plan was found (by score, by identity or by hand), or why there is none."""
+    """How a plan was found (by its score, by its identity or by hand), or why there is none."""
 
     NONE = 0
     AMBIGUOUS = 1
@@ -41,11 +41,11 @@ class Correlation(Result):
     Attributes
     ----------
     plan : int or ndarray of int, shape (...)
-        Index of the plan; -1 if there is none, or if the decision is ambiguous.
+        Index of the plan of each track; -1 if there is none, or if the decision is ambiguous.
     status : CorrelationStatus or ndarray of int, shape (...)
         How the plan was found, or why there is none.
     scores : ndarray of shape (..., M)
-        Mean score of each plan, at most 0; nan if there are no plots.
+        Mean score of each plan over the plots of a track, at most 0; nan if there are no plots.
     """
 
     _rows: ClassVar = "plan", 0
@@ -111,12 +111,13 @@ def correlate(
     Notes
     -----
     The score of a plot is `-1/2 [e²/(700² + P) + dpsi²/((3°)² + s_psi²) + dV²/(12² + s_V²) +
-    dt²/120² + dh²/150²]`, with the cross-track distance e and the differences of course, speed,
-    time and height from the plan, on the leg that fits best; P, s_psi² and s_V² are variances of
-    the track. A plan with the same identity is linked if its mean score is above -25. Otherwise the
-    best plan is accepted if its mean score, over at least five plots, is above -8 and at least 3
-    above the next best. All other cases are left to the controller. The cost is O(legs) per plan
-    and plot.
+    dt²/120² + dh²/150²]`, where e is the cross-track distance, and the other numerators are the
+    squared differences of course, speed, time and height from the plan, on the leg that fits best.
+    P, s_psi² and s_V² are the variances of the cross-track distance, the course and the speed of
+    the track. A plan with the same identity as the track is linked to it if the mean score of the
+    plan is above -25. Otherwise the plan with the highest mean score is accepted if this score is
+    the mean over at least five plots, is above -8, and is at least 3 above the score of the next
+    best plan. All other cases are left to the controller. The cost is O(legs) per plan and plot.
 
     Examples
     --------

@@ -41,15 +41,15 @@ class Turns:
     angle : ndarray of shape (N - 2,)
         Change of course in radians, positive to the right.
     radius : ndarray of shape (N - 2,)
-        Radius in metres; if the legs are too short, it is smaller than the bank angle and turn rate
-        require.
+        Radius in metres. If the legs are too short, it is smaller than the radius that follows from
+        the bank angle and the largest turn rate.
     lead : ndarray of shape (N - 2,)
-        Distance in metres from the start of the arc to the waypoint, equal to that from the
-        waypoint to the end of the arc.
+        Distance in metres from the start of the arc to the waypoint. It equals the distance from
+        the waypoint to the end of the arc.
     arc : ndarray of shape (N - 2,)
         Length of the arc in metres.
     start, end, centre : ndarray of shape (N - 2, 2)
-        Start, end and centre of the arc, east and north in metres.
+        Start, end and centre of each arc, east and north in metres.
     """
 
     angle: FloatArray
@@ -73,13 +73,14 @@ class Projection(Result):
     Attributes
     ----------
     along_track : float or ndarray of shape (...)
-        Distance from the first waypoint along the path in metres; negative before it.
+        Distance from the first waypoint along the path in metres; negative before the first
+        waypoint.
     cross_track : float or ndarray of shape (...)
         Distance from the path to the position in metres, positive to the right.
     course : float or ndarray of shape (...)
         Course of the path at this point in radians, in [0, 2 pi).
     leg : int or ndarray of int, shape (...)
-        Index of the leg; the next leg begins in the middle of the turn.
+        Index of the leg at this point; the next leg begins in the middle of the turn.
     """
 
     _rows: ClassVar = "along_track", 0
@@ -99,9 +100,9 @@ class FlightPlan:
     waypoints : array_like of shape (N, 2)
         East and north in metres; successive waypoints must differ.
     speeds : array_like of shape (N - 1,) or ()
-        Ground speed on each leg in m/s; it changes in the middle of a turn.
+        Ground speed on each leg in m/s; the speed changes in the middle of a turn.
     times : array_like of shape (N,), optional
-        Times over the waypoints in seconds, instead of the speeds and the start time.
+        Times over the waypoints in seconds. They may be given instead of `speeds` and `start_time`.
     start_time : float, optional
         Time at the first waypoint in seconds; by default 0.
     heights : array_like of shape (N,) or (), optional
@@ -109,8 +110,8 @@ class FlightPlan:
     bank : float
         Bank angle in turns in radians.
     turn_radius : float, optional
-        Radius of turns at the highest speed of the plan in metres, instead of `bank`. Turns at
-        lower speeds have the same bank angle.
+        Radius in metres, at the highest speed of the plan, from which the bank angle is computed.
+        It may be given instead of `bank`. Turns at lower speeds have the same bank angle.
     turn_rate : float
         Largest turn rate in radians per second.
     identity : int, optional
@@ -148,10 +149,10 @@ class FlightPlan:
     Notes
     -----
     A turn by the angle theta has the radius `R = max(V²/(g tan bank), V/turn_rate)`, where V is the
-    speed on the leg before it, and begins `R tan(|theta|/2)` before its waypoint. If two turns need
-    more than the length of the leg between them, they share it in proportion and have smaller
-    radii. Turns by more than 150° begin as early as turns by 150°. Heights are linear between
-    waypoints.
+    speed on the leg before the turn. The turn begins `R tan(|theta|/2)` before its waypoint. If two
+    turns together need more than the length of the leg between them, the leg is divided between
+    them in proportion to what they need, and their radii are reduced. Turns by more than 150° begin
+    as early as turns by 150°. Heights are interpolated linearly between waypoints.
 
     Examples
     --------
@@ -239,17 +240,17 @@ class FlightPlan:
 
     @property
     def length(self) -> float:
-        """Length of the path in metres, with arcs."""
+        """Length of the path in metres, measured along the arcs of the turns."""
         return self._route.length
 
     @property
     def times(self) -> FloatArray:
-        """Times over the waypoints in seconds, of shape (N,), at the middle of their arcs."""
+        """Times over the waypoints in seconds, (N,); in a turn, at the middle of the arc."""
         return self._route.times
 
     @property
     def distances(self) -> FloatArray:
-        """Distances along the path to the waypoints in metres, (N,), at the middle of arcs."""
+        """Distances along the path to the waypoints in metres, (N,), or to the middle of arcs."""
         return self._route.distances
 
     def at(self, time: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -263,7 +264,7 @@ class FlightPlan:
         Returns
         -------
         position, velocity : ndarray of shape (..., 2)
-            In metres and in m/s.
+            East and north in metres, and their rates in m/s.
 
         Raises
         ------
@@ -354,7 +355,7 @@ class FlightPlan:
         return position.reshape(shape), direction.reshape(shape), height.reshape(array.shape)
 
     def __repr__(self) -> str:
-        """Return name, waypoints, length and duration."""
+        """Return the name, the number of waypoints, the length and the duration, as text."""
         times = self.times
         name = "" if self.name is None else f"{self.name}: "
         size, duration = f"{self.length / 1e3:.1f} km", times[-1] - times[0]
@@ -369,7 +370,7 @@ def _bank(bank: float | None) -> float:
 
 
 def _turning(speed: float, turn_radius: float, rate: float) -> tuple[float, float]:
-    """Return bank angle and largest turn rate for turns with a given radius at a given speed."""
+    """Return the bank angle and largest turn rate of turns with a given radius at a given speed."""
     radius = positive_number(turn_radius, "turn_radius")
     return float(np.arctan2(speed**2, _GRAVITY * radius)), max(rate, speed / radius)
 
@@ -404,14 +405,14 @@ def _schedule(
 
 
 def _levels(value: npt.ArrayLike, name: str) -> FloatArray:
-    """Return heights, checked; nan where they are unknown."""
+    """Return heights, after checking them; nan where they are unknown."""
     array = samples(value, name)
     require_each(array, ~np.isinf(array), name, "a finite number, or nan")
     return array
 
 
 def _each(check: Any, value: npt.ArrayLike, name: str, count: int) -> FloatArray:
-    """Return `count` numbers, from one number for all or an array."""
+    """Return `count` numbers, given as one number for all or as an array."""
     array = check(value, name)
     if array.shape not in {(), (count,)}:
         raise ValueError(f"{name} has shape {array.shape}; it must be ({count},)")

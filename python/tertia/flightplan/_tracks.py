@@ -1,4 +1,4 @@
-"""Checks of tracks for comparison with flight plans."""
+"""Checks of tracks that are to be compared with flight plans."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
 """Fusion of the plots of several radars into one track, and of several estimates into one.
 
-Source: Panasyuk, Pudovkin, Rogachev 2018, equations (1) to (13), extended to K radars and with
-misprints corrected (`method="paper"`). Other methods are the usual rules; the default also
-estimates the accuracy of each radar.
+`method="paper"` is that of Panasyuk, Pudovkin, Rogachev 2018, equations (1) to (13), extended to K
+radars and with misprints corrected. The other methods are rules in common use, except for the
+default method for series, which also estimates the accuracy of each radar.
 
-All radars measure one angle in one frame; `common_azimuth` converts the azimuths of radars at
-different sites to a common frame.
+All radars measure the same angle in the same frame; `common_azimuth` converts the azimuths of
+radars at different sites to a common frame.
 """
 
 from tertia import _core

@@ -1,4 +1,4 @@
-"""Constant systematic errors of the radars of a series, estimated while their plots are fused."""
+"""Constant systematic errors of the radars of a series, estimated while plots are fused."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _ROUNDS = 2
 
 @dataclass(frozen=True, slots=True)
 class Registered:
-    """Output of the kernel: plots without their constant errors, and these errors (..., K).
+    """Output of the core: plots without the radars' constant errors, and these errors (..., K).
 
-    `added` (..., steps, 6) is the contribution of their uncertainty to the covariances of the
-    track; None if every radar is free of systematic errors.
+    `added` (..., steps, 6) is what the uncertainty of these errors adds to the covariances of the
+    track. It is None if every radar is free of systematic errors.
     """
 
     fused: tuple[list[FloatArray], BoolArray]
@@ -61,10 +61,10 @@ def registered(
     growth: FloatArray,
     n_threads: int | None,
 ) -> Registered:
-    """Fuse the plots, with the systematic errors removed that their contradictions show.
+    """Fuse the plots after removal of the systematic errors that are estimated from contradictions.
 
-    `first` (..., steps) is the fused angle without such errors, `growth` (..., K) the factors by
-    which time-correlated noise increases the variances.
+    `first` (..., steps) is the angle that is fused as if there were no such errors. `growth` (...,
+    K) contains the factors by which time-correlated noise increases the variances.
     """
     z, period = arguments["z"], arguments["period"]
     plots = z if period is None else _unwrapped(z, first, period)

@@ -1,4 +1,4 @@
-"""Fusion of estimates of the same vector by several sensors."""
+"""Fusion of the estimates that several sensors make of the same vector."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ InstantMethod: TypeAlias = Literal[
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusedEstimate(Result):
-    """A fused estimate, and a test of the agreement of its inputs.
+    """A fused estimate, and a test whether the estimates of the sensors agree.
 
     Attributes
     ----------
@@ -43,29 +43,30 @@ class FusedEstimate(Result):
         The fused estimate; nan if no sensor has an estimate.
     covariance : ndarray of shape (..., m, m)
         Covariance of the fused estimate if the given covariances are correct; for
-        "covariance-intersection" an upper bound of it. Variances are infinite if no sensor has an
-        estimate. If systematic errors are estimated, or `n` is given, the error is not normal; the
-        covariance is then such that an interval of two sigmas contains a component with a
-        probability of 95.45 %.
+        "covariance-intersection" it is an upper bound of this covariance. Variances are infinite if
+        no sensor has an estimate. If systematic errors are estimated, or `n` is given, the error is
+        not normal; the covariance is then such that an interval of two sigmas contains a component
+        with a probability of 95.45 %.
     weights : ndarray of shape (..., K, m, m)
         Weight matrices of the estimates; their sum is the identity, and they are 0 for sensors
-        without an estimate. From `fuse_scalar`, the gain of the scalar, of shape (..., m).
+        without an estimate. In a result of `fuse_scalar`, it is the gain of the scalar, of shape
+        (..., m).
     bias_sigma : float or ndarray
-        Standard deviation of the systematic error of an estimate: as given, or as estimated with
-        shape (..., m).
+        Standard deviation of the systematic error of an estimate, as given or as estimated; if it
+        is estimated, it has the shape (..., m).
     systematic : {"given", "estimated", "not included"}
         How `covariance` treats systematic errors: it includes the given `bias_sigma`, it includes
         errors estimated from contradictions between the sensors, or it includes none, because there
         was nothing to compare.
     statistic : float or ndarray of shape (...)
-        Sum of the squared differences between the estimates and the fused estimate, in units of
-        their covariances; nan for methods other than "matrix".
+        Sum of the squared differences between the estimates and the fused estimate, each weighted
+        by the inverse covariance of the estimate; nan for methods other than "matrix".
     degrees_of_freedom : int or ndarray of shape (...)
         Degrees of freedom of the chi-square distribution that `statistic` has if the covariances
         are correct.
     pvalue : float or ndarray of shape (...)
-        Probability of a larger statistic if the covariances are correct; nan if there is no
-        statistic. A small p-value means that an estimate or a covariance is wrong.
+        Probability that the statistic is larger than this one if the covariances are correct; nan
+        if there is no statistic. A small p-value means that an estimate or a covariance is wrong.
     """
 
     _rows: ClassVar = "mean", 1
@@ -85,7 +86,7 @@ class FusedEstimate(Result):
         return np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
 
     def __repr__(self) -> str:
-        """Show mean and sigma, or the shape of a batch."""
+        """Show the mean and its sigma, or the shape of a batch."""
         missing = self.systematic == "not included"
         note = ", systematic error not included" if missing else ""
         if self.mean.ndim > 1:
@@ -115,30 +116,31 @@ def fuse(
     Parameters
     ----------
     estimates : array_like of shape (..., K, m)
-        Estimates of K >= 1 sensors. nan in all components means that the sensor has no estimate;
-        its covariance is then ignored.
+        Estimates of K >= 1 sensors. If all components are nan, the sensor has no estimate, and its
+        covariance is ignored.
     covariances : array_like of shape (..., K, m, m), optional
-        Covariances of the estimates. They may be left out only for "paper"; the covariance of the
+        Covariances of the estimates. They may be omitted only for "paper"; the covariance of the
         result is then nan. Leading axes of all arrays are broadcast against each other. With
         "matrix", a covariance may be singular if the others are not singular in the same direction.
     bias_sigma : float, array_like of shape (K,), or None
         Standard deviation of the systematic error of each estimate and component, in the unit of
         the estimates; one number for all sensors or one for each. It must not be part of the
-        covariances. 0: there is no systematic error. inf: nothing is known about it, and the sensor
-        is not used. None: it is estimated from the contradictions between the sensors; only for
-        "matrix" without `cross_covariances`.
-    n : int, inf or array_like of shape (K,), optional
-        Number of measurements from which each covariance was estimated, about their mean. The
-        covariance and the p-value of the result then allow for the uncertainty of the covariances.
-        inf (also by default) means that a covariance is known. Only for "matrix" without
+        covariances. 0: there is no systematic error. inf: nothing is known about the systematic
+        error, and the sensor is not used. None: the standard deviation is estimated from the
+        contradictions between the sensors; this is possible only for "matrix" without
         `cross_covariances`.
+    n : int, inf or array_like of shape (K,), optional
+        Number of measurements from whose deviations from their mean each covariance was estimated.
+        The covariance and the p-value of the result then allow for the uncertainty of the given
+        covariances. inf, which is also the default, means that a covariance is known. Only for
+        "matrix" without `cross_covariances`.
     method : str
         "matrix": the linear unbiased combination with the smallest covariance.
-        "posterior": each component is weighted by the inverse variances.
+        "posterior": each component is weighted by the inverses of its variances.
         "covariance-intersection": for errors whose correlation is unknown. All sensors are combined
         at once, with the upper bound of the covariance that has the smallest determinant.
-        "static": by `weights`. "equal": equal weights.
-        "paper": each component is weighted by the inverse squares of `corrections`, as in the
+        "static": the estimates are weighted by `weights`. "equal": all weights are equal.
+        "paper": each component is weighted by the inverses of its squared `corrections`, as in the
         source.
     cross_covariances : array_like of shape (..., K, K, m, m), optional
         Covariances between the errors of two sensors. Block [i, j] is that of the errors of i
@@ -148,9 +150,9 @@ def fuse(
     weights : array_like of shape (K,), optional
         Weights for "static", up to a common factor; not allowed for other methods.
     corrections : array_like of shape (..., K, m), optional
-        Amount by which the last measurement moved each estimate, for "paper"; not allowed for other
-        methods. A correction of zero takes all the weight of its component; if all are zero, the
-        weights are equal.
+        Amount by which the last measurement changed each estimate, for "paper"; not allowed for
+        other methods. If the correction of a component is zero for one sensor, that sensor has all
+        the weight in this component; if it is zero for all sensors, their weights are equal.
     period : float, optional
         Period of the first component if it is an angle: 360.0 for degrees, 2*pi for radians. The
         fused angle is in [0, period). By default nothing wraps.
@@ -166,36 +168,38 @@ def fuse(
     ------
     numpy.linalg.LinAlgError
         If a covariance, or the joint covariance of all sensors, is indefinite. With "matrix" and
-        "covariance-intersection" also if covariances are singular so that the weights are undefined
-        or lost to rounding.
+        "covariance-intersection" also if covariances are singular in such a way that the weights
+        are undefined or are lost to rounding.
     ValueError
         If shapes do not fit; if `bias_sigma` is negative; if `bias_sigma=None` or `n` is given to a
-        method that cannot use it; if a matrix is not symmetric; if an estimate is infinite, above
-        1e150 in size, or nan in some components only; if a variance is not positive; if the method
-        is unknown; or if weights are missing, negative, all zero or not used by the method.
+        method that cannot use it; if a matrix is not symmetric; if an estimate is infinite, has an
+        absolute value above 1e150, or is nan in some components only; if a variance is not
+        positive; if the method is unknown; or if weights are missing, negative, all zero or not
+        used by the method.
     TypeError
         If an argument has the wrong type.
 
     Notes
     -----
-    For any weights W the covariance is that of the combination, the sum of `W_i S_ij W_j'` over all
-    i and j. "matrix" inverts only covariances of differences of estimates. Without
+    For any weights W, the covariance of the combination is the sum of `W_i S_ij W_j'` over all i
+    and j. "matrix" inverts only covariances of differences of estimates. Without
     `cross_covariances` its weights are those of `weights.weight_matrices`, and its statistic is the
-    sum of `(x_k - x)' C_k (x_k - x)` with C_k the inverse covariances. For normal errors this is
-    chi-square with (K - 1) m degrees of freedom. The cost is O(K m³), and O(K³ m³) with
-    `cross_covariances`.
+    sum of `(x_k - x)' C_k (x_k - x)` with C_k the inverse covariances. For normal errors this sum
+    has the chi-square distribution with (K - 1) m degrees of freedom. The cost is O(K m³), and O(K³
+    m³) with `cross_covariances`.
 
     Estimates that share a measurement are not independent; without `cross_covariances` their
     fused covariance is then too small. It is better to add the shared measurement once, by
     `fuse_scalar`.
 
-    "covariance-intersection": `(sum of ω_k C_k)^-1`, with C_k the inverse covariances and shares
-    ω_k whose sum is 1, is a bound of the covariance for any correlation. The shares minimise its
-    determinant, which, unlike the trace, leads to shares that do not depend on the units. The
-    problem is convex and treats all sensors alike.
+    "covariance-intersection": `(sum of ω_k C_k)^-1`, where C_k are the inverse covariances and ω_k
+    are coefficients whose sum is 1, is an upper bound of the covariance for any correlation. The
+    coefficients are chosen to minimise the determinant of this bound. If the trace were minimised
+    instead, they would depend on the units. The problem is convex and treats all sensors alike.
 
-    "paper" takes a small correction as a sign of a small error. This is not justified: if the model
-    of a filter is correct, its correction says nothing about its remaining error.
+    "paper" is based on the assumption that a small correction indicates a small error. This is not
+    justified: if the model of a filter is correct, its correction says nothing about its remaining
+    error.
 
     With a period, angles are first shifted to within half a period of the angle with the smallest
     variance.
@@ -203,19 +207,19 @@ def fuse(
     `bias_sigma=None` is a random-effects model: `x_k = x + u_k + e_k` with `e_k ~ N(0, S_k)` and
     `u_k ~ N(0, τ² M)`. M is the fused covariance, scaled so that the median sensor has
     `tr(inverse(M) S_k) = m`; the model therefore depends neither on units nor on axes. The prior of
-    x is flat; that of τ is half-Cauchy with scale 1 (Gelman 2006), and τ is integrated out. From
-    one estimate no systematic error can be found. With two estimates the result depends strongly on
-    the prior, and an interval of two sigmas is at least 2.5 times as wide as without systematic
-    errors.
+    x is flat; that of τ is half-Cauchy with scale 1 (Gelman 2006), and τ is integrated out. From a
+    single estimate, no systematic error can be estimated. With two estimates the result depends
+    strongly on the prior, and an interval of two sigmas is at least 2.5 times as wide as if there
+    were no systematic errors.
 
     If `n` is given, an interval of two sigmas also contains a component with a probability of 95.45
-    %. For one estimate this follows from Student's distribution, for several from a simulation with
-    a fixed seed that takes the estimated covariances as the true ones. This costs some milliseconds
-    per element of the batch.
+    %. For one estimate, the interval is computed from Student's distribution. For several
+    estimates, it is computed by a simulation with a fixed seed, in which the estimated covariances
+    are treated as the true ones. The simulation takes some milliseconds per element of the batch.
 
     Examples
     --------
-    Two tracks whose errors are partly common:
+    Two tracks whose errors are partly common to both:
 
     >>> from tertia.fusion import fuse
     >>> S = [[[4, 1], [1, 2]], [[1, -0.5], [-0.5, 3]]]
@@ -294,7 +298,7 @@ def _require_paper(
 
 
 def _with_bias(x: FloatArray, s: FloatArray, bias: FloatArray) -> dict[str, FloatArray]:
-    """Return estimates and covariances with systematic errors; nan for sensors with inf."""
+    """Return covariances that include systematic errors, and estimates; nan if the sigma is inf."""
     if not np.any(bias):
         return {}
     sensors, m = x.shape[-2:]
@@ -340,8 +344,8 @@ def fuse_scalar(
 
     A scalar does not determine the whole vector: it has an information matrix of rank one, `h h' /
     sigma²`, but no covariance matrix. Use this function to add a measurement to an estimate from
-    other measurements. If one fused two estimates that share measurements instead, they would be
-    treated as independent.
+    other measurements. The alternative, to fuse two estimates that share measurements, would treat
+    these estimates as independent.
 
     Parameters
     ----------
@@ -352,8 +356,8 @@ def fuse_scalar(
     h : array_like of shape (..., m)
         Derivatives of the scalar with respect to the components of the estimate.
     measured : array_like of shape (...)
-        The measured scalar z minus the constant of its model: for the linear model `z = h . x + c`
-        it is `z - c`, and for a nonlinear model `z = f(x)` it is `z - f(estimate) + h . estimate`.
+        The measured scalar z minus the constant of its model. For the linear model `z = h . x + c`,
+        this is `z - c`; for a nonlinear model `z = f(x)`, it is `z - f(estimate) + h . estimate`.
     sigma : array_like of shape (...)
         Standard deviation of the scalar.
     n_threads : int, optional
@@ -382,7 +386,8 @@ def fuse_scalar(
 
     Examples
     --------
-    A range of 5 ± 0.1 is added to a position of (3 ± 1, 4 ± 1); `h` is the unit vector to it:
+    A range, measured as 5.2 ± 0.1, is added to a position of (3 ± 1, 4 ± 1); `h` is the unit vector
+    from the origin to the position:
 
     >>> from tertia.fusion import fuse_scalar
     >>> fuse_scalar([3, 4], [[1, 0], [0, 1]], [0.6, 0.8], 5.2, 0.1)

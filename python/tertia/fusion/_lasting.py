@@ -11,7 +11,7 @@ from tertia.smoothing import smooth
 def correlation_times(
     z: FloatArray, variance: FloatArray, time: FloatArray, period: float | None
 ) -> FloatArray:
-    """Return the correlation time of each radar's noise (..., K), estimated as by `smooth`."""
+    """Return the correlation time of each radar's noise (..., K), estimated as in `smooth`."""
     batch = z.shape[:-1]
     found = np.zeros(batch)
     variances = np.broadcast_to(variance, z.shape)
@@ -33,13 +33,14 @@ def growth(
 ) -> FloatArray:
     """Return the factors by which correlated noise increases the covariances (..., steps).
 
-    `variance` is that of the fused angle. `stated` and `used` (..., K, steps) are the variances of
-    the plots, `there` says which plots exist, and `phi` (..., K) are the correlations of successive
-    plots of a radar.
+    `variance` is the variance of the fused angle. `stated` and `used` (..., K, steps) are the
+    variances of the plots as stated and as used by the method. `there` tells which plots exist, and
+    `phi` (..., K) are the correlations of successive plots of each radar.
 
-    A filter of gain K averages plots with weights K (1 - K)^j. Its variance consists of a part K /
-    (2 - K) from white noise and a part (1 - K) K / (2 - K) from the motion. Time-correlated noise
-    multiplies the first part by (1 + φ (1 - K)) / (1 - φ (1 - K)).
+    A filter with the gain K averages plots with the weights K (1 - K)^j, where j counts the plots
+    back from the last one. Its variance consists of a part K / (2 - K) from white noise and a part
+    (1 - K) K / (2 - K) from the motion. Time-correlated noise multiplies the first part by (1 + φ
+    (1 - K)) / (1 - φ (1 - K)).
     """
     information = there / used
     total = np.maximum(np.sum(information, axis=-2).mean(axis=-1), np.finfo(float).tiny)

@@ -56,23 +56,25 @@ class FusedSeries(Result):
     upper : ndarray of shape (..., steps, 6)
         Upper triangles of the covariances of `mean`, row by row.
     weights : ndarray of shape (..., K, steps, 3)
-        Weights of the radars in angle, rate and acceleration: the diagonals of the weight matrices;
-        nan for a radar whose state is still unknown, and for "central". For "robust", the share of
-        each plot in the correction of its step, the same in all components; 0 without a plot.
+        Weights of the radars in angle, rate and acceleration, which are the diagonals of the weight
+        matrices; nan for a radar whose state is still unknown, and for "central". For "robust", it
+        is the relative weight of each plot in the correction of its step, which is the same in all
+        components; 0 where a radar has no plot.
     noise_variance : ndarray of shape (..., K, steps)
-        Estimated variance of the plots of each radar; for "robust", without single outliers.
+        Estimated variance of the plots of each radar; for "robust", single outliers do not
+        contribute to it.
     outlier : ndarray of bool, shape (..., K, steps)
         True for plots that were treated as single outliers. With methods other than "robust", the
-        radar's own filter needs some steps to recover from an outlier, and may mark the next plots
-        as outliers, too.
+        radar's own filter needs some steps to recover from an outlier, and the next plots may be
+        marked as outliers, too.
     innovation, innovation_variance : ndarray of shape (..., K, steps)
-        Innovation of the radar's own filter at each step, for the noise as given, and its variance;
-        nan where there is no innovation.
+        Innovation of each radar's own filter at each step, computed with the stated noise, and its
+        variance; nan where there is no innovation.
     correlation_time : ndarray of shape (..., K)
         Correlation time of the noise of each radar, given or estimated; 0 for white noise.
     bias, bias_sigma : ndarray of shape (..., K)
         Systematic error of each radar, which was subtracted from its plots, and its standard
-        deviation; zeros if no `bias_sigma` was given.
+        deviation; both are zero if no `bias_sigma` was given.
     systematic : {"given", "not included"}
         Whether the covariance includes the uncertainty of the systematic errors.
     unfiltered : ndarray of shape (..., steps, 3) or None
@@ -106,7 +108,7 @@ class FusedSeries(Result):
         return _sigma(self.upper)
 
     def __repr__(self) -> str:
-        """Show the shape and the outliers."""
+        """Show the shape and the number of outliers."""
         *batch, radars, steps = self.outlier.shape
         counts = {"radar": radars, "step": steps, "outlier": np.count_nonzero(self.outlier)}
         parts = [f"batch {tuple(batch)}"] if batch else []
@@ -151,27 +153,29 @@ def fuse_series(
         Standard deviation of a constant systematic error of each radar. 0: the radar has none. inf:
         nothing is known about it; this is not allowed for all radars at once. The errors are
         estimated from the plots of all steps and subtracted, and their remaining uncertainty is
-        part of the covariance. If no radar has 0, most of the mean error of all radars remains
-        unknown.
+        part of the covariance. If no radar has a `bias_sigma` of 0, most of the mean error of all
+        radars remains unknown.
     method : str
-        "robust": one filter for all plots, which detects wrong noise, outliers and manoeuvres.
-        "adaptive": each component is weighted by the inverse of the actual variances of the radars'
-        tracks, as estimated from their innovations.
-        "adaptive-matrix": the same with full covariance matrices and the correlation between the
-        radars.
-        "central": one filter for all plots, with the noise as stated.
-        "posterior": each component is weighted by the inverse variances of the radars' own filters.
-        "matrix": the same with full covariance matrices and the correlation (Bar-Shalom, Campo
-        1986).
-        "covariance-intersection": the same without the correlation; the covariance is an upper
-        bound.
-        "ewma": weights are the inverse running means of the squared innovations.
-        "static": weights are the inverse variances as stated. "equal": equal weights.
-        "paper": each component is weighted by the inverse squares of the corrections of this step.
+        "robust": one filter uses all plots, and detects wrongly stated noise, outliers and
+        manoeuvres.
+        "adaptive": each component is weighted by the inverses of the actual variances of the
+        radars' tracks, which are estimated from the innovations.
+        "adaptive-matrix": like "adaptive", but with full covariance matrices and the correlation
+        between the radars' tracks.
+        "central": one filter uses all plots, with the noise as stated.
+        "posterior": each component is weighted by the inverses of the variances of the radars' own
+        filters.
+        "matrix": like "posterior", but with full covariance matrices and the correlation between
+        the radars' tracks (Bar-Shalom, Campo 1986).
+        "covariance-intersection": like "matrix", but for unknown correlation; the covariance is an
+        upper bound.
+        "ewma": weights are the inverses of running means of the squared innovations.
+        "static": weights are the inverses of the stated variances. "equal": all weights are equal.
+        "paper": each component is weighted by the inverses of its squared corrections in this step.
     initial : (mean, covariance), optional
         Mean and covariance of the radars' filters at the first step before its plots, of shapes
-        (..., K, 3) and (..., K, 3, 3). By default they are unknown; with a `bias_sigma` they must
-        be.
+        (..., K, 3) and (..., K, 3, 3). By default the states are unknown. If a `bias_sigma` is
+        given, `initial` is not allowed.
     time : array_like of shape (steps,) or (..., steps), optional
         Times of the steps, in non-decreasing order; by default they are `model.dt` apart.
     period : float, optional
@@ -181,26 +185,28 @@ def fuse_series(
         For "robust": probability that the noise of a radar changes between two of its plots; also
         the probability that a plot is a single outlier.
     forgetting_factor : float
-        For "adaptive", "adaptive-matrix" and "ewma": weight of the past, per plot, in the running
-        means of the innovations of a radar.
+        For "adaptive", "adaptive-matrix" and "ewma": factor by which the weight of past innovations
+        of a radar in the running means decreases with each plot.
     threshold : float
-        For "adaptive" and "adaptive-matrix": a radar is treated as noisier than stated if the mean
-        of its normalised innovations squared, divided by that of the other radars, exceeds this.
+        For "adaptive" and "adaptive-matrix": a radar is treated as noisier than stated if the ratio
+        of the mean of its normalised innovations squared to that of the other radars exceeds this
+        threshold.
     outlier_gate : float
-        A plot is an outlier if its normalised innovation squared, relative to those of the other
-        radars, exceeds this.
+        A plot is an outlier if the ratio of its normalised innovation squared to those of the other
+        radars exceeds this gate.
     correlation_time : float, array_like of shape (K,), or None
-        Correlation time of the noise of the radars, one for all or one for each: plots of a radar a
-        time T apart have the correlation `exp(-T / correlation_time)`. None: it is estimated for
-        each radar, as by `tertia.smoothing.smooth`. Correlation increases the covariance but does
-        not change the track.
+        Correlation time of the noise, one for all radars or one for each. The noise of two plots of
+        a radar that are a time T apart has the correlation `exp(-T / correlation_time)`. None: it
+        is estimated for each radar, as in `tertia.smoothing.smooth`. Correlation increases the
+        covariance but does not change the track.
     outage : {"excluded", "printed"}
         Only for "paper": how to treat a radar without a plot. "excluded": it has no weight.
         "printed": its correction is zero, as in the source, which gives it all the weight.
     third_filter : SingerModel, optional
-        Only for "paper": a model with which the fused angle is filtered again, as in the source,
-        with the mean of the radars' variances divided by K. The covariance is then that of the
-        third filter, which takes correlated errors as white noise.
+        Only for "paper": a motion model with which the fused angle is filtered again, as in the
+        source. The noise of this third filter has the mean of the variances of the K radars,
+        divided by K. The covariance is then that of the third filter, which treats correlated
+        errors as white noise.
     n_threads : int, optional
         Number of threads; by default one for small tasks and all cores for large ones.
 
@@ -221,29 +227,31 @@ def fuse_series(
 
     Notes
     -----
-    "robust": the noise variance of a plot is the stated one times an unknown level (1/4 to 64, or
-    256 for a single outlier), and the variance of the prediction is that of the filter times 1 or
-    64. Every combination of levels is a hypothesis, weighted by the likelihood of the plots of the
-    step. The mixture of the hypotheses gives the state, its covariance, and the probabilities of
-    the levels of each radar for the next step. The cost is O(K steps), plus that of the radars' own
-    filters.
+    "robust": the noise variance of a plot is the stated variance times an unknown level (1/4 to 64,
+    or 256 for a single outlier), and the variance of the prediction is that of the filter times 1
+    or 64. Every combination of levels is a hypothesis, weighted by the likelihood of the plots of
+    the step. The mixture of the hypotheses gives the state, its covariance, and the probabilities
+    of the levels of each radar for the next step. The cost is O(K steps), plus that of the radars'
+    own filters.
 
     "adaptive": the filter of each radar uses the noise as stated. If the innovations of a radar are
     larger than expected and larger than the median of the other radars, its noise and the
-    covariance of its track are increased; the comparison with the others avoids blaming a radar for
-    a manoeuvre. The errors of two tracks are correlated through their common motion. The cost is
-    O(K² steps).
+    covariance of its track are increased. Because of the comparison with the other radars, a
+    manoeuvre of the target is not attributed to the noise of a radar. The errors of two tracks are
+    correlated because both tracks are of the same motion. The cost is O(K² steps).
 
-    `bias_sigma`: in one filter over all plots, the initial motion and the systematic errors are
-    unknown coefficients (de Jong 1991), so that the regression of the innovations on the errors is
-    exact for the model. Noise and outliers are those that the method finds. The errors are
-    estimated from the whole series; `AngleFusion` requires plots that are already corrected.
-    Without `bias_sigma`, a systematic error of a radar is not detected. The cost is O(K² steps).
+    `bias_sigma`: the initial state of the target and the systematic errors are unknown coefficients
+    of one filter for all plots (de Jong 1991). They are estimated by a regression of the
+    innovations, which is exact for the model. The noise variances and outliers in this filter are
+    those that the method finds. The errors are estimated from the whole series; `AngleFusion`
+    requires plots that are already corrected. If no `bias_sigma` is given, systematic errors of
+    radars are not detected. The cost is O(K² steps).
 
     Time-correlated noise is treated as if the filter had a constant gain K: the part of the
-    variance that comes from white noise, K / (2 - K), is multiplied by
-    (1 + φ (1 - K)) / (1 - φ (1 - K)), with φ the correlation of successive plots; the part from the
-    motion is not changed. Noise that is correlated is not taken as smaller than stated.
+    variance that comes from white noise, K / (2 - K), is multiplied by (1 + φ (1 - K)) / (1 - φ (1
+    - K)), where φ is the correlation of successive plots of a radar. The part that comes from the
+      motion is
+    not changed. If the noise is correlated, it is not assumed to be smaller than stated.
 
     Examples
     --------
@@ -335,7 +343,7 @@ def _lasting(
     when: tuple[npt.ArrayLike | None, float],
     period: float | None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return correlation times (..., K) and the correlations of successive plots, (..., K).
+    """Return the correlation times and the correlations of successive plots, both (..., K).
 
     `when` is the time of each step; if it is missing, steps have equal intervals.
     """
@@ -359,7 +367,7 @@ def _lasting(
 
 
 def _correlation_times(value: npt.ArrayLike, radars: int) -> FloatArray:
-    """Return correlation times, one for all radars or one for each."""
+    """Return the given correlation times, one for all radars or one for each."""
     given = samples(value, "correlation_time")
     require_between(given, "correlation_time", "a number that is not negative", 0.0)
     if given.shape not in {(), (radars,)}:

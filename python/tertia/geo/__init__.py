@@ -1,14 +1,14 @@
 """Geo: local frames on the earth, the system plane of several radars, and states of targets.
 
 A `LocalFrame` is tangent to the WGS 84 ellipsoid at its origin. Far from the origin, the local
-vertical and north differ from the axes of the frame: the vertical by one degree per 111 km, and
+directions differ from the axes of the frame: the vertical differs by one degree per 111 km, and
 north by the convergence of the meridians. The azimuths and elevations of a station therefore refer
-to its own axes. A `SystemPlane` is the stereographic plane in which tracks of several radars are
-exchanged.
+to its own axes. A `SystemPlane` is the stereographic plane in which systems exchange tracks of
+several radars.
 
-Latitudes and longitudes are in degrees, as in receivers and maps. Heights are in metres above the
-ellipsoid, not above the sea, and are not pressure altitudes (see `Atmosphere`). All other
-quantities are in metres and radians, as elsewhere.
+Latitudes and longitudes are in degrees, as in satellite receivers and on maps. Heights are in
+metres above the ellipsoid, not above the sea, and are not pressure altitudes (see `Atmosphere`).
+All other lengths are in metres, and all other angles in radians, as elsewhere in Tertia.
 """
 
 from tertia.geo._atmosphere import Atmosphere

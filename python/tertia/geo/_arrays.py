@@ -1,4 +1,4 @@
-"""Arrays of places, in which nan is 'no place', and calls of the core with them."""
+"""Arrays of places, in which nan means 'no place', and calls of the core with such arrays."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def numbers(value: npt.ArrayLike, name: str) -> FloatArray:
 
 
 def stacked(**columns: FloatArray) -> FloatArray:
-    """Return columns, broadcast to each other, on a last axis."""
+    """Return columns as one array, broadcast to each other and stacked on a new last axis."""
     try:
         return np.stack(np.broadcast_arrays(*columns.values()), axis=-1)
     except ValueError:
@@ -35,7 +35,7 @@ def stacked(**columns: FloatArray) -> FloatArray:
 
 
 def positions(value: npt.ArrayLike, name: str) -> FloatArray:
-    """Return positions in space, checked."""
+    """Return positions in space, after checking them."""
     array = numbers(value, name)
     if array.shape[-1:] != (AXES,):
         raise ValueError(f"{name} has shape {array.shape}; it must be (..., {AXES})")
@@ -45,7 +45,7 @@ def positions(value: npt.ArrayLike, name: str) -> FloatArray:
 def geodetic(
     latitude: npt.ArrayLike, longitude: npt.ArrayLike, height: npt.ArrayLike
 ) -> FloatArray:
-    """Return places on a last axis, with angles in radians."""
+    """Return places with the coordinates on the last axis and the angles in radians."""
     return stacked(
         latitude=np.radians(numbers(latitude, "latitude")),
         longitude=np.radians(numbers(longitude, "longitude")),
@@ -54,7 +54,7 @@ def geodetic(
 
 
 def rows(array: FloatArray) -> FloatArray:
-    """Return a batch as rows, in the form that the core takes."""
+    """Return a batch as rows, in the form that the core requires."""
     return np.ascontiguousarray(array).reshape(-1, array.shape[-1])
 
 
@@ -66,7 +66,7 @@ def set_origin(frame: Any, latitude: float, longitude: float, height: float) -> 
 
 
 def origin(frame: Any) -> list[float]:
-    """Return latitude and longitude in radians, and the height, of an origin."""
+    """Return the latitude and longitude of an origin in radians, and its height."""
     place: list[float] = geodetic(frame.latitude, frame.longitude, frame.height).tolist()
     return place
 
@@ -98,7 +98,7 @@ def columns(
 
 
 def axes_of(latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> FloatArray:
-    """Return the axes east, north and up of places as rows, in geocentric coordinates."""
+    """Return the unit vectors east, north and up at places, as rows, in geocentric coordinates."""
     phi, theta, _ = np.moveaxis(geodetic(latitude, longitude, 0.0), -1, 0)
     zero = np.zeros(phi.shape)
     rows = [

@@ -16,18 +16,19 @@ class Atmosphere:
     """Weather data for the conversion of pressure altitudes to heights.
 
     Transponders report pressure altitudes (mode C, flight levels), which are heights in the
-    standard atmosphere (ISO 2533). Without weather data they are used as heights above the
-    ellipsoid; at cruise level the error is up to 700 m. Heights of ADS-B (I021/140) and of system
-    tracks (I062/130) are already geometric.
+    standard atmosphere (ISO 2533). Without weather data, pressure altitudes are used as heights
+    above the ellipsoid; the error is up to 700 m at cruising level. Heights in ADS-B reports
+    (I021/140) and in system tracks (I062/130) are geometric and need no conversion.
 
     Attributes
     ----------
     qnh : float
-        Pressure reduced to sea level by the standard atmosphere, as airports report it, in Pa.
+        Pressure reduced to sea level with the standard atmosphere, as airports report it, in Pa.
     isa_deviation : float
         Temperature of the air minus that of the standard atmosphere, in K.
     undulation : float
-        Height of the geoid (mean sea level) above the ellipsoid in metres; 45 in Central Europe.
+        Height of the geoid (mean sea level) above the ellipsoid in metres; about 45 in Central
+        Europe.
 
     Raises
     ------

@@ -21,7 +21,7 @@ from tertia.geo._arrays import (
 
 
 class Frame:
-    """A frame with an origin on the earth; base of `LocalFrame` and `SystemPlane`."""
+    """A frame with an origin on the earth: the base class of `LocalFrame` and `SystemPlane`."""
 
     __slots__ = ()
 

@@ -67,8 +67,8 @@ class LocalFrame(Frame):
     ) -> tuple[float | FloatArray, float | FloatArray, float | FloatArray]:
         """Convert plots of a radar at the origin to geodetic coordinates.
 
-        The radar does not measure the elevation; it follows from the range and the height of the
-        target.
+        The radar does not measure the elevation, which is computed from the range and the height of
+        the target.
 
         Parameters
         ----------
@@ -82,14 +82,14 @@ class LocalFrame(Frame):
         Returns
         -------
         tuple of three float or ndarray of shape (...)
-            Latitude and longitude in degrees, and height in metres; nan where no elevation leads to
-            the height, because the range is shorter than the difference of the heights, or too
-            long.
+            Latitude and longitude in degrees, and height in metres. They are nan where no elevation
+            gives the height of the target, because the range is shorter than the difference of the
+            heights or is too long.
 
         Raises
         ------
         ValueError
-            If azimuths are in degrees, a number is infinite, or shapes do not fit.
+            If azimuths appear to be in degrees, a number is infinite, or shapes do not fit.
 
         Examples
         --------
@@ -141,7 +141,7 @@ class LocalFrame(Frame):
         return columns(batch(self._frame.geodetic_to_polar, places))
 
     def axes(self, latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> FloatArray:
-        """Return the axes east, north and up of other places, as rows, in this frame.
+        """Return the unit vectors east, north and up at other places, as rows, in this frame.
 
         Parameters
         ----------
@@ -151,7 +151,8 @@ class LocalFrame(Frame):
         Returns
         -------
         ndarray of shape (..., 3, 3)
-            Rotation matrices: `axes @ v` is the vector `v` of this frame in the axes of the place.
+            Rotation matrices: if `v` is a vector in this frame, `axes @ v` is the same vector in
+            the axes of the place.
 
         Raises
         ------
@@ -160,7 +161,7 @@ class LocalFrame(Frame):
 
         Examples
         --------
-        The vertical half a degree north of the origin:
+        The direction of the vertical half a degree north of the origin:
 
         >>> from tertia.geo import LocalFrame
         >>> LocalFrame(50.0, 14.0).axes(50.5, 14.0)[2, 1:].round(5)
@@ -186,7 +187,7 @@ class LocalFrame(Frame):
         Parameters
         ----------
         latitude, longitude : array_like of shape (...)
-            In degrees; arrays if the station moves.
+            Latitudes and longitudes in degrees; arrays if the station moves.
         height : array_like of shape (...)
             Height in metres above the ellipsoid.
         range_sigma, azimuth_sigma, elevation_sigma : float, optional
@@ -266,13 +267,14 @@ class LocalFrame(Frame):
 class SystemPlane(Frame):
     """The stereographic plane in which the tracks of several radars are given.
 
-    It is the oblique stereographic projection of a sphere with the radius of the meridian, as usual
-    in air traffic control (TransLib, ARTAS) and in category 62, item 100. It differs from the
-    projection `sterea` of PROJ (EPSG 9809) by up to 1 m within 450 km, and from `stere` by 9 to 51
-    m; files of other systems may use one of these.
+    It is the oblique stereographic projection of a sphere that has the radius of curvature of the
+    meridian, as is usual in air traffic control (TransLib, ARTAS) and in item 100 of ASTERIX
+    category 62. It differs from the projection `sterea` of PROJ (EPSG 9809) by up to 1 m within 450
+    km of the centre, and from `stere` by 9 to 51 m. Files of other systems may use one of these two
+    projections.
 
-    At a height of 10 km, lengths in the plane are .15 % too short 100 km from the centre, and .06 %
-    too short 400 km from it: see `scale_and_convergence`.
+    For targets at a height of 10 km, lengths in the plane are .15 % too short at 100 km from the
+    centre, and .06 % too short at 400 km: see `scale_and_convergence`.
 
     Attributes
     ----------
@@ -288,7 +290,7 @@ class SystemPlane(Frame):
 
     Examples
     --------
-    Two radars, and an aircraft that both see at the same place:
+    Two radars detect the same aircraft, and their plots have the same position in the plane:
 
     >>> import numpy as np
     >>> from tertia.geo import SystemPlane
@@ -323,11 +325,11 @@ class SystemPlane(Frame):
         Returns
         -------
         scale : float or ndarray of shape (...)
-            Ratio of lengths in the plane to true lengths: true speeds are speeds in the plane
+            Ratio of lengths in the plane to true lengths. A true speed is the speed in the plane
             divided by this scale.
         convergence : float or ndarray of shape (...)
-            Direction of true north in the plane in radians: true courses are courses in the plane
-            minus this angle.
+            Direction of true north in the plane in radians. A true course is the course in the
+            plane minus this angle.
 
         Raises
         ------
@@ -355,7 +357,8 @@ class SystemPlane(Frame):
         latitude, longitude : float
             In degrees.
         height : float
-            Height in metres above the ellipsoid; in Central Europe 45 m more than above the sea.
+            Height in metres above the ellipsoid, which in Central Europe is about 45 m larger than
+            the height above the sea.
         **properties
             As for `tertia.sensors.Radar`.
 
@@ -405,9 +408,9 @@ class SystemPlane(Frame):
         Returns
         -------
         Station
-            The station. Its azimuths are relative to true north. Lines of sight are taken as
-            straight in the plane; for a station 250 km from the centre the error is .01 degrees at
-            a range of 100 km.
+            The station. Its azimuths are relative to true north. Lines of sight are treated as
+            straight lines in the plane. For a station 250 km from the centre, the resulting error
+            of the azimuth is .01 degrees at a range of 100 km.
 
         Raises
         ------
@@ -433,12 +436,13 @@ class SystemPlane(Frame):
         return Station(place, azimuth_sigma=azimuth_sigma, axes=axes, name=name)
 
     def site(self, position: npt.ArrayLike) -> LocalFrame:
-        """Return the local frame at a position in the plane, for example at that of a radar.
+        """Return the local frame at a position in the plane, such as the position of a radar.
 
         Parameters
         ----------
         position : array_like of shape (3,) or (2,)
-            East and north in the plane, and the height, in metres; by default the height is 0.
+            East and north in the plane, and the height above the ellipsoid, in metres; by default
+            the height is 0.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""States of targets: conversion from and to polar coordinates, and between frames."""
+"""Conversion of states of targets from and to polar coordinates, and between frames."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def polar_to_cartesian(
     Parameters
     ----------
     state : array_like of shape (..., 4) or (..., 6)
-        Range with its rate and, with six components, its acceleration; then azimuth with its rate
-        and acceleration. In metres, radians and seconds. The range is horizontal.
+        Range and its rate, then azimuth and its rate, in metres, radians and seconds. If there are
+        six components, each rate is followed by the acceleration. The range is horizontal.
     covariance : array_like of shape (..., n, n), optional
         Covariances of the states.
     origin : array_like of shape (2,)
@@ -36,19 +36,20 @@ def polar_to_cartesian(
     Returns
     -------
     state : ndarray of shape (..., 4) or (..., 6)
-        Position, velocity and, with six components, acceleration; east before north in each.
+        Position, velocity and, if there are six components, acceleration; in each of these, east
+        comes before north.
     covariance : ndarray of shape (..., n, n)
-        Covariances `J P J'`, with J the derivatives of the conversion; only if `covariance` is
-        given.
+        Covariances `J P J'`, where J contains the derivatives of the conversion and P is
+        `covariance`; returned only if `covariance` is given.
 
     Raises
     ------
     ValueError, TypeError
-        If a shape is wrong, a number is infinite, or azimuths are in degrees.
+        If a shape is wrong, a number is infinite, or azimuths appear to be in degrees.
 
     Examples
     --------
-    Straight flight past a radar: the azimuth accelerates although the aircraft does not.
+    In straight flight past a radar, the azimuth accelerates although the aircraft does not:
 
     >>> import numpy as np
     >>> from tertia.geo import cartesian_to_polar, polar_to_cartesian
@@ -81,8 +82,8 @@ def cartesian_to_polar(
     Parameters
     ----------
     state : array_like of shape (..., 4) or (..., 6)
-        Position, velocity and, with six components, acceleration; east before north in each. In
-        metres and seconds.
+        Position, velocity and, if there are six components, acceleration, in metres and seconds; in
+        each of these, east comes before north.
     covariance : array_like of shape (..., n, n), optional
         Covariances of the states.
     origin : array_like of shape (2,)
@@ -91,11 +92,12 @@ def cartesian_to_polar(
     Returns
     -------
     state : ndarray of shape (..., 4) or (..., 6)
-        Range with its rate and, with six components, its acceleration; then azimuth, from 0 to 2π,
-        with its rate and acceleration. nan, with a warning, for a target at the sensor.
+        Range and its rate, then azimuth, from 0 to 2π, and its rate. If there are six components,
+        each rate is followed by the acceleration. For a target at the sensor the state is nan, and
+        there is a warning.
     covariance : ndarray of shape (..., n, n)
-        Covariances `J P J'`, with J the derivatives of the conversion; only if `covariance` is
-        given.
+        Covariances `J P J'`, where J contains the derivatives of the conversion and P is
+        `covariance`; returned only if `covariance` is given.
 
     Raises
     ------
@@ -136,16 +138,17 @@ def transform(
 ) -> FloatArray | tuple[FloatArray, FloatArray]:
     """Convert states from one frame to another.
 
-    Positions are rotated and shifted, velocities and accelerations are only rotated, because all
-    frames are fixed to the earth. From and to a system plane, all are also changed by its scale,
-    and accelerations by the curvature that straight flight has in the plane.
+    Positions are rotated and shifted. Velocities and accelerations are only rotated, because all
+    frames are fixed to the earth. In conversions from or to a system plane, all of them are also
+    changed by the scale of the plane, and accelerations by the curvature of a straight flight in
+    the plane.
 
     Parameters
     ----------
     state : array_like of shape (..., 3), (..., 6) or (..., 9)
-        Position, with six components also velocity, with nine also acceleration. Each has the
-        components east, north and up; in a system plane, east, north and height above the
-        ellipsoid.
+        Position; if there are six components, also velocity; if there are nine, also acceleration.
+        Each of these has the components east, north and up or, in a system plane, east, north and
+        height above the ellipsoid.
     covariance : array_like of shape (..., n, n), optional
         Covariances of the states.
     source, target : LocalFrame or SystemPlane
@@ -206,7 +209,7 @@ def _states(state: npt.ArrayLike, name: str) -> tuple[FloatArray, int]:
 
 
 def _padded(array: FloatArray, half: int, at: range | tuple[int, ...]) -> FloatArray:
-    """Return rows of six numbers, with 0 for those that are not given."""
+    """Return rows of six numbers, in which numbers that are not given are 0."""
     full = np.zeros((array.size // (2 * half), 6))
     full[:, list(at) if half == 2 else slice(None)] = rows(array)
     return full

@@ -1,12 +1,13 @@
-"""Kalman filter of an angle with its rate and acceleration, for series and streams.
+"""Kalman filter for an angle with its rate and acceleration, in a series or in live data.
 
-Source: Panasyuk, Pudovkin, Rogachev 2018, equations (14) to (20), with misprints corrected. The
-state is `[angle, rate, acceleration]`, the acceleration decays (Singer 1970), and plots measure
-only the angle. Units are the caller's: any angle, with any unit of time.
+The source is Panasyuk, Pudovkin, Rogachev 2018, equations (14) to (20), with misprints corrected.
+The state is `[angle, rate, acceleration]`. The acceleration decays exponentially (Singer 1970), and
+plots measure only the angle. Angles and times may be in any unit; the results are in the same
+units.
 
-Without an initial state the start is exact: angle and rate are unknown, and the acceleration has
-the variance of its model. Unknown quantities have the variance inf and, before the first plot, the
-mean nan.
+If no initial state is given, angle and rate are treated exactly as unknown, and the acceleration
+has the variance of its model. An unknown quantity has the variance inf; before the first plot, its
+mean is nan.
 """
 
 from tertia._core import AngleFilter

@@ -20,7 +20,7 @@ def _batch(
     time: npt.ArrayLike | None,
     period: float | None,
 ) -> tuple[dict[str, Any], FloatArray]:
-    """Return the arguments in the form for the core, and the variances."""
+    """Return the arguments in the form that the core requires, and the variances."""
     plots = samples(z, "z")
     if plots.ndim == 0:
         raise ValueError("z is a single number; it must be of shape (..., steps)")

@@ -1,4 +1,4 @@
-"""Estimation of noise and motion from recordings."""
+"""Estimation of the noise and of the motion model from recordings."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ Limit: TypeAlias = Literal[
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoiseFit(Result):
-    """Maximum-likelihood noise of the plots and parameters of the motion.
+    """Maximum-likelihood estimates of the noise of the plots and of the parameters of the motion.
 
-    The likelihood may be largest when a parameter is 0 or infinite; `limits` then names the case:
+    The likelihood may be largest for a parameter that is 0 or infinite; `limits` then names the
+    case:
 
     - "white acceleration": alpha is infinite. The recording determines only `density`, a
       combination of alpha and `acceleration_sigma`.
@@ -32,16 +33,18 @@ class NoiseFit(Result):
     - "constant rate": there is no acceleration. `density` and `acceleration_sigma` are 0.
     - "no noise": the noise is negligible compared with the motion.
 
-    An infinite alpha is given as 1e6 divided by the usual interval, and a noise of 0 as a tiny
-    number, so that `model` and the filter can be used.
+    If alpha is infinite, it is replaced by 1e6 divided by the usual interval between plots. If the
+    noise is 0, it is replaced by a tiny number. `model` and the filter can therefore be used in
+    these cases, too.
 
     Attributes
     ----------
     alpha, acceleration_sigma, measurement_sigma : float
         Estimates of the parameters of `SingerModel` and of the standard deviation of the plots.
     sigma : ndarray of shape (3,)
-        Standard uncertainties of these three, to first order: the estimates times the uncertainties
-        of their logarithms. inf for a parameter that the recording does not determine.
+        Standard uncertainties of these three estimates, to first order: each estimate times the
+        uncertainty of its logarithm. It is inf for a parameter that the recording does not
+        determine.
     log_likelihood : float
         Log-likelihood at the maximum.
     count : int
@@ -79,7 +82,7 @@ class NoiseFit(Result):
         return SingerModel(dt, self.alpha, self.acceleration_sigma, exact=True)
 
     def __repr__(self) -> str:
-        """Return the estimates with their uncertainties; at a limit, only determined ones."""
+        """Return the estimates with their uncertainties; at a limit, only those determined."""
         names = ["alpha", "acceleration_sigma", "measurement_sigma"]
         sigmas = dict(zip(names, self.sigma, strict=True))
         if "white acceleration" in self.limits:
@@ -109,8 +112,7 @@ def fit_noise(
     Parameters
     ----------
     z : array_like of shape (..., steps)
-        Measured angles, at least 10; nan where there is none. All series share the same
-        parameters.
+        At least 10 measured angles; nan where there is none. All series share the same parameters.
     dt : float, optional
         Time between plots.
     time : array_like of shape (steps,) or (..., steps), optional
@@ -140,11 +142,11 @@ def fit_noise(
 
     Notes
     -----
-    Maximum likelihood. The scale of the noise has a closed form; alpha and the ratio of
-    acceleration to noise are found on a grid and then by Newton's method, with about 150 runs of
-    the filter in all. The uncertainties come from the curvature at the maximum. Recordings often
-    contain little information on alpha, whose uncertainty is then large. If the maximum is at a
-    limit, the uncertainty is inf and `limits` names the limit.
+    The method is maximum likelihood. The scale of the noise has a closed form. Alpha and the ratio
+    of acceleration to noise are found on a grid and then by Newton's method, which takes about 150
+    runs of the filter in total. The uncertainties follow from the curvature of the log-likelihood
+    at its maximum. Recordings often contain little information about alpha, and its uncertainty is
+    then large. If the maximum is at a limit, the uncertainty is inf and `limits` names the limit.
 
     A batch gives one fit, because its series share the parameters. For separate fits, call the
     function once for each series.

@@ -18,7 +18,8 @@ _FULL = np.array([0, 1, 2, 1, 3, 4, 2, 4, 5])
 class SingerModel:
     """Motion with an acceleration of constant variance and autocorrelation `exp(-alpha |t|)`.
 
-    With `alpha=0` the acceleration is constant; with `acceleration_sigma=0` the rate is constant.
+    If `alpha` is 0, the acceleration is constant; if `acceleration_sigma` is 0, the rate is
+    constant.
 
     Attributes
     ----------
@@ -29,8 +30,9 @@ class SingerModel:
     acceleration_sigma : float
         Standard deviation of the acceleration.
     exact : bool
-        True: the exact discretisation. False: as printed in the source, with `1 - alpha T` instead
-        of `exp(-alpha T)` and process noise in the acceleration only, for `alpha T < 1`.
+        Whether the discretisation is exact. If False, it is as printed in the source: with `1 -
+        alpha T` instead of `exp(-alpha T)`, and with process noise in the acceleration only; `alpha
+        T` must then be less than 1.
 
     Examples
     --------
@@ -57,12 +59,12 @@ class SingerModel:
         _core.singer_transition(self, self.dt)
 
     def transition(self, dt: float | None = None) -> FloatArray:
-        """Return F over a time step, by default `self.dt`: shape (3, 3)."""
+        """Return the transition matrix F, (3, 3), over a time step, by default over `self.dt`."""
         (f01, f02, f12, f22), _ = self._over(dt)
         return np.array([[1.0, f01, f02], [0.0, 1.0, f12], [0.0, 0.0, f22]])
 
     def process_noise(self, dt: float | None = None) -> FloatArray:
-        """Return Q over a time step, by default `self.dt`: shape (3, 3)."""
+        """Return the process noise Q, (3, 3), over a time step, which is by default `self.dt`."""
         return _full(np.array(self._over(dt)[1]))
 
     def _over(self, dt: float | None) -> tuple[list[float], list[float]]:
@@ -75,7 +77,7 @@ def steady_state(model: SingerModel, measurement_variance: float) -> tuple[Float
     Parameters
     ----------
     model : SingerModel
-        Motion of the target, with a plot every `model.dt`.
+        Model of the motion of the target, which has a plot every `model.dt`.
     measurement_variance : float
         Variance of the noise of the plots.
 
@@ -84,7 +86,7 @@ def steady_state(model: SingerModel, measurement_variance: float) -> tuple[Float
     gain : ndarray of shape (3,)
         Kalman gain.
     covariance : ndarray of shape (3, 3)
-        Covariance after a plot.
+        Covariance of the state after a plot.
 
     Raises
     ------
@@ -96,7 +98,7 @@ def steady_state(model: SingerModel, measurement_variance: float) -> tuple[Float
 
     Notes
     -----
-    Doubling algorithm (Anderson 1978), in double-double arithmetic.
+    The doubling algorithm (Anderson 1978) is used, in double-double arithmetic.
 
     Examples
     --------

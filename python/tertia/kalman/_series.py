@@ -1,4 +1,4 @@
-"""Filter and smoother of whole series."""
+"""Filter and smoother for whole series of plots."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class FilteredSeries(Result):
         Plot minus predicted angle; nan where there is no plot or no prediction yet. Empty unless
         `store="all"`.
     innovation_variance : ndarray of shape (..., steps)
-        Predicted variance of `innovation`; nan at the same steps.
+        Predicted variance of `innovation`; nan where `innovation` is nan.
     log_likelihood : float or ndarray of shape (...)
         Log-likelihood of all plots that have an innovation.
     count : int or ndarray of shape (...)
@@ -40,7 +40,8 @@ class FilteredSeries(Result):
     measurement_variance : ndarray of shape (..., steps)
         Variance of the plots as given; read-only.
     systematic : {"not included"}
-        The covariance is that of white noise as given; it does not include systematic errors.
+        The covariance is computed for white noise with the given variance. It does not include
+        systematic errors.
     """
 
     _rows: ClassVar = "mean", 1
@@ -89,11 +90,12 @@ class SmoothedSeries(Result):
     Attributes
     ----------
     mean : ndarray of shape (..., steps, 3)
-        Angle, rate and acceleration at each step, given all plots.
+        Angle, rate and acceleration at each step, estimated from all plots.
     upper : ndarray of shape (..., steps, 6)
-        Upper triangles of the covariances, row by row.
+        Upper triangles of the covariances of `mean`, row by row.
     systematic : {"not included"}
-        The covariance is that of white noise as given; it does not include systematic errors.
+        The covariance is computed for white noise with the given variance. It does not include
+        systematic errors.
     """
 
     _rows: ClassVar = "mean", 1
@@ -130,7 +132,7 @@ def filter_series(
     out: FilteredSeries | None = None,
     n_threads: int | None = None,
 ) -> FilteredSeries:
-    """Filter series of plots; the state is angle, rate and acceleration.
+    """Filter series of plots of an angle; the state is angle, rate and acceleration.
 
     Parameters
     ----------
@@ -149,12 +151,12 @@ def filter_series(
         Period of the angle: 360.0 for degrees, 2*pi for radians, None for data that do not wrap.
         Estimated angles lie in [0, period).
     store : {"all", "mean", "final"}
-        What to keep: everything, the means of all steps, or the mean and covariance of the last
-        step.
+        What to keep: with "all", all results; with "mean", the means of all steps; with "final",
+        the mean and covariance of the last step.
     out : FilteredSeries, optional
         Result of an earlier call with the same shapes and the same `store`. Its arrays are
-        overwritten and returned again, which saves allocating memory; after an error their content
-        is undefined.
+        overwritten and returned again, so that no memory is allocated. After an error, their
+        content is undefined.
     n_threads : int, optional
         Number of threads; by default one for small tasks and all cores for large ones.
 
@@ -175,9 +177,9 @@ def filter_series(
 
     Notes
     -----
-    Equations (14) to (20) of the source. If the prior variance exceeds 1e4 times that of the noise,
-    the covariance is kept in factors `U D U'`, which rounding cannot make negative. Once the gain
-    has converged, it is not computed again. The cost is O(steps).
+    These are equations (14) to (20) of the source. If the prior variance exceeds 1e4 times that of
+    the noise, the covariance is kept in factors `U D U'`, which rounding cannot make negative. When
+    the gain has converged, it is not computed again. The cost is O(steps).
 
     Examples
     --------
@@ -205,7 +207,7 @@ def filter_series(
 
 
 def _filled(shape: tuple[int, ...], store: Store, out: FilteredSeries | None) -> list[FloatArray]:
-    """Return arrays for mean, upper triangle, innovation and its variance of all steps."""
+    """Return arrays for the means, upper triangles, innovations and innovation variances."""
     none = (*shape[:-1], 0)
     many, every = (shape if store != "final" else none), (shape if store == "all" else none)
     shapes = (*many, 3), (*every, 6), every, every
@@ -235,7 +237,7 @@ def smooth_series(
     period: float | None = None,
     n_threads: int | None = None,
 ) -> SmoothedSeries:
-    """Estimate the state at every step from all plots, earlier and later ones.
+    """Estimate the state at every step from all plots, including later ones.
 
     Parameters
     ----------
@@ -245,8 +247,8 @@ def smooth_series(
     Returns
     -------
     SmoothedSeries
-        Means and covariances; nan and inf, respectively, before the first plot if no initial state
-        is given.
+        Means and covariances. Before the first plot, unknown components have the mean nan and the
+        variance inf if no initial state is given.
 
     Raises
     ------
@@ -255,11 +257,11 @@ def smooth_series(
 
     Notes
     -----
-    The smoother of Rauch, Tung and Striebel in Joseph form, on the factors `U D U'` of the
-    covariances. If an initial covariance is w times as wide as the noise, log10(w) digits are lost;
-    without an initial state none are. If an initial covariance is w times narrower and the model is
-    not exact, so that process noise enters only the acceleration, the relative error is 1e-15
-    sqrt(w). The cost is O(steps).
+    This is the smoother of Rauch, Tung and Striebel in Joseph form, applied to the factors `U D U'`
+    of the covariances. If the initial variance is w times the variance of the noise, log10(w)
+    digits are lost; without an initial state, no digits are lost. If the initial variance is 1/w of
+    the variance of the noise, and process noise enters only the acceleration because the model is
+    not exact, the relative error is 1e-15 sqrt(w). The cost is O(steps).
 
     Examples
     --------

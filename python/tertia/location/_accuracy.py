@@ -1,4 +1,4 @@
-"""The accuracy of positions for given stations, without measurements."""
+"""The accuracy that positions would have with given stations, computed without measurements."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tertia.sensors._sensors import stack_stations, survey_sigmas
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Accuracy(Result):
-    """The accuracy of positions that given stations would find, without measurements.
+    """The accuracy that positions would have with given stations, computed without measurements.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Accuracy(Result):
 
     @property
     def drms(self) -> float | FloatArray:
-        """Distance root mean square: root of the sum of the variances, of shape (...)."""
+        """Distance root mean square: square root of the sum of the variances, of shape (...)."""
         total: float | FloatArray = scalar_or_array(
             np.sqrt(np.trace(self.covariance, axis1=-2, axis2=-1))
         )
@@ -72,7 +72,7 @@ def accuracy_map(
     degrees: bool = False,
     n_threads: int | None = None,
 ) -> Accuracy:
-    """Return the covariance that positions would have with given stations, without measurements.
+    """Return the covariance that positions would have with given stations.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def accuracy_map(
         Positions of the target in metres.
     kinds : sequence of str, optional
         Kinds of measurements: "range", "azimuth", "elevation", "range_difference" and
-        "arrival_time"; by default, those that have a standard deviation.
+        "arrival_time". By default, the kinds that have a standard deviation are used.
     range_sigma, azimuth_sigma, elevation_sigma : array_like of shape (K,), optional
         Standard deviations in metres and radians, instead of those of the stations.
     range_difference_sigma : array_like of shape (K - 1,), optional
@@ -91,9 +91,9 @@ def accuracy_map(
         Standard deviations of the times of arrival in seconds.
     bias : Bias, optional
         Systematic errors that replace those of the stations: the same for all stations, or one for
-        each, (K,). Their sigmas add to the random errors; a measurement whose systematic error has
-        an infinite sigma is not used. A sigma of None adds nothing, because without measurements it
-        cannot be estimated.
+        each, (K,). Their variances are added to those of the random errors. A measurement whose
+        systematic error has an infinite sigma is not used. If a sigma is None, nothing is added,
+        because it cannot be estimated without measurements.
     range_difference_correlation, propagation_speed : float
         As for `locate`.
     degrees : bool
@@ -105,8 +105,8 @@ def accuracy_map(
     -------
     Accuracy
         Covariance and dilution of precision at every position of the grid. The variances are
-        infinite where the measurements do not determine the position and where it coincides with
-        a station.
+        infinite at positions that the measurements would not determine, and at positions of
+        stations.
 
     Raises
     ------

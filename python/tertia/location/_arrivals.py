@@ -20,12 +20,12 @@ _FINE = [(unit, 1) for unit in ("ns", "ps", "fs", "as")]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Arrivals:
-    """Times of arrival at K stations in the form that the core takes.
+    """Times of arrival at K stations in the form that the core requires.
 
-    `first` is the first time of each instant, of shape (...). Seconds since 1970 have steps of
-    0.2 µs in double precision, which is 70 m for light. Therefore only the differences from
-    `first` are multiplied by the speed of the signal. `value` and `sigma` are in metres, of shape
-    (..., K).
+    `first` is the first time of each instant, of shape (...). In double precision, seconds since
+    1970 have a resolution of 0.2 µs, in which light travels 70 m. Therefore only the differences
+    from `first` are multiplied by the speed of the signal. `value` and `sigma` are in metres, of
+    shape (..., K).
     """
 
     first: npt.NDArray[Any]
@@ -34,7 +34,7 @@ class Arrivals:
     sigma: FloatArray
 
     def emission(self, emission: FloatArray) -> Any:
-        """Return the times of emission, metres after the first arrival, in the caller's units."""
+        """Return times of emission in units of the arrivals, from metres after the first one."""
         seconds = emission / self.speed
         if self.first.dtype.kind not in "mM":
             return scalar_or_array(np.asarray(self.first + seconds))
@@ -52,7 +52,7 @@ def read_arrivals(
     speed: npt.ArrayLike,
     k: int,
 ) -> Arrivals:
-    """Return times of arrival, checked."""
+    """Return times of arrival, after checking them."""
     time = array_of(value, "arrival_time")
     if time.dtype.kind in "mM":
         if np.datetime_data(time.dtype) not in _FINE:

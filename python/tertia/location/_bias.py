@@ -1,4 +1,4 @@
-"""Systematic errors of the stations of a fix: those given, and those estimated."""
+"""Given and estimated systematic errors of the stations that locate a target."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ _ROWS = {kind: at for at, kind in enumerate(ERRORS)}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Given:
-    """Given biases of K stations, for each kind that a station measures on its own.
+    """Given biases of K stations, for each kind of measurement that one station can make alone.
 
     Attributes
     ----------
     value, sigma : ndarray of shape (4, K)
-        Values and their sigmas; those of clocks are in seconds. The sigma is nan where it is to be
-        estimated.
+        Values of the biases and their sigmas; for clocks, both are in seconds. A sigma that is to
+        be estimated is nan.
     """
 
     value: FloatArray
@@ -44,7 +44,7 @@ class Given:
     def corrected(
         self, kind: Kind, value: FloatArray, unit: FloatArray | float = 1.0
     ) -> FloatArray:
-        """Return measurements minus the biases; nan where the bias is unknown."""
+        """Return measurements minus the biases; nan if the bias of a station is unknown."""
         if kind not in ERRORS or not self.known:
             return value
         at = _ROWS[kind]
@@ -78,7 +78,7 @@ class Given:
         return total
 
     def free(self, kinds: Sequence[Kind]) -> BoolArray:
-        """Return which measurements may have systematic errors that were not stated, (kinds, K)."""
+        """Return for which measurements (kinds, K) no systematic errors were stated."""
         if not self.known:
             return _all_free(tuple(kinds), self.sigma.shape[-1])
         free = np.zeros((len(KINDS), self.sigma.shape[-1]), dtype=bool)
@@ -90,7 +90,7 @@ class Given:
         return free
 
     def found(self, stated: Mapping[Kind, FloatArray], growth: Sequence[float]) -> Bias:
-        """Return the biases with sigmas as large as the contradictions require, (K,)."""
+        """Return biases (K,) with sigmas that are as large as the contradictions require."""
         if not (self.known or any(each > 1.0 for each in growth)):
             return _nothing_found(self.sigma.shape[-1])
         demanded = np.zeros(self.sigma.shape)
@@ -164,7 +164,7 @@ def _nothing_found(k: int) -> Bias:
 
 
 def said(free: BoolArray, *, tells: bool) -> Systematic:
-    """Return how a sigma treats systematic errors; `tells`: contradictions would show them."""
+    """Return how a sigma treats systematic errors; `tells` means that they could be detected."""
     if not free.any():
         return "given"
     return "estimated" if tells else "not included"

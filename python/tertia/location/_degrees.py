@@ -1,4 +1,4 @@
-"""Detection of degrees that were passed as radians and are small enough to be radians."""
+"""Detection of angles in degrees that were passed as radians, and are not too large for radians."""
 
 from __future__ import annotations
 
@@ -36,9 +36,10 @@ def warn_if_degrees(
 ) -> None:
     """Warn if the angles do not fit as radians, but would fit as degrees.
 
-    `found` is what the kernel finds from `values` of shape (..., 5, K) and `sigmas`, in radians;
-    `solve` finds it for other values. This takes long, so a record is solved again only if most of
-    its instants fail; a few faults do not count as failure.
+    `found` is the solution for `values` of shape (..., 5, K) and `sigmas`, with angles in radians;
+    `solve` computes the solution for other values. Because this is slow, a record is solved again
+    only if the angles of most instants do not fit as radians. An instant still fits if a few of its
+    measurements are outliers.
     """
     if found[-1][0].ndim == 0 and _is_usual(found[-1]):
         return
@@ -72,7 +73,7 @@ def _is_usual(columns: Columns) -> bool:
 
 
 def _agreement(columns: Columns, chance: float) -> tuple[int, int]:
-    """Return the number of instants that were tested, and the number whose measurements agree."""
+    """Return the number of instants that were tested, and how many have measurements that agree."""
     tried = int(np.count_nonzero(columns[1] >= 0))
     return tried, int(np.count_nonzero(_agrees(columns, chance)))
 
@@ -90,7 +91,7 @@ def _agrees(columns: Columns, chance: float) -> BoolArray:
 
 
 def _fits_without_few(found: Found) -> BoolArray:
-    """Return which instants fit after a few measurements were left out as outliers."""
+    """Return which instants fit after a few of their measurements were left out as outliers."""
     _, _, residual, outlier, columns = found
     status, freedom = columns[:2]
     axes = (-2, -1)

@@ -1,4 +1,4 @@
-"""The height of a target: given or undetermined."""
+"""The height of a target, which is given or remains undetermined."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def read_height(
 
 
 def anywhere(places: FloatArray) -> FloatArray:
-    """Return a height with a very large sigma, at the height of the stations, (..., K, 3)."""
+    """Return a height with a very large sigma, near the heights of the stations (..., K, 3)."""
     level = np.mean(places[..., 2], axis=-1)
     return np.stack([level, np.full_like(level, _ANYWHERE)], axis=-1)
 

@@ -82,12 +82,13 @@ def locate(
     elevation : array_like of shape (..., K), optional
         Elevations in radians above the horizon, only if D = 3; nan where one is missing.
     range_difference : array_like of shape (..., K - 1), optional
-        Range of each station except the first minus the range of the first station, in metres.
+        For each station except the first, its range minus the range of the first station, in
+        metres.
     arrival_time : array_like of shape (..., K), optional
-        Time at which the signal of one event arrived at each station, nan where it did not arrive:
-        in seconds, or as NumPy's datetimes or timedeltas (``datetime64[ns]``). Seconds since 1970
-        are only resolved to 0.2 µs, which is 70 m for light; datetimes in nanoseconds lose nothing.
-        The time of emission is unknown and estimated.
+        Time at which the signal of one event arrived at each station, in seconds or as NumPy's
+        datetimes or timedeltas (``datetime64[ns]``); nan where it did not arrive. Seconds since
+        1970 have a resolution of only 0.2 µs, in which light travels 70 m; datetimes in nanoseconds
+        are used at their full resolution. The time of emission is unknown and is estimated.
     range_sigma, azimuth_sigma, elevation_sigma : array_like of shape (..., K), optional
         Standard deviations in metres and radians, instead of those of the stations.
     range_difference_sigma : array_like of shape (..., K - 1), optional
@@ -98,42 +99,46 @@ def locate(
         Systematic errors that replace those of the stations: the same for all stations, or one for
         each of K. Their values are subtracted, and their sigmas are part of the covariance. With
         `Bias()` there are no systematic errors. If neither the call nor the stations state a bias,
-        sigmas are increased as far as contradictions between the stations require, and not at all
-        if there are no contradictions (see Notes).
+        sigmas are increased as much as contradictions between the stations require; without
+        contradictions they are not increased (see Notes).
     range_difference_correlation : float
-        Correlation of the errors of range differences. Use .5 if all share the error of the first
-        station, whose variance is equal to that of the others, and 0 if they are independent. The
-        common variance is this fraction of the smallest of their variances.
+        Correlation of the errors of range differences. Use .5 if all range differences contain the
+        error of the first station, and this error has the same variance as the errors of the other
+        stations. Use 0 if the errors of the range differences are independent. The variance of the
+        common error is this fraction of the smallest variance of a range difference.
     propagation_speed : array_like of shape (...)
         Speed of the signal in metres per second, by default the speed of light.
     multipath : bool
-        Whether outliers are more often late than early (20 to 1), as with multipath; otherwise both
-        are equally likely. This concerns times of arrival, and range differences with a
-        correlation.
+        Whether outliers are assumed to be late 20 times as often as early, as with multipath; if
+        False, both are equally likely. This applies to times of arrival, and to range differences
+        if they are correlated.
     height, height_sigma : array_like of shape (...), optional
-        Last coordinate of the target in metres and its standard deviation, only if D = 3. They are
-        a measurement like the others. Azimuths alone do not determine the height: if `height` is
-        missing, up is nan with an infinite variance, and east and north are estimated in the plane.
+        Last coordinate of the target in metres and its standard deviation, only if D = 3. A given
+        height is used like the other measurements. Azimuths alone do not determine the height: if
+        `height` is missing, up is nan with an infinite variance, and east and north are estimated
+        in the plane.
     method : {"robust", "least-squares", "lenth-mle", "lenth-huber", "lenth-andrews", "posterior"}
-        "robust": Tukey's biweight if there are at least `redundancy` degrees of freedom, otherwise
-        least squares. "least-squares": always least squares. The other methods are for azimuths in
-        the plane only: "lenth-mle", "lenth-huber" and "lenth-andrews" are Lenth's (1981)
-        estimators; "posterior" is the expected position, for two or more bearings whose sigma is
-        known only roughly or not at all.
+        "robust": Tukey's biweight is used if there are at least `redundancy` degrees of freedom,
+        otherwise least squares. "least-squares": least squares are always used. The other methods
+        are only for azimuths in the plane. "lenth-mle", "lenth-huber" and "lenth-andrews" are the
+        estimators of Lenth (1981). "posterior" gives the expected position, and is for two or more
+        bearings whose sigma is known only roughly or not at all.
     max_range : float, optional
         Largest distance of the target from the nearest station in metres, for the method
         "posterior", which requires it. All positions within this distance have the same prior
         probability.
     pooled : bool
-        Whether the standard deviations are only relative. The whole batch then determines one
-        factor for each kind, which may be below 1; or, where no standard deviations are given, the
-        common standard deviation.
+        Whether the standard deviations are only relative. One factor for each kind, which may be
+        below 1, is then estimated from the whole batch. If no standard deviations are given, the
+        common standard deviation is estimated from the whole batch.
     redundancy : int, optional
-        Smallest number of degrees of freedom with which outliers are searched for; by default 2
-        with times of arrival and 3 otherwise. With one degree of freedom a fault cannot be
-        attributed to a measurement; with two, faults of angles and ranges rarely can.
+        Smallest number of degrees of freedom at which outliers are searched for; by default it is 2
+        if there are times of arrival, and 3 otherwise. With one degree of freedom, it cannot be
+        decided which measurement is faulty. With two, this can rarely be decided for angles and
+        ranges.
     initial : array_like of shape (..., D), optional
-        A position near the target. It selects one of several positions that fit the measurements.
+        A position near the target. If several positions fit the measurements, it determines which
+        of them is returned.
     degrees : bool
         Whether the angles and their standard deviations in this call are in degrees.
     n_threads : int, optional
@@ -142,8 +147,8 @@ def locate(
     Returns
     -------
     Location
-        Position, covariance, residuals and faults. In a batch, an instant without a position has
-        the value nan, and `status` gives the reason.
+        Position, covariance, residuals and faults. In a batch, the position of an instant that
+        cannot be located is nan, and `status` gives the reason.
 
     Raises
     ------
@@ -160,54 +165,60 @@ def locate(
     Warns
     -----
     UserWarning
-        If most angles contradict each other as radians, but agree as degrees.
+        If most angles contradict each other when read as radians, but agree when read as degrees.
 
     Notes
     -----
-    Leading axes are broadcast against each other. If only one kind is measured and none of its
-    standard deviations is given, a common one is estimated: by least squares from the residuals, by
-    the robust method from their median size.
+    Leading axes are broadcast against each other. If only one kind is measured and no standard
+    deviation is given, one common standard deviation is estimated from the residuals. The robust
+    method estimates it from the median of their absolute values.
 
-    **Times of arrival.** For `c t = b + |p - s| + e`, the emission b is one more unknown, with a
-    flat prior. This is equivalent to range differences relative to any of the stations, with their
-    full covariance. Range differences that have a common error are treated as times of arrival,
-    with that of the first station at 0; if the first station is the faulty one, all differences are
-    marked. The loss for times of arrival is `-ln` of a density: that of normal noise, plus one
-    fault in a hundred, of up to 50 sigma. A late residual of more than 3.9 sigma and an early one
-    of more than 4.6 are faults. The covariance is `(J' W J)^-1` with the weights of that loss, plus
-    a term for measurements in doubt (given below). If more than one in a hundred arrivals of a
-    batch is faulty, the density has the actual share of faults. `Station.position_sigma` is part of
-    the errors of all measurements of a station, unless their sigma is to be estimated.
+    **Times of arrival.** In the model `c t = b + |p - s| + e`, the emission b is an additional
+    unknown with a flat prior. The model is equivalent to one of range differences relative to any
+    of the stations, with their full covariance. Range differences that have a common error are
+    treated as times of arrival, of which the one at the first station is 0. If the first station is
+    faulty, all range differences are marked as outliers. The loss for times of arrival is `-ln` of
+    a density in which 99 of 100 arrivals have normal noise, and one in a hundred is a fault of up
+    to 50 sigma. A residual is a fault if it is late by more than 3.9 sigma or early by more than
+    4.6 sigma. The covariance is `(J' W J)^-1` with the weights of that loss, plus a term for
+    doubtful measurements, which is given below. If more than one in a hundred arrivals of a batch
+    is faulty, the actual fraction of faults is used in the density. `Station.position_sigma`
+    contributes to the errors of all measurements of a station, unless the sigma of the measurements
+    is to be estimated.
 
     **Minimisation.** The search starts at the best of the points where a minimal set of
-    measurements agrees, or at the median of the positions that single stations determine. From
-    there, up to eight Huber steps (1.345) lead to the point from which Tukey's biweight (4.685) is
-    minimised. Other starts are tried as well; if the likelihoods of two minima differ by less than
-    a factor of 20, this is an error. Faults have weight 0. The robust covariance is `0.963 (J' W
-    J)^-1`, which for normal errors is 5 % larger than that of least squares, plus `6 q (1 - q) d
-    d'` for each measurement that is a fault with probability q, where d is the change of the
-    position if that measurement is left out. The cost is O(M) per step for M measurements, with
-    about ten steps.
+    measurements agrees, or at the median of the positions that are determined by single stations.
+    From there, up to eight Huber steps (1.345) lead to the point from which Tukey's biweight
+    (4.685) is minimised. Other starting points are tried as well. If two minima are found whose
+    likelihoods differ by less than a factor of 20, the position is ambiguous, which is an error.
+    Faults have the weight 0. The robust covariance is `0.963 (J' W J)^-1`, which for normal errors
+    is 5 % larger than the covariance of least squares, plus `6 q (1 - q) d d'` for each measurement
+    that is a fault with probability q, where d is the change of the position if that measurement is
+    left out. The cost for M measurements is O(M) per step, and about ten steps are needed.
 
-    **Systematic errors** (`bias=None`). In a batch, the variances of a kind are multiplied by a
-    factor that explains the size of the residuals of at most 256 instants (restricted maximum
-    likelihood; Patterson, Thompson 1971), and increased further by the uncertainty of this factor.
-    Instants with time-correlated errors count as fewer instants. For a single instant, the
-    variances are increased if its own residuals fail a test at 10 %. If nothing contradicts the
-    stated sigmas, nothing is added. An error that all stations share causes no contradiction. If a
-    batch scatters less than stated (at 99 %), the missing part of the variance is taken as an error
-    that all stations share, and added to the covariance; a larger common error must be stated in
-    `bias`. With one or two degrees of freedom, sigmas that are half as large as they should be are
-    detected in less than half of all single instants (coverage 67 and 73 % instead of 53 %): locate
-    such instants as a batch.
+    **Systematic errors** (`bias=None`). In a batch, the variances of each kind are multiplied by a
+    factor that is estimated from the residuals of at most 256 instants (restricted maximum
+    likelihood; Patterson, Thompson 1971). They are increased further to allow for the uncertainty
+    of this factor. If errors are correlated over time, the instants count as fewer independent
+    instants. For a single instant, the variances are increased if its own residuals fail a test
+    with a significance of 10 %. If nothing contradicts the stated sigmas, they are not increased.
+    An error that all stations share causes no contradiction. If the residuals of a batch are
+    significantly smaller than stated (at 99 %), the missing part of the variance is attributed to
+    an error that all stations share, and this error is added to the covariance. If the common error
+    can be larger, state it in `bias`. If the stated sigmas are half of the true ones, this is
+    detected in fewer than half of all single instants with one or two degrees of freedom. The 95 %
+    ellipse then contains the target in 67 % of the instants with one degree of freedom and in 73 %
+    of those with two, instead of 53 % without the increase. It is therefore better to locate such
+    instants as a batch.
 
     **Large errors.** If the standard deviation is not small compared with the distance to the
-    nearest station, the 95 % ellipse is extended along its axes as far as the likelihood reaches
-    (Bates, Watts 1988). If the likelihood has no end there, the status is ILL_CONDITIONED.
+    nearest station, the 95 % ellipse is extended along its axes to the points at which the
+    likelihood falls below its limit (Bates, Watts 1988). If there is no such point, the status is
+    ILL_CONDITIONED.
 
     Examples
     --------
-    Five direction finders, one with an error of half a radian:
+    Five direction finders, one of which has an error of half a radian:
 
     >>> import numpy as np
     >>> from tertia.location import locate
@@ -219,7 +230,7 @@ def locate(
     >>> fix.outlier.azimuth
     array([False, False, False, False,  True])
 
-    An explosion, heard by five stations with clocks of 5 ms:
+    An explosion that is heard by five stations, whose clocks are accurate to 5 ms:
 
     >>> times = [13.355, 12.787, 14.654, 13.834, 15.012]
     >>> heard = locate(places, arrival_time=times, arrival_time_sigma=0.005, propagation_speed=340)
@@ -337,7 +348,7 @@ def locate(
 def _solved(
     rows: tuple[Any, ...], options: tuple[Any, ...], values: FloatArray, sigmas: FloatArray
 ) -> Any:
-    """Return what the core finds with measurements and sigmas other than those of `rows`."""
+    """Return the result of the core for measurements and sigmas other than those of `rows`."""
     places, axes, _, _, surveys, height = rows
     return _core.locate(places, axes, values, sigmas, surveys, height, *options)
 
@@ -378,7 +389,7 @@ def _timed(arrivals: Arrivals, own: Given) -> tuple[FloatArray, FloatArray]:
 
 
 def _stated(measured: _Measured, arrivals: Arrivals | None) -> dict[Kind, FloatArray]:
-    """Return the standard deviations; those of times of arrival are in seconds."""
+    """Return the stated standard deviations; those of times of arrival are in seconds."""
     sigmas = {kind: sigma for kind, (_, sigma) in measured.items()}
     if arrivals is not None:
         sigmas["arrival_time"] = sigmas["arrival_time"] / arrivals.speed[..., np.newaxis]
@@ -386,7 +397,7 @@ def _stated(measured: _Measured, arrivals: Arrivals | None) -> dict[Kind, FloatA
 
 
 def _is_unknown(measured: _Measured) -> bool:
-    """Return whether the common standard deviation of the only kind is to be estimated."""
+    """Return whether there is only one kind, whose common sigma is to be estimated."""
     return len(measured) == 1 and all(np.isnan(s).all() for _, s in measured.values())
 
 
@@ -444,7 +455,7 @@ def _sigma_batch(measured: _Measured) -> tuple[int, ...]:
 
 
 def _grown(sigmas: FloatArray, grows: BoolArray, growth: Sequence[float]) -> FloatArray:
-    """Return the standard deviations, increased by what the contradictions require."""
+    """Return the standard deviations, increased as much as the contradictions require."""
     if growth.count(1.0) == len(growth):
         return sigmas
     grown: FloatArray = sigmas * np.sqrt(np.where(grows, np.reshape(growth, (-1, 1)), 1.0))
@@ -452,7 +463,7 @@ def _grown(sigmas: FloatArray, grows: BoolArray, growth: Sequence[float]) -> Flo
 
 
 def _matched(array: FloatArray, batch: tuple[int, ...], axes: int) -> FloatArray:
-    """Return rows for each element of the batch, or the only row."""
+    """Return one row for each element of the batch, or a single row for all of them."""
     tail = array.shape[array.ndim - axes :]
     if array.size == math.prod(tail):
         return array.reshape(1, *tail)
@@ -460,7 +471,7 @@ def _matched(array: FloatArray, batch: tuple[int, ...], axes: int) -> FloatArray
 
 
 def _checked(location: Location) -> Location:
-    """Return the location; raise an error if it is a single instant that was not located."""
+    """Return the location; raise an error if there is only one instant and it was not located."""
     status = location.status
     if status is LocationStatus.SINGULAR:
         raise np.linalg.LinAlgError(status.message)

@@ -91,7 +91,7 @@ def _require_bearings(
     factor: FloatArray,
     n_threads: int | None,
 ) -> None:
-    """Raise an error if random bearings explain the record, although its bearings intersect."""
+    """Raise an error if bearings that intersect are nevertheless explained as random directions."""
     free = [True] * rows[2].shape[-1] * len(KINDS)
     *_, columns, found = _core.locate(
         *rows,

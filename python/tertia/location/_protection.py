@@ -1,4 +1,4 @@
-"""The radius that the error of a position exceeds with a stated risk, faults included."""
+"""The radius that the error of a position exceeds with a stated risk, even if there are faults."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ _DOMAINS: dict[str, tuple[str, tuple[float, ...]]] = {
 
 
 def checked(value: npt.ArrayLike, kind: str, k: int, *, degrees: bool = False) -> FloatArray:
-    """Return measurements, (..., K) or (..., K - 1), after checking their domain."""
+    """Return measurements, (..., K) or (..., K - 1), after checking whether they are possible."""
     array = radians(value, kind, degrees=degrees) if kind in ANGLES else samples(value, kind)
     require_length(array, kind, k)
     domain, limits = _DOMAINS.get(kind, ("a finite number", ()))
@@ -37,7 +37,7 @@ def checked(value: npt.ArrayLike, kind: str, k: int, *, degrees: bool = False) -
 def deviations(
     sigma: npt.ArrayLike | None, own: FloatArray | None, kind: str, k: int, *, degrees: bool
 ) -> FloatArray:
-    """Return standard deviations, (..., K) or (..., K - 1), nan where they are unknown."""
+    """Return standard deviations, (..., K) or (..., K - 1); they are nan where they are unknown."""
     count = k - int(kind == "range_difference")
     if sigma is None:
         return np.full(count, np.nan) if own is None else own
@@ -74,7 +74,7 @@ def require_kinds(measured: Collection[str], d: int, *, shared: bool) -> None:
 
 
 def correlation_of(value: float) -> float:
-    """Return the correlation of range differences, checked."""
+    """Return the correlation of range differences, after checking it."""
     correlation = real(value, "range_difference_correlation")
     if not 0.0 <= correlation < 1.0:
         raise ValueError(

@@ -23,14 +23,15 @@ class Region(Result):
     Attributes
     ----------
     polygon : tuple of ndarray of shape (N, 2)
-        Corners of the outlines in metres: anticlockwise around a part, clockwise around a hole. For
-        a batch, an array of such tuples. Empty if there is no position.
+        Corners of the outlines in metres, anticlockwise around a part of the region and clockwise
+        around a hole. For a batch, it is an array of such tuples. The tuple is empty if there is no
+        position.
     area : float or ndarray of shape (...)
         Area in square metres; inf if the region is unbounded.
     semi_major, semi_minor : float or ndarray of shape (...)
-        Semi-axes in metres of the ellipse with the same second moments.
+        Semi-axes in metres of the ellipse that has the same second moments as the region.
     orientation : float or ndarray of shape (...)
-        Azimuth of the longer semi-axis in radians, from 0 to pi.
+        Azimuth of the longer semi-axis of that ellipse in radians, from 0 to pi.
     """
 
     _rows: ClassVar = "area", 0
@@ -53,7 +54,7 @@ class Region(Result):
         Returns
         -------
         bool or ndarray of shape (...)
-            True if the position is inside; False also if there is no region.
+            True if the position is inside; False if it is outside, or if there is no region.
         """
         points = samples(position, "position")
         if points.shape[-1:] not in {(2,), (3,)}:
@@ -73,7 +74,7 @@ class Region(Result):
         return found
 
     def __repr__(self) -> str:
-        """Show area and ellipse, or the shape of the batch."""
+        """Show the area and the ellipse, or the shape of the batch."""
         if not isinstance(self.polygon, tuple):
             return f"Region(batch {self.polygon.shape})"
         return (
@@ -92,7 +93,7 @@ def crossings(ring: FloatArray, point: FloatArray) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Accuracy:
-    """Covariances of positions; sigmas and degrees of freedom of the measurements, if estimated."""
+    """Covariances of positions, with the sigmas and degrees of freedom if sigmas were estimated."""
 
     covariance: FloatArray
     estimated: tuple[FloatArray, FloatArray] | None

@@ -24,7 +24,7 @@ LocationMethod: TypeAlias = Literal[
 
 
 class LocationStatus(enum.IntEnum):
-    """Status of an instant: OK, which equals 0, if it was located, otherwise the reason."""
+    """Status of an instant: OK, which equals 0, or the reason why it was not located."""
 
     OK = 0
     TOO_FEW = 1
@@ -77,24 +77,24 @@ class Location(Result):
     position : ndarray of shape (..., D)
         The position in metres; nan if there is none.
     covariance : ndarray of shape (..., D, D)
-        Covariance of the position in m²; variances are infinite if sigma is unknown and there is no
-        redundancy.
+        Covariance of the position in m². Its variances are infinite if the sigma of the
+        measurements is unknown and there are no redundant measurements from which to estimate it.
     residual : ByKind
         Residuals of all measurements, whitened: measured minus predicted, divided by sigma.
     outlier : ByKind
-        True for measurements that were treated as faults; least squares treats none so.
+        True for measurements that were treated as faults; with least squares there are none.
     degrees_of_freedom : int or ndarray of shape (...)
-        Number of measurements minus number of coordinates; with times of arrival, also minus one
-        for the time of emission.
+        Number of measurements minus the number of coordinates. If there are times of arrival, it is
+        smaller by one more, for the time of emission.
     statistic : float or ndarray of shape (...)
         Sum of the squares of all residuals, faults included.
     pvalue : float or ndarray of shape (...)
         Probability of a larger `statistic` if there are no faults; nan if sigma was estimated. A
         small p-value means that a measurement or a sigma is wrong.
     dop : float or ndarray of shape (...)
-        Dilution of precision: the square root of the trace of the covariance if each measurement
-        had sigma 1. In metres per metre or metres per radian; nan if there are measurements of both
-        units.
+        Dilution of precision: the square root of the trace that the covariance would have if every
+        measurement had a sigma of 1. It is in metres per metre or in metres per radian; nan if
+        there are measurements in both units.
     measurement_sigma : float, ndarray of shape (...) or None
         Common standard deviation of the measurements, in their unit, if it was estimated.
     emission_time : float, datetime64, ndarray of shape (...) or None
@@ -106,8 +106,8 @@ class Location(Result):
         OK, which equals 0, or the reason why there is no position.
     systematic : {"given", "estimated", "not included"}
         How the covariance treats systematic errors: it includes them as given; it includes them as
-        estimated from contradictions between the stations; or it does not include them, because no
-        contradiction could show them.
+        estimated from contradictions between the stations; or it does not include them, because
+        they could not cause contradictions.
     bias : Bias or None
         Systematic errors of the K stations, given or estimated.
     """
@@ -137,18 +137,19 @@ class Location(Result):
 
     @property
     def success(self) -> bool | BoolArray:
-        """Whether there is a position, as an array of shape (...) for a batch."""
+        """Whether there is a position; for a batch, an array of shape (...)."""
         known: bool | BoolArray = scalar_or_array(np.asarray(self.status) == 0)
         return known
 
     def region(self, probability: float = 0.95) -> Region:
         """Return the horizontal region that contains the target with a given probability.
 
-        If the errors are small compared with the distances, the region is the ellipse of the
-        covariance; if the sigma of the measurements was estimated, its size follows from quantiles
-        of the F distribution. Otherwise, in the plane, the region is bounded by a contour of the
-        likelihood (Wilks 1938); it may be curved or unbounded. For the method "posterior", it is
-        the region of highest density, which may have several parts.
+        If the errors are small compared with the distances to the stations, the region is the
+        ellipse of the covariance. If the sigma of the measurements was estimated, the size of the
+        ellipse follows from a quantile of the F distribution. If the errors are not small, the
+        region in the plane is bounded by a contour of the likelihood (Wilks 1938), and may be
+        curved or unbounded. For the method "posterior", it is the region of highest density, which
+        may have several parts.
 
         Parameters
         ----------
@@ -158,7 +159,8 @@ class Location(Result):
         Returns
         -------
         Region
-            Outlines, area and axes of the region, for each position of a batch.
+            Outlines, area and axes of the region; for a batch, those of the region of each
+            position.
 
         Raises
         ------
@@ -176,7 +178,7 @@ class Location(Result):
         return region_of(self._source(), self.position, self._accuracy(), probability)
 
     def cep(self, probability: float = 0.5) -> float | FloatArray:
-        """Return the circular error: the horizontal radius that contains the target.
+        """Return the horizontal radius that contains the target with a given probability.
 
         Parameters
         ----------
@@ -203,15 +205,15 @@ class Location(Result):
         faults: int = 1,
         false_alarm_probability: float = 1e-3,
     ) -> float | FloatArray:
-        """Return the radius that the horizontal error exceeds with a stated risk, faults included.
+        """Return the radius that the horizontal error exceeds with a stated risk, even with faults.
 
         Parameters
         ----------
         risk : float
             Probability that the horizontal error exceeds the protection level.
         fault_probability : float
-            Probability that a measurement is faulty, independently of the others; a fault may be of
-            any size.
+            Probability that a measurement is faulty. Faults occur independently of each other, and
+            a fault may have any size.
         faults : int
             Number of simultaneous faults against which the level protects.
         false_alarm_probability : float
@@ -220,10 +222,10 @@ class Location(Result):
         Returns
         -------
         float or ndarray of shape (...)
-            Radius about the position in metres. It is inf if no radius is large enough, that is, if
-            a fault would be undetectable; if more than `faults` simultaneous faults are more
-            probable than the risk; if the positions from subsets of the measurements contradict
-            each other (the test rejects); or if there is no position.
+            Radius about the position in metres. It is inf if a fault could not be detected, so that
+            no radius is large enough; if the probability of more than `faults` simultaneous faults
+            exceeds the risk; if the test rejects, that is, if the positions from subsets of the
+            measurements contradict each other; or if there is no position.
 
         Raises
         ------
@@ -233,10 +235,10 @@ class Location(Result):
 
         Notes
         -----
-        Solution separation (Blanch et al. 2012): each set of at most `faults` measurements is left
-        out in turn, and the resulting position must agree with that from all measurements. Outliers
-        that `locate` left out count as faults. The stated sigmas must not be smaller than the true
-        ones.
+        The method is solution separation (Blanch et al. 2012). Each set of at most `faults`
+        measurements is left out in turn, and the resulting position must agree with the position
+        from all measurements. Outliers that `locate` left out count as faults. The stated sigmas
+        must not be smaller than the true standard deviations.
 
         Examples
         --------
@@ -273,7 +275,7 @@ class Location(Result):
         return Accuracy(self.covariance, (sigma, freedom))
 
     def __repr__(self) -> str:
-        """Show position and sigma, or the shape of the batch."""
+        """Show the position and its sigma, or the shape of the batch."""
         if self.position.ndim > 1:
             found, count = np.count_nonzero(self.success), np.size(self.success)
             batch = self.position.shape[:-1]

@@ -1,4 +1,4 @@
-"""The data a position was estimated from, kept for later questions about the position."""
+"""The data from which a position was estimated, kept for later calculations."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Scene:
         return self.places, self.axes, self.values, self.sigmas
 
     def at(self, position: FloatArray) -> Measured:
-        """Return these rows and the other arguments of the region kernels for given positions."""
+        """Return `rows` and the other data that the core needs for regions of given positions."""
         if self.height is not None:
             # also where it is no result
             level = np.broadcast_to(self.height[..., 0], position.shape[:-1])

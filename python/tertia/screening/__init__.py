@@ -1,11 +1,11 @@
 """Screening: finding the outliers of a sample of measurements.
 
 Every function works along the last axis of an array of shape `(..., N)`. The leading axes are a
-batch, which is shared among several threads if that is faster; the number of threads does not
-affect the results.
+batch, whose elements are divided among several threads if that is faster. The number of threads
+does not affect the results.
 
-Sources: Manoilov, Pysarchuk, Pavliuk 2006, equations (M1)-(M4); Motylev 2010, equations (R1)-(R3);
-Fisch, Eckley, Fearnhead 2022 for points and bursts.
+Equations (M1)-(M4) are from Manoilov, Pysarchuk, Pavliuk 2006, and equations (R1)-(R3) from Motylev
+2010. The search for single outliers and bursts is that of Fisch, Eckley, Fearnhead 2022.
 """
 
 from tertia.screening._hypothesis import (

@@ -37,7 +37,8 @@ class OutlierTest(Result):
     statistic : float or ndarray
         The test statistic.
     pvalue : float or ndarray
-        Probability of a statistic at least as large if the measurement is not an outlier.
+        Probability that the statistic is at least as large as this one if the measurement is not an
+        outlier.
     """
 
     _rows: ClassVar = "statistic", 0
@@ -57,7 +58,7 @@ class ExtremeTest(Result):
     statistic : float or ndarray
         The test statistic.
     pvalue : float or ndarray
-        Probability of a statistic at least as large if no value is an outlier.
+        Probability that the statistic is at least as large as this one if no value is an outlier.
     critical_value : float
         Threshold of the statistic at the chosen significance.
     outlier : bool or ndarray of bool
@@ -75,10 +76,10 @@ class ExtremeTest(Result):
 
 
 def z_test(x: npt.ArrayLike, y: npt.ArrayLike, sigma: npt.ArrayLike) -> OutlierTest:
-    """Test whether x is an outlier compared with other measurements y of known standard deviation.
+    """Test whether x is an outlier compared with measurements y of known standard deviation.
 
-    Equation (R1): the statistic is `t = |x - mean(y)| / (sigma sqrt((n+1)/n))`. If x comes from the
-    same distribution as the n measurements y, t is the absolute value of a standard normal
+    By equation (R1), the statistic is `t = |x - mean(y)| / (sigma sqrt((n+1)/n))`. If x comes from
+    the same distribution as the n measurements y, t is the absolute value of a standard normal
     variable.
 
     Parameters
@@ -118,9 +119,10 @@ def z_test(x: npt.ArrayLike, y: npt.ArrayLike, sigma: npt.ArrayLike) -> OutlierT
 def t_test(x: npt.ArrayLike, y: npt.ArrayLike) -> OutlierTest:
     """Test whether x is an outlier compared with other measurements y.
 
-    The standard deviation is estimated from y. Equations (R2) and (R3): `t = |x - mean(y)| / s`,
-    where s is the standard deviation of the n measurements y. Then `t sqrt(n/(n+1))` follows
-    Student's distribution with n - 1 degrees of freedom.
+    The statistic of equations (R2) and (R3) is `t = |x - mean(y)| / s`, where s is the standard
+    deviation of the n measurements y, which is estimated from them. If x comes from the same
+    distribution as y, `t sqrt(n/(n+1))` is the absolute value of a variable that has Student's
+    distribution with n - 1 degrees of freedom.
 
     Parameters
     ----------
@@ -156,8 +158,8 @@ def thompson_tau(y: npt.ArrayLike) -> OutlierTest:
     """Test every measurement of a sample as if it had been chosen beforehand.
 
     The statistic is `|y_i - M| / sqrt(D)`, with M and D the mean and the variance of the sample.
-    Its p-value is exact for one measurement that was not chosen for its deviation. To test the most
-    deviating measurement use `grubbs`.
+    The p-value is exact for a measurement that was not chosen because of its deviation. To test the
+    measurement that deviates most, use `grubbs`.
 
     Parameters
     ----------
@@ -186,11 +188,11 @@ def thompson_tau(y: npt.ArrayLike) -> OutlierTest:
 
 
 def grubbs(y: npt.ArrayLike, significance: float = 0.05) -> ExtremeTest:
-    """Test the most deviating measurement of a sample.
+    """Test the measurement of a sample that deviates most from the mean.
 
     Grubbs' statistic is `G = max |y_i - M| / sqrt(D)`, two-sided, with M and D the mean and the
-    variance of the sample. The p-value is Bonferroni's: exact if `G > sqrt((N-1)/2)`, otherwise an
-    upper bound.
+    variance of the sample. The p-value is computed with Bonferroni's inequality: it is exact if `G
+    > sqrt((N-1)/2)`, and an upper bound otherwise.
 
     Parameters
     ----------
@@ -230,14 +232,15 @@ def cochran(
     """Test the largest of several variances.
 
     Cochran's statistic is `C = max d_j / sum d_j` for L variances d_j with the same degrees of
-    freedom. The p-value is Bonferroni's: exact if `C > 1/2`, otherwise an upper bound.
+    freedom. The p-value is computed with Bonferroni's inequality: it is exact if `C > 1/2`, and an
+    upper bound otherwise.
 
     Parameters
     ----------
     variances : array_like of shape (..., L)
         Sample variances, L >= 2.
     degrees_of_freedom : float
-        Number of measurements for each variance, minus one.
+        Number of measurements from which each variance was computed, minus one.
     significance : float
         Probability of an alarm if all variances are equal.
 
@@ -282,8 +285,8 @@ def critical_value(
     Parameters
     ----------
     n : int
-        Number of variances for "cochran", of measurements y for "z-test" and "t-test", and of
-        measurements in the sample for the other tests.
+        Number of variances for "cochran"; number of measurements y for "z-test" and "t-test";
+        number of measurements in the sample for the other tests.
     significance : float
         Probability of flagging a good measurement; for "grubbs" and "cochran", of an alarm in a
         sample without outliers.
@@ -297,8 +300,8 @@ def critical_value(
     -------
     float
         The threshold. It is exact for the first four tests. For "grubbs" and "cochran" it is exact
-        if two values cannot exceed it at once; otherwise it is slightly too large, so that the
-        significance is not exceeded.
+        if two values cannot both exceed it; otherwise it is slightly too large, and the false-alarm
+        rate is below the significance.
 
     Raises
     ------
@@ -328,8 +331,9 @@ def false_alarm_probability(
 ) -> float:
     """Return the probability that a test with threshold k flags a good measurement.
 
-    This is the inverse of `critical_value`. For "leave-one-out" with frozen statistics it is
-    `2 P(t_{n-2} > k sqrt((n-1)/n))` for every good measurement.
+    This is the inverse of `critical_value`. For "leave-one-out" with frozen statistics, every good
+    measurement is flagged with the probability `2 P(t_{n-2} > k sqrt((n-1)/n))`, where t_{n-2} has
+    Student's distribution with n - 2 degrees of freedom.
 
     Parameters
     ----------

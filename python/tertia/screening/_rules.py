@@ -1,4 +1,4 @@
-"""Rules that mark outliers, and the unwrapping of angles."""
+"""Rules that mark outliers, and a function that unwraps angles."""
 
 from __future__ import annotations
 
@@ -35,11 +35,13 @@ class Screening(Result):
     cleaned : ndarray of shape (..., N)
         The sample with each outlier replaced, or set to nan if outliers are excluded.
     mean, variance : float or ndarray of shape (...)
-        Mean and variance (divisor n - 1) of the cleaned sample, in the unit of y and its square.
+        Mean and variance (divisor n - 1) of the cleaned sample, in the unit of y and the square of
+        that unit.
     threshold : float or ndarray of shape (...)
         Half width of the band about the mean outside which a measurement is an outlier, in the unit
-        of y. In a sequential screening the band changes, and this is the last one. For the meaning
-        of these three in a series that changes, see `moving_polynomial`.
+        of y. In a sequential screening the band changes during the pass, and the last one is
+        reported. For the meaning of `mean`, `variance` and `threshold` in a series whose value
+        changes, see `moving_polynomial`.
     """
 
     _rows: ClassVar = "outlier", 0
@@ -66,10 +68,10 @@ def leave_one_out_statistics(
 ) -> tuple[FloatArray, FloatArray]:
     """Return, for every measurement, the mean and variance of all other measurements.
 
-    Equations (M2) and (M3): `M'_i` is the mean and `D'_i` the variance (divisor N - 2) of the
-    sample without `y_i`. The cost is O(N). If one value makes up more than half of the sum of
-    squares, the other squares are summed again without it, so that no digits are lost to
-    cancellation.
+    In equations (M2) and (M3), `M'_i` is the mean and `D'_i` the variance (divisor N - 2) of the
+    sample without `y_i`. The cost is O(N). If one value contributes more than half of the sum of
+    squares, the squares of the other values are summed again without it, so that no digits are lost
+    by cancellation.
 
     Parameters
     ----------
@@ -81,7 +83,7 @@ def leave_one_out_statistics(
     Returns
     -------
     mean, variance : ndarray of shape (..., N)
-        M' in the unit of y, and D' in its square.
+        M' in the unit of y, and D' in the square of that unit.
 
     Raises
     ------
@@ -105,12 +107,12 @@ def leave_one_out_statistics(
 def leave_one_out_mask(
     y: npt.ArrayLike, k: float = 2.5, *, n_threads: int | None = None
 ) -> BoolArray:
-    """Return which measurements are outliers compared with the others; the fastest screening.
+    """Return which measurements are outliers compared with the others, by the fastest rule.
 
-    The result is the mask of `leave_one_out(y, k, statistics="frozen")` alone. The rule
-    `|y_i - M'_i| > k sqrt(D'_i)` is equivalent to `|y_i - M| > c sqrt(D)` with the constant
-    `c(k, N) = k (N-1)^(3/2) / sqrt(N (N (N-2) + k^2 (N-1)))`, so that it is sufficient to read the
-    sample twice.
+    The result is the mask that `leave_one_out(y, k, statistics="frozen")` returns as `outlier`. The
+    rule `|y_i - M'_i| > k sqrt(D'_i)` is equivalent to `|y_i - M| > c sqrt(D)` with the constant
+    `c(k, N) = k (N-1)^(3/2) / sqrt(N (N (N-2) + k^2 (N-1)))`, so that it is sufficient to pass
+    through the sample twice.
 
     Parameters
     ----------
@@ -155,7 +157,8 @@ def leave_one_out(
 ) -> Screening:
     """Find outliers by comparing each measurement with the mean and variance of the others.
 
-    Equations (M2)-(M4): `y_i` is an outlier if `|M'_i - y_i| > k sqrt(D'_i)`.
+    By equations (M2)-(M4), `y_i` is an outlier if `|M'_i - y_i| > k sqrt(D'_i)`, where `M'_i` and
+    `D'_i` are the mean and the variance of the other measurements.
 
     Parameters
     ----------
@@ -172,7 +175,8 @@ def leave_one_out(
     direction : {"forward", "backward"}
         Direction of a sequential pass. It affects which measurements are flagged.
     replace : bool
-        Whether to replace an outlier by `M'_i`; if False, it is excluded.
+        Whether to replace an outlier by the mean `M'_i` of the other measurements; if False, it is
+        excluded.
     passes : int
         Largest number of passes; screening ends when a pass finds no outlier.
     nan_policy : {"raise", "omit"}
@@ -190,8 +194,9 @@ def leave_one_out(
     ValueError
         If there are fewer than 3 measurements, one is not finite, deviations are too large or too
         small to be squared, k <= 0, a string is not one of the allowed values, fewer than 2
-        measurements are left, or there are several passes with a k so small that they would flag
-        the whole sample (below 2.5 with replacement, 1.7321 without).
+        measurements are left, or several passes are requested with a k so small that they would
+        flag the whole sample (below 2.5 if outliers are replaced, below 1.7321 if they are
+        excluded).
     TypeError
         If `y` does not hold real numbers.
 
@@ -229,9 +234,9 @@ def k_sigma(
 ) -> Screening:
     """Find outliers by the classical rule `|y_i - M| > k sqrt(D)`.
 
-    Equation (M1), with M and D the mean and the variance of the sample. In a sample of N
-    measurements none can deviate by more than `(N-1)/sqrt(N)` standard deviations. With k = 3,
-    therefore, no outlier can be found if N < 11; `leave_one_out` has no such limit.
+    This is equation (M1), where M and D are the mean and the variance of the sample. In a sample of
+    N measurements, none can deviate from the mean by more than `(N-1)/sqrt(N)` standard deviations.
+    With k = 3, therefore, no outlier can be found if N < 11; `leave_one_out` has no such limit.
 
     Parameters
     ----------
@@ -240,8 +245,9 @@ def k_sigma(
     k : float
         Threshold in standard deviations of the whole sample, usually 2.1 to 3.
     replace : {"neighbours", "mean"} or None
-        What replaces an outlier: the mean of the nearest good measurements on both sides, the mean
-        of the whole sample, or nothing (it is excluded).
+        What replaces an outlier. With "neighbours", it is the mean of the nearest good measurements
+        on both sides; with "mean", it is the mean of the whole sample; with None, the outlier is
+        excluded.
     nan_policy : {"raise", "omit"}
         How to treat nan. "raise" makes it an error; "omit" takes it as 'no measurement'.
     n_threads : int, optional
@@ -294,27 +300,27 @@ def bursts(
 
     The algorithm starts from the median and the MAD (median absolute deviation). By dynamic
     programming it finds the points and segments whose removal improves the fit most (collective and
-    point anomaly detection). It then refits mean and standard deviation to the remaining
-    measurements, and repeats. The cost is O(N max_burst).
+    point anomaly detection). It then computes the mean and the standard deviation of the remaining
+    measurements, and repeats the search with them. The cost is O(N max_burst).
 
     Parameters
     ----------
     y : array_like of shape (..., N)
         Samples, N >= 3. The error rates in the documentation hold for N >= 30.
     point_penalty, burst_penalty : float
-        Improvement of the fit that a single outlier and a burst must give, in units of
-        `ln max(N, 30)`. Smaller penalties are more sensitive: (2.0, 2.5) finds more outliers, and
-        flags more good measurements in a sample without outliers.
+        Smallest improvement of the fit for which a single outlier, or a burst, is removed, in units
+        of `ln max(N, 30)`. With smaller penalties, such as 2.0 and 2.5, more outliers are found,
+        but more good measurements are flagged in samples without outliers.
     min_burst, max_burst : int
         Shortest (>= 2) and longest (at most 100 000) burst, in measurements.
     correlation : float
         Correlation of successive measurements in a record without outliers, between -1 and 1.
         Correlated noise looks like bursts unless its correlation is given.
     rounding : float
-        Step to which the measurements were rounded, in the unit of y; 0: none, or unknown. The
-        variance of rounding, `rounding**2 / 12`, is added to that of the noise. If it is 0 and more
-        than half of the measurements are equal, the distance to the nearest different measurement
-        is taken as the step.
+        Step to which the measurements were rounded, in the unit of y; 0 means that they were not
+        rounded or that the step is unknown. The variance of rounding, `rounding**2 / 12`, is added
+        to the variance of the noise. If `rounding` is 0 and more than half of the measurements are
+        equal, the distance from these to the nearest different measurement is used as the step.
     nan_policy : {"raise", "omit"}
         How to treat nan. "raise" makes it an error; "omit" takes it as 'no measurement'.
     n_threads : int, optional
@@ -323,8 +329,8 @@ def bursts(
     Returns
     -------
     Screening
-        Outliers are excluded; `threshold` is that for a single outlier. Nothing is flagged if fewer
-        than 5 measurements or less than a quarter of the sample would be left.
+        Outliers are excluded, and `threshold` is the threshold for a single outlier. Nothing is
+        flagged if fewer than 5 measurements, or less than a quarter of the sample, would be left.
 
     Raises
     ------
@@ -369,22 +375,23 @@ def moving_polynomial(
     period: float | None = None,
     n_threads: int | None = None,
 ) -> Screening:
-    """Find outliers of a series whose value changes, by comparing measurements with neighbours.
+    """Find outliers of a series whose value changes, by comparison with neighbouring measurements.
 
     A least-squares polynomial is fitted to the other measurements in the window of a measurement.
-    The measurement deviates from it by e. The variance of the polynomial is h times that of the
-    noise, and `z = e / sqrt(1 + h)`. A measurement is an outlier if `|z| > k s`, with `s = 1.4826
-    median |z|`, and if its `|z|` is the largest within two places. Outliers are removed, and all
-    measurements are judged again, up to three times; outliers that agree with the remaining
-    measurements are restored.
+    The measurement deviates from this polynomial by e. The variance of the polynomial at this
+    instant is h times the variance of the noise, and `z = e / sqrt(1 + h)`. A measurement is an
+    outlier if `|z| > k s`, with `s = 1.4826 median |z|`, and if its `|z|` is larger than that of
+    the two measurements before it and the two after it. Outliers are removed, and all measurements
+    are tested again, up to three times. Outliers that agree with the remaining measurements are
+    restored.
 
     Parameters
     ----------
     y : array_like of shape (..., N)
         Measurements in time order; nan where one is missing.
     window : int
-        Number of instants in a window, odd. Each instant is in the middle of its window; near the
-        ends, the first and the last window are used.
+        Number of instants in a window; it must be odd. Each instant is in the middle of its window,
+        except near the ends of the series, where the first or the last full window is used.
     degree : int
         Degree of the polynomials, at most 9 and less than `window` - 3.
     k : float
@@ -392,18 +399,18 @@ def moving_polynomial(
     time : array_like of shape (N,) or (..., N), optional
         Times of the measurements, in non-decreasing order; by default 0, 1, 2, ...
     period : float, optional
-        Period of the values, 360.0 or 2*pi for angles. They must change by less than half a period
-        in half a window. By default nothing wraps.
+        Period of the values: 360.0 or 2*pi for angles. The values must change by less than half a
+        period in half a window. By default, values do not wrap.
     n_threads : int, optional
         Number of threads; by default one for small tasks and all cores for large ones.
 
     Returns
     -------
     Screening
-        Outliers are replaced by the values of the polynomials. `variance` is s², that of the noise
-        about the polynomials, and `threshold` is k s. A measurement with fewer than `degree` + 3
-        good ones in its window is not judged. If no measurement is judged, `variance` and
-        `threshold` are nan; `mean` is nan if there are no measurements.
+        Outliers are replaced by the values of the polynomials. `variance` is s², the variance of
+        the noise about the polynomials, and `threshold` is k s. A measurement is not tested if
+        there are fewer than `degree` + 3 good measurements in its window. If no measurement is
+        tested, `variance` and `threshold` are nan; `mean` is nan if there are no measurements.
 
     Raises
     ------
@@ -415,9 +422,8 @@ def moving_polynomial(
 
     Notes
     -----
-    Outliers that follow each other for more than a quarter of a window determine the polynomials
-    and are not found. If the true value is constant, `bursts` finds them. The cost is O(N window
-    degree).
+    A run of outliers that is longer than a quarter of a window distorts the polynomials and is not
+    found. If the true value is constant, `bursts` finds such runs. The cost is O(N window degree).
 
     Examples
     --------
@@ -458,11 +464,12 @@ def unwrap_about_median(
 ) -> FloatArray:
     """Unwrap angles about their circular median.
 
-    Whole periods are added so that every angle is within half a period of the circular mean. This
-    is repeated with the median of the result instead of the mean. The multiple of the period that
-    all results have in common follows from the first angle. Nearly half of the angles may be wrong
-    without shifting the others. By contrast, `numpy.unwrap` compares neighbours, so that one wrong
-    angle shifts all later ones.
+    First, whole periods are added to the angles so that every angle is within half a period of the
+    circular mean. Then the same is done with the median of the resulting angles instead of the
+    mean. The results could still be shifted together by whole periods; this common shift follows
+    from the first angle. Even if nearly half of the angles are wrong, the others are unwrapped
+    correctly. By contrast, `numpy.unwrap` compares neighbours, so that one wrong angle shifts all
+    later angles.
 
     Parameters
     ----------

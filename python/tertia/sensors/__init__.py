@@ -1,7 +1,7 @@
 """Sensors: positions, measurements and errors of stations and radars.
 
-Positions are local east, north and up in metres. Azimuths and elevations are in radians, azimuths
-clockwise from north.
+Positions are local east, north and up in metres. Azimuths and elevations are in radians; azimuths
+are clockwise from north.
 """
 
 from tertia.sensors._bias import RADAR_LIMITS, Bias

@@ -50,7 +50,7 @@ class Bias(Result):
 
     The values are subtracted from the measurements. The remaining systematic error is normal with
     mean zero and standard deviation `<kind>_sigma`. A sigma of 0 means that the bias is known
-    exactly, inf that it is unknown, and None that it is to be estimated.
+    exactly, a sigma of inf that it is unknown, and None that the sigma is to be estimated.
 
     Parameters
     ----------
@@ -64,29 +64,34 @@ class Bias(Result):
     azimuth, elevation : float or ndarray of shape (K,)
         Biases of the angles in radians.
     range_gain : float or ndarray of shape (K,)
-        A range is measured as (1 + range_gain) times the true one, plus `range`.
+        Relative error of the ranges: a range is measured as (1 + range_gain) times the true range,
+        plus `range`.
     time : float or ndarray of shape (K,)
         Reading of the sensor's clock minus the true time, in seconds.
     range_sigma, range_gain_sigma, azimuth_sigma, elevation_sigma, time_sigma : float, ndarray of
             shape (K,), or None
         Standard deviations of these biases, in the same units.
     drift_share : float or None
-        Share of the variance of the bias that varies slowly, between 0 and 1; the rest is constant.
-        None: estimated if the sigma is estimated, otherwise 0.
+        Fraction of the variance of the bias that is due to a part of the bias that varies slowly,
+        between 0 and 1; the remaining part is constant. None: it is estimated if the sigma is
+        estimated; otherwise it is 0.
     drift_time : float or None
-        Correlation time of the slow variation in seconds, after which the correlation has fallen to
-        1/e; inf means no variation. None: it is estimated.
+        Correlation time of the slow variation in seconds, which is the time after which the
+        correlation has decreased to 1/e; inf means that there is no variation. None: it is
+        estimated.
     deviation_order : int
         Order of the Fourier series that describes how the azimuth bias of one sensor deviates from
-        `azimuth` as a function of the azimuth, as on the deviation card of a compass; 0: none.
+        `azimuth` as a function of the direction, as on the deviation card of a compass. 0 means
+        that the bias is the same in all directions.
     deviation_sigma : float
-        Standard deviation of the first harmonics of the deviation in radians; that of the k-th
-        harmonics is 1/k of it.
+        Standard deviation of the coefficients of the first harmonic of the deviation in radians;
+        for the k-th harmonic it is 1/k of this value.
     deviation : ndarray of shape (2 * deviation_order,)
-        Coefficients of the deviation in radians: of sin a, cos a, sin 2a, ...
+        Coefficients of sin a, cos a, sin 2a, ... in the deviation, in radians, where a is the
+        azimuth.
     deviation_covariance : ndarray of shape (1 + 2 * order, 1 + 2 * order) or None
-        Covariance of the constant part and the coefficients, as estimated by `calibrate`. None:
-        they are independent, with the standard deviations above.
+        Covariance of the constant part and the coefficients, as estimated by `calibrate`. None: the
+        constant part and the coefficients are independent, and have the standard deviations above.
 
     Raises
     ------
@@ -212,13 +217,14 @@ class Bias(Result):
         Parameters
         ----------
         azimuth : array_like of shape (...), optional
-            Directions in radians; if missing, the part that does not depend on the direction.
+            Directions in radians. If it is missing, the part of the bias that does not depend on
+            the direction is returned.
 
         Returns
         -------
         value, sigma : float or ndarray of shape (...)
-            In radians. After a calibration, the sigma is larger in directions that the calibration
-            did not cover.
+            The bias and its standard deviation in radians. After a calibration, the sigma is larger
+            in directions that the calibration did not cover.
 
         Raises
         ------
@@ -268,13 +274,14 @@ class Bias(Result):
         Returns
         -------
         Plots
-            The plots at the times `t - time`, with the ranges `(r - range) / (1 + range_gain)` and
-            the azimuths `a - azimuth`.
+            The corrected plots. A plot with the time t, the range r and the azimuth a now has the
+            time `t - time`, the range `(r - range) / (1 + range_gain)` and the azimuth `a -
+            azimuth`.
 
         Raises
         ------
         ValueError
-            If a plot belongs to a sensor without a bias here.
+            If a plot belongs to a sensor for which there is no bias.
 
         Examples
         --------

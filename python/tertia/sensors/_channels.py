@@ -35,15 +35,15 @@ class Channel:
     Attributes
     ----------
     detection_probability : float
-        Probability that the channel detects a target within range in a scan. If some targets have
-        no transponder, they count as not detected by the reply channels.
+        Probability that the channel detects a target within range in a scan. For the reply
+        channels, targets without a transponder count as not detected.
     range_sigma : float or None
-        Standard deviation of the channel's ranges in metres; None: that of the radar.
+        Standard deviation of the channel's ranges in metres; None: it is that of the radar.
     azimuth_sigma : float or None
-        Standard deviation of the channel's azimuths in radians; None: that of the radar.
+        Standard deviation of the channel's azimuths in radians; None: it is that of the radar.
     clutter_per_scan : float or None
-        Number of false plots per scan detected by this channel alone; None: estimated from the
-        plots.
+        Mean number of false plots per scan that are detected by this channel alone; None: it is
+        estimated from the plots.
 
     Raises
     ------
@@ -96,7 +96,7 @@ class Channel:
 
 
 def narrow(azimuth_sigma: float) -> float:
-    """Return a standard deviation of azimuths, after checking that it can be that of a radar."""
+    """Return a standard deviation of azimuths, after checking that a radar can have it."""
     if azimuth_sigma > WIDEST_BEAM:
         raise ValueError(
             f"azimuth_sigma is {azimuth_sigma:g}; that of a radar must be at most "
@@ -106,7 +106,7 @@ def narrow(azimuth_sigma: float) -> float:
 
 
 def channels_of(value: Any) -> dict[str, Channel] | None:
-    """Return the channels of a radar, checked, in the order of their names."""
+    """Return the channels of a radar in the order psr, ssr, mode-s, after checking them."""
     if value is None:
         return None
     names = ", ".join(CHANNELS)
@@ -126,7 +126,7 @@ def sigmas_of(
 ) -> tuple[float, float]:
     """Return the standard deviations for a detection; `own` are those of the radar.
 
-    A plot detected by echo and reply has those of the reply.
+    A plot detected by echo and reply has the standard deviations of the reply channel.
     """
     channel = channels[detection.rpartition("+")[2]]
     sigmas = channel.range_sigma, channel.azimuth_sigma
@@ -137,8 +137,9 @@ def sigmas_of(
 def ways(channels: Mapping[str, Channel]) -> dict[str, float]:
     """Return the probability of each combination of channels, and of no detection (empty name).
 
-    Channels detect independently. A target has a transponder of one kind; if a radar interrogates
-    both kinds, half of the targets have a transponder of each kind.
+    Channels detect independently. A target has a transponder of one kind only. If a radar
+    interrogates both kinds, half of the targets have a transponder of one kind, and the other half
+    one of the other kind.
     """
     echo = channels["psr"].detection_probability if "psr" in channels else 0.0
     replies = {
@@ -154,7 +155,7 @@ def ways(channels: Mapping[str, Channel]) -> dict[str, float]:
 
 
 def detections(value: npt.ArrayLike) -> IntArray:
-    """Return detections as indices of `DETECTIONS`; they may be given as indices or names."""
+    """Return detections, which may be given as indices or names, as indices of `DETECTIONS`."""
     array = array_of(value, "detection")
     if array.dtype.kind in "iuf":
         # frames keep whole numbers as floats where some are missing

@@ -16,7 +16,7 @@ ANGLES: tuple[Kind, ...] = ("azimuth", "elevation")
 
 
 def angle_sigma(value: npt.ArrayLike, name: str, *, degrees: bool) -> FloatArray:
-    """Return standard deviations, checked; those of angles in radians."""
+    """Return standard deviations, after checking them; those of angles are returned in radians."""
     if name.startswith(ANGLES):
         array = radians(value, name, degrees=degrees, is_sigma=True)
     else:

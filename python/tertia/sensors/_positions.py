@@ -15,24 +15,25 @@ _FASTEST = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class PositionSensor:
-    """A sensor that reports positions at any time: multilateration, ADS-B, lidar, a tracker.
+    """A sensor that reports positions at any time: multilateration, ADS-B, a lidar or a tracker.
 
-    It has no scan: a report of each target is expected every `update_interval`, but targets may
-    report more often.
+    Such a sensor has no scan. A report of each target is expected once every `update_interval`, but
+    there may be more reports.
 
     Attributes
     ----------
     position_sigma : float or None
-        Standard deviation of east and of north in metres, for reports without a covariance; None:
-        such reports are not used.
+        Standard deviation of each of the coordinates east and north in metres, for reports without
+        a covariance; None: such reports are not used.
     update_interval : float
-        Expected time between reports of a target in seconds, at least 0.001. If no report comes
-        within this time, one report counts as missed.
+        Expected time between reports of a target in seconds, at least 0.001. If no report is
+        received within this time, one report counts as missed.
     detection_probability : float
         Probability that a target reports in an update interval.
     bias : Bias or None
-        Systematic error of time: how late reports are. None: it is estimated when radars are
-        registered; before that, its standard deviation is taken as 0.2 s. `Bias()`: there is none.
+        Systematic error of the times of the reports, that is, how late they are. None: it is
+        estimated when radars are registered; before that, its standard deviation is assumed to be
+        0.2 s. `Bias()`: there is no systematic error.
     name : str or None
         Label of the sensor in pictures and reports.
 

@@ -57,25 +57,26 @@ class Station:
     Attributes
     ----------
     position : ndarray of shape (..., 2) or (..., 3)
-        East, north and up in metres; with leading axes if the station moves.
+        East, north and up in metres; the array has leading axes if the station moves.
     range_sigma : float or None
         Standard deviation of the ranges in metres; None if it is unknown, or if no ranges are
         measured.
     azimuth_sigma, elevation_sigma : float or None
-        Standard deviations of the angles in radians, or None.
+        Standard deviations of the angles in radians; None as for `range_sigma`.
     arrival_time_sigma : float or None
-        Standard deviation of the times of arrival in seconds, or None.
+        Standard deviation of the times of arrival in seconds; None as for `range_sigma`.
     position_sigma : float
-        Standard deviation of each coordinate of the surveyed position in metres. The resulting
-        error is common to all measurements of the station at all times.
+        Standard deviation of each coordinate of the surveyed position in metres. All measurements
+        of the station share the resulting error.
     bias : Bias or None
         Systematic errors of the station; None if they are not known.
     name : str or None
         Label of the station in pictures.
     axes : ndarray of shape (..., D, D) or None
-        East, north and up at the station as rows, in the coordinates of the frame. The azimuths and
-        elevations of the station refer to these axes. None: the axes of the frame. They differ if
-        the earth curves between the station and the origin (see `tertia.geo`).
+        Unit vectors east, north and up at the station as rows, in the coordinates of the frame. The
+        azimuths and elevations of the station refer to these axes. None: the axes of the station
+        are those of the frame. The two differ if the station is so far from the origin that the
+        curvature of the earth matters (see `tertia.geo`).
 
     Raises
     ------
@@ -137,9 +138,9 @@ class Station:
 class Radar:
     """A radar: its position, scan period and accuracy.
 
-    On a flat earth the height of a target is relative to the radar. With a `frame`, as set by
-    `tertia.geo.SystemPlane.radar`, the radar is on the curved earth: its azimuths are relative to
-    true north at the radar, and heights are above the ellipsoid.
+    On a flat earth, heights of targets are relative to the height of the radar. With a `frame`, as
+    set by `tertia.geo.SystemPlane.radar`, the radar is on the curved earth: its azimuths are
+    relative to true north at the radar, and heights are above the ellipsoid.
 
     Parameters
     ----------
@@ -155,27 +156,29 @@ class Radar:
     azimuth_sigma : float
         Standard deviation of the azimuths in radians, at most 0.5.
     scan_period : float
-        Seconds per rotation of the antenna, at least 0.001.
+        Duration of one rotation of the antenna in seconds, at least 0.001.
     max_range : float
         Largest range at which targets are detected, in metres.
     detection_probability : float
-        Probability that a target within range is detected in a scan, by default 0.9; if `channels`
-        are given, it follows from them.
+        Probability that a target within range is detected in a scan, by default 0.9. If `channels`
+        are given, it is computed from their probabilities.
     channels : dict of str to Channel, or None
-        How the radar detects by echoes ("psr") and by replies ("ssr", "mode-s"), independently. The
-        sigmas of a plot then depend on the channels that detected it (`Plots.detection`); plots
-        whose channels are unknown have the sigmas of the radar. None: all plots have the same
-        properties.
+        Properties of the detection by echoes ("psr") and by replies ("ssr", "mode-s"); the channels
+        detect independently. The sigmas of a plot then depend on the channels that detected it
+        (`Plots.detection`). Plots whose channels are unknown have the sigmas of the radar. None:
+        all plots have the same properties.
     range_resolution, azimuth_resolution : float or None
-        Differences in metres and in radians at each of which two targets give one common plot with
-        a probability of a half. Give both or none; without them every target has a plot of its own.
+        Difference in range in metres, and difference in azimuth in radians, at which two targets
+        give one common plot with a probability of a half. Give both or neither. If neither is
+        given, every target has a plot of its own.
     bias : Bias or None
-        Systematic errors of range, azimuth and time: their values and how well these are known.
-        None: only the limits `RADAR_LIMITS` are known. `Bias()`: there are no systematic errors.
+        Systematic errors of range, azimuth and time, with their standard deviations. None: the
+        errors are unknown, and their standard deviations are the limits `RADAR_LIMITS`. `Bias()`:
+        there are no systematic errors.
     name : str or None
         Label of the radar in pictures and reports.
     frame : tertia.geo.SystemPlane or None
-        System plane in which `position` is given, for a curved earth; None: the earth is flat.
+        System plane in which `position` is given, if the earth is curved; None: the earth is flat.
 
     Raises
     ------
@@ -281,7 +284,7 @@ class ByKind:
 
     @property
     def count(self) -> int | IntArray:
-        """Number of nonzero elements of all kinds, such as True for outliers, of shape (...)."""
+        """Number of elements of all kinds that are not zero, or that are True, of shape (...)."""
         marks = [getattr(self, field.name) for field in fields(self)]
         present = [mark for mark in marks if mark is not None]
         total: int | IntArray = scalar_or_array(
@@ -318,7 +321,7 @@ def stack_stations(
 
 
 def own_biases(sensors: Sequence[Radar | PositionSensor | Station]) -> Bias:
-    """Return the systematic errors of sensors, (K,), as stated, otherwise as in the limits."""
+    """Return the stated systematic errors of sensors, (K,), or the limits if none are stated."""
     given = [_bias_of(sensor) for sensor in sensors]
     columns: dict[str, Any] = {kind: [_error(bias, kind) for bias in given] for kind in ERRORS}
     return Bias(**columns)
@@ -327,7 +330,7 @@ def own_biases(sensors: Sequence[Radar | PositionSensor | Station]) -> Bias:
 def drift_rates(sensors: Sequence[Radar | PositionSensor | Station]) -> FloatArray:
     """Return the rates at which systematic errors return to their prior mean, (K, 4), in 1/s.
 
-    If only a share of an error drifts, it is treated as an error that drifts entirely, but at a
+    If only a part of an error drifts, the error is treated as if all of it drifted at a
     correspondingly lower rate.
     """
     biases = [_bias_of(sensor) for sensor in sensors]
@@ -345,7 +348,7 @@ def _drift_rate(bias: Bias | None, kind: str) -> float:
 
 
 def _bias_of(sensor: Radar | PositionSensor | Station) -> Bias | None:
-    """Return the bias of a sensor; None stands for the limits of a radar."""
+    """Return the bias of a sensor; None means that only the limits for a radar are known."""
     if sensor.bias is not None or isinstance(sensor, Radar):
         return sensor.bias
     if isinstance(sensor, PositionSensor):
@@ -354,7 +357,7 @@ def _bias_of(sensor: Radar | PositionSensor | Station) -> Bias | None:
 
 
 def _error(bias: Bias | None, kind: str) -> float:
-    """Return a systematic error or its standard deviation, as far as stated."""
+    """Return a systematic error or its standard deviation as stated, or as in the limits."""
     value = getattr(RADAR_LIMITS if bias is None else bias, kind)
     return float(getattr(RADAR_LIMITS, kind) if value is None else value)
 
@@ -368,7 +371,7 @@ def survey_sigmas(stations: Sequence[Station] | npt.ArrayLike) -> FloatArray | N
 
 
 def by_kind(array: npt.NDArray[Any], kinds: Sequence[Kind]) -> ByKind:
-    """Return the rows (..., 5, K) of the kinds that were measured."""
+    """Return the rows of an array (..., 5, K) for the kinds that were measured, by kind."""
     return ByKind(
         **{kind: array[..., KINDS.index(kind), int(kind == "range_difference") :] for kind in kinds}
     )
@@ -381,7 +384,7 @@ def require_dimension(array: FloatArray, name: str, shape: str) -> None:
 
 
 def _detected(given: float | None, channels: Mapping[str, Channel] | None) -> float:
-    """Return the probability that a radar detects a target, from its channels if it has them."""
+    """Return the probability that a radar detects a target, from its channels if it has any."""
     if channels is None:
         return probability(_DETECTED if given is None else given, "detection_probability")
     own = 1.0 - ways(channels)[""]
@@ -394,7 +397,7 @@ def _detected(given: float | None, channels: Mapping[str, Channel] | None) -> fl
 
 
 def _own_bias(bias: Bias | None) -> Bias | None:
-    """Return the bias of one sensor, checked."""
+    """Return the bias of one sensor, after checking it."""
     if bias is not None:
         instance(bias, "bias", Bias)
         if np.ndim(bias.range) > 0:
@@ -403,7 +406,7 @@ def _own_bias(bias: Bias | None) -> Bias | None:
 
 
 def _all_axes(stations: Sequence[Station], d: int) -> FloatArray | None:
-    """Return the axes of all stations; None if all are those of the frame."""
+    """Return the axes of all stations; None if the axes of every station are those of the frame."""
     own = [station.axes for station in stations]
     if not [axes for axes in own if axes is not None]:
         return None
@@ -412,7 +415,7 @@ def _all_axes(stations: Sequence[Station], d: int) -> FloatArray | None:
 
 
 def _axes(axes: npt.ArrayLike, place: FloatArray) -> FloatArray:
-    """Return the axes of a station, checked."""
+    """Return the axes of a station, after checking them."""
     array = finite(axes, "axes")
     d = place.shape[-1]
     if array.ndim < 2 or array.shape[-2:] != (d, d):

@@ -1,4 +1,4 @@
-"""Simulation: measurements together with their truth, to test estimators."""
+"""Simulation: measurements for tests of estimators, together with the true values."""
 
 from tertia.simulate._bearings import BearingRecord, direction_finder
 from tertia.simulate._covariances import wishart

@@ -1,4 +1,4 @@
-"""Records of a direction finder."""
+"""Simulated records of a direction finder."""
 
 from __future__ import annotations
 
@@ -48,13 +48,14 @@ def direction_finder(
     batch: int | tuple[int, ...] = (),
     rng: np.random.Generator | int | None = None,
 ) -> BearingRecord:
-    """Simulate a direction finder with noise, single outliers and bursts of one polarity.
+    """Simulate the bearings of a direction finder with noise, single outliers and bursts.
 
-    The noise is normal. Single outliers, as from equipment failures, are independent of each other.
-    Bursts, as from disturbances longer than the sampling interval, have a Poisson number, uniform
-    lengths and positions as far as they fit into the record, and one constant offset each. A
-    measurement in a burst is never a single outlier as well. The defaults are scenario 'PS1' of the
-    documentation.
+    The noise is normal. Single outliers, such as those from equipment failures, are independent of
+    each other. Bursts are runs of outliers, such as those from disturbances that last longer than
+    the sampling interval. Their number has a Poisson distribution. Their lengths and positions are
+    uniform, as far as they fit into the record. Each burst has one constant offset. A measurement
+    in a burst is never a single outlier as well. The default parameters are those of scenario 'PS1'
+    in the documentation.
 
     Parameters
     ----------
@@ -69,13 +70,14 @@ def direction_finder(
     bursts_per_100 : float
         Expected number of bursts per 100 measurements, at most 10 000.
     burst_length : (int, int)
-        Lengths of the shortest and longest burst; none is longer than the record.
+        Lengths of the shortest and of the longest burst, in measurements. No burst is longer than
+        the record.
     amplitude : (float, float)
-        Smallest and largest size of the offset of an outlier, in units of `sigma`; it is uniform
-        in between.
+        Smallest and largest absolute value of the offset of an outlier, in units of `sigma`; its
+        distribution is uniform between them.
     positive_probability : float
-        Probability that a single outlier, or a whole burst, is positive; with 0.5 there is no
-        polarity.
+        Probability that the offset of a single outlier, or of a whole burst, is positive. If it is
+        0.5, there is no polarity.
     period : float or None
         Period of the bearings, which are wrapped to [0, period); None leaves them unwrapped.
     batch : int or tuple of int
@@ -91,7 +93,8 @@ def direction_finder(
     Raises
     ------
     ValueError, TypeError
-        If a parameter is outside its domain or has the wrong type, or a pair is in falling order.
+        If a parameter is outside its domain or has the wrong type, or the first number of a pair is
+        larger than the second.
 
     Examples
     --------

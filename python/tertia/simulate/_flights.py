@@ -1,4 +1,4 @@
-"""Flights that follow or leave their plans, with the dynamics of aircraft."""
+"""Simulated flights that follow or leave their plans, with the dynamics of aircraft."""
 
 from __future__ import annotations
 
@@ -39,55 +39,64 @@ def flights(
     """Simulate aircraft that follow or leave their plans.
 
     Aircraft are point masses that turn by banking, with a limited roll rate, in a constant wind. A
-    pilot begins a turn where it is expected to end on the next leg. On legs the heading is
-    corrected for the wind, and legs are intercepted without oscillation. Plans do not account for
-    the wind: the airspeed is the planned ground speed plus an error.
+    pilot begins each turn at a point from which the turn is expected to end on the next leg. On a
+    leg, the heading is corrected for the wind, and the leg is intercepted without oscillation.
+    Plans do not account for the wind. The airspeed is the planned ground speed plus an error.
 
     Parameters
     ----------
     plans : sequence of F FlightPlan
-        The plans. A flight starts at the first waypoint at the time of its plan.
+        The plans, one for each flight. A flight starts at the first waypoint of its plan, at the
+        start time of the plan.
     scenario : str or sequence of F str
         One scenario for all flights, or one for each.
-        "conforming": the plan is flown.
-        "speed": the plan is flown, but 15 to 30 m/s faster or slower from some point on.
+        "conforming": the flight follows its plan.
+        "speed": the flight follows its plan, but is 15 to 30 m/s faster or slower from some point
+        on.
         "shortcut": from a point on a leg, the flight goes directly to a waypoint after the next.
-        "holding": one or two racetracks at a point on a leg, then on along the plan.
-        "vectoring": 12 to 20 km to one side, parallel to the leg, and back to a waypoint.
-        "hijack": a turn by 45 to 150 degrees at a point on a leg; the flight does not return.
-        "straight-on": a turn is not flown.
-        "wrong-turn": a turn to the opposite side, or by 30 to 60 degrees too much or too little.
-        "fly-over": a turn begins at its waypoint instead of before it.
+        "holding": the flight makes one or two racetracks at a point on a leg, and then follows the
+        plan again.
+        "vectoring": the flight leaves a leg, flies parallel to it at a distance of 12 to 20 km, and
+        returns to a waypoint.
+        "hijack": the flight turns by 45 to 150 degrees at a point on a leg, and does not return.
+        "straight-on": the flight continues straight on where the plan has a turn.
+        "wrong-turn": the flight turns to the opposite side, or by 30 to 60 degrees too much or too
+        little.
+        "fly-over": the flight begins a turn at the waypoint instead of before it.
     wind : array_like of shape (), (2,) or (F, 2)
         Velocity of the air, east and north, in m/s, for all flights or for each. If it is a number,
-        each flight has its own wind, with a uniform direction and a speed that is uniform between 0
-        and that number.
+        each flight has a wind of its own, whose direction is uniform and whose speed is uniform
+        between 0 and that number.
     bank, bank_sigma : float
-        Mean and standard deviation of the bank angle in turns in radians; normal across flights.
+        Mean and standard deviation of the bank angle in turns, in radians. Each flight has one bank
+        angle, drawn from a normal distribution.
     navigation_sigma : float
-        Standard deviation in metres of the slowly varying cross-track error, and of the point at
-        which a turn begins.
+        Standard deviation in metres of the slowly varying cross-track error, and of the error of
+        the point at which a turn begins.
     speed_error : float
-        Largest error of the airspeed in m/s; the error is uniform across flights.
+        Largest error of the airspeed in m/s. Each flight has one error, drawn from a uniform
+        distribution.
     lasting : float
-        Seconds from leaving the plan to the end of a flight that does not return to it.
+        Time in seconds for which a flight that does not return to its plan continues after leaving
+        it.
     step : float
-        Seconds between samples.
+        Time between samples in seconds.
     rng : numpy.random.Generator or int, optional
         Random generator or its seed.
 
     Returns
     -------
     Traffic
-        The flights. Each ends at the last waypoint of its route. The scenarios "conforming" and
-        "speed" never count as leaving the plan.
+        The flights. Each flight ends at the last waypoint of its route. Flights in the scenarios
+        "conforming" and "speed" never count as having left their plans.
 
     Raises
     ------
     ValueError, TypeError
-        If a scenario is unknown, or has a turn but the plan has none; if a leg is shorter than a
-        metre; if a speed is below 30 m/s, a speed error above a quarter of the speed, or a wind
-        above 0.4 of the airspeed; if a parameter is outside its domain or has the wrong type.
+        If a scenario is unknown, or needs a turn and the plan has none; if a leg is shorter than a
+        metre; if a speed is below 30 m/s, if a speed error is above a quarter of the speed, or if a
+        wind is above 0.4 of the airspeed; if a parameter is outside its domain or has the wrong
+        type.
 
     Examples
     --------
@@ -169,7 +178,7 @@ def _scenarios(scenario: Any, plans: Sequence[FlightPlan]) -> list[FlightScenari
 
 
 def _winds(wind: Any, limits: FloatArray, random: np.random.Generator) -> FloatArray:
-    """Return the wind of each flight, after checking that it does not exceed its limit."""
+    """Return the wind of each flight, after checking that no wind exceeds its limit."""
     n = len(limits)
     given = finite(wind, "wind")
     if given.shape == ():

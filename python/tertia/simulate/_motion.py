@@ -1,4 +1,4 @@
-"""Motion of aircraft along routes: arguments for the core, and random numbers."""
+"""Motion of aircraft along routes: the arguments of the core, and the random numbers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _NUMBERS, _STEPS = 1_000_000, 256
 
 @dataclass(frozen=True, slots=True)
 class Pilots:
-    """Differences between flights: wind, speed error, bank angle, roll rate and turn rate limit."""
+    """Properties of each flight: wind, speed error, bank angle, roll rate and largest turn rate."""
 
     wind: FloatArray
     speed_error: FloatArray
@@ -36,7 +36,7 @@ class Pilots:
 def fly(
     routes: Sequence[Route], pilots: Pilots, step: float, random: np.random.Generator
 ) -> dict[str, Any]:
-    """Return the columns of `Traffic` for flights from the start to the end of their routes."""
+    """Simulate flights from start to end of their routes, and return the columns of `Traffic`."""
     n = len(routes)
     navigation = _Wander(pilots.navigation, _NAVIGATION_TIME, step)
     variation = _Wander(_SPEED_SIGMA, _SPEED_TIME, step)
@@ -61,7 +61,7 @@ def fly(
 
 
 def _table(routes: Sequence[Route]) -> dict[str, Any]:
-    """Return routes as arrays of shape (F, M), padded by repetition of the last waypoint."""
+    """Return routes as arrays of shape (F, M), padded by repeating the last waypoint."""
     sizes = np.array([len(route.waypoints) for route in routes])
     last = sizes - 1
     # the waypoint that stands at each place
@@ -86,7 +86,7 @@ def _table(routes: Sequence[Route]) -> dict[str, Any]:
 
 
 class _Wander:
-    """A normal process with a correlation time, critically damped: its rate is a process, too."""
+    """A normal random process with a correlation time; it is critically damped and has a rate."""
 
     def __init__(self, sigma: float, time: float, step: float) -> None:
         a, decay = step / time, np.exp(-step / time)
@@ -98,5 +98,5 @@ class _Wander:
         self._scale = np.array([sigma, sigma / time])
 
     def start(self, n: int, random: np.random.Generator) -> FloatArray:
-        """Return values and rates of n processes, (n, 2)."""
+        """Return the initial values and rates of n processes, (n, 2)."""
         return np.ascontiguousarray((self._scale[:, np.newaxis] * random.standard_normal((2, n))).T)

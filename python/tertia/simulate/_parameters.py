@@ -27,7 +27,7 @@ def _shape(batch: int | tuple[int, ...]) -> tuple[int, ...]:
 
 
 def _number(value: Any, name: str, low: float = -_LARGEST, high: float = _LARGEST) -> float:
-    """Return `value` as a float between the limits."""
+    """Return `value` as a float, after checking that it is between the limits."""
     number = real(value, name)
     _require(low <= number <= high, name, value, f"between {low:g} and {high:g}")
     return number
@@ -43,7 +43,7 @@ def _choice(value: object, name: str, known: Sequence[str]) -> None:
 
 
 def _period(period: float | None) -> float | None:
-    """Return the period of angles, checked to be positive, or None."""
+    """Return the period of angles, after checking that it is positive, or None."""
     if period is not None:
         period = _number(period, "period", 0)
         _require(period > 0, "period", period, "a positive number or None")
@@ -58,7 +58,7 @@ def _wrap(angle: FloatArray, period: float | None) -> None:
 
 
 def _root(matrix: FloatArray) -> FloatArray:
-    """Return a square root of a matrix, which may be singular, from its eigenvalues."""
+    """Return a square root, computed from eigenvalues, of a matrix that may be singular."""
     values, vectors = np.linalg.eigh(matrix)
     root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))
     return root

@@ -1,4 +1,4 @@
-"""Plots that rotating radars make of traffic."""
+"""Simulated plots of aircraft from rotating radars."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _CODE_BITS = 12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RadarPlots:
-    """Simulated plots, sorted by time, and their truth.
+    """Simulated plots, sorted by time, and the truth about each of them.
 
     Attributes
     ----------
@@ -45,9 +45,9 @@ class RadarPlots:
     outlier : ndarray of bool, shape (N,)
         True for outliers.
     duplicate : ndarray of bool, shape (N,)
-        True for plots that repeat another plot of the same scan.
+        True for plots that duplicate another plot of the same scan.
     phase : ndarray of shape (K,)
-        Time in seconds at which the beam of each radar points north.
+        A time in seconds at which the beam of each radar points north.
     """
 
     plots: Plots
@@ -61,7 +61,7 @@ class RadarPlots:
         return len(self.target)
 
     def __repr__(self) -> str:
-        """Return the number of plots, and how many are clutter."""
+        """Return the number of plots, and how many of them are clutter, as text."""
         return f"RadarPlots({len(self)}, {int(np.sum(self.target == CLUTTER))} of them clutter)"
 
     def __getitem__(self, index: slice | IntArray | BoolArray) -> RadarPlots:
@@ -97,20 +97,21 @@ def radar_plots(
     identity_garbled_probability: float = 0.0,
     rng: np.random.Generator | int | None = None,
 ) -> RadarPlots:
-    """Simulate the plots that rotating radars make of traffic.
+    """Simulate the plots of aircraft and the false plots of rotating radars.
 
-    The beam rotates clockwise, once per scan period. When it passes an aircraft within range, the
-    aircraft is detected with the radar's detection probability. Range and azimuth have normal
-    noise. If the flight has a height, the range is the slant range, even if the plot has no height.
-    The number of false plots (clutter) is Poisson; they are uniform over the area within range, and
-    have no identity.
+    The beam of a radar rotates clockwise, once per scan period. When the beam passes an aircraft
+    within range, the aircraft is detected with the radar's detection probability. Range and azimuth
+    have normal noise. If the flight has a height, the range is the slant range, even if the plot
+    has no height. The number of false plots (clutter) has a Poisson distribution. False plots are
+    uniformly distributed over the area within range, and have no identity.
 
-    If a radar has channels, each of them detects aircraft independently. A plot detected by echo
-    alone has neither identity nor height. Clutter is then as stated by the channels.
+    If a radar has channels, each of them detects aircraft independently. A plot that is detected by
+    echo alone has neither identity nor height. The amount of clutter is then that stated by the
+    channels.
 
-    Radars with a `frame` are on the earth. The positions of the traffic are in that system plane,
-    its heights are above the ellipsoid, and each radar measures relative to its own vertical and
-    true north.
+    Radars with a `frame` are on the curved earth. The positions of the aircraft are then in this
+    system plane, their heights are above the ellipsoid, and each radar measures relative to its own
+    vertical and to true north.
 
     Parameters
     ----------
@@ -119,24 +120,26 @@ def radar_plots(
     radars : sequence of K Radar
         The radars; a radar without a third coordinate has the height 0.
     clutter : array_like of shape () or (K,)
-        Mean number of false plots per scan; it requires a finite `max_range`. For a radar with
-        channels, it is the clutter of the first channel in the order psr, ssr, mode-s, unless that
-        channel states its own.
+        Mean number of false plots per scan. If it is not 0, the radar must have a finite
+        `max_range`. If a radar has channels, this is the clutter of its first channel in the order
+        psr, ssr, mode-s, unless that channel states a clutter of its own.
     phase : array_like of shape () or (K,), optional
-        A time in seconds at which the beam points north; by default uniform over a scan.
+        A time in seconds at which the beam points north; by default it is random and uniform over a
+        scan.
     bias : Bias, optional
-        Systematic errors of range, gain of the range, azimuth and time, the same for all radars or
-        of shape (K,); by default there are none.
+        Systematic errors of range, range gain, azimuth and time, the same for all radars or of
+        shape (K,); by default there are none.
     bias_start : float
         Time in seconds from which the radars have these systematic errors.
     outlier_probability : float
         Probability that a plot is an outlier.
     outlier_size : float
-        Standard deviation of the errors of an outlier, relative to the noise.
+        Standard deviation of the errors of an outlier, divided by that of the noise.
     duplicate_probability : float
-        Probability that a plot is duplicated, with independent noise.
+        Probability that there is a second plot of the same target, with independent noise.
     height_missing_probability, identity_missing_probability : float
-        Probabilities that the height, and that the identity, is missing in a reply.
+        Probability that the height is missing in a reply, and probability that the identity is
+        missing.
     identity_garbled_probability : float
         Probability that some of the lowest 12 bits of an identity are wrong.
     rng : numpy.random.Generator or int, optional
@@ -240,7 +243,7 @@ def _meetings(traffic: Traffic, radar: Radar, north: float) -> tuple[IntArray, F
 
 
 def _polar(radar: Radar, position: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return ranges, which are slant if there is a height, and azimuths."""
+    """Return azimuths and ranges; ranges are slant ranges if there is a height."""
     if radar.frame is not None and radar.site is not None:
         # flights without a height are on the ellipsoid
         places = radar.frame.to_geodetic(np.column_stack([position, np.nan_to_num(height)]))
@@ -315,7 +318,7 @@ def _seen(
 
 
 def _detected(radar: Radar, draw: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return detections of aircraft, decided by uniform random numbers, and sigmas of the plots."""
+    """Return which channels detect each aircraft, chosen at random, and the sigmas of the plots."""
     detection = np.full(len(draw), NO_DETECTION)
     own = radar.range_sigma, radar.azimuth_sigma
     sigma = np.tile(np.array(own)[:, np.newaxis], len(draw))
@@ -347,7 +350,7 @@ def _clutter(
     north: float,
     random: np.random.Generator,
 ) -> list[dict[str, npt.NDArray[np.generic]]]:
-    """Return false plots for the duration of the traffic, by channel."""
+    """Return the false plots of each channel for the duration of the traffic."""
     means = {"": mean}
     if radar.channels is not None:
         stated = {name: one.clutter_per_scan for name, one in radar.channels.items()}
@@ -371,7 +374,7 @@ def _false(
     north: float,
     random: np.random.Generator,
 ) -> dict[str, npt.NDArray[np.generic]]:
-    """Return false plots of a channel, each at a time when the beam has its azimuth."""
+    """Return the false plots of a channel, each at a time when the beam points to its azimuth."""
     if mean == 0.0 or not len(traffic):
         return _nothing()
     limit = radar.max_range

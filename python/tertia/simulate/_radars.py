@@ -1,4 +1,4 @@
-"""Plots of one target by several radars, and named scenarios."""
+"""Simulated plots of one target from several radars, and named scenarios."""
 
 from __future__ import annotations
 
@@ -70,26 +70,26 @@ def radars(
     batch: int | tuple[int, ...] = (),
     rng: np.random.Generator | int | None = None,
 ) -> RadarRecord:
-    """Simulate the plots of radars that see the same target.
+    """Simulate the plots of several radars that detect the same target.
 
     Parameters
     ----------
     model : SingerModel
         Model of the motion of the target; each radar has a plot every `model.dt`.
     steps : int
-        Number of steps: plots of each radar, if none are missing.
+        Number of steps, which is the number of plots of each radar if no plots are missing.
     sigma : array_like of shape (K,) or (K, steps)
-        Standard deviation of the noise of each radar, or of each radar at each step.
+        Standard deviation of the noise of each radar, constant or for each step.
     detection_probability : array_like of shape (), (K, 1) or (K, steps)
-        Probability that a radar has a plot at a step: 0 in an outage, or between the scans of a
-        slower radar. False counts as 0, True as 1.
+        Probability that a radar has a plot at a step. It is 0 in an outage, or between the scans of
+        a slower radar. False is treated as 0, and True as 1.
     outlier_probability : array_like of shape (), (K, 1) or (K, steps)
         Probability that a plot is an outlier.
     outlier_size : float
-        Standard deviation of an outlier, in units of that of the noise.
+        Standard deviation of the errors of an outlier, divided by that of the noise.
     turn : (int, int, float), optional
-        First and last step of a turn, and the maximum of the rate (angle per unit of time) that the
-        turn adds; the rate follows a raised cosine.
+        First and last step of a turn, and the maximum of the additional rate (angle per unit of
+        time) during the turn. As a function of time, this rate is a raised cosine.
     angle, rate : float
         Initial angle and rate of the target.
     period : float, optional
@@ -147,7 +147,7 @@ def radars(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RadarScenario(RadarRecord):
-    """Plots of two radars in a scenario, with the truth and the motion model for filters.
+    """Plots of two radars in a scenario, with the truth, and the motion model for filters.
 
     Attributes
     ----------
@@ -160,11 +160,12 @@ class RadarScenario(RadarRecord):
     measurement_variance : ndarray of shape (2, 1)
         Variances of the plots as stated by the radars.
     model : SingerModel
-        Motion model that filters assume.
+        Motion model that filters are to assume.
     counted : ndarray of bool, shape (steps,)
-        Steps at which errors are evaluated: filters have settled, and radar 1 scans.
+        Steps at which errors are evaluated: those at which filters have settled and radar 1 has a
+        scan.
     disturbed : ndarray of bool, shape (steps,)
-        Steps of the disturbance or of the turn; in "unknown" all steps.
+        Steps during the disturbance or the turn; in "unknown", all steps.
     """
 
     measurement_variance: FloatArray
@@ -183,23 +184,25 @@ def radar_scenario(
 ) -> RadarScenario:
     """Simulate two radars in one of the scenarios of the documentation.
 
-    Units are degrees and seconds. Unless noted otherwise, the noise has a sigma of 0.1, and both
-    radars state it correctly.
+    Units are degrees and seconds. Unless stated otherwise below, the noise has a sigma of 0.1, and
+    both radars state this sigma.
 
     Parameters
     ----------
     name : str
         "healthy": nothing is wrong.
-        "noisy": from the middle of the record on, radar 2 has five times its stated noise.
-        "outliers": for 20 scans from the middle on, 30 % of the plots of radar 2 are outliers of 15
+        "noisy": from the middle of the record on, the noise of radar 2 has five times the stated
         sigma.
+        "outliers": for 20 scans from the middle of the record on, 30 % of the plots of radar 2 are
+        outliers with a standard deviation of 15 sigma.
         "turn": the target approaches at 200 m/s without random acceleration. In the middle of the
         record, 60 km away, it turns by 90 degrees at 1.5 degrees per second.
-        "known": sigma is 0.05 for radar 1 and 0.2 for radar 2, as they state.
-        "unknown": sigma is 0.05 and 0.2, but both radars state 0.1.
-        "outage": plots have a probability of 0.7; radar 2 has none for 8 scans from the middle on.
-        "asynchronous": radar 2 scans half a period after radar 1, so there are twice as many steps,
-        of half the length.
+        "known": sigma is 0.05 for radar 1 and 0.2 for radar 2, and both radars state it correctly.
+        "unknown": sigma is 0.05 for radar 1 and 0.2 for radar 2, but both radars state 0.1.
+        "outage": each plot is present with a probability of 0.7, and radar 2 has no plots for 8
+        scans from the middle of the record on.
+        "asynchronous": radar 2 scans half a period after radar 1. There are therefore twice as many
+        steps, each of half the length.
     model : SingerModel, optional
         Model of the motion of the target, except in "turn"; each radar scans every `model.dt`. By
         default `SingerModel(5.0, 1 / 20, 0.003)`.
@@ -211,7 +214,7 @@ def radar_scenario(
     Returns
     -------
     RadarScenario
-        Plots, truth, and the motion model for filters. Errors are evaluated from scan 20 on.
+        Plots, truth, and the motion model for filters. Errors are evaluated only from scan 20 on.
 
     Raises
     ------
@@ -270,7 +273,7 @@ def radar_scenario(
 
 
 def _disturbed(name: ScenarioName, since: FloatArray, dt: float) -> BoolArray:
-    """Return which scans are disturbed; `since` counts scans from the middle of the record."""
+    """Return which scans are disturbed; `since` is the number of scans since the middle one."""
     if name == "unknown":
         return np.ones(since.shape, dtype=bool)
     scans = _DISTURBED_SCANS.get(name, 0.0)
@@ -318,7 +321,7 @@ def _numbers(value: npt.ArrayLike) -> npt.ArrayLike:
 
 
 def _turn(turn: tuple[int, int, float], steps: int, dt: float) -> FloatArray:
-    """Return angle, rate and acceleration that a turn adds."""
+    """Return the angle, rate and acceleration that a turn adds to the motion."""
     try:
         first, last, added = turn
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""Routes that are flown instead of the plan, one for each scenario."""
+"""Routes that are flown instead of the planned route, one kind for each scenario."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ _DIRECT_ANGLE = np.radians(110.0)
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """The waypoints that are flown, the speed after each, and how each is passed.
+    """The waypoints of a flown route, the speed after each of them, and how each is passed.
 
     The flight leaves its plan when it passes the waypoint `leave`, and follows it again from the
-    waypoint `rejoin` on. NEVER means that it does not.
+    waypoint `rejoin` on. The value NEVER means that the flight does not leave or rejoin its plan.
     """
 
     waypoints: FloatArray
@@ -68,12 +68,12 @@ def heights(plan: FlightPlan) -> FloatArray:
 def build(
     plan: FlightPlan, scenario: FlightScenario, lasting: float, random: np.random.Generator
 ) -> Route:
-    """Return the route of a scenario; without return, it ends `lasting` seconds after leaving."""
+    """Return the route of a scenario; if it never rejoins, it lasts `lasting` s after leaving."""
     return _BUILDERS[scenario](_Planned(plan), lasting, random)
 
 
 class _Planned:
-    """Geometry of a plan: directions and lengths of the legs, and the parts that turns need."""
+    """Geometry of a plan: directions and lengths of legs, and the parts of legs that turns need."""
 
     def __init__(self, plan: FlightPlan) -> None:
         self.waypoints, self.speeds, self.heights = plan.waypoints, plan.speeds, heights(plan)
@@ -93,7 +93,7 @@ class _Planned:
         return len(self.waypoints)
 
     def spot(self, leg: int, random: np.random.Generator) -> tuple[FloatArray, float]:
-        """Return a random point on the straight part of a leg, and its distance as a fraction."""
+        """Return a random point on the straight part of a leg, and its fraction of the leg."""
         settled = _SETTLED * self.speeds[leg]
         first = settled + (self.leads[leg - 1] if leg else 0.0)
         last = self.lengths[leg] - self.leads[leg] - settled
@@ -117,7 +117,7 @@ class _Planned:
         leave: int,
         rejoin: int = NEVER,
     ) -> Route:
-        """Return the plan with other points between two of its waypoints, all at one height.
+        """Return the planned route with other points, at one height, between two of its waypoints.
 
         `leave` and `rejoin` are indices of waypoints of the new route.
         """
@@ -144,7 +144,7 @@ def _conforming(plan: _Planned, lasting: float, random: np.random.Generator) -> 
 
 
 def _speed(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
-    """Return the planned route, flown faster or slower from a random point on."""
+    """Return the planned route with a higher or lower speed from a random point on."""
     leg = int(random.integers(len(plan) - 1))
     place, share = plan.spot(leg, random)
     route = plan.route(
@@ -220,7 +220,7 @@ def _hijack(plan: _Planned, lasting: float, random: np.random.Generator) -> Rout
 
 
 def _straight_on(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
-    """Return a route without one of the turns; the plan is left where that turn should begin."""
+    """Return a route without one of the turns; it leaves the plan where that turn should begin."""
     turn = int(random.integers(1, len(plan) - 1))
     along = plan.along[turn - 1]
     begin = plan.waypoints[turn] - plan.leads[turn - 1] * along
@@ -246,7 +246,7 @@ def _wrong_turn(plan: _Planned, lasting: float, random: np.random.Generator) -> 
 
 
 def _fly_over(plan: _Planned, lasting: float, random: np.random.Generator) -> Route:
-    """Return a route with a turn at its waypoint; the plan is left where it should begin."""
+    """Return a route with a turn that begins at its waypoint; it leaves the plan before that."""
     turn = int(random.integers(1, len(plan) - 1))
     place = plan.waypoints[turn]
     begin = place - plan.leads[turn - 1] * plan.along[turn - 1]

@@ -1,4 +1,4 @@
-"""A complete scene: traffic on plans, radars and direction finders, some of them faulty."""
+"""A complete scene: flights with plans, radars and direction finders, some of them faulty."""
 
 from __future__ import annotations
 
@@ -68,9 +68,9 @@ class Scene:
     bearings : ndarray of shape (E, K, N)
         Bearings of each emitter by each direction finder in degrees, one per second.
     radar_faults, station_faults : mapping of str to mapping
-        Properties that are worse than stated, by the name of the sensor. For radars:
-        `range_bias_m`, and `azimuth_sigma_deg` from `azimuth_sigma_since_s` on. For direction
-        finders: `sigma_deg`.
+        Properties that are worse than stated, by the name of the sensor. Radars have a
+        `range_bias_m`, and the sigma `azimuth_sigma_deg` from the time `azimuth_sigma_since_s` on.
+        Direction finders have the sigma `sigma_deg`.
     """
 
     radars: list[Radar]
@@ -94,11 +94,11 @@ def scene(
     frame: SystemPlane | None = None,
     rng: np.random.Generator | int | None = None,
 ) -> Scene:
-    """Simulate air traffic seen by radars, and emitters located by direction finders.
+    """Simulate air traffic that radars detect, and emitters that direction finders locate.
 
     Every fifth aircraft leaves its plan. If there are several radars, the ranges of the last one
     are 150 m too long, and its azimuths are 2.5 times as noisy as stated in the second half of the
-    recording. The last direction finder is twice as noisy as stated.
+    recording. The errors of the last direction finder are twice as large as stated.
 
     Parameters
     ----------
@@ -111,8 +111,8 @@ def scene(
     clutter : float
         Mean number of false plots per scan of a radar.
     frame : SystemPlane, optional
-        System plane on the earth in which the aircraft fly; the radars are on the ellipsoid. By
-        default the earth is flat.
+        System plane in which the positions of the aircraft are given; the radars are on the
+        ellipsoid. By default the earth is flat.
     rng : numpy.random.Generator or int, optional
         Random generator or its seed.
 
@@ -154,7 +154,7 @@ def scene(
 
 
 def _radars(air: SetUp, count: int, frame: SystemPlane | None) -> list[Radar]:
-    """Return the radars as stated: the first at the origin, the others around it."""
+    """Return the radars as stated; the first one is at the origin, and the others are around it."""
     first, found = air.radar, []
     for k in range(count):
         angle = 2 * np.pi * (k - 1) / max(count - 1, 1)

@@ -28,7 +28,7 @@ _BANK = np.radians(25.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SetUp:
-    """A radar and its traffic.
+    """A radar, and the properties of the traffic around it.
 
     Attributes
     ----------
@@ -52,12 +52,13 @@ class SetUp:
 
 
 def set_up(name: SetUpName) -> SetUp:
-    """Return a radar and its traffic for one of three kinds of airspace.
+    """Return a radar and the properties of its traffic for one of three kinds of airspace.
 
     Parameters
     ----------
     name : str
-        "tma": terminal area, with scans of 4 s. "middle": scans of 6 s. "en-route": scans of 10 s.
+        "tma": a terminal area, with a scan period of 4 s. "middle": a scan period of 6 s.
+        "en-route": a scan period of 10 s.
 
     Returns
     -------
@@ -128,14 +129,15 @@ def routes(
 ) -> list[FlightPlan]:
     """Generate plans of random routes around a radar.
 
-    Each route has two to four turns by 20 to 110 degrees to either side. Every leg has room for the
-    arcs of its turns and for 15 to 30 scans of straight flight. All legs lie within the distances
-    of the set-up. Each route has one speed and one height; the identity is the number of the plan.
+    Each route has two to four turns by 20 to 110 degrees to either side. Every leg is long enough
+    for the arcs of its turns and for 15 to 30 scans of straight flight between these arcs. All
+    points of the legs are within the distances of the set-up from the radar. Each route has one
+    speed and one height; the identity is the number of the plan.
 
     Parameters
     ----------
     set_up : str or SetUp
-        "tma", "middle", "en-route", or a `SetUp` of your own.
+        The name "tma", "middle" or "en-route", or a `SetUp` of your own.
     n : int
         Number of plans.
     rng : numpy.random.Generator or int, optional
@@ -192,7 +194,7 @@ _BATCH, _TRIES = 2000, 500
 def _draw(
     scene: SetUp, n: int, random: np.random.Generator
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Return candidates for routes: waypoints (n, M, 2), their numbers, and speeds."""
+    """Return candidates for routes: waypoints (n, M, 2), how many each route has, and speeds."""
     turns = random.integers(_TURNS[0], _TURNS[1] + 1, n)
     legs = _TURNS[1] + 1
     speed = random.uniform(*scene.speed, n)
@@ -222,7 +224,7 @@ def _draw(
 
 
 def _inside(scene: SetUp, points: FloatArray, sizes: IntArray) -> BoolArray:
-    """Return whether all legs of a route keep to the distances of the set-up."""
+    """Return whether all legs of a route are within the distances of the set-up."""
     first, way = points[:, :-1], np.diff(points, axis=1)
     share = -np.sum(first * way, axis=-1) / np.sum(way**2, axis=-1)
     nearest = first + np.clip(share, 0.0, 1.0)[..., np.newaxis] * way

@@ -1,4 +1,4 @@
-"""Measurements of one target by stations."""
+"""Simulated measurements of one target by several stations."""
 
 from __future__ import annotations
 
@@ -28,14 +28,15 @@ class PassiveLocation:
     position : ndarray of shape (..., 2)
         True position of the target, east and north in metres.
     jacobian : ndarray of shape (..., 3, 2)
-        Derivatives of the azimuth from the first station, the azimuth from the second (radians),
-        and the range to the first station minus that to the second (metres), with respect to the
-        position.
+        Derivatives with respect to the position of three measurements: the azimuth from the first
+        station and the azimuth from the second station in radians, and the range from the first
+        station minus the range from the second station in metres.
     sigma : ndarray of shape (3,)
         Standard deviations of the three measurements, in radians and metres.
     covariances : ndarray of shape (..., 2, 2, 2)
-        Covariances of two estimates of the position: from the two azimuths, and from the first
-        azimuth and the range difference. Both use the first azimuth, so they are not independent.
+        Covariances of two estimates of the position. The first estimate is from the two azimuths,
+        and the second is from the first azimuth and the range difference. Both use the first
+        azimuth, so they are not independent.
     """
 
     position: FloatArray
@@ -88,8 +89,8 @@ def passive_location(
     Raises
     ------
     ValueError, TypeError
-        If a shape is wrong, a number is outside its domain, the target is on the line through the
-        stations, where the azimuths do not intersect, or an argument has the wrong type.
+        If a shape is wrong, a number is outside its domain, an argument has the wrong type, or the
+        target is on the line through the stations, where the azimuths do not intersect.
 
     Examples
     --------
@@ -169,12 +170,12 @@ def stations(
     position : array_like of shape (..., D)
         True position of the target in metres.
     kinds : sequence of {"range", "azimuth", "elevation", "arrival_time"}, optional
-        Kinds that are measured; by default all kinds with a standard deviation.
+        Kinds that are measured; by default all kinds for which a station has a standard deviation.
     outlier_probability : float
         Probability that a measurement is an outlier.
     outlier_size : float
-        Offset of an outlier, in standard deviations: positive or negative, but always positive
-        (late) for times of arrival.
+        Offset of an outlier, in standard deviations. It is added with a random sign, except that
+        times of arrival are always late.
     missing_probability : float
         Probability that a measurement is missing.
     propagation_speed : float
@@ -235,7 +236,7 @@ def stations(
 def _sights(
     places: FloatArray, axes: FloatArray | None, target: FloatArray, speed: float
 ) -> dict[Kind, FloatArray]:
-    """Return what each station measures on its own, without errors, (..., K)."""
+    """Return the measurements that each station makes alone, without errors, (..., K)."""
     k, d = places.shape[-2:]
     batch = np.broadcast_shapes(
         places.shape[:-2], target.shape[:-1], () if axes is None else axes.shape[:-3]

@@ -1,4 +1,4 @@
-"""Air traffic: aircraft over time."""
+"""Simulated air traffic: the motion of aircraft over time."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _HEIGHTS = (3000.0, 12_000.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Traffic:
-    """Aircraft over time, each sampled at equal steps.
+    """The motion of aircraft over time, sampled at equal steps.
 
     Sample k of flight i is at time `start[i] + k * step`. Flights end at different times; samples
-    after the end of a flight are nan (False in `turning`).
+    after the end of a flight are nan, or False in `turning`.
 
     Attributes
     ----------
@@ -42,9 +42,9 @@ class Traffic:
     velocity : ndarray of shape (F, S, 2)
         Velocity over the ground, east and north, in m/s.
     turn_rate : ndarray of shape (F, S)
-        Rate of the course over the ground in radians per second, positive clockwise.
+        Rate of change of the course over the ground in radians per second, positive clockwise.
     turning : ndarray of bool, shape (F, S)
-        Whether the aircraft turns, which means that it banks by more than 5 degrees.
+        Whether the aircraft is turning, which means that its bank angle exceeds 5 degrees.
     height : ndarray of shape (F, S)
         Height in metres; nan if flights have no heights.
     identity : ndarray of int, shape (F,)
@@ -52,7 +52,8 @@ class Traffic:
     wind : ndarray of shape (F, 2)
         Velocity of the air, east and north, in m/s.
     left, returned : ndarray of shape (F,)
-        Times in seconds at which the flight leaves its plan and returns to it; nan if never.
+        Times in seconds at which the flight leaves its plan and at which it returns to it; nan if
+        it never does.
     plans : tuple of FlightPlan
         The plans; empty if aircraft fly without plans.
     """
@@ -76,7 +77,7 @@ class Traffic:
         return len(self.start)
 
     def __repr__(self) -> str:
-        """Return the number of flights, and their duration."""
+        """Return the number of flights, and when the first starts and the last ends, as text."""
         if not len(self):
             return "Traffic(0 flights)"
         return f"Traffic({len(self)} flights, {np.min(self.start):g} to {np.max(self.end):g} s)"
@@ -97,13 +98,13 @@ class Traffic:
 
     @property
     def time(self) -> FloatArray:
-        """Time of every sample, shape (F, S); nan after the end of a flight."""
+        """Time of every sample in seconds, of shape (F, S); nan after the end of a flight."""
         sample = np.arange(self.position.shape[1])
         time = self.start[:, np.newaxis] + self.step * sample
         return np.where(sample < self.count[:, np.newaxis], time, np.nan)
 
     def at(self, flight: npt.ArrayLike, time: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return position and velocity of flights at any times.
+        """Return the positions and velocities of flights at given times.
 
         The result is a cubic interpolation between the positions and velocities of the samples.
 
@@ -155,7 +156,7 @@ class Traffic:
     def _state(
         self, flight: IntArray, time: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return position, velocity and height at any times, even outside the flight."""
+        """Return position, velocity and height at given times, even outside the flights."""
         if not len(flight):
             return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)
         flight, time = np.ascontiguousarray(flight), np.ascontiguousarray(time)
@@ -163,13 +164,13 @@ class Traffic:
         return position, velocity, height
 
     def _columns(self) -> dict[str, Any]:
-        """Return the columns in the form that the core takes."""
+        """Return the columns in the form that the core requires."""
         names = ("start", "count", "position", "velocity", "height")
         columns = {name: np.ascontiguousarray(getattr(self, name)) for name in names}
         return columns | {"step": self.step}
 
     def _flights(self, flight: npt.ArrayLike) -> IntArray:
-        """Return indices of flights, negative ones counted from the end."""
+        """Return indices of flights; negative indices count from the end."""
         who = np.asarray(flight)
         if who.dtype.kind not in "iu":
             raise TypeError(f"flight has dtype {who.dtype}; it must hold integers")
@@ -189,24 +190,25 @@ def dense_traffic(
     step: float = 2.0,
     rng: np.random.Generator | int | None = None,
 ) -> Traffic:
-    """Simulate many aircraft quickly: straight flights, and some with one turn.
+    """Simulate many aircraft quickly; some make one turn, and the others fly straight.
 
-    At half of the duration, positions are uniform over a rectangle about the origin. Courses,
-    speeds and heights (3 to 12 km) are uniform. A turn has a constant rate of 0.75 to 3 degrees per
-    second, changes the course by 20 to 110 degrees, and begins at a uniformly distributed time.
+    At half of the duration, positions are uniformly distributed over a rectangle about the origin.
+    Courses, speeds and heights (3 to 12 km) are uniformly distributed, too. A turn has a constant
+    rate of 0.75 to 3 degrees per second, changes the course by 20 to 110 degrees, and begins at a
+    uniformly distributed time.
 
     Parameters
     ----------
     n : int
         Number of aircraft.
     area : (float, float)
-        Extent of the rectangle east and north in metres.
+        Extents of the rectangle in the directions east and north, in metres.
     speed : (float, float)
         Lowest and highest speed in m/s.
     turning_share : float
         Probability that an aircraft turns.
     duration, step : float
-        Seconds from the first to the last sample, and between successive samples.
+        Time in seconds from the first to the last sample, and between successive samples.
     rng : numpy.random.Generator or int, optional
         Random generator or its seed.
 
@@ -263,8 +265,8 @@ def encounter(
     Parameters
     ----------
     name : str
-        "crossing": all aircraft are at the same position at half of the duration; the courses of
-        successive aircraft differ by `angle`.
+        "crossing": all aircraft are at the same position at half of the duration, and the courses
+        of neighbours differ by `angle`.
         "formation": the aircraft fly side by side, `spacing` apart.
         "in-trail": the aircraft fly one behind the other, `spacing` apart.
     n : int
@@ -272,15 +274,15 @@ def encounter(
     speed : float
         Speed in m/s.
     spacing : float
-        Distance between neighbours in metres; by default five nautical miles.
+        Distance between neighbouring aircraft in metres; by default five nautical miles.
     angle : float
-        Angle between the courses of neighbours in "crossing", in radians.
+        Angle between the courses of neighbouring aircraft in "crossing", in radians.
     middle : array_like of shape (2,)
-        Position of the centre of the aircraft at half of the duration, east and north in metres.
+        Mean position of the aircraft at half of the duration, east and north in metres.
     course : float
         Mean course in radians, clockwise from north.
     height : float
-        Height in metres, the same for all.
+        Height in metres, the same for all aircraft.
     duration, step : float
         As for `dense_traffic`.
     rng : numpy.random.Generator or int, optional
@@ -338,10 +340,11 @@ def _smooth_flights(
     turn: tuple[FloatArray, FloatArray, FloatArray],
     height: FloatArray,
 ) -> Traffic:
-    """Return flights with one turn each; east and north are real and imaginary parts.
+    """Return flights with at most one turn each; east and north are real and imaginary parts.
 
-    `velocity` is the velocity before the turn, `middle` the position at half of the duration. A
-    turn has a rate (clockwise), a beginning and an end; if no turn is flown, it begins at infinity.
+    `velocity` is the velocity before the turn, and `middle` is the position at half of the
+    duration. A turn has a clockwise rate, a beginning and an end. For a flight without a turn, the
+    beginning is infinite.
     """
     rate, begin, end = turn
     end_time = time[-1]

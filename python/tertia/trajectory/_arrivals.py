@@ -24,19 +24,20 @@ _RESOLUTION = 1e-4
 
 
 def group_arrivals(arrivals: Arrivals) -> Arrivals:
-    """Find which arrivals belong to the same emission, if the clocks are not synchronised.
+    """Find which arrivals belong to the same emission, even if clocks are not synchronised.
 
     Parameters
     ----------
     arrivals : Arrivals
-        Identities must emit at irregular intervals, or each at an interval of its own, because the
-        offsets of clocks are found by comparing intervals.
+        The arrivals. The emitters must emit at irregular intervals, or each at an interval of its
+        own, because the offsets of clocks are found by comparing intervals.
 
     Returns
     -------
     Arrivals
         The same arrivals with `emission`. It is -1 for repeated arrivals (echoes) of an emission at
-        a receiver, and for receivers that have too few emissions in common with the others.
+        a receiver, and for the arrivals at receivers that have too few emissions in common with the
+        others.
 
     Raises
     ------
@@ -45,13 +46,14 @@ def group_arrivals(arrivals: Arrivals) -> Arrivals:
 
     Notes
     -----
-    Receivers are added one after the other. The differences between all arrivals at a receiver and
-    the known emissions of the same identity have a peak at the offset of its clock; the peak is the
-    window with the largest excess over its surroundings. A line of least absolute deviations
-    through the peak gives the rate of the clock. The times on one clock are then divided into
-    emissions wherever a gap is larger than half the width of the widest peak.
-    `reconstruct_arrivals` does the same, and also uses the travel times of the signal between
-    receivers.
+    Receivers are added one after the other. The distribution of the differences between all
+    arrivals at a receiver and the known emissions of the same identity has a peak at the offset of
+    the receiver's clock. The peak is the window with the largest excess of differences over its
+    surroundings. A line of least absolute deviations through the differences in the peak gives the
+    rate of the clock. When all arrivals have been converted to one clock, a new emission begins
+    wherever the gap between successive times is larger than half the width of the widest peak.
+    `reconstruct_arrivals` groups arrivals in the same way, and also uses the travel times of the
+    signal between receivers.
 
     The cost is O(N log N), with at most two million differences for each receiver.
 
@@ -89,20 +91,21 @@ def reconstruct_arrivals(
     stations : sequence of K Station
         The receivers, which must not move. `position_sigma` is the standard deviation of their
         survey. `arrival_time_sigma`, if given, determines the relative weights of the receivers; a
-        common factor is always estimated. A receiver with `bias=Bias(time=...)` has a known clock,
-        which serves as time base. If no clock is known, that of the first station serves as time
-        base.
+        common factor of these sigmas is always estimated. A receiver with `bias=Bias(time=...)` has
+        a known clock, which defines the time base. If no clock is known, the clock of the first
+        station defines it.
     arrivals : Arrivals
         The arrivals, grouped into emissions or not; see `group_arrivals`.
     beacons : mapping, optional
-        Positions of the identities that do not move: the number of a station, a position of shape
-        (D,), or a `Station` with a `position_sigma`. All other identities move.
+        Positions of the emitters that do not move, by identity. A position is the number of a
+        station, an array of shape (D,), or a `Station` with a `position_sigma`. All other emitters
+        move.
     propagation_speed, propagation_speed_sigma : float
-        Speed of sound or light in m/s, and its standard deviation, which is 0 if the speed is
-        known.
+        Speed of the signal (sound or light) in m/s, and its standard deviation, which is 0 if the
+        speed is known.
     path_sigma : float, optional
-        Standard deviation of an error in seconds that all arrivals from one beacon at one receiver
-        share; by default it is estimated.
+        Standard deviation, in seconds, of an error that all arrivals from one beacon at one
+        receiver share; by default it is estimated.
     clock_drift : float, optional
         Intensity of the random walk of the clocks' rates, in 1/sqrt(s); by default it is estimated.
     jerk : float, optional
@@ -133,15 +136,17 @@ def reconstruct_arrivals(
     The errors have Student's distribution with 3 degrees of freedom and an estimated scale. The
     clock offset o_h is linear between nodes, and its rate is a random walk. s_h and c have the
     given standard deviations, m_bh is constant for a beacon and a receiver, and p_e moves with
-    white jerk. All unknowns are estimated at once, by scoring steps; the intensities by MacKay's
-    fixed point iteration. The information of an arrival is mean(psi')^2 / mean(psi^2) of the
-    residuals (Huber 1964), so that the covariance remains correct if their distribution is not
-    Student's.
+    white jerk. All these unknowns are estimated together, by scoring steps; the intensities are
+    estimated by MacKay's fixed-point iteration. The information of an arrival is computed from the
+    residuals as mean(psi')^2 / mean(psi^2) (Huber 1964), so that the covariance remains correct if
+    the distribution of the residuals is not Student's.
 
-    If the survey is wrong by more than `position_sigma`, or motion is much smoother than assumed,
-    the estimated speed absorbs the error: check `propagation_speed_deviation`.
+    If the surveyed positions are wrong by more than `position_sigma`, or the motion is much
+    smoother than assumed, the estimated propagation speed is wrong. To detect this, check
+    `propagation_speed_deviation`.
 
-    Model: Baktoft et al., Scientific Reports 7 (2017) 14294, without separate synchronisation.
+    The model is that of Baktoft et al., Scientific Reports 7 (2017) 14294, but without a separate
+    synchronisation of the clocks.
 
     The cost is about N (K D)^2 per step.
 
@@ -310,7 +315,7 @@ def _beacons(
     stations: tuple[Station, ...],
     places: FloatArray,
 ) -> tuple[FloatArray, FloatArray, list[int | None]]:
-    """Return all positions, their sigmas, and the position of each identity (None: it moves)."""
+    """Return all positions, their sigmas, and which position each identity has (None: it moves)."""
     k, d = places.shape
     sites, sigmas = [*places], [station.position_sigma for station in stations]
     given = {} if beacons is None else beacons
@@ -337,7 +342,7 @@ def _beacons(
 
 
 def _time_base(stations: tuple[Station, ...]) -> tuple[list[bool], FloatArray]:
-    """Return which clocks are known, and how much they are fast."""
+    """Return which clocks are known, and by how much each of them is fast."""
     is_base, offset = [], np.zeros(len(stations))
     for at, station in enumerate(stations):
         bias = station.bias

@@ -21,7 +21,7 @@ CORRELATED = 0.2
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Arrivals(Result):
-    """Times at which receivers heard emissions.
+    """Times at which emissions arrived at receivers.
 
     Attributes
     ----------
@@ -30,16 +30,16 @@ class Arrivals(Result):
     sensor : ndarray of shape (n,)
         Index of the receiver among the stations.
     identity : ndarray of shape (n,)
-        Identity of the emitter, integers or strings.
+        Identity of the emitter, as integers or strings.
     emission : ndarray of shape (n,) or None
-        Number of the emission; -1 for an arrival that belongs to none. None if it is not known for
-        any arrival.
+        Number of the emission to which each arrival belongs; -1 for an arrival that belongs to
+        none. It is None if the emission is not known for any arrival.
 
     Raises
     ------
     ValueError, TypeError
-        If columns have different lengths, there are no arrivals, a time is not finite, or an index
-        of a sensor or number of an emission is not an integer.
+        If columns have different lengths, there are no arrivals, a time is not finite, or the index
+        of a sensor or the number of an emission is not an integer.
 
     Examples
     --------
@@ -107,7 +107,7 @@ class ArrivalTrajectory(Result):
     time : ndarray of shape (N,)
         Times of the emissions of moving identities, ascending, in seconds on the time base.
     time_sigma : ndarray of shape (N,)
-        Standard deviations of the times.
+        Standard deviations of `time` in seconds.
     target : ndarray of shape (N,)
         Identity of the emitter, as in `Arrivals.identity`.
     position, velocity, acceleration : ndarray of shape (N, D)
@@ -117,30 +117,33 @@ class ArrivalTrajectory(Result):
         uncertainty of the clocks, of the propagation speed, of the stations' positions and of path
         errors.
     systematic : {"given", "estimated", "not included"}
-        How the covariance treats path errors. "estimated": `path_sigma` was None and there are
-        beacons. "given": a `path_sigma` was given or, if there are no beacons, stations have
-        sigmas. Otherwise "not included".
+        How the covariance treats path errors: "estimated" if `path_sigma` was None and there are
+        beacons; "given" if a `path_sigma` was given or, without beacons, if stations have a
+        `position_sigma`; otherwise "not included".
     arrivals : Arrivals
         The arrivals; `emission` is the row of the emission among all emissions, or -1 for arrivals
         that were not used.
     residual : ndarray of shape (n,)
-        Measured minus expected times of arrival, divided by their standard deviation; nan for
+        Measured minus expected time of each arrival, divided by its standard deviation; nan for
         arrivals that were not used.
     outlier : ndarray of shape (n,)
-        True where a residual exceeds 4 in size; such arrivals have hardly any weight.
+        True where the absolute value of the residual exceeds 4; such arrivals have hardly any
+        weight.
     bias : ClockBias
-        Clocks of the K receivers: reading minus the time on the time base.
+        Errors of the clocks of the K receivers: reading of the clock minus time on the time base.
     stations : tuple of K Station
         The stations with estimated positions and their standard deviations.
     arrival_time_sigma : float
-        Standard deviation of an arrival in seconds, averaged over the stations.
+        Standard deviation of a time of arrival in seconds, averaged over the stations.
     noise_factor : float
-        Ratio of the estimated to the stated standard deviation; nan if none was stated.
+        Ratio of the estimated standard deviation of arrivals to the stated one; nan if none was
+        stated.
     propagation_speed, propagation_speed_sigma : float
         Estimated speed in metres per second and its standard deviation.
     propagation_speed_deviation : float
-        Estimated minus given speed, divided by the given sigma; nan if that is 0. If it exceeds 3
-        in size, the survey, the motion model or the given speed is wrong.
+        Estimated minus given speed, divided by the given sigma; nan if that sigma is 0. If the
+        absolute value exceeds 3, the surveyed positions, the motion model or the given speed is
+        wrong.
     path_sigma : float
         Standard deviation of path errors in seconds.
     clock_drift : float
@@ -191,11 +194,11 @@ class ArrivalTrajectory(Result):
 
     @property
     def correlation(self) -> float:
-        """Correlation of residuals of successive emissions of a moving identity at a receiver.
+        """Correlation of the residuals of successive emissions from a moving emitter at a receiver.
 
-        If a correlation r is significant, the arrivals of an identity count in the covariance as
-        (1 - r) / (1 + r) times their number. Errors that the estimated path has absorbed are not
-        visible in r.
+        If a correlation r is significant, N arrivals from one emitter are treated in the covariance
+        as N (1 - r) / (1 + r) independent arrivals. Correlated errors that the estimated path
+        follows do not contribute to r.
         """
         rows = np.flatnonzero(
             np.isin(self.arrivals.identity, self.target) & ~np.isnan(self.residual)

@@ -19,18 +19,21 @@ if TYPE_CHECKING:
 class ClockBias(Bias):
     """Systematic errors of clocks, which change over time.
 
-    The attributes `time` and `time_sigma` are those at the middle of the record.
+    The attributes `time` and `time_sigma` are the error of the clock and its sigma at the middle of
+    the record.
 
     Attributes
     ----------
     node : ndarray of shape (M,)
-        Nodes between which the clocks are linear, in seconds on the time base.
+        Times of the nodes in seconds on the time base; between nodes, the errors of the clocks are
+        linear.
     reading : ndarray of shape (..., M)
-        Reading of the clock minus the time at the nodes, in seconds; (K, M) for K receivers.
+        Reading of the clock minus the time on the time base at each node, in seconds, of shape (K,
+        M) for K receivers.
     variance : ndarray of shape (..., M)
         Variance of `reading` in s².
     covariance : ndarray of shape (..., M - 1)
-        Covariance of `reading` between successive nodes in s².
+        Covariance of `reading` at successive nodes in s².
     """
 
     __slots__ = ("covariance", "node", "reading", "variance")
@@ -54,7 +57,7 @@ class ClockBias(Bias):
         super().__init__(time=value, time_sigma=sigma)
 
     def __reduce__(self) -> tuple[type[ClockBias], tuple[FloatArray, ...]]:
-        """Pickle the fields from which the others follow."""
+        """Pickle only the fields from which the other fields follow."""
         return ClockBias, (self.node, self.reading, self.variance, self.covariance)
 
     def __getitem__(self, sensor: int) -> ClockBias:
@@ -83,15 +86,16 @@ class ClockBias(Bias):
         Parameters
         ----------
         azimuth : array_like, optional
-            Ignored, as clocks do not depend on it.
+            Ignored, because errors of clocks do not depend on the azimuth.
         time : array_like, optional
-            Times in seconds; by default the middle of the record. Before the first and after the
-            last node, the line is extrapolated, with a sigma of inf.
+            Times in seconds; by default the middle of the record. Before the first node and after
+            the last node, the error is extrapolated linearly, and its sigma is inf.
 
         Returns
         -------
         value, sigma : float or ndarray
-            In seconds; the axes of the receivers come first, followed by those of `time`.
+            The errors and their sigmas in seconds. The axis of the receivers comes first, followed
+            by the axes of `time`.
         """
         del azimuth
         middle = 0.5 * (self.node[0] + self.node[-1])
@@ -121,7 +125,7 @@ class ClockBias(Bias):
         Returns
         -------
         ndarray of shape (n,)
-            Times in seconds.
+            Times of arrival in seconds on the time base.
         """
         corrected = np.array(arrivals.time)
         for sensor in np.unique(arrivals.sensor):
@@ -139,7 +143,7 @@ class ClockBias(Bias):
         return corrected
 
     def _place(self, time: FloatArray) -> tuple[npt.NDArray[np.intp], FloatArray]:
-        """Return the node before each time, and the fraction of the way to the next node."""
+        """Return the node before each time, and the fraction of the interval that has passed."""
         if self.node.size == 1:
             return np.zeros(time.shape, dtype=np.intp), np.zeros(time.shape)
         at = np.clip(np.searchsorted(self.node, time) - 1, 0, self.node.size - 2)

@@ -79,21 +79,23 @@ def reconstruct(
     Parameters
     ----------
     stations : sequence of K Station
-        Positions and standard deviations of the stations. Positions have the shape (D,) or, if
-        stations move, (N, D). If their axes change over time, the order must be "spatial-first". A
-        `position_sigma`, an error common to all instants, needs "spatial-first" and "rts".
+        The stations, with their positions and standard deviations. Positions have the shape (D,)
+        or, if stations move, (N, D). If the axes of a station change over time, `order` must be
+        "spatial-first". A `position_sigma` describes an error that all instants share, and requires
+        the order "spatial-first" and the smoother "rts".
     time : array_like of shape (N,)
-        Times of the instants in seconds, in non-decreasing order. An instant may have a single
-        measurement.
+        Times of the instants in seconds, in non-decreasing order. A single measurement at an
+        instant is sufficient.
     range, azimuth, elevation : array_like of shape (N, K), optional
         Measurements in metres and radians; nan where one is missing.
     range_difference : array_like of shape (N, K - 1), optional
-        Range of each station except the first minus the range of the first station, in metres; see
-        `tertia.location.locate`.
+        For each station except the first, its range minus the range of the first station, in
+        metres; see `tertia.location.locate`.
     arrival_time : array_like of shape (N, K), optional
         Time at which the signal emitted at each instant arrived at each station, in seconds of a
         common clock or as NumPy's datetimes; nan or NaT where it did not arrive. The times of
-        emission are unknown: two arrivals determine a hyperbola, a single one determines nothing.
+        emission are unknown. Therefore two arrivals only determine a hyperbola, and a single
+        arrival gives no information.
     range_sigma, azimuth_sigma, elevation_sigma : array_like of shape (K,) or (N, K), optional
         Standard deviations in metres and radians, one per station or one per measurement, instead
         of those of the stations.
@@ -107,25 +109,26 @@ def reconstruct(
         Speed of the signal in m/s; by default the speed of light.
     order : {"spatial-first", "temporal-first"}
         "spatial-first": instants are located, then the positions are smoothed over time.
-        "temporal-first": each series of measurements is smoothed over time, missing values between
-        its first and last measurement are filled, then positions are computed.
+        "temporal-first": each series of measurements is smoothed over time, and missing values
+        between its first and last measurement are filled; then positions are computed.
     spatial : {"robust", "least-squares"}
-        How each instant is located: with or without detection of faults.
+        How each instant is located: "robust" with, and "least-squares" without detection of faults.
     smoother : {"rts", "local-polynomial"}
-        How positions or series are smoothed over time: "rts" by `tertia.smoothing.smooth`,
-        "local-polynomial" by `tertia.smoothing.local_polynomial`.
+        How positions or series are smoothed over time: with "rts" by `tertia.smoothing.smooth`, and
+        with "local-polynomial" by `tertia.smoothing.local_polynomial`.
     window, degree
-        Parameters of "local-polynomial".
+        Parameters of `tertia.smoothing.local_polynomial`, for "local-polynomial" only.
     jerk : float, optional
-        Intensity of the white jerk for "rts" in m²/s⁵; by default the motion is estimated, driven
-        by white jerk or white acceleration (see `tertia.smoothing.smooth`). With "temporal-first"
-        the jerk is always estimated.
+        Intensity of the white jerk for "rts" in m²/s⁵. By default it is estimated whether white
+        jerk or white acceleration drives the motion, and with which intensity (see
+        `tertia.smoothing.smooth`). With "temporal-first" the intensity is always estimated.
     bias : Bias, optional
         Systematic errors that replace those of the stations; `Bias()` means that there are none. If
-        it is missing, or a sigma is None, they are estimated from contradictions between the
-        stations. Sigmas other than 0 need "spatial-first" and "rts". A finite sigma is that of an
-        error common to all instants. A sigma of inf, for all stations or none, means that the bias
-        is constant and unknown; this is an error if the measurements do not determine it.
+        it is missing, or if a sigma is None, the systematic errors are estimated from
+        contradictions between the stations. Sigmas other than 0 require "spatial-first" and "rts".
+        A finite sigma is that of an error that all instants share. A sigma of inf, which must be
+        given for all stations or for none, means that the bias is constant and unknown. If the
+        measurements do not determine such a bias, an error is raised.
     degrees : bool
         Whether the angles in this call are in degrees.
     n_threads : int, optional
@@ -148,45 +151,48 @@ def reconstruct(
     Warns
     -----
     UserWarning
-        If most angles contradict each other as radians, but agree as degrees.
+        If most angles contradict each other when read as radians, but agree when read as degrees.
 
     Notes
     -----
-    With "rts", measurements are linearised about the track, even if those of an instant do not
-    determine a position. With "robust", each measurement is either noise or an outlier; both are
-    normal about the track without that measurement. The weight of a measurement is the probability
-    that it is noise. The sizes of noise and outliers and the share of outliers maximise the
-    likelihood. They are found by expectation maximisation, from a noise as large as the residuals
-    of the first track down to the stated noise. The covariance includes the uncertainty of the
-    estimated jerk: it is the mean over the intensities q, weighted by the likelihood and a prior on
-    log q proportional to q^(1/4).
+    With "rts", measurements are linearised about the track, even at instants whose measurements do
+    not determine a position. With "robust", each measurement is either good or an outlier. In both
+    cases its error is normal, relative to the track that is estimated without it. The weight of a
+    measurement is the probability that it is good. The variances of good measurements and of
+    outliers, and the proportion of outliers, are those that maximise the likelihood. They are found
+    by expectation maximisation, in which the noise decreases from the size of the residuals of the
+    first track to the stated noise. The covariance includes the uncertainty of the estimated jerk.
+    It is the mean of the covariances for different intensities q, weighted by the likelihood of q
+    and by a prior density of log q that is proportional to q^(1/4).
 
-    **Systematic errors.** The measurements of one kind by a station have an error c + g(t), with c
-    constant and g a Gauss-Markov process. To first order this adds A_t (c + g) to the position,
-    with A_t the matrix of the least-squares solution, and (I - H_t)(c + g) to the residuals, with
-    H_t = J_t A_t. The variance of the error, the share that drifts, and the correlation time are
-    estimated from the residuals alone, without assumptions about the positions, because a bias can
-    look like a curve of the path. A Kalman filter of c and g gives their likelihood on a grid, over
-    which the results are averaged. Only c is subtracted from the measurements; its remaining
-    uncertainty and the variance of g are propagated into the covariance.
+    **Systematic errors.** The measurements of one kind by a station have an error c + g(t), where c
+    is constant and g is a Gauss-Markov process. To first order this error adds A_t (c + g) to the
+    position and (I - H_t)(c + g) to the residuals, where A_t is the matrix of the least-squares
+    solution and H_t = J_t A_t. The variance of the error, the fraction of it that is due to g, and
+    the correlation time are estimated from the residuals alone, without assumptions about the
+    positions, because a bias can look like a curve of the path. A Kalman filter of c and g gives
+    the likelihood of these three parameters on a grid, and the results are averaged over the grid.
+    Only c is subtracted from the measurements; its remaining uncertainty and the variance of g are
+    propagated into the covariance.
 
-    The error that all stations of a kind have in common cannot contradict anything. It is assumed
-    to be as large as the errors that contradictions show, or as the part of a stated variance that
-    causes neither scatter nor contradictions. If no systematic error is found, nothing is
-    subtracted, and the error that cannot be excluded is part of the covariance. For range
-    differences the errors are those of the receivers. Limits for faults increase with the
-    systematic errors.
+    An error that all stations have in common causes no contradictions between them. It is assumed
+    to be as large as the errors that are estimated from contradictions, or as the part of the
+    stated variance that appears neither as scatter nor as contradictions. If no systematic error is
+    found, nothing is subtracted, but the covariance includes the systematic error that cannot be
+    excluded. For range differences, the systematic errors are those of the receivers. The larger
+    the systematic errors, the wider are the limits beyond which a measurement is a fault.
 
-    The time of emission of each instant is one more unknown, without a prior. Arrivals are
-    therefore used relative to their common part, the weighted median of the arrivals that are not
-    late.
+    The time of emission of each instant is an additional unknown, without a prior. Arrivals are
+    therefore used relative to their common part, which is the weighted median of the arrivals that
+    are not late.
 
-    With a sigma of inf, c is estimated with Tukey's weights about the track. Its covariance is
-    A^-1 B A^-1, where A is the derivative of the scores and B their variance. B follows from the
-    standard deviations or from the residuals, whichever gives more. If the autocorrelations of the
-    scores are significant (Geyer 1992), B is multiplied by one plus twice their sum.
+    If the sigma of a bias is inf, c is estimated with Tukey's weights, computed from residuals
+    about the track. The covariance of c is A^-1 B A^-1, where A is the derivative of the scores and
+    B is their variance. B is computed both from the standard deviations and from the residuals, and
+    the larger result is used. If the autocorrelations of the scores are significant (Geyer 1992), B
+    is multiplied by one plus twice their sum.
 
-    With "temporal-first", velocities are A_t times the rates of the smoothed series.
+    With "temporal-first", the velocity is the product of A_t and the rates of the smoothed series.
 
     The cost is O(N K).
 
@@ -208,8 +214,8 @@ def reconstruct(
     >>> np.flatnonzero(track.outlier.range[:, 0]).tolist()
     [30, 31, 32, 33]
 
-    The same target from the arrival times of its signals at three of the stations, which determine
-    it although the times of emission are unknown:
+    The same target is reconstructed from the times at which its signals arrive at the three
+    stations. They determine its path although the times of emission are unknown:
 
     >>> sent = t + rng.uniform(0, 0.3, 60)
     >>> arrival = sent[:, np.newaxis] + np.linalg.norm(offset, axis=-1) / 299_792_458.0
@@ -326,7 +332,7 @@ def _usual(sigmas: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def _warn_if_degrees(record: dict[str, Any], found: dict[str, Any]) -> None:
-    """Warn if the single instants do not fit as radians, but would fit as degrees."""
+    """Warn if the angles of single instants do not fit as radians, but would fit as degrees."""
     places, axes, values, sigmas = (record[n] for n in ("stations", "axes", "values", "sigmas"))
     rows = _rows(places, 2), None if axes is None else _rows(axes, 3)
     options: tuple[Any, ...] = (
@@ -346,12 +352,12 @@ def _warn_if_degrees(record: dict[str, Any], found: dict[str, Any]) -> None:
 
 
 def _rows(array: FloatArray, axes: int) -> FloatArray:
-    """Return rows for each instant, or the only row."""
+    """Return one row for each instant, or a single row for all of them."""
     return array if array.ndim > axes else array[np.newaxis]
 
 
 def _smoothed(mean: FloatArray, found: Sequence[Any]) -> SmoothedPositions:
-    """Return the path as smoothed positions; its outliers are those of the measurements."""
+    """Return the path as `SmoothedPositions`, whose outliers are those of the measurements."""
     covariance, innovation, log_likelihood, count, (jerk, jerk_sigma, wandering) = found
     return SmoothedPositions(
         mean,
@@ -369,7 +375,7 @@ def _smoothed(mean: FloatArray, found: Sequence[Any]) -> SmoothedPositions:
 
 
 def _unit(kind: Kind, arrivals: Arrivals | None) -> FloatArray:
-    """Return the unit of a systematic error for the core, in metres per second for a clock."""
+    """Return the factor that converts a systematic error to the unit of the core."""
     if kind != "arrival_time" or arrivals is None:
         return np.ones(())
     return arrivals.speed[..., np.newaxis]
@@ -380,7 +386,7 @@ def _bias(
     found: tuple[list[float], list[float], float, float, bool] | None,
     arrivals: Arrivals | None,
 ) -> Bias | None:
-    """Return the biases given and estimated; None if there are neither."""
+    """Return the given and the estimated biases; None if there are neither."""
     fields: dict[str, Any] = {}
     for at, error in enumerate(ERRORS.values()):
         fields |= {error: given.value[at], f"{error}_sigma": given.sigma[at]}
@@ -447,7 +453,7 @@ def _checked(
     *,
     degrees: bool,
 ) -> FloatArray:
-    """Return measurements, after checking them; each must have a standard deviation."""
+    """Return measurements, after checking them and that each has a standard deviation."""
     n, k = shape
     count = k - int(kind == "range_difference")
     array = radians(values, kind, degrees=degrees) if kind in ANGLES else samples(values, kind)
@@ -477,7 +483,7 @@ def require_options(
     jerk: float | None = None,
     bias: Bias | None = None,
 ) -> None:
-    """Raise an error for options of `reconstruct` that are wrong for any measurements."""
+    """Raise an error for options of `reconstruct` that are wrong whatever the measurements are."""
     chosen = {"order": (order, Order), "spatial": (spatial, Spatial)}
     for name, (value, allowed) in {**chosen, "smoother": (smoother, Smoother)}.items():
         if value not in get_args(allowed):
@@ -503,7 +509,7 @@ def _require_order(
     *,
     is_timed: bool,
 ) -> None:
-    """Raise an error for input that the order or the smoother does not support."""
+    """Raise an error if the chosen order or smoother does not support the input."""
     if way[0] == "temporal-first" and is_timed:
         raise ValueError("arrival_time needs order 'spatial-first': each emission has its own time")
     if way[0] == "temporal-first" and axes is not None and axes.ndim > 3:
@@ -517,7 +523,7 @@ def _require_order(
 def _deviations(
     stations: Sequence[Station], bias: Bias | None, azimuth: FloatArray | None
 ) -> tuple[tuple[FloatArray, FloatArray] | None, Sequence[Station], Bias | None]:
-    """Return deviations and their sigmas, (N, K), and the stations and bias without them."""
+    """Return azimuth deviations, (N, K), their sigmas, and the stations and bias without them."""
     own = [bias] * len(stations) if bias is not None else [station.bias for station in stations]
     if not any(one is not None and one.deviation_order > 0 for one in own):
         return None, stations, bias

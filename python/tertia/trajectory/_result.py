@@ -22,18 +22,20 @@ class Trajectory(Result):
     Attributes
     ----------
     time : ndarray of shape (N,)
-        Times as given.
+        Times of the instants, as given.
     position, velocity, acceleration : ndarray of shape (N, D)
-        In metres, metres per unit of time, and so on; nan where unknown.
+        Coordinates in metres, and their first and second derivatives with respect to `time`; nan
+        where unknown.
     covariance : ndarray of shape (N, 3 D, 3 D)
         Covariance of position, velocity and acceleration, in this order, including the uncertainty
-        of estimated biases; inf where unknown. The covariances between the three are 0, except with
-        the smoother "rts" and the order "spatial-first".
+        of estimated biases; inf where unknown. The cross-covariances between position, velocity and
+        acceleration are 0, except with the smoother "rts" and the order "spatial-first".
     fixes : Location
         Positions of the single instants, from the measurements or, with "temporal-first", from the
         smoothed series. With "rts", "robust" and "spatial-first", measurements that contradict the
         track are left out. At instants with one or two degrees of freedom, standard deviations are
-        divided by the square roots of Tukey's weights about the track.
+        divided by the square roots of Tukey's weights, which are computed from the residuals about
+        the track.
     outlier : ByKind
         True for measurements that were left out because they contradict other stations or the
         track.
@@ -42,15 +44,16 @@ class Trajectory(Result):
     systematic : {"given", "estimated", "not included"}
         How the covariance treats systematic errors: it includes them as given; it includes them as
         estimated from contradictions between the stations; or it does not include them, because no
-        contradiction was possible, or only one was possible and did not occur.
+        contradiction was possible, or because only one was possible and it did not occur.
     bias : Bias or None
-        Systematic errors of the K stations, given or estimated: the values that were subtracted,
-        and the standard deviations of the remaining errors with the share that drifts. `time` is
-        the amount by which the clock is fast that measured the arrivals. A sigma of 0 means that no
-        error was found and none is likely. None with "temporal-first" and with local polynomials.
+        Given or estimated systematic errors of the K stations: the values that were subtracted, the
+        standard deviations of the remaining errors, and the fraction of their variance that drifts.
+        `time` is the amount by which the clock that measured the arrivals is fast. A sigma of 0
+        means that no error was found and that none is likely. `bias` is None with "temporal-first"
+        and with local polynomials.
     smoothed : SmoothedPositions or None
-        Further results of the smoother: likelihood, jerk, innovations. None with local polynomials
-        and with "temporal-first".
+        Further results of the smoother: likelihood, jerk and innovations. It is None with local
+        polynomials and with "temporal-first".
     """
 
     _rows: ClassVar = "time", 0
@@ -76,7 +79,7 @@ class Trajectory(Result):
 
     @property
     def statistics(self) -> dict[Kind, FloatArray]:
-        """Number, mean and root mean square of the residuals of each station, of shape (K, 3).
+        """Number, mean and root mean square of the residuals of each station, as an array (K, 3).
 
         Residuals are in standard deviations. Measurements that were left out are not counted.
         """

@@ -1,4 +1,4 @@
-"""Correct sigmas if covariances are estimated from few measurements."""
+"""Correction of sigmas if covariances are estimated from few measurements."""
 
 from __future__ import annotations
 
@@ -19,13 +19,16 @@ def enlarged(
     laws: Sequence[tuple[float, float]],
     n_threads: int | None = None,
 ) -> tuple[FloatArray, float]:
-    """Return the factors of the sigmas of a fused estimate, and the p-value of its statistic.
+    """Return factors for the sigmas of a fused estimate, and the p-value of its statistic.
 
-    `covariances` (K, m, m) are estimated; `laws` are the degrees of freedom and the mean of each.
-    With the factors, (m,), an interval of two sigmas contains a component with a probability of
-    95.45 %. For one estimate the factor is half of Student's quantile. For several estimates the
-    factor comes from a simulation that takes the estimates as the truth (parametric bootstrap).
-    Given the simulated covariances the error is normal, so only covariances have to be drawn.
+    `covariances` (K, m, m) are estimated; `laws` contains the degrees of freedom and the mean of
+    the Wishart distribution of each. When the sigmas are multiplied by the factors, (m,), an
+    interval of two sigmas contains a component with a probability of 95.45 %. For one estimate, the
+    factor is half of the two-sided 95.45 % quantile of Student's distribution, because the interval
+    of a normal error has a half-width of two sigmas. For several estimates, the factors are
+    computed by a simulation in which the estimated covariances are treated as the true ones
+    (parametric bootstrap). Given the simulated covariances the error is normal, so only covariances
+    have to be drawn.
     """
     sensors, m = covariances.shape[:2]
     if sensors == 1:

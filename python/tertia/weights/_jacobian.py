@@ -39,7 +39,7 @@ class JacobianOperator:
         return self.left.dtype
 
     def matvec(self, x: npt.ArrayLike) -> FloatArray:
-        """Return the change of vec W, (..., m²), for changes of vec S_j, (..., K m²), in O(K m³).
+        """Return the change of vec W, (..., m²), if all vec S_j change by (..., K m²), in O(K m³).
 
         vec stacks columns.
         """
@@ -49,10 +49,10 @@ class JacobianOperator:
         return _vec(product.sum(axis=-3))
 
     def rmatvec(self, y: npt.ArrayLike) -> FloatArray:
-        """Return the product of the transposed Jacobian and y, (..., m²), of shape (..., K m²).
+        """Return the product, (..., K m²), of the transposed Jacobian and a vector y, (..., m²).
 
-        It converts the gradient of a function with respect to W into the gradient of the same
-        function with respect to all S_j, in O(K m³). vec stacks columns.
+        This product converts the gradient of a function with respect to W into the gradient of the
+        same function with respect to all S_j. The cost is O(K m³). vec stacks columns.
         """
         m = self.left.shape[-1]
         gradient = _unvec(_vectors(y, self.shape[0]), (1, m, m))
@@ -78,8 +78,8 @@ def jacobian(
     Returns
     -------
     ndarray of shape (..., K, m², m²)
-        `d vec W_sensor / d vec S_j` for each j. vec stacks columns on both sides: element
-        [j, b m + a, q m + p] is `d W[a, b] / d S_j[p, q]`. All elements of `S_j` count as
+        `d vec W_sensor / d vec S_j` for each j. vec stacks columns in both W and S_j, so that the
+        element [j, b m + a, q m + p] is `d W[a, b] / d S_j[p, q]`. All elements of `S_j` count as
         independent, so a symmetric change of an off-diagonal element changes two of them.
 
     Raises
@@ -89,9 +89,10 @@ def jacobian(
 
     Notes
     -----
-    Equations (7), (8) and (12) to (14) of the source; for two sensors and the weight of the second,
-    the result consists of its P1 and P2. In general it is `P_j = [C_j (W - δ I)]' ⊗ W_j`, where δ
-    is 1 for the sensor itself and 0 for others. The cost is O(K m⁴), the size of the result.
+    These are equations (7), (8) and (12) to (14) of the source. For two sensors and the weight of
+    the second, the result consists of the matrices P1 and P2 of the source. In general it is `P_j =
+    [C_j (W - δ I)]' ⊗ W_j`, where δ is 1 if j is the sensor itself, and 0 otherwise. The cost is
+    O(K m⁴), which is the size of the result.
 
     Examples
     --------
@@ -126,7 +127,7 @@ def jacobian_operator(
 
     Examples
     --------
-    The change of the second sensor's weight if the variance of the first one increases by 0.1:
+    The change of the second sensor's weight if the variance of the first sensor increases by 0.1:
 
     >>> from tertia import weights
     >>> operator = weights.jacobian_operator([[[1.0]], [[3.0]]])

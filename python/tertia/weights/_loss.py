@@ -1,4 +1,4 @@
-"""The loss due to estimated weights, and the number of measurements that limits it."""
+"""The loss due to estimated weights, and the number of measurements that keeps it below a bound."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class FusionLoss(Result):
     loss : float or ndarray of shape (...)
         `trace(mean_squared_error) / trace(fused_covariance) - 1`.
     component_loss : ndarray of shape (..., m)
-        Loss of each component alone; unlike `loss`, it does not depend on the units.
+        The same quantity for each component alone; unlike `loss`, it does not depend on the units.
     mean_squared_error : ndarray of shape (..., m, m)
         Mean squared error of the estimate that is fused with estimated weights.
     fused_covariance : ndarray of shape (..., m, m)
@@ -89,16 +89,19 @@ def fusion_loss(
     covariances : array_like of shape (..., K, m, m)
         The true covariances, or their estimates, as for `weight_matrices`.
     n : int, inf or array_like of shape (K,)
-        Number of measurements from which each covariance is estimated; inf if it is known.
+        Number of measurements from which each covariance is estimated; inf if the covariance is
+        known.
     method : {"auto", "first-order", "monte-carlo"}
-        "first-order": a closed form, which is too small if n is small or W is near 0 or I.
-        "monte-carlo": the mean over simulated covariances, exact except for its standard error.
-        "auto": the closed form if there are at least 100 (m + 1) degrees of freedom, so that its
-        error is at most a twentieth of the loss; otherwise Monte Carlo.
+        "first-order": a closed form, whose result is too small if n is small or W is near 0 or I.
+        "monte-carlo": the mean over simulated covariances, which is exact except for its standard
+        error.
+        "auto": the closed form is used if there are at least 100 (m + 1) degrees of freedom, so
+        that its error is at most a twentieth of the loss; otherwise Monte Carlo is used.
     convention : {"sample-mean", "known-mean", "paper", "differences"}
         How the covariances are estimated (see `sample_covariance`).
     trials : int
-        Number of simulated sets of covariances, at least 2; the same for the whole batch.
+        Number of simulated sets of covariances, at least 2. All elements of the batch use the same
+        sets.
     rng : numpy.random.Generator or int
         Random generator or seed; by default a fixed seed, so that the result is always the same.
     n_threads : int, optional
@@ -168,7 +171,7 @@ def required_samples(
     rng: np.random.Generator | int = 0,
     n_threads: int | None = None,
 ) -> int | IntArray:
-    """Return the number of measurements per sensor that keeps the fusion loss under a bound.
+    """Return the number of measurements per sensor that keeps the fusion loss below a bound.
 
     Parameters
     ----------
@@ -177,9 +180,9 @@ def required_samples(
     loss : float
         Bound on the loss, as defined in `fusion_loss`.
     method : {"first-order", "monte-carlo"}
-        "monte-carlo": the simulated loss plus two of its standard errors is under the bound.
-        "first-order": the closed form is under the bound; the result is too small if W is near 0
-        or I.
+        "monte-carlo": the simulated loss plus two of its standard errors must be below the bound.
+        "first-order": the loss in closed form must be below the bound; the resulting n is too small
+        if W is near 0 or I.
     convention : {"sample-mean", "known-mean", "paper", "differences"}
         How the covariances are estimated (see `sample_covariance`).
     trials : int
@@ -201,9 +204,10 @@ def required_samples(
 
     Notes
     -----
-    In all cases tried (docs/weights.md), the following n kept the loss below 5 % if the covariances
-    were unknown. Two sensors: n >= 15 m + 6 for m <= 3, and in general
-    `n >= 1 + 22 max((m + 3)² / 16 [m <= 5], m - 1)`. More sensors: n >= 1 + 22 (m + 1).
+    In all cases that were tried (docs/weights.md), the following numbers of measurements kept the
+    loss below 5 % if all covariances were unknown. For two sensors, n >= 15 m + 6 if m <= 3, and `n
+    >= 1 + 22 max((m + 3)² / 16 [m <= 5], m - 1)` for any m, where [m <= 5] is 1 if m <= 5 and 0
+    otherwise. For more sensors, n >= 1 + 22 (m + 1).
 
     Examples
     --------
@@ -248,10 +252,10 @@ def _smallest(
     least: int,
     guess: IntArray | None = None,
 ) -> IntArray:
-    """Return for each of `count` problems the smallest n >= least for which `holds` is true.
+    """Return the smallest n >= least for which `holds` is true, for each of `count` problems.
 
-    `holds` takes indices of problems and an n for all of them; once true, it must stay true for all
-    larger n.
+    The arguments of `holds` are indices of problems and an n for all of them. If `holds` is true
+    for an n, it must be true for all larger n.
     """
     low = np.full(count, least - 1)
     high = np.full(count, least) if guess is None else guess.copy()
@@ -272,7 +276,7 @@ def _smallest(
 def _simulated(
     s: FloatArray, draws: FloatArray, n_threads: int | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return fused covariance and excess of the error, (..., 2, m, m), the loss and its sigma."""
+    """Return the fused covariance and the excess error, (..., 2, m, m), the loss and its sigma."""
     found = _core.weigh("excess", s, threads(n_threads), draws=draws)
     m = s.shape[-1]
     matrices = found[..., :-2].reshape(*found.shape[:-1], 2, m, m)
@@ -288,7 +292,7 @@ def _relative_factor(n: int, convention: Convention) -> float:
 def _draws(
     laws: list[tuple[float, float]], m: int, trials: int, rng: np.random.Generator
 ) -> FloatArray:
-    """Draw the Wishart matrices of every sensor, (trials, K, m, m), if the true covariance is I."""
+    """Draw Wishart matrices for every sensor, (trials, K, m, m), whose true covariance is I."""
     draws = []
     for degrees_of_freedom, mean in laws:
         whole = np.isinf(degrees_of_freedom) or degrees_of_freedom == int(degrees_of_freedom)

@@ -13,7 +13,8 @@ from tertia.weights._readers import common_batch, deviation, moderate
 def weight_matrices(covariances: npt.ArrayLike, *, n_threads: int | None = None) -> FloatArray:
     """Return the weight matrices of several estimates of the same vector.
 
-    The fused estimate is the sum of all `W_k x_k`; for two sensors, `x_1 + W_2 (x_2 - x_1)`.
+    The fused estimate is the sum of all `W_k x_k`; for two sensors, this is `x_1 + W_2 (x_2 -
+    x_1)`.
 
     Parameters
     ----------
@@ -26,7 +27,7 @@ def weight_matrices(covariances: npt.ArrayLike, *, n_threads: int | None = None)
     Returns
     -------
     ndarray of shape (..., K, m, m)
-        The weights `W_k`. They sum to the identity; in general they are not symmetric.
+        The weights `W_k`. Their sum is the identity; in general they are not symmetric.
 
     Raises
     ------
@@ -40,7 +41,8 @@ def weight_matrices(covariances: npt.ArrayLike, *, n_threads: int | None = None)
 
     Notes
     -----
-    Equations (1), (2) and (6) of the source, generalised to K sensors. The cost is O(K m³).
+    These are equations (1), (2) and (6) of the source, generalised to K sensors. The cost is O(K
+    m³).
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Checks of arguments of `weights` and `fusion`: size of numbers, and shapes of batches."""
+"""Checks of the size of the numbers, and of shapes, in the arguments of `weights` and `fusion`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LARGEST = 1 / _SMALLEST_SIGMA
 
 
 def moderate(value: npt.ArrayLike, name: str) -> FloatArray:
-    """Return finite numbers whose squares are finite, too."""
+    """Return numbers, after checking that they and their squares are finite."""
     array = finite(value, name)
     if np.any(np.abs(array) > LARGEST):
         raise ValueError(f"{name} has a number above {LARGEST}; change the unit")
@@ -21,7 +21,7 @@ def moderate(value: npt.ArrayLike, name: str) -> FloatArray:
 
 
 def deviation(value: npt.ArrayLike, name: str) -> FloatArray:
-    """Return standard deviations that can be squared."""
+    """Return standard deviations, after checking that they can be squared."""
     array = positive(value, name)
     if np.any((array < _SMALLEST_SIGMA) | (array > LARGEST)):
         limits = f"between {_SMALLEST_SIGMA} and {LARGEST}"
@@ -30,7 +30,7 @@ def deviation(value: npt.ArrayLike, name: str) -> FloatArray:
 
 
 def squares(value: npt.ArrayLike, name: str) -> FloatArray:
-    """Return finite square matrices."""
+    """Return square matrices, after checking their shape and that they are finite."""
     array = finite(value, name)
     if array.ndim < 2 or array.shape[-1] != array.shape[-2]:
         raise ValueError(f"{name} has shape {array.shape}; it must be (..., m, m)")
@@ -49,7 +49,7 @@ def common_batch(**shapes: tuple[int, ...]) -> tuple[int, ...]:
 def of_one_batch(
     **arrays: tuple[FloatArray, tuple[int, ...]],
 ) -> dict[str, FloatArray]:
-    """Broadcast arrays to common leading axes; each is given with the shape of one element."""
+    """Broadcast arrays to common leading axes; the shape of one element is given for each."""
     first, (given, _) = next(iter(arrays.items()))
     batches = {}
     for name, (array, tail) in arrays.items():

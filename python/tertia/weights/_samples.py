@@ -1,4 +1,4 @@
-"""Estimated covariances, and their uncertainty."""
+"""Estimation of covariances, and the uncertainty of the estimates."""
 
 from __future__ import annotations
 
@@ -34,17 +34,19 @@ def sample_covariance(
     differences : bool
         Whether to use differences of successive measurements, for a target that moves slowly.
     ddof : int
-        Number subtracted from n in the divisor of deviations from the sample mean: 1 gives an
-        unbiased estimate, 0 the maximum of the likelihood. Ignored with `mean` or `differences`.
+        Number that is subtracted from n in the divisor if deviations are from the sample mean: 1
+        gives an unbiased estimate, and 0 gives the maximum-likelihood estimate. It is ignored if
+        `mean` or `differences` is given.
 
     Returns
     -------
     ndarray of shape (..., m, m)
-        The covariance: from deviations from the sample mean with divisor `n - ddof` (for `ddof` 1,
-        the convention "sample-mean" of `covariance_factor`); from deviations from `mean` with
-        divisor n ("known-mean"); or from differences with divisor 2 (n - 1) ("differences").
-        Equation (3) of the paper has the true mean and divisor n - 1, which gives `n / (n - 1)`
-        times the covariance of "known-mean" (convention "paper").
+        The covariance. It is computed from deviations from the sample mean with the divisor `n -
+        ddof` (if `ddof` is 1, this is the convention "sample-mean" of `covariance_factor`), from
+        deviations from `mean` with the divisor n (the convention "known-mean"), or from differences
+        with the divisor 2 (n - 1) (the convention "differences"). In the convention "paper", which
+        is equation (3) of the paper, deviations are from the true mean but the divisor is n - 1.
+        This gives `n / (n - 1)` times the covariance of "known-mean".
 
     Raises
     ------
@@ -98,8 +100,8 @@ def covariance_factor(n: float, convention: Convention = "sample-mean") -> float
     Returns
     -------
     float
-        `1 / (n - 1)`, `1 / n`, `n / (n - 1)²` or `(3 n - 4) / (2 (n - 1)²)`, for the conventions in
-        the order above.
+        `1 / (n - 1)`, `1 / n`, `n / (n - 1)²` or `(3 n - 4) / (2 (n - 1)²)`, for the four
+        conventions in the order in which `convention` lists them.
 
     Raises
     ------
@@ -110,7 +112,8 @@ def covariance_factor(n: float, convention: Convention = "sample-mean") -> float
 
     Notes
     -----
-    Equations (4) and (5) of the source, for normal measurements. K is the commutation matrix.
+    These are equations (4) and (5) of the source, for normal measurements. K is the commutation
+    matrix.
 
     Examples
     --------
@@ -139,8 +142,8 @@ def covariance_of_covariance(
     Returns
     -------
     ndarray of shape (..., m², m²)
-        `c (S ⊗ S)(I + K)`, with K the commutation matrix: element [j m + i, l m + q] is
-        `c (s_iq s_jl + s_il s_jq)`. vec stacks columns. The matrix is singular, because S is
+        `c (S ⊗ S)(I + K)`, where K is the commutation matrix. The element [j m + i, l m + q] is `c
+        (s_iq s_jl + s_il s_jq)`, because vec stacks columns. The matrix is singular, because S is
         symmetric.
 
     Raises
@@ -154,7 +157,7 @@ def covariance_of_covariance(
 
     Notes
     -----
-    Equations (4) and (5) of the source. The cost is O(m⁴).
+    These are equations (4) and (5) of the source. The cost is O(m⁴).
 
     Examples
     --------
@@ -177,7 +180,7 @@ def shrink_covariance(
     Parameters
     ----------
     model : array_like of shape (..., m, m)
-        The covariance predicted from the geometry of the sensor and its nominal errors.
+        The covariance that is predicted from the geometry of the sensor and its nominal errors.
     sample : array_like of shape (..., m, m)
         The sample covariance.
     n : int, inf or array_like of shape (...)
@@ -200,8 +203,9 @@ def shrink_covariance(
 
     Notes
     -----
-    This is the mean of the inverse Wishart posterior, except for the m + 1 in its denominator.
-    docs/weights.md compares it with the sample covariance alone and with general shrinkage.
+    This is the mean of the inverse Wishart posterior, except that m + 1 is not subtracted in the
+    denominator. docs/weights.md compares it with the sample covariance alone and with general
+    shrinkage.
 
     Examples
     --------

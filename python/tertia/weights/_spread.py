@@ -42,25 +42,27 @@ def weight_covariance(
     Returns
     -------
     ndarray of shape (..., m², m²)
-        Covariance of vec W to first order. vec stacks columns: element [b m + a, q m + p] is the
-        covariance of `W[a, b]` and `W[p, q]`. It is reliable from about n = 30. For smaller n, the
-        standard deviations are too small if W is near 0 or I (docs/weights.md says by how much).
+        Covariance of vec W to first order. vec stacks columns, so that the element [b m + a, q m +
+        p] is the covariance of `W[a, b]` and `W[p, q]`. The result is reliable if n is about 30 or
+        more. For smaller n, the standard deviations are too small if W is near 0 or I
+        (docs/weights.md says by how much).
 
     Raises
     ------
     numpy.linalg.LinAlgError, ValueError, TypeError
         As for `weight_matrices`; also if there is no such sensor, or if an n is not a whole number
-        of at least 2 or is too small. For m > 1, an n is too small if the variance is infinite: if
-        two sensors together have fewer than m + 2 degrees of freedom, or if the numbers of degrees
-        of freedom by which the sensors fall short of m add up to m - 1 or more.
+        of at least 2 or is too small. For m > 1, an n is too small if the variance is infinite.
+        This is the case if two sensors together have fewer than m + 2 degrees of freedom. It is
+        also the case if each sensor with fewer than m degrees of freedom lacks some number of them,
+        and these numbers add up to m - 1 or more.
 
     Notes
     -----
-    Equation (10) of the source in closed form. The cost is O(K m⁴); the product as printed takes
-    O(m⁶). In the convention "paper", c is as printed, and the Jacobian is taken at the given
-    covariances. The result is then too large by the factor `n² / (n - 1)²`, because W does not
-    change if all covariances are multiplied by n / (n - 1). `weight_bias` and `fusion_loss` allow
-    for that.
+    This is equation (10) of the source in closed form. The cost is O(K m⁴), whereas that of the
+    product as printed is O(m⁶). In the convention "paper", c is as printed, and the Jacobian is
+    taken at the given covariances. The result is then too large by the factor `n² / (n - 1)²`,
+    because W does not change if all covariances are multiplied by n / (n - 1). `weight_bias` and
+    `fusion_loss` allow for this property of W.
 
     Examples
     --------
@@ -103,9 +105,9 @@ def weight_bias(
 
     Notes
     -----
-    The bias is `-sum over j of c_j W_j [(I - W_j) + tr(I - W_j) I] (W - δ I)`, where δ is 1 for the
-    sensor itself and 0 for others. In the convention "paper", the factors n/(n - 1) of the
-    covariances add to the bias if n differs between sensors. The cost is O(K m³).
+    The bias is `-sum over j of c_j W_j [(I - W_j) + tr(I - W_j) I] (W - δ I)`, where δ is 1 if j is
+    the sensor itself, and 0 otherwise. In the convention "paper", the factors n/(n - 1) of the
+    covariances contribute to the bias if n differs between sensors. The cost is O(K m³).
 
     Examples
     --------
