@@ -245,8 +245,8 @@ class Tracker:
             most one scan if there is no lag.
         time : float, optional
             Time in seconds up to which all plots have arrived, except for plots that are late; by
-            default the time of the last plot. If it is given, tracks without a plot in a scan that
-            is empty have a missed detection there.
+            default the time of the last plot. If it is given, a scan without any plot counts as a
+            scan in which all targets were missed.
 
         Returns
         -------
@@ -415,8 +415,8 @@ class Tracker:
         """Replace a flight plan by another, for example if an aircraft is cleared for a new route.
 
         A track that has the plan is assigned the new plan, beginning with its nearest leg, unless
-        the identities of the plans differ. If only the times differ between the plans, the track
-        stays on its leg.
+        the identities of the plans differ. If the two plans differ only in their times, nothing
+        else changes for the track.
 
         Parameters
         ----------
