@@ -121,7 +121,7 @@ def _balanced(group: IntArray) -> float:
 
 
 def _clustered(values: FloatArray, group: IntArray) -> Worth:
-    """Return the effective number from the variance between groups (Liang, Zeger 1986)."""
+    """Return the effective number estimated by the variance between groups (Liang, Zeger 1986)."""
     count, groups = len(values), int(group.max()) + 1
     centred = values - values.mean()
     own = float(np.mean(centred**2))

@@ -194,7 +194,7 @@ def _marks(outliers: BoolArray | None, values: FloatArray) -> BoolArray:
 
 
 def _draw_lines(ax: "Axes", lines: list[FloatArray], outlier: BoolArray, name: str) -> None:
-    """Draw the lines that exist; the legend has one entry for kept and one for outlying lines."""
+    """Draw the lines that exist; the legend has one entry for outliers and one for the others."""
     named = set()
     for line, wrong in zip(lines, outlier, strict=True):
         if np.isnan(line).all():

@@ -165,7 +165,7 @@ def _sample(value: npt.ArrayLike, name: str, outlier: BoolArray, result: str) ->
 
 
 def _extents(theta: FloatArray, estimate: BearingEstimate, block_size: int) -> FloatArray:
-    """Return the first and last measurement of each block, (blocks, 2), without missing ones."""
+    """Return the first and last measurement of each block, (blocks, 2), ignoring missing ones."""
     if estimate.block_means is None:
         return np.empty((0, 2))
     present = np.flatnonzero(~np.isnan(theta))

@@ -253,7 +253,7 @@ def _check_radars(numbers: IntArray, radars: Sequence[Radar], name: str) -> None
 
 
 def _shares(distance: FloatArray, hit: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the middles of intervals of distance, the share of hits in each, and its error."""
+    """Return middles of intervals of distance, the proportion of hits in each, and its error."""
     far = float(np.max(distance, initial=0.0)) or 1.0
     place = np.minimum((distance / far * _BINS).astype(int), _BINS - 1)
     count = np.bincount(place, minlength=_BINS)

@@ -118,7 +118,9 @@ def evaluate(
 
     Raises
     ------
-    If a column is missing, a cell cannot be understood, or a covariance is not positive definite.
+    RecordError
+        If a column is missing, a cell cannot be understood, or a covariance is not positive
+        definite.
     ValueError
         If an argument is outside its domain, or a required one is missing.
     TypeError

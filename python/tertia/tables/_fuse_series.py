@@ -161,9 +161,10 @@ def fuse_series(
 
     Raises
     ------
-    If a column is missing, does not hold numbers or is given for two purposes; if a plot has no
-    time or sensor; if there are two plots of one target by one sensor at one time; or if there
-    are too few plots to estimate the values that are not given.
+    RecordError
+        If a column is missing, does not hold numbers or is given for two purposes; if a plot has
+        no time or no sensor; if there are two plots of one target by one sensor at one time; or if
+        there are too few plots to estimate the values that are not given.
     ValueError
         If an option is outside its domain.
     TypeError

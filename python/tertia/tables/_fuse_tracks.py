@@ -136,7 +136,8 @@ def fuse_tracks(
 
     Raises
     ------
-    If a column is missing, a sensor is not among `sensors`, or a cell cannot be understood.
+    RecordError
+        If a column is missing, a sensor is not among `sensors`, or a cell cannot be understood.
     ValueError
         If an option is outside its domain.
     TypeError
