@@ -17,7 +17,7 @@ _OUTLIER = 18.420681
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Innovations:
-    """Normalised innovations squared, divided by the axes, of one radar's plots in joint tracks.
+    """Normalised innovations squared, per axis, of the plots of one radar in the joint tracks.
 
     `outlier` marks innovations so large that, with the stated noise, one in 10,000 would reach
     them.

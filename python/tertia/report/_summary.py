@@ -83,7 +83,7 @@ def _of_radars(analysis: Analysis) -> Row:
 
 
 def _radar_findings(analysis: Analysis, scale: Times) -> list[str]:
-    """Return sentences that state the findings on the radars."""
+    """Return sentences that state the findings."""
     found = []
     for row in radar_rows(analysis):
         found += _noise_findings(row) + _bias_findings(row)

@@ -34,7 +34,7 @@ class Times:
         return f"{name} (s)" if self.since is None else name
 
     def text(self, seconds: float | None) -> str | None:
-        """Return a time of day, with the date after the first day, or a number of seconds."""
+        """Return a time of day (with its date after the first day) or seconds, as text."""
         if seconds is None or self.since is None:
             return None if seconds is None else f"{seconds:,.0f}"
         when = self.since + timedelta(seconds=seconds)

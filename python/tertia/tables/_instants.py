@@ -17,7 +17,7 @@ PERIODS = {"azimuth": 360.0}
 
 
 def check_tolerance(tolerance: float) -> float:
-    """Return the tolerance in seconds, checked to be at least 0."""
+    """Return the tolerance in seconds; raise an error if it is below 0."""
     seconds = _arrays.real(tolerance, "tolerance")
     if not seconds >= 0:
         raise ValueError(f"tolerance is {seconds:g}; it must be at least 0 seconds")
@@ -25,10 +25,10 @@ def check_tolerance(tolerance: float) -> float:
 
 
 def instants(rows: pl.DataFrame, tolerance: float) -> tuple[IntArray, FloatArray]:
-    """Return the instant of each row, with rows sorted by time, and the time of each instant.
+    """Return the instant of each row and the time of each instant; rows are sorted by time.
 
-    An instant ends if the next time is later than its first time by more than `tolerance`, or if a
-    sensor measures the same kind again.
+    An instant ends if the next measurement is later than its first one by more than `tolerance`, or
+    if a sensor measures the same kind again.
     """
     time = rows["seconds"].to_numpy()
     keys = list(zip(rows["site"], rows["kind"], strict=True))
@@ -44,9 +44,10 @@ def instants(rows: pl.DataFrame, tolerance: float) -> tuple[IntArray, FloatArray
 
 
 def combined(rows: pl.DataFrame, name: str) -> pl.DataFrame:
-    """Return one row per sensor and kind: the estimate from all its measurements.
+    """Return one row per sensor and kind, with the estimate from all of its measurements.
 
-    With fewer than five measurements it is their median, with the sigma of one measurement.
+    If there are fewer than five measurements, the estimate is their median, with the sigma of one
+    measurement.
     """
     found = [rows.clear()]
     for one in rows.partition_by("site", "kind", maintain_order=True):
@@ -57,7 +58,7 @@ def combined(rows: pl.DataFrame, name: str) -> pl.DataFrame:
 
 
 def _combined(rows: pl.DataFrame, name: str) -> tuple[float, float]:
-    """Return an estimate and its sigma; the sigma is nan if that of the sensor applies."""
+    """Return an estimate and its sigma; the sigma is nan if the sigma of the sensor applies."""
     values, period = rows["value"].to_numpy(), PERIODS.get(rows["kind"][0])
     stated = float(np.median(rows["sigma"].to_numpy()))
     if len(values) < _FEWEST:
