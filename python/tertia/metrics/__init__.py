@@ -1,9 +1,8 @@
-"""Metrics: errors, their consistency with covariances, and the quality of tracks.
+"""Metrics for errors, for their consistency with covariances, and for the quality of tracks.
 
 `nees`, `nis`, `consistency_bounds`, `autocorrelation` and `rmse` evaluate errors. `track_errors`
-resolves errors along and across a course, `audit` compares errors with the stated covariances,
-`gospa` compares sets of positions, and `match_tracks` and `indicators` compare tracks with the
-truth.
+resolves errors along and across a course, `audit` compares errors with the stated covariances, and
+`gospa` compares sets of positions. `match_tracks` and `indicators` compare tracks with the truth.
 """
 
 from tertia.metrics._audit import Audit, audit, audit_split

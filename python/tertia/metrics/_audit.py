@@ -41,33 +41,35 @@ _NEWTON_STEPS, _ROUNDING = 30, 1e-14
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Audit(Result):
-    """The agreement of the stated covariances of estimates with their errors.
+    """Result of a comparison of the errors of estimates with their stated covariances.
 
     Attributes
     ----------
     nees : Indicator
         Mean normalised error squared per axis: 1 if the covariances are correct.
     coverage : dict of float to Indicator
-        Share of the true values inside the region of each probability.
+        Proportion of the true values that are inside the region of each probability.
     scale : dict of float to Indicator
-        Factor for the covariances with which the region of each probability would contain a share
-        of the true values equal to its probability. Its square root is the factor for the sigmas.
+        Factor by which the covariances must be multiplied so that the region of each probability
+        contains that proportion of the true values. Its square root is the factor for the sigmas.
     radius : dict of float to Indicator
         Distance from an estimate within which the next true value lies with each probability,
         whatever the distribution of the errors; inf if the record is too short. `low` and `high`
-        are bounds of the quantile of the errors.
+        are confidence bounds of the quantile of the errors.
     region_factor : dict of float to Indicator
-        As `radius`, for regions: factor for their axes, or for the sigmas, with which the region
-        of the next estimate contains the true value with at least this probability.
+        Factor by which the axes of a region, or the sigmas, must be multiplied so that the region
+        of the next estimate contains the true value with at least this probability. Like `radius`,
+        it is valid whatever the distribution of the errors.
     effective_number : float
-        Number of independent errors that would determine the NEES equally well.
+        Number of independent errors from which the NEES could be estimated equally well.
     time_offset : Indicator or None
-        Time in seconds to be added to the times of the truth; None if no velocities were given.
+        Time in seconds that must be added to the times of the truth; None if no velocities were
+        given.
     strata : dict of str to Audit
-        Audits of the parts of the record, by name.
+        Audits of the parts of the record, by the names of the parts.
     count, missing : int
-        Number of rows that were audited, and of rows left out because they contain numbers that are
-        not finite.
+        Number of rows that were audited, and number of rows that were left out because they contain
+        numbers that are not finite.
     """
 
     nees: Indicator
@@ -88,16 +90,17 @@ class Audit(Result):
 
     @property
     def verdict(self) -> str:
-        """What the 95 % regions show about the sigmas: "honest", "too small by a factor of", ...
+        """Conclusion about the sigmas, such as "honest" or "too small by a factor of 2".
 
-        If the record is too short for the scale of the regions, the verdict follows from the NEES.
+        It follows from the 95 % regions or, if the record is too short for their scale, from the
+        NEES.
         """
         scale = self.scale[self.probability]
         unbounded = scale.low <= 1.0 and np.isinf(scale.high)
         return self.nees.verdict if unbounded else scale.verdict
 
     def __repr__(self) -> str:
-        """Return the main figures."""
+        """Return the main figures as text."""
         p = self.probability
         return (
             f"Audit({self.verdict}; {100 * p:g} % regions hold {share_text(self.coverage[p])}, "
@@ -106,7 +109,7 @@ class Audit(Result):
         )
 
     def __str__(self) -> str:
-        """Return all figures, one per line."""
+        """Return all figures as text, one per line."""
         lines = [f"sigmas: {self.verdict}"]
         missing = f", {self.missing} rows left out" if self.missing else ""
         lines.append(f"{self.count} errors worth {self.effective_number:.0f} independent{missing}")
@@ -135,33 +138,36 @@ def audit(
     probability: Sequence[float] = (0.5, 0.9, 0.95, 0.99),
     confidence_level: float = 0.95,
 ) -> Audit:
-    """Compare errors with the stated covariances: NEES, coverage, and corrections of the sigmas.
+    """Compare errors with stated covariances; return NEES, coverage and corrections of sigmas.
 
     All figures have confidence intervals that allow for time-correlated errors.
 
     Parameters
     ----------
     error : array_like of shape (N, m), or (N,) for one axis
-        Estimates minus true values, in time order; nan where one is missing. Differences of angles
-        must be wrapped.
+        Estimates minus true values, in time order; nan if an estimate or true value is missing.
+        Differences of angles must be wrapped.
     covariance : array_like
-        Stated covariances of the estimates, of shape (N, m, m), or (m, m) for all rows. Instead,
-        variances of the axes, (N, m), or one variance for each row, (N,), or for all rows, ().
+        Stated covariances of the estimates, of shape (N, m, m), or (m, m) if all rows have the
+        same. Variances may be given instead: of the axes in each row, (N, m), one for each row,
+        (N,), or one for all rows, ().
     truth_covariance : array_like, optional
-        Covariances of the truth, in any of these shapes; by default the truth is exact.
+        Covariances of the errors of the true values, in any of the shapes of `covariance`; by
+        default the true values are assumed to be exact.
     time : array_like of shape (N,), optional
-        Times in seconds. By default rows are equally spaced.
+        Times in seconds. By default rows are assumed to be equally spaced in time.
     groups : array_like of shape (N,), optional
-        Labels of parts that are independent of each other: flights, runs, targets. With ten or more
-        groups of equal size, the intervals follow from the differences between groups alone.
+        Labels of parts whose errors are independent of each other, such as flights, runs or
+        targets. With ten or more groups of equal size, the intervals are computed only from the
+        differences between groups.
     strata : array_like of shape (N,), or mapping of str to array_like, optional
-        Labels of parts that are audited separately; numbers with more than eight different values
-        are divided at their quartiles.
+        Labels of parts that are audited separately. If the labels are numbers with more than eight
+        different values, the rows are divided into four parts at the quartiles.
     velocity : array_like of shape (N, m), optional
         Velocities of the targets in units per second, estimated or true. They are needed for
         `time_offset`.
     probability : sequence of float
-        Probabilities of the regions.
+        Probabilities of the regions for which coverage, scale and radius are computed.
     confidence_level : float
         Confidence level of the intervals.
 
@@ -181,24 +187,27 @@ def audit(
 
     Notes
     -----
-    With fewer than ten groups, the effective number of errors follows from the posterior of models
-    in which a share of the variance is a Gauss-Markov process and the rest is white. The models are
-    fitted to the whitened errors and to the ranks of their squares, which also show changes of the
-    variance; the stronger of the two correlations is used. The interval of the NEES is that of a
-    variance, averaged over this posterior. The interval of a share is Wilson's (1927); its
-    effective number follows from the correlation of normal errors, converted to that of being
-    inside a region. The intervals of scale and radius are order statistics (Woodruff 1952). With
-    ten groups or more, all intervals follow from the variance between groups (Liang, Zeger 1986)
-    and Student's distribution.
+    With fewer than ten groups, the effective number of errors follows from the posterior
+    distribution of models in which one part of each error is a Gauss-Markov process and the rest is
+    white noise. The models are fitted to the whitened errors and to the ranks of their squares,
+    which also reveal changes of the variance; the stronger of the two correlations is used. The
+    interval of the NEES is the confidence interval of a variance, averaged over this posterior
+    distribution. The interval of a proportion is Wilson's (1927). Its effective number follows from
+    the correlation of normally distributed errors, which is converted to the correlation of the
+    events that errors are inside a region. The bounds of the intervals of scale and radius are
+    order statistics (Woodruff 1952). With ten groups or more, all intervals follow from the
+    variance between groups (Liang, Zeger 1986) and Student's t distribution.
 
-    The verdict 'honest' needs at least ten independent errors, otherwise it is 'too short to tell'.
-    Sigmas that are wrong by more than the interval are reported for a record of any length.
+    The verdict 'honest' requires at least ten independent errors; with fewer, the verdict is 'too
+    short to tell'. If the whole interval shows that the sigmas are wrong, the verdict says so for a
+    record of any length.
 
-    The radius is conformal (Vovk, Gammerman, Shafer 2005): it is exact for exchangeable errors, and
-    therefore not if later estimates are made under other conditions.
+    The radius is a conformal prediction (Vovk, Gammerman, Shafer 2005). It is exact if the errors
+    are exchangeable; it is therefore not exact if later estimates are made under other conditions.
 
-    `time_offset` is a least-squares fit of the errors to the velocities. It is correct if errors do
-    not depend on the velocity in other ways, as the errors of a lagging filter do.
+    `time_offset` is a least-squares fit of the errors to the velocities. It is correct only if the
+    errors do not depend on the velocity for other reasons. The errors of a filter that lags behind
+    its target, for example, do depend on the velocity.
 
     Examples
     --------
@@ -245,13 +254,14 @@ def audit_split(
 ) -> Audit:
     """Audit two estimates of the same quantity from different sensors, without a truth.
 
-    Their difference is compared with the sum of their covariances. Errors that both estimates
-    share, such as those of a common map or clock, cannot be seen.
+    The difference of the estimates is compared with the sum of their covariances. Errors that are
+    common to both estimates, such as those of a common map or clock, cannot be found.
 
     Parameters
     ----------
     first, second : array_like of shape (N, m), or (N,)
-        Estimates from disjoint sets of sensors; nan where one is missing.
+        Estimates from two sets of sensors that have no sensor in common; nan if an estimate is
+        missing.
     first_covariance, second_covariance : array_like
         Covariances of the estimates, as for `audit`.
     **options
@@ -343,7 +353,7 @@ def _share(record: Record, inside: BoolArray, probability: float, level: float) 
 def _bounds(
     record: Record, values: FloatArray, probability: float, level: float
 ) -> tuple[float, float, float, float]:
-    """Return the quantile, the order statistics that bound it, and the effective number."""
+    """Return the quantile, the order statistics that are its bounds, and the effective number."""
     quantile = float(np.quantile(values, probability))
     worth = record.of_inside(values <= quantile, probability)
     low, high = (share * len(values) for share in worth.of_rank(probability, level))
@@ -358,14 +368,14 @@ def _bounds(
 
 
 def _quantile(record: Record, values: FloatArray, probability: float, level: float) -> Indicator:
-    """Return the scale of the covariances."""
+    """Return the factor for the covariances, with its interval."""
     value, low, high, number = _bounds(record, values, probability, level)
     verdict = factor_verdict(value, low, high, number)
     return Indicator(value, low, high, len(values), number, verdict)
 
 
 def _conformal(record: Record, values: FloatArray, probability: float, level: float) -> Indicator:
-    """Return a bound of the next value; n + 1 exchangeable values have equally likely ranks."""
+    """Return a bound for the next value, whose rank is random if values are exchangeable."""
     _, low, high, number = _bounds(record, values, probability, level)
     count = len(values)
     rank = int(np.ceil(probability * (1.0 + 1.0 / number) * count - 1e-9))
@@ -376,7 +386,7 @@ def _conformal(record: Record, values: FloatArray, probability: float, level: fl
 
 @dataclass(frozen=True, slots=True)
 class _Axes:
-    """Squares of the errors along the common axes of C and C_truth, and the variance ratios there.
+    """Squares of the errors along the common axes of C and C_truth, and the ratios of variances.
 
     With C = L L' and L^-1 C_truth L^-T = U diag(g) U', `e' (s C + C_truth)^-1 e` is
     `sum_k y_k^2 / (s + g_k)`, y = U' L^-1 e.
@@ -396,10 +406,10 @@ class _Axes:
         return cls(np.asarray(square), np.maximum(ratio, np.finfo(np.float64).tiny))
 
     def scale(self, quantile: float) -> FloatArray:
-        """Return for each row the s at which the form equals the quantile; 0 if C_truth suffices.
+        """Return for each row the s at which the form equals the quantile; 0 if there is no such s.
 
-        The form decreases and is convex in s, so that Newton's steps from below never pass the
-        root.
+        The form is a decreasing and convex function of s. Newton's method, started below the root,
+        therefore never overshoots it.
         """
         # the largest term alone
         scale: FloatArray = np.maximum(np.max(self.square / quantile - self.ratio, axis=-1), 0.0)
@@ -415,7 +425,7 @@ class _Axes:
 
 
 def _time_offset(error: FloatArray, speed: FloatArray, record: Record, level: float) -> Indicator:
-    """Return the time to be added to the truth's times, from whitened errors and velocities."""
+    """Return the time to add to the times of the truth, from whitened errors and velocities."""
     information = float(np.sum(speed**2))
     count = len(error)
     if information == 0.0:

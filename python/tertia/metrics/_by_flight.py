@@ -1,4 +1,4 @@
-"""Confidence intervals of figures of many flights; values within a flight are correlated."""
+"""Confidence intervals for figures of many flights whose values are correlated within a flight."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _RESAMPLED, _AT_ONCE = 2000, 100
 def share_by_flight(
     hits: FloatArray, counts: FloatArray, level: float, limit: float | None, *, least: bool
 ) -> Indicator:
-    """Return the share of hits of flights, with Wilson's interval and Student's quantiles.
+    """Return the proportion of hits, with Wilson's interval by quantiles of the t distribution.
 
-    The number of values is divided by the design effect: the variance by flight,
-    `g/(g−1) Σ (h − p n)²/N²`, divided by that of independent values, `p (1−p)/N`. `least` states
-    whether the limit is a lower one.
+    The number of values is divided by the design effect, which is the ratio of two variances of the
+    proportion: that estimated from the flights, `g/(g−1) Σ (h − p n)²/N²`, and that of independent
+    values, `p (1−p)/N`. `least` states whether `limit` is a lower limit.
     """
     hits, counts = hits[counts > 0], counts[counts > 0]
     total, flights = float(counts.sum()), len(counts)
@@ -42,7 +42,7 @@ def share_by_flight(
 def share_interval(
     share: float, number: float, degrees_of_freedom: float, level: float
 ) -> tuple[float, float]:
-    """Return Wilson's interval; if all or no values are hits, a bound of probability `level`."""
+    """Return Wilson's interval or, if all or no values are hits, a bound at confidence `level`."""
     if share in {0.0, 1.0}:
         # 1 − 3/n at 95 %, exactly
         bound = (1.0 - level) ** (1.0 / number)
@@ -65,7 +65,7 @@ def mean_by_flight(
     count: int,
     root: bool = False,
 ) -> Indicator:
-    """Return the mean over flights, or its root, with percentiles of resampled flights."""
+    """Return the mean, or its root, with an interval from percentiles over resampled flights."""
     totals, weights = totals[weights > 0], weights[weights > 0]
     flights, of = len(weights), np.sqrt if root else np.positive
     if not flights:
@@ -87,10 +87,11 @@ def mean_by_flight(
 def root_by_pair(
     pairs: tuple[IntArray, IntArray], squares: FloatArray, level: float, limit: float | None
 ) -> Indicator:
-    """Return the root mean square over pairs of flights; a flight may be in many pairs.
+    """Return the root mean square over pairs of flights; a flight may be part of many pairs.
 
-    The variance is the jackknife's, which leaves out one flight at a time with all of its pairs.
-    The interval is that of the logarithm; it is unbounded if one flight is in all pairs.
+    The variance is estimated by a jackknife, which leaves out one flight at a time with all of its
+    pairs. The interval is computed for the logarithm; it is unbounded if one flight is part of all
+    pairs.
     """
     number = len(squares)
     if not number:
@@ -115,7 +116,7 @@ def root_by_pair(
 def rate(
     count: int, exposure: float, level: float, limit: float | None, *, effect: float = 1.0
 ) -> Indicator:
-    """Return a number per exposure, with Byar's approximation of the exact Poisson interval.
+    """Return a number of events per unit of exposure, with Byar's approximate Poisson interval.
 
     `effect` is the variance of the number divided by that of independent events.
     """

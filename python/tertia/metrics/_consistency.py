@@ -1,8 +1,8 @@
 """Consistency of errors with the stated covariances.
 
-Normalised squared errors (Bar-Shalom, Li, Kirubarajan 2001, section 5.4) have a mean of 1 per
-dimension if the covariances are correct. A larger mean shows that the errors are larger than
-stated.
+If the covariances are correct, the mean of the normalised squared errors divided by the number of
+dimensions is 1 (Bar-Shalom, Li, Kirubarajan 2001, section 5.4). A larger mean shows that the errors
+are larger than stated.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from tertia._arrays import FloatArray, integer, real, samples, scalar_or_array, 
 
 
 def nees(error: npt.ArrayLike, covariance: npt.ArrayLike) -> float | FloatArray:
-    """Return normalised estimation errors squared, `e' P^-1 e`.
+    """Return the normalised estimation errors squared, `e' P^-1 e`.
 
     Parameters
     ----------
     error : array_like of shape (..., m)
-        Estimation errors, estimate minus truth; nan where one is missing.
+        Estimation errors, which are estimates minus true values; nan if one is missing.
     covariance : array_like of shape (..., m, m)
         Stated covariances.
 
@@ -67,12 +67,12 @@ def nees(error: npt.ArrayLike, covariance: npt.ArrayLike) -> float | FloatArray:
 
 
 def nis(innovation: npt.ArrayLike, variance: npt.ArrayLike) -> float | FloatArray:
-    """Return normalised innovations squared, `innovation² / variance`.
+    """Return the normalised innovations squared, `innovation² / variance`.
 
     Parameters
     ----------
     innovation : array_like of shape (...)
-        Innovations, plot minus prediction; nan where one is missing.
+        Innovations, which are plots minus predictions; nan if a plot is missing.
     variance : array_like of shape (...)
         Stated variances of the innovations.
 
@@ -112,7 +112,7 @@ def consistency_bounds(
     Parameters
     ----------
     count : int
-        Number of independent errors in the mean.
+        Number of independent errors from which the mean is computed.
     dimension : int
         Number of components of each error.
     probability : float
@@ -149,12 +149,12 @@ def rmse(error: npt.ArrayLike, axis: int | tuple[int, ...] | None = None) -> flo
     error : array_like
         Estimation errors.
     axis : int or tuple of int, optional
-        Axes to average over; by default all.
+        Axes over which the squares are averaged; by default all axes.
 
     Returns
     -------
     float or ndarray
-        The root mean square; nan where there is no error to average.
+        The root mean square; nan if there is no error to average.
 
     Raises
     ------
@@ -180,26 +180,26 @@ def rmse(error: npt.ArrayLike, axis: int | tuple[int, ...] | None = None) -> flo
 
 
 def autocorrelation(innovation: npt.ArrayLike, nlags: int = 20) -> FloatArray:
-    """Return the autocorrelation of innovations; if the filter is correct, it is about 0.
+    """Return the autocorrelation of innovations; it is about 0 if the filter is correct.
 
     Parameters
     ----------
     innovation : array_like of shape (..., steps)
-        Innovations divided by their standard deviations; nan where one is missing.
+        Innovations divided by their standard deviations; nan if an innovation is missing.
     nlags : int
         The largest lag, less than the number of steps.
 
     Returns
     -------
     ndarray of shape (..., nlags + 1)
-        Autocorrelation at lags 0, 1, ...; the first is 1. For white innovations its standard
-        deviation is about 1 over the square root of the number of pairs. The mean of the
-        innovations, which should be 0 as well, is not subtracted.
+        Autocorrelation at lags 0, 1, ...; the first is 1. If the innovations are white, the
+        standard deviation of the autocorrelation is about 1 divided by the square root of the
+        number of pairs. The mean of the innovations, which should be 0 as well, is not subtracted.
 
     Raises
     ------
     ValueError, TypeError
-        If there are not more steps than `nlags`, or an argument has the wrong type.
+        If the number of steps does not exceed `nlags`, or an argument has the wrong type.
 
     Examples
     --------

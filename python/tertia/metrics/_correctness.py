@@ -1,4 +1,4 @@
-"""Runs of large errors, heights and identities of tracks, and false updates, by the truth."""
+"""Checks of runs of large errors, of heights and identities, and of false updates of tracks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _RUN = 3
 
 
 def in_runs(target: IntArray, time: FloatArray, error: FloatArray, large: float) -> BoolArray:
-    """Return which updates belong to runs of three or more large errors of one flight.
+    """Return which updates belong to runs of three or more successive large errors of one flight.
 
     In a run, the directions of successive errors differ by less than 90 degrees.
     """
@@ -34,7 +34,7 @@ def in_runs(target: IntArray, time: FloatArray, error: FloatArray, large: float)
 
 
 def heights(tracks: Tracks, truth: Truth, matching: Matching) -> tuple[BoolArray, BoolArray]:
-    """Return which updates have a height that can be checked, and which of these are correct."""
+    """Return which updates have a height that can be checked, and which have a correct one."""
     true = truth.height_at(matching.target, tracks.time)
     own = getattr(tracks, "height", None)
     off = np.abs((np.nan if own is None else np.asarray(own, dtype=np.float64)) - true)
@@ -42,7 +42,7 @@ def heights(tracks: Tracks, truth: Truth, matching: Matching) -> tuple[BoolArray
 
 
 def identities(tracks: Tracks, truth: Truth, matching: Matching) -> tuple[BoolArray, BoolArray]:
-    """Return which updates have an identity that can be checked, and which of these are correct."""
+    """Return which updates have an identity that can be checked, and which a correct one."""
     true = truth.identity_at(matching.target, tracks.time)
     own = getattr(tracks, "identity", None)
     reported = np.full(len(true), -1) if own is None else np.asarray(own)
@@ -51,7 +51,7 @@ def identities(tracks: Tracks, truth: Truth, matching: Matching) -> tuple[BoolAr
 
 
 def with_any(truth: Truth, known: BoolArray | None) -> BoolArray:
-    """Return which targets have a known value at some time."""
+    """Return which targets have a known value at one time at least."""
     found = np.zeros(len(truth), dtype=bool)
     if known is not None:
         found[truth.target[known]] = True
@@ -59,16 +59,16 @@ def with_any(truth: Truth, known: BoolArray | None) -> BoolArray:
 
 
 def squares_of(positions: FloatArray) -> int:
-    """Return the number of squares of 900 NM² that contain a position, from the south-west on."""
+    """Return how many squares of 900 NM² contain a position; the grid begins in the south-west."""
     square = np.floor((positions[:, :2] - positions[:, :2].min(axis=0)) / _SIDE)
     return len(np.unique(square, axis=0))
 
 
 def clumping(track: IntArray, usual: float) -> float:
-    """Return the variance of a number of false updates, relative to that of independent updates.
+    """Return the ratio of the variance of the number of false updates to the Poisson variance.
 
-    False updates come in tracks: with n updates each the variance is Σn² instead of Σn. If there
-    are none, the result is the usual value.
+    The false updates of one track are not independent events. If the false tracks have n updates
+    each, the variance is Σn² instead of Σn. If there are no false updates, the result is `usual`.
     """
     counts = np.unique(track, return_counts=True)[1]
     return float(np.sum(counts**2) / np.sum(counts)) if len(counts) else usual

@@ -1,4 +1,4 @@
-"""Comparison of tracks with the truth: rows, positions at instants, GOSPA, overall figures."""
+"""Comparison of tracks with the truth: positions at common instants, GOSPA and overall figures."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ PARTS = ("GOSPA", "localisation", "missed", "false")
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Rows of tracks in seconds and metres, nan where unknown; tracks and radars are numbered."""
+    """Rows of tracks in SI units; unknown values are nan, and tracks and radars have numbers."""
 
     time: FloatArray
     track: IntArray
@@ -54,14 +54,14 @@ class Rows:
     identity: IntArray | None = None
 
     def updates(self) -> Rows:
-        """Return the rows with a plot."""
+        """Return the rows that have a plot."""
         columns = {name: getattr(self, name) for name in self.__slots__}
         known = {name: column for name, column in columns.items() if column is not None}
         return replace(self, **{name: column[self.updated] for name, column in known.items()})
 
 
 def usual_periods(rows: Rows) -> list[float]:
-    """Return the median times between updates of a track by the same radar, in increasing order."""
+    """Return, in increasing order, the median time between the updates of a track by each radar."""
     time, track, radar = (x[rows.updated] for x in (rows.time, rows.track, rows.radar))
     periods = []
     for one in np.unique(radar):
@@ -76,7 +76,8 @@ def usual_periods(rows: Rows) -> list[float]:
 def pictures(rows: Rows, instants: FloatArray, lasting: float) -> FloatArray:
     """Return the positions of tracks, (M, T, 2), extrapolated from their last rows.
 
-    A track exists from its first row until `lasting` seconds after its last; nan otherwise.
+    A track exists from its first row until `lasting` seconds after its last row; at other times its
+    position is nan.
     """
     order = np.lexsort((rows.time, rows.track))
     _, starts = np.unique(rows.track[order], return_index=True)
@@ -95,10 +96,10 @@ def pictures(rows: Rows, instants: FloatArray, lasting: float) -> FloatArray:
 def gospa(
     rows: Rows, truth: Truth, periods: tuple[float, float], cutoff: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return instants, one per update interval, and GOSPA with its three parts, (T, 4).
+    """Return instants, one per update interval, and GOSPA at each with its parts, (T, 4).
 
-    `periods` are the required update interval and that of the slowest radar. The parts are roots:
-    their squares add up to that of GOSPA.
+    `periods` are the required update interval and the update interval of the slowest radar. The
+    parts are returned as distances: their squares add up to the square of GOSPA.
     """
     required, slowest = periods
     first, last = truth.time.min(), truth.time.max()
@@ -115,7 +116,7 @@ def gospa(
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """Tracks, the truth, and their comparison."""
+    """Tracks, the truth, and the results of their comparison."""
 
     rows: Rows
     truth: Truth
@@ -128,7 +129,7 @@ class Judged:
 
     @property
     def time(self) -> FloatArray:
-        """Times of the updates."""
+        """Times of the updates of the tracks in seconds."""
         return self.rows.time[self.rows.updated]
 
 
@@ -139,9 +140,9 @@ def judge(
     distance: float,
     limits: Mapping[str, float] | None = None,
 ) -> Judged:
-    """Compare tracks with the truth, and their indicators with limits.
+    """Compare tracks with the truth, and the indicators of the tracks with limits.
 
-    `periods` are the required update interval and that of the slowest radar.
+    `periods` are the required update interval and the update interval of the slowest radar.
     """
     updates = rows.updates()
     found = metrics.indicators(
@@ -159,7 +160,7 @@ def judge(
 
 
 def figures(judged: Judged, period: float) -> list[tuple[str, float | None, str]]:
-    """Return figures of all tracks: names, values and units; None for unknown values."""
+    """Return the figures of all tracks, with names, values and units; unknown values are None."""
     shown, truth = judged.indicators, judged.truth
     latency = shown.latency[~np.isnan(shown.latency)]
     confirmed = len(np.unique(judged.rows.track))
@@ -196,7 +197,7 @@ def figures(judged: Judged, period: float) -> list[tuple[str, float | None, str]
 def requirements(
     judged: Judged, limits: Mapping[str, float] | None
 ) -> list[tuple[str, Indicator, float | None, str]]:
-    """Return the indicators that may have limits: names, figures, limits and units."""
+    """Return the indicators that may have limits, with their names, values, limits and units."""
     limits = limits or {}
     rows = [
         (name, getattr(judged.indicators, key), limits.get(key), unit)
@@ -211,6 +212,6 @@ def _or_none(of: Callable[[Any], Any], values: FloatArray | BoolArray) -> float 
 
 
 def rmse(errors: FloatArray) -> float | None:
-    """Return the root mean square of the known errors; None if there are none."""
+    """Return the root mean square of the known errors; None if no error is known."""
     known = errors[~np.isnan(errors)]
     return float(metrics.rmse(known)) if known.size else None

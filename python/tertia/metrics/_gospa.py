@@ -22,7 +22,8 @@ class Gospa(Result):
     distance : float
         The metric, in metres: `(localisation + missed + false)^(1/p)`.
     localisation : float
-        Sum of the distances of estimates from their targets, each to the power `p`.
+        Sum of the distances of estimates from their targets, with each distance raised to the power
+        `p`.
     missed : float
         Cost of the targets without an estimate.
     false : float
@@ -56,16 +57,16 @@ def gospa(
     Parameters
     ----------
     estimates : array_like of shape (N, m)
-        Estimated positions at one instant, m = 2 or 3.
+        Estimated positions at one instant, in m = 2 or 3 dimensions.
     truth : array_like of shape (M, m)
-        True positions.
+        True positions at the same instant.
     cutoff : float
         Distance in metres at and beyond which an estimate counts as false and its target as missed.
     p : float
         Exponent, at least 1. Larger values give more weight to large errors.
     alpha : float
-        Divisor of the cost of a missed target or false estimate, above 0 and at most 2. With 2,
-        each of them costs half of `cutoff**p`.
+        Divisor, above 0 and at most 2: each missed target and each false estimate costs `cutoff**p`
+        divided by it.
 
     Returns
     -------
@@ -75,16 +76,17 @@ def gospa(
     Raises
     ------
     ValueError, TypeError
-        If positions do not fit, `cutoff` or the exponent is outside its domain, or an argument has
-        the wrong type.
+        If the shapes of the positions do not fit, `cutoff` or the exponent is outside its domain,
+        or an argument has the wrong type.
 
     Notes
     -----
-    Rahmathullah, Garcia-Fernandez, Svensson 2017, definition 1: the smallest sum, over all
-    one-to-one assignments of the smaller set to the larger one, of `min(d, cutoff)^p`, plus
-    `cutoff^p / alpha` for each element of the larger set that remains. A pair at the cutoff counts
-    as one missed target and one false estimate, each with half of the cost of the pair. Only with
-    `alpha = 2` do the parts give all missed targets and false estimates the same cost.
+    The metric is that of Rahmathullah, Garcia-Fernandez and Svensson (2017), definition 1. Each
+    element of the smaller set is assigned to another element of the larger set, so that the sum of
+    `min(d, cutoff)^p` over all pairs is smallest; each element of the larger set that remains adds
+    `cutoff^p / alpha`. A pair whose distance reaches the cutoff counts as one missed target and one
+    false estimate, each with half of the cost of the pair. Only with `alpha = 2` do all missed
+    targets and false estimates have the same cost.
 
     Examples
     --------
@@ -125,7 +127,7 @@ def gospa(
 def pairs_within(
     points: FloatArray, others: FloatArray, limit: float
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Return the indices and distances of all pairs within a distance."""
+    """Return the indices and distances of all pairs of points that are within a given distance."""
     m = points.shape[-1]
     # in units of the limit, so that squares stay in range
     unit = np.broadcast_to(np.eye(m), (len(points), m, m))

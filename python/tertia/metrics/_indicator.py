@@ -26,9 +26,9 @@ class Indicator:
     count : int
         Number of values from which it was computed.
     effective_number : float
-        Number of independent values that would give an interval of the same size.
+        Number of independent values that would give a confidence interval of the same size.
     verdict : str
-        Conclusion in words; empty if the figure neither confirms nor contradicts a claim.
+        Conclusion in words; empty if there is no claim with which the figure can be compared.
     """
 
     value: float
@@ -39,13 +39,13 @@ class Indicator:
     verdict: str
 
     def __str__(self) -> str:
-        """Return the figure, its interval and the verdict."""
+        """Return the figure, its interval and the verdict as text."""
         value, interval = text(self.value, self.low, self.high)
         return f"{value} {interval}" + (f": {self.verdict}" if self.verdict else "")
 
 
 def digits(value: float) -> str:
-    """Return a number to two or three digits, without an exponent."""
+    """Return a number as text with two or three digits and without an exponent."""
     if not math.isfinite(value):
         return "unbounded" if value > 0 else "unknown"
     size = abs(value)
@@ -53,7 +53,7 @@ def digits(value: float) -> str:
 
 
 def text(value: float, low: float, high: float) -> tuple[str, str]:
-    """Return a figure and its interval as text, rounded to about a quarter of the interval."""
+    """Return a figure and its interval as text, rounded to about a quarter of its length."""
     # a bound of such a size says nothing, unless nothing was found
     bounded = high <= _MOST_RATIO * max(abs(value), abs(low)) or (value == 0 and high < math.inf)
     length = high - low if bounded else abs(value)
@@ -68,7 +68,7 @@ def text(value: float, low: float, high: float) -> tuple[str, str]:
 
 
 def factor_verdict(value: float, low: float, high: float, number: float) -> str:
-    """Return the verdict about the sigmas, from the factor for the covariances."""
+    """Return the verdict about the sigmas, which follows from the factor for the covariances."""
     if low > 1.0:
         return "too small by a factor of {} {}".format(*text(*map(math.sqrt, (value, low, high))))
     if high < 1.0:
@@ -78,7 +78,7 @@ def factor_verdict(value: float, low: float, high: float, number: float) -> str:
 
 
 def share_verdict(low: float, high: float, probability: float, number: float) -> str:
-    """Return the verdict about regions, from the share of true values inside them."""
+    """Return the verdict about regions, from the proportion of true values inside them."""
     if high < probability:
         return "too small"
     if low > probability:
@@ -87,11 +87,11 @@ def share_verdict(low: float, high: float, probability: float, number: float) ->
 
 
 def honest_if(number: float) -> str:
-    """Return the verdict if nothing contradicts the claim."""
+    """Return the verdict for a record that does not contradict the stated sigmas."""
     return HONEST if number >= LEAST_NUMBER else TOO_SHORT
 
 
 def share_text(share: Indicator) -> str:
-    """Return a share and its interval in percent."""
+    """Return a proportion and its interval in percent, as text."""
     value, interval = text(*(100 * x for x in (share.value, share.low, share.high)))
     return f"{value} % {interval}"

@@ -83,33 +83,38 @@ class Indicators(Result):
     missed_targets : int
         Number of targets without a track.
     switches : int
-        Number of track swaps, in which a target continues under another track.
+        Number of track swaps: how often a target continues under the number of another track.
     latency : ndarray of shape (K,)
-        Seconds from the first time of a target to its first update; nan if it has none.
+        Time in seconds from the first true position of each target to its first update; nan if it
+        has no update.
     data_age : Indicator
-        Mean time in seconds since the last update, while a target is tracked.
+        Mean time in seconds since the last update of a target, over the time during which it is
+        tracked.
     pair_time_offset : Indicator
-        Root mean square time in seconds between the updates of two close targets.
+        Root mean square of the time in seconds between the updates of two targets close to each
+        other.
     rmse : Indicator
-        Root mean square distance of the updates from their targets, in metres.
+        Root mean square of the distances of the updates from their targets, in metres.
     large_error_ratio : Indicator
-        Fraction of the updates that are in runs of three or more large errors in similar
+        Fraction of the updates that belong to runs of three or more large errors in similar
         directions.
     probability_of_height_update, probability_of_identity_update : Indicator
         Fraction of the expected updates that took place with the correct height or identity; nan if
-        tracks or truth have none.
+        the tracks or the truth have no heights or identities.
     wrong_height_ratio, wrong_identity_ratio : Indicator
-        Fraction of the updates with a height, or with an identity, in which it is wrong.
+        Fraction of the updates with a wrong height among those with a height, and with a wrong
+        identity among those with an identity.
     continuity : Indicator
-        Fraction of the tracked targets whose track kept its number.
+        Fraction of the tracked targets that kept the same track number throughout.
     false_tracks_per_hour : Indicator
-        False tracks per hour of the recording.
+        Number of false tracks per hour of the recording.
     near_false_tracks_per_hour : Indicator
-        False tracks per hour that are close to a target at one of their updates.
+        Number, per hour, of false tracks that are close to a target at one or more of their
+        updates.
     false_update_density : Indicator
-        False updates per 900 square nautical miles and 450 update intervals.
+        Number of false updates per 900 square nautical miles and 450 update intervals.
     matching : Matching
-        Target of each update. The arrays above have the targets in the order of
+        The target of each update. In the arrays of shape (K,), the targets have the order of
         `matching.targets`.
     """
 
@@ -155,12 +160,13 @@ def indicators(
     limits: Mapping[str, float] | None = None,
     confidence_level: float = 0.95,
 ) -> Indicators:
-    """Compare tracks with the truth, by the performance indicators of air navigation services.
+    """Compare tracks with the truth by the performance indicators of air navigation services.
 
     Parameters
     ----------
     tracks : Tracks
-        Updates of tracks, as for `match_tracks`; with `height` and `identity`, (N,), if known.
+        Updates of tracks, as for `match_tracks`. They may also have a `height` and an `identity`,
+        of shape (N,).
     truth : Truth
         The true positions of the targets.
     max_distance : float
@@ -168,11 +174,12 @@ def indicators(
     update_interval : float
         Required time between updates in seconds.
     limits : mapping of str to float, optional
-        Limits of indicators by the names of their attributes, from the specification that applies;
-        there are no default limits. Probabilities and `continuity` must be at least their limit,
-        all other figures at most. The verdict is "met", "not met", or, if the interval contains the
-        limit, "not shown". The additional name `large_error` sets the distance in metres beyond
-        which an error is large; by default 926, half a nautical mile.
+        Limits of indicators, by the names of their attributes, as in the specification that
+        applies; there are no default limits. Probabilities and `continuity` must be at least as
+        large as their limits, and all other figures at most as large. The verdict is "met", "not
+        met", or, if the interval contains the limit, "not shown". The additional name `large_error`
+        sets the distance in metres beyond which an error is large; the default is 926, half a
+        nautical mile.
     confidence_level : float
         Confidence level of the intervals.
 
@@ -184,8 +191,8 @@ def indicators(
     Raises
     ------
     ValueError, TypeError
-        As for `match_tracks`; also if `update_interval` is not positive, a limit has the name of no
-        figure, or the confidence level is not between 0 and 1.
+        As for `match_tracks`; also if `update_interval` is not positive, a limit has a name that is
+        not that of a figure, or the confidence level is not between 0 and 1.
 
     Notes
     -----
@@ -194,32 +201,35 @@ def indicators(
     evaluated from its first update to the end of its truth. A gap of `dt` between two updates has
     `round(dt / update_interval)` expected updates, one of which took place. From the last update to
     the end of the truth, `floor(dt / update_interval + 0.1)` updates are missed. A target without
-    any update misses all updates from its first time on. Sums are over all targets, so every
-    expected update has the same weight. The time until the first update is not counted; it is given
-    in `latency`.
+    any update misses all updates from its first time on. Updates are summed over all targets, so
+    every expected update has the same weight. The time before the first update is not evaluated;
+    `latency` states it.
 
     A height is wrong if it is off by more than 300 ft. A run consists of at least three updates of
     a target, each farther off than `large_error`, whose directions change by less than 90 degrees
     from one to the next. Runs matter because they can make two targets seem separated that are not.
-    The probabilities of update of height and identity are counted like those of position, from the
-    first correct value on.
+    The probabilities of update of height and identity are computed like the probability of update
+    of the position, but from the first correct value on.
 
-    The age grows from zero at an update until the next update, so its mean over time is half the
-    interval if updates are regular. Gaps longer than 3.3 intervals are not included, as they are
-    long gaps. Two targets are close within 10 nautical miles. Each update of one is compared with
-    the nearest update of the other, if there is one within half an interval. For the density, the
-    area is that of the squares with sides of 30 nautical miles that contain a target or an update.
+    The age of the data is zero at an update and grows until the next update. If updates are
+    regular, its mean over time is therefore half the update interval. Gaps longer than 3.3
+    intervals are not included, because they are counted as long gaps. Two targets are close to each
+    other if they are within 10 nautical miles. Each update of one target is compared with the
+    nearest update in time of the other, if there is one within half an update interval. For the
+    density of false updates, the area is the total area of the squares with sides of 30 nautical
+    miles that contain a target or an update.
 
     Updates of one flight are not independent, so intervals are computed by flight. The interval of
-    a share is Wilson's (1927), with quantiles of Student's distribution, and with the number of
-    updates divided by the design effect, the ratio of the variance by flight to that of independent
-    updates (Kish 1965). If all or no updates took place, or if there is only one flight, the design
-    effect is taken as 4. The intervals of the root mean square and of the mean age are percentiles
-    of 2000 resamples of the flights; with one flight they are unbounded. Offsets of pairs that
-    share a flight are correlated; their variance is the jackknife's by flight. The interval of the
+    a proportion is Wilson's (1927), with quantiles of Student's t distribution. For it, the number
+    of updates is divided by the design effect, which is the ratio of the variance estimated from
+    the flights to the variance of independent updates (Kish 1965). If all or no updates took place,
+    or if there is only one flight, the design effect is assumed to be 4. The intervals of the root
+    mean square and of the mean age are percentiles over 2000 resamples of the flights; with only
+    one flight they are unbounded. The time offsets of pairs of targets that have a flight in common
+    are correlated; their variance is estimated by a jackknife over flights. The interval of the
     rate of false tracks is Byar's approximation of the Poisson interval. The interval of the
     density is computed in the same way with a reduced number of updates, because the updates of one
-    false track come together.
+    false track are not independent events.
 
     Examples
     --------
@@ -351,7 +361,7 @@ def _limits(given: Mapping[str, float] | None) -> tuple[dict[str, float], float]
 def _updates(
     truth: Truth, of: IntArray, time: FloatArray, update_interval: float
 ) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
-    """Return expected updates, missed ones, those missed in long gaps, and first times, (K,).
+    """Return numbers of expected, missed and long-gap updates, and times of first updates, (K,).
 
     `of` is the target of each update; updates without a target, -1, are not counted.
     """

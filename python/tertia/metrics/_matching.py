@@ -33,14 +33,14 @@ def track_errors(
     Parameters
     ----------
     error : array_like of shape (..., 2)
-        Estimate minus truth, east and north; nan where one is missing.
+        Estimated minus true position, east and north; nan if one of the two is missing.
     course : array_like of shape (...)
         True courses in radians, clockwise from north.
 
     Returns
     -------
     along_track, cross_track : float or ndarray of shape (...)
-        Errors along the course, positive ahead, and across it, positive to the right.
+        Errors along the course, positive forward, and across the course, positive to the right.
 
     Raises
     ------
@@ -83,11 +83,11 @@ class Matching(Result):
     target : ndarray of int, shape (N,)
         Index into `targets`; -1 for an update without a target.
     error : ndarray of shape (N, m)
-        Position minus truth; nan for an update without a target.
+        Estimated minus true position; nan for an update without a target.
     targets : ndarray of shape (K,)
         The identifiers of the targets, as in `Truth`.
     switches : ndarray of int, shape (K,)
-        Number of times that each target continued under another track.
+        Number of times that each target continued under the number of another track.
     """
 
     _rows: ClassVar = "target", 0
@@ -104,25 +104,25 @@ class Matching(Result):
         return self.target >= 0
 
     def __repr__(self) -> str:
-        """Return how many updates belong to a target."""
+        """Return a text that states how many updates belong to a target."""
         count = np.count_nonzero(self.matched)
         return f"Matching({count} of {len(self.target)} updates, {len(self.targets)} targets)"
 
 
 class Tracks(Protocol):
-    """A type with updates of tracks, such as `tertia.tracker.TrackTable`."""
+    """A type that has updates of tracks, such as `tertia.tracker.TrackTable`."""
 
     @property
     def time(self) -> npt.ArrayLike:
-        """Times in seconds, in any order, of shape (N,)."""
+        """Times in seconds, of shape (N,), in any order."""
 
     @property
     def track(self) -> npt.ArrayLike:
-        """Identifiers of the tracks, integers or strings, of shape (N,)."""
+        """Identifiers of the tracks, of shape (N,); they are integers or strings."""
 
     @property
     def position(self) -> npt.ArrayLike:
-        """Positions in metres, of shape (N, m), m = 2 or 3."""
+        """Positions in metres, of shape (N, m), where m is 2 or 3."""
 
 
 def match_tracks(
@@ -134,15 +134,16 @@ def match_tracks(
     ----------
     tracks : Tracks
         An object with `time` (N,), `track` (N,) and `position` (N, m), such as a `TrackTable`.
-        Every row counts as an update: first remove rows without a plot and rows of tentative
-        tracks.
+        Every row counts as an update; therefore remove rows without a plot and rows of tentative
+        tracks first.
     truth : Truth
         The true positions of the targets.
     max_distance : float
         Largest distance in metres from a track to its target.
     update_interval : float, optional
-        Time in seconds in which every track is updated about once; the updates within such a time
-        are matched together. By default, updates with equal times are matched together.
+        Time in seconds in which every track is updated about once; the updates within an interval
+        of this length are matched together. By default, updates with equal times are matched
+        together.
 
     Returns
     -------
@@ -157,12 +158,12 @@ def match_tracks(
 
     Notes
     -----
-    As in CLEAR MOT (Bernardin, Stiefelhagen 2008), a track keeps its target while it is within
-    `max_distance`, even if another target is nearer, unless the target has continued under another
-    track in the meantime. The remaining tracks and targets are paired one to one: as many pairs as
-    possible and, among these choices, the one with the smallest sum of distances. A second track of
-    the same target is therefore without a target. If a track is updated several times in an
-    interval, its distance is the mean distance of these updates.
+    As in CLEAR MOT (Bernardin, Stiefelhagen 2008), a track keeps its target while their distance is
+    at most `max_distance`, even if another target is nearer, unless the target has been paired with
+    another track in the meantime. The remaining tracks and targets are paired one to one, so that
+    there are as many pairs as possible and, with that number of pairs, the sum of their distances
+    is smallest. A second track of the same target is therefore not paired with a target. If a track
+    is updated several times in an interval, the mean distance of these updates is used.
 
     Examples
     --------
@@ -210,7 +211,7 @@ def _scans(time: FloatArray, update_interval: float | None) -> tuple[IntArray, I
 def _candidates(
     truth: Truth, time: FloatArray, position: FloatArray, limit: float
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Return pairs of updates of a scan and targets within the limit, and their errors."""
+    """Return pairs of an update of a scan and a target within the limit, and their errors."""
     low, high = time[0], time[-1]
     there = np.flatnonzero((truth.first <= high) & (truth.last >= low))
 
@@ -232,7 +233,7 @@ def _candidates(
 
 
 class _Memory:
-    """The last pairing of tracks and targets."""
+    """The most recent pairs of tracks and targets."""
 
     def __init__(self, tracks: int, targets: int) -> None:
         self.target_of = np.full(tracks, _NONE)

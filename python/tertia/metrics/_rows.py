@@ -20,7 +20,7 @@ _SAME_TIME = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Errors, covariances, groups, times or row numbers, and velocities of targets."""
+    """Errors, their covariances and groups, times or row numbers, and velocities of targets."""
 
     errors: FloatArray
     covariance: FloatArray
@@ -30,7 +30,7 @@ class Rows:
     velocity: FloatArray | None
 
     def known(self) -> BoolArray:
-        """Return which rows have all their numbers."""
+        """Return which rows contain only finite numbers."""
         parts = [self.errors, self.covariance, self.position]
         parts += [x for x in (self.truth_covariance, self.velocity) if x is not None]
         known = np.ones(len(self.errors), dtype=np.bool_)
@@ -99,7 +99,7 @@ def require_squarable(errors: FloatArray, name: str) -> None:
 
 
 def labels_of(value: npt.ArrayLike | None, name: str, count: int) -> IntArray:
-    """Return a number for each label."""
+    """Return an integer for each label, the same for equal labels."""
     if value is None:
         return np.zeros(count, dtype=np.int64)
     labels = array_of(value, name)
@@ -112,7 +112,7 @@ def labels_of(value: npt.ArrayLike | None, name: str, count: int) -> IntArray:
 
 
 def in_order(group: IntArray, time: FloatArray | None) -> tuple[IntArray, FloatArray]:
-    """Return the rows in order of group and time, and the time or number of each row."""
+    """Return the rows sorted by group and time, and the time or the number of each row."""
     if time is not None:
         return np.lexsort((time, group)), time
     order = np.argsort(group, kind="stable")
@@ -122,7 +122,7 @@ def in_order(group: IntArray, time: FloatArray | None) -> tuple[IntArray, FloatA
 
 
 def gaps_of(position: FloatArray, group: IntArray) -> FloatArray:
-    """Return the number of usual steps since the previous row; 0 where a group begins."""
+    """Return the time since the previous row in units of the usual step; 0 where a group begins."""
     begins = np.diff(group, prepend=-1) != 0
     gaps = np.diff(position, prepend=0.0)
     steps = gaps[~begins]
@@ -134,7 +134,7 @@ def gaps_of(position: FloatArray, group: IntArray) -> FloatArray:
 def strata_of(
     given: npt.ArrayLike | Mapping[str, npt.ArrayLike] | None, known: BoolArray
 ) -> dict[str, BoolArray]:
-    """Return the rows of each part, by its name."""
+    """Return the rows of each part of the record, by the name of the part."""
     if given is None:
         return {}
     several = given if isinstance(given, Mapping) else {"": given}
@@ -167,7 +167,7 @@ def _parts(labels: npt.NDArray[Any]) -> list[tuple[str, BoolArray]]:
 
 
 def require_definite(matrices: FloatArray, known: BoolArray, name: str) -> None:
-    """Raise an error at the first covariance without an inverse."""
+    """Raise an error that names the first covariance that is not positive definite."""
     try:
         np.linalg.cholesky(matrices[known])
     except np.linalg.LinAlgError:

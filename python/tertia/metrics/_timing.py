@@ -1,4 +1,4 @@
-"""Times of updates: the age of the last one, and offsets between close targets."""
+"""Times of updates: the age of the last update, and time offsets between close targets."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CLOSE = 10.0 * NAUTICAL_MILE
 
 
 def ages(target: IntArray, time: FloatArray, longest: float) -> tuple[IntArray, FloatArray]:
-    """Return the gaps between updates that are not too long, and the target of each.
+    """Return the gaps between updates that are not too long, and the target of each gap.
 
     Updates without a target, -1, have no gaps.
     """
@@ -29,9 +29,10 @@ def ages(target: IntArray, time: FloatArray, longest: float) -> tuple[IntArray, 
 def offsets(
     matching: Matching, time: FloatArray, position: FloatArray, update_interval: float
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Return pairs of close targets, and the seconds between nearest updates of the two.
+    """Return pairs of close targets, and the seconds between their nearest updates.
 
-    Each update of either target counts if the other target has an update within half an interval.
+    An update of one target is counted if the other target has an update within half an update
+    interval.
     """
     half = update_interval / 2
     rows = np.flatnonzero(matching.matched)

@@ -16,8 +16,8 @@ from tertia._arrays import BoolArray, FloatArray, IntArray, array_of, finite, sa
 class Truth:
     """True positions of targets over time, for comparison with tracks.
 
-    The truth is interpolated linearly between its times; a target is absent before its first and
-    after its last time.
+    Positions are interpolated linearly between the given times. A target is absent before its first
+    and after its last given time.
 
     Parameters
     ----------
@@ -26,20 +26,20 @@ class Truth:
     target : array_like of shape (L,)
         Identifiers of the targets: integers or strings.
     position : array_like of shape (L, m)
-        Positions in metres, m = 2 or 3.
+        Positions in metres, in m = 2 or 3 dimensions.
     covariance : array_like of shape (m, m) or (L, m, m), optional
-        Covariances of the errors of the true positions, if they are not exact, for example from
-        GPS.
+        Covariances of the errors of the true positions, if these positions are not exact, for
+        example because they are from GPS.
     height : array_like of shape (L,), optional
-        True heights in metres, as tracks should report them; nan where unknown.
+        True heights in metres, as tracks should report them; nan where a height is unknown.
     identity : array_like of int, shape (L,), optional
-        True replies of the transponders, as tracks should report them; -1 where unknown.
+        True replies of the transponders, as tracks should report them; -1 where a reply is unknown.
 
     Attributes
     ----------
     time : ndarray of shape (L,)
     position : ndarray of shape (L, m)
-        Sorted by target and time, as are the other columns.
+        True positions in metres. All columns are sorted by target and time.
     covariance : ndarray of shape (L, m, m) or None
         Covariances of the positions.
     height : ndarray of shape (L,) or None
@@ -127,7 +127,7 @@ class Truth:
         return len(self.targets)
 
     def __repr__(self) -> str:
-        """Return the numbers of targets and positions."""
+        """Return a text that states the numbers of targets and positions."""
         return f"Truth({len(self)} targets, {len(self.time)} positions)"
 
     def __iter__(self) -> Iterator[tuple[Any, FloatArray, FloatArray]]:
@@ -137,7 +137,7 @@ class Truth:
         yield from zip(self.targets.tolist(), *paths, strict=True)
 
     def present(self, target: npt.ArrayLike, time: npt.ArrayLike) -> BoolArray:
-        """Return whether targets are present at given times; arguments as for `at`."""
+        """Return whether targets are present at given times; the arguments are those of `at`."""
         k, when = np.asarray(target), np.asarray(time)
         return np.asarray((k >= 0) & (when >= self.first[k]) & (when <= self.last[k]))
 
@@ -163,13 +163,14 @@ class Truth:
         return found
 
     def covariance_at(self, target: npt.ArrayLike, time: npt.ArrayLike) -> FloatArray:
-        """Return covariances of the positions at given times; arguments as for `at`.
+        """Return covariances of the positions at given times; the arguments are those of `at`.
 
         Returns
         -------
         ndarray of shape (..., m, m)
-            In square metres, interpolated linearly, because errors of the truth are correlated in
-            time; zero if no covariance was given, nan where a target is absent.
+            Covariances in square metres. They are interpolated linearly, because errors of the
+            truth are correlated over time; they are zero if no covariance was given, and nan where
+            a target is absent.
         """
         k, when = np.broadcast_arrays(np.asarray(target), np.asarray(time, dtype=np.float64))
         there, m = self.present(k, when), self.position.shape[1]
@@ -181,7 +182,7 @@ class Truth:
         return found.reshape(*k.shape, m, m)
 
     def height_at(self, target: npt.ArrayLike, time: npt.ArrayLike) -> FloatArray:
-        """Return heights at given times by linear interpolation; arguments as for `at`.
+        """Return heights at given times by linear interpolation; the arguments are those of `at`.
 
         Returns
         -------
@@ -196,7 +197,7 @@ class Truth:
         return found
 
     def identity_at(self, target: npt.ArrayLike, time: npt.ArrayLike) -> IntArray:
-        """Return identities at given times, from the last known row; arguments as for `at`.
+        """Return the last known identities at given times; the arguments are those of `at`.
 
         Returns
         -------
@@ -210,9 +211,10 @@ class Truth:
         return found
 
     def course(self, target: npt.ArrayLike, time: npt.ArrayLike) -> FloatArray:
-        """Return courses at given times in radians, clockwise from north; arguments as for `at`.
+        """Return courses in radians, clockwise from north; the arguments are those of `at`.
 
-        They are interpolated between central differences; nan for a target with only one position.
+        Courses are interpolated between central differences of the positions; they are nan for a
+        target with only one position.
         """
         k, when = np.broadcast_arrays(np.asarray(target), np.asarray(time, dtype=np.float64))
         found = np.full(k.shape, np.nan)
@@ -252,7 +254,7 @@ def _identities(identity: npt.ArrayLike, count: int) -> IntArray:
 
 
 def _spread(covariance: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    """Return a covariance for each position, checked."""
+    """Return a covariance for each position, after a check of all covariances."""
     given, (count, m) = finite(covariance, "covariance"), shape
     if given.shape not in {(m, m), (count, m, m)}:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""The number of independent errors that a record is worth, and intervals of its figures."""
+"""Numbers of independent errors with the same information as a record, and intervals of figures."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ class Worth:
 
     @property
     def effective_number(self) -> float:
-        """The effective number that would give the mean variance."""
+        """The effective number that corresponds to the mean variance over all possible numbers."""
         return float(1.0 / np.sum(self.probability / self.number))
 
     def _record(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in self.__slots__}
 
     def of_mean(self, values: FloatArray, axes: int, level: float) -> tuple[float, float]:
-        """Return the interval of the expected value of squares."""
+        """Return a confidence interval for the expected value of the squares."""
         mean = float(values.mean())
         if mean == 0.0:
             return 0.0, 0.0
@@ -45,22 +45,22 @@ class Worth:
         return low, high
 
     def of_share(self, share: float, level: float) -> tuple[float, float]:
-        """Return the interval of a probability, given the observed share."""
+        """Return a confidence interval for a probability, given the observed proportion."""
         low, high = _core.share_interval(share, self._record(), level)
         return low, high
 
     def of_rank(self, probability: float, level: float) -> tuple[float, float]:
-        """Return the interval of the observed share, given a probability."""
+        """Return an interval for the proportion that is observed, given the probability."""
         low, high = _core.rank_interval(probability, self._record(), level)
         return low, high
 
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """The variability of a record's figures, from its groups or the correlation of its errors.
+    """The variability of figures of a record, from its groups or the correlation of its errors.
 
-    `errors` are whitened, (N, m), in order of group and time; `gaps` are the steps since the
-    previous row, 0 where a group begins.
+    `errors` are whitened errors, (N, m), in order of group and time; `gaps` are the numbers of
+    steps since the previous row, 0 where a group begins.
     """
 
     squares: FloatArray
@@ -70,7 +70,7 @@ class Record:
 
     @classmethod
     def of(cls, errors: FloatArray, gaps: FloatArray, group: IntArray) -> Record:
-        """Return the record of errors."""
+        """Return the record that these errors make up."""
         count, axes = errors.shape
         squares = np.sum(errors**2, axis=-1)
         if _balanced(group) >= LEAST_GROUPS:
@@ -84,11 +84,11 @@ class Record:
         return cls(squares, axes, group, lasting)
 
     def of_mean(self) -> Worth:
-        """Return the effective numbers for the mean square."""
+        """Return the effective numbers of values for the mean square of the errors."""
         return self._worth(self.squares, (_OF_ERRORS, _OF_RANKS))
 
     def of_inside(self, inside: BoolArray, probability: float) -> Worth:
-        """Return the effective numbers for the share inside a region of this probability."""
+        """Return the effective numbers for the proportion inside a region of this probability."""
         least = 0.5 / len(inside)
         content = min(max(probability, least), 1.0 - least)
         if self.models:
@@ -99,7 +99,7 @@ class Record:
         return self._worth(inside.astype(np.float64), ())
 
     def of_score(self, score: FloatArray) -> Worth:
-        """Return the effective number for the mean of a quantity that is linear in the errors."""
+        """Return the effective numbers for the mean of a quantity that is linear in the errors."""
         return self._worth(score, (_OF_RANKS, _OF_RANKS))
 
     def _worth(self, values: FloatArray, weights: tuple[FloatArray, ...]) -> Worth:
@@ -115,13 +115,13 @@ class Record:
 
 
 def _balanced(group: IntArray) -> float:
-    """Return the number of groups of equal size that would be worth as much."""
+    """Return the number of groups of equal size that would contain as much information."""
     sizes = np.bincount(group)
     return float(sizes.sum() ** 2 / np.sum(sizes.astype(np.float64) ** 2))
 
 
 def _clustered(values: FloatArray, group: IntArray) -> Worth:
-    """Return the effective number from the variance between groups (Liang, Zeger 1986)."""
+    """Return the effective number estimated by the variance between groups (Liang, Zeger 1986)."""
     count, groups = len(values), int(group.max()) + 1
     centred = values - values.mean()
     own = float(np.mean(centred**2))
@@ -135,7 +135,7 @@ def _clustered(values: FloatArray, group: IntArray) -> Worth:
 def _larger(
     one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the distribution of the larger of two independent variables: probabilities, values."""
+    """Return the probabilities and the values of the larger of two independent variables."""
     values = np.union1d(one[1], other[1])
 
     def below(probability: FloatArray, value: FloatArray) -> FloatArray:

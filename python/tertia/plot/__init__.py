@@ -1,9 +1,10 @@
 """Pictures of measurements, outliers and results.
 
-Needs the extra `plot` (Matplotlib); without it the functions raise ImportError. They raise
-TypeError for an argument of the wrong type. They return the axes, and do not show or save anything.
-Outliers differ in shape as well as in colour; the colours are those of Okabe and Ito, which
-colour-blind readers can distinguish.
+This module needs the extra `plot` (Matplotlib). All functions return the axes on which they have
+drawn, and do not show or save anything. They raise ImportError if Matplotlib is not installed, and
+TypeError if an argument has the wrong type. Outliers differ from other measurements in shape as
+well as in colour. The colours are those of Okabe and Ito, which colour-blind readers can
+distinguish.
 """
 
 from tertia.plot._audit import audit

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def audit(result: Audit, *, ax: "Axes | None" = None, legend: bool = True) -> "Axes":
-    """Draw the share of true values inside the regions against the probability of the regions.
+    """Draw the proportion of true values inside regions against the probability of the regions.
 
     Parameters
     ----------
@@ -25,7 +25,8 @@ def audit(result: Audit, *, ax: "Axes | None" = None, legend: bool = True) -> "A
     Returns
     -------
     matplotlib.axes.Axes
-        The shares with their intervals, those of the strata, and the line of correct covariances.
+        The axes. They show the proportions with their intervals, the proportions for each stratum,
+        and the line on which the proportions lie if the covariances are correct.
 
     Raises
     ------

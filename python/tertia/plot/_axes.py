@@ -1,4 +1,4 @@
-"""Common parts of pictures: colours, legends, time axes, bands, ellipses, maps, texts."""
+"""Common parts of pictures: colours, legends, time axes, bands, ellipses, maps and texts."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -73,7 +73,7 @@ def draw_band(
 
 
 def bounds(value: FloatArray, half: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return `value` minus and plus `half`; nan where either is unknown."""
+    """Return `value` minus `half`, and `value` plus `half`; nan if `value` or `half` is unknown."""
     known = np.isfinite(value) & np.isfinite(half)
     shown, width = np.where(known, value, np.nan), np.where(known, half, np.nan)
     return shown - width, shown + width
@@ -104,7 +104,7 @@ def draw_deviations(
     *,
     inner: float,
 ) -> None:
-    """Draw deviations, (K, steps), and mark outliers; `inner` is the limit of the axis."""
+    """Draw deviations, (K, steps), and mark outliers; the axis extends from -`inner` to `inner`."""
     shown = np.clip(deviations, -inner, inner)
     for k, name in enumerate(names):
         has = np.isfinite(deviations[k])
@@ -127,7 +127,7 @@ def draw_deviations(
 
 
 def time_axis(time: npt.ArrayLike | None, count: int) -> Times:
-    """Return the times of the axis: as given, or numbers from 0."""
+    """Return the times for the axis: the given times or, by default, numbers from 0."""
     if time is None:
         return np.arange(count)
     times = np.asarray(time)
@@ -139,7 +139,7 @@ def time_axis(time: npt.ArrayLike | None, count: int) -> Times:
 
 
 def label_time(ax: "Axes", times: Times, label: str) -> None:
-    """Label the time axis, and shorten dates."""
+    """Label the time axis, and use a short format for dates."""
     from matplotlib.dates import ConciseDateFormatter  # noqa: PLC0415  # slow to import
 
     ax.set_xlabel(label)
@@ -158,7 +158,7 @@ def view_from_above(ax: "Axes", unit: str = "m", *, adjustable: Adjustable = "da
 
 
 def draw_sites(ax: "Axes", paths: Iterable[FloatArray], label: str) -> None:
-    """Draw sensors as triangles; moving sensors at the end of their paths, (n, 2)."""
+    """Draw sensors as triangles; a moving sensor is drawn at the end of its path, (n, 2)."""
     for k, path in enumerate(paths):
         ax.plot(
             *path.T,
@@ -177,25 +177,25 @@ def draw_sites(ax: "Axes", paths: Iterable[FloatArray], label: str) -> None:
 def add_names(
     ax: "Axes", names: Iterable[Any], places: FloatArray, shift: tuple[float, float] = (5, 5)
 ) -> None:
-    """Write names beside positions; None is not written."""
+    """Write names beside positions; where the name is None, nothing is written."""
     for name, place in zip(names, places, strict=True):
         if name is not None:
             ax.annotate(str(name), tuple(place[:2]), xytext=shift, textcoords="offset points")
 
 
 def names_of(sensors: Any, count: int) -> list[Any]:
-    """Return the names of sensors; None for sensors given as positions."""
+    """Return the names of sensors; None for sensors that are given as positions."""
     names = [getattr(one, "name", None) for one in sensors] if isinstance(sensors, Sequence) else []
     return names if len(names) == count else [None] * count
 
 
 def ellipse_radius(probability: float) -> float:
-    """Return the radius of the ellipse of a probability, in standard deviations."""
+    """Return the radius, in standard deviations, of an ellipse with the given probability."""
     return math.sqrt(-2 * math.log1p(-_share(probability, "probability")))
 
 
 def ellipse(centre: FloatArray, covariance: FloatArray, radius: float, name: str) -> FloatArray:
-    """Return the centre, a gap and the ellipse, of shape (n, 2)."""
+    """Return the points of the centre, a gap and the ellipse as one array, (n, 2)."""
     variances = np.diagonal(covariance)
     if not np.all(variances > 0):
         raise ValueError(f"{name} has a variance that is not positive in the components drawn")
@@ -214,7 +214,7 @@ def ellipse(centre: FloatArray, covariance: FloatArray, radius: float, name: str
 def ellipses(
     position: FloatArray, covariance: FloatArray, radius: float, rows: npt.ArrayLike, name: str
 ) -> FloatArray:
-    """Return the ellipses of some rows as one line, without their centres."""
+    """Return the error ellipses of some rows as one line with gaps, without their centres."""
     lines = [GAP]
     for row in np.asarray(rows, dtype=np.int64):
         line = ellipse(position[row, :2], covariance[row, :2, :2], radius, f"{name}[{row}]")
@@ -226,7 +226,7 @@ def ellipses(
 
 
 def near(angles: FloatArray, origin: float | FloatArray, period: float | None) -> FloatArray:
-    """Shift angles by whole periods to within half a period of the origin."""
+    """Shift angles by whole periods, so that they are within half a period of the origin."""
     if period is None:
         return angles
     turned: FloatArray = angles - period * np.round((angles - origin) / period)
@@ -234,7 +234,7 @@ def near(angles: FloatArray, origin: float | FloatArray, period: float | None) -
 
 
 def angle_unit(period: float | None) -> str:
-    """Return the unit of a period, as a suffix of axis labels."""
+    """Return the unit of angles with this period, as a suffix for axis labels."""
     units = {360.0: " (°)", 2 * math.pi: " (rad)"}
     return units.get(period or 0.0, "")
 
@@ -246,7 +246,7 @@ def wrapped_label(angle: float, period: float) -> str:
 
 
 def rounded(value: float, sigma: float) -> tuple[str, str]:
-    """Return a value and its sigma as text, to two significant digits of sigma."""
+    """Return a value and its sigma as text, both rounded to two significant digits of sigma."""
     if sigma < 1e-9 or math.isinf(sigma):
         return f"{value:.9g}", f"{sigma:.2g}"
     # rounded first: 0.0996 is 0.10, not 0.100
@@ -260,5 +260,5 @@ def with_sigmas(values: Iterable[float], sigmas: Iterable[float]) -> str:
 
 
 def counted(number: int | np.signedinteger[Any], noun: str) -> str:
-    """Return a number with its noun, in the plural unless the number is one."""
+    """Return a number with a noun, which is in the plural unless the number is one."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

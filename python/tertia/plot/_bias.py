@@ -30,7 +30,8 @@ def bias(
     result : Bias
         Bias of one sensor, as returned by `tertia.registration.calibrate`.
     azimuth, residual : array_like of shape (N,), optional
-        Azimuths, and measured minus true azimuths, in radians, to be drawn as points.
+        Azimuths in radians, and the measured minus the true azimuths in radians; they are drawn as
+        points.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
     legend : bool
@@ -39,12 +40,13 @@ def bias(
     Returns
     -------
     matplotlib.axes.Axes
-        The bias against the azimuth, both in degrees.
+        The axes. They show the bias against the azimuth, both in degrees.
 
     Raises
     ------
     ValueError
-        If these are the biases of several sensors, or the points have different shapes.
+        If `result` has the biases of several sensors, or `azimuth` and `residual` have different
+        shapes.
 
     Examples
     --------

@@ -37,21 +37,21 @@ def fused(
 ) -> "Axes":
     """Draw estimates of a vector and the fused estimate, with their error ellipses.
 
-    If there are more than two components, the ellipses are those of two of them.
+    If the vectors have more than two components, the ellipses are drawn for two of them.
 
     Parameters
     ----------
     estimates : array_like of shape (K, m)
-        The estimates, as given to `tertia.fusion.fuse`; for `tertia.fusion.fuse_scalar`, a single
-        row.
+        The estimates, as given to `tertia.fusion.fuse`, or the single row given to
+        `tertia.fusion.fuse_scalar`.
     covariances : array_like of shape (K, m, m)
         Covariances of the estimates.
     result : FusedEstimate
         The fused estimate.
     components : (int, int)
-        Indices of the components on the two axes, from 0.
+        Indices, counted from 0, of the components on the two axes.
     probability : float
-        Probability that an ellipse contains the true vector, for normal errors.
+        Probability that an ellipse contains the true vector if the errors are normally distributed.
     equal : bool
         Whether both axes have the same scale.
     ax : matplotlib.axes.Axes, optional
@@ -62,13 +62,14 @@ def fused(
     Returns
     -------
     matplotlib.axes.Axes
-        One component against the other. The first six estimates differ in colour, marker and line.
+        The axes. They show one component against the other. The first six estimates differ in
+        colour, marker and line style.
 
     Raises
     ------
     ValueError
-        If there is a batch, `estimates` or `covariances` do not fit `result`, the two components
-        are equal or do not exist, or the probability is not between 0 and 1.
+        If `result` is a batch, `estimates` or `covariances` do not fit it, the two components are
+        equal or do not exist, or the probability is not between 0 and 1.
 
     Examples
     --------
@@ -141,7 +142,7 @@ def _pair(components: Sequence[int], m: int) -> list[int]:
 
 
 def _draw_ellipses(ax: "Axes", ellipses: list[FloatArray]) -> None:
-    """Draw the estimates and then the fused estimate."""
+    """Draw the ellipses of the estimates, and then the ellipse of the fused estimate."""
     *estimates, fused = ellipses
     alike = len(estimates) > len(_ESTIMATES)
     for k, points in enumerate(estimates):

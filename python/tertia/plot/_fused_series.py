@@ -47,38 +47,40 @@ def fused_series(
     legend: bool = True,
     figure: "FigureBase | None" = None,
 ) -> tuple["Axes", "Axes", "Axes"]:
-    """Draw the plots of several sensors relative to their fused track, the weights and the noise.
+    """Draw the plots of several sensors relative to the fused angle, their weights and their noise.
 
     Parameters
     ----------
     z : array_like of shape (K, steps)
-        The plots, as given to `tertia.fusion.fuse_series`; nan is not drawn.
+        The plots, as given to `tertia.fusion.fuse_series`; values that are nan are not drawn.
     result : FusedSeries
         The fused track of these plots.
     measurement_variance : array_like of shape (), (K, 1) or (K, steps), optional
-        Variances given to `fuse_series`, to draw the stated standard deviations.
+        Variances that were given to `fuse_series`; if given here, the stated standard deviations
+        are drawn.
     time : array_like of shape (steps,), optional
-        Times of the steps, numbers or datetime64; by default they are numbered from 0.
+        Times of the steps, as numbers or datetime64; by default the steps are numbered from 0.
     period : float, optional
-        Period given to `fuse_series`.
+        Period that was given to `fuse_series`.
     sensors : sequence of str, optional
         Names of the sensors; by default they are numbered from 0.
     legend : bool
         Whether to draw a legend, below the panels.
     figure : matplotlib.figure.Figure or SubFigure, optional
-        Figure to draw on; by default a new one.
+        Figure to draw on; by default a new figure.
 
     Returns
     -------
     plots, weights, noise : matplotlib.axes.Axes
-        Three panels with a common time axis. Plots minus the fused angle, with the 2-sigma band of
-        the fused angle; outliers are crossed, and distant ones are drawn at the edge. Weights in
-        the fused angle. Estimated (solid) and stated (dashed) standard deviations of the plots.
+        Three panels with a common time axis. The first shows plots minus the fused angle, with the
+        2-sigma band of the fused angle; outliers are crossed, and distant outliers are drawn at the
+        edge. The second shows the weights of the sensors in the fused angle. The third shows the
+        estimated (solid) and stated (dashed) standard deviations of the plots.
 
     Raises
     ------
     ValueError
-        If `result` has a batch, or does not fit the other arguments.
+        If `result` is a batch, or does not fit the other arguments.
 
     Examples
     --------
@@ -146,7 +148,7 @@ def _stated(measurement_variance: npt.ArrayLike, plots: FloatArray) -> FloatArra
 def _draw_plots(
     ax: "Axes", times: Times, deviations: FloatArray, result: FusedSeries, names: list[str]
 ) -> None:
-    """Draw the deviations from the fused angle; outliers do not affect the scale."""
+    """Draw the deviations from the fused angle; outliers do not affect the scale of the axis."""
     width = 2 * result.sigma[:, 0]
     known = np.isfinite(width)
     edge = MARGIN * largest(np.where(result.outlier, np.nan, deviations), width[known])
@@ -158,7 +160,7 @@ def _draw_plots(
 
 
 def _draw_weights(ax: "Axes", times: Times, weights: FloatArray, has_plot: BoolArray) -> None:
-    """Draw the weights of all steps, in bold at the steps at which the sensor has a plot.
+    """Draw the weights at all steps, with bold lines at those steps at which the sensor has a plot.
 
     If sensors measure alternately, the weights change at every step.
     """

@@ -1,4 +1,4 @@
-"""Pictures of the gates of a tracker: around one prediction, and during a track."""
+"""Pictures of the gates of a tracker, around one prediction or over the course of a track."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -59,7 +59,7 @@ def gates(
     guard_acceleration: float = 5.0,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draw the gates around a prediction, their sectors, and the plots of the scan.
+    """Draw the gates around a prediction, the sectors of the gates, and the plots of the scan.
 
     Parameters
     ----------
@@ -72,23 +72,24 @@ def gates(
     radars : sequence of Radar
         The radars.
     guard_acceleration : float
-        Acceleration that widens the guard gate, in m/s².
+        Acceleration in m/s² by which the guard gate is widened.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
 
     Returns
     -------
     matplotlib.axes.Axes
-        Metres from the prediction. The inner, outer and guard gate contain a true plot with the
-        probabilities .65, .95 and .998. The widened guard gate has the covariance `S + a² t⁴/4` at
-        t seconds since the last plot, with the acceleration a. Lines separate the sectors ahead and
-        behind, which indicate a change of speed, from those at the sides, which indicate a change
-        of course.
+        The axes, in metres from the prediction. The inner, outer and guard gates contain a true
+        plot with the probabilities 0.65, 0.95 and 0.998. If the last plot is t seconds old, the
+        widened guard gate has the covariance `S + a² t⁴/4`, where S is the covariance of the
+        innovation and a is the acceleration. Lines separate the sectors ahead and behind, where a
+        plot indicates a change of speed, from the sectors at the sides, where a plot indicates a
+        change of course.
 
     Raises
     ------
     ValueError
-        If the row does not exist or has no plot, if the plots are not those of the table, or if the
+        If the row does not exist or has no plot, if `table` was made from other plots, or if the
         acceleration is not positive.
     TypeError
         If an argument has the wrong type.
@@ -162,7 +163,7 @@ def gates(
 
 
 def gate_history(table: TrackTable, track: int, *, ax: "Axes | None" = None) -> "Axes":
-    """Draw the normalised distances of a track's plots over time, with its gates.
+    """Draw the normalised distances of a track's plots from their predictions over time.
 
     Parameters
     ----------
@@ -176,9 +177,10 @@ def gate_history(table: TrackTable, track: int, *, ax: "Axes | None" = None) -> 
     Returns
     -------
     matplotlib.axes.Axes
-        The squared distance `d² = e' S⁻¹ e` of each innovation e, on a square-root scale, with the
-        thresholds of the three gates. The background is shaded where the track probably turns. A
-        plot beyond the guard gate was accepted in the widened guard gate.
+        The axes. They show the squared distance `d² = e' S⁻¹ e` of each innovation e, on a
+        square-root scale, with the thresholds of the three gates. The background is shaded at times
+        at which the target probably turns. A plot beyond the guard gate was accepted because it is
+        in the widened guard gate.
 
     Raises
     ------

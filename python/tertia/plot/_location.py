@@ -1,4 +1,4 @@
-"""Pictures of positions: stations, measurements, error ellipses, maps of accuracy."""
+"""Pictures of positions: stations, measurements, error ellipses and maps of accuracy."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -41,7 +41,7 @@ def location(
     legend: bool = True,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draw stations, measurements, and the position with its error ellipse, seen from above.
+    """Draw stations, measurements, and a position with its error ellipse, as seen from above.
 
     Parameters
     ----------
@@ -50,12 +50,13 @@ def location(
     result : Location
         The position at one instant.
     azimuth : array_like of shape (K,), optional
-        The azimuths in radians, drawn as rays.
+        The azimuths in radians; they are drawn as rays.
     range : array_like of shape (K,), optional
-        The ranges in metres, drawn as arcs about the stations. If D = 3, they are converted to
-        horizontal ranges at the height of the target.
+        The ranges in metres; they are drawn as arcs about the stations. If D = 3, they are
+        converted to horizontal ranges at the height of the target.
     probability : float
-        Probability that the ellipse contains the true position, for normal errors.
+        Probability that the ellipse contains the true position if the errors are normally
+        distributed.
     legend : bool
         Whether to draw a legend.
     ax : matplotlib.axes.Axes, optional
@@ -64,12 +65,13 @@ def location(
     Returns
     -------
     matplotlib.axes.Axes
-        North against east in metres. Outliers are dashed, in another colour.
+        The axes. They show north against east in metres. Outliers are drawn as dashed lines in
+        another colour.
 
     Raises
     ------
     ValueError
-        If there is a batch, shapes do not fit, or the probability is not between 0 and 1.
+        If `result` is a batch, shapes do not fit, or the probability is not between 0 and 1.
 
     Examples
     --------
@@ -128,7 +130,8 @@ def accuracy_map(
     stations : sequence of K Station, or array_like of shape (K, D)
         The stations, as given to `tertia.location.accuracy_map`.
     grid : array_like of shape (rows, columns, D)
-        The positions; rows run to the north and columns to the east.
+        The positions; the rows of the grid follow each other to the north, and its columns to the
+        east.
     result : Accuracy
         The accuracy at these positions.
     ax : matplotlib.axes.Axes, optional
@@ -137,12 +140,13 @@ def accuracy_map(
     Returns
     -------
     matplotlib.axes.Axes
-        The root of the sum of the variances in metres, on a logarithmic scale.
+        The axes. They show the square root of the sum of the variances of a position, in metres, on
+        a logarithmic scale.
 
     Raises
     ------
     ValueError
-        If shapes do not fit, or no position is determined.
+        If shapes do not fit, or no position of the grid can be determined by the stations.
 
     Examples
     --------
@@ -190,7 +194,7 @@ def _marks(outliers: BoolArray | None, values: FloatArray) -> BoolArray:
 
 
 def _draw_lines(ax: "Axes", lines: list[FloatArray], outlier: BoolArray, name: str) -> None:
-    """Draw the lines that exist; the legend has one entry for kept and one for outlying lines."""
+    """Draw the lines that exist; the legend has one entry for outliers and one for the others."""
     named = set()
     for line, wrong in zip(lines, outlier, strict=True):
         if np.isnan(line).all():
@@ -208,7 +212,7 @@ def _draw_lines(ax: "Axes", lines: list[FloatArray], outlier: BoolArray, name: s
 
 
 def _toward(azimuth: FloatArray, axes: FloatArray | None) -> FloatArray:
-    """Return the direction of each azimuth in the station's own horizontal plane, (K, 2)."""
+    """Return the direction of each azimuth in the horizontal plane of its station, (K, 2)."""
     level = np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
     if axes is None:
         return level

@@ -1,4 +1,4 @@
-"""Pictures of single samples."""
+"""Pictures of single samples of measurements."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -38,21 +38,21 @@ def bearing(
     legend: bool = True,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draw a record of bearings, its outliers and blocks, the estimate and its 2-sigma band.
+    """Draw a record of bearings, its outliers and blocks, and the estimate with its 2-sigma band.
 
-    The record is drawn continuously about the estimate, even across north; the labels of the axis
-    are wrapped to [0, period).
+    Bearings are drawn within half a period of the estimate, so that there is no jump at north. The
+    labels of the axis are wrapped to [0, period).
 
     Parameters
     ----------
     theta : array_like of shape (N,)
-        The measurements, as given to `tertia.estimate_bearing`; nan is not drawn.
+        The measurements, as given to `tertia.estimate_bearing`; values that are nan are not drawn.
     estimate : BearingEstimate
         The bearing.
     period : float or None
-        Period given to `tertia.estimate_bearing`, in the unit of `theta`.
+        Period that was given to `tertia.estimate_bearing`, in the unit of `theta`.
     block_size : int
-        Block size given to `tertia.estimate_bearing`, because the estimate does not contain it.
+        Block size that was given to `tertia.estimate_bearing`; the estimate does not contain it.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
     legend : bool
@@ -61,8 +61,8 @@ def bearing(
     Returns
     -------
     matplotlib.axes.Axes
-        Bearings against the index of the measurement, in the unit of `theta`. Blocks with more
-        weight are darker.
+        The axes. They show the bearings, in the unit of `theta`, against the index of the
+        measurement. Blocks with larger weights are darker.
 
     Raises
     ------
@@ -100,12 +100,12 @@ def bearing(
 def screening(
     y: npt.ArrayLike, screening: Screening, *, legend: bool = True, ax: "Axes | None" = None
 ) -> "Axes":
-    """Draw a sample, its outliers and their replacements, and the acceptance band.
+    """Draw a sample, its outliers and their replacements, and the band of accepted values.
 
     Parameters
     ----------
     y : array_like of shape (N,)
-        The measurements, as given to the screening; nan is not drawn.
+        The measurements, as given to the screening function; values that are nan are not drawn.
     screening : Screening
         The result of the screening.
     ax : matplotlib.axes.Axes, optional
@@ -116,9 +116,9 @@ def screening(
     Returns
     -------
     matplotlib.axes.Axes
-        Measurements against their index, in the unit of `y`. The band is mean ± threshold. For a
-        sequential screening it is the final band, so an earlier measurement outside it may have
-        been accepted.
+        The axes. They show the measurements, in the unit of `y`, against their index. The band is
+        mean ± threshold. For a sequential screening, the band is that after the last measurement,
+        so an earlier measurement outside it may have been accepted.
 
     Raises
     ------
@@ -165,7 +165,7 @@ def _sample(value: npt.ArrayLike, name: str, outlier: BoolArray, result: str) ->
 
 
 def _extents(theta: FloatArray, estimate: BearingEstimate, block_size: int) -> FloatArray:
-    """Return the first and last measurement of each block, (blocks, 2), without missing ones."""
+    """Return the first and last measurement of each block, (blocks, 2), ignoring missing ones."""
     if estimate.block_means is None:
         return np.empty((0, 2))
     present = np.flatnonzero(~np.isnan(theta))

@@ -1,4 +1,4 @@
-"""Pictures of one series: its smooth curve, and the consistency of its errors."""
+"""Pictures of one series: its smoothed values, and the consistency of its errors."""
 
 from typing import TYPE_CHECKING
 
@@ -34,18 +34,19 @@ def smoothing(
     legend: bool = True,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draw a series and its smoothed values with their error band.
+    """Draw a series, and its smoothed values with an error band.
 
     Parameters
     ----------
     y : array_like of shape (N,), or (N, D) of positions
-        The series, as given to `tertia.smoothing`; nan is not drawn.
+        The series, as given to the function of `tertia.smoothing`; values that are nan are not
+        drawn.
     result : LocalPolynomial or SmoothedPositions
         The smoothed values or positions.
     time : array_like of shape (N,), optional
-        Times of the rows, numbers or datetime64; by default they are numbered from 0.
+        Times of the rows, as numbers or datetime64; by default the rows are numbered from 0.
     axis : int
-        Index of the component that is drawn, for positions.
+        Index of the component that is drawn if the rows are positions.
     width : float
         Half the width of the band, in standard deviations.
     ax : matplotlib.axes.Axes, optional
@@ -56,12 +57,12 @@ def smoothing(
     Returns
     -------
     matplotlib.axes.Axes
-        The values against time.
+        The axes. They show the values against time.
 
     Raises
     ------
     ValueError
-        If there is a batch, or an argument does not fit `result`.
+        If `result` is a batch, or an argument does not fit it.
 
     Examples
     --------
@@ -117,19 +118,19 @@ def consistency(
     legend: bool = True,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draw normalised squared errors over time, with bounds for consistent errors.
+    """Draw normalised squared errors over time, with bounds for the case of correct covariances.
 
     Parameters
     ----------
     normalised : array_like of shape (..., steps)
-        From `tertia.metrics.nees` or `tertia.metrics.nis`, nan where there is none. Independent
-        runs are averaged.
+        Normalised squared errors, as returned by `tertia.metrics.nees` or `tertia.metrics.nis`; nan
+        if there is none. They are averaged over independent runs, which are the leading axes.
     dimension : int
         Number of components of each error: 3 for the state of a track, 1 for innovations.
     probability : float
-        Probability that the mean of a step lies within the bounds if the covariances are correct.
+        Probability that the mean at a step lies within the bounds if the covariances are correct.
     time : array_like of shape (steps,), optional
-        Times of the steps, numbers or datetime64; by default they are numbered from 0.
+        Times of the steps, as numbers or datetime64; by default the steps are numbered from 0.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
     legend : bool
@@ -138,12 +139,14 @@ def consistency(
     Returns
     -------
     matplotlib.axes.Axes
-        The mean of each step against time, and the bounds for the number of runs in it.
+        The axes. They show the mean at each step against time, and the bounds for the number of
+        runs that have a value at that step.
 
     Raises
     ------
     ValueError
-        If there are no steps or only nan, times do not fit, or a number is outside its domain.
+        If there are no steps or all values are nan, times do not fit, or a number is outside its
+        domain.
 
     Examples
     --------

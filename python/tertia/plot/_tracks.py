@@ -1,4 +1,4 @@
-"""Pictures of tracks of many targets: seen from above, and how often radars update them."""
+"""Pictures of tracks of many targets as seen from above, and of how often radars update them."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -48,7 +48,7 @@ def tracks(
     probability: float = 0.95,
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draw tracks seen from above, with their numbers, manoeuvres and some error ellipses.
+    """Draw tracks as seen from above, with numbers, manoeuvres and some error ellipses.
 
     Parameters
     ----------
@@ -57,12 +57,12 @@ def tracks(
     radars : sequence of Radar
         The radars.
     plots : Plots, optional
-        The plots, drawn as dots; they require the radars.
+        The plots; they are drawn as dots. If they are given, `radars` is required.
     plans : sequence of FlightPlan
-        Flight plans, drawn as dashed lines.
+        Flight plans; they are drawn as dashed lines.
     probability : float
-        Probability that an ellipse contains the true position, for normal errors. Three ellipses
-        are drawn per track.
+        Probability that an ellipse contains the true position if the errors are normally
+        distributed. Three ellipses are drawn for each track.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
     legend : bool
@@ -71,8 +71,8 @@ def tracks(
     Returns
     -------
     matplotlib.axes.Axes
-        North against east in kilometres. The 60 longest tracks are labelled with their numbers at
-        their ends.
+        The axes. They show north against east in kilometres. The 60 longest tracks are labelled at
+        their ends with their numbers.
 
     Raises
     ------
@@ -133,7 +133,7 @@ def update_probability(
     Parameters
     ----------
     table : TrackTable
-        The tracks, as for `tracks`.
+        The tracks, as for the function `tracks`.
     radars : sequence of Radar
         All radars of the table.
     ax : matplotlib.axes.Axes, optional
@@ -144,8 +144,9 @@ def update_probability(
     Returns
     -------
     matplotlib.axes.Axes
-        Share of scans with a plot and its standard error, in intervals of range with at least five
-        scans. Dashed lines are the stated detection probabilities of the radars.
+        The axes. They show the proportion of scans with a plot, with its standard error, for each
+        interval of range that has at least five scans. Dashed lines show the stated detection
+        probabilities of the radars.
 
     Raises
     ------
@@ -194,7 +195,7 @@ def update_probability(
 
 
 def _km(position: FloatArray) -> FloatArray:
-    """Return east and north in kilometres, with the coordinates on the first axis."""
+    """Return east and north in kilometres; the first axis of the array is the coordinate."""
     return np.asarray(position.T / 1e3)
 
 
@@ -212,7 +213,7 @@ def _longest(lines: dict[int, IntArray]) -> dict[int, IntArray]:
 
 
 def _draw_tracks(ax: "Axes", table: _Tracks, lines: dict[int, IntArray]) -> None:
-    """Draw all tracks of one colour as one line, with manoeuvres below them."""
+    """Draw all tracks of one colour as one line, with their manoeuvres marked behind it."""
     turning = []
     for first, colour in enumerate(_COLOURS[: len(lines)]):
         parts = []
@@ -252,7 +253,7 @@ def _check_radars(numbers: IntArray, radars: Sequence[Radar], name: str) -> None
 
 
 def _shares(distance: FloatArray, hit: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the middles of intervals of distance, the share of hits in each, and its error."""
+    """Return middles of intervals of distance, the proportion of hits in each, and its error."""
     far = float(np.max(distance, initial=0.0)) or 1.0
     place = np.minimum((distance / far * _BINS).astype(int), _BINS - 1)
     count = np.bincount(place, minlength=_BINS)

@@ -1,4 +1,4 @@
-"""Pictures of one target over time: seen from above, its height, and the residuals."""
+"""Pictures of one target over time: its path as seen from above, its height, and the residuals."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -56,7 +56,7 @@ def trajectory(
     legend: bool = True,
     probability: float = 0.95,
 ) -> "dict[str, Axes]":
-    """Draw positions seen from above, their heights, and the residuals of the stations.
+    """Draw positions as seen from above, their heights, and the residuals of the stations.
 
     Parameters
     ----------
@@ -65,11 +65,11 @@ def trajectory(
     result : Trajectory or Location
         The positions; a result of `locate` must be a batch of shape (N,).
     time : array_like of shape (N,), optional
-        Times of the rows, numbers or datetime64; by default those of a trajectory, otherwise
-        numbers from 0.
+        Times of the rows, as numbers or datetime64; by default they are the times of a
+        `Trajectory`, or numbers from 0 for a `Location`.
     probability : float
-        Probability that an ellipse contains the true position, for normal errors. About ten
-        ellipses are drawn.
+        Probability that an ellipse contains the true position if the errors are normally
+        distributed. About ten ellipses are drawn.
     legend : bool
         Whether to draw a common legend for all panels.
     figure : matplotlib.figure.Figure or SubFigure, optional
@@ -78,15 +78,16 @@ def trajectory(
     Returns
     -------
     dict of str to matplotlib.axes.Axes
-        "plan": north against east in metres, with crosses on positions with an outlier. If D = 3,
-        "height" with its 2-sigma band. For each kind of measurement, such as "range", the residuals
-        in standard deviations; outliers are crossed, and distant ones are drawn at the edge.
+        The panel "plan" shows north against east in metres, with crosses on positions that have an
+        outlier. If D = 3, the panel "height" shows the height with its 2-sigma band. The panel of
+        each kind of measurement, such as "range", shows the residuals in standard deviations;
+        outliers are crossed, and distant outliers are drawn at the edge.
 
     Raises
     ------
     ValueError
-        If `result` is not one batch of positions, an argument does not fit it, or the probability
-        is not between 0 and 1.
+        If `result` is not a batch of shape (N,), an argument does not fit it, or the probability is
+        not between 0 and 1.
 
     Examples
     --------
@@ -170,7 +171,7 @@ def _by_station(
 
 
 def _called(stations: Sequence[Station] | npt.ArrayLike, k: int) -> list[str]:
-    """Return the names of the stations, or their numbers for those without a name."""
+    """Return the names of the stations, or the number of each station that has no name."""
     names = names_of(stations, k)
     return [f"station {at}" if name is None else str(name) for at, name in enumerate(names)]
 
@@ -204,7 +205,7 @@ def _draw_plan(
 
 
 def _most(points: FloatArray) -> FloatArray:
-    """Return bounds that contain almost all points, of shape (2, ...)."""
+    """Return bounds that contain almost all points; their shape is (2, ...)."""
     known = points[np.isfinite(points).reshape(len(points), -1).all(axis=1)]
     bounds: FloatArray = np.quantile(known, [_TAIL, 1 - _TAIL], axis=0) if len(known) else known
     return bounds
@@ -237,7 +238,7 @@ def _draw_residuals(
 
 
 def _join_times(panels: "list[Axes]", times: Times, label: str) -> None:
-    """Give panels above each other the same time axis."""
+    """Give panels that are above one another the same time axis."""
     *above, last = panels
     for ax in above:
         ax.sharex(last)

@@ -1,10 +1,10 @@
-"""Registration: the noise and the biases of radars, estimated from their plots.
+"""Registration: estimates the noise and the biases of radars from their plots.
 
 `calibrate` estimates the bias of one sensor from targets whose positions are known.
 
-`register` estimates noise and biases. The noise follows from the scatter of plots about short
-straight lines in the tracks of each radar, the biases from the differences between tracks of
-different radars.
+`register` estimates noise and biases. The noise is estimated from the scatter of plots about short
+straight lines in the tracks of each radar. The biases are estimated from the differences between
+tracks of different radars.
 
 In the core, the tracker depends on the kernels of registration, so that it can register its radars
 during operation. This module depends on `tertia.tracker`, because it takes recordings and makes the

@@ -1,4 +1,4 @@
-"""The bias of one sensor from targets whose positions are known."""
+"""Estimation of the bias of one sensor from targets whose positions are known."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def calibrate(
     Parameters
     ----------
     station : Station
-        The sensor, with the standard deviation of each kind that it measured.
+        The sensor, with a standard deviation for each kind of measurement that it made.
     time : array_like of shape (N,)
         Times in seconds, in non-decreasing order.
     position : array_like of shape (N, D)
@@ -37,8 +37,8 @@ def calibrate(
     range, azimuth, elevation : array_like of shape (N,), optional
         Measurements of the sensor in metres and radians; nan where one is missing.
     deviation_order : int
-        Order of the Fourier series that describes how the azimuth bias depends on the azimuth. At
-        most 1 is used if the run covers less than 120 degrees of azimuth.
+        Order of the Fourier series that describes how the azimuth bias depends on the azimuth. If
+        the run covers less than 120 degrees of azimuth, the order is limited to 1.
     degrees : bool
         Whether the angles in this call are in degrees.
 
@@ -46,8 +46,8 @@ def calibrate(
     -------
     Bias
         The bias that the sensor adds to its measurements, with its uncertainty; it can be passed to
-        `Station(bias=...)`. In directions that the run does not cover, the sigma of `Bias.at` is
-        larger.
+        `Station(bias=...)`. In directions that the run does not cover, the sigma that `Bias.at`
+        returns is larger.
 
     Raises
     ------
@@ -59,10 +59,12 @@ def calibrate(
     Notes
     -----
     The model of the measured minus the true value is y = c + Σ (a_k sin k α + b_k cos k α) + g(t) +
-    e, with the azimuth α. Here c is constant with a wide prior, the k-th coefficients are N(0,
-    (s/k)²), g is a Gauss-Markov process, and the errors e have the stated standard deviation or a
-    larger one. The variances and the correlation time are integrated out over a grid, weighted by
-    their likelihood from a Kalman filter. Measurements have Tukey's weights. The cost is O(N).
+    e, with the azimuth α. Here c is a constant with a wide prior distribution, the k-th
+    coefficients have the prior distribution N(0, (s/k)²), g is a Gauss-Markov process, and the
+    errors e have the stated standard deviation or a larger one. The variances and the correlation
+    time are integrated out numerically: results for the points of a grid are averaged with their
+    likelihoods, which a Kalman filter computes, as weights. Outliers have little influence, because
+    measurements are weighted by Tukey's function. The cost is O(N).
 
     Examples
     --------
@@ -151,7 +153,7 @@ def _expected(station: Station, place: FloatArray) -> dict[str, FloatArray]:
 
 
 def _arc(direction: FloatArray) -> float:
-    """Return the arc that the directions cover: the full circle minus the largest gap."""
+    """Return the angle that the directions cover: the full circle minus the largest gap."""
     ordered = np.sort(direction % (2 * np.pi))
     gaps = np.diff(np.append(ordered, ordered[0] + 2 * np.pi))
     return float(2 * np.pi - np.max(gaps))

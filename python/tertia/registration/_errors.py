@@ -1,4 +1,4 @@
-"""Systematic errors of radars, estimated from plots of targets that several radars see."""
+"""Estimation of systematic errors of radars from plots of targets that several radars see."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from tertia.tracker._start import bias_of, columns_of
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Errors:
-    """Systematic errors of K sensors, their prior, and the noise of the sensors.
+    """Systematic errors of K sensors, their prior distribution, and the noise of the sensors.
 
-    `covariance` (4 K, 4 K) is that of offset, gain, azimuth and time, radar by radar. `factor` (K,
-    2) is the ratio of the estimated to the assumed noise, and `redundancy` the number of redundant
-    measurements from which it was estimated.
+    `covariance` (4 K, 4 K) is the covariance of the errors of offset, gain, azimuth and time, radar
+    by radar. `factor` (K, 2) is the ratio of the estimated to the assumed noise, and `redundancy`
+    is the number of redundant measurements from which it was estimated.
     """
 
     bias: Bias
@@ -36,9 +36,10 @@ class Errors:
 def errors(
     plots: Plots, tracks: TrackTable, sensors: Sequence[Sensor], prior: Bias, first: Bias
 ) -> Errors:
-    """Return the errors that the plots of the tracks show, iterated from the given first errors.
+    """Return the errors that follow from the plots of the tracks, iterated from initial values.
 
-    Only the standard deviations of the prior are used; its means are those of the sensors.
+    Only the standard deviations of `prior` are used; the means of the prior distribution are those
+    of the sensors.
     """
     given = own_biases(sensors)
     rows = np.flatnonzero((tracks.plot >= 0) & tracks.confirmed)

@@ -33,9 +33,10 @@ _REDUNDANT = 30.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rounds:
-    """A registration, and the tracks of single radars that it is based on.
+    """A registration, and the tracks of single radars on which it is based.
 
-    `stated` are the tracks with the stated noise, `found` those with the estimated noise.
+    `stated` has the tracks made with the stated noise, and `found` those made with the estimated
+    noise.
     """
 
     registration: Registration
@@ -61,16 +62,16 @@ def register(
         The sensors. Positions of a `PositionSensor` are assumed to be free of systematic errors
         except for a delay; they help to determine the errors of the radars.
     tracks : TrackTable, optional
-        Tracks from all plots of all radars; by default they are made from `plots`.
+        Tracks from the plots of all sensors; by default they are made from `plots`.
     n_threads : int, optional
         Number of threads; by default one for small tasks and all cores for large ones.
     **options
-        Options of the tracker, as for `tertia.tracker.Tracker`.
+        Options of `tertia.tracker.Tracker`, which makes the tracks.
 
     Returns
     -------
     Registration
-        Biases and noise factors with their standard deviations.
+        The estimated biases and noise factors with their standard deviations.
 
     Raises
     ------
@@ -83,24 +84,26 @@ def register(
     Notes
     -----
     **Systematic errors.** Each radar has an offset and a gain of the range, an offset of the
-    azimuth, and a clock offset. Their prior is the `bias` of the radar or, if that is None,
-    `RADAR_LIMITS`. A radar with `bias=Bias()` is taken as free of errors. The plots of one target
-    within 2.2 scans of the slowest radar form a block. The position, velocity and acceleration of
-    the target are projected out, so that blocks are independent and do not depend on a filter;
-    blocks that fit no motion are left out. An error that does not affect any block keeps its prior:
-    a single radar contains no information on its errors, and a clock error that all radars share
-    cannot be seen.
+    azimuth, and a clock offset. Their prior distribution is given by the `bias` of the radar or, if
+    that is None, by `RADAR_LIMITS`. A radar with `bias=Bias()` is assumed to be free of systematic
+    errors. The plots of one target within 2.2 scans of the slowest radar form a block. The unknown
+    position, velocity and acceleration of the target are eliminated from each block by projection,
+    so that blocks are independent of each other and of any filter. Blocks that do not fit a motion
+    with constant acceleration are left out. An error that does not affect any block keeps its prior
+    distribution: the plots of a single radar contain no information on its errors, and a clock
+    error that all radars share cannot be found.
 
-    Tracks of single radars are compared first; this finds errors up to ten times as large as their
-    prior. The plots are then tracked with these errors removed, and tracked again as long as the
-    estimated errors still change.
+    Tracks of single radars are compared first; in this way errors are found that are up to ten
+    times as large as their prior sigmas. The plots are then tracked with these errors removed.
+    Tracking and estimation are repeated as long as the estimated errors still change.
 
     **Noise.** A line is fitted to every six successive plots of a straight track. The mean squares
-    of the residuals, in range and in azimuth, have a robust mean: lines beyond the 99.9 % quantile
-    of chi-squared are excluded. Tracking is repeated three times, each time with the noise
-    estimated before, because gates that are too narrow exclude the plots with the largest errors.
-    If the residuals of the blocks are larger still, the noise is multiplied by their ratio: if a
-    radar smooths its plots, their scatter about a line is smaller than their error.
+    of the residuals, in range and in azimuth, are averaged robustly: lines beyond the 99.9 %
+    quantile of the chi-squared distribution are excluded. Tracking is repeated three times, each
+    time with the noise that was estimated before, because gates that are too small exclude the
+    plots with the largest errors. If the residuals of the blocks are larger than this noise
+    explains, the noise is multiplied by the ratio. This happens if a radar smooths its plots,
+    because their scatter about a line is then smaller than their errors.
 
     Errors are assumed to be constant. If the radars have no `frame`, the curvature of the earth
     appears as a gain of the range. The cost is O(N log N + N K^2) for N plots.
@@ -182,7 +185,7 @@ def rounds(
 
 
 def _stated(sensors: Sequence[Radar | PositionSensor]) -> FloatArray:
-    """Return the standard deviations of range and azimuth, (K, 2); inf for kinds not measured."""
+    """Return the standard deviations of range and azimuth, (K, 2); inf if not measured."""
     return np.array(
         [
             [one.range_sigma, one.azimuth_sigma] if isinstance(one, Radar) else [np.inf, np.inf]
@@ -200,9 +203,9 @@ def _systematic(
 ) -> Errors:
     """Return the systematic errors, estimated from the tracks of all radars.
 
-    If errors are large, the plots of one target go to several tracks, and no block contains plots
-    of two radars. Therefore plots are tracked again with the estimated errors removed, until the
-    errors no longer change.
+    If errors are large, the plots of one target are assigned to several tracks, and no block
+    contains plots of two radars. Therefore plots are tracked again with the estimated errors
+    removed, until the estimates no longer change.
     """
     prior = bias = start(alone, sensors)[0]
     projected = in_plane(plots, sensors)
@@ -224,7 +227,7 @@ def _systematic(
 
 
 def with_noise(radar: Radar, sigma: FloatArray) -> Radar:
-    """Return the radar with other standard deviations of range and azimuth, if known."""
+    """Return the radar with the given standard deviations of range and azimuth, if known."""
     range_sigma, azimuth_sigma = np.where(
         np.isfinite(sigma) & (np.asarray(sigma) > 0),
         sigma,
@@ -236,10 +239,10 @@ def with_noise(radar: Radar, sigma: FloatArray) -> Radar:
 
 
 def corrected(states: Common, registration: Registration, radars: Sequence[Radar]) -> Common:
-    """Return states without biases, and with covariances scaled to the noise of their period.
+    """Return states from which biases are removed, with covariances scaled to the period's noise.
 
-    The states come from tracks with the noise of the whole recording. Their standard deviations
-    along and across the range are scaled to the noise of each period.
+    The states come from tracks that were made with the noise of the whole recording. Their standard
+    deviations along and across the range are scaled to the noise of each period.
     """
     history, whole = registration.history, registration.noise_factor
     which = in_stretches(states.time, history.edges)
@@ -286,7 +289,7 @@ def _edges(plots: Plots, period: float) -> FloatArray:
 def _noise(
     table: TrackTable, plots: Plots, radar: Radar, edges: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the noise of range and azimuth with its standard errors, (2, 2), and over time."""
+    """Return the noise of range and azimuth with its standard errors, (2, 2), and its history."""
     rows = np.flatnonzero(table.plot >= 0)
     own = plots[table.plot[rows]]
     up = radar.position[2] if len(radar.position) == 3 else 0.0

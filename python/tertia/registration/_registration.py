@@ -22,8 +22,8 @@ class NoiseHistory:
     edges : ndarray of shape (T + 1,)
         Times in seconds at which the periods begin and end.
     factor : ByKind
-        Ratio of estimated to stated noise, of shape (K, T), for range and azimuth; nan if a period
-        has too few straight tracks.
+        Ratio of the estimated to the stated noise, of shape (K, T), for range and for azimuth; nan
+        if a period has too few straight tracks.
     sigma : ByKind
         Standard deviations of the factors, in the same arrangement.
     """
@@ -40,15 +40,16 @@ class Registration(Result):
     Attributes
     ----------
     bias : Bias
-        Biases of range, gain of the range, azimuth and time, of shape (K,), with their standard
-        deviations. A bias that the plots do not determine keeps its prior.
+        Biases of the range, of its gain, of the azimuth and of the time, each of shape (K,), with
+        their standard deviations. A bias that the plots do not determine keeps its value and sigma
+        from before the registration.
     covariance : ndarray of shape (4 * K, 4 * K)
-        Covariance of range, gain, azimuth and time, radar by radar.
+        Covariance of the biases of range, gain, azimuth and time, radar by radar.
     prior : Bias
         Biases and standard deviations as known before the registration.
     noise_factor : ByKind
-        Ratio of estimated to stated noise, of shape (K,), for range and azimuth; nan if there are
-        too few straight tracks.
+        Ratio of the estimated to the stated noise, of shape (K,), for range and for azimuth; nan if
+        there are too few straight tracks.
     noise_factor_sigma : ByKind
         Standard deviations of the factors, in the same arrangement.
     history : NoiseHistory
@@ -70,7 +71,7 @@ class Registration(Result):
 
     @property
     def observable(self) -> dict[str, BoolArray]:
-        """Which errors have a sigma below half of their prior sigma, (K,) each."""
+        """Whether the sigma of each error is below half of its prior sigma, (K,) for each kind."""
         pairs = {
             kind: [np.asarray(getattr(one, f"{kind}_sigma")) for one in (self.bias, self.prior)]
             for kind in KINDS
@@ -78,7 +79,7 @@ class Registration(Result):
         return {kind: np.asarray(after < before / 2) for kind, (after, before) in pairs.items()}
 
     def __repr__(self) -> str:
-        """Return the biases and factors of each radar."""
+        """Return a text that states the biases and the noise factors of each radar."""
         bias, lines, seen = self.bias, [], self.observable
         units = {"range": (1.0, " m"), "azimuth": (180 / np.pi, "°"), "time": (1.0, " s")}
         for k, radar in enumerate(self.sensors):
@@ -97,6 +98,6 @@ class Registration(Result):
 
 
 def _text(value: object, sigma: object, k: int, scale: float, unit: str) -> str:
-    """Return a bias with its standard deviation."""
+    """Return a bias with its standard deviation, as text."""
     number, error = (scale * float(np.asarray(x)[k]) for x in (value, sigma))
     return f"{number:.3g} ± {error:.2g}{unit}"

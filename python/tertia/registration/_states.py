@@ -1,4 +1,4 @@
-"""Tracks of single radars, and their states at common instants."""
+"""Tracks of single radars, and their states at instants that they have in common."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Run = Callable[[Plots, Sequence[Any]], TrackTable]
 
 
 def alone(plots: Plots, sensors: Sequence[Radar | PositionSensor], k: int, run: Run) -> TrackTable:
-    """Return the tracks of one sensor; plots and sensors keep their numbers in the recording."""
+    """Return the tracks of one sensor; plots and sensors keep the numbers of the recording."""
     own = np.flatnonzero(plots.sensor == k)
     part = plots[own]
     table = run(part._replaced(sensor=np.zeros_like(part.sensor)), [sensors[k]])
@@ -36,8 +36,8 @@ class Common:
     """States of the tracks of K radars at M instants that they have in common.
 
     `state` (M, K, 4) and `covariance` (M, K, 4, 4) are nan where a radar has no track.
-    `joint_state` and `joint_covariance` are those of the tracks from all radars; `track` has the
-    numbers of these tracks.
+    `joint_state` and `joint_covariance` belong to the tracks from the plots of all radars; `track`
+    has the numbers of these tracks.
     """
 
     time: FloatArray
@@ -53,7 +53,7 @@ class Common:
         return np.asarray(np.isfinite(self.state[..., 0]))
 
     def chosen(self, index: BoolArray) -> Common:
-        """Return the selected instants."""
+        """Return the states at the selected instants."""
         return Common(*(getattr(self, name)[index] for name in self.__slots__))
 
     def columns(self) -> dict[str, Any]:
@@ -65,7 +65,7 @@ class Common:
 def common(joint: TrackTable, single: Sequence[TrackTable], radars: Sequence[Radar]) -> Common:
     """Return the states of all tracks at instants at which the slowest radar has plots.
 
-    A track of a radar belongs to the joint track that contains more than half of its plots.
+    A track of one radar belongs to the joint track that contains more than half of its plots.
     """
     periods = [radar.scan_period for radar in radars]
     tables = [_columns(table) for table in single]

@@ -1,6 +1,7 @@
-"""Reports: one page about a recording of radars, with tracks, noise, fusion, plans and truth.
+"""Reports: makes a page about a recording of radars, with tracks, noise, fusion and plans.
 
-`make` needs the extra `report` (Plotly, Jinja2). The page opens in any browser, without a network.
+`make` needs the extra `report` (Plotly, Jinja2). The page can be opened in any browser and does not
+need a network.
 """
 
 from tertia.report._bearings import Emitter

@@ -1,4 +1,4 @@
-"""Analysis of a recording for the page: tracks, radars, fusion, truth, plans."""
+"""Analysis of a recording for the page: its tracks, radars, fusion, truth and plans."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ INTERSECTION = "covariance intersection, as found"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fusion:
-    """Tracks of single radars, fused at common instants by several methods, by name."""
+    """Tracks of single radars that are fused at common instants; `ways` has each method by name."""
 
     stated: Common
     found: Common
@@ -43,7 +43,7 @@ class Fusion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Analysis:
-    """A recording and its analysis."""
+    """A recording and the results of its analysis."""
 
     plots: Plots
     radars: Sequence[Radar]
@@ -66,12 +66,12 @@ class Analysis:
 
     @property
     def edges(self) -> FloatArray:
-        """Times at which periods begin and end, (T + 1,)."""
+        """Times in seconds at which the periods begin and end, (T + 1,)."""
         return self.registration.history.edges
 
     @property
     def middle(self) -> FloatArray:
-        """Times of the middle of the periods, (T,)."""
+        """Times in seconds of the middles of the periods, (T,)."""
         return (self.edges[:-1] + self.edges[1:]) / 2
 
 
@@ -88,7 +88,7 @@ def analyse(
     limits: Mapping[str, float],
     progress: Progress,
 ) -> Analysis:
-    """Track, register, fuse and evaluate a recording."""
+    """Track the plots of a recording, register the radars, and fuse and evaluate the tracks."""
     steps = iter(np.linspace(0.0, 1.0, 7))
 
     def begin(what: str) -> None:
@@ -155,7 +155,7 @@ def analyse(
 
 
 def _fuse(stated: Common, better: Common) -> Fusion:
-    """Fuse at the common instants of the tracks, with the stated and with the estimated noise."""
+    """Fuse tracks at their common instants, with the stated and with the estimated noise."""
     pair = stated, better
     keys = [list(zip(one.track.tolist(), one.time.tolist(), strict=True)) for one in pair]
     both = set(keys[0]) & set(keys[1])
@@ -180,7 +180,7 @@ def _judge_all(
     update_interval: float | None,
     limits: Mapping[str, float],
 ) -> tuple[dict[str, Judged], float]:
-    """Evaluate all sets of tracks with the same update interval, and return that interval, too."""
+    """Evaluate all sets of tracks with one update interval; also return this interval."""
     rows = {name: confirmed_rows(table) for name, table in sets.items()}
     rows = {name: one for name, one in rows.items() if np.any(one.updated)}
     usual = usual_periods(rows[TOGETHER]) if TOGETHER in rows else []
@@ -194,7 +194,7 @@ def _judge_all(
 
 
 def _audit_all(judged: dict[str, Judged]) -> dict[str, Audit]:
-    """Compare the errors of each set of tracks with their covariances."""
+    """Compare the errors of each set of tracks with the stated covariances."""
     found = {}
     for name, one in judged.items():
         updates, matching = one.rows.updates(), one.indicators.matching
@@ -256,7 +256,7 @@ def _followed(
 
 
 def means(time: FloatArray, values: FloatArray, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the mean of the known values in each period, and their number."""
+    """Return the mean and the number of the known values in each period."""
     known = np.isfinite(values)
     which = in_stretches(time[known], edges)
     count = np.bincount(which, minlength=len(edges) - 1)
@@ -265,6 +265,6 @@ def means(time: FloatArray, values: FloatArray, edges: FloatArray) -> tuple[Floa
 
 
 def within(nees: FloatArray) -> float:
-    """Return the fraction of errors within the 95 % ellipse; nan if there are none."""
+    """Return the fraction of the errors within the 95 % ellipse; nan if no error is known."""
     known = nees[np.isfinite(nees)]
     return float(np.mean(known <= MOST_NEES)) if len(known) else np.nan

@@ -1,4 +1,4 @@
-"""Location of emitters by direction finders: a bearing from each, and the position."""
+"""Location of emitters by direction finders, from a bearing of each direction finder."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Emitter:
     time : ndarray of shape (N,)
         Times in seconds.
     azimuth : ndarray of shape (N, K)
-        Bearings from K stations in radians, clockwise from north; nan where one is missing.
+        Bearings from K stations in radians, clockwise from north; nan where a bearing is missing.
     """
 
     name: str
@@ -52,11 +52,11 @@ class Emitter:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Heard:
-    """An emitter, its bearing from each station (radians, nan where unknown), and its position.
+    """An emitter, its bearings from the stations in radians (nan if unknown), and its position.
 
-    `moves` is true if the bearings of the two halves of the record differ; there is then a path
-    instead of one position from the whole record. `instants` are the positions at single times, if
-    any.
+    `moves` is true if the bearings in the first half of the record differ from those in the second
+    half; `path` then replaces `position`, which is estimated from the whole record. `instants` has
+    the positions at single times, if there are any.
     """
 
     emitter: Emitter
@@ -71,19 +71,19 @@ class Heard:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Finders:
-    """Direction finders, and what they measured of each emitter."""
+    """Direction finders, and the results of their measurements for each emitter."""
 
     stations: Sequence[Station]
     heard: list[Heard]
 
     @property
     def names(self) -> list[str]:
-        """Names of the stations, or their numbers from 1."""
+        """Names of the stations; a station without a name has its number, counted from 1."""
         return [str(station.name or k) for k, station in enumerate(self.stations, start=1)]
 
 
 def hear(emitter: Emitter, stations: Sequence[Station]) -> Heard:
-    """Estimate the bearings of an emitter, and locate it."""
+    """Estimate the bearings of an emitter, and locate the emitter."""
     azimuth = emitter.azimuth
     count = len(stations)
     if azimuth.shape[1] != count:
@@ -121,7 +121,7 @@ def hear(emitter: Emitter, stations: Sequence[Station]) -> Heard:
 def _estimate(
     azimuth: FloatArray, correlation: float | None = None
 ) -> tuple[float, float, BoolArray] | None:
-    """Return bearing, sigma and outliers in radians; None if there are too few bearings."""
+    """Return the bearing, its sigma and the outliers; None if there are too few measurements."""
     if np.sum(~np.isnan(azimuth)) < _FEWEST:
         return None
     found = estimate_bearing(azimuth, period=2 * np.pi, correlation=correlation, nan_policy="omit")
@@ -158,5 +158,5 @@ def _path(stations: Sequence[Station], emitter: Emitter) -> Trajectory | None:
 
 
 def _stated(stations: Sequence[Station]) -> list[int]:
-    """Return the stations that state a sigma."""
+    """Return the stations for which a sigma of the azimuth is stated."""
     return [k for k, station in enumerate(stations) if station.azimuth_sigma is not None]

@@ -1,4 +1,4 @@
-"""Maps of each radar: scans that updated tracks, and plots that belong to no track."""
+"""Maps for each radar of scans that updated tracks, and of plots that belong to no track."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SCALE = [[0.0, "#f2e6c9"], [0.5, "#d5651a"], [1.0, "#5a3a9e"]]
 
 
 def coverage_panels(analysis: Analysis) -> list[Panel]:
-    """Return panels of updated scans by azimuth and by level, and of plots without a track."""
+    """Return panels of updated scans by azimuth and flight level, and of plots without a track."""
     panels = [
         _panel(
             "coverage",
@@ -81,7 +81,7 @@ def _panel(
 
 
 def _shares(analysis: Analysis, k: int, *, by_level: bool) -> dict[str, Any]:
-    """Return the share of updated scans in cells; empty if no height is known."""
+    """Return the proportion of updated scans in each cell; empty if no height is known."""
     rows, hit = scans_of(analysis.joint, k)
     azimuth, distance = _polar(analysis, k, analysis.joint.position[rows])
     across, edges = azimuth, np.linspace(0.0, 360.0, _SECTORS + 1)
@@ -101,7 +101,7 @@ def _shares(analysis: Analysis, k: int, *, by_level: bool) -> dict[str, Any]:
 
 
 def _idle(analysis: Analysis, k: int) -> dict[str, Any]:
-    """Return the number of plots without a track in cells."""
+    """Return the number of plots without a track in each cell."""
     plots = analysis.plots
     used = np.zeros(len(plots), dtype=bool)
     used[analysis.joint.plot[analysis.joint.plot >= 0]] = True
@@ -114,7 +114,7 @@ def _idle(analysis: Analysis, k: int) -> dict[str, Any]:
 
 
 def _polar(analysis: Analysis, k: int, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return azimuths in degrees and distances from a radar."""
+    """Return azimuths in degrees, and distances, as measured from a radar."""
     away = places - analysis.radars[k].position[:2]
     return np.degrees(np.arctan2(*away.T)) % 360.0, np.hypot(*away.T)
 

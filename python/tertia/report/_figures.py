@@ -50,13 +50,13 @@ class Panel:
 
 
 def numbers(values: npt.ArrayLike, digits: int = _DIGITS) -> list[float | None]:
-    """Return numbers rounded for JSON; None where unknown."""
+    """Return numbers rounded for JSON; unknown numbers are None."""
     array = np.asarray(values, dtype=np.float64)
     return [float(f"{x:.{digits}g}") if np.isfinite(x) else None for x in array.tolist()]
 
 
 def line(name: str, x: npt.ArrayLike, y: npt.ArrayLike, k: int = 0, **more: Any) -> dict[str, Any]:
-    """Return a line in the colour and dashes of number k."""
+    """Return a line with the colour and the dash pattern for number k."""
     look = {"color": COLOURS[k % len(COLOURS)], "dash": DASHES[k % len(DASHES)], "width": 2}
     look |= more.pop("line", {})
     return {
@@ -71,13 +71,13 @@ def line(name: str, x: npt.ArrayLike, y: npt.ArrayLike, k: int = 0, **more: Any)
 
 
 def joined(lines: Sequence[FloatArray]) -> FloatArray:
-    """Return lines (N, 2) as one line, with a gap after each."""
+    """Return several lines, each of shape (N, 2), as one line with a gap after each of them."""
     gap = np.full((1, 2), np.nan)
     return np.concatenate([np.zeros((0, 2)), *(part for one in lines for part in (one, gap))])
 
 
 def rows_of(count: int, x_title: str, y_titles: Sequence[str]) -> dict[str, Any]:
-    """Return the layout of panels one below the other, with a common axis."""
+    """Return the layout of panels that are one below the other and have a common x axis."""
     gap = 0.1 if count > 1 else 0.0
     size = (1.0 - gap * (count - 1)) / count
     layout: dict[str, Any] = {"xaxis": {"title": {"text": x_title}, "anchor": f"y{count}"}}
@@ -99,7 +99,7 @@ def _axis(i: int, stem: str = "y") -> str:
 
 
 def radar_panels(analysis: Analysis, time: str) -> list[Panel]:
-    """Return panels of noise, updates and outliers over time."""
+    """Return panels that show noise, updates and outliers of the radars over time."""
     return [_noise(analysis, time), _update_probability(analysis, time), _outliers(analysis, time)]
 
 
@@ -155,7 +155,7 @@ def _outliers(analysis: Analysis, time: str) -> Panel:
 
 
 def fusion_panels(analysis: Analysis, time: str) -> list[Panel]:
-    """Return panels of the weights of the radars' tracks over time."""
+    """Return panels that show the weights of the tracks of each radar over time."""
     if analysis.fusion is None:
         return []
     data, titles = [], []
@@ -176,7 +176,7 @@ def fusion_panels(analysis: Analysis, time: str) -> list[Panel]:
 
 
 def truth_panels(analysis: Analysis, time: str) -> list[Panel]:
-    """Return panels of GOSPA and normalised errors over time."""
+    """Return panels that show GOSPA and the normalised errors over time."""
     if TOGETHER not in analysis.judged:
         return []
     judged = analysis.judged[TOGETHER]
@@ -221,18 +221,18 @@ def _nees(analysis: Analysis, time: str) -> Panel:
 
 
 def _marked(name: str, x: FloatArray, y: FloatArray, k: int, **more: Any) -> dict[str, Any]:
-    """Return the line with number k, with markers at its points."""
+    """Return the line for number k, with markers at its points."""
     marker = {"symbol": MARKS[k % len(MARKS)], "size": 7}
     return line(name, x, y, k, mode="lines+markers", marker=marker, **more)
 
 
 def dots(name: str, places: FloatArray, marker: dict[str, Any]) -> dict[str, Any]:
-    """Return places on a map without a line."""
+    """Return positions on a map as points that are not joined by a line."""
     return line(name, places[:, 0] / 1e3, places[:, 1] / 1e3, mode="markers", marker=marker)
 
 
 def _panel(name: str, i: int) -> dict[str, Any]:
-    """Return the settings of a line in panel i; all panels share one legend entry."""
+    """Return the settings of a line in panel i; all panels have one common legend entry."""
     return {"legendgroup": name, "showlegend": i == 0, "yaxis": _axis(i)}
 
 
@@ -244,7 +244,7 @@ def _bounds(count: int) -> tuple[float, float]:
 
 
 def plan_panels(analysis: Analysis, time: str) -> list[Panel]:
-    """Return a panel of the cross-track distances of tracks from their plans."""
+    """Return a panel that shows the cross-track distances of tracks from their plans."""
     if not analysis.followed:
         return []
     leaving = [one for one in analysis.followed if np.isfinite(one.left)]
@@ -269,7 +269,7 @@ def plan_panels(analysis: Analysis, time: str) -> list[Panel]:
 
 
 def ellipse(place: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return the 95 % ellipse about a place, (N, 2)."""
+    """Return the points of the 95 % error ellipse about a position, (N, 2)."""
     root = np.linalg.cholesky(covariance[:2, :2])
     angle = np.linspace(0.0, 2 * np.pi, _CORNERS)
     ring = np.stack([np.cos(angle), np.sin(angle)])
@@ -279,7 +279,7 @@ def ellipse(place: FloatArray, covariance: FloatArray) -> FloatArray:
 def triangles(
     name: str, places: FloatArray, names: list[str], marker: dict[str, Any], position: str
 ) -> dict[str, Any]:
-    """Return sensors with their names on a map."""
+    """Return the sensors as triangles on a map, with their names."""
     return {
         "type": "scatter",
         "mode": "markers+text",

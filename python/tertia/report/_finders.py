@@ -30,7 +30,7 @@ _ELLIPSES = 12
 
 
 def emitter_rows(finders: Finders) -> list[Row]:
-    """Return position and bearings of each emitter."""
+    """Return rows with the position and the bearings of each emitter."""
     rows = []
     for heard in finders.heard:
         row: Row = {
@@ -64,7 +64,7 @@ def emitter_rows(finders: Finders) -> list[Row]:
 
 
 def finder_findings(finders: Finders) -> list[str]:
-    """Return the position of each emitter, as sentences."""
+    """Return sentences that state the position of each emitter."""
     found = []
     for row in emitter_rows(finders):
         if row["moves"]:
@@ -130,7 +130,7 @@ def _bearing_table(finders: Finders) -> Table:
 
 
 def finder_panels(finders: Finders, time: str) -> list[Panel]:
-    """Return a map of bearings and positions for each emitter, and the bearings over time."""
+    """Return a map of bearings and positions for each emitter, and panels of bearings over time."""
     panels = []
     for number, heard in enumerate(finders.heard):
         panels += [
@@ -188,7 +188,7 @@ def _finder_map(finders: Finders, heard: Heard, number: int) -> Panel:
 
 
 def _path(path: Trajectory) -> list[dict[str, Any]]:
-    """Return the path of a moving emitter, and ellipses along it."""
+    """Return the path of a moving emitter, and error ellipses along it."""
     known = np.flatnonzero(np.isfinite(path.position).all(axis=1))
     places = path.position[known[:: max(1, len(known) // POINTS)]] / 1e3
     chosen = known[np.unique(np.linspace(0, len(known) - 1, _ELLIPSES).astype(int))]

@@ -30,7 +30,7 @@ def grid(radars: Sequence[Radar], low: FloatArray, high: FloatArray) -> list[dic
 
 
 def _graticule(frame: SystemPlane, low: FloatArray, high: FloatArray) -> list[dict[str, Any]]:
-    """Return lines of latitude and longitude, labelled at the left and at the bottom."""
+    """Return lines of latitude and longitude, with labels at the left and the bottom of the map."""
     # a window of another shape shows more
     edge = np.linspace(2.0 * low - high, 2.0 * high - low, _POINTS)
     inside = low + _INSIDE * (high - low)
@@ -95,7 +95,7 @@ def _lines(name: str, lines: Sequence[FloatArray]) -> dict[str, Any]:
 def _words(
     name: str, places: FloatArray, words: list[str], sides: str | list[str]
 ) -> dict[str, Any]:
-    """Return texts on a map that are shown and hidden with the lines of the same name."""
+    """Return texts on a map; they are shown or hidden together with the lines of that name."""
     return {
         "type": "scatter",
         "mode": "text",
@@ -112,7 +112,7 @@ def _words(
 
 
 def _step(span: float, steps: Sequence[float]) -> float:
-    """Return the smallest step that gives only a few lines."""
+    """Return the smallest of the steps with which there are only a few lines."""
     return next((step for step in steps if span <= _LINES * step), steps[-1])
 
 

@@ -1,4 +1,4 @@
-"""The map of a page: its fixed parts, and the parts that move over time."""
+"""The map of a page, with fixed parts and with parts that move over time."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ROOM = 0.06
 
 
 def map_of(analysis: Analysis) -> dict[str, Any]:
-    """Return the data and layout of the map, and the data of the player."""
+    """Return the data and the layout of the map, and the data for the player."""
     joint, own = analysis.joint, analysis.joint[analysis.joint.confirmed]
     rows = _thinned(own)
     low, high = _corners(analysis, own)
@@ -66,7 +66,7 @@ def map_of(analysis: Analysis) -> dict[str, Any]:
 
 
 def _corners(analysis: Analysis, table: TrackTable) -> tuple[FloatArray, FloatArray]:
-    """Return the corners of the map in kilometres; clutter may lie outside."""
+    """Return the corners of the map in kilometres; false plots may be outside the map."""
     places = np.array([radar.position[:2] for radar in analysis.radars])
     seen = np.concatenate([table.position, places]) / 1e3
     low, high = seen.min(axis=0), seen.max(axis=0)
@@ -75,7 +75,7 @@ def _corners(analysis: Analysis, table: TrackTable) -> tuple[FloatArray, FloatAr
 
 
 def _thinned(table: TrackTable) -> list[IntArray]:
-    """Return the rows of each track, only every n-th and the last if there are too many."""
+    """Return the rows of each track or, if there are too many, every n-th row and the last."""
     step = max(1, int(np.ceil(len(table) / ROWS)))
     order = np.lexsort((table.time, table.track))
     starts = np.flatnonzero(np.diff(table.track[order], prepend=-1) != 0)
@@ -87,7 +87,7 @@ def _thinned(table: TrackTable) -> list[IntArray]:
 
 
 def _axes(covariance: FloatArray) -> FloatArray:
-    """Return semi-major and semi-minor axes of 95 % ellipses and their orientation, (N, 3)."""
+    """Return the semi-major and semi-minor axes and the orientations of 95 % ellipses, (N, 3)."""
     values, vectors = np.linalg.eigh(covariance)
     half = np.sqrt(_ELLIPSE * np.maximum(values, 0.0))
     angle = np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1])
@@ -130,7 +130,7 @@ def _lines(name: str, table: TrackTable, k: int, *, visible: bool = False) -> di
 
 
 def _chosen_plots(analysis: Analysis) -> tuple[FloatArray, FloatArray]:
-    """Return times and positions of plots, only every n-th if there are too many."""
+    """Return the times and positions of the plots or, if there are too many, of every n-th."""
     plots = analysis.plots
     valid = np.isfinite(plots.time) & np.isfinite(plots.range) & np.isfinite(plots.azimuth)
     own = plots[np.flatnonzero(valid)]

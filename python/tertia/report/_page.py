@@ -1,4 +1,4 @@
-"""The page: a template with sections of figures and tables."""
+"""The page, which is made from a template with sections of figures and tables."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _radar_sections(analysis: Analysis, times: Times) -> list[Section]:
 
 
 def _cards(numbers: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return the key figures at the top of the page, with their names."""
+    """Return the key figures that the page shows at its top, with their names."""
     cards = [(text(float(numbers["duration_s"])) + " s", "duration")]
     if numbers["radars"]:
         cards += [
@@ -103,6 +103,6 @@ def _cards(numbers: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _script(value: Any) -> Markup:
-    """Return JSON for a script element, escaped so that text cannot close the element."""
+    """Return JSON for a script element, escaped so that no text in it can close the element."""
     text = json.dumps(value, allow_nan=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))

@@ -19,10 +19,10 @@ _ENDS = 3000.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Followed:
-    """A track and its plan: when the track conformed, and its cross-track distance in metres.
+    """A track and its plan, with the times of conformance and the cross-track distance in metres.
 
-    `left` and `back` are the times in seconds at which the plan was left and followed again; nan if
-    never.
+    `left` is the time in seconds at which the aircraft left the plan, and `back` the time at which
+    it followed the plan again; nan if this did not happen.
     """
 
     track: int
@@ -36,14 +36,14 @@ class Followed:
 
 
 def plan_names(plans: Sequence[FlightPlan]) -> list[str]:
-    """Return the names of plans, or their numbers from 1."""
+    """Return the names of plans; a plan without a name has its number, counted from 1."""
     return [str(number) if p.name is None else p.name for number, p in enumerate(plans, start=1)]
 
 
 def followed(table: TrackTable, plans: Sequence[FlightPlan], scan_period: float) -> list[Followed]:
     """Return the confirmed tracks that have or had plans, in the order of the plans.
 
-    `scan_period` is that of the slowest radar.
+    `scan_period` is the scan period of the slowest radar.
     """
     found, names = [], plan_names(plans)
     updated = (table.plot >= 0) & table.confirmed
@@ -69,7 +69,7 @@ def followed(table: TrackTable, plans: Sequence[FlightPlan], scan_period: float)
 
 
 def _flights(found: Sequence[Followed]) -> list[Followed]:
-    """Remove tracks that overlap in time with a longer track of the same plan."""
+    """Remove tracks that overlap in time with a longer track that has the same plan."""
     kept: list[Followed] = []
     for one in sorted(found, key=lambda one: -len(one.time)):
         middle = float(np.median(one.time))
@@ -80,7 +80,7 @@ def _flights(found: Sequence[Followed]) -> list[Followed]:
 
 
 def _departure(time: FloatArray, on: BoolArray, lasting: float) -> tuple[float, float]:
-    """Return when the plan was left for long enough to count, and when it was followed again."""
+    """Return the times of the first departure that lasted long enough, and of the return."""
     edges = np.flatnonzero(np.diff(on, prepend=True, append=True))
     for begin, end in edges.reshape(-1, 2):
         if end - begin >= _ROW and time[end - 1] - time[begin] >= lasting:

@@ -1,4 +1,4 @@
-"""Innovations of each radar's plots, and rates at which it updates tracks."""
+"""Innovations of the plots of each radar, and rates at which the radar updates tracks."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ _OUTLIER = 18.420681
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Innovations:
-    """Normalised innovations squared, per axis, of one radar's plots in the tracks of all radars.
+    """Normalised innovations squared, per axis, of the plots of one radar in the joint tracks.
 
-    `outlier` marks innovations that would occur once in 10,000 with the stated noise.
+    `outlier` marks innovations so large that, with the stated noise, one in 10,000 would reach
+    them.
     """
 
     time: FloatArray
@@ -28,7 +29,7 @@ class Innovations:
 
 
 def innovations(table: TrackTable, k: int) -> Innovations:
-    """Return the innovations of one radar."""
+    """Return the normalised innovations of the plots of one radar."""
     own = (table.sensor == k) & (table.plot >= 0) & table.confirmed
     own &= np.isfinite(table.innovation[:, 0])
     square = np.asarray(metrics.nees(table.innovation[own], table.innovation_covariance[own]))
@@ -37,11 +38,12 @@ def innovations(table: TrackTable, k: int) -> Innovations:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Updates:
-    """Counts for one radar, in each of T periods; all have the shape (T,).
+    """Numbers of scans and plots of one radar in each of T periods; all have the shape (T,).
 
-    `expected` and `hit`: scans of confirmed tracks, and those of them with a plot. `outlier`:
-    updates with an innovation that is too large. `unassociated`: plots with the identity of a track
-    that does not use them. `refused`: plots that could not be used. `unused`: plots of no track.
+    `expected` counts the scans of confirmed tracks, and `hit` those of these scans that have a
+    plot. `outlier` counts updates whose innovation is too large. `unassociated` counts plots that
+    have the identity of a track but are not used by it. `refused` counts plots that could not be
+    used, and `unused` counts plots that belong to no track.
     """
 
     time: FloatArray
@@ -55,7 +57,7 @@ class Updates:
 
 
 def scans_of(joint: TrackTable, k: int) -> tuple[BoolArray, BoolArray]:
-    """Return the rows that are scans of confirmed tracks by a radar, and those with a plot."""
+    """Return which rows are scans of confirmed tracks by a radar, and which of them have a plot."""
     # after the last plot of a track nothing is missed
     last = np.full(int(joint.track.max(initial=0)) + 1, -np.inf)
     taken = joint.plot >= 0

@@ -1,4 +1,4 @@
-"""Comparison of the tracks of each radar with the other radars, if there is no truth."""
+"""Comparison of the tracks of each radar with those of the other radars, without a truth."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ _MOST_GAP = 15.0
 class Referenced:
     """Distances of a radar's tracks from the smoothed tracks of all other radars, in metres.
 
-    `distance` is their root mean square per axis, `sigma` that of the standard deviations of the
-    smoothed tracks. `nees` is per axis, with the covariances of both.
+    `distance` is the root mean square of the distances per axis, and `sigma` is the root mean
+    square of the standard deviations of the smoothed tracks. `nees` is the mean normalised squared
+    distance per axis; its covariance is the sum of the covariances of the two tracks.
     """
 
     radar: str
@@ -40,7 +41,7 @@ def versus_others(
     *,
     motion: Motion,
 ) -> list[Referenced]:
-    """Compare the tracks of each radar with the other radars' plots of the same targets."""
+    """Compare the tracks of each radar with the plots of the same targets by other radars."""
     if len(radars) < 2:
         return []
     smooth: Motion = "imm"

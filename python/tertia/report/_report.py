@@ -30,15 +30,15 @@ class Report:
     html : str
         The page: one file that does not need a network.
     summary : dict
-        The tables of the page and its `findings`, as values for JSON; unknown values are None.
-        Names end in their units.
+        The tables of the page and its `findings`, as values for JSON; unknown values are None. The
+        names of quantities end in their units.
     """
 
     html: str
     summary: dict[str, Any]
 
     def __repr__(self) -> str:
-        """Return the size of the page instead of its contents."""
+        """Return a text that states the size of the page instead of its contents."""
         counts = (
             (self.summary["tracks"], "tracks"),
             (len(self.summary["radars"]), "radars"),
@@ -82,23 +82,24 @@ def make(
 ) -> Report:
     """Make a page about a recording.
 
-    The page shows the tracks of all radars together and those of each radar alone; the latter are
-    also fused at common instants. It shows noise and biases of the radars as estimated by
-    `tertia.registration`, updates and outliers over time, and the conformance to flight plans. All
-    tracks are compared with the truth if it is given; otherwise those of each radar are compared
-    with what all other radars saw (`tracker.smooth_tracks`). Finally, it shows positions of
-    emitters from bearings, or their paths if they move.
+    The page shows the tracks from the plots of all radars and the tracks from those of each radar
+    alone; the latter are also fused at common instants. The page shows the noise and the biases of
+    the radars as estimated by `tertia.registration`, updates and outliers over time, and the
+    conformance of tracks to flight plans. All tracks are compared with the truth if it is given;
+    otherwise the tracks of each radar are compared with smoothed tracks from the plots of all other
+    radars (`tracker.smooth_tracks`). Finally, the page shows the positions of emitters as estimated
+    from bearings, or their paths if they move.
 
     Parameters
     ----------
     plots : Plots, optional
-        The plots, in any order. Without plots, the page is about bearings alone.
+        The plots, in any order. Without plots, the page shows only the results from bearings.
     sensors : sequence of K Radar
         The radars.
     motion : {"imm", "cv", "singer", "window"} or a model
         Motion model of the targets, as for `tertia.tracker.Tracker`.
     plans : sequence of FlightPlan
-        Flight plans, for the motions "imm" and "window".
+        Flight plans; only the motions "imm" and "window" can use them.
     truth : tertia.metrics.Truth, optional
         True positions of the targets.
     stations : sequence of Station
@@ -108,15 +109,16 @@ def make(
     max_distance : float
         Largest distance in metres from a track to its target; also the cutoff of GOSPA.
     update_interval : float, optional
-        Required time between updates in seconds; by default that of the fastest radar.
+        Required time between updates in seconds; by default the shortest update interval of the
+        radars.
     limits : mapping of str to float, optional
         Limits of indicators, as for `tertia.metrics.indicators`; the page then states whether they
         are met.
     title : str
         Title of the page.
     since : datetime.datetime, optional
-        Date and time at which the times are zero. Axes then show times of day, in UTC if it has a
-        time zone.
+        Date and time that correspond to the time 0. Axes then show times of day, in UTC if `since`
+        has a time zone.
     progress : callable, optional
         Function that is called before each step with its name and the completed fraction, 0 to 1.
     **options
@@ -142,9 +144,10 @@ def make(
     fused by `tertia.fusion.fuse`; a track of a single radar is assigned to the joint track that
     contains most of its plots.
 
-    Long recordings are thinned on the page, but not in any computation. By keeping every n-th row,
-    the page contains at most 30,000 rows of tracks, 10,000 plots and 15,000 positions of the truth;
-    of each table it contains the first 500 rows. The player interpolates between the rows.
+    Long recordings are thinned for display on the page, but all computations use all rows. Every
+    n-th row is kept, so that the page contains at most 30,000 rows of tracks, 10,000 plots and
+    15,000 positions of the truth. The page contains the first 500 rows of each table. The player
+    interpolates between the rows that are kept.
 
     Examples
     --------

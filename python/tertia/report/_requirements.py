@@ -48,7 +48,7 @@ def requirement_rows(analysis: Analysis) -> list[Row]:
 
 
 def requirement_cells(analysis: Analysis) -> list[Row]:
-    """Return these indicators as texts for a table."""
+    """Return the indicators of `requirement_rows` as texts for a table."""
     return [
         {
             "figure": figure,

@@ -83,7 +83,7 @@ def _of_radars(analysis: Analysis) -> Row:
 
 
 def _radar_findings(analysis: Analysis, scale: Times) -> list[str]:
-    """Return the findings, as sentences."""
+    """Return sentences that state the findings."""
     found = []
     for row in radar_rows(analysis):
         found += _noise_findings(row) + _bias_findings(row)
@@ -108,7 +108,7 @@ def _radar_findings(analysis: Analysis, scale: Times) -> list[str]:
 
 
 def _better(analysis: Analysis) -> list[str]:
-    """Return sentences on how the estimated noise changes the tracks, if significantly."""
+    """Return a sentence on how much better the tracks with the estimated noise are, if any."""
     stated, found = (analysis.judged[name].indicators for name in (TOGETHER, FOUND))
     if (
         stated.false_tracks <= found.false_tracks

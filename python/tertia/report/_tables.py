@@ -1,4 +1,4 @@
-"""The tables and findings of a page, and its summary."""
+"""The tables of a page, and the rows of its summary."""
 
 from __future__ import annotations
 
@@ -65,24 +65,24 @@ def text(value: object) -> str:
 
 
 def plus_minus(value: float | None, error: float | None) -> str:
-    """Return a value with its error, rounded according to the error."""
+    """Return a value and its error as text, rounded according to the size of the error."""
     if value is None or error is None or not (np.isfinite(value) and np.isfinite(error)):
         return "–"
     return " ± ".join(rounded(value, error))
 
 
 def _parts(value: float | None) -> float | None:
-    """Return a gain in units of 1e-4."""
+    """Return a range gain in units of 1e-4."""
     return None if value is None else 1e4 * value
 
 
 def finite_or_none(value: float) -> float | None:
-    """Return a number; None if it is not finite."""
+    """Return the number, or None if it is not finite."""
     return float(value) if np.isfinite(value) else None
 
 
 def radar_rows(analysis: Analysis) -> list[Row]:
-    """Return noise, biases and updates of each radar."""
+    """Return rows with the noise, the biases and the updates of each radar."""
     rows, found = [], analysis.registration
     factor, error, bias = found.noise_factor, found.noise_factor_sigma, found.bias
     observable = found.observable
@@ -129,7 +129,7 @@ def _bias(kind: str, unit: str, value: float, sigma: float, is_observable: bool)
 
 
 def fusion_rows(analysis: Analysis) -> list[Row]:
-    """Return the errors of single and of fused tracks at the common instants."""
+    """Return rows with the errors of the single and the fused tracks at their common instants."""
     if analysis.fusion is None:
         return []
     fused = analysis.fusion
@@ -209,7 +209,7 @@ def audit_rows(analysis: Analysis) -> list[Row]:
 
 
 def plan_rows(analysis: Analysis) -> list[Row]:
-    """Return the conformance of tracks to their plans."""
+    """Return rows with the conformance of tracks to their plans."""
     return [
         {
             "plan": one.name,
@@ -229,7 +229,7 @@ def plan_rows(analysis: Analysis) -> list[Row]:
 
 
 def track_rows(analysis: Analysis) -> list[Row]:
-    """Return one row for each track of all radars together."""
+    """Return one row for each track from the plots of all radars."""
     table, rows = analysis.joint, []
     plans = {one.track: one.name for one in analysis.followed}
     for number in np.unique(table.track[table.confirmed]):
@@ -278,9 +278,9 @@ def table(
     rows: list[Row],
     values: Sequence[Row] | None = None,
 ) -> Table:
-    """Return a table with columns by their titles, cut off after `ROWS` rows.
+    """Return a table with the columns of these titles; it is cut off after `ROWS` rows.
 
-    `values` are rows of the summary, for rows of the table that consist of texts.
+    `values` are the rows of the summary that the CSV contains; they are needed if `rows` has texts.
     """
     cells = [[text(row.get(key)) for key in columns] for row in rows[:ROWS]]
     more = max(0, len(rows) - ROWS)
@@ -295,7 +295,7 @@ def _are_words(cells: Sequence[str]) -> bool:
 
 
 def _csv(rows: Sequence[Row]) -> str:
-    """Return all rows as CSV, in full precision."""
+    """Return all rows as CSV, with numbers in full precision."""
     file = io.StringIO()
     names = dict.fromkeys(name for row in rows for name in row)
     writer = csv.DictWriter(file, list(names), lineterminator="\n")
@@ -342,7 +342,7 @@ def _radar_table(analysis: Analysis) -> Table:
 
 
 def reference_rows(analysis: Analysis) -> list[Row]:
-    """Return the comparison of each radar's tracks with what all other radars saw."""
+    """Return rows that compare the tracks of each radar with those of all other radars."""
     return [
         {
             "radar": one.radar,
@@ -476,6 +476,6 @@ def _track_table(analysis: Analysis, times: Times) -> Table:
 
 
 def _timed(rows: list[Row], times: Times) -> list[Row]:
-    """Return rows with times converted to text."""
+    """Return the rows with their times converted to text."""
     names = ("first_s", "last_s", "left_s", "back_s")
     return [row | {name: times.text(row[name]) for name in names if name in row} for row in rows]

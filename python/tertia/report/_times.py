@@ -1,4 +1,4 @@
-"""Times on a page: in seconds or as times of day."""
+"""Times on a page, in seconds or as times of day."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _DAY = 86_400.0
 
 @dataclass(frozen=True, slots=True)
 class Times:
-    """Conversion of times to text; their zero is at `since`, if that is known."""
+    """Conversion of times to text; the time 0 is the date and time `since`, if that is known."""
 
     since: datetime | None
 
@@ -23,7 +23,7 @@ class Times:
 
     @property
     def zero(self) -> float | None:
-        """Milliseconds from 1970 to the zero of time, as a date without time zone for browsers."""
+        """Milliseconds from 1970 to the time 0; browsers take it as a date without a time zone."""
         if self.since is None:
             return None
         zoned = self.since if self.since.tzinfo else self.since.replace(tzinfo=timezone.utc)
@@ -34,7 +34,7 @@ class Times:
         return f"{name} (s)" if self.since is None else name
 
     def text(self, seconds: float | None) -> str | None:
-        """Return a time of day, with the date after the first day, or a number of seconds."""
+        """Return a time of day (with its date after the first day) or seconds, as text."""
         if seconds is None or self.since is None:
             return None if seconds is None else f"{seconds:,.0f}"
         when = self.since + timedelta(seconds=seconds)
@@ -43,5 +43,5 @@ class Times:
         return f"{when:%H:%M:%S}" if 0 <= seconds < _DAY else f"{when:%Y-%m-%d %H:%M:%S}"
 
     def at(self, seconds: float) -> str:
-        """Return a time as part of a sentence."""
+        """Return a time as text that can be part of a sentence."""
         return f"{self.text(seconds)} s" if self.since is None else str(self.text(seconds))

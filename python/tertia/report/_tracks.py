@@ -23,7 +23,7 @@ def confirmed_rows(table: TrackTable) -> Rows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Combined:
-    """Fused tracks of single radars: state (M, 4), covariance, weights (M, K) in position."""
+    """Fused tracks of single radars; `weight` has the weights of K radars in position, (M, K)."""
 
     state: FloatArray
     covariance: FloatArray
@@ -32,7 +32,7 @@ class Combined:
 
 
 def combine(states: Common, method: fusion.InstantMethod) -> Combined:
-    """Fuse the states at each instant; a weight is the mean of the weights of east and north."""
+    """Fuse the states at each instant; a weight is the mean of the weights for east and north."""
     found = fusion.fuse(states.state, states.covariance, method=method)
     weight = np.trace(found.weights[..., :2, :2], axis1=-2, axis2=-1) / 2
     weight[~states.present] = np.nan

@@ -1,13 +1,14 @@
-"""Tables: the functions of the commands, for tables in memory.
+"""Tables: applies the functions of the commands to tables in memory.
 
-A table is a DataFrame of Polars or pandas, or a Table or RecordBatch of pyarrow; results are of the
-same kind. Needs the extra `tables` (Polars); pandas also needs pyarrow. An error in a record is a
-`RecordError` with its row and column. Values that look wrong, such as radians in a column of
-degrees, cause a `RecordWarning`.
+A table is a DataFrame of Polars or pandas, or a Table or RecordBatch of pyarrow; results are tables
+of the same kind. This module needs the extra `tables` (Polars); tables of pandas also need pyarrow.
+An error in a record is reported as a `RecordError` that states its row and column. Values that look
+wrong, such as radians in a column of degrees, cause a `RecordWarning`.
 
-Groups are independent of each other, so a recording may be divided between groups: every function
-here can be passed to `map_partitions` of Dask and `map_batches` of Ray. With `stream` it can also
-be applied to an iterator of record batches, as in `mapInArrow` of Spark and readers of large files.
+Groups are independent of each other, so a recording may be divided into parts that contain complete
+groups. Every function of this module can therefore be passed to `map_partitions` of Dask and to
+`map_batches` of Ray. With `stream`, it can also be applied to an iterator of record batches, such
+as `mapInArrow` of Spark and readers of large files provide.
 """
 
 from tertia.tables._audit import audit

@@ -83,7 +83,7 @@ class Audited:
 
     @property
     def rows(self) -> pl.DataFrame:
-        """One row per part, figure and probability."""
+        """A table with one row for each part, figure and probability."""
         found = [row for name, one in self._parts() for row in _figures(one, name, self.unit)]
         schema: Any = {
             "part": pl.String,
@@ -100,7 +100,7 @@ class Audited:
 
     @property
     def summary(self) -> pl.DataFrame:
-        """One row per part: NEES and coverage with their intervals, and the verdict."""
+        """A table with one row for each part: NEES and coverage with intervals, and the verdict."""
         return pl.DataFrame(
             [
                 {
@@ -141,7 +141,7 @@ def _figures(one: Audit, part: str, unit: str) -> list[tuple[Any, ...]]:
 
 
 def _cells(shown: Indicator) -> list[float | None]:
-    """Return the figure and its bounds; None for missing values."""
+    """Return the figure and its bounds; values that are missing are None."""
     return [x if np.isfinite(x) else None for x in (shown.value, shown.low, shown.high)]
 
 
@@ -163,42 +163,47 @@ def audit(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        Positions: `east_m`, `north_m` and, if known, `up_m`, or `latitude_deg` and `longitude_deg`.
-        Their errors: `east_sigma_m`, `north_sigma_m`, `up_sigma_m`, and covariances such as
-        `covariance_east_north_m2`, or `position_sigma_m` for all axes. Also `time_s`. The results
-        of the other functions are such tables; tracks of yaps and flights of traffic are
-        recognised.
+        The estimates. Positions are in the columns `east_m`, `north_m` and, if known, `up_m`, or in
+        `latitude_deg` and `longitude_deg`. Their sigmas are in `east_sigma_m`, `north_sigma_m` and
+        `up_sigma_m`, and their covariances in columns such as `covariance_east_north_m2`; or
+        `position_sigma_m` has one sigma for all axes. The times are in `time_s`. The results of the
+        other functions are such tables. Tracks of the package yaps and flights of the package
+        traffic are also accepted.
     truth : table, optional
-        Positions of the targets: `time_s`, and `target` if there are several. It may have sigmas of
-        its own. By default the truth is in columns of `table`: `true_east_m` and so on.
+        True positions of the targets, with `time_s`, and with `target` if there are several
+        targets. They may have sigmas. By default the true positions are taken from columns of
+        `table`: `true_east_m` and so on.
     columns, truth_columns : mapping of str to str, optional
-        Column names in the table and in the truth, keyed by standard name.
+        The names that columns have in the table and in the truth, keyed by their standard names.
     value : str, optional
-        Column that is audited instead of positions, such as `azimuth_deg`. Its sigma is in
-        `azimuth_sigma_deg`, and the truth in `true_azimuth_deg`. Degrees wrap.
+        Column that is audited instead of positions, such as `azimuth_deg`. Its sigma is then in
+        `azimuth_sigma_deg`, and the true value in `true_azimuth_deg`. Values in degrees wrap at
+        360.
     by : str or sequence of str
-        Columns that identify independent parts, such as flights; by default `track` or `target`.
+        Columns whose values identify independent parts, such as flights; by default `track` or
+        `target`.
     strata : str or sequence of str
         Columns whose values divide the record into parts that are audited separately.
     origin : (float, float), optional
-        Latitude and longitude in degrees of the origin of east and north; needed if only one of the
-        tables has latitudes and longitudes.
+        Latitude and longitude, in degrees, of the origin of east and north. They are needed if only
+        one of the tables has latitudes and longitudes.
     truth_sigma : float
-        Standard deviation of each axis of the truth in metres, if the truth has no sigmas.
+        Standard deviation in metres of the errors of the truth in each axis; it is used if the
+        truth has no sigmas.
     max_distance : float
         Largest distance in metres between a track and its target.
 
     Returns
     -------
     table of the same kind
-        One row per figure, and per part of the record: `part`, `figure`, `probability`, `value`,
-        `low`, `high`, `unit`, `effective_number`, `verdict`.
+        One row for each figure and each part of the record, with the columns `part`, `figure`,
+        `probability`, `value`, `low`, `high`, `unit`, `effective_number` and `verdict`.
 
     Raises
     ------
     RecordError
         If a column is missing, a cell cannot be understood, a covariance is not positive definite,
-        or no estimate has a truth.
+        or no estimate has a true value.
     ValueError
         If an argument is outside its domain, or a required one is missing.
     TypeError
@@ -206,8 +211,8 @@ def audit(
 
     Notes
     -----
-    The truth is interpolated linearly, but not across gaps of more than ten times its usual step.
-    Its velocity is used for `time_offset`.
+    The truth is interpolated linearly, but not across gaps that are more than ten times as long as
+    its usual step. The velocities of the truth are used for `time_offset`.
 
     Examples
     --------
@@ -308,7 +313,7 @@ _Errors = tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None, An
 
 
 def _called(source: Source, columns: Mapping[str, str] | None) -> dict[str, str]:
-    """Return the names of columns, including those of other programs."""
+    """Return the names of columns, including the names that other programs use."""
     called = dict(columns or {})
     there = set(names(source[0].table))
     for needed, foreign in _FOREIGN.items():
@@ -318,14 +323,14 @@ def _called(source: Source, columns: Mapping[str, str] | None) -> dict[str, str]
 
 
 def _only(called: Mapping[str, str], schema: Schema, by: Sequence[str]) -> dict[str, str]:
-    """Return the names of the columns that are read; refuse names that no table has."""
+    """Return the names of the columns to be read; raise an error for names that no table has."""
     known_names = {name for one in schema.values() for name in one.columns} | set(by)
     foreign = {name for one in _FOREIGN.values() for name in one}
     return {k: v for k, v in called.items() if k in known_names or k not in foreign}
 
 
 def _labels(records: Records, by: Sequence[str]) -> IntArray:
-    """Return a number for each group, from the columns `by` or from the tracks."""
+    """Return the number of the group of each row, from the columns `by` or from the tracks."""
     rows = records.rows
     frame = records.by if by else rows.select("name")
     groups = layout(frame, rows.height)
@@ -376,7 +381,7 @@ def _scalar_errors(records: Records, value: str, truth: Source | None) -> _Error
 
 
 def _beside(records: Records) -> _Errors:
-    """Return the errors if the truth is in the same rows."""
+    """Return the errors of the estimates if the truth is in the same rows."""
     rows = records.rows
     axes = _axes(records, "true_")
     if axes and _axes(records, ""):
@@ -401,7 +406,7 @@ def _beside(records: Records) -> _Errors:
 def _versus(
     rows: _Estimates, there: Records, origin: tuple[float, float] | None, distance: float
 ) -> _Errors:
-    """Return the errors relative to a truth with times of its own."""
+    """Return the errors of the estimates relative to a truth that has other times."""
     records = rows.records
     for one, table in ((records, "the estimates"), (there, "the truth")):
         if "time" not in one.column:
@@ -473,7 +478,7 @@ def _common_places(
 
 
 def _frame(rows: pl.DataFrame, origin: tuple[float, float] | None) -> LocalFrame:
-    """Return the plane at the origin, by default at the middle of the positions."""
+    """Return the local frame at the origin, which by default is the median of the positions."""
     if origin is None:
         middle = rows.select(pl.col(GEODETIC[:2]).fill_nan(None).median()).row(0)
         if None in middle:
@@ -523,7 +528,7 @@ def _covariance(records: Records, axes: int) -> FloatArray:
 def _targets(
     truth: Truth, names_of: Any, time: FloatArray, place: FloatArray, distance: float
 ) -> IntArray:
-    """Return the target of each estimate: the only one, that of the same name, or the nearest."""
+    """Return the target of each estimate: the only target, the one of that name, or the nearest."""
     if len(truth) == 1:
         return np.zeros(len(time), dtype=np.int64)
     index = {name: k for k, name in enumerate(truth.targets.tolist())}
@@ -540,7 +545,7 @@ def _usual_step(truth: Truth) -> float:
 
 
 def _bridged(truth: Truth, target: IntArray, time: FloatArray) -> Any:
-    """Return which times are not within a long gap of the truth."""
+    """Return which times are not within a long gap between times of the truth."""
     longest = _LONGEST_GAP * _usual_step(truth)
     fine = target >= 0
     for k, (_, times, _) in enumerate(truth):
@@ -561,7 +566,7 @@ def _velocity(truth: Truth, target: IntArray, time: FloatArray) -> FloatArray:
 def _nearest(
     truth: Truth, when: FloatArray, labels: Any, target: IntArray, time: FloatArray
 ) -> IntArray:
-    """Return the row of the truth that is nearest in time."""
+    """Return, for each time, the row of the truth that is nearest in time."""
     found = np.zeros(len(time), dtype=np.int64)
     for k, name in enumerate(truth.targets.tolist()):
         rows = np.flatnonzero(labels == name)

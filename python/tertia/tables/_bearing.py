@@ -1,4 +1,4 @@
-"""Bearings of groups of measurements."""
+"""Estimation of bearings from groups of measurements."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _NONE = np.empty((0, 5))
 
 @dataclass(frozen=True, slots=True)
 class Bearings:
-    """The estimates of all groups, one row each, and their measurements."""
+    """The estimates of all groups, with one row for each group, and their measurements."""
 
     rows: pl.DataFrame
     groups: Layout
@@ -30,7 +30,7 @@ class Bearings:
     options: Mapping[str, Any]
 
     def estimates(self, most: int) -> Iterator[tuple[str, FloatArray, BearingEstimate]]:
-        """Yield names, measurements and estimates of the first groups that have one."""
+        """Yield the names, measurements and estimates of the first groups that have an estimate."""
         ends = np.cumsum(self.groups.lengths)
         for k in self.rows["note"].is_null().arg_true()[:most]:
             sample = self.theta[ends[k] - self.groups.lengths[k] : ends[k]]
@@ -53,38 +53,40 @@ def bearing(
     groups: str | None = None,
     **options: Any,
 ) -> Table:
-    """Estimate a bearing and its sigma per group, as the command `tertia bearing` does.
+    """Estimate a bearing and its sigma for each group, as the command `tertia bearing` does.
 
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per measurement; within a group, rows are in the order of measurement.
     columns : mapping of str to str, optional
-        Column names in this table, keyed by standard name.
+        The names that columns have in this table, keyed by their standard names.
     values : str
-        Column of the measurements; missing ones (null, nan) are left out and counted.
+        Column of the measurements. Missing measurements (null or nan) are left out, and their
+        number is stated.
     by : str or sequence of str
-        Columns by whose values the rows are grouped; by default all rows are one group.
+        Columns by whose values the rows are grouped; by default all rows belong to one group.
     groups : str, optional
-        Column of labels, equal for measurements that share a systematic error: those of one stop,
-        one hour, or one sector.
+        Column of labels. Measurements with equal labels have a systematic error in common, for
+        example measurements from one stop, in one hour, or in one sector.
     **options
         Parameters of `tertia.bearing.estimate_bearing`, except `nan_policy`.
 
     Returns
     -------
     table of the same kind
-        One row per group, in the order of their first measurements. Columns are `by`; the numbers
-        of measurements (`count`) and of missing ones (`missing`); the estimate and its sigma
-        (`azimuth_deg`, `azimuth_sigma_deg`); with `groups` or `bias_sigma`, the size of the
-        systematic errors that the sigma includes (`azimuth_bias_sigma_deg`); `outlier_count`;
-        `polarity`; and a `note` if there is no estimate. An empty table gives an empty result.
+        One row per group, in the order of their first measurements. The columns are those of `by`;
+        the number of measurements (`count`) and the number of missing measurements (`missing`); the
+        estimate and its sigma (`azimuth_deg`, `azimuth_sigma_deg`); the sigma of the systematic
+        errors, which is included in the sigma of the estimate (`azimuth_bias_sigma_deg`; only with
+        `groups` or `bias_sigma`); `outlier_count`; `polarity`; and a `note`, which states the
+        reason if there is no estimate. An empty table gives an empty result.
 
     Raises
     ------
     RecordError
-        If a column is missing, has the name of a result or does not hold numbers, or if a
-        measurement is infinite.
+        If a column is missing, has the name of a column of the result, or does not contain numbers,
+        or if a measurement is infinite.
     ValueError
         If an option is outside its domain.
     TypeError

@@ -1,4 +1,4 @@
-"""Detections of plots, by their names in files."""
+"""Detections of plots, converted from the names that files use."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _CODES |= {other: _CODES[name] for other, name in _OTHERS.items()}
 
 
 def refuse_unknown(records: Records) -> None:
-    """Refuse rows with an unknown name of a detection."""
+    """Raise an error for rows in which the name of the detection is unknown."""
     if "detection" in records.column:
         names = pl.col("detection").cast(pl.String).str.to_lowercase()
         records.refuse(
@@ -36,7 +36,7 @@ def refuse_unknown(records: Records) -> None:
 
 
 def detections_of(rows: pl.DataFrame) -> IntArray:
-    """Return the detections of plots, as indices; -1 where unknown."""
+    """Return the detections of plots as indices; an unknown detection is -1."""
     if "detection" not in rows.columns:
         return np.full(rows.height, NO_DETECTION)
     names = rows["detection"].cast(pl.String).str.to_lowercase()

@@ -72,7 +72,7 @@ _TRUTH_ON_EARTH: Schema = {
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """Figures of all tracks (`figure`, `value`, `unit`), one row per target, and sources."""
+    """Figures of all tracks, a table with one row for each target, and the data compared."""
 
     rows: pl.DataFrame
     targets: pl.DataFrame
@@ -94,31 +94,36 @@ def evaluate(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        Tracks as returned by `track`: `time_s`, `track`, `east_m`, `north_m`; and, if available,
-        `plot`, `confirmed`, `sensor`, velocities, sigmas and the covariance.
+        Tracks as returned by `track`, with `time_s`, `track`, `east_m` and `north_m`, and, if
+        available, `plot`, `confirmed`, `sensor`, velocities, sigmas and covariances.
     truth : table
-        Positions of the targets: `time_s`, `target` (or `track`), and `east_m` and `north_m`, or
-        `latitude_deg` and `longitude_deg`.
+        True positions of the targets, with `time_s`, `target` (or `track`), and `east_m` and
+        `north_m`, or `latitude_deg` and `longitude_deg`.
     columns : mapping of str to str, optional
-        Column names in the table of tracks, keyed by standard name.
+        The names that columns have in the table of tracks, keyed by their standard names.
     origin : (float, float), optional
-        Latitude and longitude in degrees of the origin of the tracks, for a truth in degrees.
+        Latitude and longitude, in degrees, of the origin of the tracks; needed if the truth has
+        latitudes and longitudes.
     max_distance : float
         Largest distance in metres between a track and its target.
     update_interval : float, optional
-        Required time between updates in seconds; by default that of the fastest sensor.
+        Required time between updates in seconds; by default the update interval of the fastest
+        sensor.
     limits : mapping of str to float, optional
         Limits of indicators, as for `tertia.metrics.indicators`.
 
     Returns
     -------
     table of the same kind
-        Names of the figures, their values, and units. For figures that may have limits, also `low`
-        and `high`, the bounds of a 95 % confidence interval by flight, `limit` and `verdict`.
+        One row for each figure, with its name, value and unit. Figures that may have limits also
+        have the bounds `low` and `high` of a 95 % confidence interval, which is computed by flight,
+        a `limit` and a `verdict`.
 
     Raises
     ------
-    If a column is missing, a cell cannot be understood, or a covariance is not positive definite.
+    RecordError
+        If a column is missing, a cell cannot be understood, or a covariance is not positive
+        definite.
     ValueError
         If an argument is outside its domain, or a required one is missing.
     TypeError
@@ -193,7 +198,7 @@ def evaluation_of(
 
 
 def _verdicts(judged: Judged, limits: Mapping[str, float] | None) -> pl.DataFrame:
-    """Return intervals, limits and verdicts of the figures that may have limits."""
+    """Return the intervals, limits and verdicts of those figures that may have limits."""
     rows = [
         (name, one.low, one.high, limit, one.verdict or None)
         for name, one, limit, _ in requirements(judged, limits)
@@ -211,9 +216,9 @@ def truth_of(
     *,
     identity: str,
 ) -> Truth:
-    """Return the truth in the time scale of the plots.
+    """Return the truth with times in the time scale of the plots.
 
-    `origin` is the place where east and north are 0; `identity` is the column by which plots
+    `origin` is the position at which east and north are 0; `identity` is the column by which plots
     identify targets.
     """
     records = _read_truth(source)
@@ -268,7 +273,7 @@ def _truth(
 def _in_the_plane(
     rows: pl.DataFrame, source: Source, origin: tuple[float, float] | None
 ) -> FloatArray:
-    """Return latitudes and longitudes as east and north."""
+    """Return positions given as latitudes and longitudes as east and north."""
     if origin is None:
         raise ValueError(
             f"{source[0].called} has latitudes and longitudes: give origin, where east and north "
@@ -296,7 +301,7 @@ def _doubt_swapped(
 
 
 def _numbers(column: pl.Series) -> IntArray:
-    """Return a number for each name, in the order of the names."""
+    """Return a number for each name; the numbers follow the sorted order of the names."""
     _, numbers = np.unique(column.fill_null("").to_numpy().astype(str), return_inverse=True)
     return numbers.astype(np.int64)
 

@@ -12,7 +12,7 @@ Table = TypeVar("Table")
 
 
 def result(table: Any, frame: pl.DataFrame, keys: Sequence[str] = ()) -> Any:
-    """Return a result as a table of the same kind; `keys` keep their column types."""
+    """Return a result as a table of the same kind; the columns `keys` keep their types."""
     if isinstance(table, (pl.DataFrame, list)):
         return frame
     if _is_of("pandas", "DataFrame", table):
@@ -21,7 +21,7 @@ def result(table: Any, frame: pl.DataFrame, keys: Sequence[str] = ()) -> Any:
 
 
 def extended(table: Any, columns: pl.DataFrame) -> Any:
-    """Return the same rows with additional columns, in the order of the table."""
+    """Return the rows of a table, in their order, with additional columns."""
     there = set(columns.columns) & set(names(table))
     if there:
         raise ValueError(f"the table has a column {sorted(there)[0]} already")
@@ -86,7 +86,7 @@ def part(table: Table, start: int, stop: int | None = None) -> Table:
 
 
 def joined(tables: Sequence[Table]) -> Table:
-    """Return the rows of tables of one kind."""
+    """Return the rows of several tables of one kind as one table."""
     first: Any = tables[0]
     if len(tables) == 1:
         return tables[0]
@@ -117,7 +117,7 @@ def names(table: Any) -> list[Any]:
 
 
 def _is_of(library: str, name: str, table: Any) -> bool:
-    """Return whether a table belongs to a library, without importing the library."""
+    """Return whether a table is from a given library; the library is not imported for this."""
     module = sys.modules.get(library)
     return module is not None and isinstance(table, getattr(module, name))
 

@@ -1,4 +1,4 @@
-"""Fusion of the plots of several sensors into one track per target."""
+"""Fusion of the plots of several sensors into one track for each target."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class FusedTarget:
     result: FusedSeries
 
     def of_sensor(self, name: str) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Return weights, noise and outliers (-1: no plot) of a sensor; nan if it has no plots."""
+        """Return weights, noise and outlier marks of a sensor; a mark of -1 means 'no plot'."""
         if name not in self.target.sensors:
             count = self.target.times.size
             return np.full(count, np.nan), np.full(count, np.nan), np.full(count, -1)
@@ -60,7 +60,7 @@ class FusedTarget:
         return self.result.weights[k, :, 0], self.result.noise_variance[k], outlier
 
     def of_sensors(self, columns: Sequence[str]) -> pl.DataFrame:
-        """Return one row per sensor: its plots, stated and estimated noise, and weight."""
+        """Return one row per sensor: number of plots, stated and estimated noise, and weight."""
         target, result = self.target, self.result
         estimated = np.sqrt(result.noise_variance)
         normalised = result.innovation / np.sqrt(result.innovation_variance)
@@ -92,7 +92,7 @@ class Fusion:
 
     @property
     def sensors(self) -> pl.DataFrame:
-        """One row per target and sensor."""
+        """A table with one row for each target and sensor."""
         if not self.targets:
             return pl.DataFrame()
         columns = _summary(self.values)
@@ -121,30 +121,32 @@ def fuse_series(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per plot, in any order: `time_s` (seconds, or datetimes), `sensor`, the angle, and
-        optionally its sigma (`azimuth_sigma_deg`). A missing plot (null, nan) still defines a time
-        at which the track is estimated.
+        One row per plot, in any order: The columns are `time_s` (seconds or datetimes), `sensor`,
+        the angle, and optionally its sigma (`azimuth_sigma_deg`). A row whose plot is missing (null
+        or nan) still defines a time at which the track is estimated.
     columns : mapping of str to str, optional
-        Column names in this table, keyed by standard name.
+        The names that columns have in this table, keyed by their standard names.
     values : str
         Column of the angle.
     by : str or sequence of str
-        Columns whose values group the rows into targets; by default all rows are one target.
+        Columns by whose values the rows are divided into targets; by default all rows belong to one
+        target.
     sensors : sequence of str, optional
-        All sensors; needed if the table may lack plots of some of them, because the result has
-        columns for each sensor. By default the sensors in the table.
+        The names of all sensors. They are needed if the table may have no plots of some sensors,
+        because the result has columns for each sensor. By default they are the sensors in the
+        table.
     sigma : float or mapping, optional
-        Stated standard deviation of the plots, one for all or one per sensor, instead of the values
-        in the table. If neither is given, it is estimated from the whole table.
+        Stated standard deviation of the plots, one for all sensors or one for each, which replaces
+        the values in the table. If neither is given, it is estimated from the whole table.
     bias_sigma : float or mapping, optional
-        Standard deviation of a constant systematic error, one for all sensors or one per sensor;
-        each target has its own error. 0 means no such error; it also holds for sensors that are not
-        in the mapping.
+        Standard deviation of a constant systematic error, one for all sensors or one for each. The
+        error of a sensor differs from target to target. With 0 there is no such error; this is also
+        the value for sensors that are not in the mapping.
     alpha, acceleration_sigma : float, optional
         Inverse of the time constant of the acceleration, and standard deviation of the
         acceleration; by default they are estimated.
     period : float or None
-        Period of the angle: 360.0 for degrees, 2*pi for radians, None for data that do not wrap.
+        Period of the angle: 360.0 for degrees, 2*pi for radians, or None for data that do not wrap.
     method : str
         As for `tertia.fusion.fuse_series`.
     **options
@@ -153,17 +155,18 @@ def fuse_series(
     Returns
     -------
     table of the same kind
-        One row per target and time. Columns are `by`, `time_s`; the angle, its rate and its
-        acceleration, each with its sigma (`azimuth_deg`, `azimuth_sigma_deg`, `azimuth_rate_deg_s`
-        and so on); and for each sensor its weight, its estimated sigma and whether its plot is an
-        outlier (`weight_A`, `azimuth_sigma_A_deg`, `outlier_A`). Unknown values are null. An empty
-        table gives an empty result.
+        One row for each target and time. The columns are those of `by` and `time_s`; the angle, its
+        rate and its acceleration, each with its sigma (`azimuth_deg`, `azimuth_sigma_deg`,
+        `azimuth_rate_deg_s` and so on); and for each sensor its weight, its estimated sigma, and
+        whether its plot is an outlier (`weight_A`, `azimuth_sigma_A_deg`, `outlier_A`). Unknown
+        values are null. An empty table gives an empty result.
 
     Raises
     ------
-    If a column is missing, does not hold numbers or is given for two purposes; if a plot has no
-    time or sensor; if there are two plots of one target by one sensor at one time; or if there
-    are too few plots to estimate the values that are not given.
+    RecordError
+        If a column is missing, does not hold numbers or is given for two purposes; if a plot has
+        no time or no sensor; if there are two plots of one target by one sensor at one time; or if
+        there are too few plots to estimate the values that are not given.
     ValueError
         If an option is outside its domain.
     TypeError
@@ -276,7 +279,7 @@ def _stated(sigma: float | Mapping[str, float] | None) -> dict[str | None, float
 
 
 def _of_biases(bias_sigma: float | Mapping[str, float]) -> dict[str | None, float]:
-    """Return the given values by sensor; None stands for all sensors; empty if all are 0."""
+    """Return the given values by sensor; the key None means all sensors. Empty if all are 0."""
     each = bias_sigma if isinstance(bias_sigma, Mapping) else {None: bias_sigma}
     given: dict[str | None, float] = {}
     for name, value in each.items():
@@ -296,7 +299,7 @@ def _plots(
     by: Sequence[str],
     given: Given,
 ) -> Records:
-    """Read the plots, and refuse those that cannot be fused."""
+    """Read the plots; raise an error if some of them cannot be fused."""
     sigma = column_name(values, "sigma")
     schema = {
         "time": TIME,
@@ -320,7 +323,7 @@ def _plots(
 
 
 def _columns(values: str, sensors: Sequence[str]) -> list[str]:
-    """Return the column names of a track."""
+    """Return the names of the columns of a fused track."""
     found = ["time_s"]
     for quantity, per in (((), ""), (("rate",), "_s"), (("acceleration",), "_s2")):
         found.append(column_name(values, *quantity, per=per))
@@ -331,7 +334,7 @@ def _columns(values: str, sensors: Sequence[str]) -> list[str]:
 
 
 def _summary(values: str) -> list[str]:
-    """Return the column names of the sensor table."""
+    """Return the names of the columns of the table of sensors."""
     counts = [f"{what}_count" for what in ("plot", "missing", "outlier")]
     sigmas = [column_name(values, "sigma", *which) for which in (("stated",), (), ("last",))]
     rms = column_name(values, "innovation", "rms")
@@ -340,7 +343,7 @@ def _summary(values: str) -> list[str]:
 
 
 def _targets(records: Records, sensors: Sequence[str]) -> list[Target]:
-    """Return the plots of each target, sorted by time; refuse two of a sensor at one time."""
+    """Return the plots of each target by time; two by one sensor at one time are an error."""
     rows = records.rows
     groups = layout(records.by, rows.height)
     # seconds from one origin, the earliest of all
@@ -366,7 +369,7 @@ def _targets(records: Records, sensors: Sequence[str]) -> list[Target]:
 
 @dataclass(frozen=True, slots=True)
 class _Plots:
-    """The plots of a target: numbers of their sensors and times, angles, and sigmas."""
+    """The plots of a target, with the numbers of their sensors and times, angles and sigmas."""
 
     sensor: IntArray
     step: IntArray
@@ -391,7 +394,7 @@ class _Plots:
 
 
 def _refuse_second(records: Records) -> None:
-    """Refuse the first plot of a sensor that is its second one at a time of a target."""
+    """Raise an error for the first plot that a sensor repeats for the same target and time."""
     rows = records.rows
     present = rows["angle"].is_not_nan()
     # a missing plot leaves a time, as often as it comes
@@ -405,7 +408,7 @@ def _refuse_second(records: Records) -> None:
 
 
 def _alike(targets: Sequence[Target], *, same_sensors: bool) -> list[list[Target]]:
-    """Return batches of targets with equal numbers of sensors and times, of limited size."""
+    """Return batches, of limited size, of targets with equal numbers of sensors and of times."""
     batches: list[list[Target]] = []
     begun: dict[tuple[object, ...], list[Target]] = {}
     for target in targets:
@@ -424,7 +427,7 @@ def _fuse(
     bias: Mapping[str | None, float],
     options: Mapping[str, Any],
 ) -> Iterator[FusedTarget]:
-    """Fuse targets with equal numbers of sensors and times in one call."""
+    """Fuse targets that have equal numbers of sensors and of times in one call."""
     variances = [noise.variance(one.sensors, one.sigma) for one in targets]
     arrays = ([one.z for one in targets], variances, [one.times for one in targets])
     z, variance, times = arrays[0][0], arrays[1][0], arrays[2][0]
@@ -480,7 +483,7 @@ def _rows(
 
 
 def _nothing(table: Any, empty: pl.DataFrame, time: str, by: list[str]) -> pl.DataFrame:
-    """Return a track without rows, with the usual column types."""
+    """Return a fused track without rows, whose columns have the usual types."""
     if isinstance(table, list) or time not in names(table):
         return empty
     kinds: dict[str, Any] = {

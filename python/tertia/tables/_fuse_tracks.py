@@ -50,7 +50,7 @@ TRACKS: Schema = {
 
 @dataclass(frozen=True, slots=True)
 class Fused:
-    """Tracks of sensors, the picture made from them, and the names of the tracks."""
+    """Tracks of sensors, the picture that is made from them, and the names of the tracks."""
 
     tracks: SensorTracks
     names: list[str]
@@ -61,7 +61,7 @@ class Fused:
 
     @property
     def rows(self) -> pl.DataFrame:
-        """One row per target and cycle; unknown values are null."""
+        """A table with one row for each target and cycle; unknown values are null."""
         found = self.picture
         course, speed = movement(found, self.sensors)
         members = {
@@ -90,7 +90,7 @@ class Fused:
 
     @property
     def per_sensor(self) -> pl.DataFrame:
-        """Return one row per sensor: its tracks, and how many of them are fused with others."""
+        """Return one row per sensor: how many tracks it has, and how many are fused with others."""
         found, rows = self.picture, []
         together = np.sum(found.members >= 0, axis=1) > 1
         for k, name in enumerate(self.sensors.names):
@@ -115,28 +115,31 @@ def fuse_tracks(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per message, in any order, as returned by `track`: `time_s`, `track`, `sensor`,
-        `east_m`, `north_m`, `velocity_east_m_s`, `velocity_north_m_s`; and, if known, their sigmas
-        and covariances, `turn_probability`, `height_m` or `flight_level`, and `icao_address`,
-        `mode_3a` or `identity`. If there is a column `plot` or `confirmed`, rows without a plot, or
-        rows that are not confirmed, are left out.
+        One row per message about a track, in any order, with columns as returned by `track`:
+        `time_s`, `track`, `sensor`, `east_m`, `north_m`, `velocity_east_m_s` and
+        `velocity_north_m_s`; and, if known, the sigmas and covariances, `turn_probability`,
+        `height_m` or `flight_level`, and `icao_address`, `mode_3a` or `identity`. If there is a
+        column `plot`, rows without a plot are left out; if there is a column `confirmed`, rows that
+        are not confirmed are left out.
     sensors : sequence of Radar
-        The sensors. The name of a sensor without a name is its index.
+        The sensors. A sensor without a name is called by its index.
     columns : mapping of str to str, optional
-        Column names in this table, keyed by standard name.
+        The names that columns have in this table, keyed by their standard names.
     **options
         Options of `tertia.tertiary.FusionCentre`.
 
     Returns
     -------
     table of the same kind
-        One row per target and cycle: `time_s`, `track`, position and velocity with their
-        covariance, `course_deg`, `speed_m_s`, `height_m`, the identity, `pvalue`, `confirmed`,
-        `doubtful`, and the track of each sensor, `track_<sensor>`. Unknown values are null.
+        One row for each target and cycle, with `time_s`, `track`, position and velocity and their
+        covariances, `course_deg`, `speed_m_s`, `height_m`, the identity, `pvalue`, `confirmed`,
+        `doubtful`, and the target's track at each sensor, `track_<sensor>`. Unknown values are
+        null.
 
     Raises
     ------
-    If a column is missing, a sensor is not among `sensors`, or a cell cannot be understood.
+    RecordError
+        If a column is missing, a sensor is not among `sensors`, or a cell cannot be understood.
     ValueError
         If an option is outside its domain.
     TypeError
@@ -164,7 +167,7 @@ def fused_tracks(
     columns: Mapping[str, str] | None = None,
     **options: Any,
 ) -> Fused:
-    """Return the picture made from tables or files of tracks."""
+    """Return the picture that is made from a table or from files of tracks."""
     radars = sensors_of(sensors)
     records = read(source, TRACKS, columns=columns, sensors=radars.names)
     rows, clock = records.rows, Clock.of(records.rows["time"], midnight=False)
@@ -193,7 +196,7 @@ def fused_tracks(
 
 
 def _covariances(rows: pl.DataFrame) -> FloatArray:
-    """Return covariances (N, 4, 4); nan unless all elements are known."""
+    """Return covariances, (N, 4, 4); a covariance is nan unless all of its elements are known."""
     covariance = np.empty((rows.height, 4, 4))
     for i, name in enumerate(_SIGMAS):
         covariance[:, i, i] = rows[name].to_numpy() ** 2

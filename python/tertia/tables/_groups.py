@@ -23,7 +23,7 @@ _UNITS = ("m_s2", "deg_s2", "nm_s2", "deg_s", "nm_s", "m_s", "deg", "nm", "m", "
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """The rows of each group: `order` lists those of the first group, then those of the next.
+    """The rows of each group: `order` has those of the first group, then those of the second, etc.
 
     `sorted` means that the rows are already in this order.
     """
@@ -35,27 +35,27 @@ class Layout:
 
     @property
     def group(self) -> IntArray:
-        """The group of each element of `order`."""
+        """The number of the group of each element of `order`."""
         return np.repeat(np.arange(len(self.lengths)), self.lengths)
 
     def arranged(self, values: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
-        """Return values of rows in the order of the groups."""
+        """Return the values of rows, arranged in the order of the groups."""
         return values if self.sorted else values[self.order]
 
     def __iter__(self) -> Iterator[tuple[pl.DataFrame, IntArray]]:
-        """Yield the keys of each group, as a table with one row, and the rows of the group."""
+        """Yield the keys of each group, as a table with one row, and the indices of its rows."""
         ends = np.cumsum(self.lengths)
         for k, end in enumerate(ends):
             yield self.keys[k : k + 1], self.order[end - self.lengths[k] : end]
 
 
 def as_names(by: str | Sequence[str]) -> list[str]:
-    """Return the names of columns, each only once."""
+    """Return the names of columns; a name that is given twice is returned once."""
     return [by] if isinstance(by, str) else list(dict.fromkeys(by))
 
 
 def layout(frame: pl.DataFrame, count: int) -> Layout:
-    """Group rows by the values of columns, in the order in which these first appear."""
+    """Group rows by the values of columns; groups have the order of their first rows."""
     if not frame.width or not count:
         lengths = np.array([count] if count else [], dtype=np.int64)
         return Layout(frame.head(len(lengths)), np.arange(count), lengths, sorted=True)
@@ -76,7 +76,7 @@ def layout(frame: pl.DataFrame, count: int) -> Layout:
 
 
 def run_starts(frame: pl.DataFrame) -> IntArray:
-    """Return the first row of each run of equal rows; the table must have rows and columns."""
+    """Return the first row of each run of equal rows of a table that has rows and columns."""
     new = np.zeros(frame.height, dtype=bool)
     new[0] = True
     for column in frame.get_columns():
@@ -85,7 +85,7 @@ def run_starts(frame: pl.DataFrame) -> IntArray:
 
 
 def group_name(keys: pl.DataFrame) -> str:
-    """Return the name of a group: its key columns with their values."""
+    """Return the name of a group, which lists its key columns with their values."""
     cells = zip(keys.columns, keys.row(0), strict=True) if keys.width else ()
     return ", ".join(f"{column} {'' if v is None else v}" for column, v in cells)
 
@@ -96,7 +96,7 @@ def prefixed(name: str, error: object) -> str:
 
 
 def beside(keys: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
-    """Return the table with the keys of its group added to every row."""
+    """Return the table with the key columns of its group added to every row."""
     return keys.join(table, how="cross") if keys.width else table
 
 
@@ -108,14 +108,14 @@ def known(values: npt.ArrayLike, there: BoolArray | None = None) -> pl.Series:
 
 
 def named(numbers: IntArray, names: Sequence[str]) -> pl.Series:
-    """Return the names with these numbers; null where the number is -1."""
+    """Return the names that have these numbers; a number of -1 gives null."""
     # the last one is that of -1
     chosen = np.array([*names, None], dtype=object)[numbers]
     return pl.Series(chosen.tolist(), dtype=pl.String)
 
 
 def column_name(column: str, *qualifiers: str, per: str = "") -> str:
-    """Return the name of a column with qualifiers before its unit: azimuth_sigma_deg.
+    """Return the name of a column with qualifiers before its unit, as in azimuth_sigma_deg.
 
     `per` is added to the unit, for example `_s` for a rate.
     """
@@ -124,7 +124,7 @@ def column_name(column: str, *qualifiers: str, per: str = "") -> str:
 
 
 def split_unit(column: str) -> tuple[str, str]:
-    """Return the name of a column without its unit, and the unit; empty if there is none."""
+    """Return the name of a column without its unit, and the unit, which may be empty."""
     unit = next((unit for unit in _UNITS if column.endswith(f"_{unit}")), "")
     return column.removesuffix(f"_{unit}") if unit else column, unit
 
@@ -132,11 +132,12 @@ def split_unit(column: str) -> tuple[str, str]:
 def by_length(
     lengths: IntArray, arrays: Sequence[npt.NDArray[Any]], call: Callable[..., Found]
 ) -> Iterator[tuple[IntArray, Found | ValueError]]:
-    """Call a function for all groups of the same length at once, with arrays (groups, length, ...).
+    """Call a function once for all groups of one length, with arrays (groups, length, ...).
 
     If the call fails, the function is called for each group separately, with arrays (1, length,
-    ...), because one bad group must not affect the others. Yields groups with their result or, if
-    there is none, the reason. If groups are adjacent, the arrays are views.
+    ...), because one group with bad values must not affect the other groups. Yields the groups with
+    their results or, for a group without a result, with the reason. If groups are adjacent, the
+    arrays are views.
     """
     starts = np.cumsum(lengths) - lengths
     ranked = np.argsort(lengths, kind="stable")
@@ -148,7 +149,7 @@ def by_length(
 
 
 def _block(array: npt.NDArray[Any], starts: IntArray, length: int) -> npt.NDArray[Any]:
-    """Return the parts of an array with this length, (parts, length, ...)."""
+    """Return the parts of an array that have this length, (parts, length, ...)."""
     count = len(starts)
     if count * length and starts[-1] - starts[0] == (count - 1) * length:
         own = array[starts[0] : starts[0] + count * length]

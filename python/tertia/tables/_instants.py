@@ -10,7 +10,7 @@ from tertia._arrays import FloatArray, IntArray
 
 
 def check_tolerance(tolerance: float) -> float:
-    """Return the tolerance in seconds, checked to be at least 0."""
+    """Return the tolerance in seconds; raise an error if it is below 0."""
     seconds = _arrays.real(tolerance, "tolerance")
     if not seconds >= 0:
         raise ValueError(f"tolerance is {seconds:g}; it must be at least 0 seconds")
@@ -18,10 +18,10 @@ def check_tolerance(tolerance: float) -> float:
 
 
 def instants(rows: pl.DataFrame, tolerance: float) -> tuple[IntArray, FloatArray]:
-    """Return the instant of each row, with rows sorted by time, and the time of each instant.
+    """Return the instant of each row and the time of each instant; rows are sorted by time.
 
-    An instant ends if the next time is later than its first time by more than `tolerance`, or if a
-    sensor measures the same kind again.
+    An instant ends if the next measurement is later than its first one by more than `tolerance`, or
+    if a sensor measures the same kind again.
     """
     time = rows["seconds"].to_numpy()
     keys = list(zip(rows["site"], rows["kind"], strict=True))

@@ -1,4 +1,4 @@
-"""Positions at single instants from the measurements of several stations."""
+"""Estimation of positions at single instants from the measurements of several stations."""
 
 from __future__ import annotations
 
@@ -58,26 +58,29 @@ def locate(
     probability: float | None = None,
     risk: float | None = None,
 ) -> Table:
-    """Locate targets at every instant, as the command `tertia locate` does.
+    """Estimate the position of each target at each instant, as `tertia locate` does.
 
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per sensor and time, in any order: `time_s` (seconds, or datetimes), `sensor`, and
-        any of `range_m`, `azimuth_deg`, `elevation_deg`, `range_difference_m` (from the first
-        sensor) and `arrival_time_s`, with their sigmas (`range_sigma_m`) if they differ from those
-        of the sensor. Alternatively one row per measurement, with `kind`, `value` and `sigma`.
-        Without `time_s` all rows of a target belong to one instant, at 0. Times of arrival may
-        count from any origin, preferably from `time_s`, because seconds since 1970 have steps of .2
-        µs. The position of a moving sensor is in `sensor_east_m`, `sensor_north_m` and in space
-        `sensor_up_m`, or, on the earth, in `sensor_latitude_deg`, `sensor_longitude_deg` and
-        `sensor_height_m`. Measurements with equal times, or within `tolerance`, form an instant.
+        One row per sensor and time, in any order. The columns are `time_s` (seconds or datetimes),
+        `sensor`, and any of `range_m`, `azimuth_deg`, `elevation_deg`, `range_difference_m` (range
+        minus the range from the first sensor) and `arrival_time_s`; and their sigmas, such as
+        `range_sigma_m`, if they differ from those of the sensor. Alternatively, there is one row
+        per measurement, with `kind`, `value` and `sigma`. Without `time_s`, all rows of a target
+        belong to one instant with the time 0. Times of arrival may be counted from any origin,
+        preferably from `time_s`, because seconds since 1970 are represented in steps of 0.2 µs. The
+        position of a moving sensor is in `sensor_east_m`, `sensor_north_m` and, in three
+        dimensions, `sensor_up_m`; or, on the earth, in `sensor_latitude_deg`,
+        `sensor_longitude_deg` and `sensor_height_m`. Measurements form an instant if their times
+        are equal or differ by at most `tolerance`.
     sensors : sequence of Station
-        The stations, with the names used in the table.
+        The stations, with the names that the table uses.
     columns : mapping of str to str, optional
-        Column names in this table, keyed by standard name.
+        The names that columns have in this table, keyed by their standard names.
     by : str or sequence of str
-        Columns whose values group the rows into targets; by default all rows are one target.
+        Columns by whose values the rows are divided into targets; by default all rows belong to one
+        target.
     tolerance : float
         Seconds within which measurements belong to one instant, whose time is the mean of theirs.
         An instant has at most one measurement of each kind by each sensor. With inf, each target
@@ -91,8 +94,9 @@ def locate(
     max_range : float, optional
         As for `tertia.location.locate`.
     pooled : bool
-        Whether the sigmas are only relative (or, if none is given, unknown); a common factor, or
-        sigma, is then estimated from all instants of a target together.
+        Whether the sigmas are correct only relative to each other, or, if none is given, are
+        unknown. A common factor, or a common sigma, is then estimated from all instants of a target
+        together.
     redundancy : int, optional
         As for `tertia.location.locate`.
     range_difference_correlation, propagation_speed : float
@@ -100,30 +104,35 @@ def locate(
     multipath : bool
         As for `tertia.location.locate`.
     height, height_sigma : float, optional
-        Height of all targets and its standard deviation in metres, in space. It is above the
-        ellipsoid if the sensors have latitudes and longitudes, otherwise it is the coordinate up.
+        Height of all targets in metres, and its standard deviation, for stations in three
+        dimensions. If the sensors have latitudes and longitudes, it is the height above the
+        ellipsoid, otherwise the coordinate up.
     initial : array_like, optional
-        A position near the targets, which selects one of several that fit the measurements.
+        A position near the targets; if several positions fit the measurements, it selects one of
+        them.
     probability : float, optional
-        Probability of regions about the positions. If it is given, the result has columns of the
-        regions, and `cep_m`, the radius that contains the target with a probability of one half.
+        Probability that the region about a position contains the target. If it is given, the result
+        has columns that describe the regions, and `cep_m`, the radius of a circle that contains the
+        target with a probability of one half.
     risk : float, optional
-        Risk of a protection level, for which a column is added.
+        Probability that the position error exceeds the protection level. If it is given, the result
+        has a column of protection levels.
 
     Returns
     -------
     table of the same kind
-        One row per target and time. Columns are `by`, `time_s`; the position with its sigmas and
-        covariances (`east_m`, `east_sigma_m`, `covariance_east_north_m2`); with times of arrival,
-        `emission_time_s` and its sigma; `measurement_count`, `degrees_of_freedom`, `pvalue`,
-        `outlier_count`, `outlier_measurement` (the names of the outliers); and a `status` if there
-        is no position. Unknown values are null.
+        One row for each target and time. The columns are those of `by` and `time_s`; the position
+        with its sigmas and covariances (`east_m`, `east_sigma_m`, `covariance_east_north_m2`);
+        `emission_time_s` and its sigma, if there are times of arrival; `measurement_count`,
+        `degrees_of_freedom`, `pvalue`, `outlier_count` and `outlier_measurement` (the names of the
+        outliers); and `status`, which states the reason if there is no position. Unknown values are
+        null.
 
     Raises
     ------
     RecordError
-        If a column is missing, a cell cannot be understood, a measurement is impossible or
-        duplicate, or a sigma is not stated.
+        If a column is missing, a cell cannot be understood, a measurement is impossible or appears
+        twice, or a sigma is not stated.
     ValueError
         If an option is outside its domain.
     TypeError
@@ -250,7 +259,7 @@ def _at_height(
     height: float | None,
     **options: Any,
 ) -> Location:
-    """Locate at a given height, which on the earth is above the ellipsoid, not above a plane."""
+    """Locate targets at a given height, which on the earth is measured from the ellipsoid."""
     if height is None or not isinstance(frame, LocalFrame):
         return locate_instants(stations, height=height, **options)
     found = locate_instants(stations, height=height - frame.height, **options)
@@ -263,7 +272,7 @@ def _at_height(
 
 
 def _emission(found: Location) -> dict[str, pl.Series]:
-    """Return the columns of the emission if there were times of arrival."""
+    """Return the columns of the emission times if times of arrival were measured."""
     if found.emission_time is None:
         return {}
     each = found.emission_time, found.emission_time_sigma
@@ -273,7 +282,7 @@ def _emission(found: Location) -> dict[str, pl.Series]:
 def _regions(
     found: Location, probability: float | None, risk: float | None
 ) -> dict[str, pl.Series]:
-    """Return the requested columns of regions and protection levels."""
+    """Return those columns of regions and protection levels that were requested."""
     columns: dict[str, Any] = {}
     if probability is not None:
         region = found.region(probability)

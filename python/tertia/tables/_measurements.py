@@ -79,7 +79,7 @@ class Target:
     singles: pl.DataFrame | None = None
 
     def by_kind(self) -> Iterator[tuple[Kind, IntArray, IntArray, BoolArray]]:
-        """Yield each kind with the times, stations and rows of its measurements."""
+        """Yield each kind of measurement with the times, stations and rows of its measurements."""
         for kind in self.values:
             own = (self.rows["kind"] == kind).to_numpy()
             rows = self.rows.filter(own)
@@ -92,9 +92,10 @@ class Target:
     def all_sigmas(
         self, sensors: Sensors[Station], *, optional: bool = False
     ) -> dict[Kind, FloatArray]:
-        """Return a sigma for every measurement, (N, K): its own, or that of its station.
+        """Return the sigma of each measurement, (N, K), or that of its station if it has none.
 
-        With `optional`, return None if only one kind was measured and none of its sigmas is stated.
+        If `optional` is true, return None if only one kind was measured and no sigma is stated for
+        it.
         """
         found = {}
         for kind, values in self.values.items():
@@ -113,12 +114,12 @@ class Target:
 
 
 def taken(kind: Kind, array: FloatArray) -> FloatArray:
-    """Return the columns; for range differences, without that of the first station."""
+    """Return the columns of the stations; range differences have none for the first station."""
     return array[:, 1:] if kind == "range_difference" else array
 
 
 def _stated(sensors: Sensors[Station], kind: Kind) -> FloatArray:
-    """Return the sigma of each station; nan where none is stated."""
+    """Return the sigma that is stated for each station; nan if none is stated."""
     if kind == "range_difference":
         return sensors.range_difference_sigma
     each = [getattr(one, f"{kind}_sigma") for one in sensors.items]
@@ -137,9 +138,10 @@ def read_targets(
 ) -> list[Target]:
     """Return the measurements of each target, sorted by time.
 
-    A row without measurements keeps its time. Unless times are required (`timed`), all rows of a
-    table without times belong to one instant. Measurements within `tolerance` seconds belong to one
-    instant, too; with inf, all measurements of a target do, and those of each sensor are combined.
+    The time of a row is kept even if the row has no measurements. Unless times are required
+    (`timed`), all rows of a table without times belong to one instant. Measurements within
+    `tolerance` seconds also belong to one instant. If `tolerance` is inf, all measurements of a
+    target belong to one instant, and the measurements of each sensor are combined.
     """
     schema = SCHEMA if timed else {**SCHEMA, "time": replace(TIME, required=False)}
     for part in source:
@@ -184,7 +186,7 @@ def doubt_instants(target: Target) -> None:
 
 
 def _require_kinds(part: Part, columns: Mapping[str, str]) -> None:
-    """Refuse a table without columns of measurements."""
+    """Raise an error for a table that has no columns of measurements."""
 
     def has(name: str) -> bool:
         return part.has(columns.get(name, name))

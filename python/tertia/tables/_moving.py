@@ -1,4 +1,4 @@
-"""Moving stations, which have a position in each row."""
+"""Moving stations, whose positions are given in each row of a table."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _UNPLACED = "{} needs latitudes and longitudes of the sensors, too"
 
 
 def names_of_places(records: Records, sensors: Sensors[Station]) -> list[str]:
-    """Return the quantities that are positions of sensors; empty if no sensor moves."""
+    """Return the quantities that are coordinates of sensors; empty if no sensor moves."""
     if "place_0" not in records.column:
         return []
     needed = list(PLACES)[: sensors.dimension]
@@ -42,7 +42,7 @@ def _are_geodetic(records: Records) -> bool:
 def local_places(records: Records, rows: pl.DataFrame, sensors: Sensors[Station]) -> FloatArray:
     """Return the position of the sensor of each row, with its axes as further rows, (M, 1 + D, D).
 
-    They are nan if a row has no position.
+    The position and the axes are nan if a row has no position of a sensor.
     """
     d = sensors.dimension
     given = rows.select(list(PLACES)[:d]).to_numpy()
@@ -62,7 +62,8 @@ def local_places(records: Records, rows: pl.DataFrame, sensors: Sensors[Station]
 def apart(rows: pl.DataFrame, places: FloatArray, count: int) -> tuple[pl.DataFrame, IntArray]:
     """Return the rows, with an additional sensor for each row of a moving sensor.
 
-    Also return, for each additional sensor, the index of its moving sensor among the `count` ones.
+    Also return, for each additional sensor, the index of the moving sensor that it represents,
+    which is one of the `count` original sensors.
     """
     moves = np.isfinite(places[:, 0]).all(axis=1)
     site = rows["site"].to_numpy().copy()
@@ -74,7 +75,7 @@ def apart(rows: pl.DataFrame, places: FloatArray, count: int) -> tuple[pl.DataFr
 def stations_of(
     sensors: Sensors[Station], rows: pl.DataFrame, places: FloatArray, own: IntArray, count: int
 ) -> Sensors[Station]:
-    """Return the sensors, plus moving ones like `own` with their positions at `count` steps."""
+    """Return the sensors, followed by copies of `own` with their positions at `count` steps."""
     like = np.concatenate([np.arange(len(sensors.items)), own]).astype(np.int64)
     d = sensors.dimension
     position = np.empty((count, len(like), d))

@@ -1,4 +1,4 @@
-"""Column names in the different ways in which people write them."""
+"""Recognition of column names that are written in different ways."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _UNIT = re.compile(r"_(m_s2|m_s|deg_s|m2|km|nm|ft|kt|m|deg|rad|ms|s)$")
 
 @lru_cache(maxsize=1024)
 def plain_name(name: object) -> str:
-    """Return a name in standard spelling: `Azimuth [deg]` becomes azimuth_deg."""
+    """Return a name in standard spelling; for example, `Azimuth [deg]` becomes azimuth_deg."""
     return re.sub(r"[\W_]+", "_", str(name)).strip("_").casefold() or str(name)
 
 
@@ -28,7 +28,7 @@ def hint(columns: Iterable[str], there: Sequence[object], near: float = NEAR) ->
 
 
 def misspelt(columns: Sequence[str], known: Iterable[str], there: Iterable[object]) -> str | None:
-    """Return a message if unknown columns are probably misspelt names of missing ones."""
+    """Return a message if unknown names are probably misspelt names of missing columns."""
     plain = set(map(plain_name, known))
     said = hint(columns, [name for name in there if plain_name(name) not in plain], VERY_NEAR)
     return f"has no column {' or '.join(columns)}{said}" if said else None

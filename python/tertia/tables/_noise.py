@@ -1,4 +1,4 @@
-"""The noise of plots and the motion of targets: given, or estimated from the recording."""
+"""The noise of plots and the motion of targets, as given or as estimated from the recording."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _GATE = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """The plots of one target, (K, steps); nan where a sensor has none at a time."""
+    """The plots of one target, (K, steps); nan if a sensor has no plot at a time."""
 
     name: str
     keys: pl.DataFrame
@@ -39,7 +39,7 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """Given values: sigmas by sensor (None: all other sensors), and parameters of the motion."""
+    """Given parameters of the motion, and given sigmas by sensor; the key None means all others."""
 
     sigmas: dict[str | None, float]
     alpha: float | None
@@ -63,7 +63,7 @@ class Fitted:
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """The motion of the targets, sigmas that replace those of plots, and estimated values."""
+    """The motion of the targets, sigmas that replace those of plots, and the estimated values."""
 
     model: SingerModel
     sigmas: dict[str, float]
@@ -85,7 +85,7 @@ class Noise:
 def settle(
     targets: Sequence[Target], sensors: Sequence[str], given: Given, period: float | None
 ) -> Noise:
-    """Estimate the values that are not given; RecordError if there are too few plots."""
+    """Estimate the values that are not given; raise an error if there are too few plots."""
     sigmas = {name: given.sigma(name) for name in sensors}
     stated = {
         name
@@ -121,7 +121,7 @@ def settle(
 def _fit(
     targets: Sequence[Target], sensors: Sequence[str], period: float | None
 ) -> tuple[dict[str, SensorFit], dict[str, str]]:
-    """Return the estimates for sensors, and the reasons why others have none."""
+    """Return the estimates for sensors, and the reasons why other sensors have no estimates."""
     fits, problems = {}, {}
     for name in sensors:
         series = [
@@ -152,7 +152,7 @@ def _motion(name: str, value: float, which: int, fit: SensorFit) -> Fitted:
 
 @dataclass(frozen=True, slots=True)
 class SensorFit:
-    """The noise of a sensor, and of the motion it observed, estimated without outliers."""
+    """The noise of a sensor and the motion that it observed, as estimated without outliers."""
 
     sensor: str
     noise: NoiseFit
@@ -160,7 +160,7 @@ class SensorFit:
 
     @property
     def motion_error(self) -> float:
-        """The relative error of the acceleration; inf if the plots do not determine alpha."""
+        """The relative error of the sigma of the acceleration; inf if alpha is not determined."""
         alpha, acceleration, _ = self.noise.sigma
         known = np.isfinite(alpha) and self.noise.acceleration_sigma > 0
         return float(acceleration / self.noise.acceleration_sigma) if known else np.inf
@@ -178,9 +178,10 @@ def fit_sensor(sensor: str, series: Sequence[Series], period: float | None) -> S
 
 
 def best_motion(fits: Sequence[SensorFit]) -> SensorFit:
-    """Return the estimate that determines the motion best.
+    """Return the estimate that determines the motion most accurately.
 
-    All sensors observe the same motion, so averaging their fits would hardly add information.
+    All sensors observe the same motion, so the mean of their estimates would hardly be more
+    accurate.
     """
     return min(fits, key=lambda fit: fit.motion_error)
 

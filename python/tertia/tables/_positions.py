@@ -1,4 +1,4 @@
-"""Positions of targets in tables: coordinates, residuals, outliers, unlocated instants."""
+"""Positions of targets in tables: coordinates, residuals, outliers, and reasons of failure."""
 
 from __future__ import annotations
 
@@ -50,10 +50,11 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, slots=True)
 class Located(Generic[R]):
-    """A target, its estimates, the location of its instants, and its measurements.
+    """A target, its estimates, the results of locating it at each instant, and its measurements.
 
-    `measurements` have whitened residuals and outlier flags, null where unknown; `step` is the
-    index of the time. `rows` has one row per time, and `sensors` one per sensor and kind.
+    `measurements` has whitened residuals and outlier flags, which are null if they are unknown; its
+    column `step` is the index of the time. `rows` has one row per time, and `sensors` has one row
+    per sensor and kind.
     """
 
     target: Target
@@ -73,18 +74,18 @@ class Positions(Generic[R]):
 
     @property
     def rows(self) -> pl.DataFrame:
-        """One row per target and time."""
+        """A table with one row for each target and time."""
         return pl.concat([one.rows for one in self.targets])
 
     @property
     def sensors(self) -> pl.DataFrame:
-        """One row per target, sensor and kind."""
+        """A table with one row for each target, sensor and kind."""
         # only targets with systematic errors have columns for them
         return pl.concat([one.sensors for one in self.targets], how="diagonal")
 
     @property
     def measurements(self) -> pl.DataFrame:
-        """One row per measurement."""
+        """A table with one row for each measurement."""
         names = ("time_s", "sensor", "kind", "value", "residual", "outlier")
         return pl.concat(
             [beside(one.target.keys, one.measurements.select(names)) for one in self.targets]
@@ -92,7 +93,7 @@ class Positions(Generic[R]):
 
 
 def result_names(motion: Sequence[tuple[str, str]] = ()) -> list[str]:
-    """Return the names of result columns, including additional vectors (prefix, unit)."""
+    """Return the names of result columns, including those of additional vectors (prefix, unit)."""
     space = np.zeros((0, 3, 3))
     vectors = [coordinates(space[..., 0], space, *form) for form in [("", "m"), *motion]]
     return [
@@ -111,7 +112,7 @@ def result_names(motion: Sequence[tuple[str, str]] = ()) -> list[str]:
 def coordinates(
     values: FloatArray, covariance: FloatArray, prefix: str = "", unit: str = "m"
 ) -> dict[str, pl.Series]:
-    """Return columns of vectors (N, D) and their sigmas; null where unknown."""
+    """Return the columns of vectors, (N, D), and of their sigmas; unknown values are null."""
     columns = {}
     for i, axis in enumerate(_AXES[: values.shape[1]]):
         columns[f"{prefix}{axis}_{unit}"] = known(values[:, i])
@@ -190,7 +191,7 @@ def of_singles(target: Target, measurements: pl.DataFrame) -> pl.DataFrame:
 def of_instants(
     target: Target, measurements: pl.DataFrame, fixes: Location, judged: BoolArray
 ) -> dict[str, Any]:
-    """Return columns that describe how each instant was located; null if it was not."""
+    """Return columns that describe the location at each instant; null if there was none."""
     located = pl.Series(np.asarray(fixes.success))
     outliers = measurements.filter("outlier")
     listed = outliers.group_by("step").agg(
@@ -216,12 +217,12 @@ def of_instants(
 
 
 def reason(status: int) -> str | None:
-    """Return the reason why an instant was not located; None if it was."""
+    """Return the reason why there is no position at an instant; None if there is a position."""
     return LocationStatus(status).message if status else None
 
 
 def of_sensors(target: Target, measurements: pl.DataFrame) -> pl.DataFrame:
-    """Return one row per sensor and kind; mean and rms exclude outliers."""
+    """Return one row per sensor and kind; its mean and rms are computed without outliers."""
     kept = pl.col("residual").filter(~pl.col("outlier").fill_null(False))
     order = {kind: number for number, kind in enumerate(UNITS)}
     found = (

@@ -59,30 +59,32 @@ def reconstruct(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per sensor and time, or per measurement, as for `locate`. All `arrival_time_s` with
-        the same `time_s` belong to one emission.
+        One row per sensor and time, or one row per measurement, as for `locate`. All arrival times
+        (`arrival_time_s`) with the same `time_s` belong to one emission.
     sensors : sequence of Station
-        The stations, with the names used in the table. Their systematic errors are used unless
-        `bias` is given; their survey errors are always used.
+        The stations, with the names that the table uses. Their systematic errors are used unless
+        `bias` is given; the uncertainties of their positions are always used.
     columns : mapping of str to str, optional
-        Column names in this table, keyed by standard name.
+        The names that columns have in this table, keyed by their standard names.
     by : str or sequence of str
-        Columns whose values group the rows into targets; by default all rows are one target.
+        Columns by whose values the rows are divided into targets; by default all rows belong to one
+        target.
     tolerance : float
-        Seconds within which measurements belong to one instant, whose time is the mean of theirs.
+        Length of time in seconds within which measurements belong to one instant; the time of the
+        instant is the mean of their times.
     **options
         Options of `tertia.trajectory.reconstruct`; `propagation_speed` must be a single number.
 
     Returns
     -------
     table of the same kind
-        One row per target and time, with the columns of `locate`, and `velocity_east_m_s`,
-        `velocity_east_sigma_m_s`, `acceleration_east_m_s2` and so on.
+        One row for each target and time, with the columns of `locate`, and with
+        `velocity_east_m_s`, `velocity_east_sigma_m_s`, `acceleration_east_m_s2` and so on.
 
     Raises
     ------
     RecordError
-        As for `locate`; also if there are too few measurements to reconstruct a path.
+        As for `locate`, and also if there are too few measurements to reconstruct a path.
     ValueError
         If an option is outside its domain.
     TypeError
@@ -171,7 +173,7 @@ def _has_position(found: Trajectory) -> BoolArray:
 
 
 def _of_stations(target: Target, kind: Kind, sigma: FloatArray) -> FloatArray | None:
-    """Return the sigma of each station, (K,); None if its measurements have different sigmas."""
+    """Return the sigma of each station, (K,); None if measurements of a station differ in sigma."""
     own = np.where(np.isnan(target.values[kind]), np.nan, sigma)
     least, largest = np.fmin.reduce(own), np.fmax.reduce(own)
     if np.any(largest > least):
@@ -182,7 +184,7 @@ def _of_stations(target: Target, kind: Kind, sigma: FloatArray) -> FloatArray | 
 def _rows(
     target: Target, sensors: Sensors[Station], found: Trajectory, measured: pl.DataFrame
 ) -> pl.DataFrame:
-    """Return one row per time, with null for unknown values."""
+    """Return one row per time; unknown values are null."""
     d = found.position.shape[1]
     parts = [found.covariance[:, i * d : (i + 1) * d, i * d : (i + 1) * d] for i in range(3)]
     rows = {
@@ -198,7 +200,7 @@ def _rows(
 
 
 def _with_bias(table: pl.DataFrame, found: Trajectory, names: Sequence[str]) -> pl.DataFrame:
-    """Return the sensors with their biases, if there are any, in the units of the columns."""
+    """Return one row per sensor with its biases, if there are any, in the units of the columns."""
     if found.bias is None:
         return table
     cells: dict[tuple[str, str], tuple[float, float]] = {}

@@ -59,7 +59,7 @@ def register(
     sensors : sequence of Radar
         The radars. The name of a radar without a name is its index.
     columns : mapping of str to str, optional
-        Column names in this table, keyed by standard name.
+        The names that columns have in this table, keyed by their standard names.
     n_threads : int, optional
         Number of threads; by default one for small tasks and all cores for large ones.
     **options

@@ -42,7 +42,7 @@ def screen(
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per measurement; within a group, rows are in the order of measurement.
     columns : mapping of str to str, optional
-        Column names in this table, keyed by standard name.
+        The names that columns have in this table, keyed by their standard names.
     values : str
         Column of the measurements; null and nan are missing.
     by : str or sequence of str

@@ -125,7 +125,7 @@ def smooth_tracks(
     sensors : sequence of Radar
         The radars. The name of a radar without a name is its index.
     columns : mapping of str to str, optional
-        Column names in this table, keyed by standard name.
+        The names that columns have in this table, keyed by their standard names.
     motion : {"imm", "cv"} or ImmModel, CvModel
         Motion model of the targets.
     every : float, optional

@@ -223,7 +223,7 @@ def track(
     sensors : sequence of Radar, PositionSensor or Station
         The sensors. The name of a sensor without a name is its index.
     columns : mapping of str to str, optional
-        Column names in this table, keyed by standard name.
+        The names that columns have in this table, keyed by their standard names.
     plans : sequence of FlightPlan
         Flight plans of the targets.
     **options

@@ -59,7 +59,7 @@ def weights(
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per measurement: `sensor`, and all components. Incomplete rows are left out.
     columns : mapping of str to str, optional
-        Column names in this table, keyed by standard name.
+        The names that columns have in this table, keyed by their standard names.
     values : str or sequence of str
         Columns of the components of the measured quantity.
     differences : bool

@@ -1,7 +1,8 @@
-"""Tertiary: tracks of several sensors, associated track to track and fused into one picture.
+"""Tertiary: associates the tracks of several sensors and fuses them into one picture.
 
-`FusionCentre` works cycle by cycle, `fuse_tracks` on recordings. The tracks come, as
-`SensorTracks`, from one `Tracker` for each sensor or from other systems.
+`FusionCentre` processes live tracks cycle by cycle, and `fuse_tracks` processes recordings. The
+tracks are given as `SensorTracks`; they come from one `Tracker` for each sensor or from other
+systems.
 """
 
 from tertia.tertiary._centre import FusionCentre, SystemTracks, fuse_tracks

@@ -39,14 +39,14 @@ _State: TypeAlias = "tuple[tuple[Radar, ...], float, int | None, float, bytes]"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SystemTracks(Result):
-    """Targets in the picture of a fusion centre: one row for each target at each instant.
+    """Targets in the picture of a fusion centre, with one row for each target at each instant.
 
     Attributes
     ----------
     time : ndarray of shape (N,)
         Time in seconds.
     track : ndarray of int, shape (N,)
-        Number of the target, from 1; it does not change.
+        Number of the target. Numbers start at 1, and the number of a target does not change.
     position, velocity : ndarray of shape (N, 2)
         East and north, in metres and metres per second.
     covariance : ndarray of shape (N, 4, 4)
@@ -54,14 +54,14 @@ class SystemTracks(Result):
     members : ndarray of int, shape (N, K)
         Number of the target's track at each sensor; -1 if the sensor has none.
     pvalue : ndarray of shape (N,)
-        Probability that tracks of the same target differ at least as much as these do; nan for a
-        single track.
+        Probability that tracks of one target differ at least as much as the members do; nan if
+        there is only one member.
     confirmed : ndarray of bool, shape (N,)
         Whether the target has existed for three cycles.
     doubtful : ndarray of bool, shape (N,)
         Whether only one sensor has seen the target for ten cycles although another sensor should
-        see it: one with the target within its `max_range`, and with a detection probability above
-        0.8.
+        see it. Another sensor should see a target that is within its `max_range` if its detection
+        probability is above 0.8.
     height : ndarray of shape (N,)
         Height in metres; nan if it is not known.
     identity : ndarray of int, shape (N,)
@@ -92,11 +92,11 @@ class SystemTracks(Result):
         return len(self.time)
 
     def __getitem__(self, index: slice | BoolArray | IntArray) -> SystemTracks:
-        """Return the rows of a slice, a mask or indices."""
+        """Return the rows that a slice, a mask or indices select."""
         return SystemTracks(**{name: getattr(self, name)[index] for name in self.__slots__})
 
     def __repr__(self) -> str:
-        """Return the numbers of targets and rows, as text."""
+        """Return a text that states the numbers of targets and rows."""
         return f"SystemTracks({len(np.unique(self.track))} tracks, {len(self)} rows)"
 
 
@@ -104,32 +104,33 @@ class FusionCentre:
     """A centre that fuses the tracks of several sensors into one picture, cycle by cycle.
 
     In each cycle it extrapolates the tracks to one instant, subtracts the systematic errors of the
-    sensors, which it also estimates, decides which tracks belong to one target, and fuses them. It
-    can be pickled and copied; the copy gives exactly the same results.
+    sensors, which it also estimates, decides which tracks belong to one target, and fuses them. A
+    centre can be pickled and copied; the copy gives exactly the same results.
 
     Parameters
     ----------
     sensors : sequence of Radar
-        The sensors; tracks refer to them by their index. `bias` is what is known beforehand of
-        their systematic errors.
+        The sensors; tracks refer to them by their index. Their `bias` states what is known
+        beforehand of their systematic errors.
     method : str
         "tracklets" (default): the plot behind each row is reconstructed from the track, and the
         reconstructed plots are filtered as in the tracker. `range_sigma` and `azimuth_sigma` must
-        be those that the sensor's own tracker assumes.
-        "matrix": the states are combined with the smallest covariance, assuming that the errors of
-        two tracks of one target have the given `cross_correlation`.
-        "covariance-intersection": for tracks whose error correlation is unknown.
-        "static": fixed weights, from the accuracy of the sensors at 100 km. "equal": equal weights.
-        "paper": for each component, weights are the inverse squares of the last corrections.
+        be those that the sensor's own tracker assumes. "matrix": the states are combined so that
+        the covariance is smallest if the errors of two tracks of one target have the given
+        `cross_correlation`. "covariance-intersection": the states are combined so that the
+        covariance is valid whatever the correlation of their errors is. "static": the states have
+        fixed weights, which follow from the accuracy of the sensors at 100 km. "equal": the states
+        have equal weights. "paper": each component of a state is weighted by the inverse square of
+        its last correction.
     cross_correlation : (float, float)
-        Correlation of the errors of two tracks of one target in position and in velocity, which
-        their common process noise causes; only for "matrix". (0, 0) means that they are
-        independent.
+        Correlation of the errors of two tracks of one target, in position and in velocity. Its
+        cause is that the manoeuvres of the target affect both tracks. Only "matrix" uses it; (0, 0)
+        means that the errors are independent.
     registration : bool, optional
-        Whether to estimate the systematic errors of the sensors; by default if there are two or
-        more sensors.
+        Whether to estimate the systematic errors of the sensors. By default they are estimated if
+        there are two or more sensors.
     update_interval : float
-        Time between cycles in seconds; used by `fuse_tracks`.
+        Time between cycles in seconds; only `fuse_tracks` uses it.
     n_threads : int, optional
         Number of threads; by default one per core if that is faster. It does not affect the
         results.
@@ -145,10 +146,11 @@ class FusionCentre:
     -----
     Two tracks are compared by `D² = d' T⁻¹ d` and by the mean of D² over the last cycles. Here d is
     the difference of the tracks, and T is the sum of their covariances and of the covariance of the
-    biases. A new pair is accepted if both are within the 99.9 % quantile; an existing pair is kept
-    if one of them is within the 99.9999 % quantile. The sensors are processed in turn: the tracks
-    of each are assigned to the groups formed so far. A group takes the number of the target with
-    which it has most members in common.
+    biases. A new pair is accepted if both D² and its mean are below the 99.9 % quantiles of their
+    distributions; an existing pair is kept if one of the two is below its 99.9999 % quantile. The
+    sensors are processed in turn: the tracks of each sensor are assigned to the groups that the
+    tracks of the previous sensors have formed. A group is given the number of the target with which
+    it has most members in common.
 
     Source: Panasyuk, Pudovkin, Rogachev 2018; Bar-Shalom, Fortmann 1988, chapter 10; Bar-Shalom,
     Campo 1986.
@@ -219,8 +221,8 @@ class FusionCentre:
         Parameters
         ----------
         tracks : SensorTracks
-            Messages since the last cycle, in any order. Those later than `time` are kept for the
-            next cycle; those that are not newer than the state of their track are dropped.
+            Messages since the last cycle, in any order. Messages later than `time` are kept for the
+            next cycle; messages that are not newer than the state of their track are dropped.
         time : float
             Time of the picture in seconds; it must be later than that of the previous update.
 
@@ -266,12 +268,12 @@ class FusionCentre:
         )
 
     def join(self, a: int, b: int) -> None:
-        """Treat the tracks of two targets as those of one, until `release`.
+        """Treat the tracks of two targets as tracks of one target, until `release` is called.
 
         Parameters
         ----------
         a, b : int
-            Numbers of two targets; no sensor may have tracks of both.
+            Numbers of two targets. No sensor may have a track of each of them.
 
         Raises
         ------
@@ -283,7 +285,7 @@ class FusionCentre:
         self._decide(a, b, joined=True)
 
     def separate(self, a: int, b: int) -> None:
-        """Treat the tracks of two targets as those of different targets, until `release`.
+        """Treat the tracks of two targets as tracks of different targets, until `release` is used.
 
         Parameters
         ----------
@@ -306,7 +308,7 @@ class FusionCentre:
             raise ValueError(f"a is {first}, b is {second}; these are not two targets{clash}")
 
     def release(self, a: int) -> None:
-        """Cancel all decisions of `join` and `separate` about the tracks of a target.
+        """Cancel all decisions made by `join` and `separate` about the tracks of a target.
 
         Parameters
         ----------
@@ -335,7 +337,7 @@ class FusionCentre:
         self._core = _core.FusionCentre.from_state(saved)
 
     def __repr__(self) -> str:
-        """Return the number of sensors and the time, as text."""
+        """Return a text that states the number of sensors and the time."""
         return f"FusionCentre({len(self.sensors)} sensors, time {self._time:.6g} s)"
 
 

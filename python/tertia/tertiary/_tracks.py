@@ -38,14 +38,14 @@ class SensorTracks(Result):
     sensor : ndarray of int, shape (N,)
         Index of the sensor.
     track : ndarray of int, shape (N,)
-        Number of the track at its sensor, not negative. A number that reappears after six scans
-        or more denotes a new track.
+        Number of the track at its sensor; it must not be negative. If a number appears again after
+        an interruption of six scans or more, it denotes a new track.
     position, velocity : ndarray of shape (N, 2)
         East and north, in metres and metres per second.
     covariance : ndarray of shape (N, 4, 4)
         Covariance of position and velocity; nan if the sensor does not report it. In that case the
-        position has the covariance of a plot of the sensor, and the velocity that of a line
-        through three plots.
+        covariance of the position is assumed to be that of a plot of the sensor, and the covariance
+        of the velocity that of a straight line through three plots.
     height : ndarray of shape (N,)
         Height in metres; nan if it is not known.
     identity : ndarray of int, shape (N,)
@@ -56,8 +56,8 @@ class SensorTracks(Result):
     Raises
     ------
     ValueError
-        If columns have different lengths, numbers are not finite or too large, or a covariance is
-        not positive definite.
+        If columns have different lengths, if a number is not finite or is too large, or a
+        covariance is not positive definite.
     TypeError
         If a column has the wrong type.
 
@@ -133,21 +133,22 @@ class SensorTracks(Result):
 
     @classmethod
     def of(cls, table: TrackTable, *, sensor: int | None = None) -> SensorTracks:
-        """Return the tracks of a tracker: the rows of confirmed tracks that have a plot.
+        """Return the tracks of a tracker, with those rows of confirmed tracks that have a plot.
 
-        Rows without a plot are left out, because they only extrapolate and contain nothing new.
+        Rows without a plot are left out, because they are only extrapolated and contain no new
+        information.
 
         Parameters
         ----------
         table : TrackTable
             Tracks of one sensor.
         sensor : int, optional
-            Index of the sensor at the centre; by default that of the table.
+            Index of the sensor at the fusion centre; by default the index in the table.
 
         Returns
         -------
         SensorTracks
-            The rows in their order.
+            The selected rows, in the order of the table.
 
         Raises
         ------
@@ -185,7 +186,7 @@ class SensorTracks(Result):
 
     @classmethod
     def concatenate(cls, several: Sequence[SensorTracks]) -> SensorTracks:
-        """Return the rows of several tables, one after the other.
+        """Return the rows of several tables, one table after the other, as one table.
 
         Parameters
         ----------
@@ -214,13 +215,13 @@ class SensorTracks(Result):
         return len(self.time)
 
     def __getitem__(self, index: slice | BoolArray | IntArray) -> SensorTracks:
-        """Return the rows of a slice, a mask or indices."""
+        """Return the rows that a slice, a mask or indices select."""
         some = SensorTracks.__new__(SensorTracks)
         for name in self.__slots__:
             object.__setattr__(some, name, np.ascontiguousarray(getattr(self, name)[index]))
         return some
 
     def __repr__(self) -> str:
-        """Return the numbers of tracks and rows, as text."""
+        """Return a text that states the numbers of tracks and rows."""
         tracks = np.unique(np.column_stack([self.sensor, self.track]), axis=0)
         return f"SensorTracks({len(tracks)} tracks, {len(self)} rows)"

@@ -1,8 +1,9 @@
-"""Tracker: tracks from radar plots, scan by scan or for a whole recording.
+"""Tracker: makes tracks from radar plots, scan by scan or for a whole recording.
 
 Plots are polar, from one radar or from several that rotate independently. Targets fly straight or
-turn; interacting multiple models estimate which. Other sensors report positions or azimuths alone.
-Azimuths are in radians, clockwise from north; positions are local east and north in metres.
+turn; interacting multiple models estimate which of the two they do. Other sensors may report
+positions, or azimuths without ranges. Azimuths are in radians, clockwise from north; positions are
+given as local east and north coordinates in metres.
 """
 
 from tertia.kalman import SingerModel

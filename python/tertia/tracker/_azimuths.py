@@ -1,4 +1,4 @@
-"""Stations that measure azimuths without ranges: checks, and their positions at each plot."""
+"""Stations that measure azimuths without ranges: their checks and their positions at each plot."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def check_station(station: Station, name: str) -> None:
 
 
 def placed(plots: Plots, sensors: Sequence[Any]) -> Plots:
-    """Return plots with the positions from which stations measured theirs."""
+    """Return the plots with the positions of the stations that measured them."""
     station = np.array([isinstance(one, Station) for one in sensors])
     if plots.sensor_position is None and not station.any():
         return plots
@@ -81,6 +81,6 @@ def placed(plots: Plots, sensors: Sequence[Any]) -> Plots:
 
 
 def _north(sensor: Any) -> float:
-    """Return the azimuth of the station's north in the plane."""
+    """Return the azimuth, in the system plane, of the direction that is north at the station."""
     axes = sensor.axes if isinstance(sensor, Station) else None
     return 0.0 if axes is None else float(np.arctan2(axes[1, 0], axes[1, 1]))

@@ -38,10 +38,11 @@ def plane_of(sensors: Sequence[Radar]) -> SystemPlane | None:
 def positions(
     plots: Plots, sensors: Sequence[Radar], plane: SystemPlane
 ) -> tuple[FloatArray, FloatArray]:
-    """Return positions, (N, 2), and their covariances, (N, 2, 2); nan where there are none.
+    """Return positions, (N, 2), and their covariances, (N, 2, 2); nan if a plot has no position.
 
-    A plot without a height is assumed at the mean height of those with one, and the error of this
-    assumption is part of its covariance. If no plot has a height, ranges are taken as horizontal.
+    A plot without a height is assumed to be at the mean height of the plots that have one, and the
+    error of this assumption is included in its covariance. If no plot has a height, ranges are
+    assumed to be horizontal.
     """
     sites, known = _sites(sensors), np.isfinite(plots.height)
     heights = plots.height[known]
@@ -74,12 +75,12 @@ def _sigmas(plots: Plots, sensors: Sequence[Radar]) -> FloatArray:
 
 
 def in_plane(plots: Plots, sensors: Sequence[Any]) -> Plots:
-    """Convert plots of radars on the earth to those that radars in a flat plane would measure.
+    """Convert plots of radars on the earth to the plots that radars in a flat plane would measure.
 
-    The formulas of the flat plane then give the exact positions. A plot without a height is assumed
-    at the mean height of the plots before it. If the range of a plot is shorter than its height
-    allows, the height is ignored, unless the plot may be straight above the radar. Plots of other
-    sensors are not changed.
+    Applied to the converted plots, the formulas for the flat plane give the exact positions. A plot
+    without a height is assumed to be at the mean height of the plots before it. If the measured
+    range is too short for the reported height, the height is ignored, unless the target may be
+    straight above the radar. Plots of other sensors are not changed.
     """
     radars = [one for one in sensors if isinstance(one, Radar)]
     plane = plane_of(radars)
@@ -120,7 +121,7 @@ def _flattened(plots: Plots, sensors: Sequence[Radar], plane: SystemPlane) -> Pl
 
 
 def _levels(height: FloatArray, low: FloatArray) -> FloatArray:
-    """Return the mean of the heights up to each plot, (N,); `low` before the first height."""
+    """Return the mean of all heights up to each plot, (N,), or `low` before the first height."""
     known = np.isfinite(height)
     count = np.cumsum(known)
     total = np.cumsum(np.where(known, height, 0.0))
@@ -128,7 +129,7 @@ def _levels(height: FloatArray, low: FloatArray) -> FloatArray:
 
 
 def reach(radar: Radar) -> float:
-    """Return the largest range in the plane, in which lengths far from the centre are enlarged."""
+    """Return the largest range in the plane, where lengths far from the centre appear longer."""
     if radar.frame is None:
         return radar.max_range
     far = float(np.hypot(*radar.position[:2])) + radar.max_range

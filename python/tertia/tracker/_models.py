@@ -1,4 +1,4 @@
-"""Parameters of the tracker: motion of targets, and use of flight plans."""
+"""Parameters of the tracker for the motion of targets and for the use of flight plans."""
 
 from __future__ import annotations
 
@@ -24,13 +24,14 @@ Association: TypeAlias = "AssociationName | Mht | PaperScore"
 
 @dataclass(frozen=True, slots=True)
 class ImmModel:
-    """Interacting multiple models (IMM): straight flight and turns, mixed by their probabilities.
+    """Interacting multiple models (IMM) of straight flight and turns, weighted by probability.
 
     Attributes
     ----------
     straight_sigma, turn_sigma : float
         Standard deviation of the acceleration during a scan, in straight flight and in turns, in
-        m/s². For straight flight, 0.05 suits simulated legs and 0.2 recorded ones.
+        m/s². For straight flight, 0.05 is suitable for simulated flights and 0.2 for recorded
+        flights.
     turn_rate_walk : float
         Intensity of the random walk of the turn rate, in radians per second and per square root of
         a second.
@@ -54,7 +55,7 @@ class ImmModel:
 
 @dataclass(frozen=True, slots=True)
 class CvModel:
-    """Nearly constant velocity: straight flight, disturbed by small accelerations.
+    """Motion at nearly constant velocity: straight flight, disturbed by small accelerations.
 
     Attributes
     ----------
@@ -81,11 +82,11 @@ class WindowModel:
         Number of plots that are kept when a manoeuvre is detected; by default 3, or 7 if `degree`
         is 2.
     planned_turn : int
-        Number of plots in the window near a turn of the flight plan.
+        Number of plots in the window when the target is near a turn of its flight plan.
     degree : {1, 2}
-        Degree of the polynomial after a manoeuvre is detected. A quadratic (2) is fitted to at
-        least five plots and used until its acceleration is no longer significant, at most for
-        twelve scans; then a line is started from three plots.
+        Degree of the polynomial after a manoeuvre is detected. A quadratic polynomial (2) is fitted
+        to at least five plots. It is used until its acceleration is no longer significant, but for
+        at most twelve scans. After that, a straight line is fitted, at first to three plots.
     """
 
     straight: int = 20
@@ -107,10 +108,10 @@ class WindowModel:
 
 @dataclass(frozen=True, slots=True)
 class PaperScore:
-    """Association by the score of the source, `½ (1/q − 1) d² + ln q` at the distance d.
+    """Association by the score of the source, `½ (1/q − 1) d² + ln q` for a plot at the distance d.
 
     The density of false plots, the detection probability and the size of the covariances are
-    ignored. A track is confirmed by M plots in N scans, whatever the number of false plots.
+    ignored. A track is confirmed by M plots in N scans, however many false plots there are.
 
     Attributes
     ----------
@@ -130,21 +131,23 @@ class PaperScore:
 
 @dataclass(frozen=True, slots=True, init=False)
 class PlanModel:
-    """Parameters for the use of flight plans, and the wind.
+    """Parameters for the use of flight plans, and the velocity of the wind.
 
     Attributes
     ----------
     flown_probability : float
-        Probability that a planned turn is flown, before any turn has been observed. 0: plans have
-        no influence. With the motion "window" it only matters whether it is 0.
+        Probability that a planned turn is flown, as assumed before any turn has been observed. If
+        it is 0, plans have no influence. With the motion "window", all values above 0 have the same
+        effect.
     wind : (float, float)
         East and north velocity of the air in m/s, used for planned turns.
     wind_sigma : float
         Standard deviation of the wind in m/s: about 6 if the wind is known, 20 if it is not.
     initiation : bool
-        Whether to expect a new target where a flight is due that has no track yet. Such a track is
-        confirmed earlier; two plots are enough if false plots are rare. Do not use it for a primary
-        radar that shows echoes of the previous scan again: two of these would confirm a track.
+        Whether to expect a new target at the place where, according to its plan, a flight without a
+        track should now be. A track that begins there is confirmed earlier; two plots are enough if
+        false plots are rare. Do not use this option for a primary radar that shows echoes of the
+        previous scan again: two such echoes would confirm a track.
 
     Raises
     ------
@@ -183,18 +186,19 @@ class PlanModel:
 
 @dataclass(frozen=True, slots=True)
 class Mht:
-    """Multiple-hypothesis tracking: several hypotheses about which plot belongs to which track.
+    """Multiple-hypothesis tracking: keeps several assignments of plots to tracks at a time.
 
     Attributes
     ----------
     max_hypotheses : int
-        Largest number of joint hypotheses for a group of tracks that compete for plots.
+        Largest number of joint hypotheses for a group of tracks that have plots in common in their
+        gates.
     scans : int
-        Number of scans after which a choice is final. This delays no output: the best hypothesis is
-        always shown at once.
+        Number of scans after which the choice between hypotheses is final. The output is not
+        delayed by this, because the best hypothesis is always shown at once.
     cut : float
-        Logarithm of a ratio: a hypothesis is dropped if it is exp(cut) times less likely than the
-        best one.
+        Natural logarithm of the likelihood ratio at which a hypothesis is dropped: it is dropped if
+        the best hypothesis is more than exp(cut) times as likely.
 
     Raises
     ------
@@ -217,7 +221,7 @@ class Mht:
 
 
 def core_motion(motion: Motion, profile: ProfileName = "aircraft") -> _core.Motion:
-    """Return a motion model in the form for the core; a name gives the model of the profile."""
+    """Return a motion model in the form that the core takes; a name selects that of the profile."""
     names = get_args(MotionName)
     if isinstance(motion, str):
         if motion not in names:
@@ -249,7 +253,7 @@ def profile_of(profile: ProfileName) -> tuple[ImmModel, float]:
 
 
 def core_association(association: Association) -> _core.TrackAssociation:
-    """Return a rule of association in the form for the core."""
+    """Return a rule of association in the form that the core takes."""
     match association:
         case "gnn":
             return _core.TrackAssociation.gnn()
@@ -270,7 +274,7 @@ def core_association(association: Association) -> _core.TrackAssociation:
 
 
 def core_radar(radar: Radar) -> _core.Radar:
-    """Return a radar in the form for the core."""
+    """Return a radar in the form that the core takes."""
     east, north, *up = radar.position.tolist()
     size, angle = radar.range_resolution, radar.azimuth_resolution
     return _core.Radar(
@@ -286,7 +290,7 @@ def core_radar(radar: Radar) -> _core.Radar:
 
 
 def _core_channels(radar: Radar) -> list[list[float] | None] | None:
-    """Return the numbers of the primary, secondary and mode S channels; None without channels."""
+    """Return the numbers for the primary, secondary and mode S channels; None without channels."""
     if radar.channels is None:
         return None
     own, sigmas = radar.channels, (radar.range_sigma, radar.azimuth_sigma)

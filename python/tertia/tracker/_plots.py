@@ -1,4 +1,4 @@
-"""Plots, and the reasons why some cannot be used."""
+"""Plots, and the reasons why some plots cannot be used."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ class Plots(Result):
     time : ndarray of shape (N,)
         Time in seconds.
     range : ndarray of shape (N,)
-        Range from the sensor in metres; nan for positions and for azimuths alone. It is the slant
-        range. If the radars are in a flat plane and no target has a known height, it is taken as
-        horizontal.
+        Range from the sensor in metres; nan for plots that are positions or azimuths. Ranges are
+        slant ranges. If the radars are in a flat plane and no target has a known height, ranges are
+        assumed to be horizontal.
     azimuth : ndarray of shape (N,)
         Azimuth in radians, clockwise from north.
     sensor : ndarray of int, shape (N,)
@@ -51,16 +51,18 @@ class Plots(Result):
     identity : ndarray of int, shape (N,)
         Reply of the transponder, for example a code or an address; -1 if there is none.
     detection : ndarray of int, shape (N,)
-        What the plot was detected by: the index of psr, ssr, psr+ssr, mode-s or psr+mode-s; -1 if
-        it is not known. It may also be given by these names. It is used if the radar has
-        `channels`; a detection that these channels cannot make is treated as not known.
+        Channels that detected the plot: the index of psr, ssr, psr+ssr, mode-s or psr+mode-s in
+        this list; -1 if they are not known. The names may be given instead of the indices. The
+        column is used if the radar has `channels`; a value that these channels cannot produce is
+        treated as unknown.
     position : ndarray of shape (N, 2) or None
-        East and north in metres, for sensors that report positions; nan for plots of radars.
+        East and north in metres, for sensors that report positions; nan for plots of other sensors.
     covariance : ndarray of shape (N, 2, 2) or None
-        Covariances of the positions; nan where the `position_sigma` of the sensor applies.
+        Covariances of the positions; nan for plots to which the `position_sigma` of the sensor
+        applies.
     sensor_position : ndarray of shape (N, 2) or None
-        East and north of a moving `Station` at each plot in metres; nan where the position of the
-        station itself applies.
+        East and north in metres of a moving `Station` at the time of each plot; nan for plots to
+        which the position stored in the station applies.
 
     Raises
     ------
@@ -134,11 +136,11 @@ class Plots(Result):
         return len(self.time)
 
     def __repr__(self) -> str:
-        """Return the number of plots, as text."""
+        """Return a text that states the number of plots."""
         return f"Plots({len(self)})"
 
     def __getitem__(self, index: Any) -> Plots:
-        """Return the plots of a slice, a mask or indices."""
+        """Return the plots that a slice, a mask or indices select."""
         some = Plots.__new__(Plots)
         for name in self.__slots__:
             whole = getattr(self, name)
@@ -155,8 +157,8 @@ class Plots(Result):
         """Return the plots as positions in the plane, as used by the tracker.
 
         Plots of radars on the earth (`Radar.frame`) are converted to the system plane. Plots
-        without a height are assumed at the mean height of the others; the error of this assumption
-        is part of their covariance.
+        without a height are assumed to be at the mean height of the other plots; the error of this
+        assumption is included in their covariances.
 
         Parameters
         ----------
@@ -167,11 +169,12 @@ class Plots(Result):
         -------
         position : ndarray of shape (N, 2)
             East and north in metres; nan if the plot is invalid or straight above the radar. Noise
-            of the azimuth reduces the mean of its sine and cosine by the factor exp(-sigma^2 / 2),
-            which is corrected.
+            of the azimuth multiplies the mean of its sine and cosine by exp(-sigma^2 / 2); the
+            positions are corrected for this factor.
         covariance : ndarray of shape (N, 2, 2)
-            `J diag(range_sigma^2, azimuth_sigma^2) J'`, with J the derivatives of the position. If
-            there is a height, the contributions of the slant range and the height error are added.
+            `J diag(range_sigma^2, azimuth_sigma^2) J'`, where J has the derivatives of the
+            position. For a plot with a height, the contributions of the slant range and of the
+            height error are added.
 
         Raises
         ------
@@ -205,7 +208,7 @@ class Plots(Result):
 
 
 class PlotStatus(enum.IntEnum):
-    """Reason why a plot was not used; stored instead of the track in `TrackTable.track_of_plot`."""
+    """Reason why a plot was not used; `TrackTable.track_of_plot` has it instead of a track."""
 
     INVALID = -1
     LATE = -2
@@ -240,7 +243,7 @@ _MESSAGES = {
 
 
 def continuous(time: FloatArray, period: float, now: float) -> FloatArray:
-    """Return continuous times from a clock that wraps, near `now` if that is known."""
+    """Return the times of a clock that wraps as continuous times, near `now` if that is known."""
     known = np.flatnonzero(np.isfinite(time))
     if not len(known):
         return time

@@ -1,4 +1,4 @@
-"""Systematic errors of radars, estimated while tracking."""
+"""Estimation of the systematic errors of radars during tracking."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Alone = Callable[[Plots, Radar | PositionSensor, int], TrackTable]
 
 
 def target_plots(plots: Plots, tracks: TrackTable, rows: IntArray) -> dict[str, Any]:
-    """Return the columns of the plots of these rows, with their targets, for the core."""
+    """Return the columns, for the core, of the plots of these rows, with their targets."""
     return {
         "sensor": plots.sensor,
         "target": np.ascontiguousarray(tracks.track[rows]),
@@ -47,7 +47,7 @@ def target_plots(plots: Plots, tracks: TrackTable, rows: IntArray) -> dict[str, 
 
 
 def is_registrable(sensors: Sequence[Sensor]) -> bool:
-    """Return whether a radar may have errors and another sensor can reveal them."""
+    """Return whether a radar may have systematic errors that another sensor can reveal."""
     deviates = any(one.bias is not None and one.bias.deviation_order > 0 for one in sensors)
     unknown = columns_of(own_biases(sensors), "_sigma").any(axis=1)
     radar = np.array([isinstance(one, Radar) for one in sensors])
@@ -58,14 +58,15 @@ def is_registrable(sensors: Sequence[Sensor]) -> bool:
 class Registrar:
     """Systematic errors of radars as known after each scan.
 
-    Reported positions have noise and may be late. Azimuths alone are not used.
+    Reported positions are assumed to have noise and possibly a delay. Stations, which measure
+    azimuths without ranges, are not used.
 
     Attributes
     ----------
     sensors : tuple of Radar, PositionSensor or Station
         The sensors.
     kept : list of Plots
-        Plots of the last scans, kept while large errors are searched for.
+        Plots of the last scans; they are kept as long as the search for large errors goes on.
     """
 
     def __init__(self, sensors: Sequence[Sensor]) -> None:
@@ -102,14 +103,14 @@ class Registrar:
 
     @property
     def held(self) -> list[bool]:
-        """Whether plots of each sensor must not confirm tracks at present."""
+        """Whether the plots of each sensor are at present not allowed to confirm tracks."""
         held = self._core.held()
         # where plots of all sensors are far from their tracks, targets manoeuvre
         return [False] * len(held) if all(held) else held
 
     @property
     def changes(self) -> list[tuple[float, int]]:
-        """Times and sensors of sudden changes of the errors."""
+        """Times at which errors changed suddenly, and the sensors whose errors changed."""
         return self._core.changes()
 
     def learn(
@@ -121,7 +122,7 @@ class Registrar:
         time: float,
         alive: IntArray,
     ) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Update the errors by the rows that these plots made; the first plot has the given number.
+        """Update the errors from rows of tracks and their plots; `first` numbers the first plot.
 
         `noise`, (K, 2), is the noise with which the rows were made, and `alive` are the numbers of
         all tracks, in order. The uncertainty of the errors is added to the covariances of the rows,
@@ -149,10 +150,10 @@ class Registrar:
     def search(self, plots: Plots, time: float, alone: Alone) -> bool:
         """Search for large errors in the first scans; return whether tracks are to start anew.
 
-        If so, `kept` are the plots from which they start. The errors are estimated from the tracks
-        of each radar alone. The search is repeated later if radars have no targets in common yet,
-        or if few scans showed no large errors. Later, tracks start anew only if the first scans did
-        not allow the comparison of all radars.
+        If they are, they start from the plots in `kept`. The errors are estimated from tracks of
+        single radars. The search is repeated later if radars do not have targets in common yet, or
+        if the first few scans showed no large errors. In a later search, tracks start anew only if
+        the first scans did not allow all radars to be compared.
         """
         if self._paired.all():
             return False
@@ -185,10 +186,10 @@ class Registrar:
             due *= 2.0
 
     def _vote(self, plots: Plots, alone: Alone, *, is_first: bool = False) -> bool:
-        """Start the estimation anew from the errors that these plots show, if they are large.
+        """Restart the estimation from the errors that follow from these plots, if they are large.
 
-        In the first scans, large errors are accepted only if several targets show them; if none are
-        found, the search goes on.
+        In the first scans, large errors are accepted only if several targets show them. If no large
+        errors are found, the search goes on.
         """
         plots = _thinned(plots, len(self.sensors))
         count = 2 if is_first else 3
@@ -237,7 +238,7 @@ class Registrar:
 
 
 def scans(time: FloatArray, period: float) -> list[IntArray]:
-    """Return the indices of the plots of each period, in order of time."""
+    """Return the indices of the plots in each scan period, in order of time."""
     if len(time) and np.max(time) - np.min(time) < 1.5 * period:
         return [np.arange(len(time))]
     order = np.argsort(time, kind="stable")
@@ -249,7 +250,7 @@ def scans(time: FloatArray, period: float) -> list[IntArray]:
 
 
 def _thinned(plots: Plots, sensors: int) -> Plots:
-    """Return the plots of only as many targets per sensor as suffice to find large errors.
+    """Return the plots of only so many targets per sensor as are needed to find large errors.
 
     The targets are selected by their identities, the same for all sensors. Nothing is left out if
     most plots of a sensor have no identity.
@@ -270,7 +271,7 @@ def _thinned(plots: Plots, sensors: int) -> Plots:
 
 
 def _joined(parts: Sequence[Plots]) -> Plots:
-    """Return the plots of several scans as one."""
+    """Return the plots of several scans as one `Plots` object."""
     columns: dict[str, Any] = {
         name: np.concatenate([getattr(part, name) for part in parts])
         for name in ("time", "range", "azimuth", "sensor", "height", "identity", "detection")

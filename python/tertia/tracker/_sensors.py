@@ -1,4 +1,4 @@
-"""The sensors of a tracker in the form for the core."""
+"""The sensors of a tracker in the form that the core takes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _DETECTION_PROBABILITY = 0.9
 
 
 def sensors_of(values: Any) -> tuple[Sensor, ...]:
-    """Return the sensors of a tracker, checked: at least one, all on the same earth."""
+    """Return the sensors, after a check that there are some and that all have the same frame."""
     if not isinstance(values, Sequence):
         names = "Radar, PositionSensor or Station"
         raise TypeError(f"sensors is {values!r}; it must be a sequence of {names}")
@@ -38,13 +38,13 @@ def sensors_of(values: Any) -> tuple[Sensor, ...]:
 
 
 def slant(sensors: Sequence[Sensor]) -> list[bool]:
-    """Return which sensors are radars whose ranges are slant even if no height is known."""
+    """Return which sensors are radars whose ranges are slant ranges even if no height is known."""
     radars = [one if isinstance(one, Radar) else None for one in sensors]
     return [one is not None and (one.site is not None or len(one.position) > 2) for one in radars]
 
 
 def interval(sensor: Sensor) -> float:
-    """Return the seconds between looks of a sensor at a target; 0 if there is no such interval."""
+    """Return the seconds between two plots of a target; 0 if a sensor has no such interval."""
     if isinstance(sensor, Station):
         return 0.0
     return sensor.scan_period if isinstance(sensor, Radar) else sensor.update_interval
@@ -53,7 +53,7 @@ def interval(sensor: Sensor) -> float:
 def core_sensors(
     sensors: Sequence[Sensor], motion: Motion
 ) -> tuple[list[_core.Radar], list[_core.Geometry]]:
-    """Return the sensors, and how their plots determine positions."""
+    """Return the sensors for the core, and how positions follow from their plots."""
     windowed = motion == "window" or isinstance(motion, WindowModel)
     if windowed and any(isinstance(one, Station) for one in sensors):
         raise ValueError(f"motion {motion!r} takes no azimuths alone, and sensors has a Station")
@@ -64,7 +64,7 @@ def core_sensors(
 
 
 def _core_sensor(sensor: Sensor, period: float) -> tuple[_core.Radar, _core.Geometry]:
-    """Return a sensor, and how its plots determine positions; `period` is for a station."""
+    """Return a sensor for the core, and how positions follow from its plots."""
     if isinstance(sensor, Station):
         sigma = sensor.azimuth_sigma
         assert sigma is not None  # it was checked
@@ -88,7 +88,7 @@ def _radar_geometry(radar: Radar) -> _core.Geometry:
 
 
 def _as_radar(sensor: PositionSensor) -> _core.Radar:
-    """Return a position sensor in the form of a radar, by which the core counts its reports."""
+    """Return a position sensor as a radar, because the core counts reports by scans of a radar."""
     return _core.Radar(
         position=[0.0, 0.0, 0.0],
         range_sigma=1.0 if sensor.position_sigma is None else sensor.position_sigma,

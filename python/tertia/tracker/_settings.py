@@ -1,4 +1,4 @@
-"""Options of the tracker, checked."""
+"""Checks of the options of the tracker."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def core_settings(
 
 
 def _confirmation(rule: tuple[int, int] | float) -> tuple[int, int] | float:
-    """Return the plots and scans, or the probability of a target, that confirm a track."""
+    """Return the rule (M, N), or the probability of a target, by which a track is confirmed."""
     if isinstance(rule, float):
         return real(rule, "confirmation")
     if not isinstance(rule, Sequence) or len(rule) != 2:

@@ -1,4 +1,4 @@
-"""Smoothed tracks, each from all of its plots, including later ones."""
+"""Smoothed tracks: each state is estimated from all plots of its track, including later plots."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Vertical(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothedTracks(Result):
-    """States of tracks from all their plots: one row for every plot and every requested time.
+    """States of tracks, estimated from all plots: one row for each plot and each requested time.
 
     The states of a track extend from its first plot to its last one.
 
@@ -79,9 +79,9 @@ class SmoothedTracks(Result):
     time : ndarray of shape (N,)
         Time in seconds, in order within each track.
     track : ndarray of int, shape (N,)
-        Number of the track; for tracks that are joined, the number of the first.
+        Number of the track; for tracks that are joined, the number of the first of them.
     sensor : ndarray of int, shape (N,)
-        Index of the sensor of the plot; -1 if the row has no plot.
+        Index of the sensor that measured the plot; -1 if the row has no plot.
     plot : ndarray of int, shape (N,)
         Index of the plot; -1 if the row has no plot.
     position, velocity : ndarray of shape (N, 2)
@@ -103,17 +103,17 @@ class SmoothedTracks(Result):
         Height in metres, its standard deviation, and vertical rate in m/s, positive upwards; nan
         before the first height and after the last one.
     transversal, longitudinal, vertical : ndarray of int, shape (N,)
-        How the target moves, as a `Transversal`, `Longitudinal` and `Vertical`. Undetermined if no
-        movement has a probability of at least 0.7.
+        How the target moves, as a value of `Transversal`, `Longitudinal` and `Vertical`. The value
+        is `UNDETERMINED` if no movement has a probability of at least 0.7.
     identity : ndarray of int, shape (N,)
         Reply of the transponder in the last plot; -1 if there is none.
     gap : ndarray of shape (N,)
-        Seconds to the nearest plot that is used.
+        Time in seconds to the nearest plot of the track that is used.
     outlier : ndarray of bool, shape (N,)
-        Whether the plot contradicts the others and was left out.
+        Whether the plot contradicts the other plots of its track and was left out.
     final : ndarray of bool, shape (N,)
-        Whether the state is at least 30 s older than the last plot, so that later plots would not
-        change it.
+        Whether the state is at least 30 s older than the last plot, so that later plots would
+        hardly change it.
     """
 
     _rows: ClassVar = "time", 0
@@ -147,11 +147,11 @@ class SmoothedTracks(Result):
         return len(self.time)
 
     def __repr__(self) -> str:
-        """Return the numbers of tracks and rows, as text."""
+        """Return a text that states the numbers of tracks and rows."""
         return f"SmoothedTracks({len(np.unique(self.track))} tracks, {len(self)} rows)"
 
     def __getitem__(self, index: Any) -> SmoothedTracks:
-        """Return the rows of a slice, a mask or indices."""
+        """Return the rows that a slice, a mask or indices select."""
         return SmoothedTracks(*(getattr(self, one.name)[index] for one in fields(self)))
 
 
@@ -167,7 +167,7 @@ def smooth_tracks(
     exclude: int | None = None,
     n_threads: int | None = None,
 ) -> SmoothedTracks:
-    """Return where targets were, estimated from all plots of their tracks.
+    """Estimate the states of targets, each from all plots of its track.
 
     Two filters, one forwards and one backwards in time, are combined at each plot and at any time
     between plots. Each has three models: straight flight, turns and changes of speed.
@@ -180,25 +180,26 @@ def smooth_tracks(
         The radars; plots refer to them by their index. Their biases are subtracted.
     tracks : TrackTable, optional
         The assignment of plots to tracks; by default `track(plots, sensors)`. Tracks with the same
-        identity are joined if one follows the other within five minutes and at the speed of an
-        aircraft, unless a radar sees both in one scan.
+        identity are joined if the second begins within five minutes after the end of the first, at
+        a place that an aircraft can reach, unless a radar sees both in one scan.
     motion : {"imm", "cv"} or ImmModel, CvModel
-        Motion model of the targets. "imm" or an `ImmModel`: straight flight and turns as given by
-        the model, and changes of speed. "cv" or a `CvModel`: straight flight alone.
+        Motion model of the targets. With "imm" or an `ImmModel`, targets fly straight or turn as
+        described by the model, or change their speed. With "cv" or a `CvModel`, they only fly
+        straight.
     registration : tertia.registration.Registration or False, optional
         A registration whose radars, with estimated biases and noise, replace `sensors`. By default,
-        if `tracks` is not given, the biases are those that the tracker has estimated at the end of
-        the recording. False: biases are not estimated.
+        if `tracks` is not given either, the biases are those that the tracker has estimated at the
+        end of the recording. If it is False, biases are not estimated.
     time : array_like of shape (T,), optional
         Additional times in seconds at which states are returned.
     every : float, optional
         Interval in seconds: states are also returned at all its multiples.
     exclude : int, optional
-        Index of a sensor whose plots are not used. They still have rows, so that they can be
-        compared with the estimate from all other sensors.
+        Index of a sensor whose plots are not used. These plots still have rows, so that they can be
+        compared with the estimate from the plots of all other sensors.
     n_threads : int, optional
-        Number of threads, over tracks; by default all cores if that is faster. It does not affect
-        the results.
+        Number of threads among which the tracks are divided; by default one per core if that is
+        faster. It does not affect the results.
 
     Returns
     -------
@@ -208,8 +209,8 @@ def smooth_tracks(
     Raises
     ------
     ValueError
-        If a plot belongs to a sensor that does not exist, if the tracks are those of other plots,
-        or if a parameter is outside its domain.
+        If a plot belongs to a sensor that does not exist, if `tracks` was made from other plots, or
+        if a parameter is outside its domain.
     TypeError
         If an argument has the wrong type.
 
@@ -283,7 +284,7 @@ def smooth_tracks(
 
 @dataclass(frozen=True, slots=True)
 class _Rows:
-    """Plots of tracks, by track and time; `first` has the index of the first plot of each track."""
+    """Plots of tracks, sorted by track and time; `first` has the first plot of each track."""
 
     plot: IntArray
     sensor: IntArray
@@ -301,7 +302,7 @@ class _Rows:
         radars: Sequence[Radar],
         sites: Sequence[Radar],
     ) -> _Rows:
-        """Sort the plots in these rows; tracking used `radars`, smoothing uses `sites`."""
+        """Sort the plots of these rows; tracking used `radars`, and smoothing uses `sites`."""
         own = plots[tracks.plot[rows]]
         corrected = own_biases(sites).correct(own)
         # clocks are continuous in tracks, but plots that waited for others have rows of later times
@@ -340,7 +341,7 @@ class _Rows:
 
 
 def _joined(tracks: TrackTable, radars: Sequence[Radar]) -> IntArray:
-    """Return the number of the target of each row, which is that of its first track."""
+    """Return the number of the target of each row: the number of the target's first track."""
     if not len(tracks):
         return tracks.track
     seen = tracks[np.lexsort((tracks.time, tracks.track))]
@@ -362,10 +363,10 @@ def _joined(tracks: TrackTable, radars: Sequence[Radar]) -> IntArray:
 
 
 def _changes(seen: TrackTable, radars: Sequence[Radar]) -> list[tuple[int, int]]:
-    """Return pairs of tracks, the second continuing the first, from rows of one identity by time.
+    """Return pairs of tracks of which the second continues the first; `seen` has one identity.
 
-    A radar that sees two tracks in one scan sees two targets. Two tracks of one target may receive
-    its plots alternately for some scans.
+    Two tracks are of two targets if one radar has plots of both in one scan. Two tracks of one
+    target may receive its plots alternately for some scans.
     """
     for sensor in np.unique(seen.sensor):
         own = seen[seen.sensor == sensor]

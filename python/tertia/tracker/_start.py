@@ -1,4 +1,4 @@
-"""Systematic errors of radars that are far larger than expected, from tracks of single radars."""
+"""Search for systematic errors that are far larger than expected, by tracks of single radars."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _STRAIGHT, _TURN = 0.1, 3.0
 def start(
     alone: Sequence[TrackTable], sensors: Sequence[Sensor]
 ) -> tuple[Bias, FloatArray, IntArray]:
-    """Return initial values of the errors, and the sigmas of their prior.
+    """Return initial values of the errors, and the sigmas of their prior distribution.
 
-    The tracks of the single sensors are compared at the time at which most pairs can be compared.
-    Also returned are the sigmas after the comparison, (K, 4), and the number of targets that each
-    sensor has in common with others, (K,).
+    The tracks of the single sensors are compared at the time at which the largest number of pairs
+    can be compared. The function also returns the sigmas after the comparison, (K, 4), and the
+    number of targets that each sensor has in common with other sensors, (K,).
     """
     prior = own_biases(sensors)
     sigma = columns_of(prior, "_sigma")
@@ -53,7 +53,7 @@ def columns_of(bias: Bias, suffix: str = "") -> FloatArray:
 
 
 def bias_of(value: FloatArray, sigma: FloatArray) -> Bias:
-    """Return the errors of K radars from (K, 4) numbers."""
+    """Return the errors of K radars from an array of shape (K, 4)."""
     columns: dict[str, Any] = {}
     for j, kind in enumerate(KINDS):
         columns |= {kind: value[:, j], f"{kind}_sigma": sigma[:, j]}
@@ -84,7 +84,7 @@ def _time_of_most_pairs(tables: Sequence[TrackTable], ages: Sequence[float]) -> 
 
 
 def _at(table: TrackTable, time: float, sensor: int, age: float) -> dict[str, Any]:
-    """Return the tracks of a radar at a time, extrapolated straight on from their last rows."""
+    """Return the tracks of a radar at a time, extrapolated in straight lines from the last rows."""
     rows = np.flatnonzero((table.time <= time) & (table.time > time - age))
     rows = rows[np.argsort(table.time[rows], kind="stable")]
     _, newest = np.unique(table.track[rows][::-1], return_index=True)

@@ -49,14 +49,14 @@ _PLACES = {column.name: place for place, column in enumerate(COLUMNS)}
 
 
 class _Columns:
-    """Columns that become arrays on first access."""
+    """Columns that are converted to arrays when they are first accessed."""
 
     __slots__ = ("_columns",)
 
     _columns: _core.TrackColumns
 
     def __getattr__(self, name: str) -> Any:
-        """Return a column; called on first access."""
+        """Return a column; Python calls this method when the column is first accessed."""
         try:
             place = _PLACES[name]
         except KeyError:
@@ -68,17 +68,18 @@ class _Columns:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackTable(_Columns, Result):
-    """Tracks: one row for every plot of a track and for every scan that missed its target.
+    """Tracks: one row for each plot of a track, and one for each scan without such a plot.
 
-    `COLUMNS` lists the columns with their units. `table[index]` has the rows of a slice, a mask or
-    indices.
+    `COLUMNS` lists the columns with their units. `table[index]` has the rows that a slice, a mask
+    or indices select.
 
     Attributes
     ----------
     time : ndarray of shape (N,)
         Time in seconds.
     track : ndarray of int, shape (N,)
-        Number of the track, from 1; it is 2**40 or more while late plots may still change it.
+        Number of the track. Numbers start at 1; a number is 2**40 or more while late plots may
+        still change it.
     sensor : ndarray of int, shape (N,)
         Index of the sensor.
     plot : ndarray of int, shape (N,)
@@ -94,9 +95,10 @@ class TrackTable(_Columns, Result):
     turn_probability : ndarray of shape (N,)
         Probability that the target turns.
     association_probability : ndarray of shape (N,)
-        Probability that the plots of the track are its own; 1 if no other assignment is likely.
+        Probability that the plots assigned to the track are those of its target; 1 if no other
+        assignment is likely.
     existence_probability : ndarray of shape (N,)
-        Probability that the track is that of a target and not made of false plots.
+        Probability that the track follows a target and does not consist of false plots.
     height, vertical_rate : ndarray of shape (N,)
         Height in metres and vertical rate in m/s, positive upwards; nan if no height was reported.
     identity : ndarray of int, shape (N,)
@@ -104,7 +106,7 @@ class TrackTable(_Columns, Result):
     plan : ndarray of int, shape (N,)
         Index of the flight plan; -1 if the track has none.
     plan_status : ndarray of int, shape (N,)
-        How the track obtained its plan, or why it has none: a `flightplan.CorrelationStatus`.
+        How the track was assigned its plan, or why it has none: a `flightplan.CorrelationStatus`.
     merged : ndarray of bool, shape (N,)
         Whether the plot also belongs to another track, because the radar did not resolve the two
         targets.
@@ -157,16 +159,16 @@ class TrackTable(_Columns, Result):
         return len(self.time)
 
     def __repr__(self) -> str:
-        """Return the numbers of tracks and rows, as text."""
+        """Return a text that states the numbers of tracks and rows."""
         return f"TrackTable({len(np.unique(self.track))} tracks, {len(self)} rows)"
 
     def __getitem__(self, index: Any) -> TrackTable:
-        """Return the rows of a slice, a mask or indices, with the tracks of all plots."""
+        """Return the rows that a slice, a mask or indices select, with all of `track_of_plot`."""
         kept = {column.name: getattr(self, column.name)[index] for column in COLUMNS}
         return TrackTable(**kept, track_of_plot=self.track_of_plot)
 
     def latest(self) -> TrackTable:
-        """Return the rows that are still valid, of a table that joins those of several updates.
+        """Return the rows that are still valid in a table that joins the tables of several updates.
 
         A tracker with a `lag` replaces rows that are not final. A new row replaces the rows of its
         track from its time on, and any other row with the same plot; a final row replaces all
@@ -191,7 +193,7 @@ class TrackTable(_Columns, Result):
 
     @classmethod
     def join(cls, tables: Sequence[TrackTable]) -> TrackTable:
-        """Return the rows of several updates, in their order, as one table."""
+        """Return the rows of the tables of several updates, in their order, as one table."""
         kept = {
             column.name: np.concatenate([getattr(table, column.name) for table in tables])
             for column in COLUMNS
@@ -200,10 +202,10 @@ class TrackTable(_Columns, Result):
 
 
 def joined(tables: Iterable[TrackTable], order: IntArray, first: int) -> TrackTable:
-    """Join the tables of successive parts of the plots; the given tables are emptied.
+    """Join the tables of tracks of successive parts of a recording; the parts are emptied.
 
-    `order` has the places of the plots of the parts in the whole, and `first` is the number of the
-    first plot of the whole.
+    `order` has, for each plot of the parts in their order, its index in the whole recording.
+    `first` is the number of the first plot of the recording.
     """
     whole, tracks, done = _core.TrackColumns(), np.empty(len(order), dtype=np.int64), 0
     for table in tables:

@@ -46,69 +46,73 @@ class Tracker:
     Parameters
     ----------
     sensors : sequence of Radar, PositionSensor or Station
-        The sensors; plots refer to them by their index. A `Station` measures azimuths alone, which
-        update confirmed tracks but do not start any. If radars have a `frame`, as set by
-        `tertia.geo.SystemPlane.radar`, tracks are in that plane, and heights are above the
-        ellipsoid; all radars must have the same frame, or none.
+        The sensors; plots refer to them by their index. A `Station` measures azimuths without
+        ranges; such plots update confirmed tracks but do not start tracks. If radars have a
+        `frame`, as set by `tertia.geo.SystemPlane.radar`, tracks are in that plane, and heights are
+        above the ellipsoid. Either all radars have the same frame, or none has one.
     motion : {"imm", "cv", "singer", "window"} or ImmModel, CvModel, SingerModel, WindowModel
         How confirmed targets move. "imm" (default): interacting multiple models of straight flight,
-        turns, and turns in the flight plan. "cv": straight flight. "singer": acceleration that
-        decays. "window": least squares over a sliding window of plots, as in the source. A name
-        stands for the model with its usual parameters. A `SingerModel` must be exact; its `dt` is
-        not used.
+        of turns, and of turns in the flight plan. "cv": straight flight. "singer": the acceleration
+        decays exponentially. "window": least squares over a sliding window of plots, as in the
+        source. A name stands for the model with its usual parameters. A `SingerModel` must have
+        been made with `exact=True`; its `dt` is not used.
     plans : sequence of FlightPlan
-        Flight plans, for "imm" and "window". They are assigned to tracks by identity, or by
-        position and time.
+        Flight plans; only the motions "imm" and "window" can use them. They are assigned to tracks
+        by identity, or by position and time.
     plan_model : PlanModel, optional
-        Parameters for the use of flight plans, and the wind.
+        Parameters for the use of flight plans, and the velocity of the wind.
     association : {"gnn", "mht", "paper"} or Mht, PaperScore
-        How plots are assigned to tracks. "gnn" (global nearest neighbour): by the assignment with
-        the largest likelihood ratio against false plots, final in each scan. "mht": uncertain
-        plots lead to several hypotheses, which are kept until later plots decide; the best is
-        shown. It is for targets close to one another. "paper": by the score of the source, for
-        comparison.
+        How plots are assigned to tracks. "gnn" (global nearest neighbour): the assignment with the
+        largest likelihood relative to that of false plots is chosen in each scan and is final.
+        "mht": uncertain plots lead to several hypotheses, which are kept until later plots decide
+        between them; the best hypothesis is shown. Use it for targets that are close to one
+        another. "paper": plots are assigned by the score of the source; this is for comparison with
+        the other methods.
     confirmation : (int, int) or float
-        (M, N): a track is confirmed by M plots in N scans. If there is clutter, more plots are
-        required, so that at most one false track is confirmed in a thousand scans. A float p: a
-        track of at least three plots is confirmed as soon as the probability that it is a target
-        (`existence_probability`) reaches p; this is faster if detections are often missed.
+        With a pair (M, N), a track is confirmed by M plots in N scans. If there is clutter, more
+        plots are required, so that at most one false track is confirmed in a thousand scans. With a
+        float p, a track of at least three plots is confirmed as soon as the probability that it
+        follows a target (`existence_probability`) reaches p; this confirms tracks earlier if
+        detections are often missed.
     coasting : int
-        Number of scans without a plot after which a track ends.
+        Number of successive scans without a plot after which a track ends.
     clutter_density : float, optional
-        False plots per square metre and scan; by default it is estimated from the plots.
+        Number of false plots per square metre and scan; by default it is estimated from the plots.
     profile : {"aircraft", "vessel", "road", "drone"}
-        Kind of targets; it determines the motion of the model "imm" and the largest speed.
+        Kind of targets; it determines the parameters of the motion "imm" and the largest speed.
     max_speed : float, optional
-        Largest speed of a target in m/s; by default that of the profile: 350, 30, 70 or 40.
+        Largest speed of a target in m/s; by default that of the profile, which is 350 for aircraft,
+        30 for vessels, 70 for road users and 40 for drones.
     gate_probability : float
         Probability that the plot of a target is within its gate.
     guard_acceleration : float, optional
-        Largest acceleration in m/s² that is considered for a target whose gate is empty. The
-        default is 5; with the motion "window" it falls from 12 for scans of 4 s to 7 for scans of
-        10 s.
+        Largest acceleration in m/s² that is considered possible for a target whose gate is empty.
+        The default is 5; with the motion "window" it decreases from 12 for scans of 4 s to 7 for
+        scans of 10 s.
     identity_error_probability : float
-        Probability that an identity is wrong: considerable for codes of four digits, tiny for
-        addresses of 24 bits (1e-9).
+        Probability that an identity is wrong. It is considerable for codes of four digits and tiny
+        for addresses of 24 bits (1e-9).
     emergency_codes : sequence of int
         Identities that signal an emergency, for example 0o7500, 0o7600, 0o7700 if identities are
         mode 3/A codes. After two of them in succession the plan of a track is suspended (see
         `suspend_plan`). They are not used as identities.
     lag : float
-        Seconds by which plots may be late. With a lag, rows older than this are final, and do not
-        depend on the order in which the plots came; later rows may still be replaced, see
-        `TrackTable.latest`. With 0 (default), rows are final at once, and plots may be up to one
-        scan late.
+        Time in seconds by which plots may be late. With a lag, rows that are older than the lag are
+        final, and do not depend on the order in which the plots arrived. Rows that are not as old
+        may still be replaced; see `TrackTable.latest`. With 0 (default), rows are final at once,
+        and plots may be up to one scan late.
     clock_period : float, optional
         Seconds after which the clock of the plots restarts from 0, for example 86400 for the time
         of day.
     registration : bool, optional
         Whether to estimate the systematic errors of the radars while tracking, and to correct the
-        plots. This needs targets that other radars or position sensors see as well. By default it
-        is done if there are such sensors and a radar that may have errors (a `bias` other than
-        `Bias()`). Positions of a `PositionSensor` are assumed to have no systematic error except a
-        delay. `Tracker.bias` has the present estimate; its uncertainty is part of the covariances.
-        Errors of several times the limits are found from the first three scans, during which no
-        rows are returned, or from the first seven; the tracks then start anew, with new numbers.
+        plots. This needs targets that other radars or position sensors see as well. By default they
+        are estimated if there are such sensors and at least one radar may have errors (its `bias`
+        is not `Bias()`). Positions of a `PositionSensor` are assumed to have no systematic error
+        except a delay. `Tracker.bias` has the present estimate; the covariances of the tracks
+        include its uncertainty. Errors that are several times as large as their limits are found
+        from the first three scans, during which no rows are returned, or from the first seven
+        scans; the tracks then start anew, with new numbers.
     n_threads : int, optional
         Number of threads for scans with more than a thousand plots per thread; by default all
         cores. It does not affect the results.
@@ -122,11 +126,11 @@ class Tracker:
 
     Notes
     -----
-    Confirmed tracks are assigned their plots first, by the assignment with the largest likelihood
-    ratio against false plots, then tentative tracks. Each remaining plot starts a tentative track.
-    If no plot is within the gate of a track, a plot within its guard gate is taken. The guard gate
-    is widened by a possible acceleration since the last plot. The cost of a scan of P plots is O(P
-    log P) if there are O(1) plots in a gate.
+    Plots are assigned first to confirmed tracks and then to tentative tracks, in both cases by the
+    assignment with the largest likelihood relative to that of false plots. Each remaining plot
+    starts a tentative track. If no plot is within the gate of a track, a plot within its guard gate
+    is used. The guard gate is larger than the gate: it also allows for an acceleration since the
+    last plot. The cost of a scan of P plots is O(P log P) if there are O(1) plots in a gate.
 
     Source: Glagovskiy, Lavina, Rudelson 2014, sections on gates and manoeuvres; Bar-Shalom, Li,
     Kirubarajan 2001, section 11.6.
@@ -223,10 +227,11 @@ class Tracker:
 
     @property
     def noise_factor(self) -> FloatArray:
-        """Ratio of the estimated to the stated noise of each sensor, (K,); nan before it is known.
+        """Ratio of estimated to stated noise of each sensor, (K,); nan until it is known.
 
-        If it is significantly above 1, tracks use it, for radars with separate factors for range
-        and azimuth. Errors that are correlated from scan to scan count as larger.
+        If the ratio is significantly above 1, tracks are made with the estimated noise. For radars,
+        range and azimuth have separate ratios. If errors are correlated from scan to scan, the
+        estimate is larger than their standard deviation.
         """
         return self._core.noise_factor()
 
@@ -236,16 +241,18 @@ class Tracker:
         Parameters
         ----------
         plots : Plots
-            Plots in any order, at most one scan, or `lag`, older than the previous plots.
+            Plots in any order. They may be older than the previous plots by at most `lag`, or by at
+            most one scan if there is no lag.
         time : float, optional
-            Time in seconds up to which all plots have arrived, except for late ones; by default the
-            time of the last plot. If it is given, a scan without plots counts as missed.
+            Time in seconds up to which all plots have arrived, except for plots that are late; by
+            default the time of the last plot. If it is given, a scan without any plot counts as a
+            scan in which all targets were missed.
 
         Returns
         -------
         TrackTable
-            New rows of the confirmed tracks. With a lag, the rows that became final, followed by
-            those that are new or have changed.
+            New rows of the confirmed tracks. With a lag, the table has the rows that became final,
+            followed by those that are new or have changed.
 
         Raises
         ------
@@ -262,7 +269,8 @@ class Tracker:
         Returns
         -------
         TrackTable
-            The rows that became final. Without a lag there are none, as rows are final at once.
+            The rows that became final. Without a lag there are none, because rows are final at
+            once.
         """
         return TrackTable._of(*self._core.finish(self.n_threads))
 
@@ -291,7 +299,7 @@ class Tracker:
         return self._scan(plots, end, rows)
 
     def _scan(self, plots: Plots, end: float | None, rows: str) -> TrackTable:
-        """Return rows of tracks from plots whose systematic errors were removed."""
+        """Return rows of tracks from plots from which systematic errors were removed."""
         plots = placed(plots, self.sensors)
         return TrackTable._of(*self._core.track(plots, plots.time, end, rows, self.n_threads))
 
@@ -342,14 +350,15 @@ class Tracker:
         Parameters
         ----------
         seconds : float
-            Seconds after the last update.
+            Time in seconds from the last update to the time of the prediction.
 
         Returns
         -------
         track : ndarray of int, shape (T,)
             Numbers of the tracks.
         position : ndarray of shape (T, 2)
-            East and north in metres: along the plan if the track uses it, otherwise straight on.
+            East and north in metres. The predicted path follows the plan if the track uses one, and
+            is straight otherwise.
 
         Raises
         ------
@@ -362,7 +371,7 @@ class Tracker:
 
     @property
     def plans(self) -> tuple[FlightPlan | None, ...]:
-        """The flight plans by their numbers; None for a plan that was removed."""
+        """The flight plans in the order of their numbers; None for a plan that was removed."""
         return tuple(self._plans)
 
     def add_plan(self, plan: FlightPlan) -> int:
@@ -403,10 +412,11 @@ class Tracker:
         return number
 
     def replace_plan(self, number: int, plan: FlightPlan) -> None:
-        """Replace a flight plan by another, for example when an aircraft is cleared to a new route.
+        """Replace a flight plan by another, for example if an aircraft is cleared for a new route.
 
-        A track that has the plan follows the new plan from its nearest leg, unless the identities
-        of the plans differ. If only the times are new, nothing else changes.
+        A track that has the plan is assigned the new plan, beginning with its nearest leg, unless
+        the identities of the plans differ. If the two plans differ only in their times, nothing
+        else changes for the track.
 
         Parameters
         ----------
@@ -427,7 +437,7 @@ class Tracker:
         self._plans[number] = plan
 
     def remove_plan(self, number: int) -> None:
-        """Remove a flight plan; a track that has it is assigned another plan if one fits.
+        """Remove a flight plan; a track that has it is assigned another plan if another plan fits.
 
         Parameters
         ----------
@@ -447,8 +457,8 @@ class Tracker:
     def correlate(self, track: int, plan: int, *, take: bool = False) -> None:
         """Assign a flight plan to a track by hand, until the track ends or the plan is removed.
 
-        The track keeps the plan whatever its identity and path are. Like any other plan, it is
-        blocked while the track does not follow it.
+        The track keeps the plan whatever the identity and the path of the track are. Like any other
+        plan, the plan is blocked while the track does not follow it.
 
         Parameters
         ----------
@@ -511,7 +521,8 @@ class Tracker:
     def resume_plan(self, track: int) -> None:
         """Use the suspended flight plan of a track again, as soon as the track is back on it.
 
-        The track is back on its plan after five successive scans on one of its legs.
+        The track is back on its plan after it has been on one leg of the plan for five successive
+        scans.
 
         Parameters
         ----------
@@ -548,7 +559,7 @@ class Tracker:
         self._core = _core.PlotTracker.from_state(saved)
 
     def __repr__(self) -> str:
-        """Return the number of sensors and the time, as text."""
+        """Return a text that states the number of sensors and the time."""
         return f"Tracker({len(self.sensors)} sensors, time {self._core.time:.6g} s)"
 
 
@@ -593,6 +604,6 @@ def tracked(plots: Plots, sensors: Sequence[Sensor], **options: Any) -> tuple[Tr
 
 
 def _alone(plots: Plots, sensor: Radar | PositionSensor, count: int) -> TrackTable:
-    """Return the tracks of one sensor that have at least `count` plots."""
+    """Return the tracks from the plots of one sensor that have at least `count` plots."""
     own = replace(plots, sensor=np.zeros(len(plots), dtype=np.int64))
     return track(own, [sensor], motion="cv", confirmation=(count, count + 1))
