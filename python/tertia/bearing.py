@@ -279,7 +279,7 @@ def estimate_bearing(
 
 
 def _numbered(groups: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    """Number the groups from 0, and return the numbers: one row for each record, or one for all."""
+    """Return the groups as numbers from 0: one row for each record, or one for all records."""
     labels = array_of(groups, "groups")
     if not shape or labels.shape not in {shape, shape[-1:]}:
         raise ValueError(

@@ -119,6 +119,7 @@ class Registrar:
         first: int,
         tracks: TrackTable,
         noise: FloatArray,
+        *,
         time: float,
         alive: IntArray,
     ) -> tuple[IntArray, FloatArray, FloatArray]:

@@ -65,15 +65,13 @@ class Tracker:
         How plots are assigned to tracks. "gnn" (global nearest neighbour): the assignment with the
         largest likelihood relative to that of false plots is chosen in each scan and is final.
         "mht": uncertain plots lead to several hypotheses, which are kept until later plots decide
-        between them; the best hypothesis is shown. Use it for targets that are close to one
-        another. "paper": plots are assigned by the score of the source; this is for comparison with
-        the other methods.
+        between them; the best hypothesis is shown. Use it for targets that are close together.
+        "paper": plots are assigned by the score of the source, for comparison.
     confirmation : (int, int) or float
         With a pair (M, N), a track is confirmed by M plots in N scans. If there is clutter, more
         plots are required, so that at most one false track is confirmed in a thousand scans. With a
         float p, a track of at least three plots is confirmed as soon as the probability that it
-        follows a target (`existence_probability`) reaches p; this confirms tracks earlier if
-        detections are often missed.
+        follows a target (`existence_probability`) reaches p.
     coasting : int
         Number of successive scans without a plot after which a track ends.
     clutter_density : float, optional
@@ -87,23 +85,19 @@ class Tracker:
         Probability that the plot of a target is within its gate.
     guard_acceleration : float, optional
         Largest acceleration in m/s² that is considered possible for a target whose gate is empty.
-        The default is 5; with the motion "window" it decreases from 12 for scans of 4 s to 7 for
-        scans of 10 s.
+        The default is 5, but 12 (scans of 4 s) to 7 (scans of 10 s) with the motion "window".
     identity_error_probability : float
-        Probability that an identity is wrong. It is considerable for codes of four digits and tiny
-        for addresses of 24 bits (1e-9).
+        Probability that an identity is wrong: use 1e-9 for addresses of 24 bits.
     emergency_codes : sequence of int
-        Identities that signal an emergency, for example 0o7500, 0o7600, 0o7700 if identities are
-        mode 3/A codes. After two of them in succession the plan of a track is suspended (see
-        `suspend_plan`). They are not used as identities.
+        Mode 3/A codes of emergencies, for example 0o7500, 0o7600, 0o7700. After two of them in
+        succession the plan of a track is suspended (`suspend_plan`). They are not identities.
     lag : float
         Time in seconds by which plots may be late. With a lag, rows that are older than the lag are
         final, and do not depend on the order in which the plots arrived. Rows that are not as old
         may still be replaced; see `TrackTable.latest`. With 0 (default), rows are final at once,
         and plots may be up to one scan late.
     clock_period : float, optional
-        Seconds after which the clock of the plots restarts from 0, for example 86400 for the time
-        of day.
+        Period of the clock of the plots in seconds, for example 86400 for the time of day.
     registration : bool, optional
         Whether to estimate the systematic errors of the radars while tracking, and to correct the
         plots. This needs targets that other radars or position sensors see as well. By default they
@@ -114,8 +108,7 @@ class Tracker:
         from the first three scans, during which no rows are returned, or from the first seven
         scans; the tracks then start anew, with new numbers.
     n_threads : int, optional
-        Number of threads for scans with more than a thousand plots per thread; by default all
-        cores. It does not affect the results.
+        Number of threads for scans with over a thousand plots per thread; by default all cores.
 
     Raises
     ------
@@ -128,9 +121,9 @@ class Tracker:
     -----
     Plots are assigned first to confirmed tracks and then to tentative tracks, in both cases by the
     assignment with the largest likelihood relative to that of false plots. Each remaining plot
-    starts a tentative track. If no plot is within the gate of a track, a plot within its guard gate
-    is used. The guard gate is larger than the gate: it also allows for an acceleration since the
-    last plot. The cost of a scan of P plots is O(P log P) if there are O(1) plots in a gate.
+    starts a tentative track. If the gate of a track is empty, a plot within its guard gate is used,
+    which also allows for an acceleration since the last plot. The cost of a scan of P plots is
+    O(P log P) if there are O(1) plots in a gate.
 
     Source: Glagovskiy, Lavina, Rudelson 2014, sections on gates and manoeuvres; Bar-Shalom, Li,
     Kirubarajan 2001, section 11.6.
@@ -149,15 +142,7 @@ class Tracker:
     True
     """
 
-    __slots__ = (
-        "_core",
-        "_plans",
-        "_registrar",
-        "clock_period",
-        "lag",
-        "n_threads",
-        "sensors",
-    )
+    __slots__ = "_core", "_plans", "_registrar", "clock_period", "lag", "n_threads", "sensors"
 
     def __init__(
         self,
@@ -341,7 +326,7 @@ class Tracker:
         self._core.hold(registrar.held)
         table = self._scan(registrar.correct(plots), end, rows)
         noise, time, alive = self._core.noise(), self._core.time, self._core.numbers()
-        self._core.shift(*registrar.learn(plots, first, table, noise, time, alive))
+        self._core.shift(*registrar.learn(plots, first, table, noise, time=time, alive=alive))
         return table
 
     def extrapolate(self, seconds: float) -> tuple[IntArray, FloatArray]:
@@ -570,7 +555,7 @@ def track(plots: Plots, sensors: Sequence[Sensor], **options: Any) -> TrackTable
     ----------
     plots : Plots
         Plots in any order.
-    sensors : sequence of Radar or PositionSensor
+    sensors : sequence of Radar, PositionSensor or Station
         The sensors.
     **options
         Options of `Tracker`.
