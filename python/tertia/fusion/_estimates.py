@@ -183,7 +183,7 @@ def fuse(
     -----
     For any weights W, the covariance of the combination is the sum of `W_i S_ij W_j'` over all i
     and j. "matrix" inverts only covariances of differences of estimates. Without
-    `cross_covariances` its weights are those of `weights.weight_matrices`, and its statistic is the
+    `cross_covariances` the weights are those of `weights.weight_matrices`, and the statistic is the
     sum of `(x_k - x)' C_k (x_k - x)` with C_k the inverse covariances. For normal errors this sum
     has the chi-square distribution with (K - 1) m degrees of freedom. The cost is O(K m³), and O(K³
     m³) with `cross_covariances`.

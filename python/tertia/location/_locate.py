@@ -171,7 +171,7 @@ def locate(
     -----
     Leading axes are broadcast against each other. If only one kind is measured and no standard
     deviation is given, one common standard deviation is estimated from the residuals. The robust
-    method estimates it from the median of their absolute values.
+    method estimates this deviation from the median of the absolute residuals.
 
     **Times of arrival.** In the model `c t = b + |p - s| + e`, the emission b is an additional
     unknown with a flat prior. The model is equivalent to one of range differences relative to any
