@@ -130,7 +130,7 @@ def fuse(
         contradictions between the sensors; this is possible only for "matrix" without
         `cross_covariances`.
     n : int, inf or array_like of shape (K,), optional
-        Number of measurements from whose deviations from their mean each covariance was estimated.
+        Number of measurements from which each covariance was estimated, as was their mean.
         The covariance and the p-value of the result then allow for the uncertainty of the given
         covariances. inf, which is also the default, means that a covariance is known. Only for
         "matrix" without `cross_covariances`.

@@ -118,7 +118,8 @@ def rate(
 ) -> Indicator:
     """Return a number of events per unit of exposure, with Byar's approximate Poisson interval.
 
-    `effect` is the variance of the number divided by that of independent events.
+    `effect` is the variance of the number of events, divided by the variance that the number would
+    have if the events were independent.
     """
     if not exposure:
         return Indicator(np.nan, np.nan, np.nan, count, count / effect, "")

@@ -1,4 +1,4 @@
-"""Replies of transponders other than the identity by which plots are associated."""
+"""Transponder replies, except for the identity, which is used to associate plots."""
 
 from __future__ import annotations
 

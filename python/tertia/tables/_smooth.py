@@ -123,7 +123,7 @@ def smoothing_of(
     robust: bool,
     jerk: float | None,
 ) -> SmoothedRows:
-    """Smooth the rows of all parts, in their order."""
+    """Smooth the rows of all parts, and return the parts in the same order."""
     axes = as_names(values)
     geodetic = axes == list(LOCAL[:2]) and _are_geodetic(source, columns or {})
     sigmas = [sigma] * len(axes) if isinstance(sigma, (str, int, float)) else list(sigma)
