@@ -68,7 +68,7 @@ def heights(plan: FlightPlan) -> FloatArray:
 def build(
     plan: FlightPlan, scenario: FlightScenario, lasting: float, random: np.random.Generator
 ) -> Route:
-    """Return the route of a scenario; without a return it ends `lasting` s after leaving the plan."""
+    """Return the route of a scenario; without a return it ends `lasting` s after the deviation."""
     return _BUILDERS[scenario](_Planned(plan), lasting, random)
 
 
