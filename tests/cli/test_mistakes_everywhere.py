@@ -236,7 +236,7 @@ def test_files_that_are_none(command: str, folder: Path, tmp_path: Path) -> None
         ),
         "cut.csv.gz": (packed[:60], "cannot read"),
         "plain.csv.gz": (contents, "it is not compressed by gzip"),
-        "text.parquet": (contents, "it is no Parquet file"),
+        "text.parquet": (contents, "it is not in Parquet format"),
         "text.jsonl": (contents, "line 1: each line must be a JSON object"),
     }  # fmt: skip
     output = tmp_path / ("out.html" if command == "report" else "out.csv")
@@ -269,7 +269,7 @@ def test_outputs_of_every_command(command: str, folder: Path, tmp_path: Path) ->
         tmp_path / "out.xlsx": "its name must end in",
     }
     if suffix == ".csv":
-        outputs[folder / file] = "it has the "
+        outputs[folder / file] = "it contains the "
     before = (folder / file).read_bytes()
     for output, said in outputs.items():
         done = run(command, folder / file, *given, "--output", output)

@@ -20,7 +20,8 @@ def test_every_kernel_has_a_count() -> None:
 
 def test_every_table_of_the_run_has_a_place() -> None:
     script = (BENCHES / "performance.py").read_text(encoding="utf-8")
-    tables = re.findall(r'^    "(\w+)": \w+,$', script, re.MULTILINE)
-    page = (ROOT / "docs" / "performance.md").read_text(encoding="utf-8")
-    assert tables == re.findall(r"<!-- table: (.+) -->", page)
-    assert len(tables) == page.count("<!-- end -->") > 0
+    for name, path in (("PAGE", "docs/performance.md"), ("FRONT", "README.md")):
+        tables = re.findall(rf'^    \({name}, "(\w+)"\): \w+,$', script, re.MULTILINE)
+        page = (ROOT / path).read_text(encoding="utf-8")
+        assert tables == re.findall(r"<!-- table: (.+) -->", page)
+        assert len(tables) == page.count("<!-- end -->") > 0

@@ -307,7 +307,7 @@ def test_wrong_arguments():
     refused("motion", GPS, CAMERA, motion=WindowModel())
     for bias in (Bias(azimuth_sigma=0.1), Bias(time_sigma=None), Bias(deviation_order=1)):
         refused("bias", GPS, Station([0.0, 0.0], azimuth_sigma=0.1, bias=bias))
-    refused("no Radar", GPS, CAMERA, registration=True)
+    refused("needs a Radar", GPS, CAMERA, registration=True)
     tracker = Tracker([GPS, CAMERA])
     assert_refused(
         lambda: tracker.update(Plots([0.0], 5.0, 0.1, sensor=1)), ValueError, "plots.range[0]"

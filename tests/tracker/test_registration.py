@@ -237,8 +237,8 @@ def test_tracks_move_when_the_errors_do(monkeypatch):
     same = pickle.loads(pickle.dumps(tracker))
     learn = Registrar.learn
 
-    def learn_more(*given):
-        number, time, by = learn(*given)
+    def learn_more(*given, **more):
+        number, time, by = learn(*given, **more)
         return number, time, by + np.array([300.0, -100.0, 0.0, 0.0])
 
     last = plots[(plots.time >= 40.0) & (plots.time < 44.0)]
