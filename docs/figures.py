@@ -57,6 +57,7 @@ from studies import (
     tracker,
     trajectory,
     unhealthy,
+    velocities,
     weights,
 )
 from studies.pages import save, write
@@ -250,6 +251,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     "smoothing.md": {
         "noise": honest_series.noise,
         "motions": honest_series.motions,
+        "velocities": velocities.velocities,
         "degree coverage": smoothing.degree_coverage,
         "degrees chosen": smoothing.degrees_chosen,
         "ends": smoothing.ends,

@@ -123,10 +123,12 @@ class SmoothedPositions(Result):
         correlation `exp(-T / correlation_time)`. 0 for white noise.
     noise_factor : float or ndarray of shape (...)
         Factor, at least 1, by which the stated standard deviations of the positions are multiplied.
-    velocity_outlier : ndarray of bool, of shape (..., N)
-        Measured velocities that were left out.
+    velocity_outlier : ndarray of bool, of shape (..., N), or None
+        Measured velocities that were left out; None without velocities.
     velocity_noise_factor : float or ndarray of shape (...)
-        Factor, at least 1, by which the stated standard deviations of the velocities are multiplied.
+        The same for the velocities.
+    velocity_lag : float or ndarray of shape (...)
+        Time by which the measured velocities lag behind the positions; 0 unless the plots show it.
     systematic : {"not included"}
         The covariance does not include an error that is common to all plots, because such an error
         cannot be detected from one track.
@@ -146,8 +148,9 @@ class SmoothedPositions(Result):
     outlier: BoolArray
     correlation_time: float | FloatArray
     noise_factor: float | FloatArray
-    velocity_outlier: BoolArray
-    velocity_noise_factor: float | FloatArray
+    velocity_outlier: BoolArray | None = None
+    velocity_noise_factor: float | FloatArray = 1.0
+    velocity_lag: float | FloatArray = 0.0
     systematic: Systematic = "not included"
 
     @property
@@ -350,14 +353,15 @@ def smooth(
     dt : float, optional
         Time between instants, instead of `time`. By default 1.
     velocity : array_like of shape (..., N, D), optional
-        Measured velocities, in the unit of `y` per unit of `time`; nan for a missing component. Their
-        errors are assumed to be independent of those of the positions.
-    velocity_covariance : array_like of shape (), (D,), (D, D), (..., N, D) or (..., N, D, D), optional
-        Covariances of the velocities, in the forms of `covariance`; required with `velocity`.
+        Measured velocities, in the unit of `y` per unit of `time`; nan for a missing component.
+        Their errors are assumed to be independent of those of the positions.
+    velocity_covariance : array_like, optional
+        Covariances of the velocities, in one of the forms of `covariance`; required with
+        `velocity`.
     correlation_time : float, optional
-        Correlation time of the noise of the positions: plots a time T apart have the correlation `exp(-T /
-        correlation_time)`. 0 means white noise. By default it is estimated from the plots, and it
-        is 0 unless the plots contradict white noise.
+        Correlation time of the noise of the positions: plots a time T apart have the correlation
+        `exp(-T / correlation_time)`. 0 means white noise. By default it is estimated from the
+        plots, and it is 0 unless the plots contradict white noise.
     robust : bool
         Whether to allow for noise that is larger than stated, for outliers, and for jumps of the
         position. Outliers are left out, and positions before and after a jump are not averaged. If
@@ -403,11 +407,14 @@ def smooth(
     likelihoods. In one model the noise is white and larger than stated. In the others, a fraction
     of .6 or .95 of its variance is that of a Gauss-Markov process with one of seven correlation
     times. The results of the models are averaged, and the spread between them is part of the
-    covariance. If residuals are small or smooth, the stated noise is not reduced, because
-    time-correlated noise can also be the cause. An outlier or a jump is detected if it
-    significantly increases the likelihood (de Jong and Penzer 1998). These tests require at most
-    three axes and at least three instants per axis; other tracks are smoothed with the noise as
-    stated.
+    covariance. If velocities are measured, outliers are first searched for among the positions;
+    velocities that contradict the remaining positions are left out. The other velocities may be
+    less precise than stated, correlated in time, or lag behind the positions.
+
+    If residuals are small or smooth, the stated noise is not reduced, because time-correlated noise
+    can also be the cause. An outlier or a jump is detected if it significantly increases the
+    likelihood (de Jong and Penzer 1998). These tests require at most three axes and at least three
+    instants per axis; other tracks are smoothed with the noise as stated.
 
     If the velocity is a random walk, the motion is driven by white acceleration instead of white
     jerk. The estimate is that for the more likely of these two motions. If the other motion is also
@@ -429,6 +436,14 @@ def smooth(
     SmoothedPositions(position of shape (60, 2), jerk 0.00151 ± 35%, systematic error not included)
     >>> print(f"{np.std(y - truth):.0f} m, {np.std(track.position - truth):.0f} m")
     17 m, 4 m
+
+    With measured velocities:
+
+    >>> v = np.column_stack([-2000 / 60 * np.sin(t / 60), 2000 / 60 * np.cos(t / 60)])
+    >>> v += 0.2 * np.random.default_rng(2).standard_normal((60, 2))
+    >>> track = smooth(y, 20.0**2, time=t, velocity=v, velocity_covariance=0.2**2)
+    >>> print(f"{np.std(track.position - truth):.0f} m")
+    1 m
     """
     plots = _series(y, "y", 2, "(..., N, D)")
     *leading, n, dimension = plots.shape
@@ -457,7 +472,7 @@ def smooth(
     }
     (mean, matrix, innovation, outlier), scalars = _core.smooth(tracks, threads(n_threads))
     likelihood, count, found = scalars
-    intensity, error, wandering, lasting, factor, of_velocity = map(scalar_or_array, found)
+    intensity, error, wandering, lasting, factor, velocity_factor, lag = map(scalar_or_array, found)
     return SmoothedPositions(
         mean,
         matrix,
@@ -470,8 +485,9 @@ def smooth(
         outlier[..., 0],
         lasting,
         factor,
-        outlier[..., 1] if velocity is not None else np.zeros(outlier.shape[:-1], dtype=bool),
-        of_velocity,
+        None if velocity is None else outlier[..., 1],
+        velocity_factor,
+        lag,
     )
 
 

@@ -91,6 +91,15 @@ def test_latitudes_and_longitudes(tmp_path: Path) -> None:
     assert run(path, "--sigma", "5", "--output", output).code == 0
     columns = ["latitude_smoothed_deg", "longitude_smoothed_deg", "smoothing_outlier"]
     assert pl.read_parquet(output).select(columns).equals(found.select(columns))
+    moving = flight.with_columns(
+        speed_m_s=pl.lit(np.hypot(200.0, 90.0)),
+        course_deg=pl.lit(np.degrees(np.arctan2(200.0, -90.0))),
+    )
+    moving.write_csv(path)
+    assert run(path, "--sigma", 5, "--velocity-sigma", 0.1, "--output", output).code == 0
+    both = pl.read_parquet(output)
+    np.testing.assert_allclose(both["east_rate_m_s"], 200.0, rtol=1e-3)
+    assert not both["smoothing_velocity_outlier"].any()
     missing = flight.with_columns(latitude_deg=pl.lit(None, pl.Float64))
     with pytest.raises(tables.RecordError, match="there are no positions"):
         tables.smooth(missing, sigma=5.0)

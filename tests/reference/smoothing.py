@@ -111,8 +111,9 @@ def _solve(lower, b):
 def smooth(y, covariance, times, q, initial=None, lasting=None, acceleration=0, axes=None):
     """Mean (N, 3D) and covariance (N, 3D, 3D), innovations (N, M) and log L but for a constant.
 
-    The M numbers of `y` are the first of a state of so many axes, by default of M. `lasting` are the share of the noise that lasts and its correlation time, `acceleration` is the
-    intensity of white acceleration.
+    The M numbers of `y` are the first of a state of so many axes, by default of M. `lasting` are
+    the share of the noise that lasts and its correlation time, `acceleration` is the intensity of
+    white acceleration.
 
     All states are normal, and so are all plots: the states given the plots are one formula. What is
     not determined has nan and inf.

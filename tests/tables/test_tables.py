@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 import tertia
 from tertia import cli, fusion, kalman, screening, smoothing, tables
+from tertia.geo import SystemPlane
 from tertia.simulate import direction_finder
 from tertia.tracker import Radar
 
@@ -359,6 +360,72 @@ class TestSmooth:
             sigma = own.select(f"{name}_sigma_{unit}" for name, unit in pairs).to_numpy()
             np.testing.assert_allclose(mean, expected.mean, rtol=1e-9, atol=1e-9)
             np.testing.assert_allclose(sigma, expected.sigma, rtol=1e-9)
+
+    @pytest.mark.parametrize("form", ["components", "speed and course", "knots", "named"])
+    def test_velocities(self, form):
+        random = np.random.default_rng(4)
+        time = np.arange(50.0)
+        position = np.column_stack([100 * time, 30 * time]) + 10 * random.normal(size=(50, 2))
+        velocity = np.array([100.0, 30.0]) + 0.5 * random.normal(size=(50, 2))
+        velocity[7] = np.nan
+        expected = smoothing.smooth(
+            position, 100.0, time=time, velocity=velocity, velocity_covariance=0.25
+        )
+        table = pl.DataFrame({"time_s": time, "east_m": position[:, 0], "north_m": position[:, 1]})
+        east, north = velocity.T
+        speed, course = np.hypot(east, north), np.degrees(np.arctan2(east, north))
+        columns = {
+            "components": {"velocity_east_m_s": east, "velocity_north_m_s": north},
+            "speed and course": {"speed_m_s": speed, "course_deg": course},
+            "knots": {"speed_kt": speed * 3600 / 1852, "course_deg": course},
+            "named": {"vx": east, "vy": north},
+        }[form]
+        table = table.with_columns(**columns)
+        names = {"velocities": ["vx", "vy"]} if form == "named" else {}
+        found = tables.smooth(table, sigma=10.0, velocity_sigma=[0.5, 0.5], **names)
+        np.testing.assert_allclose(found["east_rate_m_s"], expected.velocity[:, 0], rtol=1e-9)
+        np.testing.assert_allclose(found["north_smoothed_sigma_m"], expected.sigma[:, 1], rtol=1e-6)
+        plain = tables.smooth(table, sigma=10.0)
+        assert "smoothing_velocity_outlier" not in plain.columns
+        assert plain["east_rate_sigma_m_s"][25] > 2 * found["east_rate_sigma_m_s"][25]
+
+    def test_velocities_of_true_north(self):
+        """Far from the first position, north of the plane is not true north."""
+        plane, time = SystemPlane(50.0, 14.0), np.arange(40.0)
+        way = np.column_stack([400e3 + 200.0 * time, 0 * time, 0 * time])
+        way[0] = 0.0
+        latitude, longitude, _ = plane.to_geodetic(way)
+        scale, convergence = plane.scale_and_convergence(way)
+        course = np.degrees(np.pi / 2 - np.asarray(convergence))
+        table = pl.DataFrame(
+            {
+                "time_s": 1000.0 + time,
+                "latitude_deg": latitude,
+                "longitude_deg": longitude,
+                "speed_m_s": 200.0 / np.asarray(scale),
+                "course_deg": course,
+            }
+        )
+        table = table.with_columns(time_s=pl.when(pl.int_range(pl.len()) > 0).then("time_s"))
+        table = table.with_columns(time_s=pl.col("time_s").fill_null(0.0))
+        found = tables.smooth(table, sigma=5.0, velocity_sigma=0.1, jerk=1e-6)
+        assert not found["smoothing_velocity_outlier"][1:].any()
+        np.testing.assert_allclose(found["north_rate_m_s"][5:], 0.0, atol=0.1)
+        np.testing.assert_allclose(found["east_rate_m_s"][5:], 200.0, atol=0.2)
+
+    @pytest.mark.parametrize(
+        ("options", "message"),
+        [
+            ({}, "there are no velocities: velocity_east_m_s and velocity_north_m_s, or speed_m_s"),
+            ({"velocities": ["vx"]}, "velocities has 1 elements; there are 2 columns"),
+            ({"velocities": ["vx", "vy"]}, "vx"),
+            ({"velocity_sigma": [1.0]}, "velocity_sigma has 1 elements"),
+            ({"values": "east_m"}, "velocities must name the columns"),
+        ],
+    )
+    def test_mistakes_with_velocities(self, options, message):
+        with pytest.raises(ValueError, match=message):
+            tables.smooth(position_table(), **({"sigma": 20.0, "velocity_sigma": 1.0} | options))
 
     def test_what_is_not_known_is_null(self):
         table = pl.DataFrame({"time_s": [0.0, 1.0], "east_m": [1.0, 2.0]})

@@ -17,6 +17,7 @@ from tertia.tables._groups import as_names, by_length, column_name, known, layou
 from tertia.tables._records import TIME, Field, RecordError, Schema, Source, read, source_of
 from tertia.tables._sensors import GEODETIC, LOCAL
 from tertia.tables._times import Clock
+from tertia.tables._velocities import fields, velocities_of
 
 # what becomes of a quantity, and what its unit is divided by
 _QUANTITIES = {"smoothed": "", "rate": "_s", "acceleration": "_s2"}
@@ -28,6 +29,8 @@ def smooth(
     columns: Mapping[str, str] | None = None,
     values: str | Sequence[str] = LOCAL[:2],
     sigma: float | str | Sequence[float | str],
+    velocities: str | Sequence[str] | None = None,
+    velocity_sigma: float | str | Sequence[float | str] | None = None,
     by: str | Sequence[str] = (),
     correlation_time: float | None = None,
     robust: bool = True,
@@ -49,6 +52,12 @@ def smooth(
     sigma : float, str or sequence of these
         Standard deviation of the plots, or the column that contains it: one for all axes, or one
         for each.
+    velocities : str or sequence of str, optional
+        Columns of measured velocities, one for each axis. By default `velocity_east_m_s` and
+        `velocity_north_m_s` or, if these are missing, `speed_m_s` (or `speed_kt`) and `course_deg`.
+        They are used only if `velocity_sigma` is given.
+    velocity_sigma : float, str or sequence of these, optional
+        Standard deviation of the velocities, in the form of `sigma`.
     by : str or sequence of str
         Columns by whose values the rows are divided into targets; by default all rows belong to one
         target.
@@ -66,7 +75,8 @@ def smooth(
         acceleration, each followed by its sigma, for example `east_smoothed_m`,
         `east_smoothed_sigma_m`, `east_rate_m_s` and `east_acceleration_m_s2`. Unknown values are
         null. If positions are latitudes and longitudes, there are also `latitude_smoothed_deg` and
-        `longitude_smoothed_deg`. `smoothing_outlier` marks the rows that were left out.
+        `longitude_smoothed_deg`. `smoothing_outlier` marks the positions that were left out, and
+        `smoothing_velocity_outlier` the velocities, if there are any.
 
     Raises
     ------
@@ -95,6 +105,8 @@ def smooth(
         columns=columns,
         values=values,
         sigma=sigma,
+        velocities=velocities,
+        velocity_sigma=velocity_sigma,
         by=by,
         correlation_time=correlation_time,
         robust=robust,
@@ -118,6 +130,8 @@ def smoothing_of(
     columns: Mapping[str, str] | None,
     values: str | Sequence[str],
     sigma: float | str | Sequence[float | str],
+    velocities: str | Sequence[str] | None,
+    velocity_sigma: float | str | Sequence[float | str] | None,
     by: str | Sequence[str],
     correlation_time: float | None,
     robust: bool,
@@ -126,17 +140,21 @@ def smoothing_of(
     """Smooth the rows of all parts, and return the parts in the same order."""
     axes = as_names(values)
     geodetic = axes == list(LOCAL[:2]) and _are_geodetic(source, columns or {})
-    sigmas = [sigma] * len(axes) if isinstance(sigma, (str, int, float)) else list(sigma)
-    if len(sigmas) != len(axes):
-        raise ValueError(f"sigma has {len(sigmas)} elements; there are {len(axes)} columns")
+    sigmas = _of_each_axis(sigma, "sigma", axes)
+    spreads = (
+        [] if velocity_sigma is None else _of_each_axis(velocity_sigma, "velocity_sigma", axes)
+    )
+    moving = _names_of_velocities(velocities, axes) if spreads else None
     intensity = None if jerk is None else real(jerk, "jerk")
     schema: Schema = {"time": TIME} | {
         name: Field("number", {name: 1.0}, required=True)
         for name in [
             *(GEODETIC[:2] if geodetic else axes),
-            *(one for one in sigmas if isinstance(one, str)),
+            *(one for one in [*sigmas, *spreads] if isinstance(one, str)),
         ]
     }
+    if spreads:
+        schema = {**schema, **fields(moving)}
     records = read(source, schema, columns=columns, by=as_names(by))
     frame = records.rows
     plane = _plane_of(frame) if geodetic else None
@@ -149,37 +167,75 @@ def smoothing_of(
     y = frame.select(axes).to_numpy()[rows]
     variance = np.column_stack([_sigmas(frame, one) for one in sigmas])[rows] ** 2
     moments = t[rows]
+    series = [y, variance, moments, rows]
+    if spreads:
+        variances = np.column_stack([_sigmas(frame, one) for one in spreads]) ** 2
+        series += [velocities_of(frame, moving, plane)[rows], variances[rows]]
     found, spread = np.full((2, frame.height, len(_QUANTITIES) * len(axes)), np.nan)
-    outlier = np.zeros(frame.height, dtype=bool)
+    outlier, velocity_outlier = np.zeros((2, frame.height), dtype=bool)
 
     def track(
-        plots: FloatArray, variances: FloatArray, instants: FloatArray, places: IntArray
+        plots: FloatArray,
+        variances: FloatArray,
+        instants: FloatArray,
+        places: IntArray,
+        *velocity: FloatArray,
     ) -> tuple[IntArray, Any]:
+        moving = dict(zip(("velocity", "velocity_covariance"), velocity, strict=False))
         one = smoothing.smooth(
             plots,
             variances,
             time=instants,
+            **moving,
             correlation_time=correlation_time,
             robust=robust,
             jerk=intensity,
         )
         return places, one
 
-    for _, one in by_length(groups.lengths, (y, variance, moments, rows), track):
+    for _, one in by_length(groups.lengths, series, track):
         if isinstance(one, ValueError):
             raise one
         places, smoothed = one
         found[places], spread[places] = smoothed.mean, smoothed.sigma
         outlier[places] = smoothed.outlier
+        if spreads:
+            velocity_outlier[places] = smoothed.velocity_outlier
     added = _added(found, spread, axes)
     shown = axes
     if plane is not None:
         added, shown = added.with_columns(**_geodetic(plane, found[:, :2])), list(GEODETIC[:2])
     added = added.with_columns(smoothing_outlier=outlier)
+    if spreads:
+        added = added.with_columns(smoothing_velocity_outlier=velocity_outlier)
     times = frame.select(pl.col("time").alias("time_s"), pl.col(shown).fill_nan(None))
     return SmoothedRows(
         pl.concat([records.by, times], how="horizontal"), added, len(groups.lengths)
     )
+
+
+def _of_each_axis(
+    sigma: float | str | Sequence[float | str], name: str, axes: Sequence[str]
+) -> list[float | str]:
+    """Return the standard deviation of each axis, as a number or as the name of a column."""
+    found = [sigma] * len(axes) if isinstance(sigma, (str, int, float)) else list(sigma)
+    if len(found) != len(axes):
+        raise ValueError(f"{name} has {len(found)} elements; there are {len(axes)} columns")
+    return found
+
+
+def _names_of_velocities(
+    velocities: str | Sequence[str] | None, axes: Sequence[str]
+) -> list[str] | None:
+    """Return the columns of velocities, None for those of the plane by default."""
+    if velocities is None:
+        if list(axes) != list(LOCAL[:2]):
+            raise ValueError(f"velocities must name the columns of the velocities of {axes}")
+        return None
+    names = as_names(velocities)
+    if len(names) != len(axes):
+        raise ValueError(f"velocities has {len(names)} elements; there are {len(axes)} columns")
+    return names
 
 
 def _are_geodetic(source: Source, columns: Mapping[str, str]) -> bool:

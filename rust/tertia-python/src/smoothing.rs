@@ -19,7 +19,7 @@ const FIT: f64 = 20.0;
 type Fitted<'py> = (Output<'py>, Output<'py>, Output<'py, i64>, Array<'py>, Array<'py>);
 type States<'py> = (Output<'py>, Output<'py>, Output<'py>, Output<'py, bool>);
 /// Log-likelihoods, counts, jerks with their sigmas, correlation times, noise factors.
-type Smooth<'py> = (States<'py>, (Array<'py>, Integers<'py>, [Array<'py>; 6]));
+type Smooth<'py> = (States<'py>, (Array<'py>, Integers<'py>, [Array<'py>; 7]));
 
 /// Value, sigma, degree, residual variance and degrees of freedom of every row. `time` and
 /// `variance` may have one row for all, `variance` one number in a row.
@@ -114,6 +114,7 @@ pub fn smooth<'py>(
             correlation_time: 0.0,
             noise_factor: 1.0,
             velocity_noise_factor: 1.0,
+            velocity_lag: 0.0,
         },
     );
     let mut summaries = repeated(unsmoothed, y.count())?;
@@ -146,7 +147,7 @@ pub fn smooth<'py>(
         Ok(())
     })?;
     type Scalar = fn(&(Summary, NoiseFit)) -> f64;
-    let of: [Scalar; 7] = [
+    let of: [Scalar; 8] = [
         |(summary, _)| summary.log_likelihood,
         |(_, noise)| noise.motion.motion.jerk,
         |(_, noise)| noise.motion.sigma(),
@@ -154,12 +155,13 @@ pub fn smooth<'py>(
         |(_, noise)| noise.correlation_time,
         |(_, noise)| noise.noise_factor,
         |(_, noise)| noise.velocity_noise_factor,
+        |(_, noise)| noise.velocity_lag,
     ];
-    let [likelihood, jerk, sigma, acceleration, lasting, factor, of_velocity] =
+    let [likelihood, jerk, sigma, acceleration, lasting, factor, velocity_factor, lag] =
         columns(py, y.batch(), &summaries, of)?;
     let count = array(py, y.batch(), summaries.iter().map(|(summary, _)| summary.count as i64))?;
     Ok((
         (mean, matrices, innovation, outlier),
-        (likelihood, count, [jerk, sigma, acceleration, lasting, factor, of_velocity]),
+        (likelihood, count, [jerk, sigma, acceleration, lasting, factor, velocity_factor, lag]),
     ))
 }

@@ -14,6 +14,7 @@ from tertia.tables._smooth import smoothing_of
 
 EXAMPLES = (
     "tertia smooth positions.csv --sigma 20 --by target --output smoothed.csv",
+    "tertia smooth flights.csv --sigma 20 --velocity-sigma 2 --by icao_address",
     "tertia smooth heights.csv --value up_m --sigma up_sigma_m --column time_s=t",
 )
 
@@ -35,6 +36,22 @@ def smooth(
             metavar="COLUMN",
             help="Column of an axis; may be repeated. By default, east_m and north_m, or "
             "latitude_deg and longitude_deg.",
+        ),
+    ] = None,
+    velocity: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="COLUMN",
+            help="Column of a measured velocity, repeated for each axis. By default, "
+            "velocity_east_m_s and velocity_north_m_s, or speed_m_s and course_deg.",
+        ),
+    ] = None,
+    velocity_sigma: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NUMBER|COLUMN",
+            help="Standard deviation of the velocities, or a column with it. Velocities are used "
+            "only if it is given.",
         ),
     ] = None,
     column: ColumnNames = None,
@@ -66,6 +83,8 @@ def smooth(
             columns=column_names(column),
             values=list(dict.fromkeys(value or ("east_m", "north_m"))),
             sigma=_sigmas(sigma),
+            velocities=velocity or None,
+            velocity_sigma=_sigmas(velocity_sigma) if velocity_sigma else None,
             by=by or [],
             correlation_time=correlation_time,
             robust=robust,

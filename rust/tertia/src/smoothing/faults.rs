@@ -88,7 +88,7 @@ pub(super) fn find_faults<const M: usize, const S: usize, const N: usize>(
         jumps: vec![false; track.len()],
     };
     // from a stiff path: a restless one would follow the faults
-    let mut near = Near { intensity: search.low, velocity_factor: 0.0 };
+    let mut near = Near::intensity(search.low);
     let (mut found, mut misfit) = (Found::default(), vec![0.0; count]);
     for _ in 0..ROUNDS {
         let best = search.best(Family::Jerk, LastingNoise::NONE, Scale::Free, &faults, near);

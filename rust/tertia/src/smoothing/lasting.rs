@@ -55,6 +55,8 @@ pub(super) struct Model {
     pub lasting: LastingNoise,
     /// Over the stated standard deviations of velocities.
     pub velocity_factor: f64,
+    /// Time by which velocities lag behind positions.
+    pub velocity_lag: f64,
 }
 
 impl Model {
@@ -386,10 +388,18 @@ impl<const M: usize, const N: usize> Step<M, N> {
             h[..=i].copy_from_slice(&whitener[i * M..][..=i]);
             let (variance, share) = model.noise(Quantity::of(i, d));
             h[3 * d + i % d] = (share * variance).sqrt();
+            let mut late = 0.0;
+            if i >= d && model.velocity_lag != 0.0 {
+                // v - a lag
+                for j in (d..=i).filter(|&j| !plot[j].is_nan()) {
+                    h[j + d] = -h[j] * model.velocity_lag;
+                    late -= h[j + d] * track.trend_acceleration(j - d);
+                }
+            }
             // a missing component has no row, and no column in the rows of the others
             let there = (0..=i).filter(|&j| !plot[j].is_nan());
             let measured: f64 = there.map(|j| h[j] * plot[j]).sum();
-            let innovation = measured - dot(&h, &self.x);
+            let innovation = measured + late - dot(&h, &self.x);
             let ph: [f64; N] = std::array::from_fn(|r| dot(&self.p[r], &h));
             let s = (1.0 - share) * variance + dot(&ph, &h);
             let reciprocal = 1.0 / s;

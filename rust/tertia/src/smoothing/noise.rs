@@ -6,7 +6,7 @@
 
 use super::faults::find_faults;
 use super::fit::{Family, ProcessNoiseFit, fit_process_noise, likeliest_other, median_step};
-use super::lasting::{Faults, Found, LastingNoise};
+use super::lasting::{Faults, Found, LastingNoise, Model};
 use super::motion::ProcessNoise;
 use super::results::{Smoothed, Summary};
 use super::search::{Candidate, Near, Scale, Search};
@@ -50,6 +50,8 @@ pub struct NoiseFit {
     pub noise_factor: f64,
     /// The same of velocities.
     pub velocity_noise_factor: f64,
+    /// Time by which velocities lag behind positions.
+    pub velocity_lag: f64,
 }
 
 /// Smooths a track; `outlier` (N, 1 or 2) says which positions, and velocities, are left out. Where the noise is as stated the
@@ -94,6 +96,7 @@ pub fn smooth_with_noise(
             correlation_time: 0.0,
             noise_factor: 1.0,
             velocity_noise_factor: 1.0,
+            velocity_lag: 0.0,
         }
     });
     (summary, noise)
@@ -171,7 +174,7 @@ fn improve<const M: usize, const S: usize, const N: usize>(
     let mut search = Search::<M, N>::new::<S>(track, fit, options.jerk, out)?;
     let jerk = fit.motion.jerk;
     let intensity = if jerk > 0.0 { jerk.ln() } else { search.low };
-    let mut near = Near { intensity, velocity_factor: 0.0 };
+    let mut near = Near::intensity(intensity);
     let mut faults = Faults { gross: vec![false; outlier.len()], jumps: vec![false; track.len()] };
     if let Some(found) = options.robust.then(|| find_faults::<M, S, N>(&mut search)).flatten() {
         (faults, near.intensity) = found;
@@ -193,6 +196,7 @@ fn improve<const M: usize, const S: usize, const N: usize>(
         },
         noise_factor: best.factor.max(1.0),
         velocity_noise_factor: best.factor.max(1.0) * best.model.velocity_factor,
+        velocity_lag: best.model.velocity_lag,
     })
 }
 
@@ -211,7 +215,8 @@ fn candidates<const M: usize, const N: usize>(
         return (vec![best(Family::Jerk, lasting, larger, near)], vec![1.0]);
     }
     let white = best(Family::Jerk, LastingNoise::NONE, prior, near);
-    let near = Near { velocity_factor: white.model.velocity_factor.ln(), ..near };
+    let Model { velocity_factor, velocity_lag, .. } = white.model;
+    let near = Near { velocity_factor: velocity_factor.ln(), velocity_lag, ..near };
     let mut found = vec![white];
     let mut log_prior = vec![WHITE.ln()];
     if options.jerk.is_none() {

@@ -1,6 +1,6 @@
 //! The most likely motion of a family with a model of the noise, and the noise factor that goes with it.
 
-use super::fit::{Family, ProcessNoiseFit, range};
+use super::fit::{Family, ProcessNoiseFit, median_step, range};
 use super::lasting::{Faults, Fit, Lasting, LastingNoise, Model};
 use super::motion::ProcessNoise;
 use super::results::Smoothed;
@@ -9,6 +9,8 @@ use super::track::Track;
 /// Standard deviation of the logarithm of the noise factor, before anything is known.
 const FACTOR_SIGMA: f64 = 0.5;
 const VELOCITY_FACTOR_SIGMA: f64 = 1.0;
+/// Unit of the search for the time by which velocities lag, in median steps.
+const LAG_STEP: f64 = 0.25;
 /// The logarithm of the likelihood must gain this much for a noise factor other than 1.
 const FACTOR_GAIN: f64 = 2.0;
 /// Steps of the logarithm of the intensity, which are halved `HALVINGS` times; most of them.
@@ -16,12 +18,20 @@ const STEP: f64 = 2.0;
 const HALVINGS: usize = 4;
 const MOST_STEPS: usize = 60;
 
-/// Where a search begins: logarithms of the intensity of the motion, and of the factor of the standard
-/// deviations of velocities.
+/// Where a search begins: the logarithms of the intensity of the motion, and of the factor of the standard
+/// deviations of velocities, and the time by which these lag.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Near {
     pub intensity: f64,
     pub velocity_factor: f64,
+    pub velocity_lag: f64,
+}
+
+impl Near {
+    /// Near an intensity, with velocities as stated.
+    pub fn intensity(intensity: f64) -> Self {
+        Self { intensity, velocity_factor: 0.0, velocity_lag: 0.0 }
+    }
 }
 
 /// A model with its most likely motion.
@@ -90,9 +100,14 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         near: Near,
     ) -> Candidate {
         let motion = family.of(self.track);
-        let of = |[log, velocity_factor]: [f64; 2]| {
-            let model =
-                Model { motion: motion(log), lasting, velocity_factor: velocity_factor.exp() };
+        let unit = LAG_STEP * median_step(self.track);
+        let of = |[log, velocity_factor, lag]: [f64; 3]| {
+            let model = Model {
+                motion: motion(log),
+                lasting,
+                velocity_factor: velocity_factor.exp(),
+                velocity_lag: unit * lag,
+            };
             match self.jerk {
                 Some(jerk) => self.with_jerk(jerk, model, scale, faults),
                 None => self.candidate(model, scale, faults),
@@ -100,14 +115,14 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         };
         let low = range(self.track, family.power()).map_or(self.low, |(low, _)| low);
         let is_moving = self.track.numbers > self.track.dimension;
-        let searched =
-            [self.jerk.is_none(), is_moving && matches!(scale, Scale::Prior | Scale::Larger)];
-        let mut at = [near.intensity.max(low), near.velocity_factor];
+        let is_doubted = is_moving && matches!(scale, Scale::Prior | Scale::Larger);
+        let searched = [self.jerk.is_none(), is_doubted, is_doubted];
+        let mut at = [near.intensity.max(low), near.velocity_factor, near.velocity_lag / unit];
         let (mut best, mut step, mut steps) = (of(at), STEP, 0);
         for _ in 0..=HALVINGS {
-            for axis in (0..2).filter(|&axis| searched[axis]) {
+            for axis in (0..3).filter(|&axis| searched[axis]) {
                 for direction in [step, -step] {
-                    while steps < MOST_STEPS && (axis == 1 || at[0] + direction >= low) {
+                    while steps < MOST_STEPS && (axis > 0 || at[0] + direction >= low) {
                         let mut next = at;
                         next[axis] += direction;
                         let other = of(next);
@@ -121,9 +136,15 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
             }
             step *= 0.5;
         }
-        if searched[1] && at[1] != 0.0 {
-            let stated = of([at[0], 0.0]);
-            best = if stated.value > best.value { stated } else { best };
+        for doubt in 1..3 {
+            let mut stated = at;
+            if std::mem::take(&mut stated[doubt]) == 0.0 {
+                continue;
+            }
+            let other = of(stated);
+            if other.value > best.value {
+                (at, best) = (stated, other);
+            }
         }
         best
     }
@@ -147,22 +168,21 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         let (log_factor, value) = scaled(&fit, n, scale);
         let value = match scale {
             Scale::Stated | Scale::Free => value,
-            Scale::Prior | Scale::Larger => value + prior(model.velocity_factor.ln(), log_factor),
+            Scale::Prior | Scale::Larger => value + prior(&model, log_factor),
         };
         Candidate { model, factor: log_factor.exp(), value }
     }
 }
 
-/// The logarithm of the prior of that of a factor of velocities, beside that of the common one: velocities
-/// are not more precise than stated.
-fn prior(velocity_factor: f64, factor: f64) -> f64 {
-    if velocity_factor == 0.0 {
-        0.0
-    } else if velocity_factor + factor.max(0.0) < 0.0 {
-        f64::NEG_INFINITY
-    } else {
-        -0.5 * (velocity_factor / VELOCITY_FACTOR_SIGMA).powi(2) - FACTOR_GAIN
+/// The logarithm of the prior of how velocities differ from what is stated, beside the logarithm of the common
+/// factor: they are not more precise than stated.
+fn prior(model: &Model, factor: f64) -> f64 {
+    let own = model.velocity_factor.ln();
+    if own + factor.max(0.0) < 0.0 {
+        return f64::NEG_INFINITY;
     }
+    let doubts = [own, model.velocity_lag].iter().filter(|doubt| **doubt != 0.0).count();
+    -0.5 * (own / VELOCITY_FACTOR_SIGMA).powi(2) - FACTOR_GAIN * doubts as f64
 }
 
 /// The logarithm of the noise factor, and that of the likelihood with its prior.

@@ -268,6 +268,11 @@ impl<'a> Track<'a> {
         }
     }
 
+    /// The acceleration of the trend of an axis.
+    pub(super) fn trend_acceleration(&self, axis: usize) -> f64 {
+        self.trend.at(axis, self.trend.centre)[2]
+    }
+
     /// Follows the plots, but not those that are much less precise than others.
     fn set_reference(&mut self) {
         let (d, m, n) = (self.dimension, self.numbers, self.len());

@@ -1,0 +1,62 @@
+"""Measured velocities in tables of positions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import polars as pl
+
+from tertia._arrays import FloatArray
+from tertia.geo import SystemPlane
+from tertia.tables._records import Field, RecordError, Schema, number
+
+VELOCITY = ("velocity_east_m_s", "velocity_north_m_s")
+_KNOT = 1852.0 / 3600.0
+_COURSE: Schema = {
+    "speed": Field("number", {"speed_m_s": 1.0, "speed_kt": _KNOT}),
+    "course": Field("number", {"course_deg": np.pi / 180}),
+}
+
+
+def fields(velocities: Sequence[str] | None) -> Schema:
+    """Return the columns of velocities; by default those of a velocity or of speed and course."""
+    if velocities is not None:
+        return {name: number(name, required=True) for name in velocities}
+    return {**{name: number(name) for name in VELOCITY}, **_COURSE}
+
+
+def velocities_of(
+    frame: pl.DataFrame, velocities: Sequence[str] | None, plane: SystemPlane | None
+) -> FloatArray:
+    """Return the velocities of the rows, nan where missing, of shape (rows, axes).
+
+    Velocities beside latitudes and longitudes are east and north of true north; they are rotated
+    and scaled to `plane`. Then `frame` has the positions in the plane.
+    """
+    found = _cells(frame, velocities or VELOCITY)
+    if velocities is None and np.isnan(found).all():
+        speed, course = _cells(frame, tuple(_COURSE)).T
+        found = np.column_stack([speed * np.sin(course), speed * np.cos(course)])
+    if np.isnan(found).all():
+        names = " and ".join(velocities or VELOCITY)
+        other = "" if velocities else ", or speed_m_s (speed_kt) and course_deg"
+        raise RecordError(f"velocity_sigma is given, but there are no velocities: {names}{other}")
+    if plane is None or velocities is not None:
+        return found
+    position = frame.select("east_m", "north_m").to_numpy()
+    scale, convergence = plane.scale_and_convergence(
+        np.column_stack([position, np.zeros(len(position))])
+    )
+    east, north = found.T
+    sine, cosine = np.sin(convergence), np.cos(convergence)
+    turned = [east * cosine + north * sine, north * cosine - east * sine]
+    return np.multiply(np.column_stack(turned), np.asarray(scale)[..., np.newaxis])
+
+
+def _cells(frame: pl.DataFrame, names: Sequence[str]) -> FloatArray:
+    """Return columns as floats; nan for those that a table does not have."""
+    there = [frame[name] if name in frame.columns else None for name in names]
+    missing = np.full(frame.height, np.nan)
+    columns = [missing if one is None else one.cast(pl.Float64).to_numpy() for one in there]
+    return np.column_stack(columns)
