@@ -15,7 +15,7 @@ from tertia._arrays import BoolArray, IntArray
 Found = TypeVar("Found")
 Scalar = TypeVar("Scalar", bound=np.generic)
 T = TypeVar("T")
-# how somebody who waits is shown what is under way: an iterable goes in, and comes out
+# function that shows progress to the user while it returns the items of a sequence
 Progress: TypeAlias = Callable[[Sequence[T]], Iterable[T]]
 # units in which names of columns end, the longer ones first
 _UNITS = ("m_s2", "deg_s2", "nm_s2", "deg_s", "nm_s", "m_s", "deg", "nm", "m", "s")

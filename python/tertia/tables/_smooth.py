@@ -18,7 +18,7 @@ from tertia.tables._records import TIME, Field, RecordError, Schema, Source, rea
 from tertia.tables._sensors import GEODETIC, LOCAL
 from tertia.tables._times import Clock
 
-# what becomes of a quantity, and what its unit is divided by
+# results for each quantity, and suffixes of their units
 _QUANTITIES = {"smoothed": "", "rate": "_s", "acceleration": "_s2"}
 
 
@@ -40,8 +40,8 @@ def smooth(
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per plot, in any order; null and nan are missing.
     columns : mapping of str to str, optional
-        Column names in this table, keyed by standard name: `time_s` (seconds, or datetimes), and
-        the names in the other arguments.
+        The names that columns have in this table, keyed by the names that are used here: `time_s`
+        (seconds or datetimes), and the names of columns in the other arguments.
     values : str or sequence of str
         Columns of the axes. By default `east_m` and `north_m` or, if these are missing,
         `latitude_deg` and `longitude_deg`, which are smoothed in the system plane about the first
@@ -188,7 +188,7 @@ def _are_geodetic(source: Source, columns: Mapping[str, str]) -> bool:
     def has(name: str) -> bool:
         return all(part.has(columns.get(name, name)) for part in source)
 
-    # one of both alone is a slip of the hand
+    # a latitude without a longitude, or the reverse, is a mistake
     return any(map(has, GEODETIC[:2])) and not any(map(has, LOCAL[:2]))
 
 
@@ -196,7 +196,7 @@ def _plane_of(frame: pl.DataFrame) -> SystemPlane:
     """Return the system plane about the first position."""
     places = frame.select(GEODETIC[:2]).filter(pl.all_horizontal(pl.all().is_finite()))
     if places.is_empty():
-        raise RecordError("there are no positions: all are missing")
+        raise RecordError("there are no positions: every row lacks a latitude or a longitude")
     return SystemPlane(*places.row(0))
 
 
