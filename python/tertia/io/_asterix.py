@@ -97,7 +97,7 @@ class AsterixRecording:
     def skipped_text(self) -> str:
         """Return the categories that were not read, as text."""
         return ", ".join(
-            f"{count} blocks of category {number} ({TITLES.get(number, 'unknown')})"
+            f"{count} {'block' if count == 1 else 'blocks'} of category {number} ({TITLES.get(number, 'unknown')})"
             for number, count in self.skipped.items()
         )
 

@@ -24,7 +24,7 @@ def hint(columns: Iterable[str], there: Sequence[object], near: float = NEAR) ->
     likeness, name = max(found, default=(0.0, ""))
     if likeness > 1.0:
         return f"; {name} is in another unit"
-    return f"; did you mean {name}?" if likeness >= near else ""
+    return f" (did you mean {name}?)" if likeness >= near else ""
 
 
 def misspelt(columns: Sequence[str], known: Iterable[str], there: Iterable[object]) -> str | None:

@@ -125,12 +125,12 @@ def truth(path: Path) -> Part:
 
 
 def _contents(found: AsterixRecording) -> str:
-    counts = {
-        "simulated or fixed": found.plots.height,
-        "system tracks (62)": found.tracks.height,
-        "ADS-B reports (21)": found.reports.height,
-        "positions (10, 20)": found.positions.height,
-        "messages (63, 65 and others)": found.messages.height,
-    }
-    listed = [f"{count} {name}" for name, count in counts.items() if count]
+    counts = (
+        (found.plots.height, "plot", "simulated or fixed"),
+        (found.tracks.height, "system track", "62"),
+        (found.reports.height, "ADS-B report", "21"),
+        (found.positions.height, "position", "10, 20"),
+        (found.messages.height, "message", "63, 65 and others"),
+    )
+    listed = [f"{counted(count, noun)} ({of})" for count, noun, of in counts if count]
     return ", ".join(filter(None, [*listed, found.skipped_text()])) or "nothing else"

@@ -106,7 +106,7 @@ def _keep_measurements(options: Mapping[str, Any]) -> None:
             # a name that is too long is reported when it is used
             with contextlib.suppress(OSError):
                 if isinstance(result, Path) and isinstance(path, Path) and result.samefile(path):
-                    fail(f"cannot write {result}: it is the input file of the {what}", WRONG_USAGE)
+                    fail(f"cannot write {result}: it contains the {what}", WRONG_USAGE)
 
 
 @contextlib.contextmanager
