@@ -553,7 +553,7 @@ def test_figure(write: Write, tmp_path: Path) -> None:
                 "twice.csv",
             ],
             1,
-            "twice.csv, line 5: A has two plots at 1.0: if there are several targets, group the rows by a column",
+            "twice.csv, line 5: A has two plots at 1.0: .* group the rows by a column",
         ),
         (
             ["p.csv", "--sigma", "C=1"],

@@ -776,7 +776,7 @@ FILES = {
         (
             ["m.csv", S, "metres.toml"],
             1,
-            r"metres.toml: if an origin is given, the sensors must have latitude_deg and longitude_deg",
+            r"metres.toml: if an origin is given, the sensors must have latitude_deg .*",
         ),
         (
             ["m.csv", S, "s.csv", "--by", "height_m"],

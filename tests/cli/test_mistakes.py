@@ -140,7 +140,8 @@ CASES = {
         renamed(HEADER.replace("azimuth_deg", "azimut")),
     ),
     "letters swapped": failing(
-        "no column range_m or range_nm .did you mean rnage_m", renamed(HEADER.replace("range", "rnage"))
+        "no column range_m or range_nm .did you mean rnage_m",
+        renamed(HEADER.replace("range", "rnage"))
     ),
     "another unit": failing(
         "no column range_m or range_nm; range_km is in another unit",

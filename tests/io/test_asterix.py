@@ -166,7 +166,7 @@ def test_packets(save: Save) -> None:
     assert (found.repeated, found.other_packets) == (40, 1)
     with pytest.raises(ValueError, match="has no packet that contains ASTERIX"):
         read_asterix(save(reference.pcap(arp, other), "net.pcap"))
-    with pytest.raises(ValueError, match="packet 2 is cut off, or part of a larger one"):
+    with pytest.raises(ValueError, match="packet 2 is cut off or a fragment"):
         read_asterix(save(reference.pcap(arp, one[:100]), "net.pcap"))
     whole = reference.pcap(*parts)
     with pytest.raises(ValueError, match="cut off"):
@@ -267,7 +267,7 @@ def test_what_is_damaged_is_left_out_and_counted(
     code, _, err = run("track", save(contents), "--sensors", radars)
     assert code == 0
     assert f"; the first damage: {found.first_damage}\n" in err
-    assert ("of no block" in err) == (lost > 0)
+    assert ("outside data blocks" in err) == (lost > 0)
 
 
 def test_after_any_damaged_length_the_next_blocks_are_found(save: Save) -> None:
@@ -300,8 +300,8 @@ def test_other_categories_are_named_and_counted(save: Save, radars: Path) -> Non
     code, _, err = run("track", path, "--sensors", radars)
     assert code == 0
     assert (
-        f"{path}: not supported and left out: 1 block of category 247 (versions), 2 blocks of category 253 "
-        "(unknown)\n"
+        f"{path}: not supported and left out: 1 block of category 247 (versions), 2 blocks of "
+        "category 253 (unknown)\n"
     ) in err
 
 
@@ -651,8 +651,8 @@ def test_a_recording_of_other_things_is_told(save: Save, radars: Path) -> None:
     code, out, err = run("track", save(others), "--sensors", radars)
     assert (code, out, err.count("\n")) == (1, "", 1)
     assert (
-        "has no plots of targets (categories 48, 1); it has 1 message (63, 65 and others), 1 blocks "
-        "of category 247 (versions)" in err
+        "has no plots of targets (categories 48, 1); it has 1 message (63, 65 and others), 1 "
+        "block of category 247 (versions)" in err
     )
 
 

@@ -325,7 +325,8 @@ class TestFuse:
             (
                 {"time_s": 1.0},
                 {},
-                "row 1: south has two plots at 1.0: if there are several targets, group the rows by a column",
+                "row 1: south has two plots at 1.0: if there are several targets, group the rows "
+                "by a column",
             ),
             ({}, {"sigma": -1.0}, "sigma is -1.0; it must be a positive number"),
             ({}, {"sigma": {"north": 0.0}}, "sigma of north is 0.0"),

@@ -1,7 +1,7 @@
 """Smoothing of flights of the library traffic, with standard deviations.
 
 `smooth` replaces the positions and altitudes of a `traffic.core.Flight` by smoothed values, and
-ground speed, track and vertical rate by those of the smoothed path. Needs the extra `traffic`
+ground speed, track and vertical rate by the values of the smoothed path. Needs the extra `traffic`
 (traffic, pyproj).
 """
 

@@ -97,7 +97,8 @@ class AsterixRecording:
     def skipped_text(self) -> str:
         """Return the categories that were not read, as text."""
         return ", ".join(
-            f"{count} {'block' if count == 1 else 'blocks'} of category {number} ({TITLES.get(number, 'unknown')})"
+            f"{count} {'block' if count == 1 else 'blocks'} of category {number} "
+            f"({TITLES.get(number, 'unknown')})"
             for number, count in self.skipped.items()
         )
 
@@ -134,8 +135,8 @@ def read_asterix(path: str | Path | Sequence[bytes]) -> AsterixRecording:
     Raises
     ------
     ValueError
-        If a file is not ASTERIX, or none of its records can be decoded; the message states the
-        byte.
+        If a file is not ASTERIX, or none of its records can be decoded; the error message states
+        the number of the byte.
     ImportError
         If a library is not installed.
     OSError

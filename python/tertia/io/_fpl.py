@@ -28,7 +28,7 @@ _ELAPSED = re.compile(r"([A-Z0-9]{4})(\d\d)(\d\d)((?: [A-Z0-9]{4}){0,2})", re.AS
 _KEY = re.compile(r"(?:^| )([A-Z]{3,4}|STAYINFO\d)/", re.ASCII)
 _SUPPLEMENT = re.compile(r"-\s*[A-Z]/.*$", re.DOTALL)
 _FIELDS = ("3", "7", "8", "9", "10", "13", "15", "16")
-# rate of climb for aircraft of unknown type in m/s, that of a slow airliner
+# rate of climb for aircraft of unknown type in m/s: the rate of a slow airliner
 _CLIMB = 5.0
 # the largest rate of turn, degrees a second, as in `FlightPlan`
 _TURN_RATE = 3.0
@@ -134,9 +134,9 @@ def read_fpl(
     -------
     list of FiledPlan
         Flight plans in the order of the messages, named by their callsigns. Times are in seconds
-        from midnight of the day of flight. Heights are those of the filed levels. They are nan
-        where the aircraft may be climbing or descending, which is assumed to take place at 5 m/s or
-        at the rate of its type.
+        from midnight of the day of flight. Heights are the filed levels. They are nan where the
+        aircraft may be climbing or descending, which is assumed to take place at 5 m/s or at the
+        rate of its type.
 
     Raises
     ------
@@ -293,7 +293,7 @@ def _others(rest: Sequence[str]) -> dict[str, str]:
 
 
 def _aerodrome(name: str, described: str | None, near: Place | None, tables: Tables) -> Place:
-    """Return the place of an aerodrome; that of ZZZZ is described in field 18."""
+    """Return the place of an aerodrome; field 18 describes the place of ZZZZ."""
     if name == "ZZZZ" and described:
         name = described.split()[-1]
     place = tables.place(name, near)

@@ -44,7 +44,7 @@ _AIRWAYS = ("airway", "sequence", "fix")
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A point of a route, in degrees; `declination` is that of the radials from it."""
+    """A point of a route, in degrees; `declination` is the declination of radials from it."""
 
     name: str
     latitude: float

@@ -241,7 +241,7 @@ def _judge_fusion(fused: Fusion, truth: Truth, joint: Judged, max_distance: floa
 def _followed(
     updates: tuple[IntArray, FloatArray], target: IntArray, wanted: tuple[IntArray, FloatArray]
 ) -> IntArray:
-    """Return the target of the update of a track that is nearest in time, -1 if it has none."""
+    """Return, for each time, the target of the nearest update of a track; -1 if there is none."""
     (tracks, times), (track, time) = updates, wanted
     found = np.full(len(track), -1)
     for number in np.unique(track):

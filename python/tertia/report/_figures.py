@@ -28,7 +28,7 @@ MARKS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star", "tr
 GREY = "#8a8f98"
 # half width of a 95 % interval in standard deviations
 SIDES = 1.959964
-# 95 % of chi-squared with two degrees of freedom
+# 95 % quantile of chi-squared with two degrees of freedom
 _ELLIPSE = 5.991465
 _DIGITS = 5
 # largest number of tracks with their own colour in the picture of plans

@@ -382,7 +382,7 @@ def _scalar_errors(records: Records, value: str, truth: Source | None) -> _Error
 
 
 def _beside(records: Records) -> _Errors:
-    """Return the errors of the estimates if the truth is in the same rows."""
+    """Return the errors of the estimates if each row also has the true values."""
     rows = records.rows
     axes = _axes(records, "true_")
     if axes and _axes(records, ""):
@@ -407,7 +407,7 @@ def _beside(records: Records) -> _Errors:
 def _versus(
     rows: _Estimates, there: Records, origin: tuple[float, float] | None, distance: float
 ) -> _Errors:
-    """Return the errors of the estimates relative to a truth that has other times."""
+    """Return the errors of the estimates if the truth has rows and times of its own."""
     records = rows.records
     for one, table in ((records, "the estimates"), (there, "the truth")):
         if "time" not in one.column:

@@ -64,7 +64,7 @@ def bearing(
     values : str
         Column of the measurements. Missing measurements (null or nan) are left out and counted.
     by : str or sequence of str
-        Columns by whose values the rows are grouped; by default all rows belong to one group.
+        Columns whose values identify the groups; by default all rows belong to one group.
     groups : str, optional
         Column of labels. Measurements with the same label have a common systematic error, for
         example measurements at one stop, in one hour, or in one sector.

@@ -156,7 +156,7 @@ def _mean_of(rows: pl.DataFrame) -> tuple[float, float]:
 
 
 def _estimate_of(rows: pl.DataFrame, name: str) -> tuple[float, float, pl.Series]:
-    """Return an estimate, its sigma, or nan for the sigma of the sensor, and the outliers."""
+    """Return an estimate, its sigma (nan: the sigma of the sensor), and the outliers."""
     values, period = rows["value"].to_numpy(), PERIODS.get(rows["kind"][0])
     # sigma of a row; nan: the sigma of the sensor
     stated = float(np.median(rows["sigma"].to_numpy()))

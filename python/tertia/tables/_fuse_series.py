@@ -129,8 +129,7 @@ def fuse_series(
     values : str
         Column of the angle.
     by : str or sequence of str
-        Columns by whose values the rows are divided into targets; by default all rows belong to one
-        target.
+        Columns whose values identify the targets; by default all rows belong to one target.
     sensors : sequence of str, optional
         The names of all sensors. They are needed if the table may have no plots of some sensors,
         because the result has columns for each sensor. By default they are the sensors in the

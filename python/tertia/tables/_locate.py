@@ -80,8 +80,7 @@ def locate(
     columns : mapping of str to str, optional
         The names that columns have in this table, keyed by their standard names.
     by : str or sequence of str
-        Columns by whose values the rows are divided into targets; by default all rows belong to one
-        target.
+        Columns whose values identify the targets; by default all rows belong to one target.
     tolerance : float
         Seconds within which measurements belong to one instant, whose time is the mean of theirs.
         An instant has at most one measurement of each kind by each sensor. If it is inf, one

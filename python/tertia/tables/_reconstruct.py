@@ -67,8 +67,7 @@ def reconstruct(
     columns : mapping of str to str, optional
         The names that columns have in this table, keyed by their standard names.
     by : str or sequence of str
-        Columns by whose values the rows are divided into targets; by default all rows belong to one
-        target.
+        Columns whose values identify the targets; by default all rows belong to one target.
     tolerance : float
         Length of time in seconds within which measurements belong to one instant; the time of the
         instant is the mean of their times.

@@ -522,7 +522,7 @@ class Reader:
         is_of_day = len(first) and first.cast(pl.Float64, strict=False).null_count()
         if self.problems is None and is_of_day and (seconds.diff() < -_HALF_DAY).any():
             doubt(
-                f"{self.part.called}: the time of day decreases by more than 12 hours: if the "
+                f"{self.part.called}: the time of day decreases by more than 12 hours; if the "
                 "recording passes midnight, give times with dates"
             )
 

@@ -68,11 +68,11 @@ def register(
     Returns
     -------
     table of the same kind
-        One row per radar, with the columns by which files describe radars: position, estimated
-        `range_sigma_m` and `azimuth_sigma_deg`, and `range_bias_m`, `range_gain`,
-        `azimuth_bias_deg` and `time_bias_s` with their sigmas. Further columns are
-        `range_noise_factor` and `azimuth_noise_factor`, the ratios of the estimated to the stated
-        noise, and for each error whether the plots determine it, such as `time_observable`.
+        One row per radar, with the columns of sensors files: position, estimated `range_sigma_m`
+        and `azimuth_sigma_deg`, and `range_bias_m`, `range_gain`, `azimuth_bias_deg` and
+        `time_bias_s` with their sigmas. Further columns are `range_noise_factor` and
+        `azimuth_noise_factor`, the ratios of the estimated to the stated noise, and for each error
+        whether the plots determine it, such as `time_observable`.
 
     Raises
     ------

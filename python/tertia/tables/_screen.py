@@ -46,8 +46,7 @@ def screen(
     values : str
         Column of the measurements; null and nan are missing.
     by : str or sequence of str
-        Columns by whose values the rows are grouped into samples; by default all rows are one
-        sample.
+        Columns whose values identify the samples; by default all rows are one sample.
     rule : {"bursts", "leave-one-out", "k-sigma"}
         Name of the function of `tertia.screening`, with hyphens instead of underscores.
     period : float, optional

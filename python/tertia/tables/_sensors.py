@@ -62,7 +62,7 @@ _POSITION_SENSOR = {
     "update_interval": "update_interval_s",
     "detection_probability": _DETECTION,
 }
-# systematic errors of a sensor: their columns, those of their sigmas, and factors
+# systematic errors of a sensor: their columns, the columns of their sigmas, and factors
 _BIAS = {
     "range": ("range_bias_m", "range_bias_sigma_m", 1.0),
     "range_gain": ("range_gain", "range_gain_sigma", 1.0),

@@ -50,8 +50,7 @@ def smooth(
         Standard deviation of the plots, or the column that contains it: one for all axes, or one
         for each.
     by : str or sequence of str
-        Columns by whose values the rows are divided into targets; by default all rows belong to one
-        target.
+        Columns whose values identify the targets; by default all rows belong to one target.
     correlation_time : float, optional
         Correlation time of the noise; by default it is estimated for each track.
     robust : bool

@@ -37,8 +37,8 @@ def stream(
         Batches of consecutive rows. The rows of a group must be consecutive, but may extend over
         several batches.
     by : str or sequence of str
-        Columns whose values group the rows; by default all rows are one group, which is complete at
-        the end of the batches.
+        Columns whose values identify the groups; by default all rows are one group, which is
+        complete at the end of the batches.
     **options
         Parameters of the function.
 

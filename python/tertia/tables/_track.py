@@ -216,7 +216,7 @@ def track(
         name of the sensor. Optional columns are `height_m` or `flight_level`; `callsign`; and
         `icao_address` (hexadecimal), `mode_3a` (octal) or `identity`, the first of which identifies
         the targets. If radars have channels, `detection` is psr, ssr, psr+ssr, mode-s or
-        psr+mode-s, or one of the names of `read_asterix`. If the table is part of a recording,
+        psr+mode-s, or a name that `read_asterix` returns. If the table is part of a recording,
         `plot` is the number of the plot in the whole recording (see `stitch`). Reports of a
         `PositionSensor` have `east_m` and `north_m` instead of range and azimuth, or `latitude_deg`
         and `longitude_deg` if the radars are on the earth; and, if known, `east_sigma_m`,

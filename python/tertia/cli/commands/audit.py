@@ -58,7 +58,10 @@ def audit(
     ] = None,
     strata: Annotated[
         list[str] | None,
-        typer.Option(metavar="COLUMN", help="Audit parts by this column, too; may be repeated."),
+        typer.Option(
+            metavar="COLUMN",
+            help="Column whose values define parts that are audited separately; may be repeated.",
+        ),
     ] = None,
     column: ColumnNames = None,
     truth_column: Annotated[

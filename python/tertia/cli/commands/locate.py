@@ -194,8 +194,8 @@ def _start(text: str | None, dimension: int) -> list[float] | None:
         start = []
     if len(start) != dimension or not np.all(np.isfinite(start)):
         fail(
-            f"--initial is {text!r}; it must be {dimension} numbers, as many as sensors have "
-            "coordinates",
+            f"--initial is {text!r}; it must be {dimension} numbers, one for each coordinate of "
+            "the sensors",
             WRONG_USAGE,
         )
     return start

@@ -113,7 +113,7 @@ def simulate(
     typer.echo(
         f"{aircraft} aircraft with flight plans, {len(summary['left_plan_s'])} of them deviated; "
         f"{counted(radar_count, 'radar')}, {counted(len(record), 'plot')}, of which "
-        f"{summary['clutter_count']} are false and {summary['outlier_count']} outliers"
+        f"{summary['clutter_count']} are false and {summary['outlier_count']} are outliers"
     )
     for name, fault in (*scene.radar_faults.items(), *scene.station_faults.items()):
         listed = ", ".join(f"{key} {value:g}" for key, value in fault.items())

@@ -51,7 +51,7 @@ def smooth_tracks(
 ) -> dict[str, Any]:
     """Estimate each track from all its plots, including later ones.
 
-    One row per plot, as for tertia track. The output can be the truth of tertia evaluate.
+    One row per plot, as for tertia track. The output can be used as the truth in tertia evaluate.
     """
     if not files:
         fail("give files of plots", WRONG_USAGE)

@@ -38,7 +38,7 @@ Rows: TypeAlias = Literal["csv", "jsonl"]
 Cells: TypeAlias = Mapping[str, Any]
 
 STDIN = Path("-")
-# of the shortest scan
+# latency as a share of the shortest scan period
 _USUAL_LATENCY = 0.25
 # number of plots of one batch from which a unit is checked, and largest number kept for this check
 _ENOUGH, _DOUBTED = 100, 1000
@@ -345,8 +345,8 @@ class _Arrived:
 class _Stream:
     """Tracks plots as their lines arrive, and writes the rows of confirmed tracks.
 
-    Plots are collected for `latency` seconds of their own time, by default a quarter latency as a
-    share of the shortest scan period, or until nothing has arrived for that time.
+    Plots are collected for `latency` seconds of their own time, by default a quarter of the
+    shortest scan period, or until no plot has arrived for `latency` seconds.
     """
 
     def __init__(

@@ -92,7 +92,9 @@ def track(
     ] = "aircraft",
     max_speed: Annotated[
         float | None,
-        typer.Option(help="Largest speed of a target in m/s; by default that of the profile."),
+        typer.Option(
+            help="Largest speed of a target in m/s; by default, the largest speed of the profile."
+        ),
     ] = None,
     gate_probability: Annotated[
         float, typer.Option(help="Probability that a target's plot is within its gate.")
@@ -154,7 +156,7 @@ def track(
     ] = None,
     rows: Annotated[
         streams.Rows | None,
-        typer.Option(help="Format of the rows of a stream; by default that of its input."),
+        typer.Option(help="Format of the rows of a stream; by default the format of its input."),
     ] = None,
 ) -> dict[str, Any]:
     """Track targets from the plots of one or several radars, with flight plans if given.
