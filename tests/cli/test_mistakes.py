@@ -261,7 +261,7 @@ CASES = {
         options=("--time-format", "%S.%f %M %I %p"), same=False,
     ),
     "another format": failing(
-        "line 2: time_s is '0.0', not in the time format %d.%m.%Y",
+        "line 2: time_s is '0.0'; it must be in the time format %d.%m.%Y",
         options=("--time-format", "%d.%m.%Y"),
     ),
     "some with a zone": failing(

@@ -74,10 +74,10 @@ def smooth(
 
     Notes
     -----
-    Positions are smoothed by `tertia.smoothing.smooth` in space, on the ellipsoid, so flights may
-    be long; altitudes are smoothed separately. Rows farther than 6 sigma from the path through the
-    other rows are left out; this is repeated until no more rows are found. Reported speeds are not
-    used, so that they can serve as a check.
+    `tertia.smoothing.smooth` smooths the positions on the ellipsoid in three dimensions, so that
+    flights may be long. Altitudes are smoothed separately. Rows farther than 6 sigma from the path
+    through the other rows are left out; this is repeated until no more rows are found. Reported
+    speeds are not used, so that they can serve as a check.
 
     One jerk is estimated for the whole flight, although jerk occurs mainly at the ends of turns.
     The errors are therefore larger than the sigmas there, and smaller in straight flight. In a

@@ -61,7 +61,7 @@ class AsterixRecording:
         Number of data blocks of categories that are not read, by category.
     damaged : int
         Number of data blocks that are cut off or contain a record that cannot be decoded, plus the
-        number of places at which no data block follows. A damaged record and the rest of its block
+        number of places at which no data block begins. A damaged record and the rest of its block
         are left out.
     lost_bytes : int
         Number of bytes of a file that belong to no data block, for example after a damaged length.

@@ -8,7 +8,7 @@ from typing import TypeAlias
 from tertia import _core
 from tertia.io._categories import KNOWN
 
-# function that returns the begin and end of the contents of a frame, and the end of the frame
+# function that returns where the contents of a frame begin and end, and where the frame ends
 Frame: TypeAlias = Callable[[bytes, int], tuple[int, int, int]]
 # number of frames from which the format is recognised
 _DECIDING = 10

@@ -56,8 +56,8 @@ class Heard:
     """An emitter, its bearings from the stations in radians (nan if unknown), and its position.
 
     `moves` is true if the bearings in the first half of the record differ from those in the second
-    half; `path` then replaces `position`, which is estimated from the whole record. `instants` has
-    the positions at single times, if there are any.
+    half; `path` is then used instead of `position`, for which the emitter is assumed to be fixed.
+    `instants` has the positions at single times, if there are any.
     """
 
     emitter: Emitter

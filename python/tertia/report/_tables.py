@@ -289,7 +289,7 @@ def table(
 
 
 def _are_words(cells: Sequence[str]) -> bool:
-    """Return whether a column has words: some, and no numbers."""
+    """Return whether a column contains texts and no numbers."""
     there = [cell for cell in cells if cell not in {"", "–"}]
     return bool(there) and not any(cell[0].isdigit() or cell[0] in "+-−<" for cell in there)
 
@@ -434,8 +434,8 @@ def _audit_table(analysis: Analysis) -> Table:
     }
     caption = (
         "Errors versus stated covariances, with 95 % intervals that allow for time-correlated "
-        "errors; the effective number of updates is the number of independent ones. Factors apply "
-        "to sigmas."
+        "errors; the effective number is the number of independent updates that have the same "
+        "information. Factors apply to sigmas."
     )
     return table("audit-table", caption, columns, rows, audit_rows(analysis))
 

@@ -135,10 +135,11 @@ def fuse_series(
         because the result has columns for each sensor. By default they are the sensors in the
         table.
     sigma : float or mapping, optional
-        Stated standard deviation of the plots, one for all sensors or one for each, which replaces
-        the values in the table. If neither is given, it is estimated from the whole table.
+        Stated standard deviation of the plots: one for all sensors, or one for each. It replaces
+        the sigmas in the table. If there are none in the table either, it is estimated from the
+        whole table.
     bias_sigma : float or mapping, optional
-        Standard deviation of a constant systematic error, one for all sensors or one for each. The
+        Standard deviation of a constant systematic error: one for all sensors, or one for each. The
         error of a sensor differs from target to target. With 0 there is no such error; this is also
         the value for sensors that are not in the mapping.
     alpha, acceleration_sigma : float, optional

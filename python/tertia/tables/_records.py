@@ -324,7 +324,7 @@ class Reader:
     """Reads the columns of one part.
 
     If `problems` is None, the first bad row is an error; otherwise the reason for each bad row is
-    added to it. `like` is a column of times; those of this part must be of the same kind.
+    added to it. `like` is a column of times; the times of this part must be of the same kind.
     """
 
     def __init__(
@@ -514,7 +514,7 @@ class Reader:
         except pl.exceptions.PolarsError as error:
             raise self.part.error(f"the time format {form!r}: {error}") from None
         bad = values.is_not_null() & found.is_null()
-        self.refuse(bad, f"{values.name} is {{!r}}, not in the time format {form}", values)
+        self.refuse(bad, f"{values.name} is {{!r}}; it must be in the time format {form}", values)
         return found
 
     def _doubt_midnight(self, first: pl.Series, seconds: pl.Series) -> None:

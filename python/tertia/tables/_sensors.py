@@ -99,7 +99,7 @@ class Sensors(Generic[S]):
     @property
     def dimension(self) -> int:
         """The number of coordinates."""
-        # sensors that report positions have no position of their own
+        # position sensors have no position of their own
         places = (getattr(one, "position", None) for one in self.items)
         return next((len(place) for place in places if place is not None), 2)
 

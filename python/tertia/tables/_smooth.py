@@ -40,8 +40,8 @@ def smooth(
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per plot, in any order; null and nan are missing.
     columns : mapping of str to str, optional
-        The names that columns have in this table, keyed by the names that are used here: `time_s`
-        (seconds or datetimes), and the names of columns in the other arguments.
+        The names that columns have in this table, keyed by `time_s` (seconds or datetimes) and by
+        the column names in the other arguments.
     values : str or sequence of str
         Columns of the axes. By default `east_m` and `north_m` or, if these are missing,
         `latitude_deg` and `longitude_deg`, which are smoothed in the system plane about the first

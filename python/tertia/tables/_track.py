@@ -392,7 +392,7 @@ def track_rows(
     *,
     replies: Columns,
 ) -> pl.DataFrame:
-    """Return one row per row of the track table; unknown values are null."""
+    """Return the rows of a track table with the columns of files; unknown values are null."""
     followed = table.plan >= 0
     course, speed = movement(table, sensors)
     return pl.DataFrame(
@@ -423,7 +423,7 @@ def track_rows(
 def movement(
     table: TrackTable | SmoothedTracks | SystemTracks, sensors: Sensors[Radar]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return courses and speeds; on the earth, the true ones."""
+    """Return courses and speeds; on the earth, corrected for convergence and scale of the plane."""
     course, speed = np.arctan2(*table.velocity.T), np.hypot(*table.velocity.T)
     if not isinstance(sensors.frame, SystemPlane):
         return course, speed

@@ -161,9 +161,9 @@ def track(
 ) -> dict[str, Any]:
     """Track targets from the plots of one or several radars, with flight plans if given.
 
-    One row per plot: time_s, range_m or range_nm, azimuth_deg, or for sensors of positions east_m
-    and north_m; sensor, if there are several; and, if known, height_m or flight_level, and
-    icao_address, mode_3a or identity. The rows may be in any order.
+    One row per plot, in any order: time_s; range_m or range_nm, and azimuth_deg, or for position
+    sensors east_m and north_m; sensor, if there are several; and, if known, height_m or
+    flight_level, and icao_address, mode_3a or identity.
     """
     columns = column_names(column)
     place = pair(origin, "--origin", float)
