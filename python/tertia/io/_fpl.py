@@ -103,7 +103,7 @@ def read_fpl(
     Parameters
     ----------
     text : str or Path
-        The messages, or a file of them. Text outside parentheses is ignored.
+        The messages, or the path of a file that contains them. Text outside parentheses is ignored.
     fixes : mapping, table or path of a CSV or GeoJSON file
         Aerodromes, navigation aids and waypoints. Either a mapping from names to (latitude,
         longitude) or (latitude, longitude, declination) in degrees, or to a list of these; or a
@@ -122,8 +122,8 @@ def read_fpl(
         library contains no such table.
     winds : array_like of shape (2,) or (L, 3), optional
         Velocity of the air, east and north in m/s, of shape (2,); or rows of height in metres, east
-        and north, with increasing heights, of shape (L, 3). Without it, ground speeds are equal to
-        the filed true airspeeds.
+        and north, with increasing heights, of shape (L, 3). Without winds, ground speeds are equal
+        to the filed true airspeeds.
     taxi_time : float
         Time from off-block to departure in seconds.
     identity : {"icao_address", "mode_3a"}

@@ -214,13 +214,13 @@ def track(
         One row per plot, in any order. Required columns are `time_s` (seconds or datetimes),
         `range_m` or `range_nm`, `azimuth_deg`, and, if there are several sensors, `sensor`, the
         name of the sensor. Optional columns are `height_m` or `flight_level`; `callsign`; and
-        `icao_address` (hexadecimal), `mode_3a` (octal) or `identity`, the first of which identifies
-        the targets. If radars have channels, `detection` is psr, ssr, psr+ssr, mode-s or
-        psr+mode-s, or a name that `read_asterix` returns. If the table is part of a recording,
-        `plot` is the number of the plot in the whole recording (see `stitch`). Reports of a
-        `PositionSensor` have `east_m` and `north_m` instead of range and azimuth, or `latitude_deg`
-        and `longitude_deg` if the radars are on the earth; and, if known, `east_sigma_m`,
-        `north_sigma_m` and `covariance_east_north_m2`.
+        `icao_address` (hexadecimal), `mode_3a` (octal) or `identity`, of which the first one
+        present identifies the targets. If radars have channels, `detection` is psr, ssr, psr+ssr,
+        mode-s or psr+mode-s, or a name that `read_asterix` returns. If the table is part of a
+        recording, `plot` is the number of the plot in the whole recording (see `stitch`). Reports
+        of a `PositionSensor` have `east_m` and `north_m` instead of range and azimuth, or
+        `latitude_deg` and `longitude_deg` if the radars are on the earth; and, if known,
+        `east_sigma_m`, `north_sigma_m` and `covariance_east_north_m2`.
     sensors : sequence of Radar, PositionSensor or Station
         The sensors. A sensor without a name is identified by its index.
     columns : mapping of str to str, optional

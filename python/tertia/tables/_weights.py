@@ -75,7 +75,7 @@ def weights(
     Returns
     -------
     table of the same kind
-        One row per sensor, and a last row, `fused`. Columns are `sensor`, `measurement_count`,
+        One row per sensor, and a last row named `fused`. Columns are `sensor`, `measurement_count`,
         means with their sigmas (`east_m`, `east_sigma_m`), and weights (`weight`, or for each pair
         of components `weight_east_north`). The sigmas allow for the number of measurements: an
         interval of ± 2 sigmas contains the true value of a component with a probability of 95.45 %,
