@@ -857,7 +857,7 @@ FILES = {
         (
             ["fine.csv", S, "s.csv", "--initial", "1,2"],
             2,
-            "--initial is '1,2'; it must be 3 numbers, as many as sensors have coordinates",
+            "--initial is '1,2'; it must be 3 numbers, one for each coordinate of the sensors",
         ),
         (["fine.csv", S, "s.csv", "--initial", "a,b,c"], 2, "--initial is 'a,b,c'; it must .*"),
         (["fine.csv", S, "s.csv", "--initial", "1,2,nan"], 2, "--initial is '1,2,nan'; it .*"),

@@ -156,7 +156,7 @@ def test_options_of_smoothers(write: Write, stations: Path, tmp_path: Path) -> N
     assert "  jerk 0.05 (given)\n" in run(*arguments, "--jerk", 0.05).out
     smoothed = rebuilt().smoothed
     assert smoothed is not None
-    assert f"  jerk {float(smoothed.jerk):.3g} (fitted" in run(*arguments).out
+    assert f"  jerk {float(smoothed.jerk):.3g} (estimated" in run(*arguments).out
     assert "jerk" not in run(*arguments, *polynomials).out
 
 

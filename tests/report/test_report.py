@@ -242,7 +242,7 @@ def test_what_a_page_needs(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="plots or bearings must be given"):
         report.make()
     radar = Radar(range_sigma=50.0, azimuth_sigma=0.002, scan_period=4.0)
-    with pytest.raises(ValueError, match="sensors, plans and truth are for plots"):
+    with pytest.raises(ValueError, match="sensors, plans and truth can be used only with plots"):
         report.make(sensors=[radar], stations=finders, bearings=[emitter])
     done = run("report", "--sensors", PLOTS[2])
     assert (done.code, done.err) == (2, "tertia: give files of plots, or --bearings\n")
