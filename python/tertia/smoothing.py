@@ -95,11 +95,12 @@ class SmoothedPositions(Result):
         Covariance of `mean`, given the estimated noise. Where a component of the state is unknown,
         its variance is inf and its covariances are 0. An error that all plots share is not
         included.
-    innovation : ndarray of shape (..., N, D)
-        Whitened differences between the plots and their predictions from earlier plots. If the most
+    innovation : ndarray of shape (..., N, D) or (..., N, 2 D)
+        Whitened differences between the plots and their predictions from earlier plots: first those
+        of the positions, then those of the velocities if these are measured. If the most
         likely model of the noise is true, the innovations are uncorrelated and have unit variance.
-        The innovation of each axis is conditioned on the innovations of the axes before it. It is
-        nan where there is no plot, where the plot is an outlier, and where no prediction is
+        Each innovation is conditioned on the innovations before it at the same instant. It is nan
+        where there is no plot, where the plot is an outlier, and where no prediction is
         possible yet.
     log_likelihood : float or ndarray of shape (...)
         Log-likelihood of all plots if the noise is white and as stated and the initial state is
@@ -116,12 +117,16 @@ class SmoothedPositions(Result):
         Intensity of the white acceleration, in position² / time³. If it is positive, the velocity
         is a random walk, and the plots contain little information about the jerk.
     outlier : ndarray of bool, of shape (..., N)
-        Plots that were left out.
+        Measured positions that were left out.
     correlation_time : float or ndarray of shape (...)
         Correlation time of the noise in the most likely model: plots a time T apart have the
         correlation `exp(-T / correlation_time)`. 0 for white noise.
     noise_factor : float or ndarray of shape (...)
-        Factor, at least 1, by which the stated standard deviations are multiplied.
+        Factor, at least 1, by which the stated standard deviations of the positions are multiplied.
+    velocity_outlier : ndarray of bool, of shape (..., N)
+        Measured velocities that were left out.
+    velocity_noise_factor : float or ndarray of shape (...)
+        Factor, at least 1, by which the stated standard deviations of the velocities are multiplied.
     systematic : {"not included"}
         The covariance does not include an error that is common to all plots, because such an error
         cannot be detected from one track.
@@ -141,6 +146,8 @@ class SmoothedPositions(Result):
     outlier: BoolArray
     correlation_time: float | FloatArray
     noise_factor: float | FloatArray
+    velocity_outlier: BoolArray
+    velocity_noise_factor: float | FloatArray
     systematic: Systematic = "not included"
 
     @property
@@ -187,12 +194,12 @@ class SmoothedPositions(Result):
         return np.where(known.any(axis=-1), squares, np.nan)
 
     def _axes(self, derivative: int) -> slice:
-        dimension = self.innovation.shape[-1]
+        dimension = self.mean.shape[-1] // 3
         return slice(derivative * dimension, (derivative + 1) * dimension)
 
     def __repr__(self) -> str:
         """Return the shape, the jerk, and how the noise differs from the stated noise, as text."""
-        parts = [f"SmoothedPositions(position of shape {self.innovation.shape}"]
+        parts = [f"SmoothedPositions(position of shape {self.position.shape}"]
         if not isinstance(self.jerk, np.ndarray):
             if self.acceleration_noise > 0:
                 parts.append(f"acceleration noise {self.acceleration_noise:.3g}")
@@ -319,6 +326,8 @@ def smooth(
     *,
     time: npt.ArrayLike | None = None,
     dt: float | None = None,
+    velocity: npt.ArrayLike | None = None,
+    velocity_covariance: npt.ArrayLike | None = None,
     correlation_time: float | None = None,
     robust: bool = True,
     jerk: npt.ArrayLike | None = None,
@@ -340,8 +349,13 @@ def smooth(
         instant.
     dt : float, optional
         Time between instants, instead of `time`. By default 1.
+    velocity : array_like of shape (..., N, D), optional
+        Measured velocities, in the unit of `y` per unit of `time`; nan for a missing component. Their
+        errors are assumed to be independent of those of the positions.
+    velocity_covariance : array_like of shape (), (D,), (D, D), (..., N, D) or (..., N, D, D), optional
+        Covariances of the velocities, in the forms of `covariance`; required with `velocity`.
     correlation_time : float, optional
-        Correlation time of the noise: plots a time T apart have the correlation `exp(-T /
+        Correlation time of the noise of the positions: plots a time T apart have the correlation `exp(-T /
         correlation_time)`. 0 means white noise. By default it is estimated from the plots, and it
         is 0 unless the plots contradict white noise.
     robust : bool
@@ -369,7 +383,7 @@ def smooth(
     ValueError
         If a plot is infinite, a variance is not positive, times decrease, the jerk or the
         correlation time is negative, the correlation time is positive and there are more than three
-        axes, or shapes do not fit.
+        axes, `velocity` or `velocity_covariance` is given without the other, or shapes do not fit.
     numpy.linalg.LinAlgError
         If a covariance is indefinite or singular.
     TypeError
@@ -421,7 +435,7 @@ def smooth(
     if dimension == 0:
         raise ValueError(f"y has shape {plots.shape}; it must have at least one axis")
     batch = tuple(leading)
-    matrices, each = _covariances(covariance, batch, n, dimension)
+    matrices, each = _covariances(covariance, "covariance", batch, n, dimension)
     intensity = None
     if jerk is not None:
         intensity = finite(jerk, "jerk")
@@ -435,6 +449,7 @@ def smooth(
         "time": _instants(time, dt, batch, n),
         "covariance": matrices,
         "each": each,
+        "velocity": _velocities(velocity, velocity_covariance, plots.shape),
         "jerk": intensity,
         "initial": None if initial is None else _initial(initial, batch, 3 * dimension),
         "correlation_time": _correlation_time(correlation_time, dimension),
@@ -442,7 +457,7 @@ def smooth(
     }
     (mean, matrix, innovation, outlier), scalars = _core.smooth(tracks, threads(n_threads))
     likelihood, count, found = scalars
-    intensity, error, wandering, lasting, factor = map(scalar_or_array, found)
+    intensity, error, wandering, lasting, factor, of_velocity = map(scalar_or_array, found)
     return SmoothedPositions(
         mean,
         matrix,
@@ -452,9 +467,11 @@ def smooth(
         intensity,
         error,
         wandering,
-        outlier,
+        outlier[..., 0],
         lasting,
         factor,
+        outlier[..., 1] if velocity is not None else np.zeros(outlier.shape[:-1], dtype=bool),
+        of_velocity,
     )
 
 
@@ -499,11 +516,26 @@ def _variance(variance: FloatArray, batch: tuple[int, ...], n: int) -> FloatArra
     return _shared(variance, (n,), batch, "variance", "N")
 
 
+def _velocities(
+    velocity: npt.ArrayLike | None, covariance: npt.ArrayLike | None, shape: tuple[int, ...]
+) -> tuple[FloatArray, FloatArray, bool] | None:
+    """Return velocities with their covariances, as `_covariances` does, if there are any."""
+    if velocity is None and covariance is None:
+        return None
+    if velocity is None or covariance is None:
+        raise ValueError("velocity and velocity_covariance must be given together")
+    array = samples(velocity, "velocity")
+    if array.shape != shape:
+        raise ValueError(f"velocity has shape {array.shape}; it must be that of y, {shape}")
+    *batch, n, dimension = shape
+    return array, *_covariances(covariance, "velocity_covariance", tuple(batch), n, dimension)
+
+
 def _covariances(
-    value: npt.ArrayLike, batch: tuple[int, ...], n: int, dimension: int
+    value: npt.ArrayLike, name: str, batch: tuple[int, ...], n: int, dimension: int
 ) -> tuple[FloatArray, bool]:
     """Return covariance matrices, and whether every instant has a matrix of its own."""
-    array = samples(value, "covariance")
+    array = samples(value, name)
     square = (dimension, dimension)
     if array.shape in {(), (dimension,)}:
         matrix = np.zeros(square)
@@ -512,14 +544,14 @@ def _covariances(
     if array.shape == square:
         return array, False
     if array.shape[-3:] == (n, *square):
-        return _shared(array, (n, *square), batch, "covariance", "N, D, D"), True
+        return _shared(array, (n, *square), batch, name, "N, D, D"), True
     if array.shape[-2:] == (n, dimension):
         diagonal = array[..., np.newaxis] * np.eye(dimension)
         # 0 · nan: what belongs to a missing component
         diagonal[..., ~np.eye(dimension, dtype=bool)] = 0.0
-        return _shared(diagonal, (n, *square), batch, "covariance", "N, D, D"), True
+        return _shared(diagonal, (n, *square), batch, name, "N, D, D"), True
     raise ValueError(
-        f"covariance has shape {array.shape}; for y of shape {(*batch, n, dimension)} it must be "
+        f"{name} has shape {array.shape}; for y of shape {(*batch, n, dimension)} it must be "
         f"(), ({dimension},), {square}, (..., {n}, {dimension}) or "
         f"(..., {n}, {dimension}, {dimension})"
     )

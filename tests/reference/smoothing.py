@@ -108,18 +108,19 @@ def _solve(lower, b):
     return b
 
 
-def smooth(y, covariance, times, q, initial=None, lasting=None, acceleration=0):
-    """Mean (N, 3D) and covariance (N, 3D, 3D), innovations (N, D) and log L but for a constant.
+def smooth(y, covariance, times, q, initial=None, lasting=None, acceleration=0, axes=None):
+    """Mean (N, 3D) and covariance (N, 3D, 3D), innovations (N, M) and log L but for a constant.
 
-    `lasting` are the share of the noise that lasts and its correlation time, `acceleration` is the
+    The M numbers of `y` are the first of a state of so many axes, by default of M. `lasting` are the share of the noise that lasts and its correlation time, `acceleration` is the
     intensity of white acceleration.
 
     All states are normal, and so are all plots: the states given the plots are one formula. What is
     not determined has nan and inf.
     """
     with mpmath.workdps(DIGITS):
-        (n, d), states = np.shape(y), 3 * np.shape(y)[1]
-        t = exactly(times)
+        n, m = np.shape(y)
+        d = m if axes is None else axes
+        t, states = exactly(times), 3 * d
         unit = exactly(np.eye(d))
         mean0, first = exactly(np.zeros(states)), exactly(np.eye(states)) * WIDE
         if initial is not None:
@@ -136,10 +137,10 @@ def smooth(y, covariance, times, q, initial=None, lasting=None, acceleration=0):
                 joint[j * states : (j + 1) * states, i * states : (i + 1) * states] = block.T
         prior = np.concatenate([a.dot(mean0) for a in f])
         there = ~np.isnan(np.ravel(y))
-        places = np.ravel(states * np.arange(n)[:, np.newaxis] + np.arange(d))[there]
-        errors = exactly(np.zeros((n * d, n * d)))
+        places = np.ravel(states * np.arange(n)[:, np.newaxis] + np.arange(m))[there]
+        errors = exactly(np.zeros((n * m, n * m)))
         for i in range(n):
-            own = slice(i * d, (i + 1) * d)
+            own = slice(i * m, (i + 1) * m)
             errors[own, own] = exactly(covariance[i])
         if lasting is not None:
             errors = _with_lasting(errors, t, d, *lasting)
@@ -152,11 +153,11 @@ def smooth(y, covariance, times, q, initial=None, lasting=None, acceleration=0):
         blocks = [slice(i * states, (i + 1) * states) for i in range(n)]
         posterior = [joint[b, b] - gain[:, b].T.dot(gain[:, b]) for b in blocks]
         pivots = np.diagonal(lower)
-        innovation = np.full(n * d, np.nan)
+        innovation = np.full(n * m, np.nan)
         wide = np.array([pivot**2 > mpmath.sqrt(WIDE) for pivot in pivots], dtype=bool)
         innovation[there] = np.where(wide, np.nan, white.astype(float))
         likelihood = -sum(mpmath.log(p) for p in pivots) - white.dot(white) / 2
-        return (*_determined(mean, posterior), innovation.reshape(n, d), float(likelihood))
+        return (*_determined(mean, posterior), innovation.reshape(n, m), float(likelihood))
 
 
 def _with_lasting(errors, t, d, share, time):

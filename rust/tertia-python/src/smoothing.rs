@@ -6,7 +6,7 @@ use crate::arrays::{
 use pyo3::prelude::*;
 use tertia::smoothing::{
     self, Degree, Fit, Noise, NoiseFit, Options, Polynomial, Prior, ProcessNoise, ProcessNoiseFit,
-    Record, Smoothed, Summary, Track, Workspace,
+    Record, Smoothed, Summary, Track, Velocities, Workspace,
 };
 
 /// Cost of an instant and tap of the polynomial, for the choice of threads.
@@ -19,7 +19,7 @@ const FIT: f64 = 20.0;
 type Fitted<'py> = (Output<'py>, Output<'py>, Output<'py, i64>, Array<'py>, Array<'py>);
 type States<'py> = (Output<'py>, Output<'py>, Output<'py>, Output<'py, bool>);
 /// Log-likelihoods, counts, jerks with their sigmas, correlation times, noise factors.
-type Smooth<'py> = (States<'py>, (Array<'py>, Integers<'py>, [Array<'py>; 5]));
+type Smooth<'py> = (States<'py>, (Array<'py>, Integers<'py>, [Array<'py>; 6]));
 
 /// Value, sigma, degree, residual variance and degrees of freedom of every row. `time` and
 /// `variance` may have one row for all, `variance` one number in a row.
@@ -72,6 +72,8 @@ pub struct Tracks<'py> {
     covariance: Input<'py>,
     /// Whether every instant has a covariance of its own.
     each: bool,
+    /// Velocities, their covariances, and whether every instant has one of its own.
+    velocity: Option<(Input<'py>, Input<'py>, bool)>,
     jerk: Option<Input<'py>>,
     initial: Option<Input<'py>>,
     correlation_time: Option<f64>,
@@ -90,32 +92,50 @@ pub fn smooth<'py>(
     let covariance = tracks.covariance.blocks("covariance", if tracks.each { 3 } else { 2 })?;
     let jerk = tracks.jerk.as_ref().map(|jerk| jerk.rows("jerk", 1)).transpose()?;
     let initial = tracks.initial.as_ref().map(|value| value.rows("initial", 1)).transpose()?;
+    let velocity = tracks.velocity.as_ref().map(|(velocity, covariance, each)| {
+        let velocity = velocity.blocks("velocity", 2)?;
+        let axes = if *each { 3 } else { 2 };
+        Ok::<_, PyErr>((velocity, covariance.blocks("velocity_covariance", axes)?, *each))
+    });
+    let velocity = velocity.transpose()?;
     let (d, n) = (y.shape[y.shape.len() - 1], time.len());
+    let numbers = if velocity.is_some() { 2 * d } else { d };
     let (states, each) = (3 * d, tracks.each);
     let new = |tail: &[usize]| Output::new(py, y.batch(), tail);
     let (mut mean, mut matrices) = (new(&[n, states])?, new(&[n, states, states])?);
-    let mut innovation = new(&[n, d])?;
-    let mut outlier = Output::new(py, y.batch(), &[n])?;
+    let mut innovation = new(&[n, numbers])?;
+    let mut outlier = Output::new(py, y.batch(), &[n, numbers / d.max(1)])?;
     let unknown =
         ProcessNoiseFit { motion: ProcessNoise::with_jerk(0.0), relative_error: f64::NAN };
     let unsmoothed = (
         Summary { log_likelihood: 0.0, count: 0 },
-        NoiseFit { motion: unknown, correlation_time: 0.0, noise_factor: 1.0 },
+        NoiseFit {
+            motion: unknown,
+            correlation_time: 0.0,
+            noise_factor: 1.0,
+            velocity_noise_factor: 1.0,
+        },
     );
     let mut summaries = repeated(unsmoothed, y.count())?;
     let passes = if jerk.is_some() { 1.0 } else { 1.0 + FIT };
-    let cost = SMOOTH_NS * passes * y.size() * d as f64;
+    let cost = SMOOTH_NS * passes * y.size() * numbers as f64;
     let outputs = mean.rows()?.zip(matrices.rows()?).zip(innovation.rows()?.zip(outlier.rows()?));
     let outputs = outputs.zip(&mut summaries);
     y.each(py, cost, n_threads, outputs, Workspace::default, |workspace, (row, y), out| {
         let (((mean, covariance_out), (innovation, outlier)), summary) = out;
-        let matrices = covariance.shared(row);
-        let noise = if each { Noise::Each(matrices) } else { Noise::Same(matrices) };
+        let noise_of =
+            |matrices, each| if each { Noise::Each(matrices) } else { Noise::Same(matrices) };
+        let noise = noise_of(covariance.shared(row), each);
+        let velocities = velocity.as_ref().map(|(velocity, covariance, each)| Velocities {
+            velocity: velocity.shared(row),
+            noise: noise_of(covariance.shared(row), *each),
+        });
         let prior = initial.as_ref().map(|initial| {
             let (mean, covariance) = initial.shared(row).split_at(states);
             Prior { mean, covariance }
         });
-        let track = Track::try_new(d, time.shared(row), y, noise, prior)?;
+        let time = time.shared(row);
+        let track = Track::with_velocities(d, time, y, noise, velocities, prior)?;
         let options = Options {
             jerk: jerk.as_ref().map(|jerk| jerk.shared(row)[0]),
             correlation_time: tracks.correlation_time,
@@ -126,19 +146,20 @@ pub fn smooth<'py>(
         Ok(())
     })?;
     type Scalar = fn(&(Summary, NoiseFit)) -> f64;
-    let of: [Scalar; 6] = [
+    let of: [Scalar; 7] = [
         |(summary, _)| summary.log_likelihood,
         |(_, noise)| noise.motion.motion.jerk,
         |(_, noise)| noise.motion.sigma(),
         |(_, noise)| noise.motion.motion.acceleration,
         |(_, noise)| noise.correlation_time,
         |(_, noise)| noise.noise_factor,
+        |(_, noise)| noise.velocity_noise_factor,
     ];
-    let [likelihood, jerk, sigma, acceleration, lasting, factor] =
+    let [likelihood, jerk, sigma, acceleration, lasting, factor, of_velocity] =
         columns(py, y.batch(), &summaries, of)?;
     let count = array(py, y.batch(), summaries.iter().map(|(summary, _)| summary.count as i64))?;
     Ok((
         (mean, matrices, innovation, outlier),
-        (likelihood, count, [jerk, sigma, acceleration, lasting, factor]),
+        (likelihood, count, [jerk, sigma, acceleration, lasting, factor, of_velocity]),
     ))
 }

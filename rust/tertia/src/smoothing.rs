@@ -18,9 +18,11 @@ mod record;
 mod results;
 mod rows;
 mod search;
+mod seen;
 mod smoother;
 mod stencil;
 mod track;
+mod whitener;
 mod whitening;
 
 pub(crate) use fit::{Family, likeliest, likeliest_other, relative_error};
@@ -32,4 +34,4 @@ pub use record::Record;
 pub use results::{Smoothed, Summary};
 pub(crate) use smoother::likelihood;
 pub use smoother::{Workspace, smooth};
-pub use track::{Noise, Prior, Track};
+pub use track::{Noise, Prior, Track, Velocities};

@@ -15,7 +15,8 @@ use super::motion::{self, ProcessNoise};
 use super::opening::of_three;
 use super::results::Summary;
 use super::rows::{invert, solve, triangularise};
-use super::track::{ENOUGH, Track};
+use super::seen::ENOUGH;
+use super::track::Track;
 use super::whitening::Whitening;
 use crate::base::small::{Matrix as Square, dot, symmetrise};
 use nalgebra::{SMatrix, SVector};
@@ -36,19 +37,19 @@ const LONG_OPENING: usize = 20;
 
 /// State and covariance after an instant's plot, and how the plot came in, number by number.
 #[derive(Clone, Debug)]
-pub(super) struct Step<const D: usize, const N: usize> {
+pub(super) struct Step<const M: usize, const N: usize> {
     pub(super) x: [f64; N],
     pub(super) p: Square<N>,
     /// `P h` before each number, the variance `1 + h' P h` of its innovation, 0 where there is no
     /// number, and the innovation.
-    ph: [[f64; N]; D],
-    s: [f64; D],
-    innovation: [f64; D],
+    ph: [[f64; N]; M],
+    s: [f64; M],
+    innovation: [f64; M],
 }
 
-/// Buffers, which grow with the track.
+/// Buffers, which grow with the track, for plots of M numbers and a state of N = 3 D.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Adjoint<const D: usize, const N: usize> {
+pub(crate) struct Adjoint<const M: usize, const N: usize> {
     information: Information,
     whitening: Whitening,
     triangle: Vec<f64>,
@@ -56,7 +57,7 @@ pub(crate) struct Adjoint<const D: usize, const N: usize> {
     pub(super) start: usize,
     /// Rows of information of the instants before it.
     opening: Vec<Vec<f64>>,
-    steps: Vec<Step<D, N>>,
+    steps: Vec<Step<M, N>>,
 }
 
 /// Where the results go.
@@ -66,14 +67,14 @@ pub(crate) struct Smoothed<'a> {
     /// Covariances (N, R, R) of the first R components, or none.
     pub covariance: &'a mut [f64],
     pub components: usize,
-    /// Innovations (N, D) as those of [`smooth`](super::smooth), or none.
+    /// Innovations (N, M) as those of [`smooth`](super::smooth), or none.
     pub innovation: &'a mut [f64],
     /// Ratio of a variance to what later plots leave of it, or of a prediction's to that of its plot,
     /// beyond which nothing is returned.
     pub loss: f64,
 }
 
-impl<const D: usize, const N: usize> Adjoint<D, N> {
+impl<const M: usize, const N: usize> Adjoint<M, N> {
     /// The likelihood alone.
     pub fn likelihood(&mut self, track: &Track<'_>, motion: ProcessNoise) -> Option<Summary> {
         self.forwards(track, motion, None, (&mut [], LOSS))
@@ -86,7 +87,7 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
         motion: ProcessNoise,
         out: &mut Smoothed<'_>,
     ) -> Option<Summary> {
-        let short = OPENING[usize::from(out.components > D)];
+        let short = OPENING[usize::from(out.components > N / 3)];
         let long = track.len() / LONG_OPENING;
         [Some(short), (long > short).then_some(long)].into_iter().flatten().find_map(|opening| {
             let summary =
@@ -103,11 +104,11 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
         (innovation, loss): (&mut [f64], f64),
     ) -> Option<Summary> {
         let usual = track.prior.is_empty() && track.seen.iter().all(|seen| seen.count == ENOUGH);
-        if !usual || track.dimension != D || N != 3 * D {
+        if !usual || 3 * track.dimension != N || track.numbers != M {
             return None;
         }
         self.steps.clear();
-        let quick = if opening.is_none() { of_three::<D, N>(track, motion) } else { None };
+        let quick = if opening.is_none() { of_three::<M, N>(track, motion) } else { None };
         let (step, squares, logarithms) = match quick {
             Some((x, p, logarithms)) => {
                 self.start = ENOUGH - 1;
@@ -119,9 +120,9 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
         let filter =
             Filter { track, motion, start: self.start, step, squares, loss: loss.min(LOSS), steps };
         let (squares, spread) = Arch::new().dispatch(filter)?;
-        let later = innovation.chunks_exact_mut(D).skip(self.start + 1);
+        let later = innovation.chunks_exact_mut(M).skip(self.start + 1);
         for (out, step) in later.zip(self.steps.iter().skip(1)) {
-            for i in 0..D {
+            for i in 0..M {
                 out[i] =
                     if step.s[i] > 0.0 { step.innovation[i] / step.s[i].sqrt() } else { f64::NAN };
             }
@@ -139,19 +140,22 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
         motion: ProcessNoise,
         least: Option<usize>,
         innovation: &mut [f64],
-    ) -> Option<(Step<D, N>, f64, Logarithms)> {
+    ) -> Option<(Step<M, N>, f64, Logarithms)> {
         let Self { information, whitening, triangle, start, opening, .. } = self;
-        information.start(D, &[]);
+        information.start(N / 3, &[]);
         opening.clear();
         let (mut squares, mut logarithms, mut settled) = (0.0, Logarithms::NONE, 0);
         for k in 0..track.len() {
             if k > 0 {
                 information.advance(N, track, k - 1, motion, Direction::Forwards, &mut logarithms);
             }
-            if let Some(out) = innovation.chunks_exact_mut(D).nth(k) {
-                whitening.innovation(N, track, k, information, out);
+            for part in track.parts() {
+                if let Some(out) = innovation.chunks_exact_mut(M).nth(k) {
+                    let out = &mut out[part.clone()];
+                    whitening.innovation(N, track, k, part.start, information, out);
+                }
+                squares += information.observe(N, track, k, part);
             }
-            squares += information.observe(N, track, k);
             settled += usize::from(information.rank() == N);
             if settled < least.unwrap_or(1) && (settled == 0 || k + 1 < track.len()) {
                 opening.push(information.rows.clone());
@@ -169,8 +173,8 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
                     step.p[i][j] = (0..N).map(|l| root[i * N + l] * root[j * N + l]).sum();
                 }
             }
-            for i in 0..D {
-                step.x[i] += track.reference(k)[i];
+            for (x, reference) in step.x.iter_mut().zip(track.reference(k)) {
+                *x += reference;
             }
             return Some((step, squares, logarithms));
         }
@@ -229,7 +233,7 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
         for k in (0..self.start).rev() {
             let t = track.times[k + 1] - track.times[k];
             if t > 0.0 && motion.is_certain() {
-                let back = steady::<D, N>(-t);
+                let back = steady::<N>(-t);
                 (x, p) = (back * x, back * p * back.transpose());
             } else if t > 0.0 {
                 self.tie(track, k, motion, &mut rows);
@@ -265,7 +269,7 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
     fn tie(&self, track: &Track<'_>, k: usize, motion: ProcessNoise, rows: &mut Vec<f64>) {
         rows.clear();
         for row in self.opening[k].chunks_exact(N + 1) {
-            let own: f64 = (0..D).map(|i| row[i] * track.reference(k)[i]).sum();
+            let own: f64 = row.iter().zip(track.reference(k)).map(|(r, near)| r * near).sum();
             rows.extend_from_slice(&row[..N]);
             rows.push(row[N] + own);
             rows.resize(rows.len() + N, 0.0);
@@ -279,35 +283,36 @@ impl<const D: usize, const N: usize> Adjoint<D, N> {
             [-g10 * h00 * h11, h11, 0.0],
             [-(g20 * h22 + g10 * h21) * h00, h21, h22],
         ];
-        for axis in 0..D {
+        let d = N / 3;
+        for axis in 0..d {
             for h in &inverse {
                 let start = rows.len();
                 rows.resize(start + 2 * N + 1, 0.0);
                 let (now, later) = rows[start..].split_at_mut(N + 1);
                 for derivative in 0..3 {
-                    later[derivative * D + axis] = h[derivative];
-                    now[derivative * D + axis] = h[derivative];
+                    later[derivative * d + axis] = h[derivative];
+                    now[derivative * d + axis] = h[derivative];
                 }
-                now[D + axis] += t * h[0];
-                now[2 * D + axis] += 0.5 * t * t * h[0] + t * h[1];
+                now[d + axis] += t * h[0];
+                now[2 * d + axis] += 0.5 * t * t * h[0] + t * h[1];
             }
         }
     }
 }
 
 /// The filter by covariances, for the vectors of the machine.
-struct Filter<'a, const D: usize, const N: usize> {
+struct Filter<'a, const M: usize, const N: usize> {
     track: &'a Track<'a>,
     motion: ProcessNoise,
     start: usize,
-    step: Step<D, N>,
+    step: Step<M, N>,
     squares: f64,
     loss: f64,
     /// Where the steps are kept, if they are.
-    steps: Option<&'a mut Vec<Step<D, N>>>,
+    steps: Option<&'a mut Vec<Step<M, N>>>,
 }
 
-impl<const D: usize, const N: usize> WithSimd for Filter<'_, D, N> {
+impl<const M: usize, const N: usize> WithSimd for Filter<'_, M, N> {
     /// The sum of squares, and the variances of the innovations.
     type Output = Option<(f64, Logarithms)>;
 
@@ -329,9 +334,9 @@ impl<const D: usize, const N: usize> WithSimd for Filter<'_, D, N> {
     }
 }
 
-impl<const D: usize, const N: usize> Step<D, N> {
+impl<const M: usize, const N: usize> Step<M, N> {
     pub(super) fn new() -> Self {
-        Self { x: [0.0; N], p: [[0.0; N]; N], ph: [[0.0; N]; D], s: [0.0; D], innovation: [0.0; D] }
+        Self { x: [0.0; N], p: [[0.0; N]; N], ph: [[0.0; N]; M], s: [0.0; M], innovation: [0.0; M] }
     }
 
     /// `x = F x`, `P = F P F' + Q`
@@ -340,7 +345,7 @@ impl<const D: usize, const N: usize> Step<D, N> {
         if t == 0.0 {
             return;
         }
-        motion::advance::<D, N>(&mut self.x, &mut self.p, t, motion);
+        motion::advance(N / 3, &mut self.x, &mut self.p, t, motion);
     }
 
     /// Takes in the plot of an instant, number by number: they are whitened. Returns the sum of
@@ -355,14 +360,14 @@ impl<const D: usize, const N: usize> Step<D, N> {
     ) -> Option<f64> {
         let (plot, whitener) = (track.plot(k), track.whitener(k));
         let mut squares = 0.0;
-        for i in 0..D {
+        for i in 0..M {
             self.s[i] = 0.0;
             if plot[i].is_nan() {
                 continue;
             }
             let (mut ph, mut innovation) = ([0.0; N], 0.0);
             for j in 0..=i {
-                let h = whitener[i * D + j];
+                let h = whitener[i * M + j];
                 if h != 0.0 {
                     innovation += h * (plot[j] - self.x[j]);
                     for c in 0..N {
@@ -370,7 +375,7 @@ impl<const D: usize, const N: usize> Step<D, N> {
                     }
                 }
             }
-            let s = 1.0 + (0..=i).map(|j| whitener[i * D + j] * ph[j]).sum::<f64>();
+            let s = 1.0 + (0..=i).map(|j| whitener[i * M + j] * ph[j]).sum::<f64>();
             if !(1.0..loss).contains(&s) {
                 return None;
             }
@@ -411,14 +416,14 @@ impl<const D: usize, const N: usize> Step<D, N> {
     /// The adjoint variables before the plot, from those after it.
     #[inline(always)]
     fn back(&self, whitener: &[f64], l: &mut [f64; N], mut big: Option<&mut Square<N>>) {
-        for i in (0..D).rev() {
+        for i in (0..M).rev() {
             let s = self.s[i];
             if s == 0.0 {
                 continue;
             }
             let reciprocal = 1.0 / s;
             let gain: [f64; N] = std::array::from_fn(|c| self.ph[i][c] * reciprocal);
-            let h = &whitener[i * D..][..=i];
+            let h = &whitener[i * M..][..=i];
             let along = dot(&gain, l) + self.innovation[i] * reciprocal;
             for (l, h) in l.iter_mut().zip(h) {
                 *l -= h * along;
@@ -478,12 +483,12 @@ fn move_back<const N: usize>(t: f64, l: &mut [f64; N], big: Option<&mut Square<N
 }
 
 /// F over a time t.
-fn steady<const D: usize, const N: usize>(t: f64) -> SMatrix<f64, N, N> {
-    let mut f = SMatrix::<f64, N, N>::identity();
-    for i in 0..D {
-        f[(i, D + i)] = t;
-        f[(D + i, 2 * D + i)] = t;
-        f[(i, 2 * D + i)] = 0.5 * t * t;
+fn steady<const N: usize>(t: f64) -> SMatrix<f64, N, N> {
+    let (mut f, d) = (SMatrix::<f64, N, N>::identity(), N / 3);
+    for i in 0..d {
+        f[(i, d + i)] = t;
+        f[(d + i, 2 * d + i)] = t;
+        f[(i, 2 * d + i)] = 0.5 * t * t;
     }
     f
 }

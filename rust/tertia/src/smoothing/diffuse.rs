@@ -12,13 +12,13 @@ const LEAST_PIVOT: f64 = 1e-11;
 /// Takes out what the start said, exactly (de Jong 1991): `B` are the smoothed answers to the
 /// first state, so `B Λ^-1 B'` and `B Λ^-1 λ` are missing, with Λ and λ of the first instant.
 /// Cost O(N D³).
-pub(super) fn forget_start<const D: usize, const N: usize>(
+pub(super) fn forget_start<const N: usize>(
     answers: &[Square<N>],
     l: &[f64; N],
     big: &Square<N>,
     (mean, covariance): (&mut [f64], &mut [f64]),
 ) {
-    let states = 3 * D;
+    let states = N / 4 * 3;
     let scale: [f64; N] = std::array::from_fn(|i| big[i][i].sqrt());
     let mut factor = [[0.0; N]; N];
     let mut white = [0.0; N];
@@ -58,11 +58,11 @@ pub(super) fn forget_start<const D: usize, const N: usize>(
 
 /// What a plot leaves of an answer to the first state, `(I − K H) a`; `P H'`, `H` and variances of
 /// its numbers.
-pub(super) fn update<const D: usize, const N: usize>(
+pub(super) fn update<const M: usize, const N: usize>(
     answer: &mut [f64; N],
-    (ph, h, s): (&[[f64; N]; D], &[[f64; N]; D], &[f64; D]),
+    (ph, h, s): (&[[f64; N]; M], &[[f64; N]; M], &[f64; M]),
 ) {
-    for i in (0..D).filter(|&i| s[i] > 0.0) {
+    for i in (0..M).filter(|&i| s[i] > 0.0) {
         let along = dot(&h[i], answer) / s[i];
         for r in 0..N {
             answer[r] -= ph[i][r] * along;

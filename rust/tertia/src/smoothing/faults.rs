@@ -1,14 +1,16 @@
 //! Plots that do not belong to a track, and jumps of its position.
 //!
-//! A plot is an outlier by its difference from what all others say of it; a jump, by how much it would
-//! explain (de Jong, Penzer 1998). The largest are taken out, and the rest is looked at again.
+//! A position, or a velocity, is an outlier by its difference from what all others say of it; a jump, by
+//! how much it would explain (de Jong, Penzer 1998). The largest are taken out, and the rest is looked at
+//! again.
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
 use super::fit::Family;
-use super::lasting::{Faults, Found};
-use super::search::{Scale, Search};
+use super::lasting::{Faults, Found, LastingNoise};
+use super::search::{Near, Scale, Search};
+use super::seen::Quantity;
 use super::track::Track;
 use crate::base::angle::median;
 use crate::base::distribution::chi_square_upper_quantile;
@@ -26,109 +28,159 @@ const ROUNDS: usize = 20;
 const APART: usize = 5;
 /// Two jumps with at most this share of the plots between them are the ends of a run of outliers.
 const RUN: f64 = 0.2;
-/// Medians of the chi-square distributions of 1, 2 and 3 degrees of freedom.
-const MEDIANS: [f64; 3] =
-    [0.454_936_423_119_572_9, 1.386_294_361_119_890_6, 2.365_973_884_375_337_7];
+
+/// What is measured at each instant: positions, and velocities if there are any.
+struct Parts<'a> {
+    track: &'a Track<'a>,
+    /// Numbers of each part.
+    counts: Vec<usize>,
+    /// What a squared difference is compared with, and its median, for each count.
+    limits: Vec<f64>,
+    medians: Vec<f64>,
+}
+
+impl<'a> Parts<'a> {
+    fn of(track: &'a Track<'a>) -> Self {
+        let d = track.dimension;
+        let count = |part: &[f64]| part.iter().filter(|y| !y.is_nan()).count();
+        let counts: Vec<usize> = track.y.chunks_exact(d).map(count).collect();
+        let known = counts.iter().filter(|&&count| count > 0).count();
+        let quantiles = |chance: f64| -> Vec<f64> {
+            (0..=d).map(|count| chi_square_upper_quantile(chance, count.max(1))).collect()
+        };
+        let limits = quantiles(SIGNIFICANCE / known as f64);
+        Self { track, counts, limits, medians: quantiles(0.5) }
+    }
+
+    /// Parts of an instant.
+    fn each(&self) -> usize {
+        self.track.numbers / self.track.dimension
+    }
+
+    fn known(&self) -> usize {
+        self.counts.iter().filter(|&&count| count > 0).count()
+    }
+
+    /// The median of the squared differences of positions, or of velocities, relative to that of healthy
+    /// ones; at least 1.
+    fn unit(&self, misfit: &[f64], quantity: Quantity) -> f64 {
+        let first = usize::from(quantity == Quantity::Velocity);
+        let own = misfit.iter().zip(&self.counts).skip(first).step_by(self.each());
+        let relative = own.filter(|(misfit, _)| !misfit.is_nan());
+        let mut relative: Vec<f64> = relative.map(|(x, &count)| x / self.medians[count]).collect();
+        if relative.is_empty() { 1.0 } else { median(&mut relative).max(1.0) }
+    }
+}
 
 /// The outliers and jumps of a track, and the logarithm of its jerk without them; none where they
 /// are too many to tell which plots are good.
-pub(super) fn find_faults<const D: usize, const S: usize, const N: usize>(
-    search: &mut Search<'_, D, N>,
+///
+/// What positions tell of each other is asked first, for velocities may be wrong for long; then, which
+/// velocities contradict them.
+pub(super) fn find_faults<const M: usize, const S: usize, const N: usize>(
+    search: &mut Search<'_, M, N>,
 ) -> Option<(Faults, f64)> {
     let track = search.track;
-    let n = track.len();
-    let plots = (0..n).filter(|&k| track.plot(k).iter().any(|y| !y.is_nan())).count();
-    let limit = chi_square_upper_quantile(SIGNIFICANCE / plots as f64, D);
-    let mut faults = Faults { gross: vec![false; n], jumps: vec![false; n] };
+    let parts = Parts::of(track);
+    let (count, each) = (parts.counts.len(), parts.each());
+    let mut faults = Faults {
+        gross: (0..count).map(|part| part % each > 0).collect(),
+        jumps: vec![false; track.len()],
+    };
     // from a stiff path: a restless one would follow the faults
-    let mut near = search.low;
-    let (mut found, mut misfit) = (Found::default(), vec![0.0; n]);
+    let mut near = Near { intensity: search.low, velocity_factor: 0.0 };
+    let (mut found, mut misfit) = (Found::default(), vec![0.0; count]);
     for _ in 0..ROUNDS {
-        let best = search.best(Family::Jerk, (0.0, 0.0), Scale::Free, &faults, near);
-        near = best.model.motion.jerk.max(f64::MIN_POSITIVE).ln();
+        let best = search.best(Family::Jerk, LastingNoise::NONE, Scale::Free, &faults, near);
+        near.intensity = best.model.motion.jerk.max(f64::MIN_POSITIVE).ln();
         // what outliers did to the jerk must not be in the vagueness of the first state
         search.restart::<S>(best.model.motion.times(best.factor.powi(2)));
         search.engine.smooth(track, &best.model, &faults, &mut found)?;
-        for k in 0..n {
-            misfit[k] = of_plot::<D, S>(track, k, &found, faults.gross[k]);
+        for (part, misfit) in misfit.iter_mut().enumerate() {
+            *misfit = of_part::<S>(&parts, part, &found, faults.gross[part]);
         }
-        let mut known: Vec<f64> = misfit.iter().copied().filter(|x| !x.is_nan()).collect();
-        let unit = (median(&mut known) / MEDIANS[D - 1]).max(1.0);
-        let next = changed(track, &faults, &misfit, &found.jump, limit * unit);
+        let next = changed(&parts, &faults, &misfit, &found.jump);
         if next == faults {
             break;
         }
         faults = next;
     }
+    let limit = parts.unit(&misfit, Quantity::Velocity);
+    for part in (0..count).filter(|part| part % each > 0) {
+        faults.gross[part] = misfit[part] > limit * parts.limits[parts.counts[part]];
+    }
     let gross = faults.gross.iter().filter(|gross| **gross).count();
-    (2 * gross < plots).then_some((faults, near))
+    (2 * gross < parts.known()).then_some((faults, near.intensity))
 }
 
-/// The next guess: with a jump, if that explains most, or else without the worst plots.
-fn changed(track: &Track<'_>, faults: &Faults, misfit: &[f64], jump: &[f64], limit: f64) -> Faults {
-    let n = misfit.len();
+/// The next guess: with a jump, if that explains most, or else without the worst positions.
+fn changed(parts: &Parts<'_>, faults: &Faults, misfit: &[f64], jump: &[f64]) -> Faults {
+    let (n, each) = (parts.track.len(), parts.each());
+    let unit = parts.unit(misfit, Quantity::Position);
     let mut next = faults.clone();
-    let at = |k: usize| if misfit[k].is_nan() || faults.gross[k] { 0.0 } else { misfit[k] };
+    let at = |part: usize| {
+        if misfit[part].is_nan() || faults.gross[part] { 0.0 } else { misfit[part] }
+    };
     let is_free =
         |k: usize| !(k.saturating_sub(APART)..(k + APART + 1).min(n)).any(|j| faults.jumps[j]);
     let strongest = (1..n).filter(|&k| is_free(k)).max_by(|&a, &b| jump[a].total_cmp(&jump[b]));
-    let largest = (0..n).map(at).fold(0.0, f64::max);
+    let largest = (0..misfit.len()).map(at).fold(0.0, f64::max);
+    let limit = parts.limits[parts.track.dimension] * unit;
     let least = (JUMP_LIMIT * limit).max(OVER_OUTLIER * largest);
     if let Some(k) = strongest.filter(|&k| jump[k] > least) {
         next.jumps[k] = true;
-        close_runs(track, &mut next);
+        close_runs(each, &mut next);
         return next;
     }
-    for k in 0..n {
-        next.gross[k] =
-            if faults.gross[k] { misfit[k] > limit } else { at(k) > limit.max(SHARE * largest) };
+    let limit = |part: usize| parts.limits[parts.counts[part]] * unit;
+    let worst = (0..misfit.len()).map(|part| at(part) / limit(part)).fold(0.0, f64::max);
+    for part in (0..misfit.len()).step_by(each) {
+        let least = if faults.gross[part] { 1.0 } else { f64::max(1.0, SHARE * worst) };
+        next.gross[part] = misfit[part] > least * limit(part);
     }
     next
 }
 
-/// Replaces two jumps near each other by a run of outliers.
-fn close_runs(track: &Track<'_>, faults: &mut Faults) {
-    let n = track.len();
+/// Replaces two jumps near each other by a run of positions that are outliers, of so many parts at each
+/// instant.
+fn close_runs(each: usize, faults: &mut Faults) {
+    let n = faults.jumps.len();
     let jumps: Vec<usize> = (0..n).filter(|&k| faults.jumps[k]).collect();
     for pair in jumps.windows(2) {
         let (first, last) = (pair[0], pair[1]);
         if faults.jumps[first] && (last - first) as f64 <= RUN * n as f64 {
-            faults.gross[first..last].fill(true);
+            (first..last).for_each(|k| faults.gross[k * each] = true);
             faults.jumps[first] = false;
             faults.jumps[last] = false;
         }
     }
 }
 
-/// The squared difference of a plot from what the others say of it, over its variance; nan where
-/// there is no plot.
-fn of_plot<const D: usize, const S: usize>(
-    track: &Track<'_>,
-    k: usize,
-    found: &Found,
-    is_gross: bool,
-) -> f64 {
-    let (plot, whitener) = (track.plot(k), track.whitener(k));
-    let mut trend = [0.0; S];
-    track.add_trend(k, &mut trend);
-    let mean = &found.mean[k * S..][..S];
-    let p = |i: usize, j: usize| found.covariance[(k * S + i) * S + j];
-    let own = if is_gross { 1.0 } else { -1.0 };
-    let there: Vec<usize> = (0..D).filter(|&i| !plot[i].is_nan()).collect();
-    if there.is_empty() {
+/// The squared difference of a part from what all others say of it, over its variance; nan where
+/// nothing is measured.
+fn of_part<const S: usize>(parts: &Parts<'_>, part: usize, found: &Found, is_gross: bool) -> f64 {
+    let Parts { track, counts, .. } = parts;
+    if counts[part] == 0 {
         return f64::NAN;
     }
-    let (mut factor, mut white, mut sum) = ([[0.0; D]; D], [0.0; D], 0.0);
-    for &i in &there {
-        let residual: f64 = (0..=i)
-            .filter(|j| !plot[*j].is_nan())
-            .map(|j| whitener[i * D + j] * (plot[j] - (mean[j] - trend[j])))
-            .sum();
-        for &j in there.iter().filter(|&&j| j <= i) {
+    let (d, m) = (track.dimension, track.numbers);
+    let (k, first) = (part / parts.each(), part % parts.each() * d);
+    let (plot, whitener) = (&track.plot(k)[first..][..d], track.whitener(k));
+    let w = |i: usize, j: usize| whitener[(first + i) * m + first + j];
+    let mut trend = [0.0; S];
+    track.add_trend(k, &mut trend);
+    let away = |i: usize| plot[i] - (found.mean[k * S + first + i] - trend[first + i]);
+    let p = |i: usize, j: usize| found.covariance[(k * S + first + i) * S + first + j];
+    let own = if is_gross { 1.0 } else { -1.0 };
+    let there = || (0..d).filter(|&i| !plot[i].is_nan());
+    let (mut factor, mut white, mut sum) = ([[0.0; S]; S], [0.0; S], 0.0);
+    for i in there() {
+        let residual: f64 = there().take_while(|&j| j <= i).map(|j| w(i, j) * away(j)).sum();
+        for j in there().take_while(|&j| j <= i) {
             let mut value = if i == j { 1.0 } else { 0.0 };
             for a in 0..=i {
                 for b in 0..=j {
-                    value += own * whitener[i * D + a] * p(a, b) * whitener[j * D + b];
+                    value += own * w(i, a) * p(a, b) * w(j, b);
                 }
             }
             value -= (0..j).map(|l| factor[i][l] * factor[j][l]).sum::<f64>();

@@ -8,7 +8,9 @@
 
 use super::motion::ProcessNoise;
 use super::rows::{reduce, reflect, triangularise};
-use super::track::{ENOUGH, Seen, Track};
+use super::seen::{Quantity, Seen};
+use super::track::Track;
+use std::ops::Range;
 
 /// Sum of logarithms, most of them taken of products.
 #[derive(Clone, Copy, Debug)]
@@ -57,7 +59,7 @@ impl Information {
         self.rows.clear();
         self.rows.extend_from_slice(prior);
         self.seen.clear();
-        let seen = if prior.is_empty() { Seen::default() } else { Seen::ALL };
+        let seen = if prior.is_empty() { Seen::NONE } else { Seen::ALL };
         self.seen.resize(dimension, seen);
         self.sums.clear();
         self.sums.resize(2 * n + 1, 0.0);
@@ -133,26 +135,28 @@ impl Information {
         }
     }
 
-    /// Takes in the plot of instant `k`; returns the sum of squares that it adds.
+    /// Takes in some numbers of the plot of instant `k`; returns the sum of squares that they add.
     #[inline(always)]
-    pub fn observe(&mut self, n: usize, track: &Track<'_>, k: usize) -> f64 {
+    pub fn observe(&mut self, n: usize, track: &Track<'_>, k: usize, numbers: Range<usize>) -> f64 {
         let (d, width) = (n / 3, n + 1);
         let reference = track.reference(k);
         let (plot, whitener) = (track.plot(k), track.whitener(k));
         let before = self.rows.len() / width;
-        for (i, row) in whitener.chunks_exact(d).enumerate() {
+        for i in numbers {
             if plot[i].is_nan() {
                 continue;
             }
-            self.seen[i].add(track.times[k]);
+            let row = &whitener[i * track.numbers..][..track.numbers];
+            self.seen[i % d].add(Quantity::of(i, d), track.times[k]);
             let start = self.rows.len();
             self.rows.resize(start + width, 0.0);
             let out = &mut self.rows[start..];
-            for axis in 0..=i {
+            for j in 0..=i {
                 // those that are not there have the weight 0
-                if row[axis] != 0.0 {
-                    out[axis] = row[axis];
-                    out[n] += row[axis] * (plot[axis] - reference[axis]);
+                if row[j] != 0.0 {
+                    out[j] = row[j];
+                    let near = if j < d { reference[j] } else { 0.0 };
+                    out[n] += row[j] * (plot[j] - near);
                 }
             }
         }
@@ -192,7 +196,7 @@ pub(super) fn complete(
 ) {
     let (d, width, span) = (n / 3, n + 1, track.span());
     for (axis, seen) in seen.iter().enumerate() {
-        for derivative in seen.count..ENOUGH {
+        for (derivative, _) in seen.open().iter().enumerate().filter(|(_, open)| **open) {
             let start = rows.len();
             rows.resize(start + width, 0.0);
             // as precise as a plot at the end of the track

@@ -1,5 +1,5 @@
-//! The smoother for noise that lasts: a share of it is a Gauss–Markov process, one for every whitened
-//! axis, which is part of the state. Plots may be left out, and the position may jump.
+//! The smoother for noise that lasts: a share of that of the positions is a Gauss–Markov process, one for
+//! every whitened axis, which is part of the state. Plots may be left out, and the position may jump.
 //!
 //! A Kalman filter goes forwards from a vague state, the adjoint variables go back (Bryson, Frazier
 //! 1963), as in [`adjoint`](super::adjoint); nothing is inverted.
@@ -11,7 +11,8 @@ use super::adjoint::{self, Adjoint};
 use super::diffuse;
 use super::motion::{self, ProcessNoise};
 use super::rows::invert;
-use super::track::{ENOUGH, Track};
+use super::seen::{ENOUGH, Quantity};
+use super::track::Track;
 use crate::base::small::{Matrix as Square, dot, symmetrise};
 
 /// Variance of the first state over that of the plots that determine it.
@@ -28,20 +29,50 @@ const FLOOR: f64 = 1e-13;
 /// How often smoothing begins anew near what it found.
 const ATTEMPTS: usize = 3;
 
-/// Motion and noise, of which the white part has the variance `1 − share` of what is stated, and the
-/// lasting part `share`.
+/// Noise of the whitened positions, or velocities, of which a share lasts.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Model {
-    pub motion: ProcessNoise,
+pub(super) struct LastingNoise {
+    pub of: Quantity,
+    /// The white part has the variance `1 − share` of the whole.
     pub share: f64,
     /// Correlation time of the lasting part.
     pub time: f64,
 }
 
+impl LastingNoise {
+    pub const NONE: Self = Self { of: Quantity::Position, share: 0.0, time: 0.0 };
+
+    /// The correlation over a time.
+    fn correlation(&self, t: f64) -> f64 {
+        if self.share == 0.0 { 0.0 } else { (-t / self.time).exp() }
+    }
+}
+
+/// Motion and noise.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Model {
+    pub motion: ProcessNoise,
+    pub lasting: LastingNoise,
+    /// Over the stated standard deviations of velocities.
+    pub velocity_factor: f64,
+}
+
+impl Model {
+    /// Variance of a whitened number, and the share of it that lasts.
+    #[inline(always)]
+    pub fn noise(&self, quantity: Quantity) -> (f64, f64) {
+        let share = if self.lasting.of == quantity { self.lasting.share } else { 0.0 };
+        match quantity {
+            Quantity::Position => (1.0, share),
+            Quantity::Velocity => (self.velocity_factor.powi(2), share),
+        }
+    }
+}
+
 /// What does not belong to the path.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Faults {
-    /// Plots that are left out.
+    /// Positions that are left out, and velocities if these are measured, plot by plot.
     pub gross: Vec<bool>,
     /// Instants before which the position jumps.
     pub jumps: Vec<bool>,
@@ -58,17 +89,17 @@ pub(super) struct Fit {
 
 /// State and covariance before an instant's plot, and how the plot came in.
 #[derive(Clone, Debug)]
-struct Step<const D: usize, const N: usize> {
+struct Step<const M: usize, const N: usize> {
     x: [f64; N],
     p: Square<N>,
-    ph: [[f64; N]; D],
-    h: [[f64; N]; D],
+    ph: [[f64; N]; M],
+    h: [[f64; N]; M],
     /// 0 where there is no number.
-    s: [f64; D],
-    innovation: [f64; D],
+    s: [f64; M],
+    innovation: [f64; M],
 }
 
-/// Where the results go: states (N, 3D) with covariances, whitened innovations (N, D) of unit
+/// Where the results go: states (N, 3D) with covariances, whitened innovations (N, M) of unit
 /// variance, and of every instant how much a jump before it would explain, as a chi-square variable.
 #[derive(Debug, Default)]
 pub(super) struct Found {
@@ -78,23 +109,24 @@ pub(super) struct Found {
     pub jump: Vec<f64>,
 }
 
-/// A track with D axes, N = 4 D.
-pub(super) struct Lasting<const D: usize, const N: usize> {
+/// A track with D axes, plots of M numbers and N = 4 D.
+pub(super) struct Lasting<const M: usize, const N: usize> {
     start: ([f64; N], Square<N>),
     /// A vague state about what all plots say of the first one for white noise. The first plots alone
     /// may say so little that a smoother which begins with them loses all digits.
     smoothed: Option<([f64; N], Square<N>)>,
-    steps: Vec<Step<D, N>>,
+    steps: Vec<Step<M, N>>,
     /// Of each instant, how its state answers to each component of the first one.
     answers: Vec<Square<N>>,
 }
 
-impl<const D: usize, const N: usize> Lasting<D, N> {
+impl<const M: usize, const N: usize> Lasting<M, N> {
     /// None where the plots do not determine the state of each axis.
     pub fn new<const S: usize>(track: &Track<'_>, motion: ProcessNoise) -> Option<Self> {
-        assert!(track.dimension == D && S == 3 * D && N == 4 * D);
+        let d = track.dimension;
+        assert!(track.numbers == M && S == 3 * d && N == 4 * d);
         let (x, p) =
-            if track.prior.is_empty() { vague::<D, S>(track, motion)? } else { prior(track) };
+            if track.prior.is_empty() { vague::<M, S>(track, motion)? } else { prior(track) };
         let mut start = ([0.0; N], [[0.0; N]; N]);
         start.0[..S].copy_from_slice(&x);
         for i in 0..S {
@@ -108,7 +140,7 @@ impl<const D: usize, const N: usize> Lasting<D, N> {
 
     /// Sets state and covariance of the first instant for white noise: smoothing begins near them.
     pub fn near(mut self, track: &Track<'_>, mean: &[f64], covariance: &[f64]) -> Self {
-        let states = 3 * D;
+        let states = N / 4 * 3;
         if track.prior.is_empty() {
             let (mut x, mut p) = ([0.0; N], self.start.1);
             let mut trend = vec![0.0; states];
@@ -165,7 +197,7 @@ impl<const D: usize, const N: usize> Lasting<D, N> {
 
     /// Begins near a smoothed first state, of which some digits may be lost.
     fn begin_near(&mut self, track: &Track<'_>, out: &Found, vague: &Square<N>) {
-        let states = 3 * D;
+        let states = N / 4 * 3;
         let mut trend = vec![0.0; states];
         track.add_trend(0, &mut trend);
         for i in 0..states {
@@ -178,10 +210,11 @@ impl<const D: usize, const N: usize> Lasting<D, N> {
 
     /// Whether no variance is lost to rounding.
     fn pass(&mut self, track: &Track<'_>, model: &Model, faults: &Faults, out: &mut Found) -> bool {
-        let (n, states) = (track.len(), 3 * D);
+        let (n, d) = (track.len(), N / 4);
+        let states = 3 * d;
         out.mean.resize(n * states, 0.0);
         out.covariance.resize(n * states * states, 0.0);
-        out.innovation.resize(n * D, 0.0);
+        out.innovation.resize(n * M, 0.0);
         out.jump.resize(n, 0.0);
         let mut step = self.first();
         let mut answer: Square<N> =
@@ -196,9 +229,9 @@ impl<const D: usize, const N: usize> Lasting<D, N> {
                 (after.ph, after.h, after.s, after.innovation);
             let t = track.times[k] - track.times[k.saturating_sub(1)];
             for column in &mut answer[..states] {
-                motion::advance_row::<D, N>(column, t, 0.5 * t * t);
-                let phi = decay(t, model);
-                column[3 * D..].iter_mut().for_each(|noise| *noise *= phi);
+                motion::advance_row(d, column, t, 0.5 * t * t);
+                let phi = model.lasting.correlation(t);
+                column[states..].iter_mut().for_each(|noise| *noise *= phi);
             }
             self.answers.push(answer);
             let plot = (&step.ph, &step.h, &step.s);
@@ -209,13 +242,13 @@ impl<const D: usize, const N: usize> Lasting<D, N> {
         let (mut l, mut big) = ([0.0; N], [[0.0; N]; N]);
         for k in (0..n).rev() {
             let step = &self.steps[k];
-            for i in (0..D).rev() {
+            for i in (0..M).rev() {
                 step.back(i, &mut l, &mut big);
                 let s = step.s[i];
-                out.innovation[k * D + i] =
+                out.innovation[k * M + i] =
                     if s > 0.0 { step.innovation[i] / s.sqrt() } else { f64::NAN };
             }
-            out.jump[k] = explained::<D, N>(&l, &big);
+            out.jump[k] = explained(&l, &big);
             let mean = &mut out.mean[k * states..][..states];
             for i in 0..states {
                 mean[i] = step.x[i] + dot(&step.p[i], &l);
@@ -226,38 +259,34 @@ impl<const D: usize, const N: usize> Lasting<D, N> {
             self.answers[k][..states].iter_mut().for_each(|a| diffuse::smooth(a, &step.p, &big));
             if k > 0 {
                 let t = track.times[k] - track.times[k - 1];
-                back::<D, N>(t, decay(t, model), &mut l, &mut big);
+                back(t, model.lasting.correlation(t), &mut l, &mut big);
             }
         }
         if is_well && track.prior.is_empty() {
             let found = (&mut out.mean[..], &mut out.covariance[..]);
-            diffuse::forget_start::<D, N>(&self.answers, &l, &big, found);
+            diffuse::forget_start(&self.answers, &l, &big, found);
         }
         is_well
     }
 
-    fn first(&self) -> Step<D, N> {
+    fn first(&self) -> Step<M, N> {
         let (x, p) = self.start;
-        Step { x, p, ph: [[0.0; N]; D], h: [[0.0; N]; D], s: [0.0; D], innovation: [0.0; D] }
+        Step { x, p, ph: [[0.0; N]; M], h: [[0.0; N]; M], s: [0.0; M], innovation: [0.0; M] }
     }
 }
 
-fn decay(t: f64, model: &Model) -> f64 {
-    if model.share == 0.0 { 0.0 } else { (-t / model.time).exp() }
-}
-
 /// A state at the first instant that agrees with the first plots, but has far too large a covariance.
-fn vague<const D: usize, const S: usize>(
+fn vague<const M: usize, const S: usize>(
     track: &Track<'_>,
     motion: ProcessNoise,
 ) -> Option<([f64; S], Square<S>)> {
     if track.seen.iter().any(|seen| seen.count < ENOUGH) {
         return None;
     }
-    let mut adjoint = Adjoint::<D, S>::default();
+    let mut adjoint = Adjoint::<M, S>::default();
     let (mut step, ..) = adjoint.open(track, motion, None, &mut [])?;
     let t = track.times[adjoint.start] - track.times[0];
-    let mut noise = adjoint::Step::<D, S>::new();
+    let mut noise = adjoint::Step::<M, S>::new();
     noise.predict(t, motion);
     for part in [&mut step, &mut noise] {
         part.predict(-t, ProcessNoise::with_jerk(0.0));
@@ -298,7 +327,7 @@ fn prior<const S: usize>(track: &Track<'_>) -> ([f64; S], Square<S>) {
     (x, p)
 }
 
-impl<const D: usize, const N: usize> Step<D, N> {
+impl<const M: usize, const N: usize> Step<M, N> {
     /// `x = F x`, `P = F P F' + Q`, and a jump if there is one.
     #[inline(always)]
     fn arrive(&mut self, track: &Track<'_>, k: usize, model: &Model, faults: &Faults) {
@@ -307,11 +336,11 @@ impl<const D: usize, const N: usize> Step<D, N> {
         }
         let t = track.times[k] - track.times[k - 1];
         if t > 0.0 {
-            let phi = decay(t, model);
+            let phi = model.lasting.correlation(t);
             self.predict(t, phi, model.motion);
         }
         if faults.jumps[k] {
-            for (i, plot) in track.plot(k).iter().enumerate() {
+            for (i, plot) in track.plot(k)[..N / 4].iter().enumerate() {
                 let shown = if plot.is_nan() { 0.0 } else { plot - self.x[i] };
                 self.p[i][i] += JUMP[0] / track.scale[i].powi(2) + JUMP[1] * shown * shown;
             }
@@ -320,17 +349,18 @@ impl<const D: usize, const N: usize> Step<D, N> {
 
     #[inline(always)]
     fn predict(&mut self, t: f64, phi: f64, motion: ProcessNoise) {
-        for i in 3 * D..N {
+        let d = N / 4;
+        for i in 3 * d..N {
             self.x[i] *= phi;
             for row in &mut self.p {
                 row[i] *= phi;
             }
         }
-        for row in &mut self.p[3 * D..] {
+        for row in &mut self.p[3 * d..] {
             row.iter_mut().for_each(|p| *p *= phi);
         }
-        motion::advance::<D, N>(&mut self.x, &mut self.p, t, motion);
-        for i in 3 * D..N {
+        motion::advance(d, &mut self.x, &mut self.p, t, motion);
+        for i in 3 * d..N {
             self.p[i][i] += 1.0 - phi * phi;
         }
     }
@@ -346,21 +376,22 @@ impl<const D: usize, const N: usize> Step<D, N> {
         fit: &mut Fit,
     ) {
         let (plot, whitener) = (track.plot(k), track.whitener(k));
-        let lasting = model.share.sqrt();
-        for i in 0..D {
+        let d = N / 4;
+        for i in 0..M {
             self.s[i] = 0.0;
-            if plot[i].is_nan() || faults.gross[k] {
+            if plot[i].is_nan() || faults.gross[(k * M + i) / d] {
                 continue;
             }
             let mut h = [0.0; N];
-            h[..=i].copy_from_slice(&whitener[i * D..][..=i]);
-            h[3 * D + i] = lasting;
+            h[..=i].copy_from_slice(&whitener[i * M..][..=i]);
+            let (variance, share) = model.noise(Quantity::of(i, d));
+            h[3 * d + i % d] = (share * variance).sqrt();
             // a missing component has no row, and no column in the rows of the others
             let there = (0..=i).filter(|&j| !plot[j].is_nan());
             let measured: f64 = there.map(|j| h[j] * plot[j]).sum();
             let innovation = measured - dot(&h, &self.x);
             let ph: [f64; N] = std::array::from_fn(|r| dot(&self.p[r], &h));
-            let s = 1.0 - model.share + dot(&ph, &h);
+            let s = (1.0 - share) * variance + dot(&ph, &h);
             let reciprocal = 1.0 / s;
             let gain = innovation * reciprocal;
             for r in 0..N {
@@ -415,27 +446,27 @@ impl<const D: usize, const N: usize> Step<D, N> {
 }
 
 /// `F' λ` and `F' Λ F`
-fn back<const D: usize, const N: usize>(t: f64, phi: f64, l: &mut [f64; N], big: &mut Square<N>) {
+fn back<const N: usize>(t: f64, phi: f64, l: &mut [f64; N], big: &mut Square<N>) {
     if t == 0.0 {
         return;
     }
-    let half = 0.5 * t * t;
+    let (d, half) = (N / 4, 0.5 * t * t);
     let turn = |row: &mut [f64; N]| {
-        for i in 0..D {
-            let (p, v) = (row[i], row[D + i]);
-            row[2 * D + i] += t * v + half * p;
-            row[D + i] += t * p;
-            row[3 * D + i] *= phi;
+        for i in 0..d {
+            let (p, v) = (row[i], row[d + i]);
+            row[2 * d + i] += t * v + half * p;
+            row[d + i] += t * p;
+            row[3 * d + i] *= phi;
         }
     };
     turn(l);
     big.iter_mut().for_each(turn);
-    for i in 0..D {
+    for i in 0..d {
         for c in 0..N {
-            let (p, v) = (big[i][c], big[D + i][c]);
-            big[2 * D + i][c] += t * v + half * p;
-            big[D + i][c] += t * p;
-            big[3 * D + i][c] *= phi;
+            let (p, v) = (big[i][c], big[d + i][c]);
+            big[2 * d + i][c] += t * v + half * p;
+            big[d + i][c] += t * p;
+            big[3 * d + i][c] *= phi;
         }
     }
     symmetrise(big);
@@ -443,10 +474,10 @@ fn back<const D: usize, const N: usize>(t: f64, phi: f64, l: &mut [f64; N], big:
 
 /// `λ' Λ^-1 λ` of the positions: how much a jump before this instant would explain (de Jong, Penzer
 /// 1998).
-fn explained<const D: usize, const N: usize>(l: &[f64; N], big: &Square<N>) -> f64 {
-    let mut factor = [[0.0; D]; D];
-    let (mut white, mut sum) = ([0.0; D], 0.0);
-    for i in 0..D {
+fn explained<const N: usize>(l: &[f64; N], big: &Square<N>) -> f64 {
+    let mut factor = [[0.0; N]; N];
+    let (mut white, mut sum) = ([0.0; N], 0.0);
+    for i in 0..N / 4 {
         for j in 0..=i {
             let inner: f64 = (0..j).map(|k| factor[i][k] * factor[j][k]).sum();
             let value = big[i][j] - inner;

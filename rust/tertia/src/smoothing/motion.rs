@@ -59,62 +59,63 @@ impl ProcessNoise {
     }
 }
 
-/// `x = F x`, `P = F P F' + Q` of the first `3 D` components: positions, velocities, accelerations.
+/// `x = F x`, `P = F P F' + Q` of the first `3 d` components: positions, velocities, accelerations.
 ///
 /// What further components move by is the caller's; their rows and columns are moved along. `O(N²)`.
 #[inline(always)]
-pub(super) fn advance<const D: usize, const N: usize>(
+pub(super) fn advance<const N: usize>(
+    d: usize,
     x: &mut [f64; N],
     p: &mut Square<N>,
     t: f64,
     motion: ProcessNoise,
 ) {
     let half = 0.5 * t * t;
-    advance_row::<D, N>(x, t, half);
+    advance_row(d, x, t, half);
     for row in &mut *p {
-        advance_row::<D, N>(row, t, half);
+        advance_row(d, row, t, half);
     }
-    for i in 0..D {
+    for i in 0..d {
         for c in 0..N {
-            let (v, a) = (p[D + i][c], p[2 * D + i][c]);
+            let (v, a) = (p[d + i][c], p[2 * d + i][c]);
             p[i][c] += t * v + half * a;
-            p[D + i][c] += t * a;
+            p[d + i][c] += t * a;
         }
     }
     symmetrise(p);
     let q = motion.jerk * t;
     let (pp, pv, pa) = (q * t * t * t * t / 20.0, q * t * t * t / 8.0, q * t * t / 6.0);
     let (vv, va) = (q * t * t / 3.0, q * t / 2.0);
-    for i in 0..D {
+    for i in 0..d {
         p[i][i] += pp;
-        p[i][D + i] += pv;
-        p[D + i][i] += pv;
-        p[i][2 * D + i] += pa;
-        p[2 * D + i][i] += pa;
-        p[D + i][D + i] += vv;
-        p[D + i][2 * D + i] += va;
-        p[2 * D + i][D + i] += va;
-        p[2 * D + i][2 * D + i] += q;
+        p[i][d + i] += pv;
+        p[d + i][i] += pv;
+        p[i][2 * d + i] += pa;
+        p[2 * d + i][i] += pa;
+        p[d + i][d + i] += vv;
+        p[d + i][2 * d + i] += va;
+        p[2 * d + i][d + i] += va;
+        p[2 * d + i][2 * d + i] += q;
     }
     if motion.acceleration == 0.0 {
         return;
     }
     let a = motion.acceleration * t;
-    for i in 0..D {
+    for i in 0..d {
         p[i][i] += a * t * t / 3.0;
-        p[i][D + i] += a * t / 2.0;
-        p[D + i][i] += a * t / 2.0;
-        p[D + i][D + i] += a;
+        p[i][d + i] += a * t / 2.0;
+        p[d + i][i] += a * t / 2.0;
+        p[d + i][d + i] += a;
     }
 }
 
 /// `F x`, where x is any row of positions, velocities and accelerations.
 #[inline(always)]
-pub(super) fn advance_row<const D: usize, const N: usize>(row: &mut [f64; N], t: f64, half: f64) {
-    for i in 0..D {
-        let (v, a) = (row[D + i], row[2 * D + i]);
+pub(super) fn advance_row<const N: usize>(d: usize, row: &mut [f64; N], t: f64, half: f64) {
+    for i in 0..d {
+        let (v, a) = (row[d + i], row[2 * d + i]);
         row[i] += t * v + half * a;
-        row[D + i] += t * a;
+        row[d + i] += t * a;
     }
 }
 
@@ -129,7 +130,7 @@ mod tests {
             let motion = ProcessNoise { jerk, acceleration };
             for t in [1e-3, 0.4, 1.0, 60.0] {
                 let (mut x, mut q) = ([0.0; 3], [[0.0; 3]; 3]);
-                advance::<1, 3>(&mut x, &mut q, t, motion);
+                advance(1, &mut x, &mut q, t, motion);
                 let [g00, g10, g11, g20, g21, g22] = motion.noise_root(t);
                 let g = [[g00, 0.0, 0.0], [g10, g11, 0.0], [g20, g21, g22]];
                 for i in 0..3 {

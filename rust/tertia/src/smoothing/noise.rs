@@ -6,10 +6,11 @@
 
 use super::faults::find_faults;
 use super::fit::{Family, ProcessNoiseFit, fit_process_noise, likeliest_other, median_step};
-use super::lasting::{Faults, Found};
+use super::lasting::{Faults, Found, LastingNoise};
 use super::motion::ProcessNoise;
 use super::results::{Smoothed, Summary};
-use super::search::{Candidate, Scale, Search};
+use super::search::{Candidate, Near, Scale, Search};
+use super::seen::Quantity;
 use super::smoother::{Workspace, likelihood, smooth};
 use super::track::Track;
 use crate::base::distribution::chi_square_upper;
@@ -45,11 +46,13 @@ pub struct NoiseFit {
     pub motion: ProcessNoiseFit,
     /// Correlation time of the most likely model; 0 for white noise.
     pub correlation_time: f64,
-    /// What the stated standard deviations are multiplied by, at least 1.
+    /// What the stated standard deviations of positions are multiplied by, at least 1.
     pub noise_factor: f64,
+    /// The same of velocities.
+    pub velocity_noise_factor: f64,
 }
 
-/// Smooths a track; `outlier` (N) says which plots are left out. Where the noise is as stated the
+/// Smooths a track; `outlier` (N, 1 or 2) says which positions, and velocities, are left out. Where the noise is as stated the
 /// result is that of [`smooth`]. Cost O(N D³), about 15 filters, or where the innovations are
 /// suspicious up to 250. The summary is that of the noise as stated.
 pub fn smooth_with_noise(
@@ -68,12 +71,15 @@ pub fn smooth_with_noise(
     };
     let summary = smooth(track, fit.motion, workspace, out);
     let improved = if options.correlation_time.is_some_and(|time| time > 0.0)
-        || is_suspicious(out.innovation, track.dimension, options)
+        || is_suspicious(out.innovation, track.numbers, options)
     {
-        match track.dimension {
-            1 => improve::<1, 3, 4>(track, &fit, options, out, outlier),
-            2 => improve::<2, 6, 8>(track, &fit, options, out, outlier),
-            3 => improve::<3, 9, 12>(track, &fit, options, out, outlier),
+        match (track.dimension, track.numbers) {
+            (1, 1) => improve::<1, 3, 4>(track, &fit, options, out, outlier),
+            (2, 2) => improve::<2, 6, 8>(track, &fit, options, out, outlier),
+            (3, 3) => improve::<3, 9, 12>(track, &fit, options, out, outlier),
+            (1, 2) => improve::<2, 3, 4>(track, &fit, options, out, outlier),
+            (2, 4) => improve::<4, 6, 8>(track, &fit, options, out, outlier),
+            (3, 6) => improve::<6, 9, 12>(track, &fit, options, out, outlier),
             _ => None,
         }
     } else {
@@ -83,7 +89,12 @@ pub fn smooth_with_noise(
         if options.jerk.is_none() {
             add_other_family(track, &fit, summary.log_likelihood, workspace, out);
         }
-        NoiseFit { motion: fit, correlation_time: 0.0, noise_factor: 1.0 }
+        NoiseFit {
+            motion: fit,
+            correlation_time: 0.0,
+            noise_factor: 1.0,
+            velocity_noise_factor: 1.0,
+        }
     });
     (summary, noise)
 }
@@ -120,10 +131,10 @@ fn add_other_family(
 }
 
 /// Whether innovations are too large, too small, or correlated.
-fn is_suspicious(innovation: &[f64], d: usize, options: &Options) -> bool {
+fn is_suspicious(innovation: &[f64], m: usize, options: &Options) -> bool {
     let (mut squares, mut count, mut products, mut pairs) = (0.0, 0.0, 0.0, 0.0);
     let (mut largest, mut instants) = (0.0_f64, 0.0);
-    for (k, now) in innovation.chunks_exact(d).enumerate() {
+    for (k, now) in innovation.chunks_exact(m).enumerate() {
         let own: f64 = now.iter().filter(|x| !x.is_nan()).map(|x| x * x).sum();
         let there = now.iter().filter(|x| !x.is_nan()).count();
         squares += own;
@@ -131,7 +142,7 @@ fn is_suspicious(innovation: &[f64], d: usize, options: &Options) -> bool {
         largest = largest.max(own);
         instants += f64::from(u8::from(there > 0));
         if k > 0 {
-            let before = &innovation[(k - 1) * d..][..d];
+            let before = &innovation[(k - 1) * m..][..m];
             for (a, b) in now.iter().zip(before).filter(|(a, b)| !a.is_nan() && !b.is_nan()) {
                 products += a * b;
                 pairs += 1.0;
@@ -145,30 +156,30 @@ fn is_suspicious(innovation: &[f64], d: usize, options: &Options) -> bool {
     let lasting = options.correlation_time.is_none()
         && (excess.abs() > SUSPICIOUS
             || (products * count / (squares * f64::sqrt(pairs))).abs() > SUSPICIOUS);
-    let outlying = excess > SUSPICIOUS || chi_square_upper(largest, d) < OUTLIER / instants;
+    let outlying = excess > SUSPICIOUS || chi_square_upper(largest, m) < OUTLIER / instants;
     lasting || (options.robust && outlying)
 }
 
 /// Replaces the results by those of the models that the plots ask for.
-fn improve<const D: usize, const S: usize, const N: usize>(
+fn improve<const M: usize, const S: usize, const N: usize>(
     track: &Track<'_>,
     fit: &ProcessNoiseFit,
     options: &Options,
     out: &mut Smoothed<'_>,
     outlier: &mut [bool],
 ) -> Option<NoiseFit> {
-    let mut search = Search::<D, N>::new::<S>(track, fit, options.jerk, out)?;
+    let mut search = Search::<M, N>::new::<S>(track, fit, options.jerk, out)?;
     let jerk = fit.motion.jerk;
-    let mut near = if jerk > 0.0 { jerk.ln() } else { search.low };
-    let none = || vec![false; track.len()];
-    let mut faults = Faults { gross: none(), jumps: none() };
-    if let Some(found) = options.robust.then(|| find_faults::<D, S, N>(&mut search)).flatten() {
-        (faults, near) = found;
+    let intensity = if jerk > 0.0 { jerk.ln() } else { search.low };
+    let mut near = Near { intensity, velocity_factor: 0.0 };
+    let mut faults = Faults { gross: vec![false; outlier.len()], jumps: vec![false; track.len()] };
+    if let Some(found) = options.robust.then(|| find_faults::<M, S, N>(&mut search)).flatten() {
+        (faults, near.intensity) = found;
     }
     let (candidates, weights) = candidates(&search, options, &faults, near);
     let most = (0..weights.len()).max_by(|&a, &b| weights[a].total_cmp(&weights[b]))?;
     let best = &candidates[most];
-    average::<D, S, N>(&mut search, &candidates, &weights, most, &faults, out)?;
+    average::<M, S, N>(&mut search, &candidates, &weights, most, &faults, out)?;
     outlier.copy_from_slice(&faults.gross);
     let motion = match options.jerk {
         Some(jerk) => ProcessNoise::with_jerk(jerk),
@@ -176,46 +187,55 @@ fn improve<const D: usize, const S: usize, const N: usize>(
     };
     Some(NoiseFit {
         motion: ProcessNoiseFit { motion, ..*fit },
-        correlation_time: if best.model.share > 0.0 { best.model.time } else { 0.0 },
+        correlation_time: match best.model.lasting {
+            LastingNoise { of: Quantity::Position, share, time } if share > 0.0 => time,
+            _ => 0.0,
+        },
         noise_factor: best.factor.max(1.0),
+        velocity_noise_factor: best.factor.max(1.0) * best.model.velocity_factor,
     })
 }
 
 /// Models with their posterior probabilities.
-fn candidates<const D: usize, const N: usize>(
-    search: &Search<'_, D, N>,
+fn candidates<const M: usize, const N: usize>(
+    search: &Search<'_, M, N>,
     options: &Options,
     faults: &Faults,
-    near: f64,
+    near: Near,
 ) -> (Vec<Candidate>, Vec<f64>) {
     let of = |scale| if options.robust { scale } else { Scale::Stated };
     let (prior, larger) = (of(Scale::Prior), of(Scale::Larger));
-    let white = search.best(Family::Jerk, (0.0, 0.0), prior, faults, near);
+    let best = |family, lasting, scale, near| search.best(family, lasting, scale, faults, near);
+    if let Some(time) = options.correlation_time.filter(|time| *time > 0.0) {
+        let lasting = LastingNoise { of: Quantity::Position, share: SHARES[0], time };
+        return (vec![best(Family::Jerk, lasting, larger, near)], vec![1.0]);
+    }
+    let white = best(Family::Jerk, LastingNoise::NONE, prior, near);
+    let near = Near { velocity_factor: white.model.velocity_factor.ln(), ..near };
     let mut found = vec![white];
     let mut log_prior = vec![WHITE.ln()];
     if options.jerk.is_none() {
-        let near = Family::Acceleration.like(white.model.motion, search.track);
-        found.push(search.best(Family::Acceleration, (0.0, 0.0), prior, faults, near));
+        let intensity = Family::Acceleration.like(white.model.motion, search.track);
+        let near = Near { intensity, ..near };
+        found.push(best(Family::Acceleration, LastingNoise::NONE, prior, near));
         log_prior = vec![(WHITE * (1.0 - WANDERING)).ln(), (WHITE * WANDERING).ln()];
     }
-    match options.correlation_time {
-        Some(0.0) => {}
-        Some(time) => {
-            found = vec![search.best(Family::Jerk, (SHARES[0], time), larger, faults, near)];
-            log_prior = vec![0.0];
-        }
-        None => {
-            let step = median_step(search.track);
-            let count = CORRELATIONS.len() * SHARES.len();
-            for share in SHARES {
-                let mut near = white.model.motion.jerk.max(f64::MIN_POSITIVE).ln();
-                for correlation in CORRELATIONS {
-                    let time = -step / f64::ln(correlation);
-                    let one = search.best(Family::Jerk, (share, time), larger, faults, near);
-                    near = one.model.motion.jerk.max(f64::MIN_POSITIVE).ln();
-                    found.push(one);
-                    log_prior.push(((1.0 - WHITE) / count as f64).ln());
-                }
+    let has_velocities = search.track.numbers > search.track.dimension;
+    let mut lasting = Vec::new();
+    lasting.extend(options.correlation_time.is_none().then_some(Quantity::Position));
+    lasting.extend((has_velocities && options.robust).then_some(Quantity::Velocity));
+    let step = median_step(search.track);
+    let count = CORRELATIONS.len() * SHARES.len() * lasting.len();
+    for of in lasting {
+        for share in SHARES {
+            let mut near = near;
+            near.intensity = white.model.motion.jerk.max(f64::MIN_POSITIVE).ln();
+            for correlation in CORRELATIONS {
+                let lasting = LastingNoise { of, share, time: -step / f64::ln(correlation) };
+                let one = best(Family::Jerk, lasting, larger, near);
+                near.intensity = one.model.motion.jerk.max(f64::MIN_POSITIVE).ln();
+                found.push(one);
+                log_prior.push(((1.0 - WHITE) / count as f64).ln());
             }
         }
     }
@@ -232,8 +252,8 @@ fn candidates<const D: usize, const N: usize>(
 
 /// The mean over the models; the covariance has the spread between them. None, and nothing is written,
 /// where too many digits are lost.
-fn average<const D: usize, const S: usize, const N: usize>(
-    search: &mut Search<'_, D, N>,
+fn average<const M: usize, const S: usize, const N: usize>(
+    search: &mut Search<'_, M, N>,
     candidates: &[Candidate],
     weights: &[f64],
     most: usize,

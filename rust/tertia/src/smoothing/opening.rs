@@ -5,24 +5,25 @@
 
 use super::information::Logarithms;
 use super::motion::ProcessNoise;
-use super::track::{ENOUGH, Track};
+use super::seen::ENOUGH;
+use super::track::Track;
 use crate::base::small::Matrix;
 
 /// Ratio of the two steps beyond which digits would be lost.
 const UNEVEN: f64 = 1e2;
 
-/// State and covariance after the third instant, if all components are there at three different
+/// State and covariance after the third instant, if plots are complete positions at three different
 /// times, and what the plots add to the logarithm of the likelihood.
 ///
 /// The state is that of the parabola through the plots; its covariance has theirs and the noise of
 /// the motion since.
-pub(super) fn of_three<const D: usize, const N: usize>(
+pub(super) fn of_three<const M: usize, const N: usize>(
     track: &Track<'_>,
     motion: ProcessNoise,
 ) -> Option<([f64; N], Matrix<N>, Logarithms)> {
     let &[first, second, third, ..] = track.times else { return None };
     let (a, b, c) = (third - first, third - second, second - first);
-    let even = b > 0.0 && c > 0.0 && b.max(c) <= UNEVEN * b.min(c);
+    let even = 3 * M == N && b > 0.0 && c > 0.0 && b.max(c) <= UNEVEN * b.min(c);
     if !even || (0..ENOUGH).any(|k| track.plot(k).iter().any(|y| y.is_nan())) {
         return None;
     }
@@ -34,23 +35,23 @@ pub(super) fn of_three<const D: usize, const N: usize>(
     ];
     let (mut x, mut p, mut logarithms) = ([0.0; N], [[0.0; N]; N], Logarithms::NONE);
     for k in 0..ENOUGH {
-        let own = covariance::<D>(track.whitener(k));
-        for i in 0..D {
-            logarithms.add(track.whitener(k)[i * D + i]);
+        let own = covariance::<M>(track.whitener(k));
+        for i in 0..M {
+            logarithms.add(track.whitener(k)[i * M + i]);
             for m in 0..ENOUGH {
-                x[m * D + i] += t[m][k] * track.plot(k)[i];
-                for (n, j) in (0..N).map(|column| (column / D, column % D)) {
-                    p[m * D + i][n * D + j] += t[m][k] * t[n][k] * own[i][j];
+                x[m * M + i] += t[m][k] * track.plot(k)[i];
+                for (n, j) in (0..N).map(|column| (column / M, column % M)) {
+                    p[m * M + i][n * M + j] += t[m][k] * t[n][k] * own[i][j];
                 }
             }
         }
     }
     for state in moved([a, b, c], motion, &t) {
-        for (i, m, n) in (0..N).flat_map(|r| (0..ENOUGH).map(move |n| (r % D, r / D, n))) {
-            p[m * D + i][n * D + i] += state[m] * state[n];
+        for (i, m, n) in (0..N).flat_map(|r| (0..ENOUGH).map(move |n| (r % M, r / M, n))) {
+            p[m * M + i][n * M + i] += state[m] * state[n];
         }
     }
-    (0..D).for_each(|_| logarithms.add(0.5 * a * b * c));
+    (0..M).for_each(|_| logarithms.add(0.5 * a * b * c));
     x.iter().all(|x| x.is_finite()).then_some((x, p, logarithms))
 }
 

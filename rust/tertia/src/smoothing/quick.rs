@@ -14,12 +14,30 @@ const UNEVEN: f64 = 1e2;
 /// Ratio of a variance to what is left of it beyond which too many digits are lost.
 const LOSS: f64 = 1e3;
 
-/// Buffers for one axis, two and three.
+/// Buffers for one axis, two and three, without velocities and with them.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Quick {
     one: Adjoint<1, 3>,
     two: Adjoint<2, 6>,
     three: Adjoint<3, 9>,
+    moving_one: Adjoint<2, 3>,
+    moving_two: Adjoint<4, 6>,
+    moving_three: Adjoint<6, 9>,
+}
+
+/// Calls a method of the buffers that a track needs.
+macro_rules! with_buffers {
+    ($quick:expr, $track:expr, $method:ident($($argument:expr),*)) => {
+        match ($track.dimension, $track.numbers) {
+            (1, 1) => $quick.one.$method($($argument),*),
+            (2, 2) => $quick.two.$method($($argument),*),
+            (3, 3) => $quick.three.$method($($argument),*),
+            (1, 2) => $quick.moving_one.$method($($argument),*),
+            (2, 4) => $quick.moving_two.$method($($argument),*),
+            (3, 6) => $quick.moving_three.$method($($argument),*),
+            _ => None,
+        }
+    };
 }
 
 impl Quick {
@@ -28,18 +46,14 @@ impl Quick {
         if !track.axes.is_empty() {
             return self.likelihood_of_axes(track, motion);
         }
-        match track.dimension {
-            1 => self.one.likelihood(track, motion),
-            2 => self.two.likelihood(track, motion),
-            3 => self.three.likelihood(track, motion),
-            _ => None,
-        }
+        with_buffers!(self, track, likelihood(track, motion))
     }
 
     fn likelihood_of_axes(&mut self, track: &Track<'_>, motion: ProcessNoise) -> Option<Summary> {
         let mut sum = Summary { log_likelihood: 0.0, count: 0 };
         for axis in &track.axes {
-            let Summary { log_likelihood, count } = self.one.likelihood(axis, motion)?;
+            let own = with_buffers!(self, axis, likelihood(axis, motion));
+            let Summary { log_likelihood, count } = own?;
             sum.log_likelihood += log_likelihood;
             sum.count += count;
         }
@@ -63,11 +77,6 @@ impl Quick {
             innovation: out.innovation,
             loss: LOSS,
         };
-        match track.dimension {
-            1 => self.one.smooth(track, motion, &mut out),
-            2 => self.two.smooth(track, motion, &mut out),
-            3 => self.three.smooth(track, motion, &mut out),
-            _ => None,
-        }
+        with_buffers!(self, track, smooth(track, motion, &mut out))
     }
 }

@@ -7,8 +7,8 @@ pub struct Smoothed<'a> {
     pub mean: &'a mut [f64],
     /// Their covariances (N, 3D, 3D); a variance is ∞ where unknown.
     pub covariance: &'a mut [f64],
-    /// Innovations (N, D), uncorrelated and of unit variance: the difference of each plot from what
-    /// those before it and its axes before this one predict; nan where nothing does.
+    /// Innovations (N, M), uncorrelated and of unit variance: the difference of each number of a plot from
+    /// what plots before it and its numbers before this one predict; nan where nothing does.
     pub innovation: &'a mut [f64],
 }
 

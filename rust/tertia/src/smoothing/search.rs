@@ -1,19 +1,28 @@
 //! The most likely motion of a family with a model of the noise, and the noise factor that goes with it.
 
 use super::fit::{Family, ProcessNoiseFit, range};
-use super::lasting::{Faults, Fit, Lasting, Model};
+use super::lasting::{Faults, Fit, Lasting, LastingNoise, Model};
 use super::motion::ProcessNoise;
 use super::results::Smoothed;
 use super::track::Track;
 
 /// Standard deviation of the logarithm of the noise factor, before anything is known.
 const FACTOR_SIGMA: f64 = 0.5;
+const VELOCITY_FACTOR_SIGMA: f64 = 1.0;
 /// The logarithm of the likelihood must gain this much for a noise factor other than 1.
 const FACTOR_GAIN: f64 = 2.0;
 /// Steps of the logarithm of the intensity, which are halved `HALVINGS` times; most of them.
 const STEP: f64 = 2.0;
 const HALVINGS: usize = 4;
 const MOST_STEPS: usize = 60;
+
+/// Where a search begins: logarithms of the intensity of the motion, and of the factor of the standard
+/// deviations of velocities.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Near {
+    pub intensity: f64,
+    pub velocity_factor: f64,
+}
 
 /// A model with its most likely motion.
 #[derive(Clone, Copy, Debug)]
@@ -28,7 +37,7 @@ pub(super) struct Candidate {
 pub(super) enum Scale {
     /// It is 1.
     Stated,
-    /// By the likelihood alone.
+    /// By the likelihood alone; that of velocities is given.
     Free,
     /// With a prior about 1.
     Prior,
@@ -37,9 +46,9 @@ pub(super) enum Scale {
 }
 
 /// A search for the most likely motions with models of noise.
-pub(super) struct Search<'a, const D: usize, const N: usize> {
+pub(super) struct Search<'a, const M: usize, const N: usize> {
     pub track: &'a Track<'a>,
-    pub engine: Lasting<D, N>,
+    pub engine: Lasting<M, N>,
     pub jerk: Option<f64>,
     /// Mean and covariance of the first state for white noise.
     first: (Vec<f64>, Vec<f64>),
@@ -49,7 +58,7 @@ pub(super) struct Search<'a, const D: usize, const N: usize> {
     pub low: f64,
 }
 
-impl<'a, const D: usize, const N: usize> Search<'a, D, N> {
+impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
     /// `white` is what was smoothed for white noise.
     pub fn new<const S: usize>(
         track: &'a Track<'a>,
@@ -70,55 +79,89 @@ impl<'a, const D: usize, const N: usize> Search<'a, D, N> {
         }
     }
 
-    /// The most likely motion of a family near the logarithm of an intensity, and the noise factor. With
-    /// that factor the covariances and the intensities are both multiplied.
+    /// The most likely motion of a family near another one, and the noise factors. With the common factor the
+    /// covariances and the intensities are both multiplied.
     pub fn best(
         &self,
         family: Family,
-        (share, time): (f64, f64),
+        lasting: LastingNoise,
         scale: Scale,
         faults: &Faults,
-        near: f64,
+        near: Near,
     ) -> Candidate {
-        if let Some(jerk) = self.jerk {
-            // the jerk is given, not its ratio to the noise
-            let of = |ratio| {
-                let model = Model { motion: ProcessNoise::with_jerk(ratio), share, time };
-                self.candidate(model, scale, faults)
-            };
-            let mut found = of(jerk);
-            for _ in 0..4 {
-                found = of(jerk / found.factor.powi(2));
-            }
-            return found;
-        }
         let motion = family.of(self.track);
-        let of =
-            |log: f64| self.candidate(Model { motion: motion(log), share, time }, scale, faults);
+        let of = |[log, velocity_factor]: [f64; 2]| {
+            let model =
+                Model { motion: motion(log), lasting, velocity_factor: velocity_factor.exp() };
+            match self.jerk {
+                Some(jerk) => self.with_jerk(jerk, model, scale, faults),
+                None => self.candidate(model, scale, faults),
+            }
+        };
         let low = range(self.track, family.power()).map_or(self.low, |(low, _)| low);
-        let mut log = near.max(low);
-        let (mut best, mut step, mut steps) = (of(log), STEP, 0);
+        let is_moving = self.track.numbers > self.track.dimension;
+        let searched =
+            [self.jerk.is_none(), is_moving && matches!(scale, Scale::Prior | Scale::Larger)];
+        let mut at = [near.intensity.max(low), near.velocity_factor];
+        let (mut best, mut step, mut steps) = (of(at), STEP, 0);
         for _ in 0..=HALVINGS {
-            for direction in [step, -step] {
-                while steps < MOST_STEPS && log + direction >= low {
-                    let other = of(log + direction);
-                    steps += 1;
-                    if other.value.is_nan() || other.value <= best.value {
-                        break;
+            for axis in (0..2).filter(|&axis| searched[axis]) {
+                for direction in [step, -step] {
+                    while steps < MOST_STEPS && (axis == 1 || at[0] + direction >= low) {
+                        let mut next = at;
+                        next[axis] += direction;
+                        let other = of(next);
+                        steps += 1;
+                        if other.value.is_nan() || other.value <= best.value {
+                            break;
+                        }
+                        (at, best) = (next, other);
                     }
-                    (log, best) = (log + direction, other);
                 }
             }
             step *= 0.5;
         }
+        if searched[1] && at[1] != 0.0 {
+            let stated = of([at[0], 0.0]);
+            best = if stated.value > best.value { stated } else { best };
+        }
         best
+    }
+
+    /// The jerk is given, not its ratio to the noise.
+    fn with_jerk(&self, jerk: f64, model: Model, scale: Scale, faults: &Faults) -> Candidate {
+        let of = |ratio| {
+            let model = Model { motion: ProcessNoise::with_jerk(ratio), ..model };
+            self.candidate(model, scale, faults)
+        };
+        let mut found = of(jerk);
+        for _ in 0..4 {
+            found = of(jerk / found.factor.powi(2));
+        }
+        found
     }
 
     fn candidate(&self, model: Model, scale: Scale, faults: &Faults) -> Candidate {
         let fit = self.engine.fit(self.track, &model, faults);
         let n = fit.count.saturating_sub(self.used) as f64;
         let (log_factor, value) = scaled(&fit, n, scale);
+        let value = match scale {
+            Scale::Stated | Scale::Free => value,
+            Scale::Prior | Scale::Larger => value + prior(model.velocity_factor.ln(), log_factor),
+        };
         Candidate { model, factor: log_factor.exp(), value }
+    }
+}
+
+/// The logarithm of the prior of that of a factor of velocities, beside that of the common one: velocities
+/// are not more precise than stated.
+fn prior(velocity_factor: f64, factor: f64) -> f64 {
+    if velocity_factor == 0.0 {
+        0.0
+    } else if velocity_factor + factor.max(0.0) < 0.0 {
+        f64::NEG_INFINITY
+    } else {
+        -0.5 * (velocity_factor / VELOCITY_FACTOR_SIGMA).powi(2) - FACTOR_GAIN
     }
 }
 

@@ -96,11 +96,13 @@ fn forwards(
         if k > 0 {
             information.advance(n, track, k - 1, motion, Direction::Forwards, &mut logarithms);
         }
-        if let Some(innovations) = &mut innovations {
-            let out = &mut innovations[k * d..][..d];
-            whitening.innovation(n, track, k, information, out);
+        for part in track.parts() {
+            if let Some(innovations) = &mut innovations {
+                let out = &mut innovations[k * track.numbers..][part.clone()];
+                whitening.innovation(n, track, k, part.start, information, out);
+            }
+            squares += information.observe(n, track, k, part);
         }
-        squares += information.observe(n, track, k);
         if innovations.is_some() {
             let start = forwards.len();
             forwards.extend_from_slice(&information.rows);
@@ -155,7 +157,7 @@ fn backwards(
             }
         }
         if k > 0 {
-            information.observe(n, track, k);
+            information.observe(n, track, k, 0..track.numbers);
             information.advance(n, track, k - 1, motion, Direction::Backwards, &mut unused);
         }
     }

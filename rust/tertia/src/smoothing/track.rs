@@ -1,18 +1,13 @@
-//! The plots of a target: positions with their covariances, at instants.
+//! The plots of a target: positions with their covariances, at instants, and velocities if there are any.
 
+use super::seen::{ENOUGH, Quantity, Seen};
+use super::whitener::{LARGEST, Whitened, whiten_as};
 use crate::base::basis::Basis;
-use crate::base::error::{Error, Result, require_elements, require_times};
+use crate::base::error::{Error, Result, require_times};
+use std::ops::Range;
 
-/// Products of two standard deviations and of their reciprocals stay finite.
-const VARIANCES: std::ops::RangeInclusive<f64> = 1e-140..=1e140;
-/// Largest difference of two elements that should be equal, in standard deviations.
-const ASYMMETRY: f64 = 1e-10;
-/// Share of a variance that the other components must leave unexplained.
-const REGULAR: f64 = 1e-13;
 /// A plot that is so many times less precise than the last moves the reference halfway.
 const FORGETTING: f64 = 1e4;
-/// Squares of larger numbers overflow.
-const LARGEST: f64 = 1e140;
 
 /// Covariances of the plots, row by row.
 #[derive(Clone, Copy, Debug)]
@@ -21,6 +16,15 @@ pub enum Noise<'a> {
     Same(&'a [f64]),
     /// A matrix for each instant, (N, D, D).
     Each(&'a [f64]),
+}
+
+/// Velocities that are measured with the positions.
+#[derive(Clone, Copy, Debug)]
+pub struct Velocities<'a> {
+    /// (N, D); nan where a component is missing.
+    pub velocity: &'a [f64],
+    /// Their covariances; their errors are independent of those of the positions.
+    pub noise: Noise<'a>,
 }
 
 /// What is known at the first instant besides the plots: mean (3D) and covariance (3D, 3D), in the
@@ -33,54 +37,19 @@ pub struct Prior<'a> {
     pub covariance: &'a [f64],
 }
 
-/// The distinct instants at which an axis is measured, as far as they matter: three of them
-/// determine its state.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Seen {
-    pub count: usize,
-    pub instants: [f64; 2],
-}
-
-/// Distinct instants that determine position, velocity and acceleration.
-pub(super) const ENOUGH: usize = 3;
-
-impl Seen {
-    pub const ALL: Self = Self { count: ENOUGH, instants: [f64::NAN; 2] };
-
-    /// With a plot at `time`, which is not before (or not after) the others.
-    pub fn add(&mut self, time: f64) {
-        if self.count < ENOUGH && (self.count == 0 || self.instants[self.count - 1] != time) {
-            if self.count < 2 {
-                self.instants[self.count] = time;
-            }
-            self.count += 1;
-        }
-    }
-
-    /// Whether position, velocity and acceleration at `time` are determined. Through two plots goes
-    /// a parabola of any curvature, whose slope halfway is that of the chord.
-    pub fn determines(&self, time: f64) -> [bool; 3] {
-        let [first, second] = self.instants;
-        match self.count {
-            0 => [false; 3],
-            1 => [time == first, false, false],
-            2 => [time == first || time == second, time - first == second - time, false],
-            _ => [true; 3],
-        }
-    }
-}
-
 /// Plots of a target, ready to be smoothed.
 #[derive(Clone, Debug)]
 pub struct Track<'a> {
     pub(super) dimension: usize,
+    /// Numbers M of a plot: D positions, and D velocities if these are measured.
+    pub(super) numbers: usize,
     pub(super) times: &'a [f64],
-    /// The plots less the trend; nan where there is none.
+    /// The plots (N, M) less the trend; nan where there is none.
     pub(super) y: Vec<f64>,
     trend: Trend,
     /// Positions near the plots, at all instants: the state is sought as its difference to them.
     pub(super) reference: Vec<f64>,
-    /// Of every instant the inverse of the lower Cholesky factor of what is there (D, D).
+    /// Of every instant the inverse of the lower Cholesky factor of what is there (M, M).
     pub(super) whitener: Vec<f64>,
     /// Sum of the logarithms of the determinants of the covariances.
     pub(super) log_determinant: f64,
@@ -88,7 +57,8 @@ pub struct Track<'a> {
     pub(super) measured: usize,
     /// What the whole track determines.
     pub(super) seen: Vec<Seen>,
-    /// Reciprocal of the least standard deviation of an axis.
+    /// Reciprocal of the least standard deviation of each number; that of a position is 1 if it is never
+    /// measured, that of a velocity 0.
     pub(super) scale: Vec<f64>,
     /// Rows of information at the first instant, with the right side; empty if there is none.
     pub(super) prior: Vec<f64>,
@@ -126,11 +96,11 @@ impl<'a> Track<'a> {
         most / least
     }
 
-    /// The largest distance of a plot from the trend, in the least standard deviations of its axis.
+    /// The largest distance of a number from the trend, in its least standard deviations.
     pub(super) fn farthest(&self) -> f64 {
-        let axes = self.scale.iter().cycle();
+        let scales = self.scale.iter().cycle();
         // nan is not larger
-        self.y.iter().zip(axes).fold(0.0_f64, |most, (y, scale)| most.max(y.abs() * scale))
+        self.y.iter().zip(scales).fold(0.0_f64, |most, (y, scale)| most.max(y.abs() * scale))
     }
 
     /// A track of N plots in D dimensions: `times` (N), not decreasing, `y` (N, D), nan where a
@@ -146,52 +116,46 @@ impl<'a> Track<'a> {
         noise: Noise<'_>,
         prior: Option<Prior<'_>>,
     ) -> Result<Self> {
+        Self::with_velocities(dimension, times, y, noise, None, prior)
+    }
+
+    /// The same where velocities are measured, too.
+    ///
+    /// # Errors
+    /// As those of [`Track::try_new`].
+    pub fn with_velocities(
+        dimension: usize,
+        times: &'a [f64],
+        y: &[f64],
+        noise: Noise<'_>,
+        velocities: Option<Velocities<'_>>,
+        prior: Option<Prior<'_>>,
+    ) -> Result<Self> {
         require_times(times, LARGEST)?;
         let (d, n) = (dimension, times.len());
-        assert_eq!(y.len(), n * d);
-        let requirement = "a plot must be a finite number, or nan for none";
-        require_elements("y", y, d, |y| y.is_nan() || y.abs() <= LARGEST, requirement)?;
+        let mut parts = vec![Whitened::try_new(["y", "covariance"], d, y, noise, n)?];
+        if let Some(Velocities { velocity, noise }) = velocities {
+            let names = ["velocity", "velocity_covariance"];
+            parts.push(Whitened::try_new(names, d, velocity, noise, n)?);
+        }
+        let Whitened { y, whitener, log_determinant, measured } = Whitened::together(parts, d, n);
+        let numbers = if velocities.is_some() { 2 * d } else { d };
         let mut track = Self {
             dimension,
+            numbers,
             times,
-            y: y.to_vec(),
+            y,
             trend: Trend::default(),
             reference: vec![0.0; n * d],
-            whitener: vec![0.0; n * d * d],
-            log_determinant: 0.0,
-            measured: 0,
-            seen: vec![if prior.is_some() { Seen::ALL } else { Seen::default() }; d],
-            scale: vec![0.0; d],
+            whitener,
+            log_determinant,
+            measured,
+            seen: vec![if prior.is_some() { Seen::ALL } else { Seen::NONE }; d],
+            scale: vec![0.0; numbers],
             prior: Vec::new(),
             axes: Vec::new(),
         };
-        let mut last: Option<(Vec<bool>, f64)> = None;
-        for k in 0..n {
-            let there: Vec<bool> = track.plot(k).iter().map(|y| !y.is_nan()).collect();
-            track.measured += there.iter().filter(|&&there| there).count();
-            let (before, rest) = track.whitener.split_at_mut(k * d * d);
-            let whitener = &mut rest[..d * d];
-            let log_determinant = match (noise, &last) {
-                (Noise::Same(_), Some((same, determinant))) if *same == there => {
-                    whitener.copy_from_slice(&before[(k - 1) * d * d..]);
-                    *determinant
-                }
-                (Noise::Same(matrix), _) => whiten(&[], matrix, &there, whitener)?,
-                (Noise::Each(matrices), _) => {
-                    whiten(&[k], &matrices[k * d * d..][..d * d], &there, whitener)?
-                }
-            };
-            track.log_determinant += log_determinant;
-            for (axis, _) in there.iter().enumerate().filter(|&(_, &there)| there) {
-                track.seen[axis].add(times[k]);
-                let size = track.whitener[(k * d + axis) * d + axis];
-                track.scale[axis] = track.scale[axis].max(size);
-            }
-            last = Some((there, log_determinant));
-        }
-        for scale in &mut track.scale {
-            *scale = if *scale > 0.0 { *scale } else { 1.0 };
-        }
+        track.look_through();
         track.set_trend();
         track.set_reference();
         match prior {
@@ -201,30 +165,47 @@ impl<'a> Track<'a> {
         Ok(track)
     }
 
+    /// Finds what the plots determine, and their least standard deviations.
+    fn look_through(&mut self) {
+        let (d, m) = (self.dimension, self.numbers);
+        for (k, plot) in self.y.chunks_exact(m.max(1)).enumerate() {
+            for (i, _) in plot.iter().enumerate().filter(|(_, y)| !y.is_nan()) {
+                self.seen[i % d].add(Quantity::of(i, d), self.times[k]);
+                self.scale[i] = self.scale[i].max(self.whitener[(k * m + i) * m + i]);
+            }
+        }
+        for scale in &mut self.scale[..d] {
+            *scale = if *scale > 0.0 { *scale } else { 1.0 };
+        }
+    }
+
     /// The axes, if there are several whose errors are independent.
     fn split(&self) -> Vec<Self> {
-        let d = self.dimension;
-        let mixed = |(at, h): (usize, &f64)| *h != 0.0 && at / d % d != at % d;
+        let (d, m) = (self.dimension, self.numbers);
+        let mixed = |(at, h): (usize, &f64)| *h != 0.0 && at / m % m % d != at % m % d;
         if d < 2 || self.whitener.iter().enumerate().any(mixed) {
             return Vec::new();
         }
+        // every d-th value of each row, from that of the axis
         let column = |values: &[f64], axis: usize| -> Vec<f64> {
-            values.chunks_exact(d).map(|each| each[axis]).collect()
+            values.iter().skip(axis).step_by(d).copied().collect()
         };
         let of = |axis: usize| {
             let y = column(&self.y, axis);
+            let rows = self.whitener.chunks_exact(m).skip(axis).step_by(d);
             Self {
                 dimension: 1,
+                numbers: m / d,
                 times: self.times,
                 measured: y.iter().filter(|y| !y.is_nan()).count(),
                 y,
                 trend: Trend::default(),
                 reference: column(&self.reference, axis),
-                whitener: self.whitener.chunks_exact(d * d).map(|h| h[axis * (d + 1)]).collect(),
+                whitener: rows.flat_map(|row| column(row, axis)).collect(),
                 // once for all of them
                 log_determinant: if axis == 0 { self.log_determinant } else { 0.0 },
                 seen: vec![self.seen[axis]],
-                scale: vec![self.scale[axis]],
+                scale: column(&self.scale, axis),
                 prior: Vec::new(),
                 axes: Vec::new(),
             }
@@ -235,7 +216,7 @@ impl<'a> Track<'a> {
     /// Takes the parabola out that is nearest to the plots. It is a motion without jerk, so what is
     /// left moves as before, but far less.
     fn set_trend(&mut self) {
-        let d = self.dimension;
+        let (d, m) = (self.dimension, self.numbers);
         let span = self.span();
         let (first, last) = (self.times.first(), self.times.last());
         let centre = first.zip(last).map_or(0.0, |(first, last)| first + 0.5 * (last - first));
@@ -245,7 +226,7 @@ impl<'a> Track<'a> {
             let there = || (0..self.len()).filter(|&k| !self.plot(k)[axis].is_nan());
             let x: Vec<f64> = there().map(|k| self.trend.x(self.times[k])).collect();
             let least = self.scale[axis];
-            let w = |k: usize| (self.whitener[(k * d + axis) * d + axis] / least).powi(2);
+            let w = |k: usize| (self.whitener[(k * m + axis) * m + axis] / least).powi(2);
             let w: Vec<f64> = there().map(w).collect();
             let mut y: Vec<f64> = there().map(|k| self.plot(k)[axis]).collect();
             let distinct = x.chunk_by(|a, b| a == b).count();
@@ -262,8 +243,8 @@ impl<'a> Track<'a> {
             self.trend.coefficients.push(powers);
         }
         for k in 0..self.len() {
-            for axis in 0..d {
-                self.y[k * d + axis] -= self.trend.at(axis, self.times[k])[0];
+            for i in 0..m {
+                self.y[k * m + i] -= self.trend.at(i % d, self.times[k])[i / d];
             }
         }
     }
@@ -289,15 +270,15 @@ impl<'a> Track<'a> {
 
     /// Follows the plots, but not those that are much less precise than others.
     fn set_reference(&mut self) {
-        let (d, n) = (self.dimension, self.len());
+        let (d, m, n) = (self.dimension, self.numbers, self.len());
         for axis in 0..d {
-            let first = (0..n).map(|k| self.y[k * d + axis]).find(|y| !y.is_nan());
+            let first = (0..n).map(|k| self.y[k * m + axis]).find(|y| !y.is_nan());
             let (mut position, mut variance) = (first.unwrap_or(0.0), f64::INFINITY);
             for k in 0..n {
-                let y = self.y[k * d + axis];
+                let y = self.y[k * m + axis];
                 if !y.is_nan() {
                     variance *= FORGETTING;
-                    let own = self.whitener[(k * d + axis) * d + axis].powi(-2);
+                    let own = self.whitener[(k * m + axis) * m + axis].powi(-2);
                     let gain = 1.0 / (1.0 + own / variance);
                     position += gain * (y - position);
                     variance = gain * own;
@@ -330,6 +311,12 @@ impl<'a> Track<'a> {
         Ok(())
     }
 
+    /// The numbers of a plot whose errors may be correlated: the positions, and the velocities.
+    pub(super) fn parts(&self) -> impl Iterator<Item = Range<usize>> + use<> {
+        let (d, m) = (self.dimension, self.numbers);
+        (0..m).step_by(d.max(1)).map(move |first| first..first + d)
+    }
+
     /// Instants.
     pub fn len(&self) -> usize {
         self.times.len()
@@ -341,7 +328,7 @@ impl<'a> Track<'a> {
     }
 
     pub(super) fn plot(&self, k: usize) -> &[f64] {
-        &self.y[k * self.dimension..][..self.dimension]
+        &self.y[k * self.numbers..][..self.numbers]
     }
 
     pub(super) fn reference(&self, k: usize) -> &[f64] {
@@ -349,7 +336,7 @@ impl<'a> Track<'a> {
     }
 
     pub(super) fn whitener(&self, k: usize) -> &[f64] {
-        let size = self.dimension * self.dimension;
+        let size = self.numbers * self.numbers;
         &self.whitener[k * size..][..size]
     }
 
@@ -361,85 +348,18 @@ impl<'a> Track<'a> {
         }
     }
 
+    /// Reciprocals of the least standard deviations of positions.
+    pub(super) fn position_scale(&self) -> &[f64] {
+        &self.scale[..self.dimension]
+    }
+
+    /// The same of velocities, if these are measured.
+    pub(super) fn velocity_scale(&self) -> &[f64] {
+        &self.scale[self.dimension..]
+    }
+
     /// What the plots determine, in numbers.
     pub(super) fn rank(&self) -> usize {
         self.seen.iter().map(|seen| seen.count).sum()
     }
-}
-
-/// The inverse of the Cholesky factor of the covariance of what is there, and ln of its determinant.
-fn whiten(place: &[usize], matrix: &[f64], there: &[bool], out: &mut [f64]) -> Result<f64> {
-    whiten_as("covariance", place, matrix, there, out)
-}
-
-fn whiten_as(
-    argument: &'static str,
-    place: &[usize],
-    matrix: &[f64],
-    there: &[bool],
-    out: &mut [f64],
-) -> Result<f64> {
-    let m = there.len();
-    let at = |i: usize, j: usize| [place, &[i, j]].concat();
-    let present: Vec<usize> = (0..m).filter(|&i| there[i]).collect();
-    let mut factor = vec![0.0; m * m];
-    let mut log_determinant = 0.0;
-    out.fill(0.0);
-    for &i in &present {
-        for &j in &present {
-            let value = matrix[i * m + j];
-            let requirement = "every element must be a finite number where there is a plot";
-            if !value.is_finite() {
-                return Err(Error::InvalidElement {
-                    argument,
-                    index: at(i, j),
-                    value,
-                    requirement,
-                });
-            }
-        }
-        let value = matrix[i * m + i];
-        if !VARIANCES.contains(&value) {
-            let requirement = "variances must be positive, between 1e-140 and 1e140";
-            return Err(Error::InvalidElement { argument, index: at(i, i), value, requirement });
-        }
-    }
-    for &i in &present {
-        for &j in present.iter().take_while(|&&j| j <= i) {
-            let (lower, upper) = (matrix[i * m + j], matrix[j * m + i]);
-            let scale = (matrix[i * m + i] * matrix[j * m + j]).sqrt();
-            if (upper - lower).abs() > ASYMMETRY * scale {
-                return Err(Error::NotSymmetric { argument, index: at(j, i), upper, lower });
-            }
-            let mut sum = upper + 0.5 * (lower - upper);
-            for &k in present.iter().take_while(|&&k| k < j) {
-                sum -= factor[i * m + k] * factor[j * m + k];
-            }
-            if i != j {
-                factor[i * m + j] = sum / factor[j * m + j];
-                continue;
-            }
-            let share = sum / matrix[i * m + i];
-            let index = place.to_vec();
-            if share <= -REGULAR {
-                return Err(Error::Indefinite { argument, index });
-            }
-            if share <= REGULAR {
-                return Err(Error::Singular { argument, index });
-            }
-            factor[i * m + i] = sum.sqrt();
-            log_determinant += sum.ln();
-        }
-    }
-    // N = L^-1, row by row
-    for &i in &present {
-        let reciprocal = 1.0 / factor[i * m + i];
-        for &j in present.iter().take_while(|&&j| j < i) {
-            let between = present.iter().filter(|&&k| j <= k && k < i);
-            let sum: f64 = between.map(|&k| factor[i * m + k] * out[k * m + j]).sum();
-            out[i * m + j] = -sum * reciprocal;
-        }
-        out[i * m + i] = reciprocal;
-    }
-    Ok(log_determinant)
 }

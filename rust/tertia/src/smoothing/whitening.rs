@@ -2,7 +2,7 @@
 
 use super::information::Information;
 use super::rows::{invert, solve};
-use super::track::{Seen, Track};
+use super::track::Track;
 
 /// Buffers.
 #[derive(Clone, Debug, Default)]
@@ -13,24 +13,28 @@ pub(super) struct Whitening {
 }
 
 impl Whitening {
-    /// The innovation of the plot of instant `k`, with the inverse of the Cholesky factor of its
-    /// covariance, as far as the plot is predicted.
+    /// The innovations of the positions of instant `k`, or of its velocities if these come `first`, with
+    /// the inverse of the Cholesky factor of their covariance, as far as they are predicted.
     #[inline(always)]
     pub fn innovation(
         &mut self,
         n: usize,
         track: &Track<'_>,
         k: usize,
+        first: usize,
         information: &mut Information,
         out: &mut [f64],
     ) {
         let Self { triangle, state, root } = self;
         let (d, width) = (n / 3, n + 1);
         out.fill(f64::NAN);
-        let plot = track.plot(k);
+        let plot = &track.plot(k)[first..][..d];
+        let derivative = usize::from(first > 0);
+        let seen = &information.seen;
         let predicted =
-            |axis: usize, seen: &Seen| !plot[axis].is_nan() && seen.determines(track.times[k])[0];
-        if !information.seen.iter().enumerate().any(|(axis, seen)| predicted(axis, seen)) {
+            |axis: usize| !plot[axis].is_nan() && seen[axis].determines(track.times[k])[derivative];
+        let predicted: Vec<bool> = (0..d).map(predicted).collect();
+        if !predicted.contains(&true) {
             return;
         }
         information.complete(n, track, triangle);
@@ -41,14 +45,14 @@ impl Whitening {
         invert(triangle, width, n, root);
         solve(triangle, width, n, state);
         // S = H P H^T + covariance; the innovation goes along as another row of its factor
-        let whitener = track.whitener(k);
         let mut factor = vec![0.0; d * d];
-        let noise = noise_of(whitener, d);
+        let noise = noise_of(track, k, first);
         for i in 0..d {
-            if !predicted(i, &information.seen[i]) {
+            if !predicted[i] {
                 continue;
             }
-            let mut value = plot[i] - track.reference(k)[i] - state[i];
+            let near = if first == 0 { track.reference(k)[i] } else { 0.0 };
+            let mut value = plot[i] - near - state[first + i];
             for j in 0..=i {
                 if out[j].is_nan() && j < i {
                     continue;
@@ -56,7 +60,7 @@ impl Whitening {
                 let product = |a: usize, b: usize| -> f64 {
                     (0..n).map(|c| root[a * n + c] * root[b * n + c]).sum()
                 };
-                let mut sum = product(i, j) + noise[i * d + j];
+                let mut sum = product(first + i, first + j) + noise[i * d + j];
                 for l in 0..j {
                     sum -= factor[i * d + l] * factor[j * d + l];
                 }
@@ -70,18 +74,20 @@ impl Whitening {
     }
 }
 
-/// The covariance whose factor's inverse is given.
-fn noise_of(whitener: &[f64], d: usize) -> Vec<f64> {
+/// The covariance of D numbers of a plot, of which the inverse of the factor is known.
+fn noise_of(track: &Track<'_>, k: usize, first: usize) -> Vec<f64> {
     // L row by row from N = L^-1; axes that are not there have zero rows
+    let (d, m) = (track.dimension, track.numbers);
+    let whitener = |i: usize, j: usize| track.whitener(k)[(first + i) * m + first + j];
     let mut l = vec![0.0; d * d];
     for i in 0..d {
-        let pivot = whitener[i * d + i];
+        let pivot = whitener(i, i);
         if pivot == 0.0 {
             continue;
         }
         l[i * d + i] = 1.0 / pivot;
         for j in 0..i {
-            let sum: f64 = (j..i).map(|k| whitener[i * d + k] * l[k * d + j]).sum();
+            let sum: f64 = (j..i).map(|k| whitener(i, k) * l[k * d + j]).sum();
             l[i * d + j] = -sum / pivot;
         }
     }

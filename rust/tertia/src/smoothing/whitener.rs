@@ -1,0 +1,157 @@
+//! Plots and the inverses of the Cholesky factors of their covariances.
+
+use super::track::Noise;
+use crate::base::error::{Error, Result, require_elements};
+
+/// Products of two standard deviations and of their reciprocals stay finite.
+const VARIANCES: std::ops::RangeInclusive<f64> = 1e-140..=1e140;
+/// Largest difference of two elements that should be equal, in standard deviations.
+const ASYMMETRY: f64 = 1e-10;
+/// Share of a variance that the other components must leave unexplained.
+const REGULAR: f64 = 1e-13;
+/// Squares of larger numbers overflow.
+pub(super) const LARGEST: f64 = 1e140;
+
+/// What is measured at N instants, with what makes its errors independent and of unit variance.
+pub(super) struct Whitened {
+    /// nan where there is none.
+    pub y: Vec<f64>,
+    /// Of every instant the inverse of the lower Cholesky factor of what is there.
+    pub whitener: Vec<f64>,
+    /// Sum of the logarithms of the determinants of the covariances.
+    pub log_determinant: f64,
+    /// Numbers measured.
+    pub measured: usize,
+}
+
+impl Whitened {
+    /// Of values (N, D) with their covariances, under the names of both. Another length panics.
+    pub fn try_new(
+        [name, covariance]: [&'static str; 2],
+        d: usize,
+        y: &[f64],
+        noise: Noise<'_>,
+        n: usize,
+    ) -> Result<Self> {
+        assert_eq!(y.len(), n * d);
+        let requirement = "a plot must be a finite number, or nan for none";
+        require_elements(name, y, d, |y| y.is_nan() || y.abs() <= LARGEST, requirement)?;
+        let (mut whitener, mut log_determinant) = (vec![0.0; n * d * d], 0.0);
+        let mut measured = 0;
+        let mut last: Option<(Vec<bool>, f64)> = None;
+        for k in 0..n {
+            let there: Vec<bool> = y[k * d..][..d].iter().map(|y| !y.is_nan()).collect();
+            measured += there.iter().filter(|&&there| there).count();
+            let (before, rest) = whitener.split_at_mut(k * d * d);
+            let own = &mut rest[..d * d];
+            let log = match (noise, &last) {
+                (Noise::Same(_), Some((same, log))) if *same == there => {
+                    own.copy_from_slice(&before[(k - 1) * d * d..]);
+                    *log
+                }
+                (Noise::Same(matrix), _) => whiten_as(covariance, &[], matrix, &there, own)?,
+                (Noise::Each(matrices), _) => {
+                    whiten_as(covariance, &[k], &matrices[k * d * d..][..d * d], &there, own)?
+                }
+            };
+            log_determinant += log;
+            last = Some((there, log));
+        }
+        Ok(Self { y: y.to_vec(), whitener, log_determinant, measured })
+    }
+
+    /// Of parts (N, D) with independent errors, side by side.
+    pub fn together(mut parts: Vec<Self>, d: usize, n: usize) -> Self {
+        if parts.len() == 1 {
+            return parts.remove(0);
+        }
+        let m = parts.len() * d;
+        let (mut y, mut whitener) = (Vec::with_capacity(n * m), vec![0.0; n * m * m]);
+        for k in 0..n {
+            for (at, part) in parts.iter().enumerate() {
+                y.extend_from_slice(&part.y[k * d..][..d]);
+                for (i, row) in part.whitener[k * d * d..][..d * d].chunks_exact(d).enumerate() {
+                    let start = (k * m + at * d + i) * m + at * d;
+                    whitener[start..][..d].copy_from_slice(row);
+                }
+            }
+        }
+        let log_determinant = parts.iter().map(|part| part.log_determinant).sum();
+        let measured = parts.iter().map(|part| part.measured).sum();
+        Self { y, whitener, log_determinant, measured }
+    }
+}
+
+/// The inverse of the Cholesky factor of the covariance of what is there, and ln of its determinant;
+/// `argument` is the name of the covariance, `place` where its matrix is in it.
+pub(super) fn whiten_as(
+    argument: &'static str,
+    place: &[usize],
+    matrix: &[f64],
+    there: &[bool],
+    out: &mut [f64],
+) -> Result<f64> {
+    let m = there.len();
+    let at = |i: usize, j: usize| [place, &[i, j]].concat();
+    let present: Vec<usize> = (0..m).filter(|&i| there[i]).collect();
+    let mut factor = vec![0.0; m * m];
+    let mut log_determinant = 0.0;
+    out.fill(0.0);
+    for &i in &present {
+        for &j in &present {
+            let value = matrix[i * m + j];
+            let requirement = "every element must be a finite number where there is a plot";
+            if !value.is_finite() {
+                return Err(Error::InvalidElement {
+                    argument,
+                    index: at(i, j),
+                    value,
+                    requirement,
+                });
+            }
+        }
+        let value = matrix[i * m + i];
+        if !VARIANCES.contains(&value) {
+            let requirement = "variances must be positive, between 1e-140 and 1e140";
+            return Err(Error::InvalidElement { argument, index: at(i, i), value, requirement });
+        }
+    }
+    for &i in &present {
+        for &j in present.iter().take_while(|&&j| j <= i) {
+            let (lower, upper) = (matrix[i * m + j], matrix[j * m + i]);
+            let scale = (matrix[i * m + i] * matrix[j * m + j]).sqrt();
+            if (upper - lower).abs() > ASYMMETRY * scale {
+                return Err(Error::NotSymmetric { argument, index: at(j, i), upper, lower });
+            }
+            let mut sum = upper + 0.5 * (lower - upper);
+            for &k in present.iter().take_while(|&&k| k < j) {
+                sum -= factor[i * m + k] * factor[j * m + k];
+            }
+            if i != j {
+                factor[i * m + j] = sum / factor[j * m + j];
+                continue;
+            }
+            let share = sum / matrix[i * m + i];
+            let index = place.to_vec();
+            if share <= -REGULAR {
+                return Err(Error::Indefinite { argument, index });
+            }
+            if share <= REGULAR {
+                return Err(Error::Singular { argument, index });
+            }
+            factor[i * m + i] = sum.sqrt();
+            log_determinant += sum.ln();
+        }
+    }
+    // N = L^-1, row by row
+    for &i in &present {
+        let reciprocal = 1.0 / factor[i * m + i];
+        for &j in present.iter().take_while(|&&j| j < i) {
+            let between = present.iter().filter(|&&k| j <= k && k < i);
+            let sum: f64 = between.map(|&k| factor[i * m + k] * out[k * m + j]).sum();
+            out[i * m + j] = -sum * reciprocal;
+        }
+        out[i * m + i] = reciprocal;
+    }
+    Ok(log_determinant)
+}
