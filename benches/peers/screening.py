@@ -84,8 +84,8 @@ def numba_loops(y):
 
 
 ALTERNATIVES = {
-    "NumPy, threshold form": (np, numpy_threshold),
-    "NumPy, M' and D'": (np, numpy_leave_one_out),
+    "NumPy, equivalent threshold": (np, numpy_threshold),
+    "NumPy, leave-one-out moments": (np, numpy_leave_one_out),
     "numba": (numba, numba_loops),
     "SciPy zscore": (scipy, scipy_zscore),
     "astropy sigma_clip": (astropy, astropy_sigma_clip),

@@ -380,7 +380,7 @@ def test_figure_has_a_panel_per_group_with_its_estimate() -> None:
         (["inf.csv"], 1, "inf.csv, line 3: azimuth_deg is '-inf'; it must be a finite number"),
         (["inf.parquet"], 1, "inf.parquet, row 2: azimuth_deg is inf; it must be a finite number"),
         (["dates.parquet"], 1, "dates.parquet: azimuth_deg holds Date, not numbers"),
-        (["binary.csv"], 1, "cannot read binary.csv: it is not text: .*"),
+        (["binary.csv"], 1, "cannot read binary.csv: it cannot be decoded as .*"),
         (["ragged.csv"], 1, "cannot read ragged.csv: line 2 has 2 fields, the header has 1"),
         (
             ["fine.csv", "--output", "x.xls"],

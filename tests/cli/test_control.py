@@ -117,7 +117,7 @@ def test_control_lines_in_csv(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("request_", "reason"),
     [
-        ({"control": "add_plan", **PLAN}, "name is 'ABC123'; there is a plan of this name"),
+        ({"control": "add_plan", **PLAN}, "name is 'ABC123'; a plan with this name already exists"),
         ({"control": "add_plan", "waypoints": WAY}, "name is None"),
         ({"control": "add_plan", "name": "A"}, "it has no waypoints"),
         ({"control": "add_plan", "name": "A", "waypoints": [[0, 0]]}, "two or more waypoints"),

@@ -96,7 +96,7 @@ def test_an_old_encoding_is_said(stations: Path, tmp_path: Path) -> None:
     path.write_bytes(EXCEL.encode("cp1252"))
     found, said = located(path, stations)
     assert found.height == 2
-    assert said == f"{path} is not in UTF-8: it is read as Windows-1252\n"
+    assert said == f"{path} is not UTF-8; it is read as Windows-1252\n"
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def test_midnight_is_suspected(stations: Path, tmp_path: Path) -> None:
     path = tmp_path / "night.csv"
     night = PLAIN.replace("0.5,", "23:59:59,").replace("1.5,", "00:00:01,")
     path.write_text(night, encoding="utf-8")
-    assert "if midnight has passed, write dates" in located(path, stations)[1]
+    assert "give times with dates" in located(path, stations)[1]
 
 
 def test_two_columns_of_nearly_one_name(stations: Path, write: Callable[..., Path]) -> None:

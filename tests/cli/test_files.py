@@ -285,7 +285,7 @@ def test_radians_are_suspected_in_every_format(command: str, tmp_path: Path) -> 
     for suffix in (".csv", ".arrow", ".jsonl"):
         path = tmp_path / f"in{suffix}"
         WRITERS[suffix](frame, path)
-        assert "are they radians? Files hold degrees" in run(one.name, path, *one.options).err
+        assert "are they radians? Use degrees" in run(one.name, path, *one.options).err
 
 
 @pytest.mark.parametrize("command", [name for name in COMMANDS if name != "track"])
@@ -294,7 +294,7 @@ def test_asterix_is_for_tracks(command: str, tmp_path: Path) -> None:
     path.write_bytes(b"\x30\x00\x04\x00")
     one = COMMANDS[command]
     _, err = fails(tmp_path, one.name, path, *one.options)
-    assert "ASTERIX is for tertia track, report and audit, and for the truth " in err
+    assert "only tertia track, report and audit read ASTERIX, " in err
 
 
 # ------------------------------------------------------------------------------------------------

@@ -369,7 +369,7 @@ def test_one_sensor_alone(write: Write, tmp_path: Path) -> None:
     path = write([line for line in lines() if ",A," in line])
     done = run(path, "--sigma", 0.1, *MOTION)
     assert done.code == 0
-    assert done.err == "A is the only sensor: its track is filtered, nothing is fused\n"
+    assert done.err == "A is the only sensor: its plots are filtered, but not fused\n"
 
 
 def fits(out: str) -> dict[str, list[str]]:
@@ -515,7 +515,7 @@ def test_figure(write: Write, tmp_path: Path) -> None:
     [
         (["absent.csv"], 2, "there is no file absent.csv"),
         (["header.csv"], 1, "header.csv is empty"),
-        (["long.csv", "long.csv"], 2, "two files are named long: give a column sensor"),
+        (["long.csv", "long.csv"], 2, "two files have the name long: add a column sensor"),
         (
             ["p.csv", "--value", "x"],
             2,
@@ -529,31 +529,31 @@ def test_figure(write: Write, tmp_path: Path) -> None:
         (["p.csv", "--by", "plot_count"], 2, "cannot group by plot_count: the results have .*"),
         (["p.csv", "--by", "rate"], 2, "p.csv has no column rate; .*"),
         (["p.csv", "--by", "weight_A"], 2, "p.csv has no column weight_A; .*"),
-        (["r.csv", "--by", "weight_r"], 2, "the track would have two columns weight_r"),
+        (["r.csv", "--by", "weight_r"], 2, "the result would have two columns weight_r"),
         (
             [
                 "p.csv",
             ],
             1,
-            "the noise of A cannot be fitted, z has 4 measurements; .*: give the sigma of A",
+            "the noise of A cannot be estimated: z has 4 measurements; .*: give the sigma of A",
         ),
         (
             ["p.csv", "--sigma", "1"],
             1,
-            "the noise of A cannot be fitted, z has 4 measurements; "
+            "the noise of A cannot be estimated: z has 4 measurements; "
             "at least 10 are needed: give alpha and acceleration_sigma",
         ),
         (
             ["flat.csv"],
             1,
-            "the noise of flat cannot be fitted, z lies on .*: give the sigma of flat",
+            "the noise of flat cannot be estimated: z lies on .*: give the sigma of flat",
         ),
         (
             [
                 "twice.csv",
             ],
             1,
-            "twice.csv, line 5: A has a second plot at 1.0: group several targets by a column",
+            "twice.csv, line 5: A has two plots at 1.0: .* group the rows by a column",
         ),
         (
             ["p.csv", "--sigma", "C=1"],
@@ -590,7 +590,7 @@ def test_figure(write: Write, tmp_path: Path) -> None:
             ["badtime.csv"],
             1,
             "badtime.csv, line 3: time_s is 'noon'; it must be a number of seconds "
-            "or a date with time, as the others are",
+            "or a date with time, like the other times",
         ),
         (
             ["mixedtime.csv"],
@@ -598,8 +598,12 @@ def test_figure(write: Write, tmp_path: Path) -> None:
             "mixedtime.csv, line 3: time_s is '2026-01-01T00:00:02Z'; it must .*",
         ),
         (["text.csv"], 1, "text.csv, line 3: azimuth_deg is 'x'; it must be a finite number"),
-        (["nothing.csv"], 1, "there are no plots: azimuth_deg is missing everywhere"),
-        (["flat.csv", "dates.csv"], 1, "time_s of flat.csv holds numbers, that of dates.csv dates"),
+        (["nothing.csv"], 1, "there are no plots: azimuth_deg is missing in every row"),
+        (
+            ["flat.csv", "dates.csv"],
+            1,
+            "time_s holds numbers in flat.csv and dates in dates.csv; .*",
+        ),
         (["bools.parquet"], 1, "bools.parquet: time_s holds Boolean, neither numbers nor dates"),
         (["p.csv", "--alpha", "-1"], 2, "alpha is -1.*"),
         (["p.csv", "--acceleration-sigma", "-1"], 2, "acceleration_sigma is -1.*"),

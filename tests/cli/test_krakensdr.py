@@ -47,7 +47,7 @@ def test_angles_are_read_in_either_convention(tmp_path, compass: bool) -> None:
     )
     assert result.code == 0, result.err
     said = "clockwise from the heading" if compass else "anticlockwise (unit circle)"
-    assert result.err.count(f"by the spectra its angles are {said}") == 3
+    assert result.err.count(f"according to the spectra, its angles are {said}") == 3
     row = pl.read_csv(tmp_path / "found.csv").row(0, named=True)
     _, _, distance = Geod(ellps="WGS84").inv(row["longitude_deg"], row["latitude_deg"], *EMITTER)
     assert distance < 3 * np.hypot(row["east_sigma_m"], row["north_sigma_m"]) < 1000
@@ -64,14 +64,14 @@ def run(tmp_path, text: str) -> terminal.Run:
 
 def test_without_spectra_the_convention_is_assumed(tmp_path) -> None:
     result = run(tmp_path, lines("east", compass=True, spectra=False))
-    assert "has no spectra: its angles are taken as clockwise from the heading" in result.err
+    assert "has no spectra; its angles are assumed to be clockwise from the heading" in result.err
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("time_s,azimuth_deg\n1,2\n", "is not a recording of KrakenSDR: it has 2 columns"),
-        (lines("east", compass=True).replace(", 12.5", "0, 12.5"), "it cannot be told whether"),
+        (lines("east", compass=True).replace(", 12.5", "0, 12.5"), "it is unclear whether"),
         (lines("east", compass=True).replace("200.0", "abc"), "a cell is not a number"),
     ],
 )

@@ -551,7 +551,7 @@ def test_output_has_full_precision(
 def test_azimuths_in_radians_are_doubted(write: Write, stations: Path) -> None:
     radians = {"azimuth": np.radians(Z["azimuth"]), "range": Z["range"]}
     head = "time_s,sensor,azimuth_deg,range_m"
-    told = "all azimuths are within 6.3 degrees: are they radians? Files hold degrees\n"
+    told = "all azimuths are within 6.3 degrees: are they radians? Use degrees\n"
     assert told in run(write(wide(radians), head), "--sensors", stations).err
     assert run(write(wide()), "--sensors", stations).err == ""
 
@@ -740,7 +740,7 @@ FILES = {
         (
             ["m.csv", S, "up.csv"],
             1,
-            "up.csv: there are up_m of A and latitude_deg of A; all places must be given .*",
+            "up.csv: there are up_m of A and latitude_deg of A; all positions must be given .*",
         ),
         (["m.csv", S, "latitude.csv"], 1, "latitude.csv: longitude_deg of A is missing"),
         (["m.csv", S, "longitude.csv"], 1, "longitude.csv: latitude_deg of B is missing"),
@@ -754,12 +754,20 @@ FILES = {
         (
             ["m.csv", S, "far.csv"],
             1,
-            "far.csv: B is 1112 km from the origin; places in a plane, without .* 1000 km; are .*",
+            "far.csv: B is 1112 km from the origin; sensors without .* 1000 km; are .*",
         ),
-        (["m.csv", S, "level.csv"], 1, "an elevation needs heights: give height_m of .* level.csv"),
+        (
+            ["m.csv", S, "level.csv"],
+            1,
+            "elevations need the heights of the sensors: give height_m of .* level.csv",
+        ),
         (["m.csv", S, "origin.toml"], 1, "origin.toml: longitude_deg of the origin is missing"),
         (["m.csv", S, "south.toml"], 1, "south.toml: latitude_deg of the origin is -91; it .*"),
-        (["m.csv", S, "lifted.toml"], 1, "lifted.toml: the origin has height_m, but no place has"),
+        (
+            ["m.csv", S, "lifted.toml"],
+            1,
+            "lifted.toml: the origin has height_m, but no sensor has one",
+        ),
         (
             ["m.csv", S, "number.toml"],
             1,
@@ -768,7 +776,7 @@ FILES = {
         (
             ["m.csv", S, "metres.toml"],
             1,
-            r"metres.toml: an origin needs places with latitude_deg and longitude_deg",
+            r"metres.toml: if an origin is given, the sensors must have latitude_deg .*",
         ),
         (
             ["m.csv", S, "s.csv", "--by", "height_m"],
@@ -778,7 +786,7 @@ FILES = {
         (["m.csv", S, "m.csv"], 2, "m.csv has no column name; it has time_s, .*"),
         (["empty.csv", S, "s.csv"], 1, "empty.csv is empty"),
         (["h.csv", S, "s.csv"], 1, "h.csv is empty"),
-        (["nothing.csv", S, "s.csv"], 1, "nothing was measured: all values are missing"),
+        (["nothing.csv", S, "s.csv"], 1, "there are no measurements: all values are missing"),
         (
             ["other.csv", S, "s.csv"],
             2,
@@ -821,7 +829,7 @@ FILES = {
         (
             ["again.csv", S, "s.csv"],
             1,
-            "again.csv, line 3: a second range of the same sensor at time_s 0.0: group .*",
+            "again.csv, line 3: range is given twice for this sensor and time_s 0.0: .* group .*",
         ),
         (["sigma.csv", S, "s.csv"], 1, "sigma.csv, line 2: range_sigma_m is 0; it must be .*"),
         (["m.csv", S, "s.csv"], 1, "s.csv: A has no elevation_sigma_deg, but measures elevation"),
@@ -831,11 +839,15 @@ FILES = {
             1,
             "first.csv, line 3: the first sensor has a range difference; only the other sensors .*",
         ),
-        (["m.csv", S, "plane.csv"], 1, "an elevation needs heights: give up_m of the .* plane.csv"),
+        (
+            ["m.csv", S, "plane.csv"],
+            1,
+            "elevations need the heights of the sensors: give up_m of the .* plane.csv",
+        ),
         (
             ["fine.csv", "dates.csv", S, "s.csv"],
             1,
-            "time_s of fine.csv holds numbers, that of dates.csv dates",
+            "time_s holds numbers in fine.csv and dates in dates.csv; .*",
         ),
         (
             ["fine.csv", S, "s.csv", "--method", "lenth-mle"],
@@ -845,7 +857,7 @@ FILES = {
         (
             ["fine.csv", S, "s.csv", "--initial", "1,2"],
             2,
-            "--initial is '1,2'; it must be 3 numbers, as many as sensors have coordinates",
+            "--initial is '1,2'; it must be 3 numbers, one for each coordinate of the sensors",
         ),
         (["fine.csv", S, "s.csv", "--initial", "a,b,c"], 2, "--initial is 'a,b,c'; it must .*"),
         (["fine.csv", S, "s.csv", "--initial", "1,2,nan"], 2, "--initial is '1,2,nan'; it .*"),

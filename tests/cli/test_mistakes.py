@@ -136,11 +136,12 @@ CASES = {
         renamed(HEADER.replace("range_m", "rho")),
     ),
     "name misspelt": failing(
-        "has no column azimuth_deg; is azimut meant",
+        "has no column azimuth_deg .did you mean azimut",
         renamed(HEADER.replace("azimuth_deg", "azimut")),
     ),
     "letters swapped": failing(
-        "no column range_m or range_nm; is rnage_m meant", renamed(HEADER.replace("range", "rnage"))
+        "no column range_m or range_nm .did you mean rnage_m",
+        renamed(HEADER.replace("range", "rnage"))
     ),
     "another unit": failing(
         "no column range_m or range_nm; range_km is in another unit",
@@ -148,7 +149,7 @@ CASES = {
     ),
     "an optional name misspelt": Case(
         renamed(HEADER.replace("height_m", "heigth_m")),
-        "has no column height_m or flight_level; is heigth_m meant", same=False,
+        "has no column height_m or flight_level .did you mean heigth_m", same=False,
     ),
     "comments": Case(lambda cells: f"# of 22 Nov., \"west\"; and east\n#\n{text(cells)}"),
     "comments, Excel": Case(lambda cells: f"# 1,5\n{commas(cells)}".encode("utf-16")),
@@ -226,7 +227,7 @@ CASES = {
         "there are two radars west", sensors=lambda words: words.replace("east", "west")
     ),
     "a key misspelt": failing(
-        "scan_period_s of west is missing; is scan_period meant",
+        "scan_period_s of west is missing .did you mean scan_period",
         sensors=lambda words: words.replace("scan_period_s", "scan_period"),
     ),
     "keys in capitals": Case(sensors=lambda words: words.replace("range_sigma_m", "RANGE_SIGMA_M")),
@@ -260,11 +261,11 @@ CASES = {
         options=("--time-format", "%S.%f %M %I %p"), same=False,
     ),
     "another format": failing(
-        "line 2: time_s is '0.0', not in the time format %d.%m.%Y",
+        "line 2: time_s is '0.0'; it must be in the time format %d.%m.%Y",
         options=("--time-format", "%d.%m.%Y"),
     ),
     "some with a zone": failing(
-        "as the others are",
+        "like the other times",
         each("time_s", clock("2026-11-22T12:{minute:02d}:{second}Z"), range(9)),
     ),
     # identities and heights
@@ -461,7 +462,7 @@ GROUPS: dict[str, tuple[str, list[str], tuple[str, ...], str | None]] = {
     ),
     "locate of times that differ": (
         "locate", ["time_s,sensor,azimuth_deg", *JITTERED], ("--sensors", "{stations}"),
-        "no two sensors measured at the same time; times are .* s apart: give a tolerance",
+        "no two sensors measured at the same time, and the times differ by .* s: give a tolerance",
     ),
     "the same with a tolerance": (
         "locate", ["time_s,sensor,azimuth_deg", *JITTERED],
@@ -473,7 +474,7 @@ GROUPS: dict[str, tuple[str, list[str], tuple[str, ...], str | None]] = {
     ),
     "a second measurement": (
         "locate", ["time_s,sensor,azimuth_deg", "0,A,45", "0,A,46", "0,B,-45"],
-        ("--sensors", "{stations}"), "line 3: a second azimuth of the same sensor",
+        ("--sensors", "{stations}"), "line 3: azimuth is given twice for this sensor",
     ),
     "an unknown station": (
         "locate", ["time_s,sensor,azimuth_deg", "0,A,45", "0,b,46"],
@@ -501,7 +502,7 @@ GROUPS: dict[str, tuple[str, list[str], tuple[str, ...], str | None]] = {
     ),
     "tracks of another time": (
         "evaluate", ["time_s,track,east_m,north_m", "9,1,0,0", "13,1,1,0"],
-        ("--truth", "{truth}"), "no time of .*table.csv is within those of .*truth.csv",
+        ("--truth", "{truth}"), "the times of .*table.csv and those of .*truth.csv do not overlap",
     ),
     "a track of one row": (
         "evaluate", ["time_s,track,east_m,north_m", "0,1,0,0"], ("--truth", "{truth}"),

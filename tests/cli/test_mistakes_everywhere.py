@@ -47,7 +47,7 @@ SENSORS: dict[str, tuple[Callable[[str], str | bytes], str]] = {
     "no place": (lambda text: text.replace("latitude_deg", "lat"), "latitude_deg of .* is missing"),
     "a name misspelt": (
         lambda text: text.replace("azimuth_sigma_deg", "azimut_sigma_deg"),
-        "is azimut_sigma_deg meant",
+        "did you mean azimut_sigma_deg",
     ),
     "negative": (
         lambda text: re.sub(r"azimuth_sigma_deg = [\d.]+", "azimuth_sigma_deg = -1", text),
@@ -134,7 +134,7 @@ def mistakes(value: str) -> dict[str, tuple[Any, str | None]]:
         "wrong name": (header(lambda names: names.replace(value, "foo")), "has no column"),
         "misspelt": (
             header(lambda names: names.replace(value, f"{name}{rest}")),
-            f"has no column .*is {name}{rest} meant",
+            f"has no column .*did you mean {name}{rest}",
         ),
         "twice": (header(lambda names: f"{names},{names.split(',')[0]}"), None),
         "text in a number": (column(value, lambda *_: "about 12", 5), f"line 7: .*{number}"),
@@ -144,8 +144,8 @@ def mistakes(value: str) -> dict[str, tuple[Any, str | None]]:
         "empty": (lambda _: "", "is empty"),
         "header alone": (lambda text: text.splitlines()[0] + "\n", "is empty"),
         "one row": (lambda text: "\n".join(text.splitlines()[:2]) + "\n", None),
-        "binary": (lambda _: bytes(range(256)) * 20, "it is no text"),
-        "a page": (lambda _: "<!DOCTYPE html><html></html>\n", "it is a page of a website"),
+        "binary": (lambda _: bytes(range(256)) * 20, "it is not a text file"),
+        "a page": (lambda _: "<!DOCTYPE html><html></html>\n", "it is a web page"),
         "JSON": (lambda _: '[{"time_s": 0}]\n', "it is JSON"),
         "a field too many": (lambda text: text + ",1" * 60 + "\n", "fields, the header has"),
         "an open quote": (lambda text: text + '"abc\n', "cannot read"),

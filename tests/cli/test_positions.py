@@ -216,4 +216,4 @@ def test_commands_for_radars_say_so(tmp_path: Path) -> None:
     (tmp_path / "sensors.toml").write_text(SENSORS)
     done = run("report", tmp_path / "plots.csv", "--sensors", tmp_path / "sensors.toml")
     assert done.code != 0
-    assert "they are for `tertia track`" in done.err
+    assert "which only `tertia track` without --udp can use" in done.err

@@ -131,7 +131,7 @@ def test_trajectory_is_that_of_the_library(write: Write, stations: Path, tmp_pat
         ]
         expected = sorted(f"{NAMES[k]} {kind}" for k, kind in marks)
         assert sorted(told.split("; ") if told else []) == expected
-    # an instant at which nothing was measured has a position all the same
+    # an instant without measurements has a position all the same
     assert frame["status"].is_not_null().arg_true().to_list() == [7]
     assert frame["east_m"].null_count() == 0
 
@@ -156,7 +156,7 @@ def test_options_of_smoothers(write: Write, stations: Path, tmp_path: Path) -> N
     assert "  jerk 0.05 (given)\n" in run(*arguments, "--jerk", 0.05).out
     smoothed = rebuilt().smoothed
     assert smoothed is not None
-    assert f"  jerk {float(smoothed.jerk):.3g} (fitted" in run(*arguments).out
+    assert f"  jerk {float(smoothed.jerk):.3g} (estimated" in run(*arguments).out
     assert "jerk" not in run(*arguments, *polynomials).out
 
 
@@ -199,7 +199,7 @@ def test_summary(write: Write, stations: Path) -> None:
     assert {tuple(row[:2]): row[2:6] for row in told} == expected
     sigma = np.median(np.sqrt(np.sum(result.sigma**2, axis=1)))
     assert f"40 of 40 instants with a position, median sigma {sigma:.3g} m\n" in done.out
-    alone = f"  1 instant without a position on its own: {LocationStatus.TOO_FEW.message}\n"
+    alone = f"  1 instant without a position of their own: {LocationStatus.TOO_FEW.message}\n"
     assert alone in done.out
 
 
@@ -396,7 +396,7 @@ def test_errors_call_stations_by_their_names(write: Write, stations: Path) -> No
     assert re.fullmatch(told, done.err)
     rows = [line + ",1" for line in one] + ["0.0,B,,,,2"]
     done = run(write(rows, HEAD + ",target"), "--sensors", stations, "--by", "target")
-    assert (done.code, done.err) == (1, "tertia: target 2: nothing was measured\n")
+    assert (done.code, done.err) == (1, "tertia: target 2: there are no measurements\n")
     few = write(["0,B,500,,", "1,B,510,,"])
     done = run(few, "--sensors", stations)
     assert (done.code, done.err) == (

@@ -223,7 +223,10 @@ def test_dates_and_clocks_that_begin_again(sites: Path, write: Callable[..., Pat
     found = pl.read_csv(io.StringIO(out), infer_schema_length=None)
     np.testing.assert_allclose(found["time_s"] - 86_300, plain["time_s"], atol=1e-6)
     code, _, err = of_file(write(dated.write_csv()), "--sensors", sites, "--clock-period", 86_400)
-    assert (code, err) == (2, "tertia: --clock-period is for seconds; these plots have dates\n")
+    assert (code, err) == (
+        2,
+        "tertia: --clock-period can be used only if times are in seconds; these plots have dates\n",
+    )
 
 
 BAD = {
@@ -283,7 +286,7 @@ def test_bad_lines_of_json(bad: str, sites: Path, write: Callable[..., Path]) ->
     [
         ("", 1, "records.csv is empty"),
         (f"{HEAD}\n", 1, "records.csv is empty"),
-        (f"{HEAD}\nx\ny\n", 1, "records.csv: no line can be used, of 2 lines"),
+        (f"{HEAD}\nx\ny\n", 1, "records.csv: none of 2 lines can be used"),
         (
             f"{HEAD.replace('azimuth_deg', 'a')}\n1\n",
             2,
@@ -305,17 +308,23 @@ def test_streams_that_cannot_be_used(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("records.csv", "--stream", "--output", "o.csv"), "a stream goes to standard output"),
+        (
+            ("records.csv", "--stream", "--output", "o.csv"),
+            "a stream is written to standard output",
+        ),
         (("records.csv", "--stream", "--latency", "-1"), "--latency is -1; it must be a number of"),
         (("a.csv", "b.csv", "--stream"), "a stream is one file, or standard input"),
         (("a.parquet", "--stream"), "cannot stream a.parquet: a stream has lines of CSV or JSON"),
         (("absent.csv", "--stream"), "there is no file absent.csv"),
-        (("records.csv", "--stream", "--json"), "a stream has no --json; use --rows jsonl"),
+        (
+            ("records.csv", "--stream", "--json"),
+            "--json cannot be used with a stream; use --rows jsonl",
+        ),
         (("-",), "give files of plots, or --stream to read standard input"),
         ((), "give files of plots, or --stream to read standard input"),
         (
             ("records.csv", "--latency", "1"),
-            "--latency, --rows, --send and --control are for --stream",
+            "--latency, --rows, --send and --control can be used only with --stream",
         ),
     ],
 )

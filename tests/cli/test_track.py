@@ -218,7 +218,7 @@ def test_plans_of_messages(write: Write, tmp_path: Path) -> None:
     assert told.count("\n") == 1
     plans = write(["[]"], "", "plans.json")
     told = run(found, "--sensors", sensors, "--plans", plans, "--fixes", fixes).err
-    assert "--fixes and --airways are for messages" in told
+    assert "--fixes and --airways are only for messages" in told
 
 
 def test_plans(write: Write, radars: Path, plans: Path, tmp_path: Path) -> None:
@@ -227,7 +227,7 @@ def test_plans(write: Write, radars: Path, plans: Path, tmp_path: Path) -> None:
     result = track(plots(), RADARS, plans=[PLAN])
     assert np.any(result.plan >= 0)
     check(frame, result)
-    assert "1 track with one of 1 plan, 0 of them left it" in run(*arguments).out
+    assert "1 track with one of 1 plan, 0 of which left the plan" in run(*arguments).out
     frame = tracks(*arguments, "--motion", "window", folder=tmp_path)
     check(frame, track(plots(), RADARS, motion="window", plans=[PLAN]))
     told = ("--flown-probability", 0.3, "--wind", "20,-5.5", "--wind-sigma", 5)
@@ -289,7 +289,7 @@ def test_a_clock_that_begins_again(write: Write, radars: Path, tmp_path: Path) -
     dated = write([row.replace(row.split(",")[0], "2026-03-01", 1) for row in LINES], name="d.csv")
     done = run(dated, *options)
     assert (done.code, done.err.count("\n")) == (2, 1)
-    assert "clock_period is for seconds" in done.err
+    assert "clock_period can be used only if times are in seconds" in done.err
 
 
 def test_radars_on_the_earth(write: Write, tmp_path: Path) -> None:
@@ -320,7 +320,7 @@ def test_radars_on_the_earth(write: Write, tmp_path: Path) -> None:
     header = "name,longitude_deg,latitude_deg,speed_m_s"
     plan = write(["A,2.7,50.5,111.2", "A,2.7,51.0,111.2"], header, "plans.csv")
     done = run(seen, "--sensors", path, "--plans", plan)
-    assert "1 track with one of 1 plan, 0 of them left it" in done.out
+    assert "1 track with one of 1 plan, 0 of which left the plan" in done.out
 
 
 def test_nautical_miles_flight_levels_and_columns_of_other_names(
@@ -487,7 +487,7 @@ def test_a_sky_without_targets(write: Write, radars: Path, tmp_path: Path) -> No
         path, "--sensors", radars, "--output", tmp_path / "o.csv", "--plot", tmp_path / "p.svg"
     )
     assert done.code == 0
-    assert done.err.startswith("no track was confirmed: too few plots")
+    assert done.err.startswith("no track was confirmed: each target has too few plots")
     assert "--max-speed" in done.err
     assert done.err.count("\n") == 1
     assert pl.read_csv(tmp_path / "o.csv").height == 0
@@ -579,7 +579,7 @@ def test_mistakes_in_radars(rows: list[str], header: str, message: str, write: W
         (
             "p.csv",
             "name,longitude_deg,latitude_deg,speed_m_s\nA,2,41,200\nA,3,42,200\n",
-            "its positions are geodetic: give a frame, or the origin of one",
+            "its positions are latitudes and longitudes: give a frame or an origin",
         ),
     ],
 )
@@ -636,8 +636,8 @@ def test_files_that_are_not_there_or_cannot_be_written(
         ({"azimuth_deg": np.pi / 180}, HEAD, "all azimuths are within 6.3 degrees"),
         ({"range_m": 1e-3}, HEAD, "are they kilometres or nautical miles?"),
         ({}, HEAD.replace("range_m", "range_nm"), "range_nm is"),
-        ({"height_m": 10.0}, HEAD, "is it in feet? It should be in metres"),
-        ({}, HEAD.replace("height_m", "flight_level"), "It should be in hundreds of feet"),
+        ({"height_m": 10.0}, HEAD, "is it in feet? Use metres"),
+        ({}, HEAD.replace("height_m", "flight_level"), "Use hundreds of feet"),
     ],
 )
 def test_units_that_look_wrong(
@@ -888,7 +888,7 @@ def test_tracks_and_truth_of_dates(write: Write, truth: Path, tmp_path: Path) ->
     ("rows", "header", "message"),
     [
         (["1,A,0,0"], "time_s,who,east_m,north_m", "has no column target"),
-        (["1,A,0,0", "1,A,5,0"], TRUTH_HEAD, "line 3: a second position of target A at time_s 1"),
+        (["1,A,0,0", "1,A,5,0"], TRUTH_HEAD, "line 3: target A has two positions at time_s 1"),
         (["1,A,,0"], TRUTH_HEAD, "line 2: east_m is missing"),
         (["1,A,x,0"], TRUTH_HEAD, "line 2: east_m is 'x'"),
         (["1,,0,0"], TRUTH_HEAD, "line 2: target is missing"),

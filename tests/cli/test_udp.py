@@ -117,7 +117,7 @@ def test_packets_are_read_as_a_file_is(tmp_path: Path) -> None:
     assert found.plots.equals(plain.plots)
     assert found.sensors.equals(plain.sensors)
     assert read_asterix([*packets(), b"none"]).other_packets == 1
-    with pytest.raises(ValueError, match="has no packet with ASTERIX in it"):
+    with pytest.raises(ValueError, match="has no packet that contains ASTERIX"):
         read_asterix([b"none"])
 
 
@@ -146,7 +146,7 @@ def test_truncated_times_are_completed(sites: Path) -> None:
         time.sleep(1.0)
         out, err = end(process)
     assert "60 plots arrived" in err
-    assert "the time of day is not known before a service message" in err
+    assert "the time of day is unknown until a service message" in err
     found = pl.read_csv(io.StringIO(out.decode()), infer_schema_length=None)
     assert set(found["mode_3a"]) == {2303}
     assert found["time_s"].max() == MIDNIGHT + 57.0
@@ -202,10 +202,10 @@ def test_tracks_are_sent_as_they_are_known(sites: Path, listener: socket.socket)
     [
         (("--udp", "0"), "'0' is not a port: give a number from 1 to 65535"),
         (("--udp", "port"), "'port' is not a port: give a number from 1 to 65535"),
-        (("--udp", "8600", "plots.csv"), "--udp takes no file and no --control"),
+        (("--udp", "8600", "plots.csv"), "--udp cannot be used with files or --control"),
         (("--udp", "8600", "--send", "nowhere"), "'nowhere' is not a port"),
         (("--udp", "192.0.2.1:8600"), "cannot receive at 192.0.2.1:8600"),
-        (("plots.csv", "--send", "127.0.0.1:8600"), "--latency, --rows, --send and --control are"),
+        (("plots.csv", "--send", "127.0.0.1:8600"), "--latency, --rows, --send and --control can"),
     ],
 )
 def test_wrong_usage(options: tuple[str, ...], message: str, sites: Path) -> None:

@@ -58,7 +58,7 @@ def test_what_is_printed() -> None:
     done = run(FILE, *BOTH)
     assert done.code == 0
     assert "fused: east_m 1203.6 ± 3.7, north_m -353.3 ± 3.3" in done.out
-    assert "measurements per sensor would keep that below 0.05" in done.out
+    assert "measurements per sensor, the relative increase would be below 0.05" in done.out
 
 
 def test_systematic_errors_are_part_of_the_sigmas(tmp_path: Path) -> None:
@@ -100,7 +100,12 @@ def test_incomplete_rows_are_left_out(tmp_path: Path) -> None:
         ),
         ("sensor,x\na,1\n", ("--value", "x", "--loss", 0), 2, "loss is 0"),
         ("sensor,x\na,1\n", ("--value", "x", "--bias-sigma", -1), 2, "bias_sigma is -1"),
-        ("sensor,x\n" + "a,1\nb,1\n" * 9, ("--value", "x"), 1, "sensor a: x is always the same"),
+        (
+            "sensor,x\n" + "a,1\nb,1\n" * 9,
+            ("--value", "x"),
+            1,
+            "sensor a: all values of x are equal",
+        ),
         ("sensor,x\na,1e308\na,-1e308\nb,1\nb,2\n", ("--value", "x"), 1, "above 1e+70"),
     ],
 )

@@ -219,7 +219,7 @@ class TestPlots:
         tilted = CartesianToBearingRange(
             4, (0, 2), np.eye(2), rotation_offset=np.array([[0.1], [0.0], [0.0]])
         )
-        with pytest.raises(ValueError, match="nor the sensor tilted"):
+        with pytest.raises(ValueError, match="the sensor must not be tilted"):
             radar(tilted, PERIOD)
 
 
@@ -293,7 +293,7 @@ class TestOurTracker:
         assert counts[-1] == 0
 
     def test_positions_need_a_density_of_clutter(self):
-        with pytest.raises(ValueError, match="options must have clutter_density"):
+        with pytest.raises(ValueError, match="options has no clutter_density"):
             PlotTracker([], [POSITION], PERIOD)
 
 
@@ -317,5 +317,5 @@ def test_tracks_and_truth_are_the_arguments_of_an_audit():
     found = audit(**errors(tracks, paths))
     assert found.count == 120
     assert found.verdict == "honest"
-    with pytest.raises(ValueError, match="no state at a time of the truth"):
+    with pytest.raises(ValueError, match="no state of the tracks is at a time of the truth"):
         errors([], paths)

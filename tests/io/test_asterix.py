@@ -164,9 +164,9 @@ def test_packets(save: Save) -> None:
     assert found.plots.equals(plain.plots)
     assert found.sensors.equals(plain.sensors)
     assert (found.repeated, found.other_packets) == (40, 1)
-    with pytest.raises(ValueError, match="has no packet with ASTERIX in it"):
+    with pytest.raises(ValueError, match="has no packet that contains ASTERIX"):
         read_asterix(save(reference.pcap(arp, other), "net.pcap"))
-    with pytest.raises(ValueError, match="packet 2 is cut off, or part of a larger one"):
+    with pytest.raises(ValueError, match="packet 2 is cut off or a fragment"):
         read_asterix(save(reference.pcap(arp, one[:100]), "net.pcap"))
     whole = reference.pcap(*parts)
     with pytest.raises(ValueError, match="cut off"):
@@ -205,16 +205,19 @@ def test_frames(frame: Callable[[bytes], bytes], header: bytes, save: Save) -> N
     found = read_asterix(save(header + b"".join(spoiled)))
     assert found.plots.equals(plain.plots)
     assert found.damaged == 1
-    assert "frame 13, byte 0: there is no data block" in found.first_damage
+    assert "frame 13, byte 0: no data block begins here" in found.first_damage
 
 
 @pytest.mark.parametrize(
     ("contents", "message"),
     [
         (b"", "plots.ast is empty"),
-        (b"time_s,range_m\n1,2\n", "byte 0: there is no data block of ASTERIX, but 74696d655f732c"),
+        (
+            b"time_s,range_m\n1,2\n",
+            "byte 0: no ASTERIX data block begins here .bytes 74696d655f732c",
+        ),
         (flight()[:2], "byte 0: the data block is cut off, .*; no other record can be decoded"),
-        (b"time_s,code\n" + b"48 0,12.5\n" * 999, "byte 0: there is no data block of ASTERIX"),
+        (b"time_s,code\n" + b"48 0,12.5\n" * 999, "byte 0: no ASTERIX data block begins here"),
         (
             reference.block(48, b"\xff\xff"),
             "byte 3: a record of category 48 is damaged: .*; no other",
@@ -238,14 +241,19 @@ BROKEN = reference.block(48, reference.plot(RADAR, 1, 1, 1), reference.plot(RADA
             flight() + b"\x30\x00\x02",
             40,
             3,
-            "byte 841: there is no data block, but 300002; 3 bytes",
+            "byte 841: no data block begins here (bytes 300002); 3 bytes",
         ),
-        (b"\xff\x00\x10" + flight(), 40, 3, "byte 0: there is no data block, but ff0010"),
+        (b"\xff\x00\x10" + flight(), 40, 3, "byte 0: no data block begins here (bytes ff0010"),
         # a length, of the last block and of another one, is found by what can be decoded
         (flight()[:801] + b"\xff" + flight()[802:], 40, 0, "byte 800: the length of a data block"),
         (flight()[:433] + b"\x30" + flight()[434:], 40, 0, "byte 431: the length of a data block"),
         (flight()[:433] + b"\x10" + flight()[434:], 40, 0, "byte 431: the length of a data block"),
-        (flight()[:431] + b"\xff\x00\x09" + flight()[434:], 38, 41, "byte 431: there is no data"),
+        (
+            flight()[:431] + b"\xff\x00\x09" + flight()[434:],
+            38,
+            41,
+            "byte 431: no data block begins",
+        ),
         (BROKEN + flight(), 41, 0, "byte 14: a record of category 48 is damaged"),
     ],
 )
@@ -258,8 +266,8 @@ def test_what_is_damaged_is_left_out_and_counted(
     pytest.importorskip("pyproj")
     code, _, err = run("track", save(contents), "--sensors", radars)
     assert code == 0
-    assert f"; the first: {found.first_damage}\n" in err
-    assert ("of no block" in err) == (lost > 0)
+    assert f"; the first damage: {found.first_damage}\n" in err
+    assert ("outside data blocks" in err) == (lost > 0)
 
 
 def test_after_any_damaged_length_the_next_blocks_are_found(save: Save) -> None:
@@ -292,8 +300,8 @@ def test_other_categories_are_named_and_counted(save: Save, radars: Path) -> Non
     code, _, err = run("track", path, "--sensors", radars)
     assert code == 0
     assert (
-        f"{path}: not read: 1 blocks of category 247 (versions), 2 blocks of category 253 "
-        "(unknown)\n"
+        f"{path}: not supported and left out: 1 block of category 247 (versions), 2 blocks of "
+        "category 253 (unknown)\n"
     ) in err
 
 
@@ -462,7 +470,7 @@ def test_times_without_service_messages_are_told(save: Save, radars: Path) -> No
     plots = [reference.old_plot((25, 13), 70_000 + 5 * at, 40 + 0.3 * at) for at in range(9)]
     path = save(reference.block(1, *plots))
     _, _, err = run("track", path, "--sensors", radars)
-    assert f"{path}: times are those of a clock of 512 s: no service message has" in err
+    assert f"{path}: times restart every 512 s, because no service message has" in err
 
 
 def test_surface_movement(save: Save) -> None:
@@ -603,7 +611,7 @@ def test_of_a_recording_what_is_no_target_is_left_out(save: Save, radars: Path) 
     code, _, err = run("track", path, "--sensors", radars)
     assert code == 0
     assert f"{path}: 3 plots left out: simulated, of a field monitor, or without a det" in err
-    assert f"{path}: 2 plots left out: the same as one before" in err
+    assert f"{path}: 2 plots left out: duplicates" in err
 
 
 @pytest.mark.parametrize(
@@ -643,8 +651,8 @@ def test_a_recording_of_other_things_is_told(save: Save, radars: Path) -> None:
     code, out, err = run("track", save(others), "--sensors", radars)
     assert (code, out, err.count("\n")) == (1, "", 1)
     assert (
-        "has no plots (categories 48, 1) of targets, but 1 messages (63, 65 and others), 1 blocks "
-        "of category 247 (versions)" in err
+        "has no plots of targets (categories 48, 1); it has 1 message (63, 65 and others), 1 "
+        "block of category 247 (versions)" in err
     )
 
 
@@ -656,8 +664,8 @@ def test_radars_that_should_not_be_used_are_told(save: Save, radars: Path) -> No
     code, _, err = run("track", path, "--sensors", radars)
     assert code == 0
     assert err.splitlines()[:2] == [
-        f"{path}: radar 25/12 said at times that its time source is invalid",
-        f"{path}: radar 25/12 said at times that it is not released for operational use",
+        f"{path}: radar 25/12 reported at times that its time source is invalid",
+        f"{path}: radar 25/12 reported at times that it is not released for operational use",
     ]
 
 
@@ -679,7 +687,7 @@ def test_tracks_of_a_real_recording_are_those_of_the_library(tmp_path: Path) -> 
     code, _, err = run("track", JAHORINA, "--sensors", sites, "--output", output)
     assert code == 0
     assert err.endswith("the same as one before\n")
-    assert "423 plots left out: the same as one before" in err
+    assert "423 plots left out: duplicates" in err
     plots = read_asterix(JAHORINA).plots
     identity = [-1 if one is None else int(one, 16) for one in plots["icao_address"]]
     radar = Radar(
@@ -839,11 +847,11 @@ def test_a_row_without_a_plot_is_coasted(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"east_m": 5e6}, "row 0: east_m is 5e\\+06, beyond what category 62 holds"),
-        ({"east_sigma_m": -1.0}, "row 0: east_sigma_m is -1, beyond"),
-        ({"callsign": "A/B"}, "callsign has a text that cannot be coded"),
-        ({"mode_3a": "7799"}, "mode_3a has a text that cannot be coded"),
-        ({"icao_address": "1FFFFFF"}, "icao_address has a number beyond 24 bits"),
+        ({"east_m": 5e6}, "row 0: east_m is 5e\\+06, outside the range of category 62"),
+        ({"east_sigma_m": -1.0}, "row 0: east_sigma_m is -1, outside"),
+        ({"callsign": "A/B"}, "callsign has values that cannot be encoded"),
+        ({"mode_3a": "7799"}, "mode_3a has values that cannot be encoded"),
+        ({"icao_address": "1FFFFFF"}, "icao_address has a number that needs more than 24 bits"),
         ({"track": None, "target": None}, "tracks have no column track or target"),
         ({"time_s": None}, "tracks have no column time_s"),
     ],

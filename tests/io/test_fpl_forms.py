@@ -251,11 +251,14 @@ def test_a_place_on_an_airway_is_between_its_fixes(radial, longest):
     ("route", "reason"),
     [
         # 30 NM beside it
-        ("N0450F310 QAAA UQ9 STAR180030 UQ9 LINNA", "'UQ9' does not join 'QAAA' and 'STAR180030'"),
-        ("N0450F310 QAAA UQ9 N850 DORNA", "'UQ9' does not join 'QAAA' and 'N850'"),
-        ("N0450F310 ALPEN Q9 UQ9 LINNA", "'Q9' does not join 'ALPEN' and 'UQ9'"),
-        ("N0450F310 ALPEN N850 EICHE", "'N850' does not join 'ALPEN' and 'EICHE'"),
-        ("N0450F310 N850 DORNA", "'N850' does not join 'QDDD' and 'DORNA'"),
+        (
+            "N0450F310 QAAA UQ9 STAR180030 UQ9 LINNA",
+            "'UQ9' does not connect 'QAAA' and 'STAR180030'",
+        ),
+        ("N0450F310 QAAA UQ9 N850 DORNA", "'UQ9' does not connect 'QAAA' and 'N850'"),
+        ("N0450F310 ALPEN Q9 UQ9 LINNA", "'Q9' does not connect 'ALPEN' and 'UQ9'"),
+        ("N0450F310 ALPEN N850 EICHE", "'N850' does not connect 'ALPEN' and 'EICHE'"),
+        ("N0450F310 N850 DORNA", "'N850' does not connect 'QDDD' and 'DORNA'"),
         ("N0450F310 ALPEN NATA 50N040W", "'NATA' is neither a fix nor an airway nor a place"),
         ("N0450/F310 ALPEN", "'N0450/F310' is not a speed and level"),
         ("N0450F310 ALPEN/F330", "'F330' is not a speed and level"),

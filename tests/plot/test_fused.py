@@ -115,7 +115,7 @@ def test_fused_of_singular_covariances() -> None:
         (
             {"result": fusion.fuse([X], [S])},
             ValueError,
-            r"result has a batch of shape \(1,\); one estimate can be drawn",
+            r"result has a batch of shape \(1,\); only one estimate can be drawn",
         ),
         ({"components": (0, 3)}, ValueError, r"components\[1\] is 3; result has 3 components"),
         ({"components": (-1, 0)}, ValueError, r"components\[0\] is -1; it must be between 0"),

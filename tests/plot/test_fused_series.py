@@ -150,7 +150,11 @@ def test_fused_series_of_many_sensors_and_of_nothing() -> None:
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({"z": plots()[0]}, ValueError, r"z has shape \(60,\); one record of shape \(K, steps\)"),
+        (
+            {"z": plots()[0]},
+            ValueError,
+            r"z has shape \(60,\); only one record of shape \(K, steps\)",
+        ),
         (
             {"z": plots()[:, 1:]},
             ValueError,

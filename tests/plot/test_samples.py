@@ -163,9 +163,9 @@ def test_screening_that_excludes() -> None:
     [
         (
             lambda e, s: plot.bearing([Y, Y], e),
-            r"theta has shape \(2, 10\); one sample of shape \(N,\) can be drawn",
+            r"theta has shape \(2, 10\); only one sample of shape \(N,\) can be drawn",
         ),
-        (lambda e, s: plot.bearing(3.0, e), r"theta has shape \(\); one sample"),
+        (lambda e, s: plot.bearing(3.0, e), r"theta has shape \(\); only one sample"),
         (
             lambda e, s: plot.bearing(Y[1:], e),
             r"theta has shape \(9,\), but estimate was made of shape \(10,\)",
@@ -175,7 +175,7 @@ def test_screening_that_excludes() -> None:
             "block_size is 5, which makes 2 blocks of 10 measurements; estimate has 1",
         ),
         (lambda e, s: plot.bearing(Y, e, block_size=1), "block_size is 1; it must be between 2"),
-        (lambda e, s: plot.screening([Y], s), r"y has shape \(1, 10\); one sample of shape"),
+        (lambda e, s: plot.screening([Y], s), r"y has shape \(1, 10\); only one sample of shape"),
         (
             lambda e, s: plot.screening([*Y, 1.0], s),
             r"y has shape \(11,\), but screening was made of shape \(10,\)",

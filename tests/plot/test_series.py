@@ -118,7 +118,7 @@ def test_smoothing_draws_one_axis_of_a_track() -> None:
         (
             {"result": smoothing.local_polynomial(np.zeros((2, 8)), 5)},
             ValueError,
-            r"result has a batch of shape \(2,\); one series can be drawn",
+            r"result has a batch of shape \(2,\); only one series can be drawn",
         ),
         (
             {"result": smoothing.smooth(np.zeros((8, 2)), 1.0, jerk=1.0), "axis": 2},

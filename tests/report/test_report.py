@@ -69,13 +69,16 @@ def test_radars_are_as_good_as_they_were_made(scene: Path, summary: dict[str, An
 def test_fusion_is_better_than_any_radar_alone(summary: dict[str, Any]) -> None:
     rows = {row["tracks"]: row for row in summary["fusion"]}
     alone = min(row["rmse_m"] for name, row in rows.items() if name.endswith("alone"))
-    assert rows["tracks fused, as found"]["rmse_m"] < rows["tracks fused, as stated"]["rmse_m"]
-    assert rows["tracks fused, as found"]["rmse_m"] < alone
+    assert (
+        rows["tracks fused, estimated noise"]["rmse_m"]
+        < rows["tracks fused, stated noise"]["rmse_m"]
+    )
+    assert rows["tracks fused, estimated noise"]["rmse_m"] < alone
     # systematic errors make the registration track once more, with other numbers
-    assert rows["tracks fused, as stated"]["rmse_m"] < alone
+    assert rows["tracks fused, stated noise"]["rmse_m"] < alone
     assert rows["all radars together, at these instants"]["rmse_m"] < alone
     # covariance intersection is conservative whatever the correlation
-    assert rows["covariance intersection, as found"]["within_95"] > 0.92
+    assert rows["covariance intersection, estimated noise"]["within_95"] > 0.92
 
 
 def test_who_left_the_plan_is_found(scene: Path, summary: dict[str, Any]) -> None:
@@ -124,7 +127,7 @@ def test_the_page_is_whole_and_asks_for_nothing(scene: Path, summary: dict[str, 
     assert not re.search(r"<(script|link|img)[^>]+(src|href)=\"(?!data:)", html)
     charts = json.loads(re.findall(r"^const charts = (.*);$", html, re.MULTILINE)[0])
     graph_objects = pytest.importorskip("plotly.graph_objects")
-    without = {"updated scans", "NEES per axis", "as stated", "as found", "intersection"}
+    without = {"updated scans", "NEES per axis", "stated noise", "estimated noise", "intersection"}
     for figure in charts.values():
         for key, axis in graph_objects.Figure(figure).to_dict()["layout"].items():
             if re.match("[xy]axis", key):
@@ -239,7 +242,7 @@ def test_what_a_page_needs(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="plots or bearings must be given"):
         report.make()
     radar = Radar(range_sigma=50.0, azimuth_sigma=0.002, scan_period=4.0)
-    with pytest.raises(ValueError, match="sensors, plans and truth are for plots"):
+    with pytest.raises(ValueError, match="sensors, plans and truth can be used only with plots"):
         report.make(sensors=[radar], stations=finders, bearings=[emitter])
     done = run("report", "--sensors", PLOTS[2])
     assert (done.code, done.err) == (2, "tertia: give files of plots, or --bearings\n")

@@ -184,7 +184,7 @@ class TestRefused:
             tables.audit(positions()[0], there)
 
     def test_another_time(self):
-        with pytest.raises(RecordError, match="no estimate has both a truth and sigmas"):
+        with pytest.raises(RecordError, match="no estimate has both a true value and sigmas"):
             tables.audit(positions()[0], truth().with_columns(pl.col("time_s") + 1e6))
 
     def test_a_singular_covariance(self):

@@ -258,7 +258,7 @@ class TestScreen:
         assert found["outlier"].dtype == pd.BooleanDtype()
 
     def test_a_column_is_not_overwritten(self):
-        with pytest.raises(ValueError, match="has a column station already"):
+        with pytest.raises(ValueError, match="already has a column station"):
             tables.screen(bearing_table(), values="azimuth_deg", name="station")
 
     def test_an_unknown_rule_or_option(self):
@@ -313,7 +313,9 @@ class TestFuse:
             table, by="target", sigma=0.2, sensors=["north", "south"], **MODEL
         )
         assert found["weight_south"].null_count() == found.height
-        with pytest.raises(ValueError, match="there are plots of north; the sensors are south"):
+        with pytest.raises(
+            ValueError, match="there are plots of sensor north; the sensors are south"
+        ):
             tables.fuse_series(table, by="target", sigma=0.2, sensors=["south"], **MODEL)
 
     @pytest.mark.parametrize(
@@ -324,7 +326,8 @@ class TestFuse:
             (
                 {"time_s": 1.0},
                 {},
-                "row 1: south has a second plot at 1.0: group several targets by a column",
+                "row 1: south has two plots at 1.0: if there are several targets, group the rows "
+                "by a column",
             ),
             ({}, {"sigma": -1.0}, "sigma is -1.0; it must be a positive number"),
             ({}, {"sigma": {"north": 0.0}}, "sigma of north is 0.0"),
@@ -520,7 +523,7 @@ class TestStream:
     @pytest.mark.parametrize("size", [1, 3, 100])
     def test_a_group_that_comes_again_is_an_error(self, size):
         table = pl.DataFrame({"g": [1, 1, 2, 1], "azimuth_deg": [1.0] * 4})
-        with pytest.raises(ValueError, match=r"group \(1,\) do not come one after the other"):
+        with pytest.raises(ValueError, match=r"group \(1,\) are not consecutive"):
             list(tables.stream(tables.bearing, table.iter_slices(size), by="g"))
 
     def test_without_groups_all_batches_are_one(self):

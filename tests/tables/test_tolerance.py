@@ -49,7 +49,9 @@ def test_instants_of_stations_that_do_not_coincide() -> None:
     np.testing.assert_allclose(found["time_s"], expected["time_s"], atol=0.011)
     assert found.drop("time_s").equals(expected.drop("time_s"))
     # without it no two are of one instant
-    with pytest.warns(tables.RecordWarning, match="at the same time; times are .* apart: give a"):
+    with pytest.warns(
+        tables.RecordWarning, match="at the same time, and the times differ by .*: give a"
+    ):
         assert tables.locate(jittered, sensors=stations())["east_m"].count() == 0
 
 

@@ -32,7 +32,7 @@ try:
     )
     from tertia.cli.terminal.command import command, written_out
 except ModuleNotFoundError:
-    # here and not in `main`, because the commands are declared with these libraries
+    # checked here and not in `main`, because the commands are declared with these libraries
     sys.exit("the command tertia needs the extra cli: pip install 'tertia[cli]'")
 
 __all__ = ["main"]

@@ -24,10 +24,10 @@ from tertia._arrays import FloatArray, IntArray, probability, real
 
 __all__ = ["BandDetector", "BurstDetector", "Cleaner", "Smoother"]
 
-# two for a variance and one to be compared with it
+# two measurements for a variance, and one to be compared with it
 _FEWEST = 3
 _MOST_PASSES = 10
-# share of good values that cleaning removes, and of their variance that remains
+# share of values that cleaning removes without outliers, and share of their variance that remains
 _TAKEN = math.erfc(3.0 / math.sqrt(2.0))
 _LEFT = 1.0 - 6.0 * math.exp(-4.5) / math.sqrt(2.0 * math.pi) / (1.0 - _TAKEN)
 
@@ -69,7 +69,7 @@ class _Band(_Columns):
         check_is_fitted(self)
         values = self._values(X, reset=False)
         off = np.abs(_wrapped(values - self.center_, _period(self.period)))
-        # where all values were equal the band is a line
+        # if all values were equal, the half width of the band is 0
         with np.errstate(divide="ignore", invalid="ignore"):
             excess = np.where(off > 0, off / self.half_width_, 0.0)
         return values, np.where(np.isnan(values), 0.0, excess)
@@ -79,9 +79,10 @@ class BandDetector(OutlierMixin, _Band):  # type: ignore[misc]
     """Detector of rows with a value outside the band of its column.
 
     Each column is cleaned repeatedly by the leave-one-out rule, which removes 0.27 percent of a
-    sample without outliers, until no outlier is found. The band follows from the mean and standard
-    deviation of the remaining values, such that one more good measurement lies outside with a
-    probability that follows from `significance`. Up to a tenth of the values may be wrong.
+    sample without outliers, until the rule finds no more outliers. The band is computed from the
+    mean and standard deviation of the remaining values; a new measurement that is not an outlier
+    lies outside it with a probability that depends on `significance`. Up to a tenth of the values
+    may be outliers.
 
     Parameters
     ----------
@@ -102,9 +103,9 @@ class BandDetector(OutlierMixin, _Band):  # type: ignore[misc]
 
     Notes
     -----
-    The significance applies to new rows, normal noise and independent columns. With few rows,
-    cleaning removes more values than intended, so that a significance of 0.01 becomes 0.013 with 20
-    rows and 0.015 with 10.
+    The false-alarm rate is equal to `significance` for new rows, if the noise is normal and the
+    columns are independent. With few rows, cleaning removes more values than intended: for a
+    significance of 0.01, the false-alarm rate is 0.013 with 20 rows and 0.015 with 10.
 
     Examples
     --------
@@ -146,9 +147,9 @@ class Cleaner(OneToOneFeatureMixin, TransformerMixin, _Band):  # type: ignore[mi
     Parameters
     ----------
     significance : float
-        Probability of removing a good value.
+        Probability that a value that is not an outlier is removed.
     period : float or None
-        Of angles, such as 360.0 for degrees; None for values that do not wrap.
+        Period of angles, such as 360.0 for degrees; None for values that do not wrap.
 
     Attributes
     ----------
@@ -182,13 +183,13 @@ class Cleaner(OneToOneFeatureMixin, TransformerMixin, _Band):  # type: ignore[mi
 class BurstDetector(OutlierMixin, _Columns):  # type: ignore[misc]
     """Detector of rows with a single outlier or a part of a burst in at least one column.
 
-    Rows must be in time order. Like `LocalOutlierFactor`, it judges only the rows to which it is
-    fitted.
+    Rows must be in time order. Like `LocalOutlierFactor`, the detector judges only the rows to
+    which it is fitted.
 
     Parameters
     ----------
     point_penalty, burst_penalty : float
-        Improvement of the fit that a single outlier and a burst must give, as for
+        Smallest improvements of the fit for which a single outlier and a burst are accepted, as for
         `tertia.screening.bursts`.
     min_burst, max_burst : int
         Numbers of rows of the shortest and the longest burst.
@@ -243,8 +244,8 @@ class BurstDetector(OutlierMixin, _Columns):  # type: ignore[misc]
 class Smoother(_Columns):
     """Transformer that smooths columns by local polynomials.
 
-    Rows must be in time order, at equal steps. Like `TSNE`, it transforms only the rows to which it
-    is fitted.
+    Rows must be in time order, at equal time steps. Like `TSNE`, the smoother transforms only the
+    rows to which it is fitted.
 
     Parameters
     ----------
@@ -255,8 +256,8 @@ class Smoother(_Columns):
     derivative : int
         Order of the derivative: 0 for the values, 1 for their change from row to row, and so on.
     period : float or None
-        Period of angles, such as 360.0 for degrees, which may change by less than half a period
-        from row to row; None for values that do not wrap.
+        Period of angles, such as 360.0 for degrees; None for values that do not wrap. Angles must
+        change by less than half a period from row to row.
 
     Attributes
     ----------

@@ -39,9 +39,10 @@ from tertia.tracker import Plots, Tracker, TrackTable
 
 __all__ = ["PlotTracker", "SingerMotion", "Updater", "errors", "plots", "predictor", "radar"]
 
-# a radar this many metres away measures x and y: its beam bends by a metre in 20 km
+# x and y are represented by a radar at this distance in metres; an arc of constant range deviates
+# from a line by a metre in 20 km
 _FAR = 1e8
-# where the components of a state of Tertia are in one of Stone Soup
+# indices of the components of a state of Tertia in a state of Stone Soup
 _ORDER = [0, 2, 1, 3]
 
 
@@ -83,7 +84,10 @@ def radar(model: Any, scan_period: float, **options: Any) -> Radar:
     covariance = np.asarray(model.noise_covar, dtype=np.float64)
     if isinstance(model, CartesianToBearingRange):
         if covariance[0, 1] != 0 or np.any(np.asarray(model.rotation_offset, dtype=float)[:2]):
-            raise ValueError("bearing and range must not be correlated, nor the sensor tilted")
+            raise ValueError(
+                "the errors of bearing and range must not be correlated, and the sensor must not "
+                "be tilted"
+            )
         place = np.asarray(model.translation_offset, dtype=np.float64)[:2, 0]
         azimuth_sigma, range_sigma = np.sqrt(np.diag(covariance)).tolist()
     elif isinstance(model, LinearGaussian) and covariance.shape == (2, 2):
@@ -199,7 +203,7 @@ def errors(
             nearest = off[np.argmin(np.linalg.norm(off, axis=-1))]
             rows.append((nearest, covariance, state.timestamp, group))
     if not rows:
-        raise ValueError("tracks have no state at a time of the truth")
+        raise ValueError("no state of the tracks is at a time of the truth")
     first = min(row[2] for row in rows)
     return {
         "error": np.array([row[0] for row in rows]),
@@ -270,7 +274,9 @@ class PlotTracker(TrackerBase):  # type: ignore[misc]
         options: dict[str, Any] = dict(self.options or {})
         cartesian = [isinstance(model, LinearGaussian) for model in self.measurement_models]
         if any(cartesian) and options.get("clutter_density") is None:
-            raise ValueError("options must have clutter_density where a sensor measures x and y")
+            raise ValueError(
+                "options has no clutter_density; it must have one if a sensor measures x and y"
+            )
         radars = [radar(model, self.scan_period) for model in self.measurement_models]
         self._tracker = Tracker(radars, **options)
         self._start: datetime | None = None
@@ -320,8 +326,8 @@ class PlotTracker(TrackerBase):  # type: ignore[misc]
 class SingerMotion(LinearGaussianTransitionModel, TimeVariantModel):  # type: ignore[misc]
     """Motion along one axis by a `tertia.kalman.SingerModel`: position, velocity, acceleration.
 
-    The matrices have closed forms, as printed in the source or exact, and are accurate to the last
-    digits for any interval.
+    The matrices are computed in closed form, exactly or as printed in the source of the model, and
+    are accurate to rounding for any interval.
 
     Parameters
     ----------
@@ -381,9 +387,9 @@ def predictor(model: SingerModel, axes: int = 2) -> Any:
 class Updater(ExtendedKalmanUpdater):  # type: ignore[misc]
     """Stone Soup's updater, with the arithmetic of `tertia.fusion.fuse_scalar`.
 
-    The components of a measurement are decorrelated and added one by one, each as information of
-    rank one in Joseph's form, so that covariances stay positive and symmetric. Nonlinear
-    measurements are linearised as by the `ExtendedKalmanUpdater`.
+    The components of a measurement are decorrelated and added one by one by rank-one updates in
+    Joseph form, so that covariances stay positive definite and symmetric. Nonlinear measurements
+    are linearised as by the `ExtendedKalmanUpdater`.
     """
 
     def update(self, hypothesis: Any, **kwargs: Any) -> Any:

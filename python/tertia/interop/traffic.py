@@ -1,7 +1,7 @@
 """Smoothing of flights of the library traffic, with standard deviations.
 
 `smooth` replaces the positions and altitudes of a `traffic.core.Flight` by smoothed values, and
-ground speed, track and vertical rate by those of the smoothed path. Needs the extra `traffic`
+ground speed, track and vertical rate by the values of the smoothed path. Needs the extra `traffic`
 (traffic, pyproj).
 """
 
@@ -25,13 +25,13 @@ __all__ = ["smooth"]
 _RADIUS = 6_371_000.0
 # metres per second: vertical rates are in feet per minute
 _FOOT_PER_MINUTE = FOOT / 60.0
-# sum of squared normalised residuals, which noise alone does not reach in a flight
+# sum of squared normalised residuals that noise alone does not reach in a flight
 _GATE = 36.0
 # the same for one axis, in sigmas
 _SINGLE = 4.0
 _MOST_PASSES = 10
 _FEWEST = 10
-# these give the noise to a few percent
+# this many rows determine the noise to a few percent
 _STRETCH, _STRETCHES = 500, 4
 
 
@@ -62,9 +62,9 @@ def smooth(
         were missing; nan where they are not determined. In addition, `groundspeed_sigma`,
         `track_sigma`, `altitude_sigma` and `vertical_rate_sigma` in the same units;
         `position_sigma_m`, `velocity_sigma_m_s` and `position_velocity_covariance_m2_s` of each
-        horizontal axis (errors east and north are equal and independent);
-        `altitude_vertical_rate_covariance` in square feet per minute; and `position_outlier` and
-        `altitude_outlier`, which mark the values that were left out.
+        horizontal axis (the errors to the east and to the north have equal sigmas and are
+        independent); `altitude_vertical_rate_covariance` in square feet per minute; and
+        `position_outlier` and `altitude_outlier`, which mark the values that were left out.
 
     Raises
     ------
@@ -74,10 +74,10 @@ def smooth(
 
     Notes
     -----
-    Positions are smoothed by `tertia.smoothing.smooth` in space, on the ellipsoid, so flights may
-    be long; altitudes are smoothed separately. Rows farther than 6 sigma from the path through the
-    other rows are left out; this is repeated until no more rows are found. Reported speeds are not
-    used, so that they can serve as a check.
+    `tertia.smoothing.smooth` smooths the positions on the ellipsoid in three dimensions, so that
+    flights may be long. Altitudes are smoothed separately. Rows farther than 6 sigma from the path
+    through the other rows are left out; this is repeated until no more rows are found. Reported
+    speeds are not used, so that they can serve as a check.
 
     One jerk is estimated for the whole flight, although jerk occurs mainly at the ends of turns.
     The errors are therefore larger than the sigmas there, and smaller in straight flight. In a
@@ -144,16 +144,16 @@ def _horizontal(
 ) -> dict[str, FloatArray | BoolArray]:
     there = np.flatnonzero(~np.isnan(latitude + longitude))
     if len(there) < _FEWEST:
-        raise ValueError(f"the flight has {len(there)} positions; it must have {_FEWEST}")
+        raise ValueError(f"the flight has {len(there)} positions; it must have at least {_FEWEST}")
     middle = there[len(there) // 2]
     frame = LocalFrame(latitude[middle], longitude[middle])
     places = frame.to_local(latitude, longitude)
     known = None if sigma is None else positive_number(sigma, "position_sigma")
-    # the vertical has no noise here, so it says nothing about noise and motion
+    # the vertical axis has no noise here, so noise and motion are not estimated from it
     found, outlier = _robust(time, places, places[:, :2], known, "position")
     north, east, _ = (np.asarray(value) for value in frame.to_geodetic(found.position))
     velocity = np.einsum("nij,nj->ni", frame.axes(north, east), found.velocity)[:, :2]
-    # along the surface; at height the path is longer
+    # speed along the surface of the earth; at the height of the aircraft, the path is longer
     velocity *= (1.0 + height / _RADIUS)[:, np.newaxis]
     speed = np.hypot(*velocity.T)
     position_sigma, velocity_sigma = _known(found.sigma[:, 0]), _known(found.sigma[:, 3])
@@ -195,7 +195,7 @@ def _robust(
 
 
 def _coarse(time: FloatArray, y: FloatArray) -> BoolArray:
-    """Return which rows are far from the median of their neighbours, as after decoding errors."""
+    """Return for each row whether it is far from the median of its neighbours (decoding errors)."""
     far = np.zeros(len(y), dtype=bool)
     there = np.flatnonzero(~np.isnan(y).any(axis=1))
     if len(there) < _FEWEST:
@@ -207,7 +207,7 @@ def _coarse(time: FloatArray, y: FloatArray) -> BoolArray:
     off = y[there] - np.median(y[there][near], axis=1)
     distance = np.sqrt(np.sum(off**2, axis=1))
     typical = np.median(distance[near], axis=1)
-    # neither a turn nor a gap of a few rows reaches this
+    # turns and gaps of a few rows do not reach this limit
     far[there] = distance > 30.0 * typical + 1000.0
     return far
 
@@ -230,7 +230,7 @@ def _far(
     """Return which rows are far from the path through all other rows."""
     off = y - found.position
     uncertain = np.diagonal(found.position_covariance, axis1=-2, axis2=-1)
-    # the error of a row that was left out is independent of the path, that of a used one is not
+    # the error of a row is independent of the path only if the row was left out
     spread = np.where(left_out[:, np.newaxis], variance + uncertain, variance - uncertain)
     with np.errstate(invalid="ignore"):
         squares = np.sum(off**2 / np.maximum(spread, 1e-6 * variance), axis=1)

@@ -46,21 +46,22 @@ class AsterixRecording:
         Target reports of surface movement and multilateration systems (categories 10 and 20), with
         the first columns of `tracks`, up to `callsign`; `target` is the track number.
     messages : DataFrame
-        Reports of sensors on themselves (categories 2, 19, 34), and of a tracker on its sensors
-        (63) and on itself (65), with the following columns. `time_s`; `sensor`, which the row
-        describes; `source`, which sent the message; `service` (I063/015). `state` (`operational`,
-        `degraded`, `initialising`, `not connected`, `inhibited`, `unknown`), `failed` (of `psr`,
-        `ssr`, `mode-s`, `ads-b`, `multilateration`, with `+` between them), `overload`,
-        `time_valid`, `plots_missing`, `service_report` (the code of I065/050). `time_bias_s`,
-        `range_gain`, `range_bias_m`, `azimuth_bias_deg` (Mode S or SSR), `psr_range_gain`,
-        `psr_range_bias_m`, `psr_azimuth_bias_deg`, `psr_elevation_bias_deg`. `collimation_range_m`
-        and `collimation_azimuth_deg`, the differences of primary plots from secondary plots. A
-        message without any of these items has no row.
+        Messages in which sensors report their own state (categories 2, 19, 34), and in which a
+        tracker reports the state of its sensors (63) and its own state (65). The columns are:
+        `time_s`; `sensor`, the sensor that the row describes; `source`, the sender of the message;
+        `service` (I063/015); `state` (`operational`, `degraded`, `initialising`, `not connected`,
+        `inhibited`, `unknown`), `failed` (of `psr`, `ssr`, `mode-s`, `ads-b`, `multilateration`,
+        with `+` between them), `overload`, `time_valid`, `plots_missing`, `service_report` (the
+        code of I065/050); `time_bias_s`, `range_gain`, `range_bias_m`, `azimuth_bias_deg` (Mode S
+        or SSR), `psr_range_gain`, `psr_range_bias_m`, `psr_azimuth_bias_deg`,
+        `psr_elevation_bias_deg`; `collimation_range_m` and `collimation_azimuth_deg`, the
+        differences between primary and secondary plots. A message without any of these items has no
+        row.
     skipped : dict of int to int
         Number of data blocks of categories that are not read, by category.
     damaged : int
         Number of data blocks that are cut off or contain a record that cannot be decoded, plus the
-        number of places at which no data block follows. A damaged record and the rest of its block
+        number of places at which no data block begins. A damaged record and the rest of its block
         are left out.
     lost_bytes : int
         Number of bytes of a file that belong to no data block, for example after a damaged length.
@@ -70,10 +71,10 @@ class AsterixRecording:
     editions : dict of int to str
         Edition by which each category was decoded.
     truncated_times : bool
-        Whether no record has a full time, so that times are those of a clock that restarts every
-        512 s (I001/141).
+        True if no record has a full time of day; the times then restart from 0 every 512 s
+        (I001/141).
     repeated : int
-        Number of duplicate plots, for example from two network lines; the table has each only once.
+        Number of duplicate plots that were removed, for example from two network lines.
     other_packets : int
         Number of UDP packets of a network recording that do not contain ASTERIX.
     """
@@ -96,7 +97,8 @@ class AsterixRecording:
     def skipped_text(self) -> str:
         """Return the categories that were not read, as text."""
         return ", ".join(
-            f"{count} blocks of category {number} ({TITLES.get(number, 'unknown')})"
+            f"{count} {'block' if count == 1 else 'blocks'} of category {number} "
+            f"({TITLES.get(number, 'unknown')})"
             for number, count in self.skipped.items()
         )
 
@@ -133,8 +135,8 @@ def read_asterix(path: str | Path | Sequence[bytes]) -> AsterixRecording:
     Raises
     ------
     ValueError
-        If a file is not ASTERIX, or none of its records can be decoded; the message states the
-        byte.
+        If a file is not ASTERIX, or none of its records can be decoded; the error message states
+        the number of the byte.
     ImportError
         If a library is not installed.
     OSError
@@ -144,13 +146,14 @@ def read_asterix(path: str | Path | Sequence[bytes]) -> AsterixRecording:
     -----
     Radars are named by their codes, SAC/SIC. Times are seconds of the day (UTC), and continue
     beyond 86400 if a recording passes midnight. Mode 3/A codes and flight levels that are garbled
-    or not validated are null. Times of category 1 are truncated to 512 s; they are completed by the
-    full times of the service messages (category 2) of the same radar. Duplicates, for example from
-    two network lines, are removed. Range gains and biases in tracker messages (I063/080) have the
-    sign of `tertia.sensors.Bias`; for other messages the specification does not define the sign.
+    or not validated are null. Times of category 1 restart from 0 every 512 s; they are completed
+    with the full times of the service messages (category 2) of the same radar. Duplicates, for
+    example from two network lines, are removed. Range gains and biases in tracker messages
+    (I063/080) have the sign of `tertia.sensors.Bias`; for other messages the specification does not
+    define the sign.
 
-    Each category is decoded by the edition that decodes most of its first twenty data blocks; if
-    several editions decode equally many, by the newest of them.
+    Each category is decoded with the edition that decodes most of its first twenty data blocks; if
+    several editions decode the same number of them, the newest is used.
 
     Examples
     --------
@@ -200,10 +203,9 @@ def write_asterix(
         `target`), and any of `latitude_deg` and `longitude_deg`, `east_m` and `north_m`,
         `velocity_east_m_s` and `velocity_north_m_s` (or `speed_m_s` and `course_deg`), `height_m`,
         `flight_level`, `vertical_rate_m_s`, `icao_address`, `mode_3a`, `callsign`, `confirmed`,
-        `coasted` (or `plot`, null where there is none);
-        `east_sigma_m`, `north_sigma_m`, `covariance_east_north_m2` and the sigmas of the velocities
-        (I062/500); `transversal`, `longitudinal`, `vertical`, the codes of I062/200. Missing items
-        are null.
+        `coasted` (or `plot`, which is null for coasted rows); `east_sigma_m`, `north_sigma_m`,
+        `covariance_east_north_m2` and the sigmas of the velocities (I062/500); `transversal`,
+        `longitudinal`, `vertical`, the codes of I062/200. Missing items are null.
     path : str or Path
         The file. It consists of data blocks of at most 16 records, in the order of the rows.
     source : tuple of two int
@@ -226,8 +228,9 @@ def write_asterix(
     Notes
     -----
     Values are rounded to the steps of the items: 1/128 s, 5.4e-6 degrees, 0.5 m, 0.25 m/s, 6.25 ft,
-    a quarter of a flight level. Sigmas above the largest value of an item are left out. `height_m`
-    is the geometric altitude (I062/130). Track numbers have 16 bits, and restart after 65535.
+    a quarter of a flight level. Sigmas above the largest value that an item can hold are left out.
+    `height_m` is the geometric altitude (I062/130). Track numbers have 16 bits, and restart after
+    65535.
 
     Examples
     --------
@@ -253,7 +256,7 @@ def _payloads(reader: Reader, contents: bytes) -> Iterable[tuple[int, bytes]]:
     try:
         import_module("dpkt")
     except ImportError as error:
-        raise ImportError("packets need dpkt: pip install 'tertia[asterix]'") from error
+        raise ImportError("network recordings need dpkt: pip install 'tertia[asterix]'") from error
     return udp_payloads(reader.path, contents)
 
 
@@ -261,5 +264,5 @@ def _of_packets(reader: Reader, payloads: Iterable[tuple[int, bytes]]) -> Asteri
     for number, payload in payloads:
         reader.take_packet(payload, number)
     if not reader.blocks:
-        raise ValueError(f"{reader.path} has no packet with ASTERIX in it")
+        raise ValueError(f"{reader.path} has no packet that contains ASTERIX")
     return AsterixRecording(**reader.recording())

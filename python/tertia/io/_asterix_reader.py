@@ -38,12 +38,12 @@ from tertia.io._categories import (
     TRACKS,
 )
 
-# so many data blocks of a category choose the edition by which it is decoded
+# number of data blocks of a category from which its edition is chosen
 _BLOCKS = 20
 _HEADER = 3
 _DAY = 86_400.0
 _NORTH_MARKER = 1
-# what the decoder gives where a record has no such item
+# value that the decoder returns for an item that a record does not have
 _MISSING = np.iinfo(np.int64).min
 _PLACE = ("latitude_deg", "longitude_deg", "height_m")
 
@@ -54,7 +54,7 @@ class Reader:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.payloads: list[bytes] = []
-        # the byte in all payloads where each begins, and how messages name it
+        # for each payload: its first byte in all payloads together, and its name in messages
         self.begins: list[int] = []
         self.places: list[str] = []
         self.size = self.other_packets = self.damaged = self.lost_bytes = 0
@@ -77,11 +77,11 @@ class Reader:
             return
         *_, stop = found = _core.asterix_blocks(payload)
         if stop < len(payload):
-            self._damage(1, f"{self.path}, frame {number}, byte {stop}: there is no data block")
+            self._damage(1, f"{self.path}, frame {number}, byte {stop}: no data block begins here")
         self._collect(payload, f"frame {number}, ", found)
 
     def take(self, contents: bytes) -> None:
-        """Collect the data blocks of a file, also those after a damaged length or other bytes."""
+        """Collect the data blocks of a file, including those after damaged parts."""
         *found, gaps = _core.asterix_recording(contents, sorted(KNOWN))
         for at, lost in gaps:
             self.lost_bytes += lost
@@ -92,15 +92,15 @@ class Reader:
                 what = f"the length of a data block is damaged: {length}"
             elif lost == left < length and (at or contents[at] in KNOWN):
                 what = (
-                    "the data block is cut off, or its length is damaged: of "
-                    f"{length} bytes {left} are there, which are left out"
+                    f"the data block is cut off, or its length is damaged: only {left} of its "
+                    f"{length} bytes are there, which are left out"
                 )
             elif len(found[0]):
-                what = f"there is no data block, but {there}; {lost} bytes are left out"
+                what = f"no data block begins here (bytes {there}); {lost} bytes are left out"
             else:
                 raise ValueError(
-                    f"{self.path}, byte {at}: there is no data block of ASTERIX, but {there}; the "
-                    "file is damaged, or in another format"
+                    f"{self.path}, byte {at}: no ASTERIX data block begins here (bytes {there}); "
+                    "the file is damaged, or in another format"
                 )
             self._damage(1, f"{self.path}, byte {at}: {what}")
         self._collect(contents, "", found)
@@ -208,7 +208,7 @@ class _Records:
         return self.frame.select(each)[:, 0].to_numpy()
 
     def repeat_sources(self) -> None:
-        """Give a record without a source that of the previous record in the same block."""
+        """Give a record without a source the source of the previous record in the same block."""
         codes = pl.col("010/SAC", "010/SIC")
         if self.frame["010/SAC"].null_count():
             self.frame = self.frame.with_columns(

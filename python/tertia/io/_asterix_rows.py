@@ -20,9 +20,9 @@ from tertia.io._categories import (
     VELOCITIES,
 )
 
-# message types of I010/000: a report of a target
+# message type of target reports (I010/000)
 _TARGET_REPORT = 1
-# of I048/020
+# values of I048/020
 _DETECTIONS = (
     "none",
     "psr",
@@ -33,18 +33,19 @@ _DETECTIONS = (
     "mode-s-all-call+psr",
     "mode-s-roll-call+psr",
 )
-# of I063/060, I065/040, I019/550; a radar is released for operational use or not (I034/050)
+# values of I063/060, I065/040 and I019/550; whether a radar is released for operational use
+# (I034/050)
 _SENSOR_STATES = ("operational", "degraded", "initialising", "not connected")
 _TRACKER_STATES = ("operational", "degraded", "not connected", "unknown")
 _SYSTEM_STATES = ("operational", "degraded", "inhibited", "unknown")
 _RADAR_STATES = ("operational", "inhibited")
 # parts of a sensor in I063/060
 _PARTS = {"PSR": "psr", "SSR": "ssr", "MDS": "mode-s", "ADS": "ads-b", "MLT": "multilateration"}
-# of I010/020: multilateration, ADS-B and others are no plots of a radar
+# type of radar plots in I010/020; other types are multilateration, ADS-B and so on
 _SURFACE_PSR = 3
-# metres of a degree of latitude, of which an accuracy needs three digits
+# metres per degree of latitude; for an accuracy, three digits are sufficient
 _DEGREE = 1852.0 * 60.0
-# characters of six bits; the others are left out
+# six-bit characters; other codes are left out
 _LETTERS = {
     **{code: chr(64 + code) for code in range(1, 27)},
     32: " ",
@@ -107,13 +108,14 @@ class Items:
         return code.replace_strict(dict(enumerate(names)), default=None, return_dtype=pl.String)
 
 
-# where the time of day is; that of the position comes first. Old plots have it truncated
+# items that contain the time of day; if there are several, the time of the position comes first. In
+# old plots it is truncated
 TIMES = {
     OLD_PLOTS: ("141",),
     2: ("030",),
     SURFACE: ("140",),
     MULTILATERATION: ("140",),
-    # 030 until edition 0.26
+    # 030: up to edition 0.26
     REPORTS: ("071", "073", "077", "030"),
     PLOTS: ("140",),
     TRACKS: ("070",),
@@ -187,7 +189,7 @@ def _surface(items: Items) -> Rows:
 
 def _multilateration(items: Items) -> Rows:
     east, north = (items.number("500", "m", "SDP", axis) for axis in "XY")
-    # a correlation in two's complement, which the definition takes for positive
+    # the correlation is in two's complement, but is defined as an unsigned number
     raw = items.whole("500", "SDP", "XY")
     share = pl.when(raw < 0x8000).then(raw).otherwise(raw - 0x10000) / 4
     accuracy = {
@@ -255,7 +257,7 @@ def _tracks(items: Items) -> Rows:
         **dict(zip(VELOCITIES, [*velocity, *sigmas], strict=True)),
         "vertical_rate_m_s": items.number("220", "ft/min") * FOOT / 60,
         "confirmed": items.whole("080", "CNF") == 0,
-        # an octet that is left out is 0
+        # flags in an omitted octet are 0
         "coasted": pl.when(items.whole("080", "CNF").is_not_null()).then(items.flag("080", "CST")),
         **{name: items.whole("200", part) for name, part in MODES.items()},
     }
@@ -271,14 +273,14 @@ def _accuracy(items: Items) -> Rows:
         "north_sigma_m": north.fill_null(
             pl.when(latitude.is_not_null()).then(items.number("500", "°", "APW", "LAT") * _DEGREE)
         ),
-        # transmitted as the root of its size, with its sign
+        # transmitted as the square root of its absolute value, with its sign
         "covariance_east_north_m2": _signed_square(items.number("500", "m", "COV")),
     }
 
 
 def _reports(items: Items) -> Rows:
     address = items.address("080")
-    # the finer one first
+    # the item with the higher resolution comes first
     place = {
         axis: pl.coalesce([items.number(item, "°", axis) for item in ("131", "130")])
         for axis in ("LAT", "LON")
@@ -328,7 +330,7 @@ def status(items: Items) -> Rows:
     failed = [
         pl.when(items.whole("060", part) == 1).then(pl.lit(name)) for part, name in _PARTS.items()
     ]
-    # of one category each
+    # each of these items belongs to one category
     overloads = [("050", "COM", "OVLRDP"), ("050", "COM", "OVLXMT"), ("550", "OVL"), ("040", "OVL")]
     overloads += [("060", "ODP"), ("060", "OXT")]
     clocks = [("050", "COM", "TSV"), ("550", "TSV"), ("040", "TSV"), ("060", "TSV")]

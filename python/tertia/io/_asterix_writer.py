@@ -15,14 +15,14 @@ from tertia._units import FOOT
 from tertia.io._categories import TRACKS
 
 Octets = npt.NDArray[np.uint8]
-# so many records in a data block, which then fits in a packet
+# number of records in a data block, which must fit in a packet
 _RECORDS = 16
 _DAY = 86_400.0
 _ANGLE = 180 / 2**25
 _TRACKS_THERE = 65_536
 _SIX_BITS = {" ": 32, **{chr(64 + code): code for code in range(1, 27)}}
 _SIX_BITS |= {str(digit): 48 + digit for digit in range(10)}
-# columns of the modes of movement, and the bit where each begins
+# columns of the modes of movement, and the first bit of each
 _MODES = {"transversal": 6, "longitudinal": 4, "vertical": 2}
 
 
@@ -116,14 +116,14 @@ class _Table:
 
     def _steps(self, name: str, steps: FloatArray, size: int, *, signed: bool) -> _Item:
         room = 2.0 ** (8 * size - signed)
-        # a sigma that is larger than the item holds is left out: a smaller one would claim too much
+        # a sigma that is too large for the item is left out, because a smaller one would be wrong
         there = ~np.isnan(steps) & (signed | (steps < room - 0.5))
         whole = np.rint(np.where(there, steps, 0.0))
         wrong = np.flatnonzero((whole >= room) | (whole < (-room if signed else 0)))
         if wrong.size:
             row = int(wrong[0])
             raise ValueError(
-                f"row {row}: {name} is {self.values(name)[row]:g}, beyond what category 62 holds"
+                f"row {row}: {name} is {self.values(name)[row]:g}, outside the range of category 62"
             )
         return _Item(_big_endian(whole.astype(np.int64), size), there)
 
@@ -134,7 +134,7 @@ class _Table:
         if time.dtype.is_temporal():
             time = time.dt.timestamp("us") / 1e6
         seconds = time.cast(pl.Float64).to_numpy()
-        # the last step before midnight may round to it
+        # times just before midnight may round to midnight
         steps = np.rint(seconds % _DAY * 128) % (_DAY * 128)
         return self._steps("time_s", steps, 3, signed=False)
 
@@ -144,12 +144,12 @@ class _Table:
             raise ValueError("tracks have no column track or target")
         numbers = self.tracks[name].cast(pl.Int64, strict=False)
         if numbers.null_count():
-            # names: numbered in their order
+            # names are numbered in alphabetical order
             numbers = self.tracks[name].cast(pl.String).rank("dense").cast(pl.Int64)
         return _Item(_big_endian(numbers.to_numpy() % _TRACKS_THERE, 2), np.ones(self.count, bool))
 
     def covariance(self) -> _Item:
-        """Return the root of the covariance of east and north, with its sign."""
+        """Return the square root of the absolute covariance of east and north, with its sign."""
         name = "covariance_east_north_m2"
         covariance = self.values(name)
         root = np.sign(covariance) * np.sqrt(np.abs(covariance))
@@ -203,10 +203,10 @@ class _Table:
             numbers = {text: number(text) for text in known}
         except (KeyError, ValueError):
             raise ValueError(
-                f"{name} has a text that cannot be coded: {known.to_list()[:3]}"
+                f"{name} has values that cannot be encoded, among {known.to_list()[:3]}"
             ) from None
         if any(one >= 2 ** (8 * size) for one in numbers.values()):
-            raise ValueError(f"{name} has a number beyond {8 * size} bits")
+            raise ValueError(f"{name} has a number that needs more than {8 * size} bits")
         values = column.replace_strict(numbers, default=None, return_dtype=pl.Int64)
         there = values.is_not_null().to_numpy()
         return _Item(_big_endian(values.fill_null(0).to_numpy(), size), there)

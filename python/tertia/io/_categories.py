@@ -1,16 +1,16 @@
 """Categories of ASTERIX: their titles, and the columns of those that are read."""
 
-# categories with rows: old plots of radars, surface movement, multilateration, ADS-B, plots of
-# radars, system tracks
+# categories that give rows of tables: plots of radars (old format), surface movement,
+# multilateration, ADS-B, plots of radars, system tracks
 OLD_PLOTS = 1
 SURFACE, MULTILATERATION, REPORTS, PLOTS, TRACKS = 10, 20, 21, 48, 62
-# service messages: of radars, old, of multilateration and of radars
+# service messages: of radars (old format), of multilateration, and of radars
 SERVICES = (2, 19, 34)
-# messages that say how sensors and systems are: these, and those of a tracker of its sensors and of
-# itself
+# messages about the state of sensors and systems: service messages, and the messages of a tracker
+# about its sensors and about itself
 SENSOR_STATUS, TRACKER_STATUS = 63, 65
 MESSAGES = (*SERVICES, SENSOR_STATUS, TRACKER_STATUS)
-# titles of what is not read
+# titles of categories that are not read
 TITLES = {
     4: "safety nets",
     7: "directed interrogations",
@@ -42,7 +42,7 @@ _COMMON = {"time_s": _NUMBER, "sensor": _TEXT}
 _IDENTITY = {"icao_address": _TEXT, "mode_3a": _TEXT, "callsign": _TEXT}
 _PLACE = {"latitude_deg": _NUMBER, "longitude_deg": _NUMBER, "height_m": _NUMBER}
 _MOTION = {"speed_m_s": _NUMBER, "course_deg": _NUMBER}
-# columns of the tables, and what they hold
+# columns of the tables, and their types
 COLUMNS = {
     PLOTS: {
         **_COMMON,
@@ -88,7 +88,7 @@ COLUMNS[TRACKS] = COLUMNS[TRACKS] | {
     "coasted": _FLAG,
     **dict.fromkeys(MODES, "Int64"),
 }
-# what messages say; a row has some of these
+# columns of messages; each row has values in some of them
 STATUS = {
     "state": _TEXT,
     "failed": _TEXT,

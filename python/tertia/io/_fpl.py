@@ -28,7 +28,7 @@ _ELAPSED = re.compile(r"([A-Z0-9]{4})(\d\d)(\d\d)((?: [A-Z0-9]{4}){0,2})", re.AS
 _KEY = re.compile(r"(?:^| )([A-Z]{3,4}|STAYINFO\d)/", re.ASCII)
 _SUPPLEMENT = re.compile(r"-\s*[A-Z]/.*$", re.DOTALL)
 _FIELDS = ("3", "7", "8", "9", "10", "13", "15", "16")
-# rates of climb for aircraft of unknown type, m/s: a slow airliner
+# rate of climb for aircraft of unknown type in m/s: the rate of a slow airliner
 _CLIMB = 5.0
 # the largest rate of turn, degrees a second, as in `FlightPlan`
 _TURN_RATE = 3.0
@@ -57,7 +57,7 @@ class FiledPlan(FlightPlan):
     mode_3a, icao_address : int or None
         Mode 3/A code and 24-bit address of the transponder.
     unknown_procedures : tuple of str
-        Departure and arrival procedures that are not known, and not part of the plan.
+        Departure and arrival procedures that are unknown and therefore not part of the plan.
     fields : dict of str to str
         Other information (field 18) by its keys.
     """
@@ -103,7 +103,7 @@ def read_fpl(
     Parameters
     ----------
     text : str or Path
-        The messages, or a file of them. Text outside parentheses is ignored.
+        The messages, or the path of a file that contains them. Text outside parentheses is ignored.
     fixes : mapping, table or path of a CSV or GeoJSON file
         Aerodromes, navigation aids and waypoints. Either a mapping from names to (latitude,
         longitude) or (latitude, longitude, declination) in degrees, or to a list of these; or a
@@ -122,8 +122,8 @@ def read_fpl(
         library contains no such table.
     winds : array_like of shape (2,) or (L, 3), optional
         Velocity of the air, east and north in m/s, of shape (2,); or rows of height in metres, east
-        and north, with increasing heights, of shape (L, 3). Without it, ground speeds are equal to
-        the filed true airspeeds.
+        and north, with increasing heights, of shape (L, 3). Without winds, ground speeds are equal
+        to the filed true airspeeds.
     taxi_time : float
         Time from off-block to departure in seconds.
     identity : {"icao_address", "mode_3a"}
@@ -134,14 +134,16 @@ def read_fpl(
     -------
     list of FiledPlan
         Flight plans in the order of the messages, named by their callsigns. Times are in seconds
-        from midnight of the day of flight. Heights are those of the filed levels. They are unknown
-        (nan) where the aircraft may be climbing or descending, at 5 m/s or the rate of its type.
+        from midnight of the day of flight. Heights are the filed levels. They are nan where the
+        aircraft may be climbing or descending, which is assumed to take place at 5 m/s or at the
+        rate of its type.
 
     Raises
     ------
     ValueError
-        If a message cannot be understood: an unknown fix, an airway that does not join its ends, a
-        wrong speed or level. The text has one line, with the number of the message and the token.
+        If a message cannot be understood, for example because of an unknown fix, an airway that
+        does not connect two points of the route, or a wrong speed or level. The error message has
+        one line, which states the number of the FPL message and the token.
     TypeError
         If an argument has the wrong type.
     OSError
@@ -152,10 +154,10 @@ def read_fpl(
     The following fields are used: 7 (callsign and code), 9 (type), 13 (departure), 15 (route), 16
     (destination), and `DOF`, `CODE`, `DEP`, `DEST`, `TYP` of field 18. A Mach number is converted
     with the standard atmosphere at the filed level. The first and the last token of a route may be
-    unknown; they are taken as departure and arrival procedures. A stay adds its time to the
-    following leg. If two airways follow each other, the route changes at the first fix that both
-    have. An airway may also be joined and left at a point between two of its fixes, within 5 NM,
-    given by coordinates or by radial and distance.
+    unknown; they are taken as departure and arrival procedures. A stay adds its duration to the
+    following leg. If two airways follow each other, the route changes from one to the other at
+    their first common fix. A flight may also join or leave an airway between two of its fixes, at a
+    point within 5 NM of the airway that is given by coordinates or by radial and distance.
 
     Source: ICAO Doc 4444, appendix 3.
 
@@ -184,7 +186,10 @@ def read_fpl(
     options = _Options(Tables(fixes, airways), frame, _types(types), _winds(winds), taxi, identity)
     messages = _MESSAGE.findall(text)
     if not messages or len(messages) != text.count("("):
-        raise ValueError("text has no message, or one that is not in parentheses: (FPL-...)")
+        raise ValueError(
+            "text has no message, or a message without parentheses; each must have the form "
+            "(FPL-...)"
+        )
     plans = []
     for at, message in enumerate(messages):
         fields = [" ".join(part.split()) for part in message.split("-", len(_FIELDS))]
@@ -199,7 +204,7 @@ def read_fpl(
 def _plan(fields: Sequence[str], message: str, options: _Options) -> FiledPlan:
     """Return the plan that a message describes."""
     if not fields[0].startswith("FPL"):
-        raise ValueError(f"it is {fields[0][:20]!r}; only FPL is read")
+        raise ValueError(f"the type is {fields[0][:20]!r}; it must be FPL")
     if len(fields) < len(_FIELDS):
         raise ValueError(f"field {_FIELDS[len(fields)]} is missing")
     found = {
@@ -264,7 +269,7 @@ def _plan(fields: Sequence[str], message: str, options: _Options) -> FiledPlan:
 def _matched(pattern: re.Pattern[str], field: str, name: str) -> re.Match[str]:
     found = pattern.fullmatch(field)
     if found is None:
-        raise ValueError(f"field {name} is {field[:40]!r}")
+        raise ValueError(f"field {name} is {field[:40]!r}, which cannot be understood")
     return found
 
 
@@ -282,13 +287,13 @@ def _others(rest: Sequence[str]) -> dict[str, str]:
         return {}
     keys = list(_KEY.finditer(text))
     if not keys or keys[0].start() > 0:
-        raise ValueError(f"field 18 is {text[:40]!r}")
+        raise ValueError(f"field 18 is {text[:40]!r}, which cannot be understood")
     ends = [key.start() for key in keys[1:]] + [len(text)]
     return {key[1]: text[key.end() : end].strip() for key, end in zip(keys, ends, strict=True)}
 
 
 def _aerodrome(name: str, described: str | None, near: Place | None, tables: Tables) -> Place:
-    """Return the place of an aerodrome; that of ZZZZ is described in field 18."""
+    """Return the place of an aerodrome; field 18 describes the place of ZZZZ."""
     if name == "ZZZZ" and described:
         name = described.split()[-1]
     place = tables.place(name, near)

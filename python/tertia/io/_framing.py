@@ -8,9 +8,9 @@ from typing import TypeAlias
 from tertia import _core
 from tertia.io._categories import KNOWN
 
-# where a frame at a byte has its contents, and where it ends
+# function that returns where the contents of a frame begin and end, and where the frame ends
 Frame: TypeAlias = Callable[[bytes, int], tuple[int, int, int]]
-# so many frames at the beginning decide
+# number of frames from which the format is recognised
 _DECIDING = 10
 _RFF_HEADER = 128
 
@@ -27,7 +27,7 @@ def _rff(contents: bytes, at: int) -> tuple[int, int, int]:
     return at + 6, end, end
 
 
-# how frames are made, and where the first one begins
+# formats of frames, and the first byte of the first frame
 FORMATS: tuple[tuple[Frame, int], ...] = ((_ioss, 0), (_rff, _RFF_HEADER))
 
 

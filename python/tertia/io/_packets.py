@@ -9,7 +9,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-# how files of packets begin: microseconds and nanoseconds in both byte orders, and pcapng
+# first bytes of files of packets: times in microseconds or nanoseconds in both byte orders, and
+# pcapng
 MAGIC = {
     bytes.fromhex(text) for text in ("d4c3b2a1", "a1b2c3d4", "4d3cb2a1", "a1b23c4d", "0a0d0d0a")
 }
@@ -23,11 +24,13 @@ def udp_payloads(path: Path, contents: bytes) -> Iterator[tuple[int, bytes]]:
         reader = dpkt.pcap.UniversalReader(io.BytesIO(contents))
         link = _links(dpkt).get(reader.datalink())
     except broken:
-        raise ValueError(f"{path} begins like a recording of packets, but is not one") from None
+        raise ValueError(
+            f"{path} begins like a network recording, but cannot be read as one"
+        ) from None
     if link is None:
         raise ValueError(
-            f"{path} was recorded on a link of type {reader.datalink()}, which is not known; "
-            "Ethernet, raw IP and Linux's any are"
+            f"{path} was recorded on a link of type {reader.datalink()}, which is not supported; "
+            "it must be Ethernet, raw IP or Linux's any"
         )
     number = 0
     try:
@@ -39,8 +42,7 @@ def udp_payloads(path: Path, contents: bytes) -> Iterator[tuple[int, bytes]]:
         raise ValueError(f"{path} is cut off or damaged after packet {number}") from None
     except EOFError:
         raise ValueError(
-            f"{path}, packet {number} is cut off, or part of a larger one: record whole packets "
-            "(tcpdump -s 0)"
+            f"{path}, packet {number} is cut off or a fragment: record whole packets (tcpdump -s 0)"
         ) from None
 
 

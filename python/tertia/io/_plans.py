@@ -110,7 +110,7 @@ def plan_of(
     places = np.array([pair[:2] for pair in fields["waypoints"]], dtype=np.float64).reshape(-1, 2)
     if fields.get("geodetic"):
         places = _local(places, frame)
-    # the same place twice is one waypoint
+    # a repeated position is one waypoint
     kept = np.ones(len(places), dtype=bool)
     kept[1:] = np.any(places[1:] != places[:-1], axis=1)
     bank, kind = fields.get("bank_deg"), fields.get("aircraft_type")
@@ -144,7 +144,7 @@ def _chosen(value: Any, kept: Any, *, of_legs: bool = False) -> Any:
 def _local(degrees: FloatArray, frame: LocalFrame | SystemPlane | None) -> FloatArray:
     """Return longitudes and latitudes as east and north."""
     if frame is None:
-        raise ValueError("its positions are geodetic: give a frame, or the origin of one")
+        raise ValueError("its positions are latitudes and longitudes: give a frame or an origin")
     return frame.to_local(degrees[:, 1], degrees[:, 0])[:, :2]
 
 
@@ -170,7 +170,7 @@ def _of_feature(feature: Any, path: Path) -> dict[str, Any]:
         raise ValueError(f"{path} has the feature {feature!r}; it must be an object")
     geometry = feature.get("geometry") or {}
     if geometry.get("type") != "LineString":
-        raise ValueError(f"{path} has a {geometry.get('type')}; plans are LineStrings")
+        raise ValueError(f"{path} has a {geometry.get('type')}; plans must be LineStrings")
     points = geometry["coordinates"]
     fields = {"geodetic": True, "waypoints": points, **(feature.get("properties") or {})}
     if all(len(point) > 2 for point in points):

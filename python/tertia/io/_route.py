@@ -16,24 +16,25 @@ import numpy as np
 from tertia._units import FLIGHT_LEVEL, KNOT, NAUTICAL_MILE
 from tertia.geo import LocalFrame
 
-# speeds: digits after the letter, and m/s; Mach numbers depend on the level
+# speeds: digits after the letter, and m/s per unit; a Mach number is converted at its level
 _SPEEDS = {"K": (4, 1 / 3.6), "N": (4, KNOT)}
-# levels: digits, and metres; those of feet come in hundreds, metric ones in tens
+# levels: digits after the letter, and metres per unit: hundreds of feet, or tens of metres
 _LEVELS = {"F": (3, FLIGHT_LEVEL), "A": (3, FLIGHT_LEVEL), "S": (4, 10.0), "M": (4, 10.0)}
 _LEVEL = r"[FA]\d{3}|[SM]\d{4}|VFR"
 _CRUISE = re.compile(rf"([KN]\d{{4}}|M\d{{3}})({_LEVEL})", re.ASCII)
-# a cruise climb between two levels, or above one
+# a cruise climb between two levels, or above a level
 _CLIMB = re.compile(rf"C/([A-Z0-9]+)/([KN]\d{{4}}|M\d{{3}})({_LEVEL})(?:{_LEVEL}|PLUS)", re.ASCII)
 _STAY = re.compile(r"STAY\d/(\d\d)(\d\d)", re.ASCII)
 _PLACE = re.compile(r"(\d\d)(\d\d)?([NS])(\d{3})(\d\d)?([EW])", re.ASCII)
 _FROM_FIX = re.compile(r"([A-Z0-9]{2,5}?)(\d{3})(\d{3})", re.ASCII)
 _NAME = re.compile(r"[A-Z0-9]+", re.ASCII)
-# changes of rules, of the kind of traffic, a direct leg, a route that was cut short
+# changes of flight rules and of the type of traffic, a direct leg, a truncated route
 _WORDS = {"VFR", "IFR", "GAT", "OAT", "DCT", "T"}
 # speed of sound: sqrt(1.4 · 287.05287 T) in the standard atmosphere
 _GAS, _SEA, _LAPSE, _TROPOPAUSE = 1.4 * 287.05287, 288.15, 0.0065, 11_000.0
 _EARTH = 6_371_000.0
-# a place that is no fix of an airway is on it within this distance, m: radials are whole degrees
+# largest distance in metres of a point that counts as on an airway; radials are in whole degrees,
+# so points given by them are not exact
 _ON_AIRWAY = 5 * NAUTICAL_MILE
 
 # name, latitude, longitude, declination in degrees
@@ -43,7 +44,7 @@ _AIRWAYS = ("airway", "sequence", "fix")
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A point of a route, in degrees; `declination` is that of the radials from it."""
+    """A point of a route, in degrees; `declination` is the declination of radials from it."""
 
     name: str
     latitude: float
@@ -101,7 +102,7 @@ class Tables:
         names, goal = self.airways[airway], self.place(end, start)
         first, last = self._on(airway, start), self._on(airway, goal)
         if goal is None or first is None or last is None:
-            raise ValueError(f"airway {airway!r} does not join {start.name!r} and {end!r}")
+            raise ValueError(f"airway {airway!r} does not connect {start.name!r} and {end!r}")
         between = (
             range(math.floor(first) + 1, math.floor(last) + 1)
             if last >= first
@@ -116,11 +117,11 @@ class Tables:
         return places if end in names else [*places, goal]
 
     def crossing(self, airway: str, other: str, here: Place) -> str:
-        """Return the first common fix of two airways after a place."""
+        """Return the first fix after a place that two airways have in common."""
         common = [name for name in self.airways[airway] if name in self.airways[other]]
         first = self._on(airway, here)
         if first is None or not common:
-            raise ValueError(f"airway {airway!r} does not join {here.name!r} and {other!r}")
+            raise ValueError(f"airway {airway!r} does not connect {here.name!r} and {other!r}")
         return min(common, key=lambda name: abs(self.airways[airway].index(name) - first))
 
     def _on(self, airway: str, place: Place | None) -> float | None:
@@ -177,7 +178,7 @@ class Route:
         name, cruise = _changed(token)
         if self._tables.is_airway(name) and cruise is None:
             if self._airway is not None:
-                # one airway after another: they cross
+                # two airways in succession have a common fix
                 there = self._tables.crossing(self._airway, name, self.points[-1].place)
                 self._go(self._places(there))
             self._airway = name
@@ -236,7 +237,7 @@ def _changed(token: str) -> tuple[str, tuple[float, float] | None]:
 def _of_degrees(token: str, found: re.Match[str]) -> Place:
     """Return the place given by a token like 4620N07805W or 46N078W."""
     if (found[2] is None) != (found[5] is None):
-        raise ValueError(f"{token!r} has minutes in one of its coordinates only")
+        raise ValueError(f"{token!r} has minutes in only one of its coordinates")
     minutes = [int(found[2] or 0), int(found[5] or 0)]
     latitude = int(found[1]) + minutes[0] / 60
     longitude = int(found[4]) + minutes[1] / 60
@@ -337,7 +338,7 @@ def _geojson(path: Path) -> Iterator[Sequence[Any]]:
         for feature in json.loads(path.read_text("utf-8"))["features"]:
             properties, geometry = feature["properties"], feature["geometry"]
             if geometry["type"] != "Point":
-                raise ValueError(f"it has a {geometry['type']}; fixes are Points")
+                raise ValueError(f"it has a {geometry['type']}; fixes must be Points")
             longitude, latitude, *_ = geometry["coordinates"]
             yield properties["name"], latitude, longitude, properties.get("declination_deg", 0.0)
     except (KeyError, TypeError, ValueError) as error:

@@ -18,7 +18,7 @@ def audit(result: Audit, *, ax: "Axes | None" = None, legend: bool = True) -> "A
     result : tertia.metrics.Audit
         The audit, as returned by `tertia.audit`.
     ax : matplotlib.axes.Axes, optional
-        Axes to draw on; by default those of a new figure.
+        Axes to draw on; by default the axes of a new figure.
     legend : bool
         Whether to draw a legend.
 

@@ -19,7 +19,7 @@ Adjustable: TypeAlias = Literal["box", "datalim"]
 
 KEPT, FLAGGED = "#56B4E9", "#D55E00"
 RESULT, BAND = "#000000", "#009E73"
-# of what is drawn within the edges of a panel
+# axes extend to this multiple of the largest deviation
 MARGIN = 1.15
 GAP = np.full((1, 2), np.nan)
 # share of the height that is kept free for the legend

@@ -33,7 +33,7 @@ def bias(
         Azimuths in radians, and the measured minus the true azimuths in radians; they are drawn as
         points.
     ax : matplotlib.axes.Axes, optional
-        Axes to draw on; by default those of a new figure.
+        Axes to draw on; by default the axes of a new figure.
     legend : bool
         Whether to draw a legend.
 

@@ -55,7 +55,7 @@ def fused(
     equal : bool
         Whether both axes have the same scale.
     ax : matplotlib.axes.Axes, optional
-        Axes to draw on; by default those of a new figure.
+        Axes to draw on; by default the axes of a new figure.
     legend : bool
         Whether to draw a legend.
 
@@ -82,7 +82,7 @@ def fused(
     """
     if result.mean.ndim != 1:
         raise ValueError(
-            f"result has a batch of shape {result.mean.shape[:-1]}; one estimate can be drawn"
+            f"result has a batch of shape {result.mean.shape[:-1]}; only one estimate can be drawn"
         )
     centres, shapes = _estimates(estimates, covariances, result.mean.size)
     pair = _pair(components, result.mean.size)

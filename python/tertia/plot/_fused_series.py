@@ -73,9 +73,9 @@ def fused_series(
     -------
     plots, weights, noise : matplotlib.axes.Axes
         Three panels with a common time axis. The first shows plots minus the fused angle, with the
-        2-sigma band of the fused angle; outliers are crossed, and distant outliers are drawn at the
-        edge. The second shows the weights of the sensors in the fused angle. The third shows the
-        estimated (solid) and stated (dashed) standard deviations of the plots.
+        2-sigma band of the fused angle; outliers are marked by crosses, and outliers outside the
+        panel are drawn at its edge. The second shows the weights of the sensors in the fused angle.
+        The third shows the estimated (solid) and stated (dashed) standard deviations of the plots.
 
     Raises
     ------
@@ -122,7 +122,9 @@ def fused_series(
 def _plots(z: npt.ArrayLike, result: FusedSeries) -> FloatArray:
     plots = samples(z, "z")
     if plots.ndim != 2:
-        raise ValueError(f"z has shape {plots.shape}; one record of shape (K, steps) can be drawn")
+        raise ValueError(
+            f"z has shape {plots.shape}; only one record of shape (K, steps) can be drawn"
+        )
     if plots.shape != result.outlier.shape:
         raise ValueError(
             f"z has shape {plots.shape}, but result was made of shape {result.outlier.shape}"

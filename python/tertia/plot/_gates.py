@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _GATES = ((INNER, "inner gate", "-"), (OUTER, "outer gate", "--"), (GUARD, "guard gate", ":"))
-# sectors, their names and looks: speed changes ahead and behind, courses to the sides
+# sectors, their names and line styles: changes of speed ahead and behind, changes of course at the
+# sides
 _SECTORS = (
     ((GateSector.INNER,), "straight on", KEPT, "o"),
     (
@@ -66,7 +67,7 @@ def gates(
     table : TrackTable
         The tracks.
     row : int
-        Index of a row with a plot; the gates are those of its prediction.
+        Index of a row with a plot. The gates are drawn around the prediction of this row.
     plots : Plots
         All plots that the tracker was given.
     radars : sequence of Radar
@@ -74,14 +75,14 @@ def gates(
     guard_acceleration : float
         Acceleration in m/s² by which the guard gate is widened.
     ax : matplotlib.axes.Axes, optional
-        Axes to draw on; by default those of a new figure.
+        Axes to draw on; by default the axes of a new figure.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes, in metres from the prediction. The inner, outer and guard gates contain a true
-        plot with the probabilities 0.65, 0.95 and 0.998. If the last plot is t seconds old, the
-        widened guard gate has the covariance `S + a² t⁴/4`, where S is the covariance of the
+        The axes, in metres from the prediction. The inner, outer and guard gates contain the plot
+        of the target with probabilities of 0.65, 0.95 and 0.998. If the last plot is t seconds old,
+        the widened guard gate has the covariance `S + a² t⁴/4`, where S is the covariance of the
         innovation and a is the acceleration. Lines separate the sectors ahead and behind, where a
         plot indicates a change of speed, from the sectors at the sides, where a plot indicates a
         change of course.
@@ -172,7 +173,7 @@ def gate_history(table: TrackTable, track: int, *, ax: "Axes | None" = None) -> 
     track : int
         Number of a track.
     ax : matplotlib.axes.Axes, optional
-        Axes to draw on; by default those of a new figure.
+        Axes to draw on; by default the axes of a new figure.
 
     Returns
     -------

@@ -60,7 +60,7 @@ def location(
     legend : bool
         Whether to draw a legend.
     ax : matplotlib.axes.Axes, optional
-        Axes to draw on; by default those of a new figure.
+        Axes to draw on; by default the axes of a new figure.
 
     Returns
     -------
@@ -85,7 +85,7 @@ def location(
     """
     places, axes, _ = stack_stations(stations)
     if places.ndim != 2 or result.position.ndim != 1:
-        raise ValueError("stations and result have a batch; one instant can be drawn")
+        raise ValueError("stations and result have a batch; only one instant can be drawn")
     if places.shape[-1] != result.position.size:
         raise ValueError(
             f"stations has shape {places.shape} and result {result.position.size} coordinates"
@@ -135,7 +135,7 @@ def accuracy_map(
     result : Accuracy
         The accuracy at these positions.
     ax : matplotlib.axes.Axes, optional
-        Axes to draw on; by default those of a new figure.
+        Axes to draw on; by default the axes of a new figure.
 
     Returns
     -------
@@ -168,7 +168,7 @@ def accuracy_map(
         )
     known = sigma[np.isfinite(sigma)]
     if known.size == 0:
-        raise ValueError("result has no position that is determined")
+        raise ValueError("result has no position that the stations can determine")
     ax = new_axes() if ax is None else ax
     low, high = np.log10(np.quantile(known, [0.0, 0.98]))
     levels = 10 ** np.linspace(low, max(high, low + 1e-3), _LEVELS)
@@ -185,7 +185,7 @@ def accuracy_map(
 def _row(values: npt.ArrayLike, name: str, k: int) -> FloatArray:
     row = checked(values, name, k)
     if row.ndim != 1:
-        raise ValueError(f"{name} has shape {row.shape}; one instant can be drawn")
+        raise ValueError(f"{name} has shape {row.shape}; only one instant can be drawn")
     return row
 
 

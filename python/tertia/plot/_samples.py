@@ -54,7 +54,7 @@ def bearing(
     block_size : int
         Block size that was given to `tertia.estimate_bearing`; the estimate does not contain it.
     ax : matplotlib.axes.Axes, optional
-        Axes to draw on; by default those of a new figure.
+        Axes to draw on; by default the axes of a new figure.
     legend : bool
         Whether to draw a legend.
 
@@ -109,7 +109,7 @@ def screening(
     screening : Screening
         The result of the screening.
     ax : matplotlib.axes.Axes, optional
-        Axes to draw on; by default those of a new figure.
+        Axes to draw on; by default the axes of a new figure.
     legend : bool
         Whether to draw a legend.
 
@@ -156,7 +156,9 @@ def screening(
 def _sample(value: npt.ArrayLike, name: str, outlier: BoolArray, result: str) -> FloatArray:
     array = samples(value, name)
     if array.ndim != 1:
-        raise ValueError(f"{name} has shape {array.shape}; one sample of shape (N,) can be drawn")
+        raise ValueError(
+            f"{name} has shape {array.shape}; only one sample of shape (N,) can be drawn"
+        )
     if array.shape != outlier.shape:
         raise ValueError(
             f"{name} has shape {array.shape}, but {result} was made of shape {outlier.shape}"

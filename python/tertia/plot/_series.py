@@ -50,7 +50,7 @@ def smoothing(
     width : float
         Half the width of the band, in standard deviations.
     ax : matplotlib.axes.Axes, optional
-        Axes to draw on; by default those of a new figure.
+        Axes to draw on; by default the axes of a new figure.
     legend : bool
         Whether to draw a legend.
 
@@ -89,7 +89,9 @@ def smoothing(
         message = "it must be a LocalPolynomial or a SmoothedPositions"
         raise TypeError(f"result is {result!r}; {message}")
     if value.ndim != 1:
-        raise ValueError(f"result has a batch of shape {value.shape[:-1]}; one series can be drawn")
+        raise ValueError(
+            f"result has a batch of shape {value.shape[:-1]}; only one series can be drawn"
+        )
     if series.shape != shape:
         raise ValueError(f"y has shape {series.shape}, but result was made of shape {shape}")
     points = series if number is None else series[:, number]
@@ -132,7 +134,7 @@ def consistency(
     time : array_like of shape (steps,), optional
         Times of the steps, as numbers or datetime64; by default the steps are numbered from 0.
     ax : matplotlib.axes.Axes, optional
-        Axes to draw on; by default those of a new figure.
+        Axes to draw on; by default the axes of a new figure.
     legend : bool
         Whether to draw a legend.
 

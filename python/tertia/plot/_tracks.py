@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 
 _Tracks: TypeAlias = TrackTable | SmoothedTracks
 
-# vermilion is for manoeuvres, green for ellipses, grey for what is no result
+# vermilion is for manoeuvres, green for ellipses, grey for everything that is not a result
 _COLOURS = ("#0072B2", "#E69F00", "#CC79A7", "#56B4E9", "#8C564B", "#999933")
 _GREY = "0.6"
-# more numbers than these cannot be read, nor more ellipses
+# largest numbers of labels and of ellipses that are legible
 _MOST_NUMBERS = 60
 _ELLIPSES = 3
 # intervals of range, and the fewest scans of which a share is drawn
@@ -64,7 +64,7 @@ def tracks(
         Probability that an ellipse contains the true position if the errors are normally
         distributed. Three ellipses are drawn for each track.
     ax : matplotlib.axes.Axes, optional
-        Axes to draw on; by default those of a new figure.
+        Axes to draw on; by default the axes of a new figure.
     legend : bool
         Whether to draw a legend.
 
@@ -106,7 +106,7 @@ def tracks(
     places = [_km(radar.position[np.newaxis, :2]).T for radar in radars]
     draw_sites(ax, places, "radar")
     add_names(ax, [radar.name for radar in radars], np.reshape(places, (-1, 2)), (5, -10))
-    # clutter, and plans that go on elsewhere, do not set the scale
+    # the scale does not depend on clutter, nor on parts of plans that are far away
     limits = ax.dataLim.frozen()
     if parts := [part for plan in plans for part in (plan.waypoints, GAP)]:
         ax.plot(*_km(np.vstack(parts)), "--", color=_GREY, linewidth=0.8, zorder=1, label="plan")
@@ -137,7 +137,7 @@ def update_probability(
     radars : sequence of Radar
         All radars of the table.
     ax : matplotlib.axes.Axes, optional
-        Axes to draw on; by default those of a new figure.
+        Axes to draw on; by default the axes of a new figure.
     legend : bool
         Whether to draw a legend.
 

@@ -81,7 +81,7 @@ def trajectory(
         The panel "plan" shows north against east in metres, with crosses on positions that have an
         outlier. If D = 3, the panel "height" shows the height with its 2-sigma band. The panel of
         each kind of measurement, such as "range", shows the residuals in standard deviations;
-        outliers are crossed, and distant outliers are drawn at the edge.
+        outliers are marked by crosses, and outliers outside the panel are drawn at its edge.
 
     Raises
     ------

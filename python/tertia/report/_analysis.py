@@ -24,9 +24,9 @@ from tertia.tracker import Motion, Plots, TrackTable
 
 Progress = Callable[[str, float], None]
 
-TOGETHER, FOUND = "all radars together", "all radars, noise as found"
-OPTIMAL, OPTIMAL_FOUND = "tracks fused, as stated", "tracks fused, as found"
-INTERSECTION = "covariance intersection, as found"
+TOGETHER, FOUND = "all radars together", "all radars, estimated noise"
+OPTIMAL, OPTIMAL_FOUND = "tracks fused, stated noise", "tracks fused, estimated noise"
+INTERSECTION = "covariance intersection, estimated noise"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,8 +98,8 @@ def analyse(
     begin("tracks of all radars")
     joint = run(plots, radars)
     begin("registration")
-    # not from the tracks as stated: they have but those plots of a radar that is off which are in
-    # the gates, so that its errors would seem smaller
+    # not from the tracks with stated errors: if a radar has a bias, they contain only those of its
+    # plots that are in the gates, so that the bias would be underestimated
     made = rounds(plots, radars, run)
     registration = made.registration
     joint_found = run(plots, registration.sensors)
@@ -212,9 +212,9 @@ def _audit_all(judged: dict[str, Judged]) -> dict[str, Audit]:
 
 
 def _judge_fusion(fused: Fusion, truth: Truth, joint: Judged, max_distance: float) -> Fusion:
-    """Compare the fused states with the targets that the joint tracks follow at the time.
+    """Compare the fused states with the targets that the joint tracks follow at these times.
 
-    As elsewhere, a state farther than `max_distance` from its target is not compared with it.
+    A state farther than `max_distance` from its target is left out, as in all other comparisons.
     """
     updated = joint.rows.updated
     target = _followed(
@@ -241,7 +241,7 @@ def _judge_fusion(fused: Fusion, truth: Truth, joint: Judged, max_distance: floa
 def _followed(
     updates: tuple[IntArray, FloatArray], target: IntArray, wanted: tuple[IntArray, FloatArray]
 ) -> IntArray:
-    """Return the target of the update of a track that is nearest in time, -1 if it has none."""
+    """Return, for each time, the target of the nearest update of a track; -1 if there is none."""
     (tracks, times), (track, time) = updates, wanted
     found = np.full(len(track), -1)
     for number in np.unique(track):

@@ -14,9 +14,10 @@ from tertia.location import Location, locate
 from tertia.sensors import Station
 from tertia.trajectory import Trajectory, reconstruct
 
-# standard deviations by which the halves of a record differ if the emitter moves
+# the emitter moves if the halves of its record differ by more than this number of standard
+# deviations
 _MOVED = 4.0
-# bearings that each half needs for an estimate
+# least number of bearings in each half of a record
 _FEWEST = 10
 
 
@@ -55,8 +56,8 @@ class Heard:
     """An emitter, its bearings from the stations in radians (nan if unknown), and its position.
 
     `moves` is true if the bearings in the first half of the record differ from those in the second
-    half; `path` then replaces `position`, which is estimated from the whole record. `instants` has
-    the positions at single times, if there are any.
+    half; `path` is then used instead of `position`, for which the emitter is assumed to be fixed.
+    `instants` has the positions at single times, if there are any.
     """
 
     emitter: Emitter
@@ -99,7 +100,7 @@ def hear(emitter: Emitter, stations: Sequence[Station]) -> Heard:
         if found is None:
             continue
         bearing[k], sigma[k], outlier[:, k] = found
-        # a movement would be taken for time-correlated noise
+        # movement of the emitter would be estimated as time-correlated noise
         parts = (azimuth[:half, k], azimuth[half:, k])
         halves = [_estimate(part, correlation=0.0) for part in parts]
         if halves[0] is not None and halves[1] is not None:
@@ -150,7 +151,7 @@ def _instants(stations: Sequence[Station], azimuth: FloatArray) -> Location | No
 def _path(stations: Sequence[Station], emitter: Emitter) -> Trajectory | None:
     heard = _stated(stations)
     azimuth = emitter.azimuth[:, heard]
-    # one bearing alone is no position
+    # a single bearing does not determine a position
     if np.sum(np.sum(~np.isnan(azimuth), axis=1) >= 2) < _FEWEST:
         return None
     order = np.argsort(emitter.time, kind="stable")

@@ -12,10 +12,10 @@ from tertia.report._analysis import Analysis
 from tertia.report._figures import Panel, numbers, rows_of
 from tertia.report._radars import scans_of
 
-# scans of which a share is shown
+# least number of scans in a cell whose share is shown
 _FEWEST = 10
 _SECTORS, _RINGS, _LEVELS = 24, 12, 10
-# one hue, from little to much, on light and dark pages
+# colours from small to large values, for light and dark pages
 _SCALE = [[0.0, "#f2e6c9"], [0.5, "#d5651a"], [1.0, "#5a3a9e"]]
 
 
@@ -25,8 +25,8 @@ def coverage_panels(analysis: Analysis) -> list[Panel]:
         _panel(
             "coverage",
             "Updated scans by azimuth",
-            "Share of scans in which a track was updated, by distance; without colour where there "
-            f"were fewer than {_FEWEST}.",
+            "Share of scans in which a track was updated, by azimuth and distance. Cells with "
+            f"fewer than {_FEWEST} scans have no colour.",
             [_shares(analysis, k, by_level=False) for k in range(len(analysis.radars))],
             ("azimuth (°)", analysis.names),
         )
@@ -37,8 +37,8 @@ def coverage_panels(analysis: Analysis) -> list[Panel]:
             _panel(
                 "levels",
                 "Updated scans by level",
-                "The same by flight level, of tracks with a height: low targets are below the "
-                "horizon at a distance.",
+                "The same by flight level and distance, for tracks with a height. Distant targets "
+                "at low levels are below the radar horizon.",
                 levels,
                 ("flight level (100 ft)", analysis.names),
             )
@@ -46,9 +46,9 @@ def coverage_panels(analysis: Analysis) -> list[Panel]:
     panels.append(
         _panel(
             "no-track",
-            "Plots of no track",
-            "Number of plots that belong to no track, by azimuth and distance: false plots, "
-            "and targets that no track follows.",
+            "Plots without a track",
+            "Number of plots that belong to no track, by azimuth and distance: false plots, and "
+            "plots of targets that are not tracked.",
             [_idle(analysis, k) for k in range(len(analysis.radars))],
             ("azimuth (°)", analysis.names),
         )

@@ -20,20 +20,20 @@ from tertia.report._analysis import (
     means,
 )
 
-# of Okabe and Ito, in lightness between white and black: for light and dark pages, and for people
-# who see fewer colours
+# colours of Okabe and Ito, neither very light nor very dark: for light and dark pages, and for
+# colour-blind readers
 COLOURS = ("#2a7fc1", "#d5651a", "#149174", "#b5689e", "#a17a00", "#3d8ea8", "#8a6d5a", "#7a7a7a")
 DASHES = ("solid", "dash", "dashdot", "longdash", "dot", "longdashdot", "solid", "dash")
 MARKS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star", "triangle-down")
 GREY = "#8a8f98"
-# standard deviations to both sides: 95 %
+# half width of a 95 % interval in standard deviations
 SIDES = 1.959964
-# 95 % of chi-squared with two degrees of freedom
+# 95 % quantile of chi-squared with two degrees of freedom
 _ELLIPSE = 5.991465
 _DIGITS = 5
-# tracks in the picture of plans that have a colour of their own
+# largest number of tracks with their own colour in the picture of plans
 _COLOURED = 8
-# points of an ellipse; of a line over time
+# numbers of points of an ellipse, and of a line over time
 _CORNERS, POINTS = 41, 2000
 
 Figure = dict[str, Any]
@@ -119,8 +119,8 @@ def _noise(analysis: Analysis, time: str) -> Panel:
             data.append(line(f"{name}, stated", ends, [stated, stated], k, **more))
     layout = rows_of(2, time, ["sigma of range (m)", "sigma of azimuth (°)"])
     caption = (
-        "Scatter of plots about short straight lines in the radar's own tracks, with 95 % error "
-        "bars; dotted: as stated by the radar."
+        "Standard deviation of plots about short straight lines through the radar's own tracks, "
+        "with 95 % error bars. Dotted: sigma as stated."
     )
     return Panel("noise", "Noise over time", caption, {"data": data, "layout": layout})
 
@@ -146,10 +146,10 @@ def _outliers(analysis: Analysis, time: str) -> Panel:
             data.append(_marked(name, one.time, share, k, **_panel(name, i)))
     layout = rows_of(3, time, ["outliers (%)", "unassociated (%)", "refused (%)"])
     caption = (
-        "Shares of a radar's plots. Outliers update a track with an innovation that the stated "
-        "noise exceeds once in 10,000. Unassociated plots have the identity of a track that does "
-        "not use them, as extreme outliers and duplicates do. Refused plots have no range, or came "
-        "too late."
+        "Shares of a radar's plots. An outlier updates a track, but with an innovation so large "
+        "that the stated noise exceeds it once in 10,000 plots. An unassociated plot has the "
+        "identity of a track that does not use it, for example an extreme outlier or a duplicate. "
+        "A refused plot has no range, or arrived too late."
     )
     return Panel("outliers", "Outliers over time", caption, {"data": data, "layout": layout})
 
@@ -160,7 +160,7 @@ def fusion_panels(analysis: Analysis, time: str) -> list[Panel]:
         return []
     data, titles = [], []
     for i, one in enumerate(analysis.fusion.ways.values()):
-        titles.append(("as stated", "as found", "intersection")[i])
+        titles.append(("stated noise", "estimated noise", "intersection")[i])
         for k, name in enumerate(analysis.names):
             mean, _ = means(analysis.fusion.stated.time, one.weight[:, k], analysis.edges)
             data.append(_marked(name, analysis.middle, mean, k, **_panel(name, i)))
@@ -168,9 +168,10 @@ def fusion_panels(analysis: Analysis, time: str) -> list[Panel]:
     for i in range(3):
         layout[_axis(i, "yaxis")]["range"] = [0.0, 1.0]
     caption = (
-        "Mean weight of a radar's track in the fused position, where the radar has a track. Top: "
-        "optimal weights for the noise as stated; middle: for the noise found in each stretch of "
-        "time; bottom: covariance intersection of the latter, valid for any correlation of errors."
+        "Mean weight of a radar's track in the fused position, at instants at which the radar has "
+        "a track. Top: optimal weights for the stated noise. Middle: optimal weights for the "
+        "noise estimated in each period. Bottom: covariance intersection with the estimated "
+        "noise, which is valid for any correlation of the errors."
     )
     return [Panel("weights", "Weights over time", caption, {"data": data, "layout": layout})]
 
@@ -186,7 +187,9 @@ def truth_panels(analysis: Analysis, time: str) -> list[Panel]:
         for k, (name, values) in enumerate(zip(PARTS, judged.gospa.T, strict=True))
     ]
     layout = rows_of(1, time, ["GOSPA (m)"])
-    caption = "All radars together: GOSPA once per update interval, and the roots of its parts."
+    caption = (
+        "All radars together: GOSPA once per update interval, and the square roots of its parts."
+    )
     panels = [Panel("gospa", "GOSPA over time", caption, {"data": data, "layout": layout})]
     if judged.nees is not None:
         panels.append(_nees(analysis, time))
@@ -213,9 +216,9 @@ def _nees(analysis: Analysis, time: str) -> Panel:
             data.append(_marked(name, middle, mean, k))
     layout = rows_of(1, time, ["NEES per axis"])
     caption = (
-        "Mean normalised squared error of position: 1 where covariances are right, more where they "
-        "are too small. The bounds assume that all errors in a stretch of time are independent; "
-        "those of one track are not."
+        "Mean normalised squared error of position: 1 if the covariances are correct, larger if "
+        "they are too small. The bounds assume that all errors in a period are independent; in "
+        "fact, errors of one track are correlated."
     )
     return Panel("nees", "NEES over time", caption, {"data": data, "layout": layout})
 
@@ -261,7 +264,8 @@ def plan_panels(analysis: Analysis, time: str) -> list[Panel]:
     layout = rows_of(1, time, ["cross-track distance, right positive (km)"])
     layout["yaxis"]["rangemode"] = "normal"
     caption = (
-        "Distance of tracks from the path of their plans; in colour the tracks that left them."
+        "Cross-track distance of tracks from the paths of their plans. Tracks that left their "
+        "plans are in colour."
     )
     return [
         Panel("cross-track", "Distance from the plan", caption, {"data": data, "layout": layout})

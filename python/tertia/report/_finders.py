@@ -25,7 +25,7 @@ from tertia.report._figures import (
 from tertia.report._tables import DEGREES, Row, Table, finite_or_none, plus_minus, table, text
 from tertia.trajectory import Trajectory
 
-# along the path of an emitter that moves
+# ellipses along the path of a moving emitter
 _ELLIPSES = 12
 
 
@@ -102,8 +102,9 @@ def _emitter_table(finders: Finders) -> Table:
         "pvalue": "p-value",
     }
     caption = (
-        "Positions from the bearings of all direction finders, each with the sigma estimated from "
-        "its record. A small p-value means that a bearing or a sigma is wrong."
+        "Positions estimated from the bearings of all direction finders; the sigma of each "
+        "bearing is estimated from its record. A small p-value means that a bearing or a sigma is "
+        "wrong."
     )
     values = [
         {name: value for name, value in row.items() if name != "bearings"}
@@ -126,7 +127,13 @@ def _bearing_table(finders: Finders) -> Table:
         "count": "measured",
         "outliers": "outliers",
     }
-    return table("bearing-table", "Bearings by the default, robust method.", columns, rows, values)
+    return table(
+        "bearing-table",
+        "Bearing of each direction finder, estimated by the default, robust method.",
+        columns,
+        rows,
+        values,
+    )
 
 
 def finder_panels(finders: Finders, time: str) -> list[Panel]:
@@ -178,10 +185,11 @@ def _finder_map(finders: Finders, heard: Heard, number: int) -> Panel:
         data.append(dots("position", place[np.newaxis], marker))
     layout = plane()
     caption = (
-        "The bearings of the two halves of the record differ, so the emitter moves: its path, with "
-        "95 % ellipses, and positions at single instants."
+        "The bearings in the two halves of the record differ, so the emitter moves. The map shows "
+        "its path with 95 % ellipses, and positions at single instants."
         if heard.moves
-        else "Bearing of each finder with its 95 % band (dotted), and where they meet."
+        else "Bearing of each direction finder with its 95 % band (dotted), and the position "
+        "estimated from the bearings."
     )
     title = f"Position of {heard.emitter.name}"
     return Panel(f"emitter-{number}", title, caption, {"data": data, "layout": layout})
@@ -214,10 +222,11 @@ def _finder_bearings(finders: Finders, heard: Heard, number: int, time: str) -> 
             more = {"legendgroup": name, "mode": "markers", "marker": look}
             label, time_of = f"{name}, outliers" if wrong else name, heard.emitter.time[own]
             data.append(line(label, time_of[::step], off[own][::step], k, **more))
-    layout = rows_of(1, time, ["off the estimate (°)"])
+    layout = rows_of(1, time, ["deviation from the estimate (°)"])
     layout["yaxis"]["rangemode"] = "normal"
     caption = (
-        "Bearings less the estimate of their direction finder; crosses are outliers, left out."
+        "Bearings minus the estimate of their direction finder. Crosses are outliers, which are "
+        "left out of the estimate."
     )
     title = f"Bearings of {heard.emitter.name}"
     return Panel(f"bearings-{number}", title, caption, {"data": data, "layout": layout})

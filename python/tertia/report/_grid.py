@@ -12,13 +12,13 @@ from tertia.geo import SystemPlane
 from tertia.report._figures import GREY, joined, line, numbers
 from tertia.sensors import Radar
 
-# distances of lines in degrees, and of rings in kilometres
+# possible spacings of lines in degrees, and of rings in kilometres
 _DEGREES = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 _KILOMETRES = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
 _LINES, _POINTS = 6, 61
-# where the degrees are, as a share of the map
+# position of the labels in degrees, as a share of the map
 _INSIDE = 0.01
-# radars whose rings are shown at first
+# number of radars whose rings are shown initially
 _RINGED = 2
 _LOOK = {"color": GREY, "dash": "dot", "width": 1}
 
@@ -31,13 +31,13 @@ def grid(radars: Sequence[Radar], low: FloatArray, high: FloatArray) -> list[dic
 
 def _graticule(frame: SystemPlane, low: FloatArray, high: FloatArray) -> list[dict[str, Any]]:
     """Return lines of latitude and longitude, with labels at the left and the bottom of the map."""
-    # a window of another shape shows more
+    # the grid is larger than the map, because windows of other shapes show more
     edge = np.linspace(2.0 * low - high, 2.0 * high - low, _POINTS)
     inside = low + _INSIDE * (high - low)
     east, north = (one.ravel() * 1e3 for one in np.meshgrid(*edge.T))
     places = np.column_stack([east, north, 0.0 * east])
     latitude, longitude, _ = frame.to_geodetic(places)
-    # without a jump at 180 degrees
+    # longitudes without a jump at 180 degrees
     turned = (longitude - frame.longitude + 180.0) % 360.0 - 180.0 + frame.longitude
     spans = [(float(np.min(one)), float(np.max(one))) for one in (latitude, turned)]
     lines, labels, words, sides = [], [], [], []
@@ -49,7 +49,7 @@ def _graticule(frame: SystemPlane, low: FloatArray, high: FloatArray) -> list[di
             where = frame.to_local(*((across, along) if axis == 0 else (along, across)))
             own = where[:, :2] / 1e3
             lines.append(own)
-            # where it meets the left side or the lower one
+            # point at which the line meets the left or the lower side
             meets = float(np.interp(inside[axis], own[:, axis], own[:, 1 - axis]))
             if inside[1 - axis] < meets < high[1 - axis]:
                 labels.append((inside[0], meets) if axis == 0 else (meets, inside[1]))

@@ -12,11 +12,11 @@ from tertia.report._figures import COLOURS, GREY, joined, line, numbers, plane, 
 from tertia.report._grid import grid
 from tertia.tracker import TrackTable
 
-# rows of tracks, plots and positions of the truth in a page at most
+# largest numbers of rows of tracks, plots and positions of the truth in a page
 ROWS, PLOTS, TRUTH = 30_000, 10_000, 15_000
-# points of the path of a plan
+# number of points of the path of a plan
 _PATH = 60
-# share of the map that an ellipse of median size takes; factors by which ellipses are enlarged
+# size of the median ellipse as a share of the map; factors by which ellipses are enlarged
 _SHARE, _FACTORS = 0.012, (1, 2, 5, 10, 20, 50, 100, 200, 500)
 _ELLIPSE = 5.991465
 # margin around the map, as a share of its extent

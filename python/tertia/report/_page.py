@@ -45,7 +45,7 @@ def page(
     heard = Section(
         "finders", "Direction finders", finder_panels(finders, times.title), finder_tables(finders)
     )
-    # before the long table of tracks
+    # inserted before the long table of tracks
     sections.insert(max(len(sections) - 1, 0), heard)
     shown = [section for section in sections if section.panels or section.tables]
     environment = Environment(
@@ -63,7 +63,7 @@ def page(
         findings=numbers["findings"],
         sections=shown,
         limits={"rows": _map.ROWS, "plots": _map.PLOTS, "truth": _map.TRUTH},
-        # the library itself
+        # the whole library
         plotly=Markup(get_plotlyjs()),
         charts=_script(charts),
         time=_script({"title": times.title, "zero": times.zero}),
@@ -97,7 +97,7 @@ def _cards(numbers: dict[str, Any]) -> list[tuple[str, str]]:
             (str(len(numbers["radars"])), "radars"),
             (str(numbers["tracks"]), "tracks"),
         ]
-    # what the recording has not is no figure of it
+    # quantities that the recording does not have are left out
     others = (numbers["plans"], "flight plans"), (len(numbers["emitters"]), "emitters")
     return [*cards, *((str(count), name) for count, name in others if count)]
 

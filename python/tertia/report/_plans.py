@@ -11,9 +11,10 @@ from tertia._arrays import BoolArray, FloatArray
 from tertia.flightplan import FlightPlan
 from tertia.tracker import TrackTable
 
-# successive plots off the plan, and scans of the slowest radar, after which it counts as left
+# least number of successive plots off the plan, and least duration in scans of the slowest radar,
+# after which the plan counts as left
 _ROW, _SCANS = 5, 3
-# metres before the end of a plan where monitoring ends
+# distance in metres from the end of a plan at which monitoring ends
 _ENDS = 3000.0
 
 

@@ -11,7 +11,7 @@ from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.registration._register import in_stretches
 from tertia.tracker import NO_IDENTITY, Plots, TrackTable
 
-# chi-squared with two degrees of freedom: exceeded with probability 1e-4
+# quantile of chi-squared with two degrees of freedom that is exceeded with probability 1e-4
 _OUTLIER = 18.420681
 
 
@@ -58,7 +58,7 @@ class Updates:
 
 def scans_of(joint: TrackTable, k: int) -> tuple[BoolArray, BoolArray]:
     """Return which rows are scans of confirmed tracks by a radar, and which of them have a plot."""
-    # after the last plot of a track nothing is missed
+    # after the last plot of a track, no scan counts as missed
     last = np.full(int(joint.track.max(initial=0)) + 1, -np.inf)
     taken = joint.plot >= 0
     np.maximum.at(last, joint.track[taken], joint.time[taken])

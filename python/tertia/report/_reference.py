@@ -12,7 +12,7 @@ from tertia.registration import Registration
 from tertia.sensors import Radar
 from tertia.tracker import CvModel, ImmModel, Motion, Plots, TrackTable
 
-# a reference without plots of others for so long, in seconds, is none
+# longest time in seconds without plots of other radars for which there is a reference
 _MOST_GAP = 15.0
 
 

@@ -82,13 +82,13 @@ def make(
 ) -> Report:
     """Make a page about a recording.
 
-    The page shows the tracks from the plots of all radars and the tracks from those of each radar
-    alone; the latter are also fused at common instants. The page shows the noise and the biases of
-    the radars as estimated by `tertia.registration`, updates and outliers over time, and the
-    conformance of tracks to flight plans. All tracks are compared with the truth if it is given;
-    otherwise the tracks of each radar are compared with smoothed tracks from the plots of all other
-    radars (`tracker.smooth_tracks`). Finally, the page shows the positions of emitters as estimated
-    from bearings, or their paths if they move.
+    The page shows the tracks from the plots of all radars together, and the tracks from the plots
+    of each single radar, which are also fused at common instants. The page shows the noise and the
+    biases of the radars as estimated by `tertia.registration`, updates and outliers over time, and
+    the conformance of tracks to flight plans. All tracks are compared with the truth if it is
+    given; otherwise the tracks of each radar are compared with smoothed tracks from the plots of
+    all other radars (`tracker.smooth_tracks`). Finally, the page shows the positions of emitters as
+    estimated from bearings, or their paths if they move.
 
     Parameters
     ----------
@@ -168,14 +168,16 @@ def make(
 
     for station in stations:
         if len(station.position) != 2:
-            raise ValueError("stations must be in the plane: positions of east and north alone")
+            raise ValueError("stations must have two coordinates, east and north")
     if len(bearings) and not len(stations):
         raise ValueError("bearings need stations")
 
     if plots is None and not len(bearings):
         raise ValueError("plots or bearings must be given")
     if plots is None and (len(sensors) or len(plans) or truth is not None):
-        raise ValueError("sensors, plans and truth are for plots, and there are no plots")
+        raise ValueError(
+            "sensors, plans and truth can be used only with plots, and there are no plots"
+        )
 
     def run(own: Plots, sites: Sequence[Radar]) -> TrackTable:
         # errors are estimated here, from the whole recording

@@ -12,18 +12,18 @@ from tertia.report._analysis import Analysis
 
 Row = dict[str, Any]
 CAPTION = (
-    "Tracks versus limits, with confidence intervals of 95 % by flight: met where the whole "
-    "interval is within the limit, not met where all of it is beyond, and otherwise not shown: "
-    "the recording is too short to decide."
+    "Indicators of the tracks versus their limits, with 95 % confidence intervals by flight. A "
+    "limit is met if the whole interval is within it, and not met if the whole interval is beyond "
+    "it. Otherwise the recording is too short to decide (not shown)."
 )
 WITHOUT_LIMITS = (
-    "Indicators with confidence intervals of 95 % by flight. With a file of limits (--limits, "
-    "limits=) it is said which of them are met."
+    "Indicators with confidence intervals of 95 % by flight. If limits are given (--limits FILE "
+    "or limits=), the table also states which of them are met."
 )
 COLUMNS = {
     "figure": "figure",
     "tracks": "tracks",
-    "found": "found",
+    "found": "value",
     "limit": "limit",
     "verdict": "verdict",
 }
@@ -61,7 +61,7 @@ def requirement_cells(analysis: Analysis) -> list[Row]:
             else f"{limit:g} {unit}"
             if unit
             else f"{100 * limit:g} %",
-            "verdict": one.verdict or ("no limit is given" if limit is None else "nothing known"),
+            "verdict": one.verdict or ("no limit is given" if limit is None else "unknown"),
         }
         for name, judged in analysis.judged.items()
         for figure, one, limit, unit in requirements(judged, analysis.limits)

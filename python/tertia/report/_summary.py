@@ -24,11 +24,12 @@ from tertia.report._tables import (
 from tertia.report._times import Times
 from tertia.tracker import PlotStatus
 
-# standard errors beyond which a finding is shown, and relative size of noise and bias that matters
+# a finding is shown if it exceeds this number of its sigmas, and these relative sizes of noise and
+# bias
 _SURE, _OFF, _BIASED = 3.0, 0.15, 0.5
-# error of a clock that matters, in seconds: 50 m of an airliner
+# smallest clock error that is shown, in seconds; an airliner flies 50 m in this time
 _LATE = 0.2
-# of a page without radars
+# summary of a page without radars
 _NOTHING: Row = {
     "plots": 0,
     "plots_refused": {},
@@ -115,7 +116,7 @@ def _better(analysis: Analysis) -> list[str]:
         and found.rmse.value > (1.0 - _OFF) * stated.rmse.value
     ):
         return []
-    words = f"With noise and biases as found: RMSE {text(found.rmse.value)} m"
+    words = f"With the estimated noise and biases: RMSE {text(found.rmse.value)} m"
     if stated.false_tracks != found.false_tracks:
         words += f", {found.false_tracks} false tracks instead of {stated.false_tracks}"
     return [f"{words}."]
@@ -145,5 +146,5 @@ def _bias_findings(row: Row) -> list[str]:
             found.append(f"{row['radar']}: {kind} bias {plus_minus(bias, error)}{sign}.")
     late, error = row["time_bias_s"], row["time_bias_sigma_s"]
     if late is not None and abs(late) > max(_SURE * error, _LATE):
-        found.append(f"{row['radar']}: clock {plus_minus(late, error)} s off.")
+        found.append(f"{row['radar']}: clock error {plus_minus(late, error)} s.")
     return found

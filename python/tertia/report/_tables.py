@@ -32,10 +32,10 @@ from tertia.report._requirements import (
 from tertia.report._times import Times
 
 Row = dict[str, Any]
-# rows of a table in a page at most
+# largest number of rows of a table in a page
 ROWS = 500
 DEGREES = 180.0 / np.pi
-# kinds of measurements, their units in names of columns, and these in texts
+# kinds of measurements, their units in column names, and their units in texts
 KINDS = ("range", "m", " m"), ("azimuth", "deg", "°")
 
 
@@ -140,7 +140,7 @@ def fusion_rows(analysis: Analysis) -> list[Row]:
     parts += [
         (name, fused.states[name][1], name) for name in (OPTIMAL, OPTIMAL_FOUND, INTERSECTION)
     ]
-    # not the errors at updates, which other tables have under its name
+    # this name differs from that of the errors at updates in other tables
     parts.append((f"{TOGETHER}, at these instants", fused.states[TOGETHER][1], TOGETHER))
     rows = []
     for title, spread, key in parts:
@@ -289,7 +289,7 @@ def table(
 
 
 def _are_words(cells: Sequence[str]) -> bool:
-    """Return whether a column has words: some, and no numbers."""
+    """Return whether a column contains texts and no numbers."""
     there = [cell for cell in cells if cell not in {"", "–"}]
     return bool(there) and not any(cell[0].isdigit() or cell[0] in "+-−<" for cell in there)
 
@@ -319,9 +319,9 @@ def _radar_table(analysis: Analysis) -> Table:
         "radar": "radar",
         "plots": "plots",
         "range_sigma_stated_m": "range sigma, stated (m)",
-        "range": "found (m)",
+        "range": "estimated (m)",
         "azimuth_sigma_stated_deg": "azimuth sigma, stated (°)",
-        "azimuth": "found (°)",
+        "azimuth": "estimated (°)",
         "range_bias": "range bias (m)",
         "gain": "range gain (10⁻⁴)",
         "azimuth_bias": "azimuth bias (°)",
@@ -331,12 +331,13 @@ def _radar_table(analysis: Analysis) -> Table:
         "outliers": "outliers",
         "unassociated": "unassociated",
         "refused": "refused",
-        "in_no_track": "in no track",
+        "in_no_track": "without a track",
     }
     caption = (
-        "Noise as stated by the radars and as found in their plots, and systematic errors found "
-        "from targets that several radars see (– where the plots do not determine them). "
-        "Normalised squared innovations are 1 per axis where noise and motion are as stated."
+        "Noise as stated for the radars and as estimated from their plots, and systematic errors "
+        "estimated from targets that several radars see (–: not determined by the plots). The "
+        "mean normalised squared innovation is 1 per axis if the stated noise and the motion "
+        "model are correct."
     )
     return table("radar-table", caption, columns, rows, radar_rows(analysis))
 
@@ -366,9 +367,10 @@ def _reference_tables(analysis: Analysis) -> list[Table]:
         "nees_per_axis": "NEES per axis",
     }
     caption = (
-        "Tracks of each radar, as stated, versus where all other radars saw its targets, by their "
-        "plots before and after (noise as found, biases removed). Distances are per axis and "
-        "include the error of this reference; both errors are in the NEES."
+        "Tracks of each radar, with stated noise, versus a reference: smoothed tracks of the same "
+        "targets from the plots of all other radars, with estimated noise and without their "
+        "biases. Distances are per axis and include the errors of the reference; the NEES allows "
+        "for both errors."
     )
     return [table("reference-table", caption, columns, reference_rows(analysis))]
 
@@ -377,17 +379,17 @@ def _fusion_table(analysis: Analysis) -> Table:
     columns = {"tracks": "tracks", "instants": "instants", "sigma_m": "stated sigma (m)"}
     if analysis.fusion is not None and analysis.fusion.error:
         columns |= {
-            "rmse_m": "RMSE there (m)",
+            "rmse_m": "RMSE at these instants (m)",
             "nees_per_axis": "NEES per axis",
             "within_95": "within the 95 % ellipse",
         }
     caption = (
-        "Tracks of single radars, extrapolated to common instants at which two radars or more have "
-        "one, and fused there; what is too far from its target is left out, as elsewhere. Sigma is "
-        "the median per axis. As found: with the noise of each "
-        "stretch of time, biases removed. Fusion assumes that the errors of the radars are "
-        "independent; in turns they are correlated, since all trackers assume the same motion. "
-        "Covariance intersection holds for any correlation, and is conservative."
+        "Tracks of single radars, extrapolated to common instants at which at least two radars "
+        "have a track, and fused. States that are too far from their targets are left out. Sigma "
+        "is the median per axis. Estimated noise: the noise of each period is used, and biases "
+        "are removed. Fusion assumes that the errors of the radars are independent; in turns they "
+        "are correlated, because all trackers assume the same motion. Covariance intersection is "
+        "valid for any correlation, and is conservative."
     )
     return table("fusion-table", caption, columns, fusion_rows(analysis))
 
@@ -403,7 +405,7 @@ def _requirement_table(analysis: Analysis) -> Table:
 
 def _evaluation_table(analysis: Analysis) -> Table:
     columns = {"figure": "figure", "unit": "unit"} | {name: name for name in analysis.judged}
-    caption = f"Tracks versus truth; updates are required every {analysis.update_interval:.3g} s."
+    caption = f"Tracks versus truth. An update is required every {analysis.update_interval:.3g} s."
     return table("evaluation-table", caption, columns, evaluation_rows(analysis))
 
 
@@ -424,15 +426,16 @@ def _audit_table(analysis: Analysis) -> Table:
     columns = {
         "tracks": "tracks",
         "count": "updates",
-        "worth": "worth",
+        "worth": "effective number",
         "nees": "NEES per axis",
         **shares,
-        "radius": "95 % are within (m)",
+        "radius": "95 % of errors within (m)",
         "verdict": "sigmas are",
     }
     caption = (
-        "Errors versus stated covariances, with intervals of 95 % that allow for time-correlated "
-        "errors: the updates are worth fewer independent ones. The factors are those of sigmas."
+        "Errors versus stated covariances, with 95 % intervals that allow for time-correlated "
+        "errors; the effective number is the number of independent updates that have the same "
+        "information. Factors apply to sigmas."
     )
     return table("audit-table", caption, columns, rows, audit_rows(analysis))
 
@@ -450,8 +453,8 @@ def _plan_table(analysis: Analysis, times: Times) -> Table:
         "back_s": times.column("back"),
     }
     caption = (
-        "Conformance: a plan counts as left where at least five successive plots do not conform to "
-        "it, for at least three scans of the slowest radar."
+        "Conformance of tracks to their plans. A plan counts as left if at least five successive "
+        "plots do not conform to it, over at least three scans of the slowest radar."
     )
     values = plan_rows(analysis)
     return table("plan-table", caption, columns, _timed(values, times), values)

@@ -1,4 +1,4 @@
-"""Tables: applies the functions of the commands to tables in memory.
+"""Tables: processes tables in memory in the same way as the commands process files.
 
 A table is a DataFrame of Polars or pandas, or a Table or RecordBatch of pyarrow; results are tables
 of the same kind. This module needs the extra `tables` (Polars); tables of pandas also need pyarrow.
@@ -7,8 +7,8 @@ wrong, such as radians in a column of degrees, cause a `RecordWarning`.
 
 Groups are independent of each other, so a recording may be divided into parts that contain complete
 groups. Every function of this module can therefore be passed to `map_partitions` of Dask and to
-`map_batches` of Ray. With `stream`, it can also be applied to an iterator of record batches, such
-as `mapInArrow` of Spark and readers of large files provide.
+`map_batches` of Ray. With `stream`, it can also be applied to an iterator of record batches, for
+example one from `mapInArrow` of Spark or from a reader of large files.
 """
 
 from tertia.tables._audit import audit

@@ -33,11 +33,12 @@ from tertia.tables._times import Clock, kind_of_times
 
 _AXES = ("east", "north", "up")
 _TURN = 360.0
-# of the usual time between rows of the truth: a longer gap is not bridged
+# gaps of the truth longer than this are not interpolated, in units of its usual step
 _LONGEST_GAP = 10.0
-# share of estimates without a velocity of the truth, with which no offset is estimated
+# if the truth has no velocity for more than this share of the estimates, no time offset is
+# estimated
 _MOST_UNKNOWN = 0.5
-# tables of other programs, by columns that they always have
+# tables of other programs, recognised by columns that they always have
 _FOREIGN: dict[tuple[str, ...], dict[str, str]] = {
     ("top", "x", "y", "x_sd", "y_sd"): {  # tracks of yaps
         "time_s": "top",
@@ -281,7 +282,7 @@ def audit_of(
         own[lacks] = spread**2 * np.eye(own.shape[-1])
         true = own
     if not np.any(np.isfinite(error).all(axis=-1) & np.isfinite(covariance).all(axis=(1, 2))):
-        raise RecordError("no estimate has both a truth and sigmas")
+        raise RecordError("no estimate has both a true value and sigmas")
     clock = records.rows["time"]
     time = None
     if not clock.null_count():
@@ -381,7 +382,7 @@ def _scalar_errors(records: Records, value: str, truth: Source | None) -> _Error
 
 
 def _beside(records: Records) -> _Errors:
-    """Return the errors of the estimates if the truth is in the same rows."""
+    """Return the errors of the estimates if each row also has the true values."""
     rows = records.rows
     axes = _axes(records, "true_")
     if axes and _axes(records, ""):
@@ -396,8 +397,8 @@ def _beside(records: Records) -> _Errors:
         axes = 2
     else:
         raise ColumnError(
-            f"{records.source[0].called} has no column true_{LOCAL[0]}: give the truth, in columns "
-            "of the table or as a table of its own",
+            f"{records.source[0].called} has no column true_{LOCAL[0]}: give the truth in columns "
+            "true_* of the table, or as a separate table",
             column=f"true_{LOCAL[0]}",
         )
     return there - true, _covariance(records, axes), None, None, slice(None)
@@ -406,18 +407,19 @@ def _beside(records: Records) -> _Errors:
 def _versus(
     rows: _Estimates, there: Records, origin: tuple[float, float] | None, distance: float
 ) -> _Errors:
-    """Return the errors of the estimates relative to a truth that has other times."""
+    """Return the errors of the estimates if the truth has rows and times of its own."""
     records = rows.records
     for one, table in ((records, "the estimates"), (there, "the truth")):
         if "time" not in one.column:
-            raise ColumnError(f"{table} need a column time_s to be compared", column="time_s")
+            raise ColumnError(f"{table} must have a column time_s", column="time_s")
         if one.rows["time"].null_count():
-            raise RecordError(f"a time_s of {table} is missing", column="time_s")
+            raise RecordError(f"{table} must have a time_s in every row", column="time_s")
     times = [records.rows["time"], there.rows["time"]]
     kinds = [kind_of_times(one) for one in times]
     if kinds[0] != kinds[1]:
         raise RecordError(
-            f"time_s of the estimates holds {kinds[0]}, that of the truth {kinds[1]}",
+            f"time_s holds {kinds[0]} in the estimates and {kinds[1]} in the truth; they must be "
+            "of one kind",
             column="time_s",
         )
     both = pl.concat([one.to_frame("time") for one in times], how="vertical_relaxed")
@@ -444,7 +446,7 @@ def _versus(
     if np.count_nonzero(unknown) > _MOST_UNKNOWN * len(unknown):
         velocity = None
     else:
-        # the ends of the truth have none, and say nothing about the offset
+        # with a velocity of 0, rows at the ends of the truth do not affect the offset
         velocity = np.nan_to_num(speed)
     own_spread = None
     if _has_sigmas(there, axes):
@@ -467,7 +469,7 @@ def _common_places(
     if not any(degrees) or (not all(degrees) and origin is None):
         raise ValueError(
             "estimates and truth must both have east_m and north_m, or latitude_deg and "
-            "longitude_deg; with one of each give origin"
+            "longitude_deg; otherwise give origin"
         )
     frame = _frame((records if degrees[0] else there).rows, origin)
     found = [
@@ -482,7 +484,7 @@ def _frame(rows: pl.DataFrame, origin: tuple[float, float] | None) -> LocalFrame
     if origin is None:
         middle = rows.select(pl.col(GEODETIC[:2]).fill_nan(None).median()).row(0)
         if None in middle:
-            raise RecordError("no latitude and longitude is known", column=GEODETIC[0])
+            raise RecordError("all positions lack a latitude or a longitude", column=GEODETIC[0])
         origin = middle[0], middle[1]
     return LocalFrame(*origin)
 
@@ -545,7 +547,7 @@ def _usual_step(truth: Truth) -> float:
 
 
 def _bridged(truth: Truth, target: IntArray, time: FloatArray) -> Any:
-    """Return which times are not within a long gap between times of the truth."""
+    """Return for each time whether it is outside the long gaps of the truth."""
     longest = _LONGEST_GAP * _usual_step(truth)
     fine = target >= 0
     for k, (_, times, _) in enumerate(truth):

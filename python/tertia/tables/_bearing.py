@@ -15,7 +15,7 @@ from tertia.tables._frames import Table, result
 from tertia.tables._groups import Layout, as_names, by_length, column_name, group_name, layout
 from tertia.tables._records import Field, Source, read, source_of
 
-# measurements of an empty batch, by which the library judges the options alone
+# an empty batch of measurements, with which the library checks only the options
 _NONE = np.empty((0, 5))
 
 
@@ -62,13 +62,12 @@ def bearing(
     columns : mapping of str to str, optional
         The names that columns have in this table, keyed by their standard names.
     values : str
-        Column of the measurements. Missing measurements (null or nan) are left out, and their
-        number is stated.
+        Column of the measurements. Missing measurements (null or nan) are left out and counted.
     by : str or sequence of str
-        Columns by whose values the rows are grouped; by default all rows belong to one group.
+        Columns whose values identify the groups; by default all rows belong to one group.
     groups : str, optional
-        Column of labels. Measurements with equal labels have a systematic error in common, for
-        example measurements from one stop, in one hour, or in one sector.
+        Column of labels. Measurements with the same label have a common systematic error, for
+        example measurements at one stop, in one hour, or in one sector.
     **options
         Parameters of `tertia.bearing.estimate_bearing`, except `nan_policy`.
 
@@ -129,7 +128,7 @@ def bearings_of(
         fields[column_name(values, "bias_sigma")] = "bias_sigma"
     names = ("count", "missing", *fields, "outlier_count", "polarity", "note")
     fields["polarity"] = "polarity"
-    # the measurements may be in any unit, which their name does not tell
+    # the measurements may be in any unit, so the name of their column is not checked
     schema = {"theta": Field("number", {values: 1.0}, required=True)}
     shared = [groups] if groups is not None and groups not in keys else []
     records = read(source, schema, columns=columns, by=[*keys, *shared], results=names)

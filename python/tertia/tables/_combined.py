@@ -1,4 +1,4 @@
-"""One measurement of each sensor from all of a target that does not move."""
+"""Combination of the measurements of a stationary target into one per sensor and kind."""
 
 from __future__ import annotations
 
@@ -14,24 +14,26 @@ from tertia.screening import unwrap_about_median
 from tertia.sensors import Kind, Station
 from tertia.tables._sensors import Sensors
 
-# with fewer no scatter can be estimated
+# with fewer measurements, their scatter cannot be estimated
 _FEWEST = 5
-# from so many on a sensor's own scatter tells its noise as well as what is stated
+# with this many measurements, the scatter determines the noise as well as the stated sigma does
 _MANY = 40
-# of kinds that repeat
+# periods of the kinds that wrap
 PERIODS = {"azimuth": 360.0}
-# what are comparable at one place after the other
+# kinds for which one position is estimated from measurements at different times
 _COMMON: tuple[Kind, ...] = ("range", "azimuth", "elevation")
-# of the normal distribution, exceeded by 5 %
+# quantile of the normal distribution that is exceeded with a probability of 5 %
 _QUANTILE = 1.645
-# median of absolute residuals in sigmas if a fifth are wrong, and its spread for one residual
+# median of absolute residuals in sigmas if a fifth of them are outliers; sigma of this median,
+# times the root of the number of residuals
 _MEDIAN, _SPREAD = 0.89, 0.8
-# spreads beyond which noise is not as stated, residuals that can tell, and the most that is noise
+# sigmas of that median beyond which the noise is not as stated, smallest number of residuals for
+# this test, and largest factor that counts as noise
 _DOUBT, _ENOUGH, _MOST = 2.5, 8, 4.0
 
 
 def stated_sigmas(rows: pl.DataFrame, sensors: Sensors[Station]) -> FloatArray:
-    """Return the sigma of each row in its unit, nan where it has none and its sensor neither."""
+    """Return the sigma of each row in its unit, or that of its sensor; nan if neither is stated."""
     found = rows["sigma"].to_numpy().astype(np.float64)
     for row in np.flatnonzero(np.isnan(found)).tolist():
         kind = rows["kind"][row]
@@ -46,9 +48,11 @@ def combined(
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
     """Return one row per sensor and kind, and all rows with `outlier`, null where unknown.
 
-    Of fewer than 40 measurements with a sigma, those are left out that contradict the rest of all
-    `sensors`; a mean has the sigma that is stated, more where the others scatter or last. Otherwise
-    a sensor has the estimate of its own, of fewer than five their median, with the sigma of one.
+    If a sensor has fewer than 40 measurements and all have a sigma, the measurements that do not
+    fit the position estimated from all `sensors` are left out. The others are averaged; the sigma
+    of the mean follows from the stated sigmas, and is larger if the measurements scatter more or
+    are correlated. Otherwise a bearing is estimated for each sensor alone; fewer than five
+    measurements are replaced by their median, with the sigma of a single measurement.
     """
     found = None if sensors is None else _search(rows, sensors)
     rows = rows.with_columns(
@@ -71,10 +75,10 @@ def combined(
 
 
 def _search(rows: pl.DataFrame, sensors: Sensors[Station]) -> tuple[BoolArray, FloatArray] | None:
-    """Return which contradict all others at one place, and the sigmas; None if no place is found.
+    """Return the outliers about one common position, and the sigmas; None if there is no position.
 
-    Where residuals are too large for the sigmas, of all sensors or of one, these grow first; a
-    sensor whose residuals are larger still is wrong.
+    If the residuals of all sensors, or of one sensor, are too large for the sigmas, the sigmas are
+    increased first. If the residuals of a sensor are even larger, its measurements are outliers.
     """
     sigma = stated_sigmas(rows, sensors)
     if len(rows) < _FEWEST or not np.isfinite(sigma).all():
@@ -100,7 +104,7 @@ def _search(rows: pl.DataFrame, sensors: Sensors[Station]) -> tuple[BoolArray, F
 def _at_one_place(
     rows: pl.DataFrame, sensors: Sensors[Station], sigma: FloatArray
 ) -> tuple[BoolArray, FloatArray] | None:
-    """Return outliers and residuals of all rows at the place that explains most of them."""
+    """Return the outliers and residuals of all rows for the position that fits most of the rows."""
     kinds = rows["kind"].to_numpy()
     items = [sensors.items[site] for site in rows["site"]]
     stations = [
@@ -115,7 +119,7 @@ def _at_one_place(
             options[str(kind)] = np.where(own, rows["value"].to_numpy() * unit, np.nan)[np.newaxis]
             options[f"{kind}_sigma"] = np.where(own, sigma * unit, 1.0)[np.newaxis]
     with warnings.catch_warnings():
-        # bearings that contradict each other are no radians here
+        # here, contradictory bearings do not mean that degrees were given as radians
         warnings.simplefilter("ignore")
         found = locate(stations, **options)  # type: ignore[arg-type]
     if not np.all(found.success):
@@ -130,7 +134,7 @@ def _at_one_place(
 
 
 def _mean_of(rows: pl.DataFrame) -> tuple[float, float]:
-    """Return the mean of those that are no outliers, and its sigma."""
+    """Return the mean of the measurements that are not outliers, and its sigma."""
     kept = rows.filter(~pl.col("outlier"))
     values, period = kept["value"].to_numpy(), PERIODS.get(kept["kind"][0])
     near = values if period is None else unwrap_about_median(values, period)
@@ -143,7 +147,8 @@ def _mean_of(rows: pl.DataFrame) -> tuple[float, float]:
         if 0.0 < correlation < 1.0:
             variance *= (1.0 + correlation) / (1.0 - correlation)
     if freedom:
-        # as much as the scatter exceeds what noise as stated exceeds in 5 % (Wilson, Hilferty)
+        # increased if the scatter is larger than the 95 % quantile for the stated noise (Wilson,
+        # Hilferty)
         part = 2.0 / (9.0 * freedom)
         limit = freedom * (1.0 - part + _QUANTILE * np.sqrt(part)) ** 3
         variance *= max(1.0, float(weights @ (near - mean) ** 2) / limit)
@@ -151,9 +156,9 @@ def _mean_of(rows: pl.DataFrame) -> tuple[float, float]:
 
 
 def _estimate_of(rows: pl.DataFrame, name: str) -> tuple[float, float, pl.Series]:
-    """Return an estimate, its sigma, nan where it is that of the sensor, and what is left out."""
+    """Return an estimate, its sigma (nan: the sigma of the sensor), and the outliers."""
     values, period = rows["value"].to_numpy(), PERIODS.get(rows["kind"][0])
-    # of a row; nan: that of the sensor
+    # sigma of a row; nan: the sigma of the sensor
     stated = float(np.median(rows["sigma"].to_numpy()))
     if len(values) < _FEWEST:
         near = values if period is None else unwrap_about_median(values, period)

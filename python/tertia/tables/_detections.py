@@ -10,7 +10,7 @@ from tertia.sensors._channels import DETECTIONS, NO_DETECTION
 from tertia.tables._records import Field, Records, Schema
 
 DETECTION: Schema = {"detection": Field("name", {"detection": 1.0})}
-# as ASTERIX tells them (I001/020, I048/020)
+# other names, from ASTERIX (I001/020, I048/020)
 _OTHERS = {
     "ssr+psr": "psr+ssr",
     "mode-s-all-call": "mode-s",
@@ -18,7 +18,7 @@ _OTHERS = {
     "mode-s-all-call+psr": "psr+mode-s",
     "mode-s-roll-call+psr": "psr+mode-s",
 }
-# a report without one, which the command leaves out
+# a report without a detection; the command leaves it out
 _NONE = "none"
 _CODES = {name: code for code, name in enumerate(DETECTIONS)}
 _CODES |= {other: _CODES[name] for other, name in _OTHERS.items()}

@@ -39,7 +39,7 @@ from tertia.tables._records import (
 from tertia.tables._sensors import GEODETIC, LOCAL
 from tertia.tables._times import Clock, kind_of_times
 
-# in metres; so far from its origin nobody tracks
+# in metres; targets are not tracked at this distance from the origin
 _FAR = 1e6
 _VELOCITY = ("velocity_east_m_s", "velocity_north_m_s")
 _SPREAD = ("east_sigma_m", "north_sigma_m", "covariance_east_north_m2")
@@ -115,9 +115,9 @@ def evaluate(
     Returns
     -------
     table of the same kind
-        One row for each figure, with its name, value and unit. Figures that may have limits also
-        have the bounds `low` and `high` of a 95 % confidence interval, which is computed by flight,
-        a `limit` and a `verdict`.
+        One row for each figure, with its name, value and unit. Figures for which limits can be set
+        also have a `limit`, a `verdict`, and the bounds `low` and `high` of a 95 % confidence
+        interval that treats flights as independent.
 
     Raises
     ------
@@ -172,18 +172,20 @@ def evaluation_of(
     kinds = [kind_of_times(one) for one in times]
     if kinds[0] != kinds[1]:
         one, two = tracks[0].called, truth[0].called
-        reason = f"time_s of {one} holds {kinds[0]}, that of {two} {kinds[1]}"
+        reason = (
+            f"time_s holds {kinds[0]} in {one} and {kinds[1]} in {two}; both must be of one kind"
+        )
         raise RecordError(reason, column="time_s")
     both = pl.concat([one.to_frame("time") for one in times], how="vertical_relaxed")
     clock = Clock.of(both["time"])
     seconds = [clock.seconds(one) for one in times]
     if all(map(len, seconds)) and max(map(np.min, seconds)) > min(map(np.max, seconds)):
         one, two = tracks[0].called, truth[0].called
-        raise RecordError(f"no time of {one} is within those of {two}", column="time_s")
+        raise RecordError(f"the times of {one} and those of {two} do not overlap", column="time_s")
     rows = _rows(shown, clock)
     usual = [period for period in usual_periods(rows) if period > 0.0]
     if interval is None and not usual:
-        raise ValueError("no track has two updates by one sensor: give update_interval")
+        raise ValueError("no track was updated twice by the same sensor: give update_interval")
     required = usual[0] if interval is None else interval
     periods = required, max([required, *usual])
     try:
@@ -198,7 +200,7 @@ def evaluation_of(
 
 
 def _verdicts(judged: Judged, limits: Mapping[str, float] | None) -> pl.DataFrame:
-    """Return the intervals, limits and verdicts of those figures that may have limits."""
+    """Return the intervals, limits and verdicts of the figures for which limits can be set."""
     rows = [
         (name, one.low, one.high, limit, one.verdict or None)
         for name, one, limit, _ in requirements(judged, limits)
@@ -226,7 +228,8 @@ def truth_of(
     if isinstance(times.dtype, pl.Datetime) != clock.dated:
         kinds = ("dates", "numbers") if clock.dated else ("numbers", "dates")
         raise RecordError(
-            f"time_s of the plots holds {kinds[0]}, that of {source[0].called} {kinds[1]}",
+            f"time_s holds {kinds[0]} in the plots and {kinds[1]} in {source[0].called}; both must "
+            "be of one kind",
             column="time_s",
         )
     return _truth(records, clock, origin, identity)
@@ -248,8 +251,8 @@ def _truth(
         rows.select(pl.struct(columns).is_first_distinct()).to_series()
         for columns in (key, key + places)
     )
-    # plots of one time have one state
-    records.refuse(new & ~first, "a second position of target {target} at time_s {time}", "time_s")
+    # a target has one position at a time; the truth may repeat it for several plots
+    records.refuse(new & ~first, "target {target} has two positions at time_s {time}", "time_s")
     if LOCAL[0] in rows.columns:
         positions = rows.select(LOCAL[:2]).to_numpy()
     else:
@@ -263,7 +266,7 @@ def _truth(
         positions[kept],
         covariance=covariance,
         height=rows[GEODETIC[2]].to_numpy()[kept],
-        # addresses are not compared with codes
+        # addresses of the truth are not compared with codes of the tracks
         identity=rows["identity"].to_numpy()[kept]
         if records.column.get("identity") == identity
         else None,
@@ -273,11 +276,11 @@ def _truth(
 def _in_the_plane(
     rows: pl.DataFrame, source: Source, origin: tuple[float, float] | None
 ) -> FloatArray:
-    """Return positions given as latitudes and longitudes as east and north."""
+    """Convert positions from latitude and longitude to east and north, and return them."""
     if origin is None:
         raise ValueError(
-            f"{source[0].called} has latitudes and longitudes: give origin, where east and north "
-            "of the tracks are zero"
+            f"{source[0].called} has latitudes and longitudes: give origin, the point where east "
+            "and north of the tracks are zero"
         )
     latitude, longitude, height = (rows[name].to_numpy() for name in GEODETIC)
     frame = SystemPlane(*origin)
@@ -289,7 +292,7 @@ def _in_the_plane(
 def _doubt_swapped(
     frame: SystemPlane, latitude: FloatArray, longitude: FloatArray, local: FloatArray
 ) -> None:
-    """Warn if places are far from the origin, but near it with latitude and longitude swapped."""
+    """Warn if positions are near the origin only with latitude and longitude swapped."""
     away = float(np.median(np.linalg.norm(local, axis=-1)))
     if away < _FAR or np.any(np.abs(longitude) > 90):
         return
@@ -315,7 +318,7 @@ def _rows(records: Records, clock: Clock) -> Rows:
     if "plot" in there:
         updated = rows["plot"].is_not_nan().to_numpy()
     if not np.any(sure & updated):
-        raise RecordError("there is no update of a confirmed track", file=records.source[0].file)
+        raise RecordError("no confirmed track was updated by a plot", file=records.source[0].file)
     velocity = np.zeros((rows.height, 2))
     if set(_VELOCITY) <= set(there):
         velocity = np.nan_to_num(rows.select(_VELOCITY).to_numpy())

@@ -24,7 +24,7 @@ def extended(table: Any, columns: pl.DataFrame) -> Any:
     """Return the rows of a table, in their order, with additional columns."""
     there = set(columns.columns) & set(names(table))
     if there:
-        raise ValueError(f"the table has a column {sorted(there)[0]} already")
+        raise ValueError(f"the table already has a column {sorted(there)[0]}")
     if isinstance(table, pl.DataFrame):
         return table.hstack(columns)
     if _is_of("pandas", "DataFrame", table):
@@ -38,9 +38,9 @@ def extended(table: Any, columns: pl.DataFrame) -> Any:
 
 def _to_pandas(table: Any, frame: pl.DataFrame, keys: Sequence[str]) -> Any:
     import pandas as pd  # noqa: PLC0415  # the caller has it
-    import pyarrow as pa  # noqa: PLC0415  # pandas gets strings and dates through it
+    import pyarrow as pa  # noqa: PLC0415  # needed to convert strings and dates for pandas
 
-    # the types must not depend on whether something is missing
+    # the types must not depend on whether values are missing
     nullable = {pa.int64(): pd.Int64Dtype(), pa.bool_(): pd.BooleanDtype()}
     found = frame.to_arrow().to_pandas(types_mapper=nullable.get)
     kinds = {name: table[name].dtype for name in keys if name in found.columns}
@@ -65,10 +65,10 @@ def series(table: Any, column: str) -> pl.Series:
         return table[column]
     if _is_of("pandas", "DataFrame", table):
         own = pl.from_pandas(table[column])
-        assert isinstance(own, pl.Series)  # a frame would be several columns of one name
+        assert isinstance(own, pl.Series)  # several columns of one name would give a frame
         return own
     found = pl.from_arrow(table.select([column]))
-    assert isinstance(found, pl.DataFrame)  # columns would be a Series
+    assert isinstance(found, pl.DataFrame)  # nested data would give a Series
     return found[column]
 
 

@@ -121,7 +121,7 @@ def fuse_series(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per plot, in any order: The columns are `time_s` (seconds or datetimes), `sensor`,
+        One row per plot, in any order. The columns are `time_s` (seconds or datetimes), `sensor`,
         the angle, and optionally its sigma (`azimuth_sigma_deg`). A row whose plot is missing (null
         or nan) still defines a time at which the track is estimated.
     columns : mapping of str to str, optional
@@ -129,17 +129,17 @@ def fuse_series(
     values : str
         Column of the angle.
     by : str or sequence of str
-        Columns by whose values the rows are divided into targets; by default all rows belong to one
-        target.
+        Columns whose values identify the targets; by default all rows belong to one target.
     sensors : sequence of str, optional
         The names of all sensors. They are needed if the table may have no plots of some sensors,
         because the result has columns for each sensor. By default they are the sensors in the
         table.
     sigma : float or mapping, optional
-        Stated standard deviation of the plots, one for all sensors or one for each, which replaces
-        the values in the table. If neither is given, it is estimated from the whole table.
+        Stated standard deviation of the plots: one for all sensors, or one for each. It replaces
+        the sigmas in the table. If there are none in the table either, it is estimated from the
+        whole table.
     bias_sigma : float or mapping, optional
-        Standard deviation of a constant systematic error, one for all sensors or one for each. The
+        Standard deviation of a constant systematic error: one for all sensors, or one for each. The
         error of a sensor differs from target to target. With 0 there is no such error; this is also
         the value for sensors that are not in the mapping.
     alpha, acceleration_sigma : float, optional
@@ -229,7 +229,7 @@ def fusion_of(
     bias = _of_biases(bias_sigma)
     options["period"] = period
     model = SingerModel(1.0, alpha or 0.0, acceleration_sigma or 0.0, exact=True)
-    # a batch without series: the library judges the options alone
+    # an empty batch of series, with which the library checks only the options
     variances = np.array([[one**2] for one in given.sigmas.values()] or [[1.0]])
     fuse_arrays(np.empty((0, len(variances), 1)), variances, model, **options)
     keys = as_names(by)
@@ -239,7 +239,7 @@ def fusion_of(
     listed = ", ".join(all_sensors)
     for name in there:
         if name not in all_sensors:
-            raise RecordError(f"there are plots of {name}; the sensors are {listed}")
+            raise RecordError(f"there are plots of sensor {name}; the sensors are {listed}")
     for stated in given.sigmas:
         if stated is not None and stated not in all_sensors:
             raise ValueError(f"sigma is given for {stated}; the sensors are {listed}")
@@ -249,7 +249,7 @@ def fusion_of(
     names_of_columns = _columns(values, all_sensors)
     for at, name in enumerate(every := [*keys, *names_of_columns]):
         if name in every[:at]:
-            raise ColumnError(f"the track would have two columns {name}", column=name)
+            raise ColumnError(f"the result would have two columns {name}", column=name)
     targets = _targets(records, there)
     noise = settle(targets, all_sensors, given, period) if targets else None
     if noise is None:
@@ -311,11 +311,13 @@ def _plots(
     unnamed = [part.name for part in source if "sensor" not in records.column]
     for at, name in enumerate(unnamed):
         if name in unnamed[:at]:
-            raise ColumnError(f"two files are named {name}: give a column sensor", column="sensor")
+            raise ColumnError(
+                f"two files have the name {name}: add a column sensor", column="sensor"
+            )
     rows = records.rows
     present = rows["angle"].is_not_nan()
     if rows.height and not present.any():
-        raise RecordError(f"there are no plots: {values} is missing everywhere", column=values)
+        raise RecordError(f"there are no plots: {values} is missing in every row", column=values)
     if "sigma" in records.column and None not in given.sigmas:
         own = ~rows["sensor"].is_in([name for name in given.sigmas if name is not None])
         records.refuse(present & own & rows["sigma"].is_nan(), f"{sigma} is missing", sigma)
@@ -343,10 +345,10 @@ def _summary(values: str) -> list[str]:
 
 
 def _targets(records: Records, sensors: Sequence[str]) -> list[Target]:
-    """Return the plots of each target by time; two by one sensor at one time are an error."""
+    """Return the plots of each target by time; a sensor may have only one plot at a time."""
     rows = records.rows
     groups = layout(records.by, rows.height)
-    # seconds from one origin, the earliest of all
+    # seconds since the earliest time of all targets
     columns = (
         Clock.of(rows["time"]).seconds(rows["time"]),
         rows["sensor"].cast(pl.Enum(sensors)).to_physical().to_numpy(),
@@ -397,13 +399,15 @@ def _refuse_second(records: Records) -> None:
     """Raise an error for the first plot that a sensor repeats for the same target and time."""
     rows = records.rows
     present = rows["angle"].is_not_nan()
-    # a missing plot leaves a time, as often as it comes
+    # rows without a plot only define a time, and may be repeated
     place = pl.concat([rows.select("sensor", "time"), records.by], how="horizontal")
     plots = place.with_columns(
         pl.when(present).then(0).otherwise(pl.int_range(pl.len()) + 1).alias("")
     )
     again = present & ~plots.select(pl.struct(pl.all()).is_first_distinct()).to_series()
-    reason = "{sensor} has a second plot at {time}: group several targets by a column"
+    reason = (
+        "{sensor} has two plots at {time}: if there are several targets, group the rows by a column"
+    )
     records.refuse(again, reason, "time_s")
 
 
@@ -437,7 +441,7 @@ def _fuse(
         prior = [bias.get(name, bias.get(None, 0.0)) for name in targets[0].sensors]
         found = fuse_arrays(z, variance, noise.model, bias_sigma=prior, time=times, **options)
     except ValueError as error:
-        if len(targets) > 1:  # alone it says which one
+        if len(targets) > 1:  # fused alone, a target gives an error with its name
             for target in targets:
                 yield from _fuse([target], noise, bias, options)
             return
@@ -464,7 +468,7 @@ def _rows(
     )
     cells: list[pl.Series] = [pl.concat([one.target.moments for one in fused])]
     for component in range(3):
-        # with an infinite sigma the mean is no estimate
+        # if its sigma is infinite, a mean is not an estimate
         there = np.isfinite(sigma[:, component])
         cells += [known(mean[:, component], there), known(sigma[:, component], there)]
     for sensor in sensors:

@@ -122,7 +122,7 @@ def fuse_tracks(
         column `plot`, rows without a plot are left out; if there is a column `confirmed`, rows that
         are not confirmed are left out.
     sensors : sequence of Radar
-        The sensors. A sensor without a name is called by its index.
+        The sensors. A sensor without a name is identified by its index.
     columns : mapping of str to str, optional
         The names that columns have in this table, keyed by their standard names.
     **options

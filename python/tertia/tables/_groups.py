@@ -15,7 +15,7 @@ from tertia._arrays import BoolArray, IntArray
 Found = TypeVar("Found")
 Scalar = TypeVar("Scalar", bound=np.generic)
 T = TypeVar("T")
-# how somebody who waits is shown what is under way: an iterable goes in, and comes out
+# function that shows progress to the user while it returns the items of a sequence
 Progress: TypeAlias = Callable[[Sequence[T]], Iterable[T]]
 # units in which names of columns end, the longer ones first
 _UNITS = ("m_s2", "deg_s2", "nm_s2", "deg_s", "nm_s", "m_s", "deg", "nm", "m", "s")
@@ -23,7 +23,7 @@ _UNITS = ("m_s2", "deg_s2", "nm_s2", "deg_s", "nm_s", "m_s", "deg", "nm", "m", "
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """The rows of each group: `order` has those of the first group, then those of the second, etc.
+    """The rows of each group: `order` has the rows of the first group, then of the second, etc.
 
     `sorted` means that the rows are already in this order.
     """
@@ -60,7 +60,7 @@ def layout(frame: pl.DataFrame, count: int) -> Layout:
         lengths = np.array([count] if count else [], dtype=np.int64)
         return Layout(frame.head(len(lengths)), np.arange(count), lengths, sorted=True)
     starts = run_starts(frame)
-    # where most rows begin a run, the groups are not consecutive
+    # if most rows begin a new run, the rows of a group are not consecutive
     if 2 * len(starts) <= count or len(starts) == 1:
         keys = frame[starts]
         if keys.n_unique() == keys.height:

@@ -34,7 +34,8 @@ from tertia.tables._positions import (
 from tertia.tables._records import RecordError, Source, source_of
 from tertia.tables._sensors import Sensors, sensors_of
 
-# up at a height changes by a few metres a kilometre: each round leaves a hundredth of the error
+# at a constant height, the coordinate up changes by a few metres per kilometre, so each iteration
+# reduces the error to about a hundredth
 _ROUNDS = 2
 
 
@@ -69,9 +70,9 @@ def locate(
         `range_sigma_m`, if they differ from those of the sensor. Alternatively, there is one row
         per measurement, with `kind`, `value` and `sigma`. Without `time_s`, all rows of a target
         belong to one instant with the time 0. Times of arrival may be counted from any origin,
-        preferably from `time_s`, because seconds since 1970 are represented in steps of 0.2 µs. The
-        position of a moving sensor is in `sensor_east_m`, `sensor_north_m` and, in three
-        dimensions, `sensor_up_m`; or, on the earth, in `sensor_latitude_deg`,
+        preferably from `time_s`, because floating-point seconds since 1970 have a resolution of
+        only 0.2 µs. The position of a moving sensor is in `sensor_east_m`, `sensor_north_m` and, in
+        three dimensions, `sensor_up_m`; or, on the earth, in `sensor_latitude_deg`,
         `sensor_longitude_deg` and `sensor_height_m`. Measurements form an instant if their times
         are equal or differ by at most `tolerance`.
     sensors : sequence of Station
@@ -79,23 +80,23 @@ def locate(
     columns : mapping of str to str, optional
         The names that columns have in this table, keyed by their standard names.
     by : str or sequence of str
-        Columns by whose values the rows are divided into targets; by default all rows belong to one
-        target.
+        Columns whose values identify the targets; by default all rows belong to one target.
     tolerance : float
         Seconds within which measurements belong to one instant, whose time is the mean of theirs.
-        An instant has at most one measurement of each kind by each sensor. With inf, each target
-        has one position: the measurements of each sensor are first combined, without outliers, as
-        by `bearing`. If a sensor has fewer than 40, those that contradict all sensors are left out,
-        and their mean has the stated sigma, or a larger one if they scatter more or are correlated.
-        Without a sigma, or if sensors move, fewer than five are replaced by their median, with the
-        sigma of one measurement.
+        An instant has at most one measurement of each kind by each sensor. If it is inf, one
+        position is estimated for each target. The measurements of each sensor are first combined
+        without their outliers, as in `bearing`. If a sensor has fewer than 40 measurements, those
+        that do not fit the position estimated from all sensors are left out; the sigma of the mean
+        of the others follows from the stated sigma, and is larger if they scatter more or are
+        correlated. If no sigma is stated, or if sensors move, fewer than five measurements of a
+        sensor are replaced by their median, with the sigma of a single measurement.
     method : str
         As for `tertia.location.locate`.
     max_range : float, optional
         As for `tertia.location.locate`.
     pooled : bool
-        Whether the sigmas are correct only relative to each other, or, if none is given, are
-        unknown. A common factor, or a common sigma, is then estimated from all instants of a target
+        True if the stated sigmas are correct except for a common factor, or if no sigmas are
+        stated. This factor, or one common sigma, is then estimated from all instants of a target
         together.
     redundancy : int, optional
         As for `tertia.location.locate`.
@@ -108,8 +109,8 @@ def locate(
         dimensions. If the sensors have latitudes and longitudes, it is the height above the
         ellipsoid, otherwise the coordinate up.
     initial : array_like, optional
-        A position near the targets; if several positions fit the measurements, it selects one of
-        them.
+        A position near the targets. If several positions fit the measurements, the one near it is
+        selected.
     probability : float, optional
         Probability that the region about a position contains the target. If it is given, the result
         has columns that describe the regions, and `cep_m`, the radius of a circle that contains the
@@ -211,9 +212,9 @@ def _locate(
     **how: Any,
 ) -> Located[Location]:
     if not target.values:
-        raise RecordError(f"{target.name}: nothing was measured")
+        raise RecordError(f"{target.name}: there are no measurements")
     sigmas = target.all_sigmas(target.sensors, optional=True)
-    # their sigmas are those that are given
+    # stations without sigmas, which are passed separately
     bare = [
         Station(
             one.position,
@@ -282,7 +283,7 @@ def _emission(found: Location) -> dict[str, pl.Series]:
 def _regions(
     found: Location, probability: float | None, risk: float | None
 ) -> dict[str, pl.Series]:
-    """Return those columns of regions and protection levels that were requested."""
+    """Return the columns of regions and protection levels, as far as they were requested."""
     columns: dict[str, Any] = {}
     if probability is not None:
         region = found.region(probability)

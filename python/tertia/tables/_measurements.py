@@ -35,7 +35,7 @@ from tertia.tables._records import (
 from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
 
-# what one unit of the columns is in those of the library
+# units of the columns, and factors from them to the units of the library
 UNITS: dict[Kind, tuple[str, float]] = {
     "range": ("m", 1.0),
     "azimuth": ("deg", math.pi / 180),
@@ -45,7 +45,7 @@ UNITS: dict[Kind, tuple[str, float]] = {
 }
 VALUES: dict[Kind, str] = {kind: f"{kind}_{unit}" for kind, (unit, _) in UNITS.items()}
 SIGMAS: dict[Kind, str] = {kind: column_name(name, "sigma") for kind, name in VALUES.items()}
-# a row has measurements of several kinds, or says of which kind its value is
+# a row has one column for each kind of measurement, or the columns `kind` and `value`
 SCHEMA: Schema = {
     "time": TIME,
     "sensor": Field("name", SENSOR.columns, required=True, whole=True),
@@ -108,13 +108,13 @@ class Target:
             if np.any(missing):
                 name = sensors.names[int(np.flatnonzero(missing.any(axis=0))[0])]
                 raise sensors.error(f"{name} has no {SIGMAS[kind]}, but measures {kind}")
-            # where nothing is measured any number will do
+            # any positive number is accepted where there is no measurement
             found[kind] = np.where(np.isnan(stated), np.nanmin(stated), stated)
         return found
 
 
 def taken(kind: Kind, array: FloatArray) -> FloatArray:
-    """Return the columns of the stations; range differences have none for the first station."""
+    """Return the columns of the stations; the first station has no range difference."""
     return array[:, 1:] if kind == "range_difference" else array
 
 
@@ -150,18 +150,20 @@ def read_targets(
         source, schema, columns=columns, by=as_names(by), sensors=sensors.names, results=results
     )
     if "time" not in records.column:
-        # all is one instant
+        # all rows belong to one instant
         records = replace(records, rows=records.rows.with_columns(time=pl.lit(0.0)))
     placed = names_of_places(records, sensors)
     measured = _one_by_one(records, placed)
     if not measured["kind"].count():
-        raise RecordError("nothing was measured: all values are missing")
+        raise RecordError("there are no measurements: all values are missing")
     if sensors.dimension == 2 and (measured["kind"] == "elevation").any():
         column = "up_m" if sensors.frame is None else "height_m"
         where = f" in {sensors.file}" if sensors.file else ""
-        raise RecordError(f"an elevation needs heights: give {column} of the sensors{where}")
+        raise RecordError(
+            f"elevations need the heights of the sensors: give {column} of the sensors{where}"
+        )
     _refuse_impossible(measured, records, repeated=tolerance == np.inf)
-    # seconds from one origin, the earliest of all
+    # seconds since the earliest time of all targets
     clock = Clock.of(records.rows["time"])
     measured = measured.with_columns(pl.Series("seconds", clock.seconds(measured["time"])))
     groups = layout(records.by, records.rows.height)
@@ -180,8 +182,8 @@ def doubt_instants(target: Target) -> None:
     if len(sites) > 1 and sites.max() == 1 and target.rows["site"].n_unique() > 1:
         apart = float(np.median(np.diff(target.times)))
         doubt(
-            f"{target.name + ': ' if target.name else ''}no two sensors measured at the same time; "
-            f"times are {apart:.3g} s apart: give a tolerance"
+            f"{target.name + ': ' if target.name else ''}no two sensors measured at the same time, "
+            f"and the times differ by {apart:.3g} s: give a tolerance"
         )
 
 
@@ -254,10 +256,11 @@ def _refuse_impossible(measured: pl.DataFrame, records: Records, *, repeated: bo
     )
     again = ~keys.select(pl.struct(pl.all()).is_first_distinct()).to_series()
     if "time" not in records.column and again.any():
-        # several instants, of which nothing is known
+        # repeated measurements mean that there are several instants, so times are required
         records.source[0].require(*TIME.columns)
     reason = (
-        "a second {kind} of the same sensor at time_s {time}: group several targets by a column"
+        "{kind} is given twice for this sensor and time_s {time}: if there are several targets, "
+        "group the rows by a column"
     )
     one.refuse(again, reason)
 

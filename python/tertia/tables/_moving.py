@@ -12,13 +12,15 @@ from tertia.sensors import Station
 from tertia.tables._records import Records, Schema, number
 from tertia.tables._sensors import Sensors, in_the_plane
 
-# the places of sensors in the rows of measurements, local or on the earth
+# positions of sensors in the rows of measurements, local or geodetic
 PLACES: Schema = {
     "place_0": number("sensor_east_m", "sensor_latitude_deg"),
     "place_1": number("sensor_north_m", "sensor_longitude_deg"),
     "place_2": number("sensor_up_m", "sensor_height_m"),
 }
-_UNPLACED = "{} needs latitudes and longitudes of the sensors, too"
+_UNPLACED = (
+    "{} can be used only if the positions of all sensors are given as latitudes and longitudes"
+)
 
 
 def names_of_places(records: Records, sensors: Sensors[Station]) -> list[str]:
@@ -29,7 +31,9 @@ def names_of_places(records: Records, sensors: Sensors[Station]) -> list[str]:
     for name in needed:
         if name not in records.column:
             wanted = " or ".join(PLACES[name].columns)
-            raise records.source[0].error(f"the places of sensors need {wanted}, too")
+            raise records.source[0].error(
+                f"the positions of the sensors are incomplete: {wanted} is missing"
+            )
     if _are_geodetic(records) and sensors.frame is None:
         raise sensors.error(_UNPLACED.format(records.column["place_0"]))
     return needed

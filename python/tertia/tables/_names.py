@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from difflib import SequenceMatcher
 from functools import lru_cache
 
-# of a name that must be there, and of one that may be
+# least similarity of a misspelt name: of a required column, and of an optional column
 NEAR, VERY_NEAR = 0.75, 0.85
 _UNIT = re.compile(r"_(m_s2|m_s|deg_s|m2|km|nm|ft|kt|m|deg|rad|ms|s)$")
 
@@ -24,7 +24,7 @@ def hint(columns: Iterable[str], there: Sequence[object], near: float = NEAR) ->
     likeness, name = max(found, default=(0.0, ""))
     if likeness > 1.0:
         return f"; {name} is in another unit"
-    return f"; is {name} meant?" if likeness >= near else ""
+    return f" (did you mean {name}?)" if likeness >= near else ""
 
 
 def misspelt(columns: Sequence[str], known: Iterable[str], there: Iterable[object]) -> str | None:
@@ -35,10 +35,10 @@ def misspelt(columns: Sequence[str], known: Iterable[str], there: Iterable[objec
 
 
 def all_misspelt(keys: Sequence[str], there: Sequence[str] | Mapping[str, object]) -> list[str]:
-    """Return which keys that may be left out are there under nearly their names, in words."""
+    """Return messages about optional keys that are given under misspelt names."""
     found = []
     for key in keys:
-        # what contains another key, as that of a bias, is no slip
+        # names of biases resemble other keys, but are not misspelt
         others = [one for one in there if one not in keys and "bias" not in one]
         said = "" if key in there else hint([key], others, VERY_NEAR)
         if said:
@@ -52,6 +52,6 @@ def _alike(column: str, name: object) -> float:
     units = [plain_name(text)[len(stem) :] for text, stem in ((column, one), (name, other))]
     if one == other and all(units):
         return 2.0
-    # letters in another order are a slip of the hand
+    # names with transposed letters count as misspelt
     swapped = len(one) > 3 and sorted(one) == sorted(other)
     return 1.0 if swapped else SequenceMatcher(None, one, other).ratio()

@@ -14,12 +14,12 @@ from tertia._arrays import FloatArray
 from tertia.kalman import NoiseFit, SingerModel, fit_noise
 from tertia.tables._records import RecordError
 
-# times and plots of one sensor and one target, nan where there is no plot
+# times and plots of one sensor and one target; nan if there is no plot
 Series: TypeAlias = tuple[FloatArray, FloatArray]
 
-# so many determine sigma to half a percent, and take seconds
+# this many plots determine sigma to half a percent, within seconds
 _MOST_PLOTS = 50_000
-# a plot so many sigmas from the track of the others is an outlier
+# a plot this many sigmas from the track through the other plots is an outlier
 _GATE = 4.0
 
 
@@ -74,7 +74,7 @@ class Noise:
         found = sigma.copy()
         for own, name in zip(found, sensors, strict=True):
             known = own[~np.isnan(own)]
-            # a step without a plot needs some positive number, too
+            # steps without a plot also need a positive number
             own[np.isnan(own)] = float(np.median(known)) if known.size else 1.0
             if name in self.sigmas:
                 own[:] = self.sigmas[name]
@@ -134,7 +134,7 @@ def _fit(
         try:
             fits[name] = fit_sensor(name, series, period)
         except ValueError as error:
-            problems[name] = f"the noise of {name} cannot be fitted, {error}"
+            problems[name] = f"the noise of {name} cannot be estimated: {error}"
     return fits, problems
 
 
@@ -196,6 +196,6 @@ def _stacked(series: Sequence[Series]) -> Series:
     for row, (t, z) in enumerate(used):
         count = min(longest, t.size)
         plots[row, :count] = z[:count]
-        # no time passes after the last plot
+        # the rest of the row repeats the time of the last plot
         times[row, :count], times[row, count:] = t[:count], t[count - 1] if count else 0.0
     return times, plots

@@ -158,9 +158,10 @@ def of_measurements(
 
 
 def of_singles(target: Target, measurements: pl.DataFrame) -> pl.DataFrame:
-    """Return all measurements of a position, of which those of a sensor were combined.
+    """Return all single measurements of a position that was estimated from combined measurements.
 
-    One is an outlier if it was left out, or if all of its sensor were.
+    A measurement is an outlier if it was left out when the measurements of its sensor were
+    combined, or if the combined measurement was left out.
     """
     assert target.singles is not None
     sums = target.rows.select("site", "kind", mean="value").with_columns(

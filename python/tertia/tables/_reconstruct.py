@@ -31,14 +31,14 @@ from tertia.trajectory import Trajectory
 from tertia.trajectory import reconstruct as reconstruct_path
 from tertia.trajectory._reconstruct import require_options
 
-# what is measured, and the errors of it
+# kinds of measurements, and the names of their biases
 _BIASED: dict[Kind, str] = {
     "range": "range",
     "azimuth": "azimuth",
     "elevation": "elevation",
     "arrival_time": "time",
 }
-# how their columns begin, and their units
+# prefixes of the columns of velocity and acceleration, and their units
 _MOTION = (("velocity_", "m_s"), ("acceleration_", "m_s2"))
 
 # options that do not depend on each other
@@ -67,8 +67,7 @@ def reconstruct(
     columns : mapping of str to str, optional
         The names that columns have in this table, keyed by their standard names.
     by : str or sequence of str
-        Columns by whose values the rows are divided into targets; by default all rows belong to one
-        target.
+        Columns whose values identify the targets; by default all rows belong to one target.
     tolerance : float
         Length of time in seconds within which measurements belong to one instant; the time of the
         instant is the mean of their times.
@@ -128,7 +127,9 @@ def paths_of(
     stations = sensors_of(sensors)
     results = result_names(_MOTION)
     if not math.isfinite(check_tolerance(tolerance)):
-        raise ValueError("tolerance is inf; a path needs times: it must be a finite number")
+        raise ValueError(
+            "tolerance is inf; it must be finite, because a path needs several instants"
+        )
     targets = read_targets(
         source, stations, columns=columns, by=by, results=results, tolerance=tolerance
     )
@@ -139,7 +140,7 @@ def _path(
     target: Target, sensors: Sensors[Station], options: Mapping[str, Any]
 ) -> Located[Trajectory]:
     if not target.values:
-        raise RecordError(f"{target.name}: nothing was measured")
+        raise RecordError(f"{target.name}: there are no measurements")
     stations = target.sensors.items
     measured: dict[str, Any] = dict(target.measured())
     for kind, sigma in target.all_sigmas(target.sensors).items():
@@ -147,8 +148,8 @@ def _path(
         if kind == "range_difference":
             if of_stations is None:
                 raise RecordError(
-                    f"{target.name}: sigmas of range differences change over time; a path takes "
-                    "one for each sensor"
+                    f"{target.name}: the sigmas of range differences must not change over time: "
+                    "give one value for each sensor"
                 )
             measured["range_difference_sigma"] = of_stations[1:]
         else:

@@ -34,19 +34,20 @@ _LOG = logging.getLogger("tertia.tables")
 # bases of identities: decimal numbers, mode 3/A codes in octal, 24-bit addresses in hexadecimal
 IDENTITIES = {"icao_address": 16, "mode_3a": 8, "identity": 10}
 _HALF_DAY = 43_200.0
-# so many columns of a table are named where one is missing
+# if a column is missing, at most this many columns of the table are listed
 _LISTED = 16
 _DIGITS = {16: "{:06X}", 8: "{:04o}"}
 _SPELLING = {16: "hexadecimal digits", 8: "octal digits", 10: "a whole number, 0 or more"}
-_AS_OTHERS = "a number of seconds or a date with time, as the others are"
+_AS_OTHERS = "a number of seconds or a date with time, like the other times"
 _SAY_FORMAT = "; or give --time-format, for example %d.%m.%Y %H:%M:%S"
-# what Polars adds to the name of a column that a header has again
+# suffix that Polars adds to a name that occurs twice in a header
 AGAIN = "_duplicated_0"
-# so many values show whether a unit is right
+# number of values to check a unit, least spread of azimuths (°), least median of ranges (m)
 _DOUBTFUL_COUNT, _DOUBTFUL_SPREAD, _LEAST_RANGE = 20, 1.0, 1000.0
 # the year 5138, in seconds
 _LATEST = 1e11
-# medians above which a unit is hardly right, the unit, and the one that it probably is
+# largest plausible median of a column, its unit, and the unit that is likely if the median is
+# larger
 _MOST = {
     "range_nm": (1000.0, "nautical miles", "metres"),
     "height_m": (20_000.0, "metres", "feet"),
@@ -91,7 +92,7 @@ class RecordError(ValueError):
         if self.line is not None:
             where = f"line {self.line}"
         elif self.row is not None:
-            # people count rows of files from 1 on
+            # rows of files are counted from 1
             where = f"row {self.row if self.file is None else self.row + 1}"
         place = ", ".join(filter(None, [self.file, where]))
         return f"{place}: {self.reason}" if place else self.reason
@@ -210,7 +211,7 @@ def source_of(table: Any) -> Source:
     """Return the parts of a table, or those of files that were read."""
     if isinstance(table, list) and all(isinstance(one, Part) for one in table):
         return table
-    names(table)  # refuses what is no table
+    names(table)  # raises TypeError for anything other than a table
     return [Part(table)]
 
 
@@ -298,7 +299,10 @@ def _require_alike(first: Reader, other: Reader) -> None:
     one, two = first.part.called, other.part.called
     if first.times_are != other.times_are:
         name = first.taken.get("time", "time_s")
-        reason = f"{name} of {one} holds {first.times_are}, that of {two} {other.times_are}"
+        reason = (
+            f"{name} holds {first.times_are} in {one} and {other.times_are} in {two}; all must be "
+            "of one kind"
+        )
         raise RecordError(reason, column=name)
     kinds = [each.taken.get("identity") for each in (first, other)]
     if kinds[0] != kinds[1]:
@@ -320,7 +324,7 @@ class Reader:
     """Reads the columns of one part.
 
     If `problems` is None, the first bad row is an error; otherwise the reason for each bad row is
-    added to it. `like` is a column of times; those of this part must be of the same kind.
+    added to it. `like` is a column of times; the times of this part must be of the same kind.
     """
 
     def __init__(
@@ -363,7 +367,7 @@ class Reader:
         if quantity == "sensor" and self.sensors is not None:
             return self._sensors(name, count)
         if name is None and quantity == "sensor":
-            # each file is a sensor
+            # each file belongs to one sensor
             if self.part.name is None:
                 self.part.require("sensor")
             return pl.repeat(self.part.name, count, dtype=pl.String, eager=True)
@@ -467,7 +471,7 @@ class Reader:
         name = values.name
         if isinstance(values.dtype, (pl.Date, pl.Datetime)):
             dates = values.cast(pl.Datetime("us")) if values.dtype == pl.Date else values
-            # zones of several files may differ
+            # time zones of several files may differ
             if self.part.file is None or kind_of_times(dates) == "dates":
                 return dates
             return dates.dt.convert_time_zone("UTC")
@@ -478,7 +482,7 @@ class Reader:
                 raise self.part.error(
                     f"{name} holds {values.dtype}, neither numbers nor dates", None, name
                 )
-            # an integer remains one
+            # integers are kept as integers
             found = values.fill_nan(None) if values.dtype.is_float() else values
             bad = found.is_not_null() & ~found.is_finite()
             self.refuse(bad, f"{name} is {{!r}}; it must be a finite number", found)
@@ -510,7 +514,7 @@ class Reader:
         except pl.exceptions.PolarsError as error:
             raise self.part.error(f"the time format {form!r}: {error}") from None
         bad = values.is_not_null() & found.is_null()
-        self.refuse(bad, f"{values.name} is {{!r}}, not in the time format {form}", values)
+        self.refuse(bad, f"{values.name} is {{!r}}; it must be in the time format {form}", values)
         return found
 
     def _doubt_midnight(self, first: pl.Series, seconds: pl.Series) -> None:
@@ -518,8 +522,8 @@ class Reader:
         is_of_day = len(first) and first.cast(pl.Float64, strict=False).null_count()
         if self.problems is None and is_of_day and (seconds.diff() < -_HALF_DAY).any():
             doubt(
-                f"{self.part.called}: times of day fall by more than 12 hours: if midnight has "
-                "passed, write dates"
+                f"{self.part.called}: the time of day decreases by more than 12 hours; if the "
+                "recording passes midnight, give times with dates"
             )
 
     def identities(self, values: pl.Series, name: str) -> pl.Series:
@@ -528,7 +532,7 @@ class Reader:
             values = self.numbers(values).fill_nan(None).cast(pl.Int64, strict=False)
         base = IDENTITIES[name]
         text = unmarked(pl.first())
-        # programs that know numbers alone write 4204.0
+        # programs that store all columns as floats write 4204.0
         number = text.str.replace(r"\.0+$", "").str.to_integer(base=base, strict=False)
         found = values.cast(pl.String).to_frame().select(text=text, number=number)
         bad = pl.col("text").is_not_null() & ~(pl.col("number") >= 0).fill_null(False)
@@ -558,7 +562,7 @@ def doubt_unit(name: str, values: pl.Series) -> None:
     if name not in {"azimuth_deg", "range_m", *_MOST}:
         return
     known = values.to_numpy()
-    # most columns of degrees begin with more than a turn in radians
+    # checked first, because most columns of degrees soon have a value above 2π
     if name == "azimuth_deg" and np.any(np.abs(known[:_DOUBTFUL_COUNT]) > 2 * math.pi):
         return
     known = known[~np.isnan(known)]
@@ -566,17 +570,17 @@ def doubt_unit(name: str, values: pl.Series) -> None:
         return
     if name == "azimuth_deg":
         if np.all(np.abs(known) <= 2 * math.pi) and np.ptp(known) > _DOUBTFUL_SPREAD:
-            doubt("all azimuths are within 6.3 degrees: are they radians? Files hold degrees")
+            doubt("all azimuths are within 6.3 degrees: are they radians? Use degrees")
         return
     typical = float(np.median(np.abs(known)))
     if name == "range_m" and typical < _LEAST_RANGE:
         doubt(
             f"half of the ranges are below {typical:.3g}: are they kilometres or nautical miles? "
-            "range_m is in metres"
+            "Use metres"
         )
     most, unit, other = _MOST.get(name, (math.inf, "", ""))
     if typical > most:
-        doubt(f"{name} is {typical:.6g} in the median: is it in {other}? It should be in {unit}")
+        doubt(f"the median of {name} is {typical:.6g}: is it in {other}? Use {unit}")
 
 
 def doubt_time(name: str, times: pl.Series) -> None:
@@ -584,7 +588,7 @@ def doubt_time(name: str, times: pl.Series) -> None:
     if times.dtype.is_numeric() and len(times):
         last = times.max()
         if isinstance(last, (int, float)) and last > _LATEST:
-            doubt(f"{name} is up to {last:.6g}: is it in milliseconds? It should be in seconds")
+            doubt(f"{name} is as large as {last:.6g}: is it in milliseconds? Use seconds")
 
 
 def identity_texts(numbers: IntArray, name: str) -> pl.Series:

@@ -18,7 +18,7 @@ from tertia.tables._records import source_of
 from tertia.tables._sensors import Sensors, radar_rows
 from tertia.tables._track import Recording, recording_of
 
-# what is found of a radar, and whether the plots determine it
+# errors for which a column states whether the plots determine them
 _ERRORS = ("range", "range_gain", "azimuth", "time")
 
 
@@ -57,7 +57,7 @@ def register(
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per plot, with the columns of `track`.
     sensors : sequence of Radar
-        The radars. The name of a radar without a name is its index.
+        The radars. A radar without a name is identified by its index.
     columns : mapping of str to str, optional
         The names that columns have in this table, keyed by their standard names.
     n_threads : int, optional
@@ -68,11 +68,11 @@ def register(
     Returns
     -------
     table of the same kind
-        One row per radar, with the columns by which files describe radars: position, estimated
-        `range_sigma_m` and `azimuth_sigma_deg`, and `range_bias_m`, `range_gain`,
-        `azimuth_bias_deg` and `time_bias_s` with their sigmas. Further columns are
-        `range_noise_factor` and `azimuth_noise_factor`, the ratios of the estimated to the stated
-        noise, and for each error whether the plots determine it, such as `time_observable`.
+        One row per radar, with the columns of sensors files: position, estimated `range_sigma_m`
+        and `azimuth_sigma_deg`, and `range_bias_m`, `range_gain`, `azimuth_bias_deg` and
+        `time_bias_s` with their sigmas. Further columns are `range_noise_factor` and
+        `azimuth_noise_factor`, the ratios of the estimated to the stated noise, and for each error
+        whether the plots determine it, such as `time_observable`.
 
     Raises
     ------

@@ -46,13 +46,12 @@ def screen(
     values : str
         Column of the measurements; null and nan are missing.
     by : str or sequence of str
-        Columns by whose values the rows are grouped into samples; by default all rows are one
-        sample.
+        Columns whose values identify the samples; by default all rows are one sample.
     rule : {"bursts", "leave-one-out", "k-sigma"}
-        Name of the function of `tertia.screening`, with a hyphen for an underscore.
+        Name of the function of `tertia.screening`, with hyphens instead of underscores.
     period : float, optional
-        Period of angles, 360.0 for degrees, 2*pi for radians; they are unwrapped first. By default
-        the measurements do not wrap.
+        Period of angles: 360.0 for degrees, 2*pi for radians. Angles are unwrapped before they are
+        screened. By default the measurements do not wrap.
     name : str
         Name of the new column.
     **options

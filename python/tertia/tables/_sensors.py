@@ -28,9 +28,9 @@ S = TypeVar("S", Radar, Station)
 LOCAL = ("east_m", "north_m", "up_m")
 GEODETIC = ("latitude_deg", "longitude_deg", "height_m")
 _DOMAINS = {"latitude_deg": (-90, 90), "longitude_deg": (-180, 360)}
-# in metres; so far from the origin azimuths in the plane are 0.4 degrees wrong
+# in metres; at this distance from the origin, azimuths in the plane are wrong by 0.4 degrees
 _REACH_OF_A_PLANE = 1e6
-# what is known of a radar, by column, and what its unit is in those of the library
+# properties of a radar, their columns, and factors to the units of the library
 _RADAR = {
     "range_sigma": ("range_sigma_m", 1.0),
     "azimuth_sigma": ("azimuth_sigma_deg", math.pi / 180),
@@ -38,7 +38,7 @@ _RADAR = {
 }
 _DETECTION = "detection_probability"
 _OPTIONAL = {"max_range": "max_range_m", "detection_probability": _DETECTION}
-# channels of a radar, as columns call them, and what is known of each
+# channels of a radar, their names in columns, and their properties
 _CHANNELS = {"psr": "psr", "ssr": "ssr", "mode-s": "mode_s"}
 _CHANNEL = {
     "detection_probability": ("detection_probability", 1.0),
@@ -62,7 +62,7 @@ _POSITION_SENSOR = {
     "update_interval": "update_interval_s",
     "detection_probability": _DETECTION,
 }
-# its systematic errors, and whether there are none
+# systematic errors of a sensor: their columns, the columns of their sigmas, and factors
 _BIAS = {
     "range": ("range_bias_m", "range_bias_sigma_m", 1.0),
     "range_gain": ("range_gain", "range_gain_sigma", 1.0),
@@ -72,7 +72,7 @@ _BIAS = {
 }
 _TRUSTED = "trusted"
 _RANGE_DIFFERENCE_SIGMA = "range_difference_sigma_m"
-# no radar that watches aircraft is as good, in degrees
+# in degrees; surveillance radars have larger azimuth sigmas
 _DOUBTFUL_SIGMA = 0.005
 
 
@@ -99,7 +99,7 @@ class Sensors(Generic[S]):
     @property
     def dimension(self) -> int:
         """The number of coordinates."""
-        # sensors of positions are at no place
+        # position sensors have no position of their own
         places = (getattr(one, "position", None) for one in self.items)
         return next((len(place) for place in places if place is not None), 2)
 
@@ -110,11 +110,11 @@ class Sensors(Generic[S]):
     def geodetic(
         self, position: FloatArray, height: FloatArray | None = None
     ) -> dict[str, pl.Series]:
-        """Return latitude, longitude and in space height of positions, (N, D), by column.
+        """Return the columns of latitudes, longitudes and, if D = 3, heights of positions (N, D).
 
-        Positions in a system plane are at their height. If it is missing, and in a tangent plane,
-        positions are on the ellipsoid. Positions that are not on the earth give null. Without a
-        frame there are no columns.
+        Positions in a system plane are converted at their height. Positions without a height, and
+        positions in a tangent plane, are taken on the ellipsoid. Positions that are not on the
+        earth give null. Without a frame there are no columns.
         """
         if self.frame is None:
             return {}
@@ -140,7 +140,7 @@ class Sensors(Generic[S]):
         if self.dimension == 2:
             return self  # type: ignore[return-value]
         if self.frame is not None:
-            raise self.error("bearings are for stations in the plane: leave out height_m")
+            raise self.error("bearings need stations without heights: leave out height_m")
         stations = [
             Station(one.position[:2], name=one.name, azimuth_sigma=one.azimuth_sigma)
             for one in self.items
@@ -189,7 +189,7 @@ def radars(
     norths = np.zeros(len(cells))
     if axes is not None:
         norths = np.arctan2(axes[:, 1, 0], axes[:, 1, 1])
-        # heights are above the ellipsoid, as those of plots, not above the plane
+        # heights are above the ellipsoid, like those of plots, and not above the plane
         positions[:, 2:] = [[one.number(GEODETIC[2]) or 0.0] for one in cells]
     items = [_radar(one, place) for one, place in zip(cells, positions, strict=True)]
     return Sensors(items, norths, np.full(len(items), np.nan), frame, file)
@@ -244,7 +244,8 @@ def _for_azimuths(cells: _Cells, frame: LocalFrame | SystemPlane | None) -> Stat
     options: dict[str, Any] = {"azimuth_sigma": cells.required(column) * unit}
     bias = _bias(cells)
     if bias is not None:
-        # what is not stated is none: the tracker estimates no errors of a station
+        # errors that are not stated are zero, because the tracker does not estimate errors of
+        # stations
         kinds = ("azimuth", "time")
         options["bias"] = Bias(**{kind: getattr(bias, kind) for kind in kinds})
     if not _are_geodetic([cells], None, cells.file):
@@ -252,7 +253,7 @@ def _for_azimuths(cells: _Cells, frame: LocalFrame | SystemPlane | None) -> Stat
     place = [cells.required(column) for column in GEODETIC[:2]]
     place.append(cells.number(GEODETIC[2]) or 0.0)
     if frame is None:
-        raise cells.error(f"{cells.name} has {GEODETIC[0]}, and the radars have none")
+        raise cells.error(f"{cells.name} has {GEODETIC[0]}, but the radars have none")
     station = frame.station(*place)
     options["axes"] = in_the_plane(np.asarray(station.axes)[np.newaxis])[0]
     return cells.made(Station, station.position[:2], options)
@@ -268,7 +269,7 @@ def radar_rows(sensors: Sensors[Radar]) -> pl.DataFrame:
     elif isinstance(sensors.frame, SystemPlane):
         places = dict(zip(GEODETIC, sensors.frame.to_geodetic(position), strict=True))
     else:
-        # heights are not above the plane
+        # heights are above the ellipsoid, not above the plane
         latitude, longitude = _on_the_ellipsoid(sensors.frame, position[:, :2])
         places = dict(zip(GEODETIC, (latitude, longitude, position[:, 2]), strict=True))
     columns: dict[str, Any] = {"name": sensors.names} | places
@@ -276,7 +277,7 @@ def radar_rows(sensors: Sensors[Radar]) -> pl.DataFrame:
         columns[column] = [getattr(one, key) / unit for one in sensors.items]
     for key, column in _OPTIONAL.items():
         columns[column] = known(np.array([getattr(one, key) for one in sensors.items]))
-    # that of channels is not stated twice
+    # if there are channels, only they have detection probabilities
     columns[_DETECTION] = [
         None if one.channels else one.detection_probability for one in sensors.items
     ]
@@ -456,10 +457,7 @@ def _radar(cells: _Cells, place: FloatArray, frame: SystemPlane | None = None) -
     options["channels"] = _channels(cells)
     sigma = math.degrees(options["azimuth_sigma"])
     if sigma < _DOUBTFUL_SIGMA:
-        doubt(
-            f"azimuth_sigma_deg of {cells.name} is {sigma:.3g} degrees: is it in radians? Files "
-            "hold degrees"
-        )
+        doubt(f"azimuth_sigma_deg of {cells.name} is {sigma:.3g} degrees: is it in radians?")
     return cells.made(Radar, place, options)
 
 
@@ -486,7 +484,7 @@ def _channels(cells: _Cells) -> dict[str, Channel] | None:
 def _bias(cells: _Cells) -> Bias | None:
     """Return the systematic errors of a sensor; None if nothing is known about them.
 
-    Errors of kinds without a cell are to be estimated.
+    Kinds of errors without a cell are to be estimated.
     """
     found: dict[str, Any] = {}
     for kind, (column, sigma_column, unit) in _BIAS.items():
@@ -506,7 +504,7 @@ def _bias(cells: _Cells) -> Bias | None:
     if str(trusted).lower() != "true":
         raise cells.error(f"{_TRUSTED} of {cells.name} is {trusted!r}; it must be true or false")
     if is_known:
-        raise cells.error(f"{cells.name} is trusted and has a bias; only one can be")
+        raise cells.error(f"{cells.name} is trusted, but has a bias: leave out one of them")
     return Bias()
 
 
@@ -529,11 +527,11 @@ def _are_geodetic(cells: Sequence[_Cells], origin: Row | None, file: str) -> boo
     local, geodetic = (_first_given(cells, form) for form in (LOCAL, GEODETIC))
     if local and geodetic:
         raise RecordError(
-            f"there are {local} and {geodetic}; all places must be given in the same form",
+            f"there are {local} and {geodetic}; all positions must be given in the same form",
             file=file,
         )
     if geodetic is None and origin is not None:
-        reason = f"an origin needs places with {GEODETIC[0]} and {GEODETIC[1]}"
+        reason = f"if an origin is given, the sensors must have {GEODETIC[0]} and {GEODETIC[1]}"
         raise RecordError(reason, file=file)
     return geodetic is not None
 
@@ -566,7 +564,7 @@ def _on_the_earth(
     if origin is not None:
         at = _coordinates([_Cells(origin, "the origin", file)], GEODETIC)[0]
     if at.size > given.shape[1]:
-        raise RecordError(f"the origin has {GEODETIC[2]}, but no place has", file=file)
+        raise RecordError(f"the origin has {GEODETIC[2]}, but no sensor has one", file=file)
     frame = LocalFrame(*at)
     sites = [frame.station(*place) for place in given]
     positions = np.array([site.position for site in sites])
@@ -576,9 +574,9 @@ def _on_the_earth(
     for one, distance in zip(cells, np.linalg.norm(positions, axis=1), strict=True):
         if distance > _REACH_OF_A_PLANE:
             raise one.error(
-                f"{one.name} is {distance / 1e3:.0f} km from the origin; places in a plane, "
-                f"without {GEODETIC[2]}, must be within {_REACH_OF_A_PLANE / 1e3:.0f} km; "
-                "are latitude and longitude swapped?"
+                f"{one.name} is {distance / 1e3:.0f} km from the origin; sensors without "
+                f"{GEODETIC[2]} are placed in a plane and must be within "
+                f"{_REACH_OF_A_PLANE / 1e3:.0f} km; are latitude and longitude swapped?"
             )
     return positions[:, :2], in_the_plane(axes), frame
 

@@ -19,7 +19,7 @@ from tertia.tables._sensors import GEODETIC, LOCAL
 from tertia.tables._times import Clock
 from tertia.tables._velocities import fields, velocities_of
 
-# what becomes of a quantity, and what its unit is divided by
+# results for each quantity, and suffixes of their units
 _QUANTITIES = {"smoothed": "", "rate": "_s", "acceleration": "_s2"}
 
 
@@ -43,8 +43,8 @@ def smooth(
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per plot, in any order; null and nan are missing.
     columns : mapping of str to str, optional
-        Column names in this table, keyed by standard name: `time_s` (seconds, or datetimes), and
-        the names in the other arguments.
+        The names that columns have in this table, keyed by `time_s` (seconds or datetimes) and by
+        the column names in the other arguments.
     values : str or sequence of str
         Columns of the axes. By default `east_m` and `north_m` or, if these are missing,
         `latitude_deg` and `longitude_deg`, which are smoothed in the system plane about the first
@@ -59,8 +59,7 @@ def smooth(
     velocity_sigma : float, str or sequence of these, optional
         Standard deviation of the velocities, in the form of `sigma`.
     by : str or sequence of str
-        Columns by whose values the rows are divided into targets; by default all rows belong to one
-        target.
+        Columns whose values identify the targets; by default all rows belong to one target.
     correlation_time : float, optional
         Correlation time of the noise; by default it is estimated for each track.
     robust : bool
@@ -244,7 +243,7 @@ def _are_geodetic(source: Source, columns: Mapping[str, str]) -> bool:
     def has(name: str) -> bool:
         return all(part.has(columns.get(name, name)) for part in source)
 
-    # one of both alone is a slip of the hand
+    # a latitude without a longitude, or the reverse, is a mistake
     return any(map(has, GEODETIC[:2])) and not any(map(has, LOCAL[:2]))
 
 
@@ -252,7 +251,7 @@ def _plane_of(frame: pl.DataFrame) -> SystemPlane:
     """Return the system plane about the first position."""
     places = frame.select(GEODETIC[:2]).filter(pl.all_horizontal(pl.all().is_finite()))
     if places.is_empty():
-        raise RecordError("there are no positions: all are missing")
+        raise RecordError("there are no positions: every row lacks a latitude or a longitude")
     return SystemPlane(*places.row(0))
 
 

@@ -26,7 +26,7 @@ from tertia.tracker import (
     Vertical,
 )
 
-# undetermined is null
+# undetermined values are null
 _WORDS: dict[str, dict[int, str]] = {
     "transversal": {
         Transversal.CONSTANT_COURSE: "constant",
@@ -44,7 +44,7 @@ _WORDS: dict[str, dict[int, str]] = {
 
 @dataclass(frozen=True, slots=True)
 class Smoothing:
-    """A recording, its tracks as known at the time, the smoothed tracks, and the time taken."""
+    """A recording, its filtered tracks, the smoothed tracks, and the processing time."""
 
     recording: Recording
     tracks: TrackTable
@@ -116,14 +116,14 @@ def smooth_tracks(
     clock_period: float | None = None,
     n_threads: int | None = None,
 ) -> Table:
-    """Return where targets were, estimated from all plots, as `tertia smooth-tracks` does.
+    """Estimate each track from all its plots, including later ones, as `tertia smooth-tracks` does.
 
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per plot, in any order, with the columns of `track`.
     sensors : sequence of Radar
-        The radars. The name of a radar without a name is its index.
+        The radars. A radar without a name is identified by its index.
     columns : mapping of str to str, optional
         The names that columns have in this table, keyed by their standard names.
     motion : {"imm", "cv"} or ImmModel, CvModel
@@ -131,7 +131,8 @@ def smooth_tracks(
     every : float, optional
         Interval in seconds at which additional rows between plots are returned.
     exclude : str, optional
-        Name of a sensor whose plots are not used; they still have rows.
+        Name of a sensor whose plots are not used for the estimates; the result still has rows for
+        them.
     clock_period : float, optional
         Seconds after which the clock of the plots restarts from 0, for example 86400.
     n_threads : int, optional
@@ -141,10 +142,10 @@ def smooth_tracks(
     -------
     table of the same kind
         One row for every plot of a track, and for every additional time. The columns are those of
-        `track` except those of plans and `confirmed`; and `acceleration_m_s2`, `turn_rate_deg_s`,
-        `speed_change_probability`, `height_sigma_m`, the movement as words (`transversal`,
-        `longitudinal`, `vertical`), `gap_s`, `outlier` and `final`. Unknown values are null. The
-        result can be used as the truth in `evaluate`.
+        `track`, without the columns of plans and `confirmed`, and in addition `acceleration_m_s2`,
+        `turn_rate_deg_s`, `speed_change_probability`, `height_sigma_m`, the movement as words
+        (`transversal`, `longitudinal`, `vertical`), `gap_s`, `outlier` and `final`. Unknown values
+        are null. The result can be used as the truth in `evaluate`.
 
     Raises
     ------

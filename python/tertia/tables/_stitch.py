@@ -16,8 +16,9 @@ def stitch(parts: Iterable[Table]) -> Iterator[Table]:
 
     Every part except the first must begin some minutes before the end of the previous part. Tracks
     of two parts that share plots in this overlap become one track, with the number of the earlier
-    part. Up to the end of a part its own rows are used, because they have a longer history; then
-    those of the next part follow. At any time, memory holds one part and the rows of two parts.
+    part. In the overlap, the rows of the earlier part are used, because its tracks have a longer
+    history; after the end of this part, the rows of the next part follow. The plots of one part and
+    the rows of two parts are in memory at the same time.
 
     Parameters
     ----------
@@ -41,9 +42,9 @@ def stitch(parts: Iterable[Table]) -> Iterator[Table]:
 
     Notes
     -----
-    A part does not contain information from earlier parts: systematic errors of radars, clutter,
-    and how long a target has existed. The longer the overlap, the better are the tracks at a
-    boundary; the page 'Embedding' has figures.
+    Each part is tracked without information from earlier parts, such as systematic errors of
+    radars, the density of clutter, and how long a target has existed. The longer the overlap, the
+    better are the tracks at a boundary; for measured figures, see the page 'Embedding'.
 
     Examples
     --------
@@ -78,7 +79,9 @@ def _read(table: Table, number: int) -> pl.DataFrame:
     there = names(table)
     missing = [name for name in _NEEDED if name not in there]
     if missing:
-        raise ValueError(f"parts[{number}] has no column {missing[0]}; it must be of `track`")
+        raise ValueError(
+            f"parts[{number}] has no column {missing[0]}; it must be a result of `track`"
+        )
     return pl.DataFrame({name: series(table, name) for name in there})
 
 
@@ -102,7 +105,7 @@ def _continued(
     seam = before["time_s"].max()
     last = before.group_by("track").agg(end=pl.col("time_s").max())
     renamed = own.with_columns(
-        # rows of a new track from its beginning, unless its plots were those of another
+        # a new track is kept from its beginning, unless its plots belong to an earlier track
         later=pl.col("track").is_in(common["track_own"].unique().implode())
         | (pl.col("time_s").max().over("track") <= seam),
         track=pl.col("track").replace_strict(numbers, return_dtype=own.schema["track"]),
@@ -129,8 +132,8 @@ def _common(before: pl.DataFrame, own: pl.DataFrame, number: int) -> pl.DataFram
         other = pl.col("sensor").ne_missing(pl.col("sensor_own"))
         for plot in common.filter(apart | other)["plot"].head(1):
             raise ValueError(
-                f"plot {plot} of parts[{number - 1}] is a different one in parts[{number}]: number "
-                "the plots of the recording in a column `plot`, before it is divided"
+                f"plot {plot} of parts[{number - 1}] and plot {plot} of parts[{number}] differ: "
+                "number the plots of the whole recording in a column `plot` before it is divided"
             )
     return common
 

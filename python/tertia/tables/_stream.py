@@ -25,9 +25,9 @@ def stream(
 ) -> Iterator[Table]:
     """Apply a function of this module to a table that arrives in batches.
 
-    At any time, memory holds two batches and the rows of one incomplete group. The next batch is
-    read, or the last result used, while the function runs; therefore each result is returned one
-    batch later.
+    Two batches and the rows of one incomplete group are in memory at the same time. The function
+    runs in a thread of its own while the next batch is read and the previous result is used;
+    therefore each result is returned one batch later.
 
     Parameters
     ----------
@@ -37,8 +37,8 @@ def stream(
         Batches of consecutive rows. The rows of a group must be consecutive, but may extend over
         several batches.
     by : str or sequence of str
-        Columns whose values group the rows; by default all rows are one group, which is complete at
-        the end of the batches.
+        Columns whose values identify the groups; by default all rows are one group, which is
+        complete at the end of the batches.
     **options
         Parameters of the function.
 
@@ -124,9 +124,10 @@ class _Begun:
         if again.any():
             group = groups.row(int(np.argmax(again)))
             raise ValueError(
-                f"the rows of the group {group} do not come one after the other: sort them by it"
+                f"the rows of the group {group} are not consecutive: sort the rows by the columns "
+                "of `by`"
             )
         self.sorted.append(own)
-        # ever longer arrays, so that there are few of them
+        # small arrays are merged, so that there are only a few arrays
         while len(self.sorted) > 1 and len(self.sorted[-2]) < 2 * len(self.sorted[-1]):
             self.sorted[-2:] = [np.sort(np.concatenate(self.sorted[-2:]))]

@@ -12,7 +12,7 @@ from tertia._arrays import FloatArray
 
 PER_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 _DAY = 86_400
-# %.f is a fraction of a second or nothing, %#z an offset or Z; the last ones are compact
+# %.f is an optional fraction of a second, %#z an offset or Z; the last formats are compact
 _LOCAL_TIMES = (
     "%Y-%m-%dT%H:%M:%S%.f",
     "%Y-%m-%dT%H:%M",
@@ -22,7 +22,7 @@ _LOCAL_TIMES = (
 _ZONED_TIMES = ("%Y-%m-%dT%H:%M:%S%.f%#z", "%Y-%m-%dT%H:%M%#z", "%Y%m%dT%H%M%S%.f%#z")
 _OFFSET = r"T.*(Z|[+-]\d\d(:?\d\d)?)$"
 _OF_DAY = r"^(?<h>\d{1,2}):(?<m>[0-5]\d)(?::(?<s>[0-5]\d(?:[.,]\d+)?))?$"
-# a fraction of a second, as ISO 8601 prefers it
+# a fraction of a second after a decimal comma, which ISO 8601 prefers
 _COMMA = r"(\d\d),(\d+)"
 
 

@@ -64,11 +64,11 @@ REPORTS: Schema = {
     "north_sigma": number("north_sigma_m", positive=True),
     "east_north": number("covariance_east_north_m2"),
 }
-# the number of a plot in the whole recording, where a table is a part of one
+# the number of a plot in the whole recording, if a table is a part of a recording
 NUMBERED: Schema = {"plot": number("plot", whole=True)}
 # hijack, no radio, emergency
 _EMERGENCIES = (0o7500, 0o7600, 0o7700)
-# components of the state: how their columns begin, and their units
+# components of the state: the prefixes of their columns, and their units
 _STATE = (
     ("east", "m"),
     ("north", "m"),
@@ -82,7 +82,7 @@ _ERRORS = {
     "azimuth": ("azimuth_bias", "_deg", 180.0 / np.pi),
     "time": ("time_bias", "_s", 1.0),
 }
-NO_TRACK = "no track was confirmed: too few plots of a target, or it is faster than"
+NO_TRACK = "no track was confirmed: each target has too few plots, or is faster than"
 _PRODUCTS = {("m", "m"): "m2", ("m", "m_s"): "m2_s", ("m_s", "m_s"): "m2_s2"}
 
 
@@ -211,17 +211,18 @@ def track(
     Parameters
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
-        One row per plot, in any order. `time_s` (seconds, or datetimes), `range_m` or `range_nm`,
-        and `azimuth_deg`; `sensor`, the name of the sensor, if there are several. If known,
-        `height_m` or `flight_level`; `icao_address` (hexadecimal), `mode_3a` (octal) or `identity`,
-        of which the first one present identifies targets; `callsign`. If radars have channels,
-        `detection`: psr, ssr, psr+ssr, mode-s or psr+mode-s, or the names of `read_asterix`. For
-        parts of a recording, `plot`, the number of the plot in the whole recording (see `stitch`).
-        Reports of a `PositionSensor` have, instead of range and azimuth, `east_m` and `north_m`, or
-        `latitude_deg` and `longitude_deg` if radars are on the earth; and, if known,
+        One row per plot, in any order. Required columns are `time_s` (seconds or datetimes),
+        `range_m` or `range_nm`, `azimuth_deg`, and, if there are several sensors, `sensor`, the
+        name of the sensor. Optional columns are `height_m` or `flight_level`; `callsign`; and
+        `icao_address` (hexadecimal), `mode_3a` (octal) or `identity`, of which the first one
+        present identifies the targets. If radars have channels, `detection` is psr, ssr, psr+ssr,
+        mode-s or psr+mode-s, or a name that `read_asterix` returns. If the table is part of a
+        recording, `plot` is the number of the plot in the whole recording (see `stitch`). Reports
+        of a `PositionSensor` have `east_m` and `north_m` instead of range and azimuth, or
+        `latitude_deg` and `longitude_deg` if the radars are on the earth; and, if known,
         `east_sigma_m`, `north_sigma_m` and `covariance_east_north_m2`.
     sensors : sequence of Radar, PositionSensor or Station
-        The sensors. The name of a sensor without a name is its index.
+        The sensors. A sensor without a name is identified by its index.
     columns : mapping of str to str, optional
         The names that columns have in this table, keyed by their standard names.
     plans : sequence of FlightPlan
@@ -305,7 +306,7 @@ def _numbers(records: Records) -> IntArray:
         return np.arange(len(records.rows))
     records.refuse(
         (pl.col("plot") % 1 != 0) | pl.col("plot").is_duplicated(),
-        "the number {plot:g} of a plot must be whole, and of no other plot",
+        "plot is {plot:g}; it must be a whole number, and different for each plot",
         records.column["plot"],
     )
     return records.rows["plot"].to_numpy().astype(np.int64)
@@ -364,7 +365,9 @@ def tracks_of(recording: Recording, plans: Sequence[FlightPlan] = (), **options:
     """Return the tracks of a recording."""
     plots, radars = recording.plots, recording.sensors
     if options.get("clock_period") is not None and recording.clock.dated:
-        raise ValueError("clock_period is for seconds; these plots have dates")
+        raise ValueError(
+            "clock_period can be used only if times are in seconds; these plots have dates"
+        )
     if recording.identity == "mode_3a":
         options = {"emergency_codes": _EMERGENCIES} | options
     start = time.perf_counter()
@@ -389,7 +392,7 @@ def track_rows(
     *,
     replies: Columns,
 ) -> pl.DataFrame:
-    """Return one row per row of the track table; unknown values are null."""
+    """Return the rows of a track table with the columns of files; unknown values are null."""
     followed = table.plan >= 0
     course, speed = movement(table, sensors)
     return pl.DataFrame(
@@ -420,7 +423,7 @@ def track_rows(
 def movement(
     table: TrackTable | SmoothedTracks | SystemTracks, sensors: Sensors[Radar]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return courses and speeds; on the earth, the true ones."""
+    """Return courses and speeds; on the earth, corrected for convergence and scale of the plane."""
     course, speed = np.arctan2(*table.velocity.T), np.hypot(*table.velocity.T)
     if not isinstance(sensors.frame, SystemPlane):
         return course, speed
@@ -445,7 +448,7 @@ def state_columns(table: TrackTable | SmoothedTracks | SystemTracks) -> dict[str
     columns = {}
     for i, (name, unit) in enumerate(_STATE):
         columns[f"{name}_{unit}"] = values[:, i]
-        # nan where targets are so far away that nothing is left of a variance
+        # nan if a target is so far away that its variance is lost to rounding
         with np.errstate(invalid="ignore"):
             columns[f"{name}_sigma_{unit}"] = np.sqrt(table.covariance[:, i, i])
     for (i, j), name in covariance_columns().items():

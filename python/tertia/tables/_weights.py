@@ -69,17 +69,17 @@ def weights(
         Relative loss of precision for which the required number of measurements is computed.
     bias_sigma : float
         Standard deviation of the systematic error of each sensor and component, in their unit. Such
-        an error does not show in the scatter of the measurements. It is part of the sigmas and the
-        weights, but not of the loss.
+        an error does not show in the scatter of the measurements. It is included in the sigmas and
+        the weights, but not in the loss.
 
     Returns
     -------
     table of the same kind
-        One row per sensor, and a last row, `fused`. Columns are `sensor`, `measurement_count`,
+        One row per sensor, and a last row named `fused`. Columns are `sensor`, `measurement_count`,
         means with their sigmas (`east_m`, `east_sigma_m`), and weights (`weight`, or for each pair
         of components `weight_east_north`). The sigmas allow for the number of measurements: an
-        interval of two sigmas contains a component with a probability of 95.45 %, even with n = 3
-        (see `tertia.fusion.fuse`).
+        interval of ± 2 sigmas contains the true value of a component with a probability of 95.45 %,
+        even with n = 3 (see `tertia.fusion.fuse`).
 
     Raises
     ------
@@ -131,7 +131,7 @@ def weights_of(
     samples = _samples(source, columns, components)
     counts = [len(sample) for sample in samples.values()]
     means = np.array([sample.mean(axis=0) for sample in samples.values()])
-    # of the means
+    # covariances of the means
     covariances = np.array(
         [
             weighting.sample_covariance(sample, differences=differences) / len(sample)
@@ -195,6 +195,7 @@ def _samples(
         if np.any(same):
             column = components[int(np.flatnonzero(same)[0])]
             raise RecordError(
-                f"sensor {name}: {column} is always the same; its weight needs a scatter"
+                f"sensor {name}: all values of {column} are equal; a weight can be computed only "
+                "from values that scatter"
             )
     return samples

@@ -58,7 +58,10 @@ def audit(
     ] = None,
     strata: Annotated[
         list[str] | None,
-        typer.Option(metavar="COLUMN", help="Audit parts by this column, too; may be repeated."),
+        typer.Option(
+            metavar="COLUMN",
+            help="Column whose values define parts that are audited separately; may be repeated.",
+        ),
     ] = None,
     column: ColumnNames = None,
     truth_column: Annotated[
@@ -73,7 +76,7 @@ def audit(
     output: Output = None,
     plot_file: PlotFile = None,
 ) -> dict[str, Any]:
-    """Audit sigmas of estimates with the truth: too small, too large, or honest.
+    """Check against the truth whether the sigmas of estimates are too small, too large or honest.
 
     All figures have confidence intervals that allow for time-correlated errors. The truth is
     interpolated linearly between its times.
@@ -97,7 +100,7 @@ def audit(
         write.write(found.rows, output)
     whole = found.audit
     if whole.missing:
-        note(f"{whole.missing} estimates left out: without a truth or sigmas")
+        note(f"{whole.missing} estimates left out, because they have no true value or no sigmas")
     if whole.time_offset is not None:
         typer.echo(f"times of the truth: {whole.time_offset.verdict}")
     if plot_file is not None:

@@ -53,12 +53,13 @@ def bearing(
     groups: Annotated[
         str | None,
         typer.Option(
-            metavar="COLUMN", help="Column of labels of a common systematic error: stop, hour."
+            metavar="COLUMN",
+            help="Column of labels; rows with the same label share a systematic error.",
         ),
     ] = None,
     bias_sigma: Annotated[
         float | None,
-        typer.Option(help="Sigma of the systematic error; by default from differences of groups."),
+        typer.Option(help="Sigma of the systematic error; by default estimated from --groups."),
     ] = None,
     method: Annotated[Method, typer.Option(help="Method of estimation.")] = "robust",
     period: Period = 360.0,
@@ -89,7 +90,7 @@ def bearing(
         "n_threads": n_threads,
     }
     with working("Estimating"):
-        # a picture needs the measurements
+        # a picture needs all measurements in memory
         rows = None if plot_file else _in_batches(file, **options)
         if rows is None:
             found = bearings_of(read.tables(file), **options)
@@ -130,8 +131,8 @@ def _in_batches(
 ) -> pl.DataFrame | None:
     """Return one row per group of a recording without holding all of it in memory.
 
-    None if groups are not consecutive or there is an error, which is then reported when the file is
-    read as a whole.
+    Return None if the groups are not consecutive, or if there is an error; the error is reported
+    when the file is then read as a whole.
     """
     needed = [columns.get(name, name) for name in (*by, *([groups] if groups else []), values)]
     options |= {"columns": columns, "values": values, "groups": groups}

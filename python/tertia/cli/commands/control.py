@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from tertia.geo import LocalFrame, SystemPlane
     from tertia.tracker import Tracker
 
-# beginning of control lines where the others are CSV
+# beginning of control lines if the other lines are CSV
 CSV_MARK = "#control "
 
 
@@ -71,7 +71,7 @@ class Control:
     def _add(self, request: Mapping[str, Any]) -> None:
         plan = self._plan(request)
         if any(at is not None and at.name == plan.name for at in self._tracker.plans):
-            raise ValueError(f"name is {plan.name!r}; there is a plan of this name")
+            raise ValueError(f"name is {plan.name!r}; a plan with this name already exists")
         self._tracker.add_plan(plan)
         self._plans.append(plan)
 

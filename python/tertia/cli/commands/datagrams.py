@@ -19,9 +19,9 @@ from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
 from tertia.tables._track import PLOTS
 
-# service messages of radars whose plots have truncated times
+# first byte of the service messages of radars whose plots have truncated times
 _SERVICE = b"\x02"
-# what the kernel holds while plots are tracked
+# size in bytes of the kernel's buffer for packets that arrive while plots are tracked
 _BUFFER = 1 << 23
 _PORTS = 1 << 16
 _PLOTS = {
@@ -47,9 +47,9 @@ class Datagrams:
         self.row = self.bad = 0
         self._columns = columns
         self._unknown: Counter[str] = Counter()
-        # the last block of service messages, whose full time completes those of the next plots
+        # the last block of service messages; its full time completes the times of the next plots
         self._service: list[bytes] = []
-        # the kind that the first plots have
+        # kind of identity in the first plots
         self._identity: str | None = None
 
     @property
@@ -73,10 +73,12 @@ class Datagrams:
             if packet.startswith(_SERVICE):
                 self._service = [packet[: int.from_bytes(packet[1:3], "big")]]
         if found.truncated_times:
-            self._leave_out(len(packets), "the time of day is not known before a service message")
+            self._leave_out(
+                len(packets), "the time of day is unknown until a service message arrives"
+            )
             return self._none()
         if found.other_packets:
-            self._leave_out(found.other_packets, "a packet has no ASTERIX")
+            self._leave_out(found.other_packets, "a packet does not contain ASTERIX")
         if found.damaged:
             self._leave_out(found.damaged, found.first_damage)
         plots = measured(found)
@@ -93,7 +95,7 @@ class Datagrams:
 
     def _read(self, plots: pl.DataFrame) -> pl.DataFrame:
         if "sensor" in plots.columns:
-            # the code may be a reply beside the address
+            # if the code is the identity, the address is not used
             plots = plots.drop("icao_address") if self._identity == "mode_3a" else plots
         reader = Reader(Part(plots, self.name), PLOTS, self._columns, self.sensors.names)
         rows = reader.rows()
@@ -133,9 +135,9 @@ class TrackSender:
         self._to = _address(address, "--send")
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
-    def write(self, rows: pl.DataFrame, kind: object) -> None:  # that of lines
+    def write(self, rows: pl.DataFrame, kind: object) -> None:  # as in the writer of lines
         """Send rows, in packets of whole data blocks."""
-        from tertia.io._asterix_writer import asterix_blocks  # noqa: PLC0415  # this format alone
+        from tertia.io._asterix_writer import asterix_blocks  # noqa: PLC0415  # rarely used
 
         for block in asterix_blocks(rows, (0, 0)) if rows.height else []:
             self._socket.sendto(block, self._to)

@@ -32,7 +32,7 @@ EXAMPLES = (
     "tertia evaluate tracks.csv --truth truth.csv --limits limits.toml",
     "tertia evaluate tracks.csv --truth truth.csv --targets targets.csv --plot errors.png",
 )
-# share of updates near targets below which chance has brought them there
+# if a smaller share of the updates is near targets, a note is printed
 _FEW = 0.1
 _KEPT, _WRONG, _TRUE = "#0072B2", "#D55E00", "0.6"
 
@@ -95,7 +95,7 @@ def _draw(judged: Judged, path: Path) -> None:
     _draw_plan(panels["plan"], judged)
     for name, values, line in zip(PARTS, judged.gospa.T, ("-", ":", "--", "-."), strict=True):
         panels["gospa"].plot(judged.instants, values, line, linewidth=1, label=name)
-    panels["gospa"].set(ylabel="GOSPA and roots of its parts (m)", ylim=(0.0, None))
+    panels["gospa"].set(ylabel="GOSPA and square roots of its parts (m)", ylim=(0.0, None))
     for label, values, mark in (
         ("along track", judged.along, "."),
         ("cross track", judged.across, "x"),

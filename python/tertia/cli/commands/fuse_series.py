@@ -59,22 +59,24 @@ def fuse_series(
         list[str] | None,
         typer.Option(
             metavar="[NAME=]VALUE",
-            help="Stated sigma of the plots of a sensor, or of all other sensors; may be repeated. "
-            "It is estimated if neither this nor the files state it.",
+            help="Stated sigma of the plots of the sensor NAME, or of all other sensors; may be "
+            "repeated. By default the sigma in the files or, without one, an estimate.",
         ),
     ] = None,
     bias_sigma: Annotated[
         list[str] | None,
         typer.Option(
             metavar="[NAME=]VALUE",
-            help="Sigma of the constant error of a sensor, or of all other sensors; the error is "
-            "estimated. May be repeated. By default there is none.",
+            help="Sigma of the constant error of the sensor NAME, or of all other sensors; may be "
+            "repeated. The error itself is estimated. By default there is none.",
         ),
     ] = None,
     method: Annotated[FusionMethod, typer.Option(help="Method of fusion.")] = "robust",
     alpha: Annotated[
         float | None,
-        typer.Option(help="Inverse of the decay time of accelerations; by default estimated."),
+        typer.Option(
+            help="Inverse of the time constant of the acceleration; by default estimated."
+        ),
     ] = None,
     acceleration_sigma: Annotated[
         float | None, typer.Option(help="Sigma of the acceleration; by default estimated.")
@@ -118,7 +120,7 @@ def fuse_series(
         _draw(found.targets, plot_file, value, period or None)
     sensors = found.sensors["sensor"].unique()
     if len(sensors) == 1:
-        note(f"{sensors[0]} is the only sensor: its track is filtered, nothing is fused")
+        note(f"{sensors[0]} is the only sensor: its plots are filtered, but not fused")
     return {"sensors": found.sensors.to_dicts()}
 
 

@@ -50,7 +50,8 @@ def fuse_tracks(
 ) -> dict[str, Any]:
     """Fuse the tracks of several sensors that belong to one target into one track.
 
-    The tracks of each sensor must come from its plots alone. Rows without a plot are left out.
+    The tracks of a sensor must be made only from the plots of this sensor. Rows without a plot are
+    left out.
     """
     write.check_suffixes(output)
     options = {"method": method, "registration": registration, "update_interval": update_interval}

@@ -42,7 +42,7 @@ EXAMPLES = (
     "tertia locate *.csv --format krakensdr --sensors finders.toml --tolerance inf",
     "tertia locate shots.csv --sensors microphones.toml --propagation-speed 343",
 )
-# what a picture of one instant shows
+# kinds of measurements that are drawn in a picture of one instant
 _DRAWN: tuple[Kind, ...] = ("azimuth", "range")
 
 
@@ -54,7 +54,9 @@ def locate(
     by: By = None,
     form: Annotated[
         Literal["table", "krakensdr"],
-        typer.Option("--format", help="Format of the files; krakensdr: of its app, with spectra."),
+        typer.Option(
+            "--format", help="Format of the files; krakensdr: recordings of the KrakenSDR app."
+        ),
     ] = "table",
     tolerance: Annotated[
         float,
@@ -92,7 +94,7 @@ def locate(
         float, typer.Option(metavar="M_S", help="Speed of signals in m/s, for times of arrival.")
     ] = LIGHT,
     multipath: Annotated[
-        bool, typer.Option(help="Whether outliers among arrivals are mostly late.")
+        bool, typer.Option(help="Assume that outliers of arrival times are mostly late.")
     ] = True,
     height: Annotated[
         float | None,
@@ -192,8 +194,8 @@ def _start(text: str | None, dimension: int) -> list[float] | None:
         start = []
     if len(start) != dimension or not np.all(np.isfinite(start)):
         fail(
-            f"--initial is {text!r}; it must be {dimension} numbers, as many as sensors have "
-            "coordinates",
+            f"--initial is {text!r}; it must be {dimension} numbers, one for each coordinate of "
+            "the sensors",
             WRONG_USAGE,
         )
     return start
@@ -217,7 +219,7 @@ def _say_sigma(one: Located[Location]) -> None:
 def _say_bias(one: Located[Location]) -> None:
     """Print the systematic errors found from contradictions, or a note that none can be found."""
     if one.result.systematic == "not included":
-        typer.echo("  systematic errors are not included: nothing is redundant")
+        typer.echo("  systematic errors are not included: there are no redundant measurements")
     if one.result.systematic != "estimated" or one.result.bias is None:
         return
     for kind in one.target.values:
@@ -225,8 +227,8 @@ def _say_bias(one: Located[Location]) -> None:
         if sigma is not None and np.any(sigma):
             unit, factor = UNITS[kind]
             typer.echo(
-                f"  the stations contradict each other: systematic errors of {kind}, sigma "
-                f"{np.max(sigma) / factor:.3g} {unit}, are included"
+                f"  the stations contradict each other: systematic errors of {kind} are included, "
+                f"with a sigma of {np.max(sigma) / factor:.3g} {unit}"
             )
 
 
@@ -246,7 +248,7 @@ def _draw(found: Positions[Location], one: Located[Location], figure: "FigureBas
         panels = plot.trajectory(stations, result, time=target.moments.to_numpy(), figure=figure)
         positions.name_panels(panels, one)
         return
-    # the rays and arcs that the only position was made of
+    # draw the azimuths and ranges from which the only position was estimated
     marks = (getattr(result.outlier, kind) for kind in UNITS)
     only = replace(
         result,

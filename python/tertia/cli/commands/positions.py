@@ -11,11 +11,11 @@ from tertia.cli.files import maps, write
 from tertia.cli.terminal.say import counted, print_table
 from tertia.tables._positions import Located, Positions, reason
 
-# of the picture of a target, in inches
+# size of the picture of a target, in inches
 FIGURE_SIZE = (11.0, 8.0)
 # p-value below which measurements contradict each other
 _DOUBTFUL = 1e-3
-# share of the instants from which on this is said: ten times what chance makes
+# share of such instants above which a note is printed: ten times the share expected by chance
 _MANY = 0.01
 
 
@@ -28,7 +28,7 @@ def print_all(found: Positions[Any], by: Sequence[str]) -> None:
 
 
 def say_located(one: Located[Any]) -> None:
-    """Print how many instants were located, with what sigma, and why others were not."""
+    """Print how many instants were located, their median sigma, and why others failed."""
     fixes, sigma = one.fixes, one.result.sigma
     located = np.asarray(fixes.success)
     total = np.sqrt(np.sum(sigma[np.isfinite(sigma).all(axis=1)] ** 2, axis=1))
@@ -41,7 +41,7 @@ def say_located(one: Located[Any]) -> None:
     typer.echo(": ".join(filter(None, [one.target.name, said + error])))
     numbers, counts = np.unique(np.asarray(fixes.status)[~located], return_counts=True)
     for number, count in zip(numbers, counts, strict=True):
-        what = "without a position on its own" if alone else "not located"
+        what = "without a position of their own" if alone else "not located"
         typer.echo(f"  {counted(int(count), 'instant')} {what}: {reason(int(number))}")
     doubtful = (np.asarray(fixes.pvalue) < _DOUBTFUL) & (np.asarray(fixes.outlier.count) == 0)
     if np.sum(doubtful) > _MANY * np.sum(located):

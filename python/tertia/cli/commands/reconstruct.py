@@ -145,13 +145,15 @@ def _say_motion(path: Trajectory) -> None:
     if path.smoothed is None:
         return
     if wandering := float(path.smoothed.acceleration_noise):
-        typer.echo(f"  acceleration noise {wandering:.3g} (fitted: the velocity wanders)")
+        typer.echo(
+            f"  acceleration noise {wandering:.3g} (estimated; the velocity changes at random)"
+        )
         return
     jerk, sigma = float(path.smoothed.jerk), float(path.smoothed.jerk_sigma)
     error = sigma / jerk if sigma and jerk else sigma
-    said = "given" if error == 0 else f"fitted, relative error {error:.0%}"
+    said = "given" if error == 0 else f"estimated, relative error {error:.0%}"
     if not np.isfinite(error):
-        said = "fitted, but the measurements hardly determine it"
+        said = "estimated, but the measurements hardly determine it"
     typer.echo(f"  jerk {jerk:.3g} ({said})")
 
 

@@ -23,7 +23,7 @@ EXAMPLES = (
     "tertia register plots.csv --sensors sensors.toml --output found.csv",
     "tertia track plots.csv --sensors found.csv --output tracks.csv",
 )
-# what is shown of each radar: the column, that of its sigma, the heading
+# errors that are shown for each radar: their names, their columns, and the columns of their sigmas
 _SHOWN = (
     ("range", "range_bias_m", "range_bias_sigma_m"),
     ("range_gain", "range_gain", "range_gain_sigma"),
@@ -44,9 +44,10 @@ def register(
 ) -> dict[str, Any]:
     """Estimate range, gain, azimuth and clock errors of radars from common targets.
 
-    Plots are as for tertia track. The output describes the radars with the estimated errors and
-    noise; with --sensors of tertia track, the errors are subtracted. An error that the plots do not
-    determine keeps the limits of EUROCONTROL's standard, or those of the sensors file.
+    The plots are read as by tertia track. The output is a file of sensors with the estimated errors
+    and noise; if it is given to tertia track as --sensors, the errors are subtracted from the
+    plots. For an error that the plots do not determine, the sigma of the sensors file or of
+    EUROCONTROL's standard is written.
     """
     if not files:
         fail("give files of plots", WRONG_USAGE)
@@ -59,7 +60,7 @@ def register(
     rows = found.rows
     print_table(_shown(found, rows), text=["radar"], limited="radars are shown")
     if not any(seen.any() for seen in found.registration.observable.values()):
-        note("the plots determine no error: two radars must see the same targets")
+        note("no error can be estimated: at least two radars must see the same targets")
     if output is not None:
         write.write(rows, output)
     return {"radars": rows.to_dicts()}

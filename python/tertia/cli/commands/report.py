@@ -84,7 +84,7 @@ def report(
 
     Plots, radars and plans are read as by tertia track, the truth as by tertia evaluate, and
     bearings as by tertia locate, from the stations of the sensors file; --by applies to bearings.
-    Without plots, the page shows the bearings alone. The page needs no network.
+    Without plots, the page shows only the bearings. The page needs no network.
     """
     write.check_suffix(output, _SUFFIXES)
     if not files and bearings is None:
@@ -100,7 +100,9 @@ def report(
             files, sensors, plans=plans, truth=truth, place=place, flat=flat, names=names
         )
         if clock_period is not None and clock.dated:
-            raise ValueError("clock_period is for seconds; these plots have dates")
+            raise ValueError(
+                "clock_period can be used only if times are in seconds; these plots have dates"
+            )
         given |= {"motion": motion, "clock_period": clock_period, "limits": read_limits(limits)}
         given |= {"max_distance": max_distance, "update_interval": update_interval}
     if bearings is not None:

@@ -12,7 +12,7 @@ from tertia.sensors import Station
 from tertia.tables._positions import Located, Positions
 from tertia.tables._sensors import GEODETIC, Sensors
 
-# lines go on behind the target by this share of its distance
+# lines are extended beyond the target by this share of its distance
 _BEHIND = 0.2
 
 
@@ -63,7 +63,7 @@ def _bearings(one: Located[Location], stations: Sensors[Station]) -> Iterator[Sh
     for k, station in enumerate(one.target.sensors.items):
         if np.isnan(azimuths[k]) or np.isnan(places).any():
             continue
-        # those that move have a place for each instant, of which there is one
+        # a moving station has a position for each instant; here there is one instant
         begin = station.position.reshape(-1, stations.dimension)[0, :2]
         along = np.array([np.sin(azimuths[k]), np.cos(azimuths[k])])
         if station.axes is not None:

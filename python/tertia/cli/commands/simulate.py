@@ -111,13 +111,13 @@ def simulate(
     write.write_text(_plans(scene.traffic.plans), folder / "plans.json")
     write.write_json(summary, folder / "scene.json")
     typer.echo(
-        f"{aircraft} aircraft on plans, {len(summary['left_plan_s'])} of them left theirs; "
+        f"{aircraft} aircraft with flight plans, {len(summary['left_plan_s'])} of them deviated; "
         f"{counted(radar_count, 'radar')}, {counted(len(record), 'plot')}, of which "
-        f"{summary['clutter_count']} are false and {summary['outlier_count']} outliers"
+        f"{summary['clutter_count']} are false and {summary['outlier_count']} are outliers"
     )
     for name, fault in (*scene.radar_faults.items(), *scene.station_faults.items()):
         listed = ", ".join(f"{key} {value:g}" for key, value in fault.items())
-        typer.echo(f"  {name} errs more than it states: {listed}")
+        typer.echo(f"  {name} has larger errors than stated: {listed}")
     return summary
 
 
@@ -144,7 +144,7 @@ def _azimuths(scene: Scene) -> pl.DataFrame:
     for k, radar in enumerate(scene.radars):
         own = record[known & (record.plots.sensor == k)]
         plots = in_plane(own.plots, scene.radars)
-        # along the ground
+        # convert the slant range to a horizontal range
         rise = plots.height - radar.position[2]
         polar, covariance = common_azimuth(
             np.sqrt(np.maximum(plots.range**2 - rise**2, 1.0)),

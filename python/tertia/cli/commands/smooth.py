@@ -73,8 +73,9 @@ def smooth(
 ) -> dict[str, Any]:
     """Smooth positions over time, allowing for outliers and jumps.
 
-    One row per measurement, in any order: time_s, and the columns of the values. The track is
-    also estimated at times with missing values or with several rows.
+    One row per measurement, in any order: time_s, and the columns of the values. A row without
+    values still defines a time at which the track is estimated. Several rows may have the same
+    time.
     """
     write.check_suffixes(output)
     with working("Smoothing"):
@@ -100,7 +101,7 @@ def smooth(
         f"{counted(found.targets, 'track')} of {counted(rows.height, 'row')}, "
         f"{counted(outliers, 'outlier')} left out"
     )
-    note("sigma does not include an error that all rows of a track share")
+    note("sigma does not include errors that are common to all rows of a track")
     return {"tracks": found.targets, "rows": rows.height, "outliers": outliers}
 
 

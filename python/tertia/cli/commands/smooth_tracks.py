@@ -1,4 +1,4 @@
-"""`tertia smooth-tracks`: estimation of where targets were, from all plots."""
+"""`tertia smooth-tracks`: estimation of tracks from all their plots."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -49,9 +49,9 @@ def smooth_tracks(
     output: Output = None,
     plot_file: PlotFile = None,
 ) -> dict[str, Any]:
-    """Estimate where targets were from all plots of their tracks, including later ones.
+    """Estimate each track from all its plots, including later ones.
 
-    One row per plot, as for tertia track. The output can be the truth of tertia evaluate.
+    One row per plot, as for tertia track. The output can be used as the truth in tertia evaluate.
     """
     if not files:
         fail("give files of plots", WRONG_USAGE)

@@ -38,13 +38,13 @@ Rows: TypeAlias = Literal["csv", "jsonl"]
 Cells: TypeAlias = Mapping[str, Any]
 
 STDIN = Path("-")
-# of the shortest scan
+# latency as a share of the shortest scan period
 _USUAL_LATENCY = 0.25
-# so many plots of a scan show whether a unit is right, and more are not kept for that
+# number of plots of one batch from which a unit is checked, and largest number kept for this check
 _ENOUGH, _DOUBTED = 100, 1000
-# plots that a stream with a lag may still name
+# number of the latest plots that rows of a stream with a lag can refer to
 _REMEMBERED = 100_000
-# rows that are written at once while plots come faster than they are tracked
+# number of rows that are written together while plots arrive faster than they are tracked
 _WRITTEN = 1000
 
 
@@ -75,8 +75,8 @@ def run(
     With `control`, control lines are executed.
     """
     if sys.stdout is sys.stderr:
-        # where --json has put what else is printed
-        fail("a stream has no --json; use --rows jsonl", WRONG_USAGE)
+        # stdout may have been replaced because of --json
+        fail("--json cannot be used with a stream; use --rows jsonl", WRONG_USAGE)
     if latency is not None and not 0 <= latency < np.inf:
         fail(f"--latency is {latency:g}; it must be a number of seconds, 0 or more", WRONG_USAGE)
     out = _RowWriter(rows) if send is None else TrackSender(send)
@@ -130,7 +130,7 @@ class _Plots:
         self.kind: Rows | None = None
         self.line = self.row = self.bad = 0
         self._columns, self._schema = columns, schema_of(sensors)
-        # how the columns of each quantity may be called here, those first that are given
+        # possible column names of each quantity; if names are given, only these
         self._choices = {
             quantity: [columns[name] for name in one.columns if name in columns]
             or [columns.get(name, name) for name in one.columns]
@@ -166,7 +166,7 @@ class _Plots:
         for at, cells in enumerate(good):
             needed = self._schema["range"].required
             if needed and at not in problems and self._chosen.get("range") not in cells:
-                problems[at] = f"there is no {' or '.join(self._choices['range'])}"
+                problems[at] = f"it has no {' or '.join(self._choices['range'])}"
         text = pl.DataFrame(
             {name: [_text(cells.get(name)) for cells in good] for name in self._chosen.values()},
             dict.fromkeys(self._chosen.values(), pl.String),
@@ -216,7 +216,7 @@ class _Plots:
             name.strip() for name in next(csv.reader([line], delimiter=self._separator))
         ]
         part = Part(pl.DataFrame(schema=dict.fromkeys(self._header, pl.String)), self.name)
-        # by the names that are looked for, as in files
+        # misspelt names are recognised as in files
         looked_for = [name for names in self._choices.values() for name in names]
         standard = {part.column(name): name for name in looked_for if part.has(name)}
         self._header = [standard.get(name, name) for name in self._header]
@@ -289,7 +289,7 @@ class _Plots:
         if not self.row:
             fail(f"{self.name} is empty")
         if self.bad == self.row:
-            fail(f"{self.name}: no line can be used, of {counted(self.row, 'line')}")
+            fail(f"{self.name}: none of {counted(self.row, 'line')} can be used")
         self._doubt(pl.DataFrame(), last=True)
         if self.bad:
             note(f"{self.bad} of {counted(self.row, 'line')} left out")
@@ -346,7 +346,7 @@ class _Stream:
     """Tracks plots as their lines arrive, and writes the rows of confirmed tracks.
 
     Plots are collected for `latency` seconds of their own time, by default a quarter of the
-    shortest scan, or until nothing has arrived for that time.
+    shortest scan period, or until no plot has arrived for `latency` seconds.
     """
 
     def __init__(
@@ -397,7 +397,7 @@ class _Stream:
                 self._show(self._tracker.finish())
             self._write()
         except BrokenPipeError:
-            # nothing more can be written there when the program ends
+            # the program must not try to write to the closed pipe when it ends
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         except OSError as error:
             fail(f"cannot read {self._plots.name}: {error.strerror}")
@@ -430,13 +430,17 @@ class _Stream:
         if clock is None:
             return
         if period is not None and clock.dated:
-            fail("--clock-period is for seconds; these plots have dates", WRONG_USAGE)
+            fail(
+                "--clock-period can be used only if times are in seconds; these plots have dates",
+                WRONG_USAGE,
+            )
         begin = 0
         for at, time in enumerate(clock.seconds(rows["time"]).tolist()):
             since = time - self._since
             if period is not None:
                 since -= period * round(since / period)
-            # what is older than a scan and the lag is not of this stretch either: a clock has leapt
+            # a plot that is older than a scan and the lag does not belong to this batch: the clock
+            # has jumped
             if not -self._oldest <= since < self._latency and (self._gathered or at > begin):
                 self._gathered += [rows[begin:at]] if at > begin else []
                 self._flush()
@@ -474,7 +478,7 @@ class _Stream:
         table, plots = TrackTable.join([table for table, _ in ready]), self._plots
         clock = plots.clock or Clock(pl.Float64())
         if self._named is None:
-            # a header cannot change
+            # the header is written once, so the columns are fixed here
             self._named = plots.replies
         own = {name: pl.concat([replies[name] for _, replies in ready]) for name in self._named}
         known = self._replies.known(table.time, table.track, own)

@@ -40,7 +40,7 @@ EXAMPLES = (
     "tertia track north.csv south.csv --sensors radars.csv --column range_nm=rho --coasting 3",
 )
 _FIGURE_SIZE = (11.0, 9.0)
-# errors of radars, their sigmas, what they are and their units
+# columns of the errors of radars, columns of their sigmas, names and units
 _ERRORS = (
     ("range_bias_m", "range_bias_sigma_m", "range", "m"),
     ("range_gain", "range_gain_sigma", "range gain", ""),
@@ -92,7 +92,9 @@ def track(
     ] = "aircraft",
     max_speed: Annotated[
         float | None,
-        typer.Option(help="Largest speed of a target in m/s; by default that of the profile."),
+        typer.Option(
+            help="Largest speed of a target in m/s; by default, the largest speed of the profile."
+        ),
     ] = None,
     gate_probability: Annotated[
         float, typer.Option(help="Probability that a target's plot is within its gate.")
@@ -100,8 +102,8 @@ def track(
     lag: Annotated[
         float,
         typer.Option(
-            help="Seconds by which plots of a stream may be late; until they are final, rows "
-            "may be replaced by later ones."
+            help="Seconds by which plots of a stream may be late; rows are written at once, and "
+            "may be replaced until they are final."
         ),
     ] = 0.0,
     clock_period: ClockPeriod = None,
@@ -154,14 +156,14 @@ def track(
     ] = None,
     rows: Annotated[
         streams.Rows | None,
-        typer.Option(help="Format of the rows of a stream; by default that of its input."),
+        typer.Option(help="Format of the rows of a stream; by default the format of its input."),
     ] = None,
 ) -> dict[str, Any]:
     """Track targets from the plots of one or several radars, with flight plans if given.
 
-    One row per plot: time_s, range_m or range_nm, azimuth_deg, or for sensors of positions east_m
-    and north_m; sensor, if there are several; and, if known, height_m or flight_level, and
-    icao_address, mode_3a or identity. Rows in any order.
+    One row per plot, in any order: time_s; range_m or range_nm, and azimuth_deg, or for position
+    sensors east_m and north_m; sensor, if there are several; and, if known, height_m or
+    flight_level, and icao_address, mode_3a or identity.
     """
     columns = column_names(column)
     place = pair(origin, "--origin", float)
@@ -185,9 +187,9 @@ def track(
     given = files or []
     if stream or udp is not None:
         if output is not None or plot_file is not None:
-            fail("a stream goes to standard output; it has no --output or --plot")
+            fail("a stream is written to standard output; --output and --plot cannot be used")
         if udp is not None and (given or control):
-            fail("--udp takes no file and no --control", WRONG_USAGE)
+            fail("--udp cannot be used with files or --control", WRONG_USAGE)
         source = streams.source(given) if udp is None else udp
         described = read.read_sensors if udp is None else read.read_radars
         radars = _trusting(described(sensors, flat=flat), trusted)
@@ -211,7 +213,7 @@ def track(
         )
         return {}
     if latency is not None or rows is not None or send is not None or control:
-        fail("--latency, --rows, --send and --control are for --stream", WRONG_USAGE)
+        fail("--latency, --rows, --send and --control can be used only with --stream", WRONG_USAGE)
     if not given or streams.STDIN in given:
         fail("give files of plots, or --stream to read standard input", WRONG_USAGE)
     write.check_suffixes(output, plot_file, maps=[*maps.SUFFIXES, *write.ASTERIX])
@@ -260,7 +262,8 @@ def _say(tracking: Tracking, summary: dict[str, Any]) -> None:
     if tracking.plans:
         typer.echo(
             f"  {counted(summary['planned_track_count'], 'track')} with one of "
-            f"{counted(len(tracking.plans), 'plan')}, {summary['left_plan_count']} of them left it"
+            f"{counted(len(tracking.plans), 'plan')}, {summary['left_plan_count']} of which left "
+            "the plan"
         )
     for reason, count in summary["refused_count"].items():
         typer.echo(f"  {counted(count, 'plot')} refused: {reason}")
@@ -271,7 +274,7 @@ def _say(tracking: Tracking, summary: dict[str, Any]) -> None:
             if radar[name] is not None
         )
         if found:
-            typer.echo(f"  {radar['sensor']}: taken out {found}")
+            typer.echo(f"  {radar['sensor']}: errors subtracted: {found}")
     rate = summary["plot_count"] / summary["tracking_s"]
     typer.echo(f"  {rate:,.0f} plots tracked per second")
     if not tracks:

@@ -33,7 +33,8 @@ def weights(
     differences: Annotated[
         bool,
         typer.Option(
-            "--differences", help="Estimate noise from successive differences, for a slow quantity."
+            "--differences",
+            help="Estimate noise from successive differences, if the quantity drifts.",
         ),
     ] = False,
     loss: Annotated[
@@ -73,14 +74,15 @@ def weights(
     cost = float(np.asarray(found.loss.loss))
     typer.echo(f"fused: {', '.join(listed)}")
     typer.echo(
-        f"  twice the figure after ± holds 95 %, however few the measurements; the probability of "
-        f"means that differ more is {found.fused.pvalue:.3g}"
+        "  intervals of ± two sigmas hold 95 %, even with few measurements; p-value of the "
+        f"differences between the means: {found.fused.pvalue:.3g}"
     )
     if not bias_sigma:
         typer.echo("  systematic errors are not included: see --bias-sigma")
     typer.echo(
-        f"  estimating the weights costs {cost:.2%} of the mean squared error; {found.required} "
-        f"measurements per sensor would keep that below {loss:.3g}"
+        f"  because the weights are estimated, the mean squared error is {cost:.2%} larger; with "
+        f"{found.required} measurements per sensor, the relative increase would be below "
+        f"{loss:.3g}"
     )
     return {
         "sensors": found.rows.to_dicts(),

@@ -9,9 +9,9 @@ from tertia.io import AsterixRecording, read_asterix
 from tertia.tables._records import Part, doubt
 from tertia.tables._sensors import GEODETIC
 
-# recordings of radars, not tables
+# names of files that are ASTERIX recordings, not tables
 SUFFIXES = (".ast", ".asterix", ".raw", ".pcap", ".pcapng")
-# of these a plot has one or both
+# a plot may have one or both of these
 IDENTITIES = ("icao_address", "mode_3a")
 _ESTIMATED = ("east_m", "north_m", "east_sigma_m", "north_sigma_m", "covariance_east_north_m2")
 
@@ -27,12 +27,16 @@ def _read(path: Path) -> AsterixRecording:
 def _doubt_rest(path: Path, found: AsterixRecording) -> None:
     """Print which parts of a recording are not read."""
     if found.skipped:
-        doubt(f"{path}: not read: {found.skipped_text()}")
+        doubt(f"{path}: not supported and left out: {found.skipped_text()}")
     if found.damaged:
-        lost = f", and {counted(found.lost_bytes, 'byte')} of no block" if found.lost_bytes else ""
+        lost = (
+            f", and {counted(found.lost_bytes, 'byte')} outside data blocks"
+            if found.lost_bytes
+            else ""
+        )
         doubt(
-            f"{path}: {counted(found.damaged, 'damaged data block')} left out in part{lost}; the "
-            f"first: {found.first_damage}"
+            f"{path}: {counted(found.damaged, 'damaged data block')} partly left out{lost}; the "
+            f"first damage: {found.first_damage}"
         )
 
 
@@ -43,7 +47,7 @@ def _doubt_radars(path: Path, messages: pl.DataFrame) -> None:
         ("it is not released for operational use", pl.col("state") == "inhibited"),
     ):
         for radar in messages.filter(wrong)["sensor"].unique(maintain_order=True):
-            doubt(f"{path}: radar {radar} said at times that {what}")
+            doubt(f"{path}: radar {radar} reported at times that {what}")
 
 
 def measured(found: AsterixRecording) -> pl.DataFrame:
@@ -57,10 +61,10 @@ def plots(path: Path) -> Part:
     found = _read(path)
     seen = measured(found)
     if seen.is_empty():
-        fail(f"{path} has no plots (categories 48, 1) of targets, but {_contents(found)}")
+        fail(f"{path} has no plots of targets (categories 48, 1); it has {_contents(found)}")
     _doubt_rest(path, found)
     for count, noun, why in (
-        (found.repeated, "plot", "the same as one before"),
+        (found.repeated, "plot", "duplicates"),
         (
             found.plots.height - seen.height,
             "plot",
@@ -72,8 +76,8 @@ def plots(path: Path) -> Part:
             doubt(f"{path}: {counted(count, noun)} left out: {why}")
     _doubt_radars(path, found.messages.filter(pl.col("sensor").is_in(seen["sensor"].unique())))
     if found.truncated_times:
-        doubt(f"{path}: times are those of a clock of 512 s: no service message has a full time")
-    # an identity that nobody has is none
+        doubt(f"{path}: times restart every 512 s, because no service message has a full time")
+    # columns of identities without values are dropped
     empty = [name for name in IDENTITIES if seen[name].null_count() == seen.height]
     said = {
         row["sensor"]: {name: value for name, value in row.items() if value is not None}
@@ -121,12 +125,12 @@ def truth(path: Path) -> Part:
 
 
 def _contents(found: AsterixRecording) -> str:
-    counts = {
-        "simulated or fixed": found.plots.height,
-        "system tracks (62)": found.tracks.height,
-        "ADS-B reports (21)": found.reports.height,
-        "positions (10, 20)": found.positions.height,
-        "messages (63, 65 and others)": found.messages.height,
-    }
-    listed = [f"{count} {name}" for name, count in counts.items() if count]
+    counts = (
+        (found.plots.height, "plot", "simulated or fixed"),
+        (found.tracks.height, "system track", "62"),
+        (found.reports.height, "ADS-B report", "21"),
+        (found.positions.height, "position", "10, 20"),
+        (found.messages.height, "message", "63, 65 and others"),
+    )
+    listed = [f"{counted(count, noun)} ({of})" for count, noun, of in counts if count]
     return ", ".join(filter(None, [*listed, found.skipped_text()])) or "nothing else"

@@ -9,7 +9,7 @@ from tertia._arrays import FloatArray
 from tertia.cli.terminal.say import WRONG_USAGE, fail
 from tertia.tables._records import Part, doubt
 
-# what the columns before the spectrum hold; they have no header
+# columns before the spectrum; the files have no header
 _COLUMNS = (
     "time",
     "angle",
@@ -29,9 +29,10 @@ _NUMBERS = ("angle", "latitude_deg", "longitude_deg", "gps_heading", "compass_he
 _PLACE = ("latitude_deg", "longitude_deg")
 _RESERVED = 4
 _SPECTRUM = 360
-# degrees between an angle and the maximum of its spectrum, and a share of rows that agree
+# largest difference in degrees between an angle and the maximum of its spectrum, and least share of
+# rows that must agree
 _NEAR, _AGREE = 2.0, 0.9
-# of a station that stands, in degrees: noise of its receiver of positions
+# largest variation in degrees of the position of a fixed station, due to noise of its GPS receiver
 _STANDS = 1e-3
 
 
@@ -62,7 +63,7 @@ def recording(path: Path) -> Part:
         fail(f"{path}: a cell is not a number: {str(error).splitlines()[0]}")
     relative = rows["angle"].to_numpy()
     if spectra is None:
-        doubt(f"{path} has no spectra: its angles are taken as clockwise from the heading")
+        doubt(f"{path} has no spectra; its angles are assumed to be clockwise from the heading")
     elif not _is_compass(path, relative, spectra):
         relative = -relative
     heading = pl.when(pl.col("heading") == "Compass").then("compass_heading")
@@ -89,11 +90,11 @@ def _is_compass(path: Path, angle: FloatArray, spectra: FloatArray) -> bool:
     )
     if max(circle, compass) < _AGREE:
         fail(
-            f"{path}: it cannot be told whether angles are clockwise: {circle:.0%} agree with the "
-            f"maxima of the spectra, {compass:.0%} with their mirror images"
+            f"{path}: it is unclear whether its angles are clockwise: {circle:.0%} of them agree "
+            f"with the maxima of the spectra, {compass:.0%} with their mirror images"
         )
     said = "clockwise from the heading" if compass > circle else "anticlockwise (unit circle)"
-    doubt(f"{path}: by the spectra its angles are {said}")
+    doubt(f"{path}: according to the spectra, its angles are {said}")
     return bool(compass > circle)
 
 

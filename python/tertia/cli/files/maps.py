@@ -19,11 +19,11 @@ from tertia.cli.terminal.say import WRONG_USAGE, counted, fail
 from tertia.tables._sensors import GEODETIC, Sensors
 
 GEOJSON, KML = SUFFIXES = (".geojson", ".kml")
-# what seconds count from in KML, which knows dates alone
+# date of time 0 in KML, which has no times without dates
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
-# eight digits are a millimetre
+# digits after the decimal point of degrees (1 mm) and of heights in metres
 _DIGITS, _HEIGHT_DIGITS = 8, 3
-# of areas: opacity, blue, green, red
+# colour of areas: opacity, blue, green, red
 _PALE = "60ff9933"
 
 

@@ -39,9 +39,9 @@ else:
 
 JSON_LINES = (".jsonl", ".ndjson")
 ARROW = (".arrow", ".feather")
-# what Polars unpacks while it reads
+# compressed files that Polars decompresses while it reads
 _PACKED = (".gz", ".zst")
-# what holds types, so that no row is blank
+# binary formats, which have no blank rows
 _BINARY = {".parquet": "Parquet", **dict.fromkeys(ARROW, "Arrow IPC")}
 # flight plans in messages of ICAO
 _MESSAGES = (".fpl", ".txt")
@@ -50,7 +50,7 @@ _ORIGIN = "origin"
 _ROWS_AT_ONCE = 2**17
 
 
-# how times are written in tables, by the option that all commands have
+# format of times in tables, from the option --time-format of all commands
 TIME_FORMAT: ContextVar[str | None] = ContextVar("time_format", default=None)
 
 
@@ -85,7 +85,7 @@ def batches(path: Path, columns: Sequence[str]) -> Iterator[pl.DataFrame]:
         rows = pl.scan_csv(path, infer_schema=False, glob=False)
         if any(name.endswith(AGAIN) for name in rows.collect_schema()):
             return
-        # a blank line is no row
+        # blank lines are not rows
         rows = rows.filter(~pl.all_horizontal(pl.all().is_null()))
     else:
         return
@@ -135,7 +135,7 @@ def _rows(path: Path) -> Part:
         return Part(frame, str(path), path.stem)
     if kind in JSON_LINES:
         return Part(frame, str(path), path.stem, 1)
-    # a blank line of a CSV file is no row
+    # blank lines of CSV files are not rows
     there = frame.select(~pl.all_horizontal(pl.all().is_null())).to_series()
     first = 2 + Dialect.of(path).comments
     if there.all():
@@ -149,8 +149,8 @@ def _frame(path: Path) -> pl.DataFrame:
         fail(f"cannot read {path}: it is a folder")
     if kind in asterix.SUFFIXES:
         fail(
-            f"cannot read {path}: ASTERIX is for tertia track, report and audit, and for the truth "
-            "of evaluate"
+            f"cannot read {path}: only tertia track, report and audit read ASTERIX, and tertia "
+            "evaluate as the truth"
         )
     if kind == ".json":
         fail(f"cannot read {path}: tables are read from CSV, Parquet, Arrow or JSON lines")
@@ -224,8 +224,8 @@ def read_radars(
     """
     rows, origin = _described(path, "radar")
     if alone and path.suffix.lower() == ".toml" and _described(path, _REPORTS)[0]:
-        fail(f"{path} has [[{_REPORTS}]] tables: they are for `tertia track`, without --udp")
-    # the first recording counts
+        fail(f"{path} has [[{_REPORTS}]] tables, which only `tertia track` without --udp can use")
+    # if several recordings describe a sensor, the first is used
     found = {name: row for part in reversed(source) for name, row in part.sensors.items()}
     sensors = radars(rows, origin=origin, file=str(path), found=found or None, flat=flat)
     for part in source:
@@ -240,7 +240,7 @@ def read_radars(
 
 
 def read_stations(path: Path, source: Source = ()) -> Sensors[Station]:
-    """Return the stations of a sensors file; missing positions come from their recording."""
+    """Return the stations of a sensors file; missing positions are taken from the recordings."""
     rows, origin = _described(path, "station")
     found = {name: row for part in reversed(source) for name, row in part.sensors.items()}
     rows = [
@@ -264,7 +264,7 @@ def _described(
         with reading(path):
             document = tomllib.loads(decoded(path.read_bytes()))
     except ValueError as error:
-        # also what is no UTF-8
+        # also raised if the file is not UTF-8
         fail(f"cannot read {path}: {error}")
     rows, origin = document.get(noun, []), document.get(_ORIGIN)
     if not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
@@ -310,7 +310,9 @@ def read_plans(
         return []
     filed = path.suffix.lower() in _MESSAGES
     if not filed and (fixes or airways):
-        fail(f"--fixes and --airways are for messages, {', '.join(_MESSAGES)}; this is {path}")
+        fail(
+            f"--fixes and --airways are only for messages ({', '.join(_MESSAGES)}), not for {path}"
+        )
     frame = plan_frame(origin, sensors)
     try:
         with reading(path):

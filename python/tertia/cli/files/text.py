@@ -18,25 +18,25 @@ from tertia.tables._records import doubt
 
 _BEGIN = 1 << 16
 _COMMENT = "#"
-# of those of equal number the first
+# separators; if several give the same number of columns, the first is used
 _SEPARATORS = ",;\t|"
 _BOMS = {codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 _NUMBER = r"\s*[+-]?\d+([.,]\d*)?([eE][+-]?\d+)?\s*"
 _GZIP = b"\x1f\x8b"
 _DAMAGED = (EOFError, zlib.error, gzip.BadGzipFile)
-# what is called a table, and is no text
+# first bytes of files that are not text
 _OTHERS = {
     b"PK": "a workbook or an archive",
     b"\xd0\xcf\x11\xe0": "a workbook",
     b"%PDF": "a PDF",
     b"PAR1": "Parquet, whose names end in .parquet",
-    b"<!DOCTYPE": "a page of a website",
+    b"<!DOCTYPE": "a web page",
     b"<html": "a page of a website",
     b"<?xml": "XML",
     b"[{": "JSON",
     b'{"': "JSON",
 }
-# bytes that no text has, and a share of them that is no accident
+# bytes that do not occur in text, and largest share of them in a text file
 _CONTROL = bytes(sorted({*range(32)} - {*b"\t\n\v\f\r\x1a\x1b"}))
 _STRANGE = 0.02
 _DECIMAL_COMMA = r"^(\s*[+-]?\d*),(\d+(?:[eE][+-]?\d+)?\s*)$"
@@ -60,7 +60,7 @@ class Dialect:
     def of(cls, path: Path) -> Dialect:
         """Return the dialect of a file, recognised from its beginning."""
         packed = path.suffix.lower()
-        # what is read once from a pipe is gone
+        # a pipe can be read only once
         if packed == ".zst" or not path.is_file():
             return cls()
         try:
@@ -132,11 +132,11 @@ def foreign(path: Path) -> str | None:
     if other is not None or begin[:2] in _BOMS or _without_mark(begin) != "utf-8":
         return other
     strange = len(begin) - len(begin.translate(None, _CONTROL))
-    return "it is no text" if strange > _STRANGE * len(begin) else None
+    return "it is not a text file" if strange > _STRANGE * len(begin) else None
 
 
 def damage(path: Path) -> str | None:
-    """Return what is wrong with a file that is compressed by gzip, in words."""
+    """Return a description of the damage of a file compressed by gzip; None if there is none."""
     if path.suffix.lower() != ".gz":
         return None
     try:
@@ -193,9 +193,9 @@ def _read(path: Path, dialect: Dialect) -> pl.DataFrame:
     if text is None:
         text = _text(contents, "cp1252") if dialect.encoding == "utf-8" else None
         if text is None:
-            reason = f"it is not text: {dialect.encoding} does not decode it"
+            reason = f"it cannot be decoded as {dialect.encoding}"
             raise pl.exceptions.ComputeError(reason)
-        doubt(f"{path} is not in UTF-8: it is read as Windows-1252")
+        doubt(f"{path} is not UTF-8; it is read as Windows-1252")
     for _ in range(dialect.comments):
         text = text.partition("\n")[2]
     return pl.read_csv(io.StringIO(text.lstrip("\ufeff")), **options)

@@ -88,7 +88,7 @@ def check_suffix(path: Path, known: Iterable[str]) -> None:
             raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
         wrong = errno.EISDIR if path.is_dir() else 0 if target.parent.is_dir() else errno.ENOENT
     except (OSError, RuntimeError) as error:
-        # a name that is too long, or a link to itself, which Python 3.12 and before call otherwise
+        # the name is too long, or the file is a link to itself (RuntimeError up to Python 3.12)
         wrong = getattr(error, "errno", errno.ELOOP)
     if wrong:
         fail(f"cannot write {path}: {os.strerror(wrong)}")
@@ -114,7 +114,7 @@ def write_text(text: str, path: Path) -> None:
 
 def write_asterix(rows: pl.DataFrame, path: Path) -> None:
     """Write system tracks, and print a note."""
-    from tertia.io._asterix_writer import asterix_tracks  # noqa: PLC0415  # this format alone
+    from tertia.io._asterix_writer import asterix_tracks  # noqa: PLC0415  # rarely used
 
     try:
         contents = asterix_tracks(rows, (0, 0))

@@ -22,12 +22,14 @@ from tertia.cli.terminal import settings
 from tertia.cli.terminal.say import FAILED, INTERRUPTED, WRONG_USAGE, fail, note
 from tertia.tables import ColumnError, RecordError, RecordWarning
 
-# options that name what is written
+# options that name output files
 _RESULTS = ("output", "plot_file", "measurements", "targets")
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EPIPE)
 _Json = Annotated[
     bool,
-    typer.Option("--json", help="Print the results as JSON on stdout; all else goes to stderr."),
+    typer.Option(
+        "--json", help="Print the results as JSON on stdout, and everything else on stderr."
+    ),
 ]
 
 
@@ -101,7 +103,7 @@ def _keep_measurements(options: Mapping[str, Any]) -> None:
     given |= {options.get(name): name for name in ("tracks", "truth", "bearings")}
     for result in (options.get(name) for name in _RESULTS):
         for path, what in given.items():
-            # a name that is too long is told where it is used
+            # a name that is too long is reported when it is used
             with contextlib.suppress(OSError):
                 if isinstance(result, Path) and isinstance(path, Path) and result.samefile(path):
                     fail(f"cannot write {result}: it contains the {what}", WRONG_USAGE)
@@ -131,7 +133,7 @@ def _mistakes() -> Iterator[None]:
         except (RecordError, np.linalg.LinAlgError, ImportError) as error:
             fail(str(error))
         except OSError as error:
-            # what has no name is a pipe
+            # an error without a file name belongs to a pipe
             if error.filename is None:
                 raise
             fail(f"cannot use {error.filename}: {error.strerror}")
@@ -150,7 +152,7 @@ def written_out() -> Iterator[None]:
     except OSError as error:
         if error.errno not in _FULL:
             raise
-        # what is left in the buffer must not fail again
+        # the rest of the buffer must not cause the same error again
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if error.errno != errno.EPIPE:
             note(f"tertia: cannot write the output: {error.strerror}")

@@ -82,7 +82,7 @@ Origin: TypeAlias = Annotated[
     str | None,
     typer.Option(
         metavar="LAT,LON",
-        help="Origin of east and north in degrees; by default that of the sensors.",
+        help="Origin of east and north in degrees; by default the origin of the sensors.",
     ),
 ]
 Flat: TypeAlias = Annotated[
@@ -97,7 +97,10 @@ ClockPeriod: TypeAlias = Annotated[
 ]
 UpdateInterval: TypeAlias = Annotated[
     float | None,
-    typer.Option(help="Required seconds between updates; by default that of the fastest sensor."),
+    typer.Option(
+        help="Required interval between updates in seconds; by default the interval of the fastest "
+        "sensor."
+    ),
 ]
 MaxDistance: TypeAlias = Annotated[
     float, typer.Option(help="Largest distance in metres between a track and its target.")

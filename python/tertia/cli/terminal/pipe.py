@@ -9,19 +9,19 @@ from collections.abc import Callable, Generator, Iterator
 
 _BYTES, _WAITING = 1 << 16, 16
 _PATIENCE_S = 60.0
-# packets that may wait, and that are taken at once
+# largest numbers of packets that wait, and that are processed together
 _PACKETS, _TOGETHER = 100_000, 2000
 
 
 class Quiet(enum.Enum):
-    """Marks that no line has arrived: at present, or for some time."""
+    """Marks for pauses: no line is waiting, or no line has arrived for some time."""
 
     NOW = enum.auto()
     LONG = enum.auto()
 
 
 class _Arriving:
-    """Parts read by a thread, so that pauses are detected; it waits until they are taken."""
+    """Parts that a thread reads, so that pauses are detected; the thread waits for the consumer."""
 
     def __init__(self, read: Callable[[], bytes], pause: float, waiting: int) -> None:
         self._pause = pause
@@ -46,7 +46,7 @@ class _Arriving:
         if part is None:
             yield Quiet.LONG
         while part is None:
-            # Ctrl-C ends a wait that has a limit, and after Polars' handler no other
+            # once Polars has set its handler, Ctrl-C interrupts only a wait with a timeout
             part = self._wait(_PATIENCE_S)
         if isinstance(part, OSError):
             raise part
@@ -79,7 +79,7 @@ class Packets(_Arriving):
     """The packets that arrive at a socket, and marks when none arrive."""
 
     def __init__(self, receiving: socket.socket, pause: float) -> None:
-        # an empty packet is no end
+        # an empty packet must not end the loop
         super().__init__(lambda: receiving.recv(_BYTES) or b"\0", pause, _PACKETS)
 
     def __iter__(self) -> Iterator[list[bytes] | Quiet]:

@@ -16,7 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 FAILED, WRONG_USAGE, INTERRUPTED = 1, 2, 130
-# a person reads no more, and rich takes a millisecond per row
+# users do not read more rows, and rich needs a millisecond per row
 MAX_ROWS = 1000
 _UNLIMITED = 10_000
 
@@ -110,7 +110,7 @@ def print_table(
         out.add_row(*map(Text, cells(row).values()))
     console = Console()
     width = Measurement.get(console, console.options.update(width=_UNLIMITED), out)
-    # wrap on a terminal, never in a pipe, and truncate nowhere
+    # wrap lines on a terminal but not in a pipe, and never truncate them
     console.width = max(console.width, width.minimum) if console.is_terminal else width.maximum
     console.print(out)
     if table.height > MAX_ROWS:

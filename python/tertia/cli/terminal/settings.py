@@ -15,7 +15,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-# the name of the measurements, which have no option
+# names of the files of measurements, which are arguments and not options
 _FILES = ("file", "files")
 _NONE = ("--settings", "--help")
 
@@ -35,7 +35,7 @@ def use(context: typer.Context, path: Path | None) -> Path | None:
     if not isinstance(own, Mapping):
         fail(f"{path}: {context.info_name} is not a table of options", WRONG_USAGE)
     known = _options(context.command)
-    # what other commands have may be there for them
+    # an option that only other commands have is ignored
     elsewhere = {*commands, *(name for one in commands.values() for name in _options(one))}
     common = {
         name: value for name, value in document.items() if name in known or name not in elsewhere
