@@ -9,6 +9,7 @@ mod faults;
 mod fit;
 mod information;
 mod lasting;
+mod model;
 mod motion;
 mod noise;
 mod opening;
