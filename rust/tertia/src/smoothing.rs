@@ -35,4 +35,5 @@ pub use record::Record;
 pub use results::{Smoothed, Summary};
 pub(crate) use smoother::likelihood;
 pub use smoother::{Workspace, smooth};
-pub use track::{Noise, Prior, Track, Velocities};
+pub use track::{Prior, Track, Velocities};
+pub use whitener::Noise;
