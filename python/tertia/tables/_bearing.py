@@ -136,7 +136,7 @@ def bearings_of(
     # the measurements may be in any unit, which their name does not tell
     schema: Schema = {"theta": Field("number", {values: 1.0}, required=True)}
     if options.get("sigma") is None and options.get("method", "robust") == "robust":
-        schema |= {"sigma": number(column_name(values, "sigma"), positive=True)}
+        schema = {**schema, "sigma": number(column_name(values, "sigma"), positive=True)}
     shared = [groups] if groups is not None and groups not in keys else []
     records = read(source, schema, columns=columns, by=[*keys, *shared], results=names)
     rows = layout(records.by.select(keys), records.rows.height)
@@ -190,8 +190,7 @@ def _estimates(
             continue
 
         def estimate(*blocks: npt.NDArray[Any], names: Sequence[str] = names) -> BearingEstimate:
-            measured: dict[str, Any] = dict(zip(names, blocks, strict=True))
-            return estimate_bearing(**measured, **options)
+            return estimate_bearing(**{**options, **dict(zip(names, blocks, strict=True))})
 
         chosen = [_of_groups(arrays[name], count, own) for name in names]
         for which, found in by_length(count[own], chosen, estimate):

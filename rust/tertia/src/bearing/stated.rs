@@ -37,8 +37,10 @@ const LANES: usize = 8;
 const PRODUCTS: usize = 64;
 /// Measurements from which modes are looked for, at most.
 const STARTS: usize = 32;
-/// Modes whose likelihood is smaller than that of another one by this logarithm do not count.
-const LEAST_LOG_WEIGHT: f64 = 15.0;
+/// Modes of less weight than this share of the largest do not count...
+const LEAST_WEIGHT: f64 = 0.05;
+/// ...and are not looked for where the logarithm of the likelihood is smaller by this.
+const FAR_BELOW: f64 = 15.0;
 /// EM ends where the centre changes by less than this share of its standard error.
 const TOLERANCE: f64 = 1e-4;
 const MOST_STEPS: usize = 100;
@@ -335,16 +337,14 @@ impl Sample {
     /// The modes that count.
     fn modes(&self, factor: f64) -> Vec<Mode> {
         let starts = self.starts();
-        let log: Vec<f64> = starts.iter().map(|&c| self.around(c, factor).log_likelihood).collect();
-        let highest = log.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let is_peak = |k: usize| {
-            let (before, after) = (k.checked_sub(1).map(|k| log[k]), log.get(k + 1));
-            log[k] > highest - LEAST_LOG_WEIGHT
-                && before.is_none_or(|l| l <= log[k])
-                && after.is_none_or(|&l| l <= log[k])
-        };
+        let around: Vec<Around> = starts.iter().map(|&c| self.around(c, factor)).collect();
+        let likelihood = |k: usize| around[k].log_likelihood;
+        let highest = (0..starts.len()).map(likelihood).fold(f64::NEG_INFINITY, f64::max);
         let mut modes: Vec<Mode> = Vec::new();
-        for k in (0..starts.len()).filter(|&k| is_peak(k)) {
+        for k in 0..starts.len() {
+            if likelihood(k) < highest - FAR_BELOW || !leads_to_maximum(&around, k) {
+                continue;
+            }
             let mode = self.climb(starts[k], factor);
             let apart = |m: &Mode| (m.centre - mode.centre).abs() > SAME * mode.variance.sqrt();
             if modes.iter().all(apart) {
@@ -353,6 +353,7 @@ impl Sample {
         }
         let highest = modes.iter().map(|m| m.weight).fold(f64::NEG_INFINITY, f64::max);
         modes.iter_mut().for_each(|m| m.weight = (m.weight - highest).exp());
+        modes.retain(|m| m.weight >= LEAST_WEIGHT);
         let total: f64 = modes.iter().map(|m| m.weight).sum();
         modes.iter_mut().for_each(|m| m.weight /= total);
         modes
@@ -404,6 +405,15 @@ impl Sample {
         }
         1.0 + 2.0 * products / squares
     }
+}
+
+/// Whether the slope changes its sign between this start and the one that it points to. Both may have
+/// a maximum of their own.
+fn leads_to_maximum(around: &[Around], k: usize) -> bool {
+    let slope = |k: usize| around.get(k).map(|a| a.slope);
+    let (after, before) = (slope(k + 1), k.checked_sub(1).and_then(slope));
+    around[k].slope >= 0.0 && after.is_none_or(|s| s <= 0.0)
+        || around[k].slope <= 0.0 && before.is_none_or(|s| s >= 0.0)
 }
 
 #[inline(always)]
