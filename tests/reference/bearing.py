@@ -384,6 +384,11 @@ def robust(y, size, rounding=0.0, correlation=None):
     return value, np.sqrt(variance), good < 0.5, weight
 
 
+def noise_factor(q, n):
+    """Return the noise factor of a sum of squares with so many degrees of freedom."""
+    return np.sqrt(max(1.0, (5 + q) / (5 + n)))
+
+
 def stated(y, s, correlation):
     """Bearing, sigma, outliers and noise factor with stated sigmas, of two measurements or more."""
     ratio = 0.1 / 0.9 * np.sqrt(2 * np.pi) / 40
@@ -425,18 +430,14 @@ def stated(y, s, correlation):
         weight = weight[weight >= 0.05]
         return found, weight / weight.sum()
 
-    def factor(q, n):
-        return np.sqrt(max(1.0, (5 + q) / (5 + n)))
-
-    n = len(y)
-    f = 1.0
+    n, f = len(y), 1.0
     if n > 4:
         middle = 1.4826 * np.median(np.abs(y - np.median(y)) / s)
-        f = factor((n - 1) * middle**2, n - 1)
+        f = noise_factor((n - 1) * middle**2, n - 1)
     modes, weight = fit(f)
     for _ in range(3):
         centre, _, _, g = modes[int(np.argmax(weight))]
-        following = factor(np.sum(g * ((y - centre) / s) ** 2), max(g.sum() - 1, 0))
+        following = noise_factor(np.sum(g * ((y - centre) / s) ** 2), max(g.sum() - 1, 0))
         if abs(following / f - 1) < 0.01:
             break
         f = following

@@ -14,20 +14,14 @@ from tertia.screening import unwrap_about_median
 from tertia.sensors import Kind, Station
 from tertia.tables._sensors import Sensors
 
-# with fewer no scatter can be estimated
+# fewer do not show their noise
 _FEWEST = 5
-# from so many on a sensor's own scatter tells its noise as well as what is stated
+# as many show it as well as what is stated
 _MANY = 40
 # of kinds that repeat
 PERIODS = {"azimuth": 360.0}
-# what are comparable at one place after the other
+# measurements that can be compared at one place at different times
 _COMMON: tuple[Kind, ...] = ("range", "azimuth", "elevation")
-# of the normal distribution, exceeded by 5 %
-_QUANTILE = 1.645
-# median of absolute residuals in sigmas if a fifth are wrong, and its spread for one residual
-_MEDIAN, _SPREAD = 0.89, 0.8
-# spreads beyond which noise is not as stated, residuals that can tell, and the most that is noise
-_DOUBT, _ENOUGH, _MOST = 2.5, 8, 4.0
 
 
 def stated_sigmas(rows: pl.DataFrame, sensors: Sensors[Station]) -> FloatArray:
@@ -110,9 +104,8 @@ def _without_contradictions(
         for one, factor in zip(parts, factors, strict=True)
     ]
     rows = pl.concat(grown)
-    outlier = _outliers_at_one_place(rows, sensors)
-    rows = rows.with_columns(outlier=outlier)
-    return rows.partition_by("site", "kind", maintain_order=True)
+    marked = rows.with_columns(outlier=_outliers_at_one_place(rows, sensors))
+    return marked.partition_by("site", "kind", maintain_order=True)
 
 
 def _outliers_at_one_place(rows: pl.DataFrame, sensors: Sensors[Station]) -> pl.Series:

@@ -5,7 +5,8 @@
 //! the Python API.
 //!
 //! `modes <- acceleration, independent, sticky, information <- hypotheses`
-//! `estimate, rules, blocks, start, hypotheses <- workspace <- paper, robust <- stated <- groups <- estimator`
+//! `estimate, rules, blocks, start, hypotheses <- workspace <- paper, robust`
+//! `maxima, robust <- stated <- groups <- estimator`
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
@@ -18,6 +19,7 @@ mod groups;
 mod hypotheses;
 mod independent;
 mod information;
+mod maxima;
 mod modes;
 mod paper;
 mod robust;
