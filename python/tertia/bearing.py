@@ -273,7 +273,7 @@ def estimate_bearing(
     Three bearings with a stated sigma of 2 degrees, one of them wrong:
 
     >>> tertia.estimate_bearing([44.0, 46.5, 80.0], sigma=2.0)
-    BearingEstimate(45.3 ± 1.5, outliers 1 of 3, polarity +0.333, systematic error not included)
+    BearingEstimate(45.25 ± 1.42, outliers 1 of 3, polarity +0.333, systematic error not included)
     """
     theta = samples(theta, "theta")
     labels = None if groups is None else _numbered(groups, theta.shape)
