@@ -430,7 +430,7 @@ class TestSmooth:
         course = np.degrees(np.pi / 2 - np.asarray(convergence))
         table = pl.DataFrame(
             {
-                "time_s": 1000.0 + time,
+                "time_s": 2000.0 + time,
                 "latitude_deg": latitude,
                 "longitude_deg": longitude,
                 "speed_m_s": 200.0 / np.asarray(scale),
@@ -441,8 +441,10 @@ class TestSmooth:
         table = table.with_columns(time_s=pl.col("time_s").fill_null(0.0))
         found = tables.smooth(table, sigma=5.0, velocity_sigma=0.1, jerk=1e-6)
         assert not found["smoothing_velocity_outlier"][1:].any()
-        np.testing.assert_allclose(found["north_rate_m_s"][5:], 0.0, atol=0.1)
-        np.testing.assert_allclose(found["east_rate_m_s"][5:], 200.0, atol=0.2)
+        speed = np.hypot(found["east_rate_m_s"], found["north_rate_m_s"])[5:]
+        np.testing.assert_allclose(speed, table["speed_m_s"][5:], atol=0.2)
+        true = np.degrees(np.arctan2(found["east_rate_m_s"], found["north_rate_m_s"]))[5:]
+        np.testing.assert_allclose(true, course[5:], atol=0.02)
 
     @pytest.mark.parametrize(
         ("options", "message"),

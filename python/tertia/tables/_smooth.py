@@ -17,7 +17,7 @@ from tertia.tables._groups import as_names, by_length, column_name, known, layou
 from tertia.tables._records import TIME, Field, RecordError, Schema, Source, read, source_of
 from tertia.tables._sensors import GEODETIC, LOCAL
 from tertia.tables._times import Clock
-from tertia.tables._velocities import fields, velocities_of
+from tertia.tables._velocities import fields, true_rates, velocities_of
 
 # results for each quantity, and suffixes of their units
 _QUANTITIES = {"smoothed": "", "rate": "_s", "acceleration": "_s2"}
@@ -74,7 +74,9 @@ def smooth(
         acceleration, each followed by its sigma, for example `east_smoothed_m`,
         `east_smoothed_sigma_m`, `east_rate_m_s` and `east_acceleration_m_s2`. Unknown values are
         null. If positions are latitudes and longitudes, there are also `latitude_smoothed_deg` and
-        `longitude_smoothed_deg`. `smoothing_outlier` marks the positions that were left out, and
+        `longitude_smoothed_deg`; `east_smoothed_m` and `north_smoothed_m` are coordinates in the
+        system plane, but rates and accelerations are relative to true north at the position.
+        `smoothing_outlier` marks the positions that were left out, and
         `smoothing_velocity_outlier` the velocities, if there are any.
 
     Raises
@@ -180,12 +182,13 @@ def smoothing_of(
         places: IntArray,
         *velocity: FloatArray,
     ) -> tuple[IntArray, Any]:
-        moving = dict(zip(("velocity", "velocity_covariance"), velocity, strict=False))
+        names = "velocity", "velocity_covariance"
+        options: dict[str, Any] = dict(zip(names, velocity, strict=False))
         one = smoothing.smooth(
             plots,
             variances,
             time=instants,
-            **moving,
+            **options,
             correlation_time=correlation_time,
             robust=robust,
             jerk=intensity,
@@ -197,6 +200,11 @@ def smoothing_of(
             raise one
         places, smoothed = one
         found[places], spread[places] = smoothed.mean, smoothed.sigma
+        if plane is not None:
+            flat = smoothed.mean.reshape(-1, 6), smoothed.covariance.reshape(-1, 6, 6)
+            found[places], spread[places] = (
+                part.reshape(smoothed.mean.shape) for part in true_rates(*flat, plane)
+            )
         outlier[places] = smoothed.outlier
         if spreads:
             velocity_outlier[places] = smoothed.velocity_outlier

@@ -44,14 +44,38 @@ def velocities_of(
         raise RecordError(f"velocity_sigma is given, but there are no velocities: {names}{other}")
     if plane is None or velocities is not None:
         return found
-    position = frame.select("east_m", "north_m").to_numpy()
+    turn = _to_plane(plane, frame.select("east_m", "north_m").to_numpy())
+    return np.asarray(np.einsum("nij,nj->ni", turn, found))
+
+
+def true_rates(
+    mean: FloatArray, covariance: FloatArray, plane: SystemPlane
+) -> tuple[FloatArray, FloatArray]:
+    """Return states and their standard deviations, with rates east and north of true north.
+
+    States in `plane` are positions, velocities and accelerations, of shape (rows, 6). The positions
+    stay in the plane.
+    """
+    turn = np.zeros((len(mean), 6, 6))
+    turn[:, :2, :2] = np.eye(2)
+    turn[:, 2:4, 2:4] = turn[:, 4:, 4:] = np.linalg.inv(_to_plane(plane, mean[:, :2]))
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    # unknown components are so in any direction
+    known = np.where(np.isfinite(sigma), sigma, 0.0)
+    correlated = np.where(np.isfinite(covariance), covariance, 0.0)
+    variance = np.einsum("nij,njk,nik->ni", turn, correlated, turn)
+    found = np.einsum("nij,nj->ni", turn, np.where(known > 0, mean, 0.0))
+    return np.where(known > 0, found, np.nan), np.where(known > 0, np.sqrt(variance), sigma)
+
+
+def _to_plane(plane: SystemPlane, position: FloatArray) -> FloatArray:
+    """Return the matrices (rows, 2, 2) that turn velocities of true north into those of a plane."""
     scale, convergence = plane.scale_and_convergence(
         np.column_stack([position, np.zeros(len(position))])
     )
-    east, north = found.T
     sine, cosine = np.sin(convergence), np.cos(convergence)
-    turned = [east * cosine + north * sine, north * cosine - east * sine]
-    return np.multiply(np.column_stack(turned), np.asarray(scale)[..., np.newaxis])
+    turn = np.array([[cosine, sine], [-sine, cosine]]) * scale
+    return np.moveaxis(turn, -1, 0)
 
 
 def _cells(frame: pl.DataFrame, names: Sequence[str]) -> FloatArray:
