@@ -77,10 +77,10 @@ def smoothing(
     series = samples(y, "y")
     if isinstance(result, SmoothedPositions):
         number = integer(axis, "axis", 0)
-        dimension = result.innovation.shape[-1]
+        shape = result.position.shape
+        dimension = shape[-1]
         if number >= dimension:
             raise ValueError(f"axis is {number}; result has {dimension} axes")
-        shape = result.innovation.shape
         value, sigma = result.mean[..., number], result.sigma[..., number]
     elif isinstance(result, LocalPolynomial):
         number, shape = None, result.value.shape

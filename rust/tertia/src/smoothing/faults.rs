@@ -8,7 +8,8 @@
 #![allow(clippy::needless_range_loop)]
 
 use super::fit::Family;
-use super::lasting::{Faults, Found, LastingNoise};
+use super::lasting::Found;
+use super::model::{Faults, LastingNoise};
 use super::search::{Near, Scale, Search};
 use super::seen::Quantity;
 use super::track::Track;

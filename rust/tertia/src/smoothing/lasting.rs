@@ -9,6 +9,7 @@
 
 use super::adjoint::{self, Adjoint};
 use super::diffuse;
+use super::model::{Faults, Model};
 use super::motion::{self, ProcessNoise};
 use super::rows::invert;
 use super::seen::{ENOUGH, Quantity};
@@ -28,57 +29,6 @@ const LEAST_SHARE: f64 = 1e-11;
 const FLOOR: f64 = 1e-13;
 /// How often smoothing begins anew near what it found.
 const ATTEMPTS: usize = 3;
-
-/// Noise of the whitened positions, or velocities, of which a share lasts.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct LastingNoise {
-    pub of: Quantity,
-    /// The white part has the variance `1 − share` of the whole.
-    pub share: f64,
-    /// Correlation time of the lasting part.
-    pub time: f64,
-}
-
-impl LastingNoise {
-    pub const NONE: Self = Self { of: Quantity::Position, share: 0.0, time: 0.0 };
-
-    /// The correlation over a time.
-    fn correlation(&self, t: f64) -> f64 {
-        if self.share == 0.0 { 0.0 } else { (-t / self.time).exp() }
-    }
-}
-
-/// Motion and noise.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Model {
-    pub motion: ProcessNoise,
-    pub lasting: LastingNoise,
-    /// Over the stated standard deviations of velocities.
-    pub velocity_factor: f64,
-    /// Time by which velocities lag behind positions.
-    pub velocity_lag: f64,
-}
-
-impl Model {
-    /// Variance of a whitened number, and the share of it that lasts.
-    #[inline(always)]
-    pub fn noise(&self, quantity: Quantity) -> (f64, f64) {
-        let share = if self.lasting.of == quantity { self.lasting.share } else { 0.0 };
-        match quantity {
-            Quantity::Position => (1.0, share),
-            Quantity::Velocity => (self.velocity_factor.powi(2), share),
-        }
-    }
-}
-
-/// What does not belong to the path.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Faults {
-    /// Positions that are left out, and velocities if these are measured, plot by plot.
-    pub gross: Vec<bool>,
-    /// Instants before which the position jumps.
-    pub jumps: Vec<bool>,
-}
 
 /// The fit of a model: the sum of squared innovations and that of the logarithms of their variances.
 #[derive(Clone, Copy, Debug, Default)]

@@ -6,7 +6,8 @@
 
 use super::faults::find_faults;
 use super::fit::{Family, ProcessNoiseFit, fit_process_noise, likeliest_other, median_step};
-use super::lasting::{Faults, Found, LastingNoise, Model};
+use super::lasting::Found;
+use super::model::{Faults, LastingNoise, Model};
 use super::motion::ProcessNoise;
 use super::results::{Smoothed, Summary};
 use super::search::{Candidate, Near, Scale, Search};

@@ -92,7 +92,7 @@ fn covariance<const D: usize>(whitener: &[f64]) -> [[f64; D]; D] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::track::Noise;
+    use super::super::whitener::Noise;
     use super::*;
 
     #[test]

@@ -1,7 +1,8 @@
 //! The most likely motion of a family with a model of the noise, and the noise factor that goes with it.
 
 use super::fit::{Family, ProcessNoiseFit, median_step, range};
-use super::lasting::{Faults, Fit, Lasting, LastingNoise, Model};
+use super::lasting::{Fit, Lasting};
+use super::model::{Faults, LastingNoise, Model};
 use super::motion::ProcessNoise;
 use super::results::Smoothed;
 use super::track::Track;

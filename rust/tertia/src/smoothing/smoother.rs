@@ -187,7 +187,7 @@ fn forget(component: usize, n: usize, mean: &mut [f64], covariance: &mut [f64]) 
 
 #[cfg(test)]
 mod tests {
-    use super::super::track::Noise;
+    use super::super::whitener::Noise;
     use super::*;
 
     fn smoothed(d: usize, times: &[f64], y: &[f64], jerk: f64) -> (Vec<f64>, Vec<f64>, Summary) {

@@ -1,22 +1,13 @@
 //! The plots of a target: positions with their covariances, at instants, and velocities if there are any.
 
 use super::seen::{ENOUGH, Quantity, Seen};
-use super::whitener::{LARGEST, Whitened, whiten_as};
+use super::whitener::{LARGEST, Noise, Whitened, whiten_as};
 use crate::base::basis::Basis;
 use crate::base::error::{Error, Result, require_times};
 use std::ops::Range;
 
 /// A plot that is so many times less precise than the last moves the reference halfway.
 const FORGETTING: f64 = 1e4;
-
-/// Covariances of the plots, row by row.
-#[derive(Clone, Copy, Debug)]
-pub enum Noise<'a> {
-    /// One matrix (D, D) for all instants.
-    Same(&'a [f64]),
-    /// A matrix for each instant, (N, D, D).
-    Each(&'a [f64]),
-}
 
 /// Velocities that are measured with the positions.
 #[derive(Clone, Copy, Debug)]

@@ -1,6 +1,5 @@
 //! Plots and the inverses of the Cholesky factors of their covariances.
 
-use super::track::Noise;
 use crate::base::error::{Error, Result, require_elements};
 
 /// Products of two standard deviations and of their reciprocals stay finite.
@@ -11,6 +10,15 @@ const ASYMMETRY: f64 = 1e-10;
 const REGULAR: f64 = 1e-13;
 /// Squares of larger numbers overflow.
 pub(super) const LARGEST: f64 = 1e140;
+
+/// Covariances of the plots, row by row.
+#[derive(Clone, Copy, Debug)]
+pub enum Noise<'a> {
+    /// One matrix (D, D) for all instants.
+    Same(&'a [f64]),
+    /// A matrix for each instant, (N, D, D).
+    Each(&'a [f64]),
+}
 
 /// What is measured at N instants, with what makes its errors independent and of unit variance.
 pub(super) struct Whitened {

@@ -1,7 +1,7 @@
 //! Beside the smoother by rows.
 
 use super::super::smoother::{self, Workspace};
-use super::super::track::Noise;
+use super::super::whitener::Noise;
 use super::*;
 use crate::base::checks::assert_within;
 

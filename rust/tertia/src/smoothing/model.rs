@@ -1,0 +1,55 @@
+//! What a track may be besides as stated: its motion, noise that differs, and faults.
+
+use super::motion::ProcessNoise;
+use super::seen::Quantity;
+
+/// Noise of the whitened positions, or velocities, of which a share lasts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct LastingNoise {
+    pub of: Quantity,
+    /// The white part has the variance `1 − share` of the whole.
+    pub share: f64,
+    /// Correlation time of the lasting part.
+    pub time: f64,
+}
+
+impl LastingNoise {
+    pub const NONE: Self = Self { of: Quantity::Position, share: 0.0, time: 0.0 };
+
+    /// The correlation over a time.
+    pub fn correlation(&self, t: f64) -> f64 {
+        if self.share == 0.0 { 0.0 } else { (-t / self.time).exp() }
+    }
+}
+
+/// Motion and noise.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Model {
+    pub motion: ProcessNoise,
+    pub lasting: LastingNoise,
+    /// Over the stated standard deviations of velocities.
+    pub velocity_factor: f64,
+    /// Time by which velocities lag behind positions.
+    pub velocity_lag: f64,
+}
+
+impl Model {
+    /// Variance of a whitened number, and the share of it that lasts.
+    #[inline(always)]
+    pub fn noise(&self, quantity: Quantity) -> (f64, f64) {
+        let share = if self.lasting.of == quantity { self.lasting.share } else { 0.0 };
+        match quantity {
+            Quantity::Position => (1.0, share),
+            Quantity::Velocity => (self.velocity_factor.powi(2), share),
+        }
+    }
+}
+
+/// What does not belong to the path.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Faults {
+    /// Positions that are left out, and velocities if these are measured, plot by plot.
+    pub gross: Vec<bool>,
+    /// Instants before which the position jumps.
+    pub jumps: Vec<bool>,
+}
