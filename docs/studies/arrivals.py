@@ -54,7 +54,9 @@ NETS: dict[str, Net] = {
         receivers=10, tags=2, beacons=0, emissions=150, tag_speed=1.5, speed_sigma=3.0
     ),
     "8 hydrophones, clock drift ten times as large": Net(drift=1e-8),
-    "8 hydrophones, straight path, emissions every 3 s on average": Net(is_straight=True, interval=3.0, emissions=150),
+    "8 hydrophones, straight path, emissions every 3 s on average": Net(
+        is_straight=True, interval=3.0, emissions=150
+    ),
     "radio, 6 receivers over 30 km, 3 aircraft": Net(
         receivers=6, extent=30e3, speed=299_792_458.0, speed_sigma=0.0, survey=0.5, path=0.0,
         noise=5e-8, offset=1e-3, rate=1e-9, drift=1e-12, tags=3, emissions=120, interval=1.0,

@@ -388,7 +388,11 @@ def paper_weights() -> str:
         ["measured", found["equal", "healthy"].value, ".1f"],
         ["RMSE with the paper's weights, predicted, millidegrees", predicted, ".1f"],
         ["measured", paper.value, ".1f"],
-        ["RMSE after the third filter, divided by the RMSE before it, healthy", third.ratio(paper)[0], ".3f"],
+        [
+            "RMSE after the third filter, divided by the RMSE before it, healthy",
+            third.ratio(paper)[0],
+            ".3f",
+        ],
     ]
     turn = case("turn")
     once = fused(turn, "paper").mean[..., 0]

@@ -35,7 +35,7 @@ InstantMethod: TypeAlias = Literal[
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusedEstimate(Result):
-    """A fused estimate, and a test whether the estimates of the sensors agree.
+    """A fused estimate, and a test of whether the estimates of the sensors agree.
 
     Attributes
     ----------
@@ -130,10 +130,10 @@ def fuse(
         contradictions between the sensors; this is possible only for "matrix" without
         `cross_covariances`.
     n : int, inf or array_like of shape (K,), optional
-        Number of measurements from which each covariance was estimated, as was their mean.
-        The covariance and the p-value of the result then allow for the uncertainty of the given
-        covariances. inf, which is also the default, means that a covariance is known. Only for
-        "matrix" without `cross_covariances`.
+        Number of measurements from which each estimate, as their mean, and its covariance were
+        computed. The covariance and the p-value of the result then allow for the uncertainty of the
+        given covariances. inf, which is also the default, means that a covariance is known. Only
+        for "matrix" without `cross_covariances`.
     method : str
         "matrix": the linear unbiased combination with the smallest covariance.
         "posterior": each component is weighted by the inverses of its variances.

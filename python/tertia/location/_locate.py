@@ -102,7 +102,7 @@ def locate(
         sigmas are increased as much as contradictions between the stations require; without
         contradictions they are not increased (see Notes).
     range_difference_correlation : float
-        Correlation of the errors of range differences. Use .5 if all range differences contain the
+        Correlation of the errors of range differences. Use 0.5 if all range differences contain the
         error of the first station, and this error has the same variance as the errors of the other
         stations. Use 0 if the errors of the range differences are independent. The variance of the
         common error is this fraction of the smallest variance of a range difference.

@@ -178,12 +178,12 @@ class Location(Result):
         return region_of(self._source(), self.position, self._accuracy(), probability)
 
     def cep(self, probability: float = 0.5) -> float | FloatArray:
-        """Return the horizontal radius that contains the target with a given probability.
+        """Return the radius of a circle that contains the target with a given probability.
 
         Parameters
         ----------
         probability : float
-            Probability that the circle about the position contains the target.
+            Probability that the horizontal circle about the position contains the target.
 
         Returns
         -------

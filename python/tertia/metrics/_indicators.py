@@ -172,7 +172,7 @@ def indicators(
     max_distance : float
         Largest distance in metres from a track to its target.
     update_interval : float
-        Required time between updates in seconds.
+        Required time between updates, in seconds.
     limits : mapping of str to float, optional
         Limits of indicators, by the names of their attributes, as in the specification that
         applies; there are no default limits. Probabilities and `continuity` must be at least as
