@@ -125,7 +125,7 @@ class SmoothedPositions(Result):
         Factor, at least 1, by which the stated standard deviations of the positions are multiplied.
     velocity_outlier : ndarray of bool, of shape (..., N), or None
         Measured velocities that were left out; None without velocities.
-        velocity_noise_factor : float or ndarray of shape (...)
+    velocity_noise_factor : float or ndarray of shape (...)
         Factor, at least 1, by which the stated standard deviations of the velocities are
         multiplied.
     velocity_lag : float or ndarray of shape (...)

@@ -72,7 +72,7 @@ class NoiseFit(Result):
 
     @property
     def density(self) -> float:
-        """Spectral density of the acceleration at frequency 0, `2 acceleration_sigma**2 / alpha`."""
+        """Spectral density of acceleration at frequency 0, `2 acceleration_sigma**2 / alpha`."""
         if self.acceleration_sigma == 0:
             return 0.0
         return 2 * self.acceleration_sigma**2 / self.alpha if self.alpha > 0 else float("inf")
