@@ -173,18 +173,18 @@ def locate(
     deviation is given, one common standard deviation is estimated from the residuals. The robust
     method estimates this deviation from the median of the absolute residuals.
 
-    **Times of arrival.** In the model `c t = b + |p - s| + e`, the emission b is an additional
-    unknown with a flat prior. The model is equivalent to one of range differences relative to any
-    of the stations, with their full covariance. Range differences that have a common error are
-    treated as times of arrival, of which the one at the first station is 0. If the first station is
-    faulty, all range differences are marked as outliers. The loss for times of arrival is `-ln` of
-    a density in which 99 of 100 arrivals have normal noise, and one in a hundred is a fault of up
-    to 50 sigma. A residual is a fault if it is late by more than 3.9 sigma or early by more than
-    4.6 sigma. The covariance is `(J' W J)^-1` with the weights of that loss, plus a term for
-    doubtful measurements, which is given below. If more than one in a hundred arrivals of a batch
-    is faulty, the actual fraction of faults is used in the density. `Station.position_sigma`
-    contributes to the errors of all measurements of a station, unless the sigma of the measurements
-    is to be estimated.
+    **Times of arrival.** In the model `c t = b + |p - s| + e`, b, the time of emission times the
+    speed, is an additional unknown with a flat prior. The model is equivalent to one of range
+    differences relative to any of the stations, with their full covariance. Range differences that
+    have a common error are treated as times of arrival, of which the one at the first station is 0.
+    If the first station is faulty, all range differences are marked as outliers. The loss for times
+    of arrival is `-ln` of a density in which 99 of 100 arrivals have normal noise, and one in a
+    hundred is a fault of up to 50 sigma. A residual is a fault if it is late by more than 3.9 sigma
+    or early by more than 4.6 sigma. The covariance is `(J' W J)^-1` with the weights of that loss,
+    plus a term for doubtful measurements, which is given below. If more than one in a hundred
+    arrivals of a batch is faulty, the actual fraction of faults is used in the density.
+    `Station.position_sigma` contributes to the errors of all measurements of a station, unless the
+    sigma of the measurements is to be estimated.
 
     **Minimisation.** The search starts at the best of the points where a minimal set of
     measurements agrees, or at the median of the positions that are determined by single stations.
