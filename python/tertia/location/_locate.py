@@ -99,8 +99,8 @@ def locate(
         Systematic errors that replace those of the stations: the same for all stations, or one for
         each of K. Their values are subtracted, and their sigmas are part of the covariance. With
         `Bias()` there are no systematic errors. If neither the call nor the stations state a bias,
-        sigmas are increased as much as contradictions between the stations require; without
-        contradictions they are not increased (see Notes).
+        sigmas are increased as much as inconsistencies between the stations require; without
+        inconsistencies they are not increased (see Notes).
     range_difference_correlation : float
         Correlation of the errors of range differences. Use 0.5 if all range differences contain the
         error of the first station, and this error has the same variance as the errors of the other
@@ -202,7 +202,7 @@ def locate(
     of this factor. If errors are correlated over time, the instants count as fewer independent
     instants. For a single instant, the variances are increased if its own residuals fail a test
     with a significance of 10 %. If nothing contradicts the stated sigmas, they are not increased.
-    An error that all stations share causes no contradiction. If the residuals of a batch are
+    An error that all stations share causes no inconsistency. If the residuals of a batch are
     significantly smaller than stated (at 99 %), the missing part of the variance is attributed to
     an error that all stations share, and this error is added to the covariance. If the common error
     can be larger, state it in `bias`. If the stated sigmas are half of the true ones, this is
@@ -455,7 +455,7 @@ def _sigma_batch(measured: _Measured) -> tuple[int, ...]:
 
 
 def _grown(sigmas: FloatArray, grows: BoolArray, growth: Sequence[float]) -> FloatArray:
-    """Return the standard deviations, increased as much as the contradictions require."""
+    """Return the standard deviations, increased as much as the inconsistencies require."""
     if growth.count(1.0) == len(growth):
         return sigmas
     grown: FloatArray = sigmas * np.sqrt(np.where(grows, np.reshape(growth, (-1, 1)), 1.0))

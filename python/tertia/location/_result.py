@@ -106,8 +106,8 @@ class Location(Result):
         OK, which equals 0, or the reason why there is no position.
     systematic : {"given", "estimated", "not included"}
         How the covariance treats systematic errors: it includes them as given; it includes them as
-        estimated from contradictions between the stations; or it does not include them, because
-        they could not cause contradictions.
+        estimated from inconsistencies between the stations; or it does not include them, because
+        they could not cause inconsistencies.
     bias : Bias or None
         Systematic errors of the K stations, given or estimated.
     """
