@@ -410,7 +410,7 @@ def smooth(
     times. The results of the models are averaged, and the spread between them is part of the
     covariance. If velocities are measured, outliers are first searched for among the positions;
     velocities that contradict the remaining positions are left out. The other velocities may be
-    less precise than stated, correlated in time, or lag behind the positions.
+    less precise than stated or correlated in time, or may lag behind the positions.
 
     If residuals are small or smooth, the stated noise is not reduced, because time-correlated noise
     can also be the cause. An outlier or a jump is detected if it significantly increases the

@@ -173,8 +173,8 @@ def locate(
     deviation is given, one common standard deviation is estimated from the residuals. The robust
     method estimates this deviation from the median of the absolute residuals.
 
-    **Times of arrival.** In the model `c t = b + |p - s| + e`, b, the time of emission times the
-    speed, is an additional unknown with a flat prior. The model is equivalent to one of range
+    **Times of arrival.** In the model `c t = b + |p - s| + e`, the additional unknown b is the time
+    of emission times the speed; its prior is flat. The model is equivalent to one of range
     differences relative to any of the stations, with their full covariance. Range differences that
     have a common error are treated as times of arrival, of which the one at the first station is 0.
     If the first station is faulty, all range differences are marked as outliers. The loss for times
