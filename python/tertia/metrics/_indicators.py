@@ -207,9 +207,9 @@ def indicators(
 
     A height is wrong if it is off by more than 300 ft. A run consists of at least three updates of
     a target, each farther off than `large_error`, whose directions change by less than 90 degrees
-    from one to the next. Runs matter because they can make two targets seem separated that are not.
-    The probabilities of update of height and identity are computed like the probability of update
-    of the position, but from the first correct value on.
+    from one to the next. Runs matter because they can make two targets that are not separated seem
+    separated. The probabilities of update of height and identity are computed like the probability
+    of update of the position, but from the first correct value on.
 
     The age of the data is zero at an update and grows until the next update. If updates are
     regular, its mean over time is therefore half the update interval. Gaps longer than 3.3
