@@ -3,7 +3,7 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
 use tertia::bearing::{
-    BlockOutput, Estimator, Method, PaperRule, RobustRule, Shared, VarianceTest, Workspace,
+    BlockOutput, Estimator, Known, Method, PaperRule, RobustRule, VarianceTest, Workspace,
 };
 
 /// Bearings about north with a burst and two single anomalies.
@@ -40,7 +40,7 @@ fn benches(c: &mut Criterion) {
                     BlockOutput { mean: &mut mean, variance: &mut variance, weight: &mut weight };
                 let theta = black_box(&theta);
                 estimator
-                    .estimate(theta, Shared::default(), &mut outlier, &mut output, &mut workspace)
+                    .estimate(theta, Known::default(), &mut outlier, &mut output, &mut workspace)
                     .unwrap()
             });
         });

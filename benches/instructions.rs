@@ -8,7 +8,7 @@ use std::hint::black_box;
 use std::num::NonZero;
 use tertia::association::gate::{Scan, pairs, threshold};
 use tertia::association::{Assigner, Pair};
-use tertia::bearing::{BlockOutput, Estimator, Method, RobustRule, Shared};
+use tertia::bearing::{BlockOutput, Estimator, Known, Method, RobustRule};
 use tertia::fusion::{Beliefs, Centre, RadarReport, Rule};
 use tertia::kalman::{Batch, End, Filter, PerStep, Row, Series, Singer, Steps, Table, smooth};
 use tertia::location::{Instant, Locator, Output};
@@ -92,7 +92,7 @@ fn bearings() -> Kernel {
             let [mean, variance, weight] = &mut blocks;
             let mut out = BlockOutput { mean, variance, weight };
             estimator
-                .estimate(theta, Shared::default(), &mut outlier, &mut out, &mut workspace)
+                .estimate(theta, Known::default(), &mut outlier, &mut out, &mut workspace)
                 .unwrap();
         }
     })

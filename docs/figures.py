@@ -74,6 +74,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "reproduction": bearing.reproduction,
         "coverage": bearing.coverage,
         "small coverage": bearing.small_coverage,
+        "stated sigma": bearing.stated_sigma,
         "clean cost": bearing.clean_cost,
         "losses": bearing.losses,
         "variance tests": bearing.variance_tests,

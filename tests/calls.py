@@ -81,6 +81,7 @@ CALLS: list[tuple[Any, dict[str, Any]]] = [
     (screening.z_test, {"x": 50.0, "y": Y, "sigma": 2.0}),
     (bearing.estimate_bearing, {"theta": Y}),
     (bearing.estimate_bearing, {"theta": Y, "method": "paper"}),
+    (bearing.estimate_bearing, {"theta": Y, "sigma": 2.0}),
     (bearing.estimate_bearing, {"theta": Y, "groups": np.arange(N) // 6}),
     (weights.covariance_factor, {"n": 9}),
     (weights.covariance_of_covariance, {"covariance": COVARIANCES[0], "factor": 0.1}),

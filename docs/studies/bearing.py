@@ -1,6 +1,7 @@
 """The tables of the page on bearings."""
 
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from studies.montecarlo import (
     SINGLES,
     WITH_SIGMA,
     Errors,
+    FloatArray,
     classical,
     generator,
     k2,
@@ -91,6 +93,51 @@ def small_coverage() -> str:
         data = (records(n, COUNT, generator(3, n), **scenario) for n in sizes)
         rows.append([label, *(_covered(METHODS["default"](theta)) for theta in data)])
     return markdown(["data", *(f"N = {n}" for n in sizes)], rows)
+
+
+def stated_sigma() -> str:
+    """Coverage of 2 sigma with a stated sigma of 1, and the median sigma times the root of N."""
+    sizes = (1, 2, 5, 20, 100)
+    rows = []
+    for number, (label, noise) in enumerate(STATED.items()):
+        cells = []
+        for n in sizes:
+            error = noise(generator(310, number, n), (repetitions(10_000), n))
+            found = tertia.estimate_bearing(error, sigma=1.0, period=None)
+            width = np.sqrt(n) * np.median(found.sigma)
+            cells.append(f"{_covered(Errors(found.value, found.sigma))} ({width:.2f})")
+        rows.append([label, *cells])
+    return markdown(["noise", *(f"N = {n}" for n in sizes)], rows)
+
+
+def _white(rng: np.random.Generator, shape: tuple[int, int]) -> FloatArray:
+    return rng.standard_normal(shape)
+
+
+def _with_outliers(rng: np.random.Generator, shape: tuple[int, int], *sides: float) -> FloatArray:
+    """Return noise to a fifth of which 5 to 15 sigma are added."""
+    wrong = np.where(rng.random(shape) < 0.2, rng.uniform(5, 15, shape), 0.0)
+    return _white(rng, shape) + rng.choice(sides, shape) * wrong
+
+
+def _lasting(rng: np.random.Generator, shape: tuple[int, int], correlation: float) -> FloatArray:
+    noise = _white(rng, shape)
+    for step in range(1, shape[1]):
+        noise[:, step] *= np.sqrt(1 - correlation**2)
+        noise[:, step] += correlation * noise[:, step - 1]
+    return noise
+
+
+# noise of a stated sigma of 1
+STATED: dict[str, Callable[[np.random.Generator, tuple[int, int]], FloatArray]] = {
+    "as stated": _white,
+    "twice the stated sigma": lambda rng, shape: 2.0 * _white(rng, shape),
+    "half of the stated sigma": lambda rng, shape: 0.5 * _white(rng, shape),
+    "20 % outliers, either side": lambda rng, shape: _with_outliers(rng, shape, -1.0, 1.0),
+    "20 % outliers, one side": lambda rng, shape: _with_outliers(rng, shape, 1.0),
+    "correlated, φ = .5": lambda rng, shape: _lasting(rng, shape, 0.5),
+    "correlated, φ = .8": lambda rng, shape: _lasting(rng, shape, 0.8),
+}
 
 
 def random_scenario(rng: np.random.Generator) -> dict[str, Any]:

@@ -177,6 +177,7 @@ def false_alarm_probability(
 def first_outside(array: FloatArray, least: float, most: float, missing: bool) -> int | None: ...
 def estimate_bearing(
     theta: FloatArray,
+    sigma: FloatArray | None,
     groups: FloatArray | None,
     options: dict[str, Any],
     omit: bool,

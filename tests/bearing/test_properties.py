@@ -16,6 +16,7 @@ from tertia import estimate_bearing
         {},
         optional={
             "correlation": st.one_of(st.none(), NUMBERS),
+            "sigma": st.one_of(st.none(), NUMBERS),
             "rounding": NUMBERS,
             "bias_sigma": st.one_of(st.none(), NUMBERS),
             "period": st.one_of(st.sampled_from([None, 360.0, 2 * np.pi]), NUMBERS),
@@ -33,7 +34,7 @@ def test_estimate_bearing(theta, method, options):
         return
     # documented: empty blocks have no mean, blocks of one no variance; nothing to compare with
     blocks = ("block_means", "block_variances", "block_weights")
-    allowed = (*blocks, "pvalue", "correlation", "effective_number", "bias_sigma")
+    allowed = (*blocks, "pvalue", "correlation", "effective_number", "bias_sigma", "noise_factor")
     assert_no_silent_nan(estimate, None, allowed)
     assert (np.asarray(estimate.sigma) >= 0).all()
     assert np.isfinite(estimate.value).all()

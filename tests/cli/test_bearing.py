@@ -122,6 +122,26 @@ def test_groups_in_order_of_first_appearance(write: Callable[..., Path], tmp_pat
         assert (value, sigma) == (expected.value, expected.sigma)
 
 
+@pytest.mark.parametrize("suffix", [".csv", ".xlsx"])
+def test_a_stated_sigma(write: Callable[..., Path], tmp_path: Path, suffix: str) -> None:
+    """In batches, and of a file that is read as a whole."""
+    path = write("azimuth_deg,azimuth_sigma_deg,sensor\n10,2,A\n13,3,A\n80,1.5,B\n")
+    if suffix == ".xlsx":
+        pytest.importorskip("xlsxwriter")
+        table = pl.read_csv(path)
+        path = tmp_path / "table.xlsx"
+        table.write_excel(path)
+    table = results(path, tmp_path, "--by", "sensor")
+    expected = tertia.estimate_bearing([10.0, 13.0], sigma=[2.0, 3.0])
+    assert table.row(0)[3:5] == (expected.value, expected.sigma)
+    assert table.row(1)[3:5] == (80.0, 1.5)
+    table = results(path, tmp_path, "--by", "sensor", "--sigma", 1.0)
+    assert table["azimuth_sigma_deg"][1] == 1.0
+    drawn = tmp_path / "out.png"
+    results(path, tmp_path, "--by", "sensor", "--plot", drawn)
+    assert drawn.stat().st_size > 1000
+
+
 def test_example_agrees_with_its_script_and_its_truth(tmp_path: Path) -> None:
     script = runpy.run_path(str(ROOT / "examples" / "make_bearings.py"))
     header, *lines = EXAMPLE.read_text(encoding="utf-8").splitlines()

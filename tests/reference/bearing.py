@@ -384,6 +384,75 @@ def robust(y, size, rounding=0.0, correlation=None):
     return value, np.sqrt(variance), good < 0.5, weight
 
 
+def noise_factor(q, n):
+    """Return the noise factor of a sum of squares with so many degrees of freedom."""
+    return np.sqrt(max(1.0, (5 + q) / (5 + n)))
+
+
+def stated(y, s, correlation):
+    """Bearing, sigma, outliers and noise factor with stated sigmas, of two measurements or more."""
+    ratio = 0.1 / 0.9 * np.sqrt(2 * np.pi) / 40
+
+    def good(centre, f):
+        z = np.clip((y - centre) / (f * s), -1e3, 1e3)
+        density = np.exp(-0.5 * z**2)
+        return density / (density + ratio), z, np.sum(np.log(density + ratio))
+
+    def maximum(centre, f):
+        for _ in range(100):
+            weight = good(centre, f)[0] / s**2
+            step = weight @ (y - centre) / weight.sum()
+            centre += step
+            weight = good(centre, f)[0] / (f * s) ** 2
+            if abs(step) * np.sqrt(weight.sum()) < 1e-4:
+                break
+        g, z, log = good(centre, f)
+        all_of = np.sum(g / (f * s) ** 2)
+        information = all_of - np.sum(g * (1 - g) * (z / (f * s)) ** 2)
+        variance = 1 / max(information, 0.1 * all_of)
+        return centre, variance, log + 0.5 * np.log(variance), g
+
+    def fit(f):
+        starts = np.unique(y)
+        if len(starts) > 32:
+            starts = starts[np.arange(32) * (len(starts) - 1) // 31]
+        log = np.array([good(c, f)[2] for c in starts])
+        slope = np.array([good(c, f)[0] / s**2 @ (y - c) for c in starts])
+        found = []
+        after, before = np.r_[slope[1:], -np.inf], np.r_[np.inf, slope[:-1]]
+        leads = (slope >= 0) & (after <= 0) | (slope <= 0) & (before >= 0)
+        for k in np.flatnonzero(leads & (log >= log.max() - 15)):
+            mode = maximum(starts[k], f)
+            if all(abs(mode[0] - other[0]) > 0.3 * np.sqrt(mode[1]) for other in found):
+                found.append(mode)
+        weight = np.exp([mode[2] - max(one[2] for one in found) for mode in found])
+        found = [mode for mode, w in zip(found, weight, strict=True) if w >= 0.05]
+        weight = weight[weight >= 0.05]
+        return found, weight / weight.sum()
+
+    n, f = len(y), 1.0
+    if n > 4:
+        middle = 1.4826 * np.median(np.abs(y - np.median(y)) / s)
+        f = noise_factor((n - 1) * middle**2, n - 1)
+    modes, weight = fit(f)
+    for _ in range(3):
+        centre, _, _, g = modes[int(np.argmax(weight))]
+        following = noise_factor(np.sum(g * ((y - centre) / s) ** 2), max(g.sum() - 1, 0))
+        if abs(following / f - 1) < 0.01:
+            break
+        f = following
+        modes, weight = fit(f)
+    value = sum(w * mode[0] for w, mode in zip(weight, modes, strict=True))
+    one_good = [mode[3] / (1 - np.prod(1 - mode[3])) for mode in modes]
+    g = weight @ np.array(one_good)
+    a = g / s
+    lag = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+    inflation = a @ correlation**lag @ a / (a @ a)
+    within = inflation * sum(w * mode[1] for w, mode in zip(weight, modes, strict=True))
+    between = sum(w * (mode[0] - value) ** 2 for w, mode in zip(weight, modes, strict=True))
+    return value, np.sqrt(within + between), g < 0.5 - 1e-6, f
+
+
 def on_the_circle(estimate, theta, period):
     """An estimator of plain numbers applied to angles: value in [0, period), polarity."""
     u = screening.unwrap_about_median(theta, period)

@@ -189,6 +189,34 @@ class TestBearings:
         found = tables.bearing(pl.read_csv(path), by="target")
         polars.testing.assert_frame_equal(found, pl.read_parquet(output), check_exact=True)
 
+    def test_a_column_of_sigmas_counts_in_groups_that_have_them_all(self):
+        theta = [10.0, 13.0, None, 40.0, 41.0, 42.0, 43.0, 44.0, 80.0]
+        table = pl.DataFrame(
+            {
+                "sensor": ["A"] * 3 + ["B"] * 5 + ["C"],
+                "azimuth_deg": theta,
+                "azimuth_sigma_deg": [2.0, 3.0, None, 1.0, None, 1.0, 1.0, 1.0, 4.0],
+                "s": [1.0] * 9,
+            }
+        )
+        found = tables.bearing(table, by="sensor")
+        of_two = tertia.estimate_bearing([10.0, 13.0], sigma=[2.0, 3.0])
+        assert found.row(0)[:5] == ("A", 2, 1, of_two.value, of_two.sigma)
+        assert found["azimuth_sigma_deg"][1] == tertia.estimate_bearing(theta[3:8]).sigma
+        assert found["azimuth_sigma_deg"][2] == 4.0
+        # another name, one number for all, and methods that take none
+        named = tables.bearing(table, by="sensor", columns={"azimuth_sigma_deg": "s"})
+        given = tables.bearing(table, by="sensor", sigma=1.0)
+        polars.testing.assert_frame_equal(named, given)
+        assert given["azimuth_sigma_deg"].null_count() == 0
+        mean = tables.bearing(table, by="sensor", method="mean")
+        polars.testing.assert_frame_equal(
+            mean, tables.bearing(table.drop("azimuth_sigma_deg"), by="sensor", method="mean")
+        )
+        negative = table.with_columns(azimuth_sigma_deg=-pl.col("azimuth_sigma_deg"))
+        with pytest.raises(tables.RecordError, match="azimuth_sigma_deg"):
+            tables.bearing(negative, by="sensor")
+
     def test_without_groups_there_is_one_row(self):
         theta = direction_finder(50, bearing=10.0, rng=1).theta
         (row,) = tables.bearing(pl.DataFrame({"azimuth_deg": theta})).rows(named=True)

@@ -183,6 +183,16 @@ def test_noise_that_is_twice_the_stated() -> None:
     assert inside >= 48
 
 
+def test_few_bearings_count_as_bearing_combines_them() -> None:
+    """Without wrong ones, each sensor has the estimate of `bearing` with the stated sigma."""
+    _, table = scene(8, 3)
+    found = tables.locate(table, sensors=stations(), tolerance=np.inf)
+    singly = tables.bearing(table, by="sensor", sigma=SIGMA)
+    apart = tables.locate(singly, sensors=stations())
+    assert found["east_m"].item() == pytest.approx(apart["east_m"].item(), abs=50.0)
+    assert found["east_sigma_m"].item() == pytest.approx(apart["east_sigma_m"].item(), rel=0.1)
+
+
 @pytest.mark.parametrize("count", [4, 60])
 def test_which_bearings_were_left_out(count: int) -> None:
     _, table = scene(7, count)

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import polars as pl
 
-from tertia._arrays import FloatArray, IntArray
+from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.bearing import BearingEstimate, estimate_bearing
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import Layout, as_names, by_length, column_name, group_name, layout
-from tertia.tables._records import Field, Source, read, source_of
+from tertia.tables._records import Field, Schema, Source, number, read, source_of
 
 # an empty batch of measurements, with which the library checks only the options
 _NONE = np.empty((0, 5))
@@ -26,6 +27,7 @@ class Bearings:
     rows: pl.DataFrame
     groups: Layout
     theta: FloatArray
+    sigma: FloatArray | None
     labels: IntArray | None
     options: Mapping[str, Any]
 
@@ -33,13 +35,13 @@ class Bearings:
         """Yield the names, measurements and estimates of the first groups that have an estimate."""
         ends = np.cumsum(self.groups.lengths)
         for k in self.rows["note"].is_null().arg_true()[:most]:
-            sample = self.theta[ends[k] - self.groups.lengths[k] : ends[k]]
-            labels = (
-                self.labels[ends[k] - self.groups.lengths[k] : ends[k]]
-                if self.labels is not None
-                else None
-            )
-            options = {"groups": labels, "nan_policy": "omit", **self.options}
+            own = slice(ends[k] - self.groups.lengths[k], ends[k])
+            sample = self.theta[own]
+            options = {"nan_policy": "omit", **self.options}
+            if self.labels is not None:
+                options["groups"] = self.labels[own]
+            if self.sigma is not None and np.isfinite(self.sigma[own][~np.isnan(sample)]).all():
+                options["sigma"] = self.sigma[own]
             estimate = estimate_bearing(sample, **options)
             yield group_name(self.groups.keys[k : k + 1]), sample, estimate
 
@@ -63,6 +65,8 @@ def bearing(
         The names that columns have in this table, keyed by their standard names.
     values : str
         Column of the measurements. Missing measurements (null or nan) are left out and counted.
+        If `sigma` is not given and the method is "robust", the column of their sigmas
+        (`azimuth_sigma_deg` for `azimuth_deg`) is used in groups where every measurement has one.
     by : str or sequence of str
         Columns whose values identify the groups; by default all rows belong to one group.
     groups : str, optional
@@ -129,30 +133,28 @@ def bearings_of(
     names = ("count", "missing", *fields, "outlier_count", "polarity", "note")
     fields["polarity"] = "polarity"
     # the measurements may be in any unit, so the name of their column is not checked
-    schema = {"theta": Field("number", {values: 1.0}, required=True)}
+    schema: Schema = {"theta": Field("number", {values: 1.0}, required=True)}
+    if options.get("sigma") is None and options.get("method", "robust") == "robust":
+        schema = {**schema, "sigma": number(column_name(values, "sigma"), positive=True)}
     shared = [groups] if groups is not None and groups not in keys else []
     records = read(source, schema, columns=columns, by=[*keys, *shared], results=names)
     rows = layout(records.by.select(keys), records.rows.height)
     theta = rows.arranged(records.rows["theta"].to_numpy())
-    count, there = rows.lengths, theta
     labels: IntArray | None = None
     if groups is not None:
         codes = records.by.get_column(groups).rank("dense").fill_null(0).to_numpy()
         labels = rows.arranged(codes.astype(np.int64))
-    label = labels
-    absent = np.isnan(theta)
+    sigma = rows.arranged(records.rows["sigma"].to_numpy()) if "sigma" in records.column else None
+    arrays = {"theta": theta, "sigma": sigma, "groups": labels}
+    there = {name: array for name, array in arrays.items() if array is not None}
+    count, absent = rows.lengths, np.isnan(theta)
     if absent.any():
         count = np.bincount(rows.group[~absent], minlength=len(count))
-        there, label = theta[~absent], None if labels is None else labels[~absent]
+        there = {name: array[~absent] for name, array in there.items()}
     found = {name: np.full(len(count), np.nan) for name in fields}
     outliers = np.zeros(len(count), dtype=np.int64)
     notes: list[str | None] = [None] * len(count)
-
-    def estimate(sample: FloatArray, shared: IntArray | None = None) -> BearingEstimate:
-        return estimate_bearing(sample, groups=shared, **options)
-
-    arrays = (there,) if label is None else (there, label)
-    for which, result_of in by_length(count, arrays, estimate):
+    for which, result_of in _estimates(count, there, options):
         if isinstance(result_of, ValueError):
             notes[which[0]] = str(result_of)
             continue
@@ -167,4 +169,33 @@ def bearings_of(
         pl.when(pl.col("note").is_null()).then(name).alias(name) for name in names[2:-1]
     )
     every = pl.concat([rows.keys, table], how="horizontal")
-    return Bearings(every, rows, theta, labels, options)
+    return Bearings(every, rows, theta, sigma, labels, options)
+
+
+def _estimates(
+    count: IntArray, arrays: Mapping[str, npt.NDArray[Any]], options: Mapping[str, Any]
+) -> Iterator[tuple[IntArray, BearingEstimate | ValueError]]:
+    """Yield groups of one length with their estimates, or a group with the reason why it has none.
+
+    The sigmas count in groups of which each measurement has one.
+    """
+    stated = np.zeros(len(count), dtype=bool)
+    if "sigma" in arrays:
+        group = np.repeat(np.arange(len(count)), count)
+        stated = np.bincount(group[np.isnan(arrays["sigma"])], minlength=len(count)) == 0
+    without = [name for name in arrays if name != "sigma"]
+    for own, names in ((stated, list(arrays)), (~stated, without)):
+        if not own.any():
+            continue
+
+        def estimate(*blocks: npt.NDArray[Any], names: Sequence[str] = names) -> BearingEstimate:
+            return estimate_bearing(**{**options, **dict(zip(names, blocks, strict=True))})
+
+        chosen = [_of_groups(arrays[name], count, own) for name in names]
+        for which, found in by_length(count[own], chosen, estimate):
+            yield np.flatnonzero(own)[which], found
+
+
+def _of_groups(array: npt.NDArray[Any], count: IntArray, own: BoolArray) -> npt.NDArray[Any]:
+    """Return the elements of some groups."""
+    return array if own.all() else array[np.repeat(own, count)]

@@ -1,4 +1,4 @@
-"""Combination of the measurements of a stationary target into one per sensor and kind."""
+"""One measurement of each sensor from all of a target that does not move."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import warnings
 import numpy as np
 import polars as pl
 
-from tertia._arrays import BoolArray, FloatArray
-from tertia.bearing import estimate_bearing
+from tertia._arrays import FloatArray
+from tertia.bearing import BearingEstimate, estimate_bearing
 from tertia.location import locate
 from tertia.screening import unwrap_about_median
 from tertia.sensors import Kind, Station
@@ -18,22 +18,14 @@ from tertia.tables._sensors import Sensors
 _FEWEST = 5
 # with this many measurements, the scatter determines the noise as well as the stated sigma does
 _MANY = 40
-# periods of the kinds that wrap
+# of kinds that repeat
 PERIODS = {"azimuth": 360.0}
 # kinds for which one position is estimated from measurements at different times
 _COMMON: tuple[Kind, ...] = ("range", "azimuth", "elevation")
-# quantile of the normal distribution that is exceeded with a probability of 5 %
-_QUANTILE = 1.645
-# median of absolute residuals in sigmas if a fifth of them are outliers; sigma of this median,
-# times the root of the number of residuals
-_MEDIAN, _SPREAD = 0.89, 0.8
-# sigmas of that median beyond which the noise is not as stated, smallest number of residuals for
-# this test, and largest factor that counts as noise
-_DOUBT, _ENOUGH, _MOST = 2.5, 8, 4.0
 
 
 def stated_sigmas(rows: pl.DataFrame, sensors: Sensors[Station]) -> FloatArray:
-    """Return the sigma of each row in its unit, or that of its sensor; nan if neither is stated."""
+    """Return the sigma of each row in its unit, nan where it has none and its sensor neither."""
     found = rows["sigma"].to_numpy().astype(np.float64)
     for row in np.flatnonzero(np.isnan(found)).tolist():
         kind = rows["kind"][row]
@@ -48,124 +40,96 @@ def combined(
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
     """Return one row per sensor and kind, and all rows with `outlier`, null where unknown.
 
-    If a sensor has fewer than 40 measurements and all have a sigma, the measurements that do not
-    fit the position estimated from all `sensors` are left out. The others are averaged; the sigma
-    of the mean follows from the stated sigmas, and is larger if the measurements scatter more or
-    are correlated. Otherwise a bearing is estimated for each sensor alone; fewer than five
-    measurements are replaced by their median, with the sigma of a single measurement.
+    The measurements of each sensor are combined by `estimate_bearing`. If there are fewer than 40
+    and all have a sigma, the stated sigmas are used, and measurements that contradict those of all
+    `sensors` are left out first. Otherwise, the noise is estimated from the scatter. Fewer than
+    five measurements without a sigma are replaced by their median.
     """
-    found = None if sensors is None else _search(rows, sensors)
-    rows = rows.with_columns(
-        pl.lit(None, dtype=pl.Boolean).alias("outlier"), pl.col("sigma").alias("grown")
-    )
-    if found is not None:
-        rows = rows.with_columns(outlier=found[0], grown=found[1])
+    stated = rows["sigma"] if sensors is None else pl.Series(stated_sigmas(rows, sensors))
+    rows = rows.with_columns(outlier=pl.lit(None, dtype=pl.Boolean), stated=stated)
+    parts = rows.partition_by("site", "kind", maintain_order=True)
+    if sensors is not None and len(rows) >= _FEWEST and stated.is_finite().all():
+        parts = _without_contradictions(parts, sensors)
     means, singles = [rows.clear()], [rows.clear()]
-    for one in rows.partition_by("site", "kind", maintain_order=True):
+    for one in parts:
+        try:
+            value, sigma, marks = _estimate_of(one)
+        except ValueError as error:
+            raise ValueError(f"{name}: {one['kind'][0]}: {error}") from error
         middle = one[(one.height - 1) // 2]
-        if 1 < one.height < _MANY and found is not None and not one["outlier"].all():
-            value, own = _mean_of(one)
-            marks = one["outlier"]
-        else:
-            value, own, marks = _estimate_of(one, name)
-        means.append(middle.with_columns(value=pl.lit(value), sigma=pl.lit(own)))
+        means.append(middle.with_columns(value=pl.lit(value), sigma=pl.lit(sigma)))
         singles.append(one.with_columns(marks.alias("outlier")))
     one_each = pl.concat(means).sort("seconds", maintain_order=True)
-    return one_each.drop("outlier", "grown"), pl.concat(singles).drop("grown")
+    return one_each.drop("outlier", "stated"), pl.concat(singles).drop("stated")
 
 
-def _search(rows: pl.DataFrame, sensors: Sensors[Station]) -> tuple[BoolArray, FloatArray] | None:
-    """Return the outliers about one common position, and the sigmas; None if there is no position.
+def _estimate_of(rows: pl.DataFrame) -> tuple[float, float, pl.Series]:
+    """Return an estimate, its sigma (nan: the sigma of the sensor), and the outliers."""
+    value, period = rows["value"].to_numpy(), PERIODS.get(rows["kind"][0])
+    marks, own = rows["outlier"], float(np.median(rows["sigma"].to_numpy()))
+    if rows.height == 1:
+        return float(value[0]), own, marks
+    if rows.height < _MANY and rows["stated"].is_finite().all():
+        wrong = marks.fill_null(value=False).to_numpy()
+        kept = ~wrong if not wrong.all() else wrong
+        found = _as_stated(rows.filter(kept))
+        left = ~kept
+        left[kept] = found.outlier
+        return float(found.value), float(found.sigma), pl.Series(left)
+    if rows.height < _FEWEST:
+        near = value if period is None else unwrap_about_median(value, period)
+        return float(np.median(near)), own, marks
+    found = estimate_bearing(value, period=period)
+    sigma = float(found.sigma)
+    return float(found.value), sigma if sigma > 0 else own, pl.Series(found.outlier)
 
-    If the residuals of all sensors, or of one sensor, are too large for the sigmas, the sigmas are
-    increased first. If the residuals of a sensor are even larger, its measurements are outliers.
+
+def _as_stated(rows: pl.DataFrame) -> BearingEstimate:
+    """Return the estimate of one sensor with its stated sigmas."""
+    period = PERIODS.get(rows["kind"][0])
+    return estimate_bearing(rows["value"], sigma=rows["stated"], period=period)
+
+
+def _without_contradictions(
+    parts: list[pl.DataFrame], sensors: Sensors[Station]
+) -> list[pl.DataFrame]:
+    """Mark the outliers about the position that fits most measurements of all sensors.
+
+    Each sensor's sigmas are first multiplied by the noise factor estimated from its scatter, but at
+    least by the median factor of all sensors: sigmas that are too small often are so for all.
     """
-    sigma = stated_sigmas(rows, sensors)
-    if len(rows) < _FEWEST or not np.isfinite(sigma).all():
-        return None
+    factors = [float(_as_stated(one).noise_factor) for one in parts]
+    least = float(np.median(factors))
+    grown = [
+        one.with_columns(pl.col("stated") * max(factor, least))
+        for one, factor in zip(parts, factors, strict=True)
+    ]
+    rows = pl.concat(grown)
+    marked = rows.with_columns(outlier=_outliers_at_one_place(rows, sensors))
+    return marked.partition_by("site", "kind", maintain_order=True)
+
+
+def _outliers_at_one_place(rows: pl.DataFrame, sensors: Sensors[Station]) -> pl.Series:
+    """Return which measurements are outliers about one position; null if none is found."""
+    unknown = pl.Series([None] * len(rows), dtype=pl.Boolean)
     if not rows["kind"].is_in(_COMMON).all():
-        return None
-    found = _at_one_place(rows, sensors, sigma)
-    if found is None:
-        return None
-    _, residual = found
-    site, factor = rows["site"].to_numpy(), np.ones(len(rows))
-    for own in (np.ones(len(rows), dtype=bool), *(site == one for one in np.unique(site))):
-        count = int(own.sum())
-        ratio = float(np.median(np.abs(residual[own]))) / _MEDIAN
-        if count >= _ENOUGH and 1.0 + _DOUBT * _SPREAD / np.sqrt(count) < ratio < _MOST:
-            factor[own] = ratio
-    if np.any(factor > 1.0):
-        sigma = sigma * factor
-        found = _at_one_place(rows, sensors, sigma)
-    return None if found is None else (found[0], sigma)
-
-
-def _at_one_place(
-    rows: pl.DataFrame, sensors: Sensors[Station], sigma: FloatArray
-) -> tuple[BoolArray, FloatArray] | None:
-    """Return the outliers and residuals of all rows for the position that fits most of the rows."""
-    kinds = rows["kind"].to_numpy()
-    items = [sensors.items[site] for site in rows["site"]]
+        return unknown
     stations = [
         Station(one.position, axes=one.axes, bias=one.bias, position_sigma=one.position_sigma)
-        for one in items
+        for one in (sensors.items[site] for site in rows["site"])
     ]
-    options = {}
+    options: dict[str, FloatArray] = {}
     for kind in _COMMON:
-        own = kinds == kind
+        own = (rows["kind"] == kind).to_numpy()
         if own.any():
             unit = 1.0 if kind == "range" else np.pi / 180
-            options[str(kind)] = np.where(own, rows["value"].to_numpy() * unit, np.nan)[np.newaxis]
-            options[f"{kind}_sigma"] = np.where(own, sigma * unit, 1.0)[np.newaxis]
+            options[str(kind)] = np.where(own, rows["value"] * unit, np.nan)[np.newaxis]
+            options[f"{kind}_sigma"] = np.where(own, rows["stated"] * unit, 1.0)[np.newaxis]
     with warnings.catch_warnings():
-        # here, contradictory bearings do not mean that degrees were given as radians
+        # bearings that contradict each other are no radians here
         warnings.simplefilter("ignore")
         found = locate(stations, **options)  # type: ignore[arg-type]
     if not np.all(found.success):
-        return None
-    outlier, residual = np.zeros(len(rows), dtype=bool), np.zeros(len(rows))
-    for kind in _COMMON:
-        own = kinds == kind
-        if own.any():
-            outlier[own] = getattr(found.outlier, kind)[0, own]
-            residual[own] = getattr(found.residual, kind)[0, own]
-    return outlier, residual
-
-
-def _mean_of(rows: pl.DataFrame) -> tuple[float, float]:
-    """Return the mean of the measurements that are not outliers, and its sigma."""
-    kept = rows.filter(~pl.col("outlier"))
-    values, period = kept["value"].to_numpy(), PERIODS.get(kept["kind"][0])
-    near = values if period is None else unwrap_about_median(values, period)
-    weights = kept["grown"].to_numpy() ** -2
-    mean = float(np.average(near, weights=weights))
-    variance = 1.0 / float(weights.sum())
-    freedom = len(near) - 1
-    if len(near) >= _FEWEST:
-        correlation = float(estimate_bearing(near, period=None).correlation)
-        if 0.0 < correlation < 1.0:
-            variance *= (1.0 + correlation) / (1.0 - correlation)
-    if freedom:
-        # increased if the scatter is larger than the 95 % quantile for the stated noise (Wilson,
-        # Hilferty)
-        part = 2.0 / (9.0 * freedom)
-        limit = freedom * (1.0 - part + _QUANTILE * np.sqrt(part)) ** 3
-        variance *= max(1.0, float(weights @ (near - mean) ** 2) / limit)
-    return mean, float(np.sqrt(variance))
-
-
-def _estimate_of(rows: pl.DataFrame, name: str) -> tuple[float, float, pl.Series]:
-    """Return an estimate, its sigma (nan: the sigma of the sensor), and the outliers."""
-    values, period = rows["value"].to_numpy(), PERIODS.get(rows["kind"][0])
-    # sigma of a row; nan: the sigma of the sensor
-    stated = float(np.median(rows["sigma"].to_numpy()))
-    if len(values) < _FEWEST:
-        near = values if period is None else unwrap_about_median(values, period)
-        return float(np.median(near)), stated, rows["outlier"]
-    try:
-        found = estimate_bearing(values, period=period)
-    except ValueError as error:
-        raise ValueError(f"{name}: {rows['kind'][0]}: {error}") from error
-    sigma = float(found.sigma)
-    return float(found.value), sigma if sigma > 0 else stated, pl.Series(found.outlier)
+        return unknown
+    marks = [getattr(found.outlier, kind)[0, k] for k, kind in enumerate(rows["kind"])]
+    return pl.Series(marks, dtype=pl.Boolean)

@@ -3,15 +3,14 @@
 use crate::arrays::{Array, Gaps, Input, Output, Threads, columns, repeated, unknown, value_error};
 use pyo3::prelude::*;
 use tertia::bearing::{
-    BlockOutput, Estimate, Estimator, Method, PaperRule, RobustRule, Shared, VarianceTest,
-    Workspace,
+    BlockOutput, Estimate, Estimator, Known, Method, PaperRule, RobustRule, VarianceTest, Workspace,
 };
 
 /// Cost per measurement of the slowest method, for the choice of threads.
 const ESTIMATE_NS: f64 = 1000.0;
 
 type Blocks<'py> = (Output<'py>, Output<'py>, Output<'py>);
-type Estimated<'py> = ([Array<'py>; 7], Output<'py, bool>, Option<Blocks<'py>>);
+type Estimated<'py> = ([Array<'py>; 8], Output<'py, bool>, Option<Blocks<'py>>);
 
 /// The options of the Python function, as they come.
 #[derive(FromPyObject)]
@@ -72,11 +71,12 @@ impl Options {
 }
 
 /// Numbers, mask and blocks of every row: value, sigma, polarity, p-value, correlation, effective
-/// number and sigma of the systematic errors. `groups` are numbered from 0 in each row.
+/// number, sigma of the systematic errors and noise factor. `groups` are numbered from 0 in each row.
 #[pyfunction]
 pub fn estimate_bearing<'py>(
     py: Python<'py>,
     theta: Input<'py>,
+    sigma: Option<Input<'py>>,
     groups: Option<Input<'py>>,
     options: Options,
     omit: bool,
@@ -84,7 +84,8 @@ pub fn estimate_bearing<'py>(
 ) -> PyResult<Estimated<'py>> {
     let bias_sigma = options.bias_sigma;
     let estimator = options.estimator()?;
-    let rows = theta.rows("theta", if omit { 0 } else { estimator.min_count() })?;
+    let rows = theta.rows("theta", if omit { 0 } else { estimator.min_count(sigma.is_some()) })?;
+    let stated = sigma.as_ref().map(|s| s.rows("sigma", 0)).transpose()?;
     let labels = groups.as_ref().map(|g| g.rows("groups", 0)).transpose()?;
     let blocks = estimator.blocks(rows.len());
     let mut outlier = rows.output(py)?;
@@ -93,29 +94,31 @@ pub fn estimate_bearing<'py>(
     let (mut mean, mut variance, mut weight) = (of_blocks()?, of_blocks()?, of_blocks()?);
     let block_outputs = mean.rows()?.zip(variance.rows()?).zip(weight.rows()?);
     let outputs = outlier.rows()?.zip(block_outputs).zip(&mut estimates);
-    let new = || (Workspace::default(), Gaps::default(), Vec::new());
+    let new = || (Workspace::default(), Gaps::default(), Vec::new(), Vec::new());
     let cost = ESTIMATE_NS * rows.size();
     rows.each(py, cost, n_threads, outputs, new, |state, (row, theta), out| {
-        let (workspace, gaps, kept) = state;
+        let (workspace, gaps, kept, noise) = state;
         let ((flags, ((mean, variance), weight)), out) = out;
         let mut blocks = BlockOutput { mean, variance, weight };
         let groups = labels.as_ref().map(|labels| labels.shared(row));
+        let sigma = stated.as_ref().map(|stated| stated.shared(row));
         if omit {
             gaps.collect(theta);
             let Gaps { present, outlier, .. } = gaps;
             let groups = groups.map(|groups| numbered(groups, theta, kept));
-            let shared = Shared { groups, bias_sigma };
+            let sigma = sigma.map(|sigma| of_present(sigma, theta, noise));
+            let known = Known { sigma, groups, bias_sigma };
             *out = estimator
-                .estimate(present.values(), shared, outlier, &mut blocks, workspace)
+                .estimate(present.values(), known, outlier, &mut blocks, workspace)
                 .map_err(|error| present.locate(error))?;
             present.scatter(outlier, false, flags);
         } else {
-            let shared = Shared { groups, bias_sigma };
-            *out = estimator.estimate(theta, shared, flags, &mut blocks, workspace)?;
+            let known = Known { sigma, groups, bias_sigma };
+            *out = estimator.estimate(theta, known, flags, &mut blocks, workspace)?;
         }
         Ok(())
     })?;
-    let of: [fn(&Estimate) -> f64; 7] = [
+    let of: [fn(&Estimate) -> f64; 8] = [
         |e| e.value,
         |e| e.sigma,
         |e| e.polarity,
@@ -123,10 +126,18 @@ pub fn estimate_bearing<'py>(
         |e| e.correlation,
         |e| e.effective_number,
         |e| e.bias_sigma,
+        |e| e.noise_factor,
     ];
     let numbers = columns(py, rows.batch(), &estimates, of)?;
     let blocks = (blocks > 0).then_some((mean, variance, weight));
     Ok((numbers, outlier, blocks))
+}
+
+/// What belongs to the measurements that are there.
+fn of_present<'a>(each: &[f64], theta: &[f64], kept: &'a mut Vec<f64>) -> &'a [f64] {
+    kept.clear();
+    kept.extend(each.iter().zip(theta).filter(|(_, theta)| !theta.is_nan()).map(|(v, _)| v));
+    kept
 }
 
 /// Numbers from 0 on of the groups of the measurements that are there.

@@ -2,7 +2,7 @@
 //! bearing with its standard deviation. `cargo run --release --example bearing`
 
 use tertia::Result;
-use tertia::bearing::{BlockOutput, Estimator, Method, RobustRule, Shared, Workspace};
+use tertia::bearing::{BlockOutput, Estimator, Known, Method, RobustRule, Workspace};
 use tertia::screening::{BurstRule, BurstWorkspace, unwrap_about_median};
 
 /// A hundred bearings of an emitter in the north, 3.4 degrees of noise or so.
@@ -36,7 +36,7 @@ fn main() -> Result<()> {
     let mut blocks = BlockOutput { mean: &mut mean, variance: &mut variance, weight: &mut weight };
     let found = estimator.estimate(
         &theta,
-        Shared::default(),
+        Known::default(),
         &mut outlier,
         &mut blocks,
         &mut Workspace::default(),

@@ -5,7 +5,8 @@
 //! the Python API.
 //!
 //! `modes <- acceleration, independent, sticky, information <- hypotheses`
-//! `estimate, rules, blocks, start, hypotheses <- workspace <- paper, robust <- groups <- estimator`
+//! `estimate, rules, blocks, start, hypotheses <- workspace <- paper, robust`
+//! `maxima, robust <- stated <- groups <- estimator`
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
@@ -18,16 +19,18 @@ mod groups;
 mod hypotheses;
 mod independent;
 mod information;
+mod maxima;
 mod modes;
 mod paper;
 mod robust;
 mod rules;
 mod start;
+mod stated;
 mod sticky;
 mod workspace;
 
 pub use blocks::BlockOutput;
 pub use estimate::Estimate;
-pub use estimator::{Estimator, Shared};
-pub use rules::{Method, PaperRule, RobustRule, VarianceTest};
+pub use estimator::Estimator;
+pub use rules::{Known, Method, PaperRule, RobustRule, VarianceTest};
 pub use workspace::Workspace;

@@ -61,6 +61,10 @@ def bearing(
         float | None,
         typer.Option(help="Sigma of the systematic error; by default estimated from --groups."),
     ] = None,
+    sigma: Annotated[
+        float | None,
+        typer.Option(help="Stated sigma of the measurements; by default from azimuth_sigma_deg."),
+    ] = None,
     method: Annotated[Method, typer.Option(help="Method of estimation.")] = "robust",
     period: Period = 360.0,
     block_size: Annotated[int, typer.Option(help="Number of measurements per block.")] = 10,
@@ -83,6 +87,7 @@ def bearing(
         "by": by or [],
         "groups": groups,
         "bias_sigma": bias_sigma,
+        "sigma": sigma,
         "period": period or None,
         "method": method,
         "block_size": block_size,
@@ -135,22 +140,26 @@ def _in_batches(
     when the file is then read as a whole.
     """
     needed = [columns.get(name, name) for name in (*by, *([groups] if groups else []), values)]
+    stated = column_name(values, "sigma")
+    sigma = columns.get(stated, stated)
     options |= {"columns": columns, "values": values, "groups": groups}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", RecordWarning)
-            batches = map(_with_numbers(needed[-1]), read.batches(file, needed))
+            batches = map(_with_numbers(needed[-1], sigma), read.batches(file, needed, [sigma]))
             found = list(tables.stream(tables.bearing, batches, by=by, **options))
             return pl.concat(found) if found else None
     except (OSError, ValueError, RecordWarning, pl.exceptions.PolarsError):
         return None
 
 
-def _with_numbers(column: str) -> Callable[[pl.DataFrame], pl.DataFrame]:
-    """Return a function that converts a column of text to numbers, which need less memory."""
+def _with_numbers(*columns: str) -> Callable[[pl.DataFrame], pl.DataFrame]:
+    """Return a function that converts columns of text to numbers, which need less memory."""
 
     def read_numbers(batch: pl.DataFrame) -> pl.DataFrame:
-        return batch.with_columns(Reader(Part(batch), {}, {}).numbers(batch[column]))
+        reader = Reader(Part(batch), {}, {})
+        there = [name for name in columns if name in batch.columns]
+        return batch.with_columns(reader.numbers(batch[name]) for name in there)
 
     return read_numbers
 

@@ -71,8 +71,12 @@ def tables(*paths: Path) -> Source:
     return _filled([_table(path) for path in paths], paths)
 
 
-def batches(path: Path, columns: Sequence[str]) -> Iterator[pl.DataFrame]:
+def batches(
+    path: Path, columns: Sequence[str], optional: Sequence[str] = ()
+) -> Iterator[pl.DataFrame]:
     """Yield some columns of a file in batches of rows; nothing for formats without batches.
+
+    Columns that are `optional` may be missing.
 
     Errors are those of Polars.
     """
@@ -89,7 +93,8 @@ def batches(path: Path, columns: Sequence[str]) -> Iterator[pl.DataFrame]:
         rows = rows.filter(~pl.all_horizontal(pl.all().is_null()))
     else:
         return
-    wanted = rows.select(list(dict.fromkeys(columns)))
+    there = [name for name in optional if name in rows.collect_schema()]
+    wanted = rows.select(list(dict.fromkeys([*columns, *there])))
     yield from wanted.collect_batches(chunk_size=_ROWS_AT_ONCE, maintain_order=True)
 
 

@@ -17,4 +17,6 @@ pub struct Estimate {
     pub effective_number: f64,
     /// Standard deviation of the systematic errors of groups, given or found; nan: not included.
     pub bias_sigma: f64,
+    /// Noise over what is stated, at least 1; nan: nothing is stated.
+    pub noise_factor: f64,
 }

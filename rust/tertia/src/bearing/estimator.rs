@@ -2,29 +2,22 @@
 
 use super::blocks::BlockOutput;
 use super::estimate::Estimate;
-use super::rules::Method;
+use super::rules::{Known, Method};
 use super::workspace::Workspace;
 use super::{groups, paper, robust};
 use crate::base::angle::{principal, require_period};
 use crate::base::error::{
-    Error, Result, require, require_correlation, require_count, require_positive,
+    Error, Result, require, require_correlation, require_count, require_each, require_positive,
     require_significance,
 };
 use crate::base::moments::Moments;
 use crate::screening::{KSigmaRule, Replacement};
+use std::ops::RangeInclusive;
 
 /// Larger rounding steps would overflow.
 const LARGEST_ROUNDING: f64 = 1e100;
-
-/// What measurements have in common.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Shared<'a> {
-    /// Group of each measurement, from 0 on: those of a group share a systematic error. None: all
-    /// do.
-    pub groups: Option<&'a [f64]>,
-    /// Standard deviation of the systematic errors; none: found from the differences of groups.
-    pub bias_sigma: Option<f64>,
-}
+/// Squares of smaller or larger sigmas, and their reciprocals, would leave the range of a double.
+const SIGMAS: RangeInclusive<f64> = 1e-100..=1e100;
 
 /// A method and a period, validated.
 #[derive(Clone, Debug, PartialEq)]
@@ -76,11 +69,12 @@ impl Estimator {
         (n / block_size).max(1)
     }
 
-    /// Fewest measurements that the method accepts.
-    pub fn min_count(&self) -> usize {
+    /// Fewest measurements that the method accepts, with or without a `stated` sigma.
+    pub fn min_count(&self, stated: bool) -> usize {
         match self.method {
             Method::Mean => 2,
             Method::KSigma(_) | Method::Paper(_) | Method::Corrected(..) => 3,
+            Method::Robust(_) if stated => 1,
             Method::Robust(_) => robust::MIN_COUNT,
         }
     }
@@ -88,13 +82,13 @@ impl Estimator {
     /// Estimates the bearing of one sample. O(N), robust: O(N) for each step of EM.
     ///
     /// ```
-    /// use tertia::bearing::{BlockOutput, Estimator, Method, Shared, Workspace};
+    /// use tertia::bearing::{BlockOutput, Estimator, Known, Method, Workspace};
     ///
     /// let estimator = Estimator::try_new(Method::Mean, Some(360.0), Some(0.0))?;
     /// let mut blocks = BlockOutput { mean: &mut [], variance: &mut [], weight: &mut [] };
     /// let (theta, mut outlier) = ([359.0, 1.0, 3.0], [false; 3]);
     /// let workspace = &mut Workspace::default();
-    /// let found = estimator.estimate(&theta, Shared::default(), &mut outlier, &mut blocks, workspace)?;
+    /// let found = estimator.estimate(&theta, Known::default(), &mut outlier, &mut blocks, workspace)?;
     /// assert!((found.value - 1.0).abs() < 1e-12);
     /// assert!((found.sigma - (4.0_f64 / 3.0).sqrt()).abs() < 1e-12);
     /// # Ok::<(), tertia::Error>(())
@@ -104,27 +98,26 @@ impl Estimator {
     /// Too few measurements, one that is not finite, deviations out of range, or too few left.
     ///
     /// # Panics
-    /// If `outlier` is not as long as `theta`, or a block output not as long as
+    /// If `outlier`, or what is known of each measurement, is not as long as `theta`, or a block output not as long as
     /// [`Estimator::blocks`] says.
     pub fn estimate(
         &self,
         theta: &[f64],
-        shared: Shared<'_>,
+        known: Known<'_>,
         outlier: &mut [bool],
         output: &mut BlockOutput<'_>,
         workspace: &mut Workspace,
     ) -> Result<Estimate> {
         assert_eq!(theta.len(), outlier.len());
-        require_count("theta", theta.len(), self.min_count())?;
+        assert!([known.sigma, known.groups].iter().flatten().all(|k| k.len() == theta.len()));
+        require_count("theta", theta.len(), self.min_count(known.sigma.is_some()))?;
+        let wanted = "it must be a positive number, from 1e-100 to 1e100";
+        require_each("sigma", known.sigma.unwrap_or(&[]), |s| SIGMAS.contains(&s), wanted)?;
         workspace.read(theta, self.period)?;
         let found = match &self.method {
-            Method::Robust(rule) => match shared.groups {
-                Some(groups) => {
-                    let bias_sigma = shared.bias_sigma;
-                    groups::estimate(rule, self.correlation, groups, bias_sigma, workspace, outlier)
-                }
-                None => robust::estimate(rule, self.correlation, workspace, outlier),
-            },
+            Method::Robust(rule) => {
+                groups::estimate(rule, self.correlation, known, workspace, outlier)
+            }
             Method::Mean => mean(workspace, outlier).map(|v| self.of(v, workspace, outlier)),
             Method::KSigma(k) => {
                 k_sigma(*k, workspace, outlier).map(|v| self.of(v, workspace, outlier))
@@ -141,10 +134,10 @@ impl Estimator {
         if self.blocks(theta.len()) > 0 {
             workspace.blocks.write(output);
         }
-        let alone = shared.groups.is_none();
+        let alone = known.groups.is_none();
         let bias_sigma =
-            if alone { shared.bias_sigma.unwrap_or(f64::NAN) } else { found.bias_sigma };
-        let added = if alone { shared.bias_sigma.unwrap_or(0.0) } else { 0.0 };
+            if alone { known.bias_sigma.unwrap_or(f64::NAN) } else { found.bias_sigma };
+        let added = if alone { known.bias_sigma.unwrap_or(0.0) } else { 0.0 };
         Ok(Estimate {
             value: self.period.map_or(found.value, |period| principal(found.value, period)),
             sigma: if added > 0.0 { found.sigma.hypot(added) } else { found.sigma },
@@ -179,6 +172,7 @@ impl Estimator {
             correlation,
             effective_number: variance / (sigma * sigma),
             bias_sigma: f64::NAN,
+            noise_factor: f64::NAN,
         }
     }
 }
@@ -228,13 +222,7 @@ mod tests {
         let mut output =
             BlockOutput { mean: &mut mean, variance: &mut variance, weight: &mut weight };
         let estimate = estimator
-            .estimate(
-                theta,
-                Shared::default(),
-                &mut outlier,
-                &mut output,
-                &mut Workspace::default(),
-            )
+            .estimate(theta, Known::default(), &mut outlier, &mut output, &mut Workspace::default())
             .unwrap();
         let outlier = (0..theta.len()).filter(|&i| outlier[i]).collect();
         Outcome { estimate, outlier, weight }

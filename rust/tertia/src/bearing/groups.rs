@@ -3,8 +3,9 @@
 use super::estimate::Estimate;
 use super::hypotheses::Hypotheses;
 use super::robust::{self, OUTSIDE, SIGNIFICANCE};
-use super::rules::RobustRule;
+use super::rules::{Known, RobustRule};
 use super::start::{rounding_sigma, start};
+use super::stated::{self, Stated};
 use super::workspace::Workspace;
 use crate::base::angle::median;
 use crate::base::autoregression::Autoregression;
@@ -35,30 +36,42 @@ struct Table {
 pub(super) fn estimate(
     rule: &RobustRule,
     correlation: Option<f64>,
-    groups: &[f64],
-    bias_sigma: Option<f64>,
+    Known { sigma: stated, groups, bias_sigma }: Known<'_>,
     workspace: &mut Workspace,
     outlier: &mut [bool],
 ) -> Result<Estimate> {
+    let Some(groups) = groups else {
+        return together(rule, correlation, stated, workspace, outlier);
+    };
     Moments::of("theta", &workspace.angle)?;
     let mut table = Table::of(&workspace.angle, groups);
     let count = table.count.len();
-    let stuck = workspace.angle.iter().all(|v| *v == workspace.angle[0]);
+    let stuck = stated.is_none() && workspace.angle.iter().all(|v| *v == workspace.angle[0]);
     if count == 1 || stuck || count == groups.len() {
         // where every measurement has a systematic error of its own, these are random
         let each = count == groups.len();
         let correlation = if each { Some(0.0) } else { correlation };
-        let found = robust::estimate(rule, correlation, workspace, outlier)?;
+        let found = together(rule, correlation, stated, workspace, outlier)?;
         let bias = bias_sigma.unwrap_or(0.0) / if each { (count as f64).sqrt() } else { 1.0 };
         let bias_sigma = bias_sigma.unwrap_or(if each { 0.0 } else { f64::NAN });
         return Ok(Estimate { sigma: found.sigma.hypot(bias), bias_sigma, ..found });
     }
-    let within = table.screen(rule, correlation, groups, workspace, outlier)?;
+    let (within, mut sigma) = match stated {
+        Some(sigma) => {
+            let found = Stated::of(rule, correlation, &workspace.angle, sigma, Some(groups))?;
+            table.take(&found, outlier)
+        }
+        None => {
+            let within = table.screen(rule, correlation, groups, workspace, outlier)?;
+            let sigma = table.good.iter().map(|&n| within.of_mean(n)).collect();
+            (within, sigma)
+        }
+    };
     let Workspace { angle, scratch, blocks, .. } = workspace;
     let spread = table.spread();
-    let sigma: Vec<f64> = (0..count)
-        .map(|g| within.of_mean(table.good[g]).max(LEAST * spread).max(f64::MIN_POSITIVE))
-        .collect();
+    for sigma in &mut sigma {
+        *sigma = sigma.max(LEAST * spread).max(f64::MIN_POSITIVE);
+    }
     let (pvalue, given) = agreement(&table.centre, &sigma, bias_sigma.unwrap_or(0.0));
     let (value, sigma_of_value, bias) = match bias_sigma {
         None => {
@@ -87,7 +100,22 @@ pub(super) fn estimate(
         correlation: within.correlation,
         effective_number: (within.sigma / sigma_of_value).powi(2),
         bias_sigma: bias,
+        noise_factor: within.noise_factor,
     })
+}
+
+/// Measurements that have no systematic errors, or all the same.
+fn together(
+    rule: &RobustRule,
+    correlation: Option<f64>,
+    stated: Option<&[f64]>,
+    workspace: &mut Workspace,
+    outlier: &mut [bool],
+) -> Result<Estimate> {
+    match stated {
+        Some(sigma) => stated::estimate(rule, correlation, sigma, workspace, outlier),
+        None => robust::estimate(rule, correlation, workspace, outlier),
+    }
 }
 
 /// Random errors within groups.
@@ -97,6 +125,8 @@ struct Within {
     student: f64,
     correlation: f64,
     rounding: f64,
+    /// nan where no noise is stated.
+    noise_factor: f64,
 }
 
 impl Within {
@@ -120,6 +150,21 @@ impl Table {
         let number: Vec<f64> = members.iter().map(|m| m.len() as f64).collect();
         let centre = members.iter_mut().map(|m| median(m)).collect();
         Self { centre, good: number.clone(), count: number }
+    }
+
+    /// Takes what is found with stated noise, and marks outliers; returns the sigma of each centre.
+    fn take(&mut self, found: &Stated, outlier: &mut [bool]) -> (Within, Vec<f64>) {
+        found.mark(outlier);
+        self.centre = found.centres.iter().map(|centre| centre.value).collect();
+        self.good = found.centres.iter().map(|centre| centre.good).collect();
+        let within = Within {
+            sigma: found.sigma,
+            student: 1.0,
+            correlation: found.correlation,
+            rounding: found.rounding,
+            noise_factor: found.noise_factor,
+        };
+        (within, found.centres.iter().map(|centre| centre.sigma).collect())
     }
 
     /// Variance of the groups' mean over what it would be if their errors were independent: those of
@@ -157,6 +202,7 @@ impl Table {
             student: 1.0,
             correlation: 0.0,
             rounding: rounding_sigma(rule.rounding),
+            noise_factor: f64::NAN,
         };
         for _ in 0..ROUNDS {
             // n/(n−1): the centre comes from the same measurements

@@ -76,6 +76,7 @@ pub(super) fn estimate(
         correlation: correlation.unwrap_or_else(|| hypotheses.mean(|h| h.correlation)),
         effective_number: width * width / variance,
         bias_sigma: f64::NAN,
+        noise_factor: f64::NAN,
     })
 }
 
@@ -108,6 +109,7 @@ fn stuck(
         correlation: f64::NAN,
         effective_number: if known { 1.0 } else { 0.0 },
         bias_sigma: f64::NAN,
+        noise_factor: f64::NAN,
     }
 }
 

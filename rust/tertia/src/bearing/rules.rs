@@ -55,6 +55,19 @@ pub struct RobustRule {
     pub rounding: f64,
 }
 
+/// What is known of measurements.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Known<'a> {
+    /// Standard deviation of the random error of each measurement, for the robust method only. None:
+    /// found from the scatter.
+    pub sigma: Option<&'a [f64]>,
+    /// Group of each measurement, from 0 on: those of a group share a systematic error. None: all
+    /// do.
+    pub groups: Option<&'a [f64]>,
+    /// Standard deviation of the systematic errors; none: found from the differences of groups.
+    pub bias_sigma: Option<f64>,
+}
+
 impl PaperRule {
     pub(super) fn validated(&self) -> Result<&Self> {
         match self.variance_test {

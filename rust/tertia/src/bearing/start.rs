@@ -4,7 +4,7 @@ use crate::base::angle::median;
 use std::f64::consts::SQRT_2;
 
 /// MAD and length of the shorth of the normal distribution to its standard deviation.
-const MAD_TO_SIGMA: f64 = 1.4826;
+pub(super) const MAD_TO_SIGMA: f64 = 1.4826;
 const SHORTH_TO_SIGMA: f64 = 2.0 * 0.6745;
 /// The shorth of a few values can be far too short: least scale over the MAD.
 const LEAST_SHARE_OF_MAD: f64 = 0.3;

@@ -1,0 +1,278 @@
+//! The likelihood of one centre, with measurements whose noise is stated, and its maxima.
+
+use crate::base::exponential::exp;
+use pulp::{Simd, WithSimd};
+
+/// Share of bad measurements.
+const BAD: f64 = 0.1;
+/// Where they lie, in sigmas to either side.
+const REACH: f64 = 20.0;
+/// Density of a bad measurement, as probable as it is, over the largest of a good one: the odds, times
+/// `√(2π)`, over the whole reach.
+const RATIO: f64 = BAD / (1.0 - BAD) * 2.506_628_274_631_000_5 / (2.0 * REACH);
+/// Scores are cut here, so that their squares can be taken: 0 remains of the density.
+pub(super) const FARTHEST: f64 = 1e3;
+const LANES: usize = 8;
+/// Factors of a product that does not underflow.
+const PRODUCTS: usize = 64;
+/// Measurements from which modes are looked for, at most.
+const STARTS: usize = 32;
+/// Modes of less weight than this share of the largest do not count...
+const LEAST_WEIGHT: f64 = 0.05;
+/// ...and are not looked for where the logarithm of the likelihood is smaller by this.
+const FAR_BELOW: f64 = 15.0;
+/// EM ends where the centre changes by less than this share of its standard error.
+const TOLERANCE: f64 = 1e-4;
+const MOST_STEPS: usize = 100;
+/// Modes closer than this share of their standard error are one.
+const SAME: f64 = 0.3;
+/// Least share of its information that a mode has in spite of doubtful measurements.
+const LEAST_INFORMATION: f64 = 0.1;
+
+/// Measurements of one group, and their places in the record.
+#[derive(Clone, Default)]
+pub(super) struct Sample {
+    pub place: Vec<usize>,
+    pub y: Vec<f64>,
+    pub sigma: Vec<f64>,
+}
+
+/// A maximum of the likelihood.
+struct Mode {
+    centre: f64,
+    variance: f64,
+    /// The logarithm of its share in the posterior at first, then the share.
+    weight: f64,
+}
+
+/// The likelihood about a centre: its logarithm, `W = Σ g/σ²`, `Σ g (y − μ)/σ²` and
+/// `Σ g (1 − g) z²/σ²`, with the probability g to be good.
+struct Around {
+    log_likelihood: f64,
+    information: f64,
+    slope: f64,
+    doubt: f64,
+}
+
+/// Mean over the modes.
+pub(super) struct Fit {
+    pub value: f64,
+    /// Mean variance of the modes with white noise, and variance of their centres.
+    pub within: f64,
+    pub between: f64,
+    /// Probability of each measurement to be good, and what it counts in `value`.
+    pub good: Vec<f64>,
+    pub influence: Vec<f64>,
+    /// `Σ g z²` and `Σ g − 1` of the likeliest mode, z in stated sigmas.
+    pub squares: f64,
+    pub freedom: f64,
+}
+
+impl Fit {
+    /// Nothing tells that a single measurement is bad.
+    fn of_one(value: f64, sigma: f64) -> Self {
+        let (good, influence) = (vec![1.0], vec![1.0]);
+        let within = sigma * sigma;
+        Self { value, within, between: 0.0, good, influence, squares: 0.0, freedom: 0.0 }
+    }
+}
+
+impl Sample {
+    /// The sample of each group, numbered from 0; none: all are one.
+    pub fn by_group(y: &[f64], sigma: &[f64], groups: Option<&[f64]>) -> Vec<Self> {
+        let group = |i: usize| groups.map_or(0, |groups| groups[i] as usize);
+        let count = (0..y.len()).map(group).max().map_or(0, |last| last + 1);
+        let mut samples = vec![Self::default(); count];
+        for (i, (&y, &sigma)) in y.iter().zip(sigma).enumerate() {
+            let sample = &mut samples[group(i)];
+            sample.place.push(i);
+            sample.y.push(y);
+            sample.sigma.push(sigma);
+        }
+        samples
+    }
+
+    /// The mean over the modes, with sigmas that are so many times what is stated.
+    pub fn fit(&self, factor: f64) -> Fit {
+        if let ([y], [sigma]) = (&*self.y, &*self.sigma) {
+            return Fit::of_one(*y, factor * sigma);
+        }
+        let modes = self.modes(factor);
+        let mean = |f: fn(&Mode) -> f64| modes.iter().map(|mode| mode.weight * f(mode)).sum();
+        let value: f64 = mean(|mode| mode.centre);
+        let between = modes.iter().map(|m| m.weight * (m.centre - value).powi(2)).sum();
+        let n = self.y.len();
+        let (mut good, mut influence) = (vec![0.0; n], vec![0.0; n]);
+        for &Mode { centre, weight, .. } in &modes {
+            let g: Vec<f64> = (0..n).map(|k| self.is_good(k, centre, factor).0).collect();
+            // one of them is good
+            let some = 1.0 - g.iter().map(|g| 1.0 - g).product::<f64>();
+            let counts = |k: usize| g[k] / (self.sigma[k] * self.sigma[k]);
+            let total: f64 = (0..n).map(counts).sum();
+            for k in 0..n {
+                good[k] += weight * g[k] / some;
+                influence[k] += weight * counts(k) / total;
+            }
+        }
+        let likeliest =
+            modes.iter().fold(&modes[0], |a, b| if b.weight > a.weight { b } else { a });
+        let (mut squares, mut freedom) = (0.0, -1.0);
+        for k in 0..n {
+            let (g, z) = self.is_good(k, likeliest.centre, factor);
+            squares += g * (factor * z).powi(2);
+            freedom += g;
+        }
+        let freedom = f64::max(freedom, 0.0);
+        Fit {
+            value,
+            within: mean(|mode| mode.variance),
+            between,
+            good,
+            influence,
+            squares,
+            freedom,
+        }
+    }
+
+    /// Probability of a measurement to be good, and its distance in sigmas.
+    fn is_good(&self, k: usize, centre: f64, factor: f64) -> (f64, f64) {
+        let z = score(self.y[k] - centre, factor * self.sigma[k]);
+        let density = exp(-0.5 * z * z);
+        (density / (density + RATIO), z)
+    }
+
+    fn around(&self, centre: f64, factor: f64) -> Around {
+        pulp::Arch::new().dispatch(Sums { sample: self, centre, factor })
+    }
+
+    /// The modes that count.
+    fn modes(&self, factor: f64) -> Vec<Mode> {
+        let starts = self.starts();
+        let around: Vec<Around> = starts.iter().map(|&c| self.around(c, factor)).collect();
+        let likelihood = |k: usize| around[k].log_likelihood;
+        let highest = (0..starts.len()).map(likelihood).fold(f64::NEG_INFINITY, f64::max);
+        let mut modes: Vec<Mode> = Vec::new();
+        for k in 0..starts.len() {
+            if likelihood(k) < highest - FAR_BELOW || !leads_to_maximum(&around, k) {
+                continue;
+            }
+            let mode = self.climb(starts[k], factor);
+            let apart = |m: &Mode| (m.centre - mode.centre).abs() > SAME * mode.variance.sqrt();
+            if modes.iter().all(apart) {
+                modes.push(mode);
+            }
+        }
+        let highest = modes.iter().map(|m| m.weight).fold(f64::NEG_INFINITY, f64::max);
+        modes.iter_mut().for_each(|m| m.weight = (m.weight - highest).exp());
+        modes.retain(|m| m.weight >= LEAST_WEIGHT);
+        let total: f64 = modes.iter().map(|m| m.weight).sum();
+        modes.iter_mut().for_each(|m| m.weight /= total);
+        modes
+    }
+
+    /// Different measurements in order: all, or some between which equally many lie.
+    fn starts(&self) -> Vec<f64> {
+        let mut sorted = self.y.clone();
+        sorted.sort_unstable_by(f64::total_cmp);
+        sorted.dedup();
+        let n = sorted.len();
+        if n <= STARTS {
+            return sorted;
+        }
+        (0..STARTS).map(|k| sorted[k * (n - 1) / (STARTS - 1)]).collect()
+    }
+
+    /// The next maximum by EM. Its variance is that of the observed information,
+    /// `Σ g/σ² − Σ g (1 − g) z²/σ²` (Louis 1982), never below that of measurements that are all good.
+    fn climb(&self, start: f64, factor: f64) -> Mode {
+        let mut centre = start;
+        let mut around = self.around(centre, factor);
+        for _ in 0..MOST_STEPS {
+            let step = around.slope / around.information;
+            centre += step;
+            around = self.around(centre, factor);
+            if step.abs() * around.information.sqrt() < TOLERANCE {
+                break;
+            }
+        }
+        let Around { log_likelihood, information, doubt, .. } = around;
+        let variance = 1.0 / (information - doubt).max(LEAST_INFORMATION * information);
+        Mode { centre, variance, weight: log_likelihood + 0.5 * variance.ln() }
+    }
+
+    /// Variance of the weighted mean over that with white noise: with `a = g/σ`,
+    /// `Σ a_i a_j φ^|i−j| / Σ a²`.
+    pub fn inflation(&self, good: &[f64], correlation: f64) -> f64 {
+        let (mut squares, mut products, mut before) = (0.0, 0.0, 0.0);
+        for k in 0..good.len() {
+            let a = good[k] / self.sigma[k];
+            if k > 0 {
+                let gap = i32::try_from(self.place[k] - self.place[k - 1]).unwrap_or(i32::MAX);
+                before *= correlation.powi(gap);
+            }
+            squares += a * a;
+            products += a * before;
+            before += a;
+        }
+        1.0 + 2.0 * products / squares
+    }
+}
+
+/// Whether the slope changes its sign between this start and the one that it points to. Both may have
+/// a maximum of their own.
+fn leads_to_maximum(around: &[Around], k: usize) -> bool {
+    let slope = |k: usize| around.get(k).map(|a| a.slope);
+    let (after, before) = (slope(k + 1), k.checked_sub(1).and_then(slope));
+    around[k].slope >= 0.0 && after.is_none_or(|s| s <= 0.0)
+        || around[k].slope <= 0.0 && before.is_none_or(|s| s >= 0.0)
+}
+
+#[inline(always)]
+fn score(deviation: f64, sigma: f64) -> f64 {
+    (deviation / sigma).clamp(-FARTHEST, FARTHEST)
+}
+
+/// The sums of [`Around`].
+struct Sums<'a> {
+    sample: &'a Sample,
+    centre: f64,
+    factor: f64,
+}
+
+impl WithSimd for Sums<'_> {
+    type Output = Around;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Around {
+        let Self { sample: Sample { y, sigma, .. }, centre, factor } = self;
+        let zero = [0.0; LANES];
+        let [mut information, mut slope, mut doubt] = [zero; 3];
+        let mut log_likelihood = 0.0;
+        for (y, sigma) in y.chunks(LANES * PRODUCTS).zip(sigma.chunks(LANES * PRODUCTS)) {
+            // logarithms are taken of products
+            let mut product = [1.0; LANES];
+            for (y, sigma) in y.chunks(LANES).zip(sigma.chunks(LANES)) {
+                // lanes beyond the end count for nothing
+                let (mut deviation, mut width, mut there) = (zero, [1.0; LANES], zero);
+                for i in 0..y.len() {
+                    (deviation[i], width[i], there[i]) = (y[i] - centre, factor * sigma[i], 1.0);
+                }
+                for i in 0..LANES {
+                    let z = score(deviation[i], width[i]);
+                    let density = exp(-0.5 * z * z);
+                    let evidence = density + RATIO;
+                    let g = density / evidence;
+                    let weight = there[i] * g / (width[i] * width[i]);
+                    product[i] *= if there[i] > 0.0 { evidence } else { 1.0 };
+                    information[i] += weight;
+                    slope[i] += weight * z * width[i];
+                    doubt[i] += weight * (1.0 - g) * z * z;
+                }
+            }
+            log_likelihood += product.iter().map(|p| p.ln()).sum::<f64>();
+        }
+        let [information, slope, doubt] =
+            [information, slope, doubt].map(|lanes| lanes.iter().sum());
+        Around { log_likelihood, information, slope, doubt }
+    }
+}

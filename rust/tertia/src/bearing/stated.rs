@@ -1,0 +1,233 @@
+//! Records whose noise is stated: the standard deviation of each measurement, from one measurement on.
+//!
+//! With the noise factor f, a measurement of the sigma σ is good, `N(y; μ, f² σ²)`, or bad and anywhere
+//! within ±20 f σ. The likelihood of μ has a mode wherever measurements agree; the bearing is the mean
+//! over the modes, and its variance counts how far these are apart: two measurements that contradict
+//! each other do not tell which is bad.
+
+use super::estimate::Estimate;
+use super::maxima::{FARTHEST, Fit, Sample};
+use super::robust::rest_of_rounding;
+use super::rules::RobustRule;
+use super::start::{MAD_TO_SIGMA, rounding_sigma};
+use super::workspace::Workspace;
+use crate::base::angle::median;
+use crate::base::autoregression::Autoregression;
+use crate::base::distribution::chi_square_upper_real;
+use crate::base::error::Result;
+use crate::base::moments::Moments;
+
+/// The stated sigma tells as much of the noise as the scatter of this many degrees of freedom.
+const STATED_FREEDOM: f64 = 5.0;
+/// Degrees of freedom from which the scatter tells a noise factor before outliers are known, and a
+/// correlation.
+const FEWEST: f64 = 4.0;
+/// Of two measurements that contradict each other neither is more probably bad.
+const EVEN: f64 = 0.5 - 1e-6;
+/// Centres and noise factor are found in turn, at most so often, and until the factor changes by less.
+const ROUNDS: usize = 4;
+const LEAST_CHANGE: f64 = 0.01;
+
+/// Centre of measurements with one systematic error.
+pub(super) struct Centre {
+    pub value: f64,
+    pub sigma: f64,
+    /// Expected number of good measurements.
+    pub good: f64,
+}
+
+/// What is found of all measurements.
+pub(super) struct Stated {
+    pub centres: Vec<Centre>,
+    /// Probability of each measurement to be good, and what it counts in its centre.
+    pub good: Vec<f64>,
+    pub influence: Vec<f64>,
+    /// Noise over what is stated, at least 1; p-value of the scatter if the noise is as stated.
+    pub noise_factor: f64,
+    pub pvalue: f64,
+    /// Standard deviation of a measurement, if all had the same: the root of the harmonic mean.
+    pub sigma: f64,
+    pub correlation: f64,
+    /// Error of rounding that remains in a mean.
+    pub rounding: f64,
+}
+
+/// The robust estimate with the `sigma` of each measurement. O(N) for each mode and step of EM.
+pub(super) fn estimate(
+    rule: &RobustRule,
+    correlation: Option<f64>,
+    sigma: &[f64],
+    workspace: &mut Workspace,
+    outlier: &mut [bool],
+) -> Result<Estimate> {
+    let Workspace { angle, blocks, .. } = workspace;
+    let found = Stated::of(rule, correlation, angle, sigma, None)?;
+    found.mark(outlier);
+    blocks.fill_weighted(angle, &found.influence, outlier, rule.block_size);
+    let centre = &found.centres[0];
+    let sigma = centre.sigma.hypot(found.rounding);
+    Ok(Estimate {
+        value: centre.value,
+        sigma,
+        polarity: 0.0,
+        pvalue: found.pvalue,
+        correlation: found.correlation,
+        effective_number: (found.sigma / sigma).powi(2),
+        bias_sigma: f64::NAN,
+        noise_factor: found.noise_factor,
+    })
+}
+
+impl Stated {
+    /// Marks measurements that are more probably bad than good.
+    pub fn mark(&self, outlier: &mut [bool]) {
+        for (flag, &good) in outlier.iter_mut().zip(&self.good) {
+            *flag = good < EVEN;
+        }
+    }
+
+    /// Finds the centre of each group, numbered from 0 (none: all are one), and what they share.
+    pub fn of(
+        rule: &RobustRule,
+        correlation: Option<f64>,
+        y: &[f64],
+        sigma: &[f64],
+        groups: Option<&[f64]>,
+    ) -> Result<Self> {
+        Moments::of("theta", y)?;
+        let rounding = rounding_sigma(rule.rounding);
+        let noise: Vec<f64> = sigma.iter().map(|s| s.hypot(rounding)).collect();
+        let samples = Sample::by_group(y, &noise, groups);
+        let (noise_factor, fits) = fit(&samples);
+        let pvalue = match scatter(&fits) {
+            (_, freedom) if freedom < 0.5 => f64::NAN,
+            (squares, freedom) => chi_square_upper_real(squares, freedom),
+        };
+        let mut found = Self {
+            centres: Vec::new(),
+            good: vec![0.0; y.len()],
+            influence: vec![0.0; y.len()],
+            noise_factor,
+            pvalue,
+            sigma: noise_factor * harmonic(&noise),
+            correlation: 0.0,
+            rounding: 0.0,
+        };
+        found.rounding = rounding * rest_of_rounding(found.sigma, rule.rounding);
+        for (sample, fit) in samples.iter().zip(&fits) {
+            for (k, &i) in sample.place.iter().enumerate() {
+                (found.good[i], found.influence[i]) = (fit.good[k], fit.influence[k]);
+            }
+        }
+        found.correlation =
+            correlation.unwrap_or_else(|| correlation_of(&samples, &fits, &found.good));
+        let most = if correlation.is_some() { 0.0 } else { 1.0 };
+        found.centres.extend(samples.iter().zip(&fits).map(|(sample, fit)| {
+            let inflation = sample.inflation(&fit.good, found.correlation).max(most);
+            let sigma = (fit.within * inflation + fit.between).sqrt();
+            Centre { value: fit.value, sigma, good: fit.good.iter().sum() }
+        }));
+        Ok(found)
+    }
+}
+
+/// Centres and noise factor in turn. A sample of which nearly half is bad must not be mistaken for
+/// noise, nor noise for bad measurements: the first factor is that of the median deviation.
+fn fit(samples: &[Sample]) -> (f64, Vec<Fit>) {
+    let mut factor = first_factor(samples);
+    let mut fits: Vec<Fit> = samples.iter().map(|sample| sample.fit(factor)).collect();
+    for _ in 1..ROUNDS {
+        let (squares, freedom) = scatter(&fits);
+        let next = grown(squares, freedom);
+        if (next / factor - 1.0).abs() < LEAST_CHANGE {
+            break;
+        }
+        factor = next;
+        fits = samples.iter().map(|sample| sample.fit(factor)).collect();
+    }
+    (factor, fits)
+}
+
+/// Noise factor of so many squares of residuals: the stated variance is the prior mean, and the noise
+/// is not taken for less.
+fn grown(squares: f64, freedom: f64) -> f64 {
+    ((STATED_FREEDOM + squares) / (STATED_FREEDOM + freedom)).max(1.0).sqrt()
+}
+
+fn scatter(fits: &[Fit]) -> (f64, f64) {
+    fits.iter().fold((0.0, 0.0), |(q, n), fit| (q + fit.squares, n + fit.freedom))
+}
+
+fn first_factor(samples: &[Sample]) -> f64 {
+    let count: usize = samples.iter().map(|sample| sample.y.len()).sum();
+    let freedom = (count - samples.len()) as f64;
+    if freedom < FEWEST {
+        return 1.0;
+    }
+    let mut deviation = Vec::with_capacity(count);
+    for Sample { y, sigma, .. } in samples {
+        let middle = median(&mut y.clone());
+        deviation.extend(y.iter().zip(sigma).map(|(y, s)| ((y - middle) / s).abs()));
+    }
+    let found = MAD_TO_SIGMA * median(&mut deviation).min(FARTHEST);
+    grown(freedom * found * found, freedom)
+}
+
+/// Standard deviation whose information is the mean of all.
+fn harmonic(sigma: &[f64]) -> f64 {
+    let information: f64 = sigma.iter().map(|s| s.powi(-2)).sum();
+    (sigma.len() as f64 / information).sqrt()
+}
+
+/// Correlation of successive good residuals, 0 for too few.
+fn correlation_of(samples: &[Sample], fits: &[Fit], good: &[f64]) -> f64 {
+    let mut residual = vec![0.0; good.len()];
+    for (sample, fit) in samples.iter().zip(fits) {
+        for (k, &i) in sample.place.iter().enumerate() {
+            residual[i] = (sample.y[k] - fit.value) / sample.sigma[k];
+        }
+    }
+    let kept: Vec<usize> = (0..good.len()).filter(|&i| good[i] > 0.5).collect();
+    if (kept.len() as f64) <= FEWEST {
+        return 0.0;
+    }
+    let mut errors = Autoregression::default();
+    errors.read(kept.into_iter().map(|i| (i, residual[i])), None);
+    errors.correlation()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::checks::{assert_close, assert_within};
+
+    fn of(y: &[f64], sigma: &[f64], correlation: f64) -> Stated {
+        let rule = RobustRule { block_size: 10, rounding: 0.0 };
+        Stated::of(&rule, Some(correlation), y, sigma, None).unwrap()
+    }
+
+    #[test]
+    fn one_measurement_has_its_stated_sigma() {
+        let found = of(&[7.0], &[2.0], 0.5);
+        assert_eq!((found.centres[0].value, found.centres[0].sigma), (7.0, 2.0));
+        assert_eq!((found.noise_factor, found.good[0]), (1.0, 1.0));
+    }
+
+    #[test]
+    fn two_that_contradict_each_other_count_alike() {
+        let found = of(&[0.0, 30.0], &[1.0, 1.0], 0.0);
+        assert_close(found.centres[0].value, 15.0);
+        assert_within(0.01, found.centres[0].sigma / 15.0, 1.0);
+        let mut outlier = [true; 2];
+        found.mark(&mut outlier);
+        assert_eq!(outlier, [false; 2]);
+    }
+
+    /// `1 + 2 φ (1 − 1/n) + …` of equal measurements: (3 + 4 φ + 2 φ²)/3 for three.
+    #[test]
+    fn a_correlation_widens_the_mean() {
+        let (white, lasting) = (of(&[5.0; 3], &[1.0; 3], 0.0), of(&[5.0; 3], &[1.0; 3], 0.5));
+        let ratio = (lasting.centres[0].sigma / white.centres[0].sigma).powi(2);
+        assert_close(ratio, (3.0 + 4.0 * 0.5 + 2.0 * 0.25) / 3.0);
+    }
+}
