@@ -101,6 +101,17 @@ def one_series():
         yield {"work": work, "unit": "ns", "costs": own | costs}
 
 
+def label(work):
+    """Return the name of a row of a table: what a figure is for is said at its end."""
+    work = re.sub(r", an? (\w+)$", r", per \1", work)
+    work = re.sub(
+        r"crossing, (\d+) false plots a scan, (\d+) radar\(s\), \d+ runs",
+        r"crossing aircraft, \1 false plots per scan, \2 radar",
+        work,
+    )
+    return work.replace("a filter that is fed plot by plot", "a filter called plot by plot")
+
+
 def comparison(found):
     """The one table: Tertia, then the others, the fastest first; bold: faster than Tertia."""
     rows = []
@@ -112,7 +123,7 @@ def comparison(found):
         # what is in brackets or Tertia's is no other library
         listed = [cell(name, cost, own) for name, cost in sorted(others.items(), key=by_cost)]
         unit = one["unit"]
-        rows.append([one["work"], f"{number(own)} {unit}", "; ".join(listed) or "–"])
+        rows.append([label(one["work"]), f"{number(own)} {unit}", "; ".join(listed) or "–"])
     return markdown(["work", "Tertia", "others"], rows)
 
 
@@ -179,8 +190,8 @@ def growth(found):
             pairs = zip(one["sizes"], one["costs"], strict=True)
             each = ", ".join(f"{n:,}".removesuffix(".0") + f": {number(cost)}" for n, cost in pairs)
             law = f"{one['quantity']}^{one['exponent']:.2f}"
-            rows.append([one["work"], law, f"{one['last']:.2f}", f"{each} {one['unit']}"])
-    return markdown(["work", "time grows as", "last two", "at"], rows)
+            rows.append([label(one["work"]), law, f"{one['last']:.2f}", f"{each} {one['unit']}"])
+    return markdown(["work", "time grows as", "last two", "times at these sizes"], rows)
 
 
 def memory(found):
@@ -191,8 +202,9 @@ def memory(found):
 
 def wanted(found):
     """Version 0.1, the targets, and what was measured; in bold what is reached."""
-    head = ["work", "version 0.1", "target", "now", "what stands in the way"]
-    return markdown(head, targets.rows(found, processor()[1], number))
+    head = ["work", "version 0.1", "target", "now", "limiting factor"]
+    rows = [[label(work), *rest] for work, *rest in targets.rows(found, processor()[1], number)]
+    return markdown(head, rows)
 
 
 def processor():

@@ -1,7 +1,7 @@
-"""What the project set out to reach, beside version 0.1 and what a run of the benches measured.
+"""The targets of the project, compared with version 0.1 and what a run of the benches measured.
 
 Version 0.1 was measured on the same kind of machine: two cores of an EPYC with AVX-512, one thread.
-Where a target is missed, the table says what stands in the way.
+Where a target is missed, the table names the limiting factor.
 """
 
 from dataclasses import dataclass
@@ -22,14 +22,16 @@ class Target:
 
 
 DIVISIONS = "each step waits for the division of the step before"
-WRITING = "eleven numbers are written for each step, more than the caches hold"
+WRITING = "each step writes eleven numbers, and the results do not fit into the caches"
 TRACKER = (
-    "registration takes about half, and existence, outliers, noise and resuming were not in the "
-    "prototype either"
+    "registration takes about half of the time; the prototype had no registration, existence "
+    "probabilities, outliers, noise estimates or resumed tracks"
 )
 CALL = "checks and results in Python take more time than the kernel"
-HYPOTHESES = "some forty hypotheses are weighed and merged at each plot, exponentials in lanes"
-BACK = "the way back waits for the state of each step"
+HYPOTHESES = (
+    "about forty hypotheses are weighted and merged for each plot, with vectorised exponentials"
+)
+BACK = "the backward pass waits for the state of each step"
 
 TARGETS = (
     Target(
@@ -51,7 +53,7 @@ TARGETS = (
         "2.1 to 2.6 ns",
         (0.8, 0.6),
         "filter, 1,000 × 200, equal noise, final state, a step",
-        "plots are checked, read and transposed; the likelihood of each series",
+        "checking, reading and transposing of the plots; the likelihood of each series",
     ),
     Target(
         "filter, 20,000 × 50, R of each plot and gaps, final state, a step",
@@ -131,8 +133,8 @@ TARGETS = (
             before,
             (wanted,),
             "locate, 5% faults, an instant",
-            "systematic errors are estimated from the whole batch first; with sigmas taken as "
-            "stated it takes about a third",
+            "systematic errors are estimated from the whole batch first; with sigmas as stated, "
+            "`locate` takes about a third of this time",
             stations,
         )
         for stations, before, wanted in (
@@ -153,7 +155,7 @@ TARGETS = (
         "1.7 s",
         (0.7,),
         "tables, parquet, fuse, all rows",
-        "reading and writing alone take a third of it",
+        "reading and writing take a third of the time",
         1_000_000,
     ),
     *(
@@ -162,11 +164,19 @@ TARGETS = (
             (
                 "estimate_bearing, 100 values",
                 "14 µs",
-                "up to six mixtures are fitted by EM, and averaged",
+                "up to six mixtures are fitted by EM and averaged",
             ),
-            ("fuse_series, 2 × 10 plots", "23 µs", "the kernel takes half of it, Python the other"),
+            (
+                "fuse_series, 2 × 10 plots",
+                "23 µs",
+                "the kernel and Python take half of the time each",
+            ),
             ("associate, 4 × 4", "37 µs", CALL),
-            ("smooth, 10 × 2", "51 µs", "the jerk is fitted: some thirty filters"),
+            (
+                "smooth, 10 × 2",
+                "51 µs",
+                "the jerk is fitted, which takes about thirty runs of the filter",
+            ),
             ("locate, 4 stations", "81 µs", CALL),
         )
     ),
@@ -186,7 +196,7 @@ def measured(target, found):
 
 
 def rows(found, level, number):
-    """Yield work, version 0.1, target, now, and what stands in the way where it is missed."""
+    """Yield work, version 0.1, target, now, and the limiting factor where it is missed."""
     for target in TARGETS:
         if (now := measured(target, found)) is None:
             continue

@@ -28,7 +28,7 @@ START = {
 MORE = {
     "performance.md": "Performance",
     "accuracy.md": "Accuracy",
-    "honesty.md": "What the error bars hold",
+    "honesty.md": "Coverage of the error bars",
     "papers.md": "What the papers got right",
     "complaints.md": "Complaints",
     "architecture.md": "Architecture",

@@ -47,14 +47,16 @@ class Net:
 
 
 NETS: dict[str, Net] = {
-    "8 hydrophones, 3 beacons at them": Net(),
+    "8 hydrophones, beacons at 3 of them": Net(),
     "5 hydrophones, 2 tags": Net(receivers=5, tags=2),
-    "beacons at known places": Net(at_places=True),
+    "8 hydrophones, 3 beacons at other known positions": Net(at_places=True),
     "10 hydrophones, 2 tags, no beacon": Net(
         receivers=10, tags=2, beacons=0, emissions=150, tag_speed=1.5, speed_sigma=3.0
     ),
-    "clocks that drift ten times as much": Net(drift=1e-8),
-    "straight and dense": Net(is_straight=True, interval=3.0, emissions=150),
+    "8 hydrophones, clock drift ten times as large": Net(drift=1e-8),
+    "8 hydrophones, straight path, emissions every 3 s on average": Net(
+        is_straight=True, interval=3.0, emissions=150
+    ),
     "radio, 6 receivers over 30 km, 3 aircraft": Net(
         receivers=6, extent=30e3, speed=299_792_458.0, speed_sigma=0.0, survey=0.5, path=0.0,
         noise=5e-8, offset=1e-3, rate=1e-9, drift=1e-12, tags=3, emissions=120, interval=1.0,
@@ -191,7 +193,7 @@ def nets() -> str:
             f"{np.mean(claimed):.2f}", f"{inside.mean():.0%} ± {spread:.0%}",
             f"{np.mean(squares) / 2:.2f}", rms,
         ])  # fmt: skip
-    head = ["net", "p50, m", "p95, m", "claimed sigma, m", "inside 95 %", "NEES per axis"]
+    head = ["network", "p50, m", "p95, m", "claimed sigma, m", "inside 95 %", "NEES per axis"]
     return markdown([*head, "speed error, RMS in sigmas"], rows)
 
 

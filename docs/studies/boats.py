@@ -227,7 +227,7 @@ def _classes() -> dict[str, Any]:
 
 
 def judged(one: Recording, shown: list[Picture]) -> list[float]:
-    """Return GOSPA, its parts, tracks shown at a time and tracks in all."""
+    """Return GOSPA, its parts, tracks shown at a time and total number of tracks."""
     parts, names = [], set()
     for instant, (places, own) in zip(one.instants, shown, strict=True):
         found = gospa(places, one.truth(instant), CUTOFF)
@@ -266,4 +266,4 @@ def table() -> str:
         cells = [f"{whole:.1f} m", *(f"{part:.1f} m" for part in parts), f"{count:.1f}"]
         rows.append([name, *cells, f"{tracks:.0f}"])
     head = ["", "GOSPA", "localisation", "missed boats", "false tracks", "mean number of tracks"]
-    return markdown([*head, "tracks in all"], rows)
+    return markdown([*head, "total number of tracks"], rows)

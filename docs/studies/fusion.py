@@ -388,7 +388,11 @@ def paper_weights() -> str:
         ["measured", found["equal", "healthy"].value, ".1f"],
         ["RMSE with the paper's weights, predicted, millidegrees", predicted, ".1f"],
         ["measured", paper.value, ".1f"],
-        ["RMSE after the third filter relative to before, healthy", third.ratio(paper)[0], ".3f"],
+        [
+            "RMSE after the third filter, divided by the RMSE before it, healthy",
+            third.ratio(paper)[0],
+            ".3f",
+        ],
     ]
     turn = case("turn")
     once = fused(turn, "paper").mean[..., 0]
@@ -561,7 +565,7 @@ def misprints() -> str:
     start = np.diag([SIGMA**2, 0.04, 0.0001])
     right, right_p = textbook(300, start, mended)
     variants: dict[str, tuple[Any, bool]] = {
-        "as it must be": (mended, False),
+        "corrected": (mended, False),
         "(18): × before the noise": (product, False),
         "(18): 1 − αT in the corner (1, 1)": (transposed, False),
         "(18), (20): element 22 in the place 12": (mended, True),
@@ -671,10 +675,10 @@ def filter_consistency() -> str:
     record = simulate.radars(model, steps, sigma=(SIGMA,), batch=runs, rng=generator(64))
     variants = {
         "correct parameters": (model, SIGMA**2),
-        "σ stated half": (model, SIGMA**2 / 4),
-        "σ stated double": (model, SIGMA**2 * 4),
-        "σ_a a third": (SingerModel(5.0, 1 / 20, 0.001, exact=True), SIGMA**2),
-        "σ_a threefold": (SingerModel(5.0, 1 / 20, 0.009, exact=True), SIGMA**2),
+        "stated σ half the true σ": (model, SIGMA**2 / 4),
+        "stated σ twice the true σ": (model, SIGMA**2 * 4),
+        "σ_a a third of the true σ_a": (SingerModel(5.0, 1 / 20, 0.001, exact=True), SIGMA**2),
+        "σ_a three times the true σ_a": (SingerModel(5.0, 1 / 20, 0.009, exact=True), SIGMA**2),
         "1 − αT instead of exp(−αT)": (MODEL, SIGMA**2),
     }
     late = slice(SETTLED, None)

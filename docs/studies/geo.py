@@ -178,7 +178,7 @@ def scene(seed: int, name: str) -> Scene:
     # the middle of the three radars
     middle = np.mean([radar.position[:2] for radar in earth], axis=0)
     traffic = replace(traffic, position=traffic.position + middle)
-    if name == "flat, of a flat earth":
+    if name == "flat, with aircraft and radars on a flat earth":
         earth = [replace(radar, frame=None) for radar in earth]
     record = simulate.radar_plots(traffic, earth, rng=np.random.default_rng([SEED, seed, 1]))
     plots, used = record.plots, earth
@@ -223,7 +223,7 @@ def scene(seed: int, name: str) -> Scene:
 def tracking() -> str:
     """Return errors of tracks and the biases that are found where there are none."""
     rows = []
-    for name in (*FORMS, "flat, of a flat earth"):
+    for name in (*FORMS, "flat, with aircraft and radars on a flat earth"):
         found = scenes(name)
         rmse, claimed, square, inside = (
             np.mean([getattr(one, field) for one in found])

@@ -1,4 +1,4 @@
-"""What the error bars hold on recordings, which do not belong to the project."""
+"""Coverage of the error bars on recordings, which do not belong to the project."""
 
 import csv
 import gzip

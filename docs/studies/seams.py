@@ -148,7 +148,7 @@ def seams() -> str:
                     f"{np.sqrt(total.normalised / total.compared):.3f}",
                 ]
             )
-    head = ["plots", "overlap", "tracks over a seam that keep their number"]
+    head = ["plots", "overlap", "tracks across a boundary that keep their number"]
     head += ["rows in another track or none"]
-    head += ["RMS difference of positions in the minute after a seam", "the same in sigma"]
+    head += ["RMS difference of positions in the minute after a boundary", "the same in sigma"]
     return markdown(head, rows)

@@ -188,7 +188,7 @@ def table() -> str:
                 shares.append(float(np.mean(task(folder, truth))))
         worst = "" if task in {emitter, few} else f"{np.min(shares):.0%}"
         rows.append([title, str(count), f"{np.mean(shares):.1%}", worst])
-    return markdown(["task", "scenes", "truths within 95 %", "in the worst scene"], rows)
+    return markdown(["task", "scenes", "true values within 95 %", "in the worst scene"], rows)
 
 
 def sites(folder: Path) -> None:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from studies import honesty
-from studies.honest_series import MOTIONS
+from studies.honest_series import LABELS, MOTIONS
 from studies.honesty import BoolArray
 from studies.montecarlo import FloatArray, generator
 from studies.pages import markdown, repetitions
@@ -540,7 +540,7 @@ def motions() -> str:
             inside = np.mean(squares < LEVELS[2])
             rmse = np.sqrt(np.mean(error**2))
             cells.append(f"{rmse:.1f}; {np.mean(squares) / 2:.2f}; {inside:.0%}")
-        rows.append([name, *cells])
+        rows.append([LABELS.get(name, name), *cells])
     head = ["RMSE in m; NEES; inside 95 %", "bearings, 60 instants", "ranges, 60 instants"]
     return markdown([*head, "ranges, 300 instants"], rows)
 

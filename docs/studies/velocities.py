@@ -18,6 +18,11 @@ RUNS, STEPS, STEP, FINE = 60, 120, 4.0, 20
 POSITION, VELOCITY = 50.0, 1.0
 # chi-square of two degrees of freedom, 95 %
 LIMIT = 5.991464547107979
+# a name of a case, which is part of its seed, and its label in the table
+LABEL = (
+    "velocities with AR(.9) noise besides",
+    "velocities with additional AR(.9) noise",
+)
 
 
 def flight(runs: int, rng: np.random.Generator, late: float = 0.0) -> tuple[FloatArray, ...]:
@@ -99,6 +104,6 @@ def velocities() -> str:
                 rms = np.sqrt(np.mean(np.sum(error**2, axis=-1)))
                 inside = np.mean(nees(error, covariance) < LIMIT)
                 cells.append(f"{rms:.1f}; {inside:.0%}")
-        rows.append([name, *cells])
+        rows.append([name.replace(*LABEL), *cells])
     head = ["RMSE; within 95 %", "position, m", "velocity, m/s"]
     return markdown([*head, "with velocities: position, m", "velocity, m/s"], rows)

@@ -663,7 +663,10 @@ def consistency() -> str:
         rng = generator(57, n)
         drawn = [simulate.wishart(matrix, n - 1, batch=count, rng=rng) for matrix in s]
         cases[f"covariances of n = {n}"] = (x, np.stack(drawn, axis=1))
-    cases["sigmas of one sensor stated as half"] = (x, s / np.array([4, 1])[:, None, None])
+    cases["stated sigmas of one sensor half the true ones"] = (
+        x,
+        s / np.array([4, 1])[:, None, None],
+    )
     cases["one component off by 3 of its sigmas"] = (shifted, s)
     location = simulate.passive_location(np.broadcast_to([10e3, 30e3], (count, 2)))
     cases["a shared azimuth"] = (location.estimates(generator(58)), location.covariances[0])

@@ -142,8 +142,8 @@ def gate_threshold(gate_probability: float | Gate = "guard", dimension: int = 2)
     Parameters
     ----------
     gate_probability : float or {"inner", "outer", "guard"}
-        Probability that a true plot lies within the gate, or the name of a gate: "inner" is .65,
-        "outer" .95 and "guard" .998.
+        Probability that a true plot lies within the gate, or the name of a gate: "inner" is 0.65,
+        "outer" 0.95 and "guard" 0.998.
     dimension : int
         Number of components of the innovation.
 

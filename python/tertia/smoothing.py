@@ -126,9 +126,10 @@ class SmoothedPositions(Result):
     velocity_outlier : ndarray of bool, of shape (..., N), or None
         Measured velocities that were left out; None without velocities.
     velocity_noise_factor : float or ndarray of shape (...)
-        The same for the velocities.
+        Factor, at least 1, by which the stated standard deviations of the velocities are
+        multiplied.
     velocity_lag : float or ndarray of shape (...)
-        Time by which the measured velocities lag behind the positions; 0 unless the plots show it.
+        Time by which the measured velocities lag behind the positions; 0 if the plots show no lag.
     systematic : {"not included"}
         The covariance does not include an error that is common to all plots, because such an error
         cannot be detected from one track.
@@ -405,11 +406,11 @@ def smooth(
     The noise is assumed to be white and as large as stated unless the innovations contradict this.
     If they do, several models of the noise, each with its own jerk, are compared by their
     likelihoods. In one model the noise is white and larger than stated. In the others, a fraction
-    of .6 or .95 of its variance is that of a Gauss-Markov process with one of seven correlation
+    of 0.6 or 0.95 of its variance is that of a Gauss-Markov process with one of seven correlation
     times. The results of the models are averaged, and the spread between them is part of the
     covariance. If velocities are measured, outliers are first searched for among the positions;
     velocities that contradict the remaining positions are left out. The other velocities may be
-    less precise than stated, correlated in time, or lag behind the positions.
+    less precise than stated or correlated in time, or may lag behind the positions.
 
     If residuals are small or smooth, the stated noise is not reduced, because time-correlated noise
     can also be the cause. An outlier or a jump is detected if it significantly increases the

@@ -61,7 +61,7 @@ def registered(
     growth: FloatArray,
     n_threads: int | None,
 ) -> Registered:
-    """Fuse the plots after removal of the systematic errors that are estimated from contradictions.
+    """Fuse the plots after removing systematic errors that are estimated from inconsistencies.
 
     `first` (..., steps) is the angle that is fused as if there were no such errors. `growth` (...,
     K) contains the factors by which time-correlated noise increases the variances.

@@ -35,7 +35,7 @@ InstantMethod: TypeAlias = Literal[
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusedEstimate(Result):
-    """A fused estimate, and a test whether the estimates of the sensors agree.
+    """A fused estimate, and a test of whether the estimates of the sensors agree.
 
     Attributes
     ----------
@@ -56,8 +56,8 @@ class FusedEstimate(Result):
         is estimated, it has the shape (..., m).
     systematic : {"given", "estimated", "not included"}
         How `covariance` treats systematic errors: it includes the given `bias_sigma`, it includes
-        errors estimated from contradictions between the sensors, or it includes none, because there
-        was nothing to compare.
+        errors estimated from inconsistencies between the sensors, or it includes none, because
+        there was nothing to compare.
     statistic : float or ndarray of shape (...)
         Sum of the squared differences between the estimates and the fused estimate, each weighted
         by the inverse covariance of the estimate; nan for methods other than "matrix".
@@ -127,13 +127,13 @@ def fuse(
         the estimates; one number for all sensors or one for each. It must not be part of the
         covariances. 0: there is no systematic error. inf: nothing is known about the systematic
         error, and the sensor is not used. None: the standard deviation is estimated from the
-        contradictions between the sensors; this is possible only for "matrix" without
+        inconsistencies between the sensors; this is possible only for "matrix" without
         `cross_covariances`.
     n : int, inf or array_like of shape (K,), optional
-        Number of measurements from which each covariance was estimated, as was their mean.
-        The covariance and the p-value of the result then allow for the uncertainty of the given
-        covariances. inf, which is also the default, means that a covariance is known. Only for
-        "matrix" without `cross_covariances`.
+        Number of measurements from which each estimate, as their mean, and its covariance were
+        computed. The covariance and the p-value of the result then allow for the uncertainty of the
+        given covariances. inf, which is also the default, means that a covariance is known. Only
+        for "matrix" without `cross_covariances`.
     method : str
         "matrix": the linear unbiased combination with the smallest covariance.
         "posterior": each component is weighted by the inverses of its variances.

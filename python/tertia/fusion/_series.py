@@ -250,8 +250,7 @@ def fuse_series(
     Time-correlated noise is treated as if the filter had a constant gain K: the part of the
     variance that comes from white noise, K / (2 - K), is multiplied by (1 + φ (1 - K)) / (1 - φ (1
     - K)), where φ is the correlation of successive plots of a radar. The part that comes from the
-      motion is
-    not changed. If the noise is correlated, it is not assumed to be smaller than stated.
+    motion is not changed. If the noise is correlated, it is not assumed to be smaller than stated.
 
     Examples
     --------

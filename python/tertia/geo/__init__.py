@@ -7,7 +7,7 @@ to its own axes. A `SystemPlane` is the stereographic plane in which systems exc
 several radars.
 
 Latitudes and longitudes are in degrees, as in satellite receivers and on maps. Heights are in
-metres above the ellipsoid, not above the sea, and are not pressure altitudes (see `Atmosphere`).
+metres above the ellipsoid, not above sea level, and are not pressure altitudes (see `Atmosphere`).
 All other lengths are in metres, and all other angles in radians, as elsewhere in Tertia.
 """
 

@@ -226,25 +226,25 @@ class LocalFrame(Frame):
     def radar(
         self, latitude: float, longitude: float, height: float = 0.0, **properties: Any
     ) -> Radar:
-        """Return a radar at a place, whose tracks are in the system plane at this frame's place.
+        """Return a radar whose tracks are in the system plane about the origin of this frame.
 
-        The plane touches the earth where the frame does, but its scale is nearly true far from
-        there, and heights are above the ellipsoid: `SystemPlane(frame.latitude, frame.longitude)`
-        converts positions of tracks.
+        Use `SystemPlane(frame.latitude, frame.longitude)` to convert the positions of tracks.
+        Unlike the tangent plane of the frame, the system plane has a scale of nearly 1 far from the
+        origin, and its heights are above the ellipsoid.
 
         Parameters
         ----------
         latitude, longitude : float
-            Degrees.
+            In degrees.
         height : float
-            Metres above the ellipsoid.
+            Height in metres above the ellipsoid.
         **properties
-            See `tertia.sensors.Radar`.
+            As for `tertia.sensors.Radar`.
 
         Returns
         -------
         Radar
-            As `SystemPlane.radar`.
+            The radar, as returned by `SystemPlane.radar`.
 
         Raises
         ------
@@ -273,8 +273,8 @@ class SystemPlane(Frame):
     km of the centre, and from `stere` by 9 to 51 m. Files of other systems may use one of these two
     projections.
 
-    For targets at a height of 10 km, lengths in the plane are .15 % too short at 100 km from the
-    centre, and .06 % too short at 400 km: see `scale_and_convergence`.
+    For targets at a height of 10 km, lengths in the plane are 0.15 % too short at 100 km from the
+    centre, and 0.06 % too short at 400 km: see `scale_and_convergence`.
 
     Attributes
     ----------
@@ -358,7 +358,7 @@ class SystemPlane(Frame):
             In degrees.
         height : float
             Height in metres above the ellipsoid, which in Central Europe is about 45 m larger than
-            the height above the sea.
+            the height above sea level.
         **properties
             As for `tertia.sensors.Radar`.
 
@@ -410,7 +410,7 @@ class SystemPlane(Frame):
         Station
             The station. Its azimuths are relative to true north. Lines of sight are treated as
             straight lines in the plane. For a station 250 km from the centre, the resulting error
-            of the azimuth is .01 degrees at a range of 100 km.
+            of the azimuth is 0.01 degrees at a range of 100 km.
 
         Raises
         ------

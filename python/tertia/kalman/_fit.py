@@ -23,7 +23,7 @@ Limit: TypeAlias = Literal[
 class NoiseFit(Result):
     """Maximum-likelihood estimates of the noise of the plots and of the parameters of the motion.
 
-    The likelihood may be largest for a parameter that is 0 or infinite; `limits` then names the
+    The likelihood may have its maximum where a parameter is 0 or infinite; `limits` then names the
     case:
 
     - "white acceleration": alpha is infinite. The recording determines only `density`, a
@@ -72,7 +72,7 @@ class NoiseFit(Result):
 
     @property
     def density(self) -> float:
-        """Spectral density of a slowly changing acceleration, `2 acceleration_sigma**2 / alpha`."""
+        """Spectral density of acceleration at frequency 0, `2 acceleration_sigma**2 / alpha`."""
         if self.acceleration_sigma == 0:
             return 0.0
         return 2 * self.acceleration_sigma**2 / self.alpha if self.alpha > 0 else float("inf")

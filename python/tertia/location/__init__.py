@@ -1,4 +1,4 @@
-"""Location: positions from measurements of several stations at one instant, without outliers.
+"""Location: positions from measurements of several stations at one instant, outliers excluded.
 
 Measurements are ranges, azimuths, elevations, range differences and times of arrival, in any
 combination, in the plane or in space. The position minimises the sum of a loss function of the

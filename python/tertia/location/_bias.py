@@ -90,7 +90,7 @@ class Given:
         return free
 
     def found(self, stated: Mapping[Kind, FloatArray], growth: Sequence[float]) -> Bias:
-        """Return biases (K,) with sigmas that are as large as the contradictions require."""
+        """Return biases (K,) with sigmas that are as large as the inconsistencies require."""
         if not (self.known or any(each > 1.0 for each in growth)):
             return _nothing_found(self.sigma.shape[-1])
         demanded = np.zeros(self.sigma.shape)

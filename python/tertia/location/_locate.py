@@ -99,10 +99,10 @@ def locate(
         Systematic errors that replace those of the stations: the same for all stations, or one for
         each of K. Their values are subtracted, and their sigmas are part of the covariance. With
         `Bias()` there are no systematic errors. If neither the call nor the stations state a bias,
-        sigmas are increased as much as contradictions between the stations require; without
-        contradictions they are not increased (see Notes).
+        sigmas are increased as much as inconsistencies between the stations require; without
+        inconsistencies they are not increased (see Notes).
     range_difference_correlation : float
-        Correlation of the errors of range differences. Use .5 if all range differences contain the
+        Correlation of the errors of range differences. Use 0.5 if all range differences contain the
         error of the first station, and this error has the same variance as the errors of the other
         stations. Use 0 if the errors of the range differences are independent. The variance of the
         common error is this fraction of the smallest variance of a range difference.
@@ -173,18 +173,18 @@ def locate(
     deviation is given, one common standard deviation is estimated from the residuals. The robust
     method estimates this deviation from the median of the absolute residuals.
 
-    **Times of arrival.** In the model `c t = b + |p - s| + e`, the emission b is an additional
-    unknown with a flat prior. The model is equivalent to one of range differences relative to any
-    of the stations, with their full covariance. Range differences that have a common error are
-    treated as times of arrival, of which the one at the first station is 0. If the first station is
-    faulty, all range differences are marked as outliers. The loss for times of arrival is `-ln` of
-    a density in which 99 of 100 arrivals have normal noise, and one in a hundred is a fault of up
-    to 50 sigma. A residual is a fault if it is late by more than 3.9 sigma or early by more than
-    4.6 sigma. The covariance is `(J' W J)^-1` with the weights of that loss, plus a term for
-    doubtful measurements, which is given below. If more than one in a hundred arrivals of a batch
-    is faulty, the actual fraction of faults is used in the density. `Station.position_sigma`
-    contributes to the errors of all measurements of a station, unless the sigma of the measurements
-    is to be estimated.
+    **Times of arrival.** In the model `c t = b + |p - s| + e`, the additional unknown b is the time
+    of emission times the speed; its prior is flat. The model is equivalent to one of range
+    differences relative to any of the stations, with their full covariance. Range differences that
+    have a common error are treated as times of arrival, of which the one at the first station is 0.
+    If the first station is faulty, all range differences are marked as outliers. The loss for times
+    of arrival is `-ln` of a density in which 99 of 100 arrivals have normal noise, and one in a
+    hundred is a fault of up to 50 sigma. A residual is a fault if it is late by more than 3.9 sigma
+    or early by more than 4.6 sigma. The covariance is `(J' W J)^-1` with the weights of that loss,
+    plus a term for doubtful measurements, which is given below. If more than one in a hundred
+    arrivals of a batch is faulty, the actual fraction of faults is used in the density.
+    `Station.position_sigma` contributes to the errors of all measurements of a station, unless the
+    sigma of the measurements is to be estimated.
 
     **Minimisation.** The search starts at the best of the points where a minimal set of
     measurements agrees, or at the median of the positions that are determined by single stations.
@@ -202,7 +202,7 @@ def locate(
     of this factor. If errors are correlated over time, the instants count as fewer independent
     instants. For a single instant, the variances are increased if its own residuals fail a test
     with a significance of 10 %. If nothing contradicts the stated sigmas, they are not increased.
-    An error that all stations share causes no contradiction. If the residuals of a batch are
+    An error that all stations share causes no inconsistency. If the residuals of a batch are
     significantly smaller than stated (at 99 %), the missing part of the variance is attributed to
     an error that all stations share, and this error is added to the covariance. If the common error
     can be larger, state it in `bias`. If the stated sigmas are half of the true ones, this is
@@ -455,7 +455,7 @@ def _sigma_batch(measured: _Measured) -> tuple[int, ...]:
 
 
 def _grown(sigmas: FloatArray, grows: BoolArray, growth: Sequence[float]) -> FloatArray:
-    """Return the standard deviations, increased as much as the contradictions require."""
+    """Return the standard deviations, increased as much as the inconsistencies require."""
     if growth.count(1.0) == len(growth):
         return sigmas
     grown: FloatArray = sigmas * np.sqrt(np.where(grows, np.reshape(growth, (-1, 1)), 1.0))

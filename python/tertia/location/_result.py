@@ -106,8 +106,8 @@ class Location(Result):
         OK, which equals 0, or the reason why there is no position.
     systematic : {"given", "estimated", "not included"}
         How the covariance treats systematic errors: it includes them as given; it includes them as
-        estimated from contradictions between the stations; or it does not include them, because
-        they could not cause contradictions.
+        estimated from inconsistencies between the stations; or it does not include them, because
+        they could not cause inconsistencies.
     bias : Bias or None
         Systematic errors of the K stations, given or estimated.
     """
@@ -178,12 +178,12 @@ class Location(Result):
         return region_of(self._source(), self.position, self._accuracy(), probability)
 
     def cep(self, probability: float = 0.5) -> float | FloatArray:
-        """Return the horizontal radius that contains the target with a given probability.
+        """Return the radius of a circle that contains the target with a given probability.
 
         Parameters
         ----------
         probability : float
-            Probability that the circle about the position contains the target.
+            Probability that the horizontal circle about the position contains the target.
 
         Returns
         -------

@@ -172,7 +172,7 @@ def indicators(
     max_distance : float
         Largest distance in metres from a track to its target.
     update_interval : float
-        Required time between updates in seconds.
+        Required time between updates, in seconds.
     limits : mapping of str to float, optional
         Limits of indicators, by the names of their attributes, as in the specification that
         applies; there are no default limits. Probabilities and `continuity` must be at least as
@@ -207,9 +207,9 @@ def indicators(
 
     A height is wrong if it is off by more than 300 ft. A run consists of at least three updates of
     a target, each farther off than `large_error`, whose directions change by less than 90 degrees
-    from one to the next. Runs matter because they can make two targets seem separated that are not.
-    The probabilities of update of height and identity are computed like the probability of update
-    of the position, but from the first correct value on.
+    from one to the next. Runs matter because they can make two targets that are not separated seem
+    separated. The probabilities of update of height and identity are computed like the probability
+    of update of the position, but from the first correct value on.
 
     The age of the data is zero at an update and grows until the next update. If updates are
     regular, its mean over time is therefore half the update interval. Gaps longer than 3.3
@@ -220,16 +220,16 @@ def indicators(
     miles that contain a target or an update.
 
     Updates of one flight are not independent, so intervals are computed by flight. The interval of
-    a proportion is Wilson's (1927), with quantiles of Student's t distribution. For it, the number
-    of updates is divided by the design effect, which is the ratio of the variance estimated from
-    the flights to the variance of independent updates (Kish 1965). If all or no updates took place,
-    or if there is only one flight, the design effect is assumed to be 4. The intervals of the root
-    mean square and of the mean age are percentiles over 2000 resamples of the flights; with only
-    one flight they are unbounded. The time offsets of pairs of targets that have a flight in common
-    are correlated; their variance is estimated by a jackknife over flights. The interval of the
-    rate of false tracks is Byar's approximation of the Poisson interval. The interval of the
-    density is computed in the same way with a reduced number of updates, because the updates of one
-    false track are not independent events.
+    a proportion is Wilson's (1927), with quantiles of Student's t distribution. In its computation,
+    the number of updates is divided by the design effect, which is the ratio of the variance
+    estimated from the flights to the variance of independent updates (Kish 1965). If all or no
+    updates took place, or if there is only one flight, the design effect is assumed to be 4. The
+    intervals of the root mean square and of the mean age are percentiles over 2000 resamples of the
+    flights; with only one flight they are unbounded. The time offsets of pairs of targets that have
+    a flight in common are correlated; their variance is estimated by a jackknife over flights. The
+    interval of the rate of false tracks is Byar's approximation of the Poisson interval. The
+    interval of the density is computed in the same way with a reduced number of updates, because
+    the updates of one false track are not independent events.
 
     Examples
     --------

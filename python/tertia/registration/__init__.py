@@ -1,4 +1,4 @@
-"""Registration: estimates the noise and the biases of radars from their plots.
+"""Registration: estimation of the noise and the biases of radars from their plots.
 
 `calibrate` estimates the bias of one sensor from targets whose positions are known.
 

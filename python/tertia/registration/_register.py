@@ -91,11 +91,11 @@ def register(
     so that blocks are independent of each other and of any filter. Blocks that do not fit a motion
     with constant acceleration are left out. An error that does not affect any block keeps its prior
     distribution: the plots of a single radar contain no information on its errors, and a clock
-    error that all radars share cannot be found.
+    error that all radars share cannot be estimated.
 
-    Tracks of single radars are compared first; in this way errors are found that are up to ten
-    times as large as their prior sigmas. The plots are then tracked with these errors removed.
-    Tracking and estimation are repeated as long as the estimated errors still change.
+    Tracks of single radars are compared first. This comparison finds errors of up to ten times
+    their prior sigmas. The plots are then tracked with these errors removed. Tracking and
+    estimation are repeated as long as the estimated errors still change.
 
     **Noise.** A line is fitted to every six successive plots of a straight track. The mean squares
     of the residuals, in range and in azimuth, are averaged robustly: lines beyond the 99.9 %

@@ -190,19 +190,16 @@ def radar_scenario(
     Parameters
     ----------
     name : str
-        "healthy": nothing is wrong.
-        "noisy": from the middle of the record on, the noise of radar 2 has five times the stated
-        sigma.
-        "outliers": for 20 scans from the middle of the record on, 30 % of the plots of radar 2 are
-        outliers with a standard deviation of 15 sigma.
-        "turn": the target approaches at 200 m/s without random acceleration. In the middle of the
-        record, 60 km away, it turns by 90 degrees at 1.5 degrees per second.
-        "known": sigma is 0.05 for radar 1 and 0.2 for radar 2, and both radars state it correctly.
-        "unknown": sigma is 0.05 for radar 1 and 0.2 for radar 2, but both radars state 0.1.
-        "outage": each plot is present with a probability of 0.7, and radar 2 has no plots for 8
-        scans from the middle of the record on.
-        "asynchronous": radar 2 scans half a period after radar 1. There are therefore twice as many
-        steps, each of half the length.
+        "healthy": there is no fault. "noisy": from the middle of the record on, the noise of radar
+        2 has five times the stated sigma. "outliers": for 20 scans from the middle of the record
+        on, 30 % of the plots of radar 2 are outliers with a standard deviation of 15 sigma. "turn":
+        the target approaches at 200 m/s without random acceleration. In the middle of the record,
+        60 km away, it turns by 90 degrees at 1.5 degrees per second. "known": sigma is 0.05 for
+        radar 1 and 0.2 for radar 2, and both radars state it correctly. "unknown": sigma is 0.05
+        for radar 1 and 0.2 for radar 2, but both radars state 0.1. "outage": each plot is present
+        with a probability of 0.7, and radar 2 has no plots for 8 scans from the middle of the
+        record on. "asynchronous": radar 2 scans half a period after radar 1. There are therefore
+        twice as many steps, each of half the length.
     model : SingerModel, optional
         Model of the motion of the target, except in "turn"; each radar scans every `model.dt`. By
         default `SingerModel(5.0, 1 / 20, 0.003)`.

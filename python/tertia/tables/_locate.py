@@ -107,7 +107,7 @@ def locate(
     height, height_sigma : float, optional
         Height of all targets in metres, and its standard deviation, for stations in three
         dimensions. If the sensors have latitudes and longitudes, it is the height above the
-        ellipsoid, otherwise the coordinate up.
+        ellipsoid, otherwise the up coordinate.
     initial : array_like, optional
         A position near the targets. If several positions fit the measurements, the one near it is
         selected.

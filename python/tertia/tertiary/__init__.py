@@ -1,4 +1,4 @@
-"""Tertiary: associates the tracks of several sensors and fuses them into one picture.
+"""Tertiary: association of the tracks of several sensors, and their fusion into one picture.
 
 `FusionCentre` processes live tracks cycle by cycle, and `fuse_tracks` processes recordings. The
 tracks are given as `SensorTracks`; they come from one `Tracker` for each sensor or from other

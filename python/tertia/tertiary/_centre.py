@@ -150,7 +150,7 @@ class FusionCentre:
     distributions; an existing pair is kept if one of the two is below its 99.9999 % quantile. The
     sensors are processed in turn: the tracks of each sensor are assigned to the groups that the
     tracks of the previous sensors have formed. A group is given the number of the target with which
-    it has most members in common.
+    it has the most members in common.
 
     Source: Panasyuk, Pudovkin, Rogachev 2018; Bar-Shalom, Fortmann 1988, chapter 10; Bar-Shalom,
     Campo 1986.

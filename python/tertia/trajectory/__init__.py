@@ -1,10 +1,10 @@
-"""Trajectory: positions over time from measurements of several stations, without outliers.
+"""Trajectory: positions over time from measurements of several stations, outliers excluded.
 
-There is redundancy in space (several stations at one instant) and in time (many instants). The
-source uses the two in either order: each instant is located, and the positions are then smoothed
-over time; or each series of measurements is smoothed over time, and the positions are then
-computed. Faults are detected by comparison with other stations, not with other instants, because a
-run of faults at one station can look like motion of the target.
+The measurements are redundant in space (several stations at one instant) and in time (many
+instants). The source describes two orders of processing: each instant is located, and the positions
+are then smoothed over time; or each series of measurements is smoothed over time, and the positions
+are then computed. Faults are detected by comparison with other stations, not with other instants,
+because a run of faults at one station can look like motion of the target.
 
 Positions are local east, north and up in metres; azimuths and elevations are in radians, azimuths
 clockwise from north.

@@ -125,7 +125,7 @@ def reconstruct(
     bias : Bias, optional
         Systematic errors that replace those of the stations; `Bias()` means that there are none. If
         it is missing, or if a sigma is None, the systematic errors are estimated from
-        contradictions between the stations. Sigmas other than 0 require "spatial-first" and "rts".
+        inconsistencies between the stations. Sigmas other than 0 require "spatial-first" and "rts".
         A finite sigma is that of an error that all instants share. A sigma of inf, which must be
         given for all stations or for none, means that the bias is constant and unknown. If the
         measurements do not determine such a bias, an error is raised.
@@ -175,10 +175,10 @@ def reconstruct(
     Only c is subtracted from the measurements; its remaining uncertainty and the variance of g are
     propagated into the covariance.
 
-    An error that all stations have in common causes no contradictions between them. It is assumed
-    to be as large as the errors that are estimated from contradictions, or as the part of the
-    stated variance that appears neither as scatter nor as contradictions. If no systematic error is
-    found, nothing is subtracted, but the covariance includes the systematic error that cannot be
+    An error that all stations have in common causes no inconsistencies between them. It is assumed
+    to be as large as the errors that are estimated from inconsistencies, or as the part of the
+    stated variance that appears neither as scatter nor as inconsistencies. If no systematic error
+    is found, nothing is subtracted, but the covariance includes the systematic error that cannot be
     excluded. For range differences, the systematic errors are those of the receivers. The larger
     the systematic errors, the wider are the limits beyond which a measurement is a fault.
 

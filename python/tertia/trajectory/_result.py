@@ -43,8 +43,8 @@ class Trajectory(Result):
         Measured minus predicted values, divided by their standard deviations.
     systematic : {"given", "estimated", "not included"}
         How the covariance treats systematic errors: it includes them as given; it includes them as
-        estimated from contradictions between the stations; or it does not include them, because no
-        contradiction was possible, or because only one was possible and it did not occur.
+        estimated from inconsistencies between the stations; or it does not include them, because no
+        inconsistency was possible, or because only one was possible and it did not occur.
     bias : Bias or None
         Given or estimated systematic errors of the K stations: the values that were subtracted, the
         standard deviations of the remaining errors, and the fraction of their variance that drifts.

@@ -217,7 +217,7 @@ def _say_sigma(one: Located[Location]) -> None:
 
 
 def _say_bias(one: Located[Location]) -> None:
-    """Print the systematic errors found from contradictions, or a note that none can be found."""
+    """Print the systematic errors found from inconsistencies, or a note that none can be found."""
     if one.result.systematic == "not included":
         typer.echo("  systematic errors are not included: there are no redundant measurements")
     if one.result.systematic != "estimated" or one.result.bias is None:
