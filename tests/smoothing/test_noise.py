@@ -257,3 +257,19 @@ def test_jumps_of_kilometres_whatever_is_stated(variance):
     found = smooth(y, variance, time=time)
     assert np.mean(found.outlier[wrong]) > 0.9
     assert np.sqrt(np.mean((found.position - truth) ** 2)) < 10.0
+
+
+@pytest.mark.parametrize(("first", "seed"), [([0.61, 7.9], 1), ([3.0, 3.0], 4), ([0.1, 8.0], 0)])
+def test_first_instants_after_outliers_of_kilometres(first, seed):
+    """The fit with outliers is so restless that the first state seems to be unknown."""
+    random = rng(seed)
+    t = np.concatenate([np.cumsum([0.0, *first]), np.sum(first) + 3.0 * np.arange(1, 200)])
+    y = np.column_stack([200.0 * t, 10.0 * t]) + 25.0 * random.normal(size=(len(t), 2))
+    wrong = random.random(len(t)) < 0.05
+    wrong[:5] = False
+    y[wrong] += 3000.0 * random.normal(size=(wrong.sum(), 2))
+    found = smooth(y, 25.0**2, time=t)
+    y[found.outlier] = np.nan
+    options = {"robust": False, "correlation_time": 0.0}
+    expected = smooth(y, 25.0**2, time=t, jerk=found.jerk, **options)
+    assert np.all(found.sigma < 2.0 * expected.sigma)

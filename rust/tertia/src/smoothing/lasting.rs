@@ -28,7 +28,9 @@ const LEAST_SHARE: f64 = 1e-11;
 /// What rounding leaves of a variance, at least.
 const FLOOR: f64 = 1e-13;
 /// How often smoothing begins anew near what it found.
-const ATTEMPTS: usize = 3;
+const ATTEMPTS: usize = 6;
+/// Ratio of the variances of two attempts up to which neither is rounding.
+const ALIKE: f64 = 30.0;
 
 /// The fit of a model: the sum of squared innovations and that of the logarithms of their variances.
 #[derive(Clone, Copy, Debug, Default)]
@@ -61,12 +63,32 @@ pub(super) struct Found {
     pub jump: Vec<f64>,
 }
 
+impl Found {
+    /// Variances of the first state, 1 beyond it.
+    fn first_variances<const N: usize>(&self) -> [f64; N] {
+        let states = N / 4 * 3;
+        std::array::from_fn(|i| if i < states { self.covariance[i * (states + 1)] } else { 1.0 })
+    }
+}
+
+/// Whether variances of two attempts are so near each other that neither is rounding.
+fn are_alike<const N: usize>(own: &[f64; N], other: &[f64; N]) -> bool {
+    let ratios = own.iter().zip(other).map(|(own, other)| own / other);
+    // nan before anything is known
+    ratios.into_iter().all(|ratio| ratio > 1.0 / ALIKE && ratio < ALIKE)
+}
+
+/// Mean and covariance.
+type State<const N: usize> = ([f64; N], Square<N>);
+
 /// A track with D axes, plots of M numbers and N = 4 D.
 pub(super) struct Lasting<const M: usize, const N: usize> {
-    start: ([f64; N], Square<N>),
-    /// A vague state about what all plots say of the first one for white noise. The first plots alone
-    /// may say so little that a smoother which begins with them loses all digits.
-    smoothed: Option<([f64; N], Square<N>)>,
+    start: State<N>,
+    /// A vague state about what all plots say of the first one. The first plots alone may say so little
+    /// that a smoother which begins with them loses all digits.
+    smoothed: Option<State<N>>,
+    /// Variances of the first state when it was smoothed last.
+    variances: [f64; N],
     steps: Vec<Step<M, N>>,
     /// Of each instant, how its state answers to each component of the first one.
     answers: Vec<Square<N>>,
@@ -87,24 +109,21 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
         for i in S..N {
             start.1[i][i] = 1.0;
         }
-        Some(Self { start, smoothed: None, steps: Vec::new(), answers: Vec::new() })
+        let variances = [f64::NAN; N];
+        Some(Self { start, smoothed: None, variances, steps: Vec::new(), answers: Vec::new() })
     }
 
     /// Sets state and covariance of the first instant for white noise: smoothing begins near them.
     pub fn near(mut self, track: &Track<'_>, mean: &[f64], covariance: &[f64]) -> Self {
-        let states = N / 4 * 3;
         if track.prior.is_empty() {
-            let (mut x, mut p) = ([0.0; N], self.start.1);
-            let mut trend = vec![0.0; states];
-            track.add_trend(0, &mut trend);
-            for i in 0..states {
-                x[i] = mean[i] - trend[i];
-                p[i] = [0.0; N];
-                p[i][i] = VAGUE_AFTER_ALL * covariance[i * (states + 1)];
-            }
-            let is_known = (0..states).all(|i| p[i][i].is_finite() && p[i][i] > 0.0);
-            self.smoothed = is_known.then_some((x, p));
+            self.smoothed = near(track, (mean, covariance), &self.start, VAGUE_AFTER_ALL);
         }
+        self
+    }
+
+    /// The same with what another engine found.
+    pub fn after(mut self, other: &Self) -> Self {
+        (self.smoothed, self.variances) = (other.smoothed, other.variances);
         self
     }
 
@@ -119,7 +138,11 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
         fit
     }
 
-    /// Smooths; none where rounding leaves too little of a variance. Cost O(N D³).
+    /// Smooths; none where rounding leaves too little of a variance. Cost O(N D³) for each attempt.
+    ///
+    /// Rounding adds about `ε ρ²` to a variance, relative to itself, where ρ is that of the start over it: too
+    /// large variances may come of a start that is too vague. So it begins near what it found, until that is
+    /// what it began with.
     pub fn smooth(
         &mut self,
         track: &Track<'_>,
@@ -127,37 +150,27 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
         faults: &Faults,
         out: &mut Found,
     ) -> Option<()> {
-        let first = self.start;
-        for start in self.smoothed.into_iter().chain([first]) {
+        let vague = self.start;
+        let mut start = self.smoothed.unwrap_or(vague);
+        let mut before = self.variances;
+        for _ in 0..ATTEMPTS {
             self.start = start;
-            if self.pass(track, model, faults, out) {
-                self.start = first;
+            let is_well = self.pass(track, model, faults, out);
+            self.start = vague;
+            if !track.prior.is_empty() {
+                return is_well.then_some(());
+            }
+            let own = out.first_variances();
+            let found = (&out.mean[..], &out.covariance[..]);
+            if is_well && are_alike(&own, &before) {
+                self.smoothed = near(track, found, &vague, VAGUE_AFTER_ALL);
+                self.variances = own;
                 return Some(());
             }
+            before = if is_well { own } else { [f64::NAN; N] };
+            start = near(track, found, &vague, VAGUE).unwrap_or(vague);
         }
-        // the plots say far more of the first state than the start does: one that is less vague
-        // costs fewer digits
-        let vague = self.start;
-        let found = track.prior.is_empty()
-            && (0..ATTEMPTS).any(|_| {
-                self.begin_near(track, out, &vague.1);
-                self.pass(track, model, faults, out)
-            });
-        self.start = first;
-        found.then_some(())
-    }
-
-    /// Begins near a smoothed first state, of which some digits may be lost.
-    fn begin_near(&mut self, track: &Track<'_>, out: &Found, vague: &Square<N>) {
-        let states = N / 4 * 3;
-        let mut trend = vec![0.0; states];
-        track.add_trend(0, &mut trend);
-        for i in 0..states {
-            self.start.0[i] = out.mean[i] - trend[i];
-            let known = out.covariance[i * (states + 1)].max(FLOOR * vague[i][i]);
-            self.start.1[i] = [0.0; N];
-            self.start.1[i][i] = VAGUE * known;
-        }
+        None
     }
 
     /// Whether no variance is lost to rounding.
@@ -225,6 +238,25 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
         let (x, p) = self.start;
         Step { x, p, ph: [[0.0; N]; M], h: [[0.0; N]; M], s: [0.0; M], innovation: [0.0; M] }
     }
+}
+
+/// A vague state about what is known of the first one; none where that is not finite.
+fn near<const N: usize>(
+    track: &Track<'_>,
+    (mean, covariance): (&[f64], &[f64]),
+    vague: &State<N>,
+    factor: f64,
+) -> Option<State<N>> {
+    let states = N / 4 * 3;
+    let mut trend = vec![0.0; states];
+    track.add_trend(0, &mut trend);
+    let (mut x, mut p) = *vague;
+    for i in 0..states {
+        x[i] = mean[i] - trend[i];
+        p[i] = [0.0; N];
+        p[i][i] = factor * covariance[i * (states + 1)].max(FLOOR * vague.1[i][i]);
+    }
+    (0..states).all(|i| x[i].is_finite() && p[i][i].is_finite()).then_some((x, p))
 }
 
 /// A state at the first instant that agrees with the first plots, but has far too large a covariance.

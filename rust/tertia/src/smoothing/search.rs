@@ -61,8 +61,6 @@ pub(super) struct Search<'a, const M: usize, const N: usize> {
     pub track: &'a Track<'a>,
     pub engine: Lasting<M, N>,
     pub jerk: Option<f64>,
-    /// Mean and covariance of the first state for white noise.
-    first: (Vec<f64>, Vec<f64>),
     /// Numbers that the first state takes.
     used: usize,
     /// The logarithm of a jerk that hardly shows within the track.
@@ -77,16 +75,16 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         jerk: Option<f64>,
         white: &Smoothed<'_>,
     ) -> Option<Self> {
-        let first = (white.mean[..S].to_vec(), white.covariance[..S * S].to_vec());
-        let engine = Lasting::new::<S>(track, fit.motion)?.near(track, &first.0, &first.1);
+        let engine = Lasting::new::<S>(track, fit.motion)?;
+        let engine = engine.near(track, &white.mean[..S], &white.covariance[..S * S]);
         let used = if track.prior.is_empty() { S } else { 0 };
-        Some(Self { track, engine, jerk, first, used, low: range(track, Family::Jerk.power())?.0 })
+        Some(Self { track, engine, jerk, used, low: range(track, Family::Jerk.power())?.0 })
     }
 
     /// Begins with a state as vague as such a motion makes it.
     pub fn restart<const S: usize>(&mut self, motion: ProcessNoise) {
         if let Some(engine) = Lasting::new::<S>(self.track, motion) {
-            self.engine = engine.near(self.track, &self.first.0, &self.first.1);
+            self.engine = engine.after(&self.engine);
         }
     }
 
