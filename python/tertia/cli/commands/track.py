@@ -161,7 +161,7 @@ def track(
 
     One row per plot: time_s, range_m or range_nm, azimuth_deg, or for sensors of positions east_m
     and north_m; sensor, if there are several; and, if known, height_m or flight_level, and
-    icao_address, mode_3a or identity. Rows in any order.
+    icao_address, mode_3a, callsign and identity. Rows in any order.
     """
     columns = column_names(column)
     place = pair(origin, "--origin", float)

@@ -11,8 +11,8 @@ from tertia.tables._sensors import GEODETIC
 
 # recordings of radars, not tables
 SUFFIXES = (".ast", ".asterix", ".raw", ".pcap", ".pcapng")
-# of these a plot has one or both
-IDENTITIES = ("icao_address", "mode_3a")
+# of these a plot has one or several
+IDENTITIES = ("icao_address", "mode_3a", "callsign")
 _ESTIMATED = ("east_m", "north_m", "east_sigma_m", "north_sigma_m", "covariance_east_north_m2")
 
 

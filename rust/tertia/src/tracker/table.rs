@@ -65,7 +65,7 @@ impl Table {
     pub fn new(tentative: bool) -> Self {
         let empty = |values: &Values| match values {
             Values::Numbers(_) | Values::Symmetric(_) => Data::Numbers(Vec::new()),
-            Values::Integers(_) => Data::Integers(Vec::new()),
+            Values::Integers(_) | Values::Callsigns(_) => Data::Integers(Vec::new()),
             Values::Flags(_) => Data::Flags(Vec::new()),
         };
         let columns = COLUMNS.iter().map(|column| empty(&column.values)).collect();
@@ -87,7 +87,7 @@ impl Table {
                     let room = kept[start..].chunks_exact_mut(width);
                     self.last.iter().zip(room).for_each(|(row, room)| write(row, room));
                 }
-                (Data::Integers(kept), Values::Integers(read)) => {
+                (Data::Integers(kept), Values::Integers(read) | Values::Callsigns(read)) => {
                     kept.extend(self.last.iter().map(read));
                 }
                 (Data::Flags(kept), Values::Flags(read)) => {
