@@ -1,6 +1,8 @@
 """Identities by their kinds: which of them decides, what tracks know of them, what is refused."""
 
+import os
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +11,9 @@ from tracker.flights import RADAR, noisy
 from tertia.flightplan import CorrelationStatus, FlightPlan
 from tertia.tracker import COLUMNS, Plots, Tracker, smooth_tracks, track
 
+ROOT = Path(__file__).parents[2]
+DATA = Path(os.environ.get("TERTIA_DATA", ROOT.parent / "shared" / "data"))
+LEBL = DATA / "lebl_radar" / "plots_0800_0830.csv.gz"
 SCANS = 60
 TIME = 4.0 * np.arange(SCANS)
 
@@ -231,3 +236,34 @@ def test_what_no_transponder_sends_is_refused(kinds, error, match):
     if not isinstance(next(iter(kinds.values())), (list, np.ndarray)):
         with pytest.raises(error, match=match):
             FlightPlan(**ROUTE, **kinds)
+
+
+@pytest.mark.skipif(not LEBL.is_file(), reason="the recording is not here")
+@pytest.mark.parametrize("kinds", [["icao_address"], ["icao_address", "mode_3a", "callsign"]])
+def test_a_real_recording_has_a_track_per_aircraft(kinds):
+    pl = pytest.importorskip("polars")
+    rows = pl.read_csv(LEBL, infer_schema_length=None).filter(pl.col("rho_nm") > 2.5)
+    address = rows["icao24"].str.to_integer(base=16, strict=False).fill_null(-1).to_numpy()
+    columns = {
+        "icao_address": address,
+        "mode_3a": rows["mode3a"]
+        .cast(pl.String)
+        .str.to_integer(base=8, strict=False)
+        .fill_null(-1),
+        "callsign": rows["ident"],
+    }
+    plots = Plots(
+        rows["tod_s"],
+        rows["rho_nm"] * 1852.0,
+        rows["theta_deg"],
+        height=rows["fl"].cast(pl.Float64, strict=False) * 30.48,
+        degrees=True,
+        **{name: columns[name] for name in kinds},
+    )
+    found = track(plots, [RADAR])
+    heard = address[found.plot]
+    pairs = np.column_stack([found.track, heard])[(found.plot >= 0) & (heard >= 0)]
+    pairs = np.unique(pairs, axis=0)
+    aircraft = np.unique(address[address >= 0])
+    assert len(pairs) == len(np.unique(pairs[:, 0])) == len(aircraft) == 94
+    assert set(pairs[:, 1]) == set(aircraft)

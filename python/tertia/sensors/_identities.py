@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import IntArray, without_na, array_of
+from tertia._arrays import IntArray, array_of, without_na
 
 TextArray: TypeAlias = npt.NDArray[np.str_]
 # numbers, addresses, codes and callsigns; None where plots have none of a kind
@@ -82,7 +82,7 @@ def identities_of(rows: Any) -> Identities:
     return identity, icao_address, mode_3a, callsign
 
 
-def is_known(column: IntArray | TextArray) -> npt.NDArray[np.bool_]:
+def is_known(column: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
     """Return which identities of a kind are known."""
     known: npt.NDArray[np.bool_] = (
         column != NO_CALLSIGN if column.dtype.kind == "U" else column >= 0

@@ -29,9 +29,7 @@ from tertia.sensors._identities import COLUMNS as IDENTITIES
 from tertia.sensors._identities import (
     NO_CALLSIGN,
     NO_IDENTITY,
-    Identities,
     TextArray,
-    identities_of,
     is_known,
     leading,
 )
@@ -301,7 +299,7 @@ class _Rows:
 
     plot: IntArray
     sensor: IntArray
-    identities: Identities
+    identities: dict[str, npt.NDArray[Any]]
     number: IntArray
     first: IntArray
     columns: FloatArray
@@ -340,7 +338,7 @@ class _Rows:
         return cls(
             tracks.plot[rows][order],
             own.sensor[order],
-            tuple(one[rows][order] for one in identities_of(tracks)),
+            {name: getattr(tracks, name)[rows][order] for name in IDENTITIES},
             numbers,
             np.append(first, len(order)),
             np.ascontiguousarray(columns[order]),
@@ -426,12 +424,12 @@ def _smoothed(
         found[name] = one()
     for k, name in enumerate(("transversal", "longitudinal", "vertical"), start=1):
         found[name] = np.ascontiguousarray(codes[:, k])
+    found |= {name: one[last] for name, one in rows.identities.items()}
     return SmoothedTracks(
         **found,
         track=np.repeat(rows.number, counts),
         sensor=np.where(between, -1, rows.sensor[at]) if len(at) else at,
         plot=np.where(between, -1, rows.plot[at]) if len(at) else at,
-        **{name: one[last] for name, one in zip(IDENTITIES, rows.identities, strict=True)},
         outlier=np.ascontiguousarray(marks[:, 0]),
         final=np.ascontiguousarray(marks[:, 1]),
     )

@@ -41,7 +41,9 @@ def start(
     tracks = [
         _at(table, time, k, age) for k, (table, age) in enumerate(zip(tables, ages, strict=True))
     ]
-    joined = {name: np.concatenate([one[name] for one in tracks]) for name in tracks[0]}
+    joined: dict[str, Any] = {
+        name: np.concatenate([one[name] for one in tracks]) for name in tracks[0]
+    }
     joined["identities"] = tuple(joined.pop(name) for name in IDENTITIES)
     (value, wide, after), paired = _core.register_start(
         joined, core_sensors(sensors, "cv")[0], sigma

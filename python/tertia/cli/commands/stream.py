@@ -361,7 +361,7 @@ class _Stream:
         self._since = 0.0
         self._ready: list[TrackTable] = []
         self._arrived = _Arrived(_REMEMBERED if tracker.lag else 0)
-        self._named: list[str] | None = None
+        self._named: Sequence[str] | None = None
         self._statuses: Counter[int] = Counter()
 
     @property
