@@ -52,8 +52,10 @@ impl Identities {
     }
 
     /// Whether there is one of any kind.
+    #[inline]
     pub fn is_some(&self) -> bool {
-        self.icao_address >= 0 || self.identity >= 0 || self.callsign >= 0 || self.mode_3a >= 0
+        // negative only where all are
+        self.identity & self.callsign & i64::from(self.icao_address) & i64::from(self.mode_3a) >= 0
     }
 
     /// The same, with those of another in place of kinds that are not known.

@@ -166,6 +166,10 @@ impl Settings {
     #[inline]
     pub(super) fn identities(&self, plot: &Measured) -> (Identities, i64) {
         let (mut own, mut emergency) = (plot.identities, -1);
+        // most plots of most sensors
+        if own.mode_3a < 0 && self.emergency_codes.is_empty() {
+            return (own, emergency);
+        }
         if self.emergency_codes.contains(&own.identity) {
             emergency = std::mem::replace(&mut own.identity, -1);
         }

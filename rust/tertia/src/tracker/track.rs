@@ -303,7 +303,10 @@ impl Track {
             Some(vertical) if plot.height.is_finite() => vertical.ratio(plot.time, plot.height),
             _ => 1.0,
         };
-        let identity = self.known.ratio(&settings.identities(plot).0, settings);
+        let identity = match plot.identities.is_some() {
+            true => self.known.ratio(&settings.identities(plot).0, settings),
+            false => 1.0,
+        };
         // by what it was detected
         let detection = if plot.gain == 0.0 { 1.0 } else { exp(plot.gain) };
         height * identity * detection

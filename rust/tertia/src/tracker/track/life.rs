@@ -74,7 +74,8 @@ impl Track {
     /// Whether the plot has another address than the target.
     #[inline]
     pub fn refuses(&self, plot: &Measured, settings: &Settings) -> bool {
-        self.known.refuses(&settings.identities(plot).0, settings)
+        let may_refuse = plot.identities.icao_address >= 0 || settings.has_addresses();
+        may_refuse && self.known.refuses(&settings.identities(plot).0, settings)
     }
 
     /// Scans of the slowest radar that sees the target, s.
