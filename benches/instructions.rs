@@ -14,7 +14,7 @@ use tertia::kalman::{Batch, End, Filter, PerStep, Row, Series, Singer, Steps, Ta
 use tertia::location::{Instant, Locator, Output};
 use tertia::registration::{Errors, Report, TargetPlot, register};
 use tertia::screening::mask;
-use tertia::sensors::KINDS;
+use tertia::sensors::{Identities, KINDS};
 use tertia::smoothing::{self, Noise, Options, ProcessNoise, Smoothed, Track};
 use tertia::tertiary;
 use tertia::tracker::{ImmModel, Motion, Settings, Tracker};
@@ -429,7 +429,7 @@ fn pictures() -> Kernel {
             state,
             covariance,
             height: f64::NAN,
-            identity: -1,
+            identities: Identities::NONE,
             turn_probability: 0.0,
         }
     };

@@ -1,6 +1,7 @@
 //! Aircraft that fly straight, seen by four radars of four seconds.
 
 use std::f64::consts::TAU;
+use tertia::sensors::Identities;
 use tertia::tracker::{Plot, Radar};
 
 const PERIOD: f64 = 4.0;
@@ -62,7 +63,7 @@ pub fn scans(count: usize, aircraft: usize, extent: f64, radars: &[Radar]) -> Ve
                         azimuth: bearing(time) + radar.azimuth_sigma * random.normal(),
                         radar: index,
                         height: f64::NAN,
-                        identity: -1,
+                        identities: Identities::NONE,
                         detection: None,
                         report: None,
                     });

@@ -124,7 +124,7 @@ def plan_list() -> str:
     rows = [
         {
             "name": plan.name,
-            "identity": plan.identity,
+            "mode_3a": None if plan.identity is None else f"{plan.identity:04o}",
             "waypoints": plan.waypoints.tolist(),
             "speeds_m_s": plan.speeds.tolist(),
             "heights_m": [] if plan.heights is None else plan.heights.round(1).tolist(),

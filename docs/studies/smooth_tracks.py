@@ -341,10 +341,10 @@ def recording() -> str:
         rows["rho_nm"].to_numpy() * 1852.0,
         rows["theta_deg"].to_numpy(),
         height=number["fl"] * 30.48,
-        identity=rows["icao24"].str.to_integer(base=16, strict=False).fill_null(-1).to_numpy(),
+        icao_address=rows["icao24"].str.to_integer(base=16, strict=False).fill_null(-1).to_numpy(),
         degrees=True,
     )
-    found = track(plots, [radar], identity_error_probability=1e-9)
+    found = track(plots, [radar])
     after = smooth_tracks(plots, [radar], found)
     speed, course = number["bds_GS"] * 1852.0 / 3600.0, np.radians(number["bds_TTA"])
     lines = []

@@ -48,7 +48,7 @@ def samples(value: npt.ArrayLike, name: str) -> FloatArray:
     if array.dtype.kind not in "iufO":
         raise TypeError(f"{name} has dtype {array.dtype}; it must hold real numbers")
     if array.dtype.kind == "O":
-        array = _without_na(array)
+        array = without_na(array)
         _refuse_objects(array, name)
     return np.asarray(array, dtype=np.float64)
 
@@ -63,7 +63,7 @@ def array_of(value: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
         ) from None
 
 
-def _without_na(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def without_na(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return the objects; pandas' NA, which nullable columns contain, is replaced by None."""
     pandas = sys.modules.get("pandas")
     if pandas is None:

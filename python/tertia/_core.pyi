@@ -3,6 +3,7 @@ from typing import Any, final
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.kalman import SingerModel
 from tertia.location._scene import Measured
+from tertia.sensors._identities import Identities
 from tertia.tracker import Plots
 
 __all__ = [
@@ -569,7 +570,7 @@ class Route:
         start_time: float,
         bank: float,
         turn_rate: float,
-        identity: int,
+        identities: tuple[int, int, int, str],
     ) -> Route: ...
     @property
     def length(self) -> float: ...
@@ -589,7 +590,7 @@ def plan_speeds(
 def correlate(
     plans: list[Route],
     tracks: dict[str, Any],
-    identities: list[int],
+    identities: Identities,
     n_threads: int | None,
 ) -> tuple[FloatArray, IntArray, IntArray]: ...
 def conformance(
@@ -658,7 +659,7 @@ class FusionCentre:
     ) -> FusionCentre: ...
     def update(
         self, tracks: dict[str, Any], time: float, n_threads: int | None
-    ) -> tuple[IntArray, list[FloatArray], list[IntArray], list[BoolArray]]: ...
+    ) -> tuple[IntArray, list[FloatArray], IntArray, list[IntArray], Any, list[BoolArray]]: ...
     def decide(self, a: int, b: int, joined: bool) -> bool: ...
     def release(self, number: int) -> bool: ...
     def known(self) -> list[FloatArray]: ...

@@ -419,7 +419,7 @@ def test_tracks_of_a_real_recording_and_their_figures(tmp_path: Path) -> None:
         plots["time_s"],
         plots["range_nm"] * 1852.0,
         np.radians(plots["azimuth_deg"]),
-        identity=identity,
+        icao_address=identity,
     )
     expected = track(seen, [radar])
     np.testing.assert_array_equal(found.select("east_m", "north_m").to_numpy(), expected.position)

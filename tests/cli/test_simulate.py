@@ -77,7 +77,7 @@ def test_faults_are_what_the_scene_says(folder: Path) -> None:
     assert "detection_probability = 0.95" in radars
     assert plots.height == told["plot_count"]
     plans = json.loads((folder / "plans.json").read_text(encoding="utf-8"))
-    codes = {f"{plan['identity']:04o}": plan for plan in plans}
+    codes = {plan["mode_3a"]: plan for plan in plans}
     errors = []
     for row in plots.filter(pl.col("sensor") == "radar-2").iter_rows(named=True):
         plan = codes.get(row["mode_3a"] or "")

@@ -495,7 +495,7 @@ def test_a_real_recording(tmp_path: Path) -> None:
         source["rho_nm"].cast(float) * 1852.0,
         np.radians(source["theta_deg"].cast(float)),
         height=source["fl"].cast(float).fill_null(np.nan) * 30.48,
-        identity=number.to_numpy(),
+        icao_address=number.to_numpy(),
     )
     tables = [tracker.update(seen[part]) for part in stretches(seen.time.tolist(), 2.0)]
     assert found.height == sum(map(len, tables)) > 0.9 * source.height

@@ -21,7 +21,7 @@ from terminal import Run, Write, assert_column, table
 from tertia import metrics, plot
 from tertia.cli.commands import track as track_command
 from tertia.cli.files.limits import read_limits
-from tertia.flightplan import FlightPlan
+from tertia.flightplan import CorrelationStatus, FlightPlan
 from tertia.tracker import PlanModel, Plots, PlotStatus, Radar, Tracker, TrackTable, track
 
 ROOT = Path(__file__).parents[2]
@@ -103,7 +103,9 @@ def recording() -> pl.DataFrame:
 SEEN = recording()
 
 
-def plots(frame: pl.DataFrame = SEEN, *, time: FloatArray | None = None) -> Plots:
+def plots(
+    frame: pl.DataFrame = SEEN, *, time: FloatArray | None = None, kind: str = "identity"
+) -> Plots:
     number = {radar.name: k for k, radar in enumerate(RADARS)}
     return Plots(
         frame["time_s"].to_numpy() if time is None else time,
@@ -111,7 +113,7 @@ def plots(frame: pl.DataFrame = SEEN, *, time: FloatArray | None = None) -> Plot
         np.radians(frame["azimuth_deg"].to_numpy()),
         sensor=np.array([number[name] for name in frame["sensor"]]),
         height=frame["height_m"].to_numpy(),
-        identity=frame["identity"].to_numpy(),
+        **{kind: frame["identity"].to_numpy()},
     )
 
 
@@ -359,25 +361,26 @@ def test_identities(
         track(plots(), RADARS).identity >= 0,
     )
     # and it finds its plan
-    plan = json.dumps([{**json.loads(PLAN_TEXT)[0], "identity": number}])
+    same = {"identity": None, column: number if column == "identity" else told}
+    plan = json.dumps([{**json.loads(PLAN_TEXT)[0], **same}])
     (tmp_path / "own.json").write_text(plan, encoding="utf-8")
     options = ("--sensors", radars, "--plans", tmp_path / "own.json")
-    own = FlightPlan(PLAN.waypoints, 200.0, identity=number)
+    own = FlightPlan(PLAN.waypoints, 200.0, **{column: number})
     code = SEEN.with_columns(pl.col("identity").replace(0o4321, number))
-    expected = track(plots(code), RADARS, plans=[own])
+    expected = track(plots(code, kind=column), RADARS, plans=[own])
+    assert np.any(expected.plan_status == CorrelationStatus.LINKED)
     check(tracks(path, *options, folder=tmp_path), expected)
 
 
-def test_of_several_columns_the_one_that_is_named_counts(
-    write: Write, radars: Path, tmp_path: Path
-) -> None:
+def test_of_several_kinds_each_is_written(write: Write, radars: Path, tmp_path: Path) -> None:
     path = write([line + ",1200" for line in lines()], HEAD + ",mode_3a")
-    assert "mode_3a" in tracks(path, "--sensors", radars, folder=tmp_path).columns
-    named = ("--column", "identity=identity")
-    assert "identity" in tracks(path, "--sensors", radars, *named, folder=tmp_path).columns
+    found = tracks(path, "--sensors", radars, folder=tmp_path)
+    assert set(found["mode_3a"]) == {"1200"}
+    assert set(found["identity"].drop_nulls()) == {0o4321}
+    assert not {"icao_address", "callsign"} & set(found.columns)
 
 
-def test_replies_are_those_of_the_last_plot_that_has_them(
+def test_identities_are_those_of_the_plots_so_far(
     write: Write, radars: Path, tmp_path: Path
 ) -> None:
     """Callsigns come once in a while; the stream writes the same as the command."""
@@ -386,7 +389,7 @@ def test_replies_are_those_of_the_last_plot_that_has_them(
         for n, line in enumerate(lines())
     ]
     path = write(rows, HEAD + ",mode_3a,callsign")
-    named = ("--column", "identity=identity", "--registration", "off")
+    named = ("--registration", "off")
     found = tracks(path, "--sensors", radars, *named, folder=tmp_path)
     assert set(found["mode_3a"].drop_nulls()) == {"4204"}
     done = run(path, "--stream", "--sensors", radars, *named)
@@ -655,12 +658,15 @@ def test_a_sigma_in_radians_looks_wrong(write: Write) -> None:
     assert "azimuth_sigma_deg of west is 0.0017 degrees: is it in radians?" in done.err
 
 
-def test_files_of_different_identities_are_refused(write: Write, radars: Path) -> None:
-    second = write(lines(), HEAD.replace("identity", "mode_3a"), "second.csv")
-    done = run(write(), second, "--sensors", radars)
-    assert done.code == 1
-    assert "plots.csv has identity" in done.err
-    assert done.err.count("\n") == 1
+def test_files_may_have_different_identities(write: Write, radars: Path, tmp_path: Path) -> None:
+    east = [line for line in lines() if ",east," in line]
+    west = [line for line in lines() if ",west," in line]
+    codes = [line.replace(f",{0o4321}", ",4321") for line in east]
+    files = write(west), write(codes, HEAD.replace("identity", "mode_3a"), "second.csv")
+    found = tracks(*files, "--sensors", radars, folder=tmp_path)
+    both = found.filter(pl.col("identity") == 0o4321)
+    assert set(both["mode_3a"].drop_nulls()) == {"4321"}
+    assert both["mode_3a"].null_count() < 0.2 * both.height
 
 
 @pytest.mark.skipif(not LEBL.is_file(), reason="the recording is not here")

@@ -15,15 +15,16 @@ class TestFiles:
     def test_csv(self, tmp_path):
         file = tmp_path / "plans.csv"
         file.write_text(
-            "name,east_m,north_m,height_m,speed_m_s,identity,aircraft_type\n"
-            "A,0,0,9000,220,17,A320\nA,0,50000,9000,210,,\nA,0,50000,9000,205,,\n"
-            "A,40000,70000,9300,,,\n\nB,0,0,,180,,\nB,100,70000,,,,\n"
+            "name,east_m,north_m,height_m,speed_m_s,identity,aircraft_type,mode_3a\n"
+            "A,0,0,9000,220,17,A320,0021\nA,0,50000,9000,210,,,\nA,0,50000,9000,205,,,\n"
+            "A,40000,70000,9300,,,,\n\nB,0,0,,180,,,\nB,100,70000,,,,,\n"
         )
         first, second = read_plans(file, types={"A320": 0.35})
         np.testing.assert_array_equal(first.waypoints, [[0, 0], [0, 5e4], [4e4, 7e4]])
         np.testing.assert_array_equal(first.speeds, [220, 205])
         np.testing.assert_array_equal(first.heights, [9000, 9000, 9300])
         assert (first.name, first.identity, first.bank) == ("A", 17, pytest.approx(0.35))
+        assert (first.mode_3a, second.mode_3a) == (0o21, None)
         assert (second.name, second.identity, second.heights) == ("B", None, None)
         assert second.bank == pytest.approx(np.radians(25))
 
@@ -32,7 +33,8 @@ class TestFiles:
         plans = [
             {"name": "A", "waypoints": WAY.tolist(), "speeds_m_s": 200, "start_time_s": 60},
             {"waypoints": WAY.tolist(), "times_s": [0, 300, 600, 1100, 1400, 1800.0]},
-            {"waypoints": WAY.tolist(), "turn_radius_m": 6000.0, "identity": 3},
+            {"waypoints": WAY.tolist(), "turn_radius_m": 6000.0, "identity": 3}
+            | {"icao_address": "4a08eb", "mode_3a": "0021", "callsign": "CSA1"},
         ]
         file.write_text(json.dumps(plans))
         first, second, third = read_plans(file, speed=190.0)
@@ -40,6 +42,12 @@ class TestFiles:
         np.testing.assert_allclose(second.times, plans[1]["times_s"], atol=1e-6)
         np.testing.assert_allclose(third.turns.radius, 6000.0)
         assert set(third.speeds) == {190.0}
+        kinds = (third.identity, third.icao_address, third.mode_3a, third.callsign)
+        assert kinds == (3, 0x4A08EB, 0o21, "CSA1")
+        for name, wrong in (("mode_3a", 21), ("mode_3a", "9"), ("icao_address", "XY")):
+            file.write_text(json.dumps([plans[0] | {name: wrong}]))
+            with pytest.raises(ValueError, match=f"plan A: {name} is {wrong!r}; it must be text"):
+                read_plans(file)
 
     def test_geojson(self, tmp_path):
         file = tmp_path / "plans.geojson"

@@ -689,7 +689,8 @@ def test_tracks_of_a_real_recording_are_those_of_the_library(tmp_path: Path) -> 
     assert err.endswith("the same as one before\n")
     assert "423 plots left out: duplicates" in err
     plots = read_asterix(JAHORINA).plots
-    identity = [-1 if one is None else int(one, 16) for one in plots["icao_address"]]
+    address = [-1 if one is None else int(one, 16) for one in plots["icao_address"]]
+    code = [-1 if one is None else int(one, 8) for one in plots["mode_3a"]]
     radar = Radar(
         range_sigma=60.0, azimuth_sigma=np.radians(0.08), scan_period=5.0078125, name="23/2"
     )
@@ -699,7 +700,9 @@ def test_tracks_of_a_real_recording_are_those_of_the_library(tmp_path: Path) -> 
             plots["range_nm"] * 1852.0,
             np.radians(plots["azimuth_deg"]),
             height=(plots["flight_level"] * 30.48).fill_null(np.nan),
-            identity=np.array(identity),
+            icao_address=address,
+            mode_3a=code,
+            callsign=plots["callsign"],
         ),
         [radar],
     )
@@ -711,6 +714,9 @@ def test_tracks_of_a_real_recording_are_those_of_the_library(tmp_path: Path) -> 
     assert seen.height > 0.98 * plots.height
     kept = seen.group_by("track").agg(pl.col("icao_address").drop_nulls().n_unique())
     assert (kept["icao_address"] <= 1).all()
+    # and what they know of codes and callsigns is sent on
+    assert found["mode_3a"].null_count() < 0.1 * found.height
+    assert set(found["callsign"].drop_nulls()) <= set(plots["callsign"].drop_nulls())
 
 
 def test_a_truth_in_latitude_and_longitude(save: Save, radars: Path, tmp_path: Path) -> None:

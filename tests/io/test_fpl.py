@@ -196,14 +196,15 @@ def test_identities_dates_and_other_information():
     text = message(callsign="CSA9XX/A2000", others=others)
     (plan,) = read(text)
     assert plan.date == datetime.date(2026, 11, 22)
-    assert (plan.identity, plan.icao_address, plan.mode_3a) == (0x4952A1, 0x4952A1, 0o2000)
+    assert (plan.icao_address, plan.mode_3a, plan.callsign) == (0x4952A1, 0o2000, "CSA9XX")
+    assert plan.identity is None
     assert plan.fields["OPR"] == "CSA-AIR"
     assert plan.fields["RMK"] == "AGCS A-B"
     assert (plan.off_block_time, plan.elapsed_time) == (34_200.0, 3300.0)
-    (plan,) = read(text, identity="mode_3a", taxi_time=600)
-    assert (plan.identity, plan.start_time) == (0o2000, 34_800.0)
+    (plan,) = read(text, taxi_time=600)
+    assert plan.start_time == 34_800.0
     (plan,) = read(message(others="0"))
-    assert (plan.date, plan.identity, plan.fields) == (None, None, {})
+    assert (plan.date, plan.icao_address, plan.fields) == (None, None, {})
     supplement = message().removesuffix(")") + "\n-E/0345 P/120 R/UVE S/M J/L)"
     assert read(supplement)[0].fields == {"DOF": "261122"}
 
@@ -330,7 +331,6 @@ def test_bad_messages_are_refused_in_one_line(text, reason):
         ({"frame": None}, "frame is None"),
         ({"winds": [1, 2, 3]}, "winds has shape"),
         ({"taxi_time": float("nan")}, "taxi_time is nan"),
-        ({"identity": "name"}, "identity is 'name'"),
         ({"types": 3}, "types is 3"),
     ],
 )

@@ -210,6 +210,29 @@ def test_identities_contradict():
     assert found.identity[0] == 100
 
 
+@pytest.mark.parametrize(
+    ("kinds", "count"),
+    [
+        # an address decides, a callsign before a code; what has no kind in common says nothing
+        ({"icao_address": 5, "mode_3a": [0o1, 0o2]}, 1),
+        ({"icao_address": [5, 6], "mode_3a": 0o1}, 2),
+        ({"callsign": ["CSA1", "CSA2"], "mode_3a": 0o1}, 2),
+        ({"callsign": "CSA1", "mode_3a": [0o1, 0o2]}, 1),
+        ({"icao_address": [5, -1], "mode_3a": [-1, 0o2]}, 1),
+    ],
+)
+def test_the_identity_that_is_shared_least_decides(kinds, count):
+    tracks = messages(places=PLACES[:1], sensors=(0, 1))
+    names = {name: getattr(tracks, name) for name in SensorTracks.__slots__}
+    of = {name: np.broadcast_to(value, 2)[tracks.sensor] for name, value in kinds.items()}
+    found = last(fuse_tracks(SensorTracks(**(names | of)), RADARS))
+    assert len(found) == count
+    for name, values in of.items():
+        assert set(getattr(found, name)) <= set(values)
+    if count == 1 and np.min(kinds["mode_3a"]) < 0:
+        assert (found.icao_address[0], found.mode_3a[0]) == (5, 0o2)
+
+
 def test_what_one_sensor_sees_alone_is_doubtful():
     tracks = messages(places=PLACES[:2])
     ghost = (tracks.sensor > 0) & (tracks.track % 10 == 1)

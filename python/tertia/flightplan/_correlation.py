@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -14,14 +14,20 @@ from tertia import _core
 from tertia._arrays import (
     FloatArray,
     IntArray,
-    array_of,
     scalar_or_array,
     sequence_of,
     threads,
 )
 from tertia._result import Result
-from tertia.flightplan._plan import NO_IDENTITY, FlightPlan
+from tertia.flightplan._plan import FlightPlan
 from tertia.flightplan._tracks import tracks_of
+from tertia.sensors._identities import (
+    NO_IDENTITY,
+    callsigns,
+    icao_addresses,
+    mode_3a_codes,
+    whole,
+)
 
 
 class CorrelationStatus(enum.IntEnum):
@@ -74,6 +80,9 @@ def correlate(
     *,
     covariance: npt.ArrayLike | None = None,
     height: npt.ArrayLike | None = None,
+    icao_address: npt.ArrayLike | None = None,
+    mode_3a: npt.ArrayLike | None = None,
+    callsign: npt.ArrayLike | None = None,
     identity: npt.ArrayLike | None = None,
     n_threads: int | None = None,
 ) -> Correlation:
@@ -91,8 +100,12 @@ def correlate(
         Covariance of position and velocity; by default zero.
     height : array_like of shape (..., N), optional
         Height in metres; nan where unknown.
+    icao_address, mode_3a : array_like of int, shape (...), optional
+        Address of 24 bits and mode 3/A code; -1 if they are not known.
+    callsign : array_like of str, shape (...), optional
+        Aircraft identification; empty if it is not known.
     identity : array_like of int, shape (...), optional
-        Reply of the transponder; -1 if there is none.
+        Any other number by which the target is known; -1 if there is none.
     n_threads : int, optional
         Number of threads; by default one for small tasks and all cores for large ones.
 
@@ -115,9 +128,11 @@ def correlate(
     squared differences of course, speed, time and height from the plan, on the leg that fits best.
     P, s_psi² and s_V² are the variances of the cross-track distance, the course and the speed of
     the track. A plan with the same identity as the track is linked to it if the mean score of the
-    plan is above -25. Otherwise the plan with the highest mean score is accepted if this score is
-    the mean over at least five plots, is above -8, and is at least 3 above the score of the next
-    best plan. All other cases are left to the controller. The cost is O(legs) per plan and plot.
+    plan is above -25; of several kinds of identities that both have, the address, the `identity`,
+    the callsign or the code decides, in this order. Otherwise the plan with the highest mean score
+    is accepted if this score is the mean over at least five plots, is above -8, and is at least 3
+    above the score of the next best plan. All other cases are left to the controller. The cost is
+    O(legs) per plan and plot.
 
     Examples
     --------
@@ -134,16 +149,25 @@ def correlate(
         raise ValueError("plans is empty; there must be one plan or more")
     tracks = tracks_of(time, position, velocity, covariance, height)
     batch = tracks["time"].shape[:-1]
-    names = array_of(NO_IDENTITY if identity is None else identity, "identity")
-    if names.dtype.kind not in "iu":
-        raise TypeError(f"identity has dtype {names.dtype}; it must hold integers")
-    if names.size and names.max() > np.iinfo(np.int64).max:
-        raise ValueError(f"identity is {names.max()}; it must be below 2**63")
-    if names.shape not in {(), batch}:
-        raise ValueError(f"identity has shape {names.shape}; it must be {batch}")
-    every = np.broadcast_to(names, batch).reshape(-1).tolist()
+    identities = (
+        _of_each(
+            whole(NO_IDENTITY if identity is None else identity, "identity"), "identity", batch
+        ),
+        None
+        if icao_address is None
+        else _of_each(icao_addresses(icao_address), "icao_address", batch),
+        None if mode_3a is None else _of_each(mode_3a_codes(mode_3a), "mode_3a", batch),
+        None if callsign is None else _of_each(callsigns(callsign), "callsign", batch),
+    )
     scores, plan, status = _core.correlate(
-        [plan._route for plan in known], tracks, every, threads(n_threads)
+        [plan._route for plan in known], tracks, identities, threads(n_threads)
     )
     reason = status if batch else CorrelationStatus(int(status))
     return Correlation(scalar_or_array(plan), reason, scores)
+
+
+def _of_each(values: npt.NDArray[Any], name: str, batch: tuple[int, ...]) -> npt.NDArray[Any]:
+    """Return the identities of all tracks in one row."""
+    if values.shape not in {(), batch}:
+        raise ValueError(f"{name} has shape {values.shape}; it must be {batch}")
+    return np.ascontiguousarray(np.broadcast_to(values, batch).reshape(-1))

@@ -22,12 +22,11 @@ from tertia._arrays import (
     scalar_or_array,
 )
 from tertia._result import Result
+from tertia.sensors._identities import of_target
 
 _GRAVITY = 9.80665
 _BANK = float(np.radians(25.0))
 _TURN_RATE = float(np.radians(3.0))
-# a plan without identity
-NO_IDENTITY = -1
 # each brings the radius closer by orders of magnitude
 _SUBSTITUTIONS = 20
 
@@ -114,8 +113,12 @@ class FlightPlan:
         It may be given instead of `bank`. Turns at lower speeds have the same bank angle.
     turn_rate : float
         Largest turn rate in radians per second.
+    icao_address, mode_3a : int, optional
+        Address of 24 bits, and mode 3/A code that is assigned to the flight, for example 0o4204.
+    callsign : str, optional
+        Aircraft identification.
     identity : int, optional
-        Reply of the transponder, not negative.
+        Any other number by which the target is known, not negative.
     name : str, optional
         Label of the plan in pictures and reports.
 
@@ -133,8 +136,12 @@ class FlightPlan:
         Bank angle in turns in radians.
     turn_rate : float
         Largest turn rate in radians per second.
+    icao_address, mode_3a : int or None
+        Address of 24 bits and mode 3/A code.
+    callsign : str or None
+        Aircraft identification.
     identity : int or None
-        Reply of the transponder.
+        Any other number by which the target is known.
     name : str or None
         Label of the plan in pictures and reports.
 
@@ -174,6 +181,9 @@ class FlightPlan:
     heights: FloatArray | None
     bank: float
     turn_rate: float
+    icao_address: int | None
+    mode_3a: int | None
+    callsign: str | None
     identity: int | None
     name: str | None
     _route: _core.Route
@@ -189,6 +199,9 @@ class FlightPlan:
         bank: float | None = None,
         turn_radius: float | None = None,
         turn_rate: float = _TURN_RATE,
+        icao_address: int | None = None,
+        mode_3a: int | None = None,
+        callsign: str | None = None,
         identity: int | None = None,
         name: str | None = None,
     ) -> None:
@@ -209,6 +222,7 @@ class FlightPlan:
                 start, legs = _schedule(places, speeds, times, start_time, bank=angle, rate=rate)
         if identity is not None:
             identity = integer(identity, "identity", 0)
+        named, numbers = of_target(icao_address, mode_3a, callsign, identity)
         levels = None if heights is None else _each(_levels, heights, "heights", len(places))
         values: dict[str, Any] = {
             "waypoints": places,
@@ -217,7 +231,7 @@ class FlightPlan:
             "heights": levels,
             "bank": angle,
             "turn_rate": rate,
-            "identity": identity,
+            **named,
             "name": name,
             "_route": _core.Route(
                 places,
@@ -226,7 +240,7 @@ class FlightPlan:
                 start,
                 angle,
                 rate,
-                NO_IDENTITY if identity is None else identity,
+                numbers,
             ),
         }
         for key, value in values.items():

@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -54,8 +54,6 @@ class FiledPlan(FlightPlan):
         destination in seconds.
     date : datetime.date or None
         The day of flight.
-    mode_3a, icao_address : int or None
-        Mode 3/A code and 24-bit address of the transponder.
     unknown_procedures : tuple of str
         Departure and arrival procedures that are unknown and therefore not part of the plan.
     fields : dict of str to str
@@ -71,8 +69,6 @@ class FiledPlan(FlightPlan):
     off_block_time: float
     elapsed_time: float
     date: datetime.date | None
-    mode_3a: int | None
-    icao_address: int | None
     unknown_procedures: tuple[str, ...]
     fields: dict[str, str]
 
@@ -84,7 +80,6 @@ class _Options:
     types: dict[str, dict[str, float]]
     winds: FloatArray
     taxi_time: float
-    identity: str
 
 
 def read_fpl(
@@ -96,7 +91,6 @@ def read_fpl(
     types: Any = None,
     winds: npt.ArrayLike | None = None,
     taxi_time: float = 900.0,
-    identity: Literal["icao_address", "mode_3a"] = "icao_address",
 ) -> list[FiledPlan]:
     """Read flight plans from ICAO FPL messages.
 
@@ -126,17 +120,14 @@ def read_fpl(
         to the filed true airspeeds.
     taxi_time : float
         Time from off-block to departure in seconds.
-    identity : {"icao_address", "mode_3a"}
-        Which of the two becomes the identity of the plans; it must be the identity that the plots
-        contain.
 
     Returns
     -------
     list of FiledPlan
-        Flight plans in the order of the messages, named by their callsigns. Times are in seconds
-        from midnight of the day of flight. Heights are the filed levels. They are nan where the
-        aircraft may be climbing or descending, which is assumed to take place at 5 m/s or at the
-        rate of its type.
+        Flight plans in the order of the messages, with the callsigns (also as their names), codes
+        (field 7) and addresses (`CODE`) of the messages. Times are in seconds from midnight of the
+        day of flight. Heights are the filed levels. They are nan where the aircraft may be climbing
+        or descending, which is assumed to take place at 5 m/s or at the rate of its type.
 
     Raises
     ------
@@ -180,10 +171,8 @@ def read_fpl(
         raise TypeError(f"text is {text!r}; it must be text, or the Path of a file")
     if not isinstance(frame, (LocalFrame, SystemPlane)):
         raise TypeError(f"frame is {frame!r}; it must be a LocalFrame or a SystemPlane")
-    if identity not in {"icao_address", "mode_3a"}:
-        raise ValueError(f"identity is {identity!r}; it must be 'icao_address' or 'mode_3a'")
     taxi = float(finite(real(taxi_time, "taxi_time"), "taxi_time"))
-    options = _Options(Tables(fixes, airways), frame, _types(types), _winds(winds), taxi, identity)
+    options = _Options(Tables(fixes, airways), frame, _types(types), _winds(winds), taxi)
     messages = _MESSAGE.findall(text)
     if not messages or len(messages) != text.count("("):
         raise ValueError(
@@ -232,10 +221,6 @@ def _plan(fields: Sequence[str], message: str, options: _Options) -> FiledPlan:
     length = np.hypot(*np.diff(places, axis=0).T)
     speeds = length / (length / speeds + [point.delay for point in points[:-1]])
     code, address = found["7"][2], others.get("CODE")
-    codes = {
-        "mode_3a": None if code is None else int(code, 8),
-        "icao_address": None if address is None else _address(address),
-    }
     heights = _heights(length, speeds, levels, of_type.get("climb_m_s", _CLIMB))
     plan = FiledPlan(
         places,
@@ -244,7 +229,9 @@ def _plan(fields: Sequence[str], message: str, options: _Options) -> FiledPlan:
         heights=None if np.all(np.isnan(heights)) else heights,
         bank=math.radians(of_type["bank_deg"]) if "bank_deg" in of_type else None,
         turn_rate=math.radians(of_type.get("turn_rate_deg_s", _TURN_RATE)),
-        identity=codes[options.identity],
+        icao_address=None if address is None else _address(address),
+        mode_3a=None if code is None else int(code, 8),
+        callsign=found["7"][1],
         name=found["7"][1],
     )
     values = {
@@ -257,7 +244,6 @@ def _plan(fields: Sequence[str], message: str, options: _Options) -> FiledPlan:
         "off_block_time": off_block,
         "elapsed_time": _seconds(*found["16"].groups()[1:3]),
         "date": _date(others.get("DOF")),
-        **codes,
         "unknown_procedures": tuple(route.unknown),
         "fields": others,
     }

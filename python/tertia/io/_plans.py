@@ -18,7 +18,21 @@ __all__ = ["read_plans"]
 
 _LOCAL, _GEODETIC = ("east_m", "north_m"), ("longitude_deg", "latitude_deg")
 # fields of a plan, and of its waypoints
-_OF_PLAN = ("name", "identity", "aircraft_type", "bank_deg", "turn_radius_m", "start_time_s")
+_OF_PLAN = (
+    "name",
+    "icao_address",
+    "mode_3a",
+    "callsign",
+    "identity",
+    "aircraft_type",
+    "bank_deg",
+    "turn_radius_m",
+    "start_time_s",
+)
+# columns of text
+_TEXT = {"name", "icao_address", "mode_3a", "callsign", "aircraft_type"}
+# bases of identities that are text, and how it is spelt
+_CODED = {"icao_address": (16, "hexadecimal digits"), "mode_3a": (8, "octal digits")}
 _OF_WAYPOINT = ("height_m", "time_s", "speed_m_s")
 _PLURAL = {"height_m": "heights_m", "time_s": "times_s", "speed_m_s": "speeds_m_s"}
 
@@ -62,7 +76,8 @@ def read_plans(
     -----
     CSV has a row for each waypoint. Its columns are `name`; `east_m` and `north_m`, or
     `longitude_deg` and `latitude_deg`; and any of `height_m`, `time_s`, `speed_m_s` (of the leg
-    that starts there), `identity`, `aircraft_type`, `bank_deg`, `turn_radius_m`, `start_time_s`.
+    that starts there), `icao_address` (hexadecimal digits), `mode_3a` (octal digits), `callsign`,
+    `identity` (any other number), `aircraft_type`, `bank_deg`, `turn_radius_m`, `start_time_s`.
     Rows with the same name are one plan; values that belong to the whole plan are taken from its
     first row.
 
@@ -129,9 +144,23 @@ def plan_of(
         heights=_chosen(fields.get("heights_m"), kept),
         bank=None if bank is None else math.radians(real(bank, "bank_deg")),
         turn_radius=radius,
+        icao_address=_coded(fields, "icao_address"),
+        mode_3a=_coded(fields, "mode_3a"),
+        callsign=fields.get("callsign"),
         identity=None if identity is None else int(identity),
         name=fields.get("name"),
     )
+
+
+def _coded(fields: Mapping[str, Any], name: str) -> int | None:
+    """Return an address or a code from its digits."""
+    value, (base, spelling) = fields.get(name), _CODED[name]
+    if value is None:
+        return None
+    try:
+        return int(value, base)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} is {value!r}; it must be text of {spelling}") from None
 
 
 def _chosen(value: Any, kept: Any, *, of_legs: bool = False) -> Any:
@@ -193,10 +222,9 @@ def _read_csv(path: Path) -> Iterable[dict[str, Any]]:
             f"{path} has the columns {', '.join(table.columns)}; it must have name, and "
             f"{' and '.join(_LOCAL)} or {' and '.join(_GEODETIC)}"
         )
-    text = {"name", "aircraft_type"}
     known = [column for column in (*_OF_PLAN, *_OF_WAYPOINT, *axes) if column in table.columns]
     table = table.filter(~pl.all_horizontal(pl.all().is_null()))
-    numbers = [column for column in known if column not in text]
+    numbers = [column for column in known if column not in _TEXT]
     try:
         table = table.with_columns(pl.col(numbers).str.strip_chars().cast(pl.Float64))
     except pl.exceptions.PolarsError as error:

@@ -8,6 +8,7 @@ from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia._units import FOOT, NAUTICAL_MILE
 from tertia.metrics._matching import Matching, Tracks
 from tertia.metrics._truth import Truth
+from tertia.sensors._identities import NUMBERS, leading
 
 # a height that is farther off is wrong; half a nautical mile is a large error
 HEIGHT_TOLERANCE, LARGE_ERROR = 300.0 * FOOT, 926.0
@@ -44,7 +45,7 @@ def heights(tracks: Tracks, truth: Truth, matching: Matching) -> tuple[BoolArray
 def identities(tracks: Tracks, truth: Truth, matching: Matching) -> tuple[BoolArray, BoolArray]:
     """Return which updates have an identity that can be checked, and which a correct one."""
     true = truth.identity_at(matching.target, tracks.time)
-    own = getattr(tracks, "identity", None)
+    own = getattr(tracks, leading(tracks, NUMBERS), None)
     reported = np.full(len(true), -1) if own is None else np.asarray(own)
     known = (reported >= 0) & (true >= 0)
     return known, known & (reported == true)

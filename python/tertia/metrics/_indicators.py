@@ -166,7 +166,8 @@ def indicators(
     ----------
     tracks : Tracks
         Updates of tracks, as for `match_tracks`. They may also have a `height` and an `identity`,
-        of shape (N,).
+        of shape (N,); if they have addresses or codes of their own, these are compared with the
+        identities of the truth.
     truth : Truth
         The true positions of the targets.
     max_distance : float

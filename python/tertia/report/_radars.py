@@ -9,7 +9,8 @@ import numpy as np
 from tertia import metrics
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.registration._register import in_stretches
-from tertia.tracker import NO_IDENTITY, Plots, TrackTable
+from tertia.sensors._identities import is_known, leading
+from tertia.tracker import Plots, TrackTable
 
 # quantile of chi-squared with two degrees of freedom that is exceeded with probability 1e-4
 _OUTLIER = 18.420681
@@ -75,10 +76,11 @@ def updates(
     used = np.zeros(len(plots), dtype=bool)
     used[joint.plot[joint.plot >= 0]] = True
     refused = joint.track_of_plot < 0
-    known = np.unique(joint.identity[joint.confirmed])
-    known = known[known != NO_IDENTITY]
+    kind = leading(plots)
+    known = np.unique(getattr(joint, kind)[joint.confirmed])
+    known = known[is_known(known)]
     idle = own & ~used & ~refused
-    unassociated = idle & np.isin(plots.identity, known)
+    unassociated = idle & np.isin(getattr(plots, kind), known)
 
     def counted(time: FloatArray) -> IntArray:
         which = in_stretches(time, edges)

@@ -10,6 +10,7 @@ from tertia import fusion
 from tertia._arrays import FloatArray
 from tertia.metrics._evaluation import Rows
 from tertia.registration._states import Common
+from tertia.sensors._identities import NUMBERS, leading
 from tertia.tracker import TrackTable
 
 
@@ -18,7 +19,7 @@ def confirmed_rows(table: TrackTable) -> Rows:
     own = table[table.confirmed]
     kept = own.time, own.track, own.sensor, own.position, own.velocity
     spread = own.covariance[:, :2, :2]
-    return Rows(*kept, spread, own.plot >= 0, own.height, own.identity)
+    return Rows(*kept, spread, own.plot >= 0, own.height, getattr(own, leading(own, NUMBERS)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

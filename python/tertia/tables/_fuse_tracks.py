@@ -15,14 +15,18 @@ from tertia._units import FLIGHT_LEVEL
 from tertia.sensors import Radar
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import known
+from tertia.tables._identities import (
+    IDENTIFIED,
+    identities_in,
+    identities_of,
+    identity_columns,
+)
 from tertia.tables._records import (
-    IDENTITIES,
     SENSOR,
     TIME,
     Field,
     Schema,
     Source,
-    identity_texts,
     number,
     read,
     source_of,
@@ -44,7 +48,7 @@ TRACKS: Schema = {
     **{name: number(name) for name in (*_SIGMAS, *covariance_columns().values())},
     "turn_probability": number("turn_probability"),
     "height": Field("number", {"height_m": 1.0, "flight_level": FLIGHT_LEVEL}),
-    "identity": Field("identity", IDENTITIES),
+    **IDENTIFIED,
 }
 
 
@@ -57,7 +61,7 @@ class Fused:
     picture: SystemTracks
     sensors: Sensors[Radar]
     clock: Clock
-    identity: str
+    identities: list[str]
 
     @property
     def rows(self) -> pl.DataFrame:
@@ -80,7 +84,7 @@ class Fused:
                 "course_deg": np.degrees(course) % 360.0,
                 "speed_m_s": speed,
                 "height_m": known(found.height),
-                self.identity: identity_texts(found.identity, self.identity),
+                **identity_columns(found, self.identities),
                 "pvalue": known(found.pvalue),
                 "confirmed": found.confirmed,
                 "doubtful": found.doubtful,
@@ -118,9 +122,9 @@ def fuse_tracks(
         One row per message about a track, in any order, with columns as returned by `track`:
         `time_s`, `track`, `sensor`, `east_m`, `north_m`, `velocity_east_m_s` and
         `velocity_north_m_s`; and, if known, the sigmas and covariances, `turn_probability`,
-        `height_m` or `flight_level`, and `icao_address`, `mode_3a` or `identity`. If there is a
-        column `plot`, rows without a plot are left out; if there is a column `confirmed`, rows that
-        are not confirmed are left out.
+        `height_m` or `flight_level`, `icao_address`, `mode_3a`, `callsign` and `identity`. If there
+        is a column `plot`, rows without a plot are left out; if there is a column `confirmed`, rows
+        that are not confirmed are left out.
     sensors : sequence of Radar
         The sensors. A sensor without a name is identified by its index.
     columns : mapping of str to str, optional
@@ -132,7 +136,7 @@ def fuse_tracks(
     -------
     table of the same kind
         One row for each target and cycle, with `time_s`, `track`, position and velocity and their
-        covariances, `course_deg`, `speed_m_s`, `height_m`, the identity, `pvalue`, `confirmed`,
+        covariances, `course_deg`, `speed_m_s`, `height_m`, the identities, `pvalue`, `confirmed`,
         `doubtful`, and the target's track at each sensor, `track_<sensor>`. Unknown values are
         null.
 
@@ -187,12 +191,11 @@ def fused_tracks(
         states[whole, 2:],
         covariance=_covariances(rows)[whole],
         height=rows["height"].to_numpy()[whole],
-        identity=rows["identity"].to_numpy()[whole],
+        **{name: column[whole] for name, column in identities_of(rows).items()},
         turn_probability=rows["turn_probability"].to_numpy()[whole],
     )
-    identity = records.column.get("identity", "identity")
     picture = tertiary.fuse_tracks(tracks, radars.items, **options)
-    return Fused(tracks, names.tolist(), picture, radars, clock, identity)
+    return Fused(tracks, names.tolist(), picture, radars, clock, identities_in(records))
 
 
 def _covariances(rows: pl.DataFrame) -> FloatArray:

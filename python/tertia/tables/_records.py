@@ -18,6 +18,7 @@ import numpy as np
 import polars as pl
 
 from tertia._arrays import IntArray
+from tertia.sensors._identities import NO_IDENTITY
 from tertia.tables._frames import height, names, series
 from tertia.tables._marks import names_without_marks, unmarked, without_marks
 from tertia.tables._names import hint, misspelt, plain_name
@@ -28,7 +29,6 @@ from tertia.tables._times import (
     seconds_of_day,
     seconds_of_text,
 )
-from tertia.tracker import NO_IDENTITY
 
 _LOG = logging.getLogger("tertia.tables")
 # bases of identities: decimal numbers, mode 3/A codes in octal, 24-bit addresses in hexadecimal
@@ -36,8 +36,9 @@ IDENTITIES = {"icao_address": 16, "mode_3a": 8, "identity": 10}
 _HALF_DAY = 43_200.0
 # if a column is missing, at most this many columns of the table are listed
 _LISTED = 16
-_DIGITS = {16: "{:06X}", 8: "{:04o}"}
 _SPELLING = {16: "hexadecimal digits", 8: "octal digits", 10: "a whole number, 0 or more"}
+# bits of identities, by the base of their digits
+_BITS = {16: 24, 8: 12, 10: 63}
 _AS_OTHERS = "a number of seconds or a date with time, like the other times"
 _SAY_FORMAT = "; or give --time-format, for example %d.%m.%Y %H:%M:%S"
 # suffix that Polars adds to a name that occurs twice in a header
@@ -54,7 +55,7 @@ _MOST = {
     "flight_level": (1000.0, "hundreds of feet", "feet"),
 }
 
-Kind: TypeAlias = Literal["number", "time", "name", "identity", "flag"]
+Kind: TypeAlias = Literal["number", "time", "name", "identity", "callsign", "flag"]
 
 
 class RecordError(ValueError):
@@ -304,8 +305,9 @@ def _require_alike(first: Reader, other: Reader) -> None:
             "of one kind"
         )
         raise RecordError(reason, column=name)
+    several = "identity" in first.schema and len(first.schema["identity"].columns) > 1
     kinds = [each.taken.get("identity") for each in (first, other)]
-    if kinds[0] != kinds[1]:
+    if several and kinds[0] != kinds[1]:
         raise RecordError(
             f"{one} has {kinds[0] or 'no identities'}, {two} {kinds[1] or 'none'}; all must have "
             "the same kind"
@@ -391,6 +393,8 @@ class Reader:
                 doubt_time(name, found)
         elif one.kind == "name":
             found = names_without_marks(values.cast(pl.String))
+        elif one.kind == "callsign":
+            found = self.callsigns(values)
         elif one.kind == "flag":
             found = values.cast(pl.String).str.to_lowercase() == "true"
         elif one.kind == "identity":
@@ -535,7 +539,8 @@ class Reader:
         # programs that store all columns as floats write 4204.0
         number = text.str.replace(r"\.0+$", "").str.to_integer(base=base, strict=False)
         found = values.cast(pl.String).to_frame().select(text=text, number=number)
-        bad = pl.col("text").is_not_null() & ~(pl.col("number") >= 0).fill_null(False)
+        possible = pl.col("number").is_between(0, 2 ** _BITS[base] - 1)
+        bad = pl.col("text").is_not_null() & ~possible.fill_null(False)
         checked = found.select(bad=bad, number=pl.when(~bad).then("number").fill_null(NO_IDENTITY))
         self.refuse(
             checked["bad"],
@@ -544,6 +549,14 @@ class Reader:
         )
         numbers: pl.Series = checked["number"]
         return numbers
+
+    def callsigns(self, values: pl.Series) -> pl.Series:
+        """Return callsigns in capital letters; null where there is none."""
+        found = names_without_marks(values.cast(pl.String)).str.to_uppercase()
+        bad = ~found.str.contains("^[ -_]{1,8}$").fill_null(True)
+        allowed = "it must have at most 8 letters and digits"
+        self.refuse(bad, f"{values.name} is {{!r}}; {allowed}", found)
+        return found.set(bad, None)
 
 
 def _absent(kind: Kind, count: int) -> pl.Series:
@@ -589,12 +602,3 @@ def doubt_time(name: str, times: pl.Series) -> None:
         last = times.max()
         if isinstance(last, (int, float)) and last > _LATEST:
             doubt(f"{name} is as large as {last:.6g}: is it in milliseconds? Use seconds")
-
-
-def identity_texts(numbers: IntArray, name: str) -> pl.Series:
-    """Return identities in the spelling of a column; null where there is none."""
-    digits = _DIGITS.get(IDENTITIES[name])
-    if digits is None:
-        return pl.Series(numbers).set(pl.Series(numbers == NO_IDENTITY), None)
-    texts = [None if n == NO_IDENTITY else digits.format(n) for n in numbers.tolist()]
-    return pl.Series(texts, dtype=pl.String)

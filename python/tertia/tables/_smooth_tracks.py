@@ -14,7 +14,8 @@ from tertia import tracker
 from tertia.sensors import Radar
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import known, named
-from tertia.tables._records import identity_texts, source_of
+from tertia.tables._identities import identity_columns
+from tertia.tables._records import source_of
 from tertia.tables._sensors import Sensors
 from tertia.tables._track import Recording, movement, recording_of, state_columns, tracks_of
 from tertia.tracker import (
@@ -81,7 +82,7 @@ class Smoothing:
                 "height_sigma_m": known(table.height_sigma),
                 "vertical_rate_m_s": known(table.vertical_rate),
                 **words,
-                of.identity: identity_texts(table.identity, of.identity),
+                **identity_columns(table, of.identities),
                 "gap_s": table.gap,
                 "outlier": known(table.outlier, ~between),
                 "final": table.final,

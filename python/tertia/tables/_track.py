@@ -19,8 +19,13 @@ from tertia.sensors._sensors import own_biases
 from tertia.tables._detections import DETECTION, detections_of, refuse_unknown
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import known, named
+from tertia.tables._identities import (
+    IDENTIFIED,
+    identities_in,
+    identities_of,
+    identity_columns,
+)
 from tertia.tables._records import (
-    IDENTITIES,
     SENSOR,
     TIME,
     Field,
@@ -29,12 +34,10 @@ from tertia.tables._records import (
     Schema,
     Source,
     doubt,
-    identity_texts,
     number,
     read,
     source_of,
 )
-from tertia.tables._replies import REPLIES, Columns, Replies, of_plots, replies_of
 from tertia.tables._sensors import Sensors, lifted, sensors_of
 from tertia.tables._times import Clock
 from tertia.tertiary import SystemTracks
@@ -48,8 +51,7 @@ PLOTS: Schema = {
     "azimuth": Field("number", {"azimuth_deg": 1.0}, required=True, most=720.0),
     "sensor": SENSOR,
     "height": Field("number", {"height_m": 1.0, "flight_level": FLIGHT_LEVEL}),
-    "identity": Field("identity", IDENTITIES),
-    **REPLIES,
+    **IDENTIFIED,
 }
 # plots, and reports of positions with their standard deviations
 REPORTS: Schema = {
@@ -66,8 +68,6 @@ REPORTS: Schema = {
 }
 # the number of a plot in the whole recording, if a table is a part of a recording
 NUMBERED: Schema = {"plot": number("plot", whole=True)}
-# hijack, no radio, emergency
-_EMERGENCIES = (0o7500, 0o7600, 0o7700)
 # components of the state: the prefixes of their columns, and their units
 _STATE = (
     ("east", "m"),
@@ -88,13 +88,12 @@ _PRODUCTS = {("m", "m"): "m2", ("m", "m_s"): "m2_s", ("m_s", "m_s"): "m2_s2"}
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Plots, radars, the kind of times, the column of identities, replies, and plot numbers."""
+    """Plots, radars, the kind of times, the columns of identities, and plot numbers."""
 
     plots: Plots
     sensors: Sensors[Any]
     clock: Clock
-    identity: str
-    replies: Columns
+    identities: list[str]
     numbers: IntArray
 
     def numbered(self, plot: IntArray) -> pl.Series:
@@ -116,8 +115,7 @@ class Tracking:
     def rows(self) -> pl.DataFrame:
         """The rows of the tracks, with the columns of files."""
         of, table = self.recording, self.table
-        replies = Replies().known(table.time, table.track, of_plots(of.replies, table.plot))
-        rows = track_rows(table, of.clock, of.identity, of.sensors, self.plans, replies=replies)
+        rows = track_rows(table, of.clock, of.identities, of.sensors, self.plans)
         return rows.with_columns(plot=of.numbered(table.plot))
 
     @property
@@ -191,7 +189,7 @@ class Tracking:
                 hit.sum().cast(pl.Int64).alias("plot_count"),
                 (~hit).sum().cast(pl.Int64).alias("missed_scan_count"),
                 (hit & sure).sum().truediv(sure.sum()).alias("update_probability"),
-                pl.col(self.recording.identity).drop_nulls().last(),
+                pl.col(self.recording.identities).drop_nulls().last(),
                 pl.col("plan").drop_nulls().last(),
                 pl.col("conforms", "turn_probability", "speed_m_s", "height_m").mean(),
             )
@@ -213,13 +211,13 @@ def track(
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per plot, in any order. Required columns are `time_s` (seconds or datetimes),
         `range_m` or `range_nm`, `azimuth_deg`, and, if there are several sensors, `sensor`, the
-        name of the sensor. Optional columns are `height_m` or `flight_level`; `callsign`; and
-        `icao_address` (hexadecimal), `mode_3a` (octal) or `identity`, of which the first one
-        present identifies the targets. If radars have channels, `detection` is psr, ssr, psr+ssr,
-        mode-s or psr+mode-s, or a name that `read_asterix` returns. If the table is part of a
-        recording, `plot` is the number of the plot in the whole recording (see `stitch`). Reports
-        of a `PositionSensor` have `east_m` and `north_m` instead of range and azimuth, or
-        `latitude_deg` and `longitude_deg` if the radars are on the earth; and, if known,
+        name of the sensor. Optional columns are `height_m` or `flight_level`, and any of
+        `icao_address` (hexadecimal), `mode_3a` (octal), `callsign` and `identity` (any number of a
+        target). If radars have channels, `detection` is psr, ssr, psr+ssr, mode-s or psr+mode-s, or
+        a name that `read_asterix` returns. If the table is part of a recording, `plot` is the
+        number of the plot in the whole recording (see `stitch`). Reports of a `PositionSensor` have
+        `east_m` and `north_m` instead of range and azimuth, or `latitude_deg` and `longitude_deg`
+        if the radars are on the earth; and, if known,
         `east_sigma_m`, `north_sigma_m` and `covariance_east_north_m2`.
     sensors : sequence of Radar, PositionSensor or Station
         The sensors. A sensor without a name is identified by its index.
@@ -228,8 +226,7 @@ def track(
     plans : sequence of FlightPlan
         Flight plans of the targets.
     **options
-        Options of `tertia.tracker.Tracker`. With `mode_3a`, 7500, 7600 and 7700 are emergency codes
-        by default.
+        Options of `tertia.tracker.Tracker`.
 
     Returns
     -------
@@ -238,8 +235,8 @@ def track(
         `track`, `sensor`, `plot` (the number of the plot, by default its row), position and
         velocity with their covariance, `course_deg`, `speed_m_s`, `turn_probability`,
         `association_probability`, `existence_probability`, `height_m`, `vertical_rate_m_s`, the
-        identity, the last `mode_3a` and `callsign` if plots have them, `plan`, `conforms`, `merged`
-        and `confirmed`. Unknown values are null.
+        identities of the kinds that plots have, `plan`, `conforms`, `merged` and `confirmed`.
+        Unknown values are null.
 
     Raises
     ------
@@ -287,12 +284,9 @@ def recording_of(
         called = columns or {}
         source[0].require(*(called.get(name, name) for name in PLOTS["range"].columns))
     clock = Clock.of(records.rows["time"], midnight=True)
-    identity = records.column.get("identity", "identity")
-    names = [name for name in REPLIES if name in records.column and name != identity]
-    replies = replies_of(records.rows, names)
     refuse_unknown(records)
     plots = plots_of(records.rows, clock, radars)
-    return Recording(plots, radars, clock, identity, replies, _numbers(records))
+    return Recording(plots, radars, clock, identities_in(records), _numbers(records))
 
 
 def _is_of_radar(sensor: pl.Series, sensors: Sensors[Any]) -> bool:
@@ -335,7 +329,7 @@ def plots_of(rows: pl.DataFrame, clock: Clock, sensors: Sensors[Any]) -> Plots:
         np.where(reports, np.nan, np.radians(rows["azimuth"].to_numpy())) + sensors.norths[sensor],
         sensor=sensor,
         height=rows["height"].to_numpy(),
-        identity=rows["identity"].to_numpy(),
+        **identities_of(rows),
         detection=detections_of(rows),
         position=place,
         covariance=spread,
@@ -368,8 +362,6 @@ def tracks_of(recording: Recording, plans: Sequence[FlightPlan] = (), **options:
         raise ValueError(
             "clock_period can be used only if times are in seconds; these plots have dates"
         )
-    if recording.identity == "mode_3a":
-        options = {"emergency_codes": _EMERGENCIES} | options
     start = time.perf_counter()
     table, bias = tracked(plots, radars.items, plans=plans, **options)
     found = Tracking(recording, plans, table, bias, time.perf_counter() - start)
@@ -386,11 +378,9 @@ def plan_names(plans: Sequence[FlightPlan]) -> list[str]:
 def track_rows(
     table: TrackTable,
     clock: Clock,
-    identity: str,
+    identities: Sequence[str],
     sensors: Sensors[Radar],
     plans: Sequence[FlightPlan],
-    *,
-    replies: Columns,
 ) -> pl.DataFrame:
     """Return the rows of a track table with the columns of files; unknown values are null."""
     followed = table.plan >= 0
@@ -410,8 +400,7 @@ def track_rows(
             "existence_probability": table.existence_probability,
             "height_m": known(table.height),
             "vertical_rate_m_s": known(table.vertical_rate),
-            identity: identity_texts(table.identity, identity),
-            **replies,
+            **identity_columns(table, identities),
             "plan": named(table.plan, plan_names(plans)),
             "conforms": known(table.conforms, followed),
             "merged": table.merged,

@@ -24,6 +24,8 @@ from tertia._arrays import (
 from tertia._result import Result
 from tertia.sensors import Bias, Radar
 from tertia.sensors._bias import KINDS
+from tertia.sensors._identities import COLUMNS as IDENTITIES
+from tertia.sensors._identities import TextArray, identities_of
 from tertia.sensors._sensors import drift_rates, own_biases
 from tertia.tertiary._tracks import SensorTracks
 from tertia.tracker._earth import plane_of
@@ -64,8 +66,8 @@ class SystemTracks(Result):
         probability is above 0.8.
     height : ndarray of shape (N,)
         Height in metres; nan if it is not known.
-    identity : ndarray of int, shape (N,)
-        Reply of the transponder; -1 if there is none.
+    icao_address, mode_3a, callsign, identity : ndarray, shape (N,)
+        Identities as in `SensorTracks`, those of the newest member that has one.
     """
 
     _rows: ClassVar = "time", 0
@@ -80,6 +82,9 @@ class SystemTracks(Result):
     confirmed: BoolArray
     doubtful: BoolArray
     height: FloatArray
+    icao_address: IntArray
+    mode_3a: IntArray
+    callsign: TextArray
     identity: IntArray
 
     @property
@@ -248,9 +253,14 @@ class FusionCentre:
             raise ValueError(
                 f"tracks.sensor[{unknown[0]}] is {first}; there are {len(self.sensors)} sensors"
             )
-        columns = {name: getattr(tracks, name) for name in SensorTracks.__slots__}
+        columns: dict[str, Any] = {
+            name: getattr(tracks, name) for name in SensorTracks.__slots__ if name not in IDENTITIES
+        }
+        columns["identities"] = identities_of(tracks)
         columns["state"] = np.hstack([columns.pop("position"), columns.pop("velocity")])
-        track, numbers, integers, marks = self._core.update(columns, instant, self.n_threads)
+        track, numbers, members, codes, callsign, marks = self._core.update(
+            columns, instant, self.n_threads
+        )
         self._time = instant
         state, covariance, pvalue, height = numbers
         return SystemTracks(
@@ -259,12 +269,15 @@ class FusionCentre:
             position=state[:, :2].copy(),
             velocity=state[:, 2:].copy(),
             covariance=covariance,
-            members=integers[0],
+            members=members,
             pvalue=pvalue,
             confirmed=marks[0],
             doubtful=marks[1],
             height=height,
-            identity=integers[1],
+            icao_address=codes[1],
+            mode_3a=codes[2],
+            callsign=callsign,
+            identity=codes[0],
         )
 
     def join(self, a: int, b: int) -> None:

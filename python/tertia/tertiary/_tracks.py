@@ -20,8 +20,16 @@ from tertia._arrays import (
     samples,
 )
 from tertia._result import Result
+from tertia.sensors._identities import (
+    NO_CALLSIGN,
+    NO_IDENTITY,
+    TextArray,
+    callsigns,
+    icao_addresses,
+    mode_3a_codes,
+    whole,
+)
 from tertia.tracker import TrackTable
-from tertia.tracker._plots import NO_IDENTITY, _whole
 
 # as for plots: larger ones are errors of units
 _LARGEST = {"time": 1e11, "position": 1e9, "velocity": 1e5, "covariance": 1e18, "height": 1e9}
@@ -48,8 +56,14 @@ class SensorTracks(Result):
         of the velocity that of a straight line through three plots.
     height : ndarray of shape (N,)
         Height in metres; nan if it is not known.
+    icao_address, mode_3a : ndarray of int, shape (N,)
+        Address of 24 bits and mode 3/A code; -1 if they are not known. If two tracks have an
+        address, it alone decides whether their identities are the same; otherwise their `identity`,
+        then their callsign, then their code.
+    callsign : ndarray of str, shape (N,)
+        Aircraft identification; empty if it is not known.
     identity : ndarray of int, shape (N,)
-        Reply of the transponder, for example a code or an address; -1 if there is none.
+        Any other number that stays with the target; -1 if there is none.
     turn_probability : ndarray of shape (N,)
         Probability that the target turns; nan if it is not known.
 
@@ -77,6 +91,9 @@ class SensorTracks(Result):
     velocity: FloatArray
     covariance: FloatArray
     height: FloatArray
+    icao_address: IntArray
+    mode_3a: IntArray
+    callsign: TextArray
     identity: IntArray
     turn_probability: FloatArray
 
@@ -90,6 +107,9 @@ class SensorTracks(Result):
         *,
         covariance: npt.ArrayLike | None = None,
         height: npt.ArrayLike = np.nan,
+        icao_address: npt.ArrayLike = NO_IDENTITY,
+        mode_3a: npt.ArrayLike = NO_IDENTITY,
+        callsign: npt.ArrayLike = NO_CALLSIGN,
         identity: npt.ArrayLike = NO_IDENTITY,
         turn_probability: npt.ArrayLike = np.nan,
     ) -> None:
@@ -99,13 +119,16 @@ class SensorTracks(Result):
         covariances = np.nan if covariance is None else covariance
         columns: dict[str, tuple[npt.NDArray[Any], tuple[int, ...]]] = {
             "time": (instants, ()),
-            "sensor": (_whole(sensor, "sensor"), ()),
-            "track": (_whole(track, "track"), ()),
+            "sensor": (whole(sensor, "sensor"), ()),
+            "track": (whole(track, "track"), ()),
             "position": (finite(samples(position, "position"), "position"), (2,)),
             "velocity": (finite(samples(velocity, "velocity"), "velocity"), (2,)),
             "covariance": (samples(covariances, "covariance"), (4, 4)),
             "height": (samples(height, "height"), ()),
-            "identity": (_whole(identity, "identity"), ()),
+            "icao_address": (icao_addresses(icao_address), ()),
+            "mode_3a": (mode_3a_codes(mode_3a), ()),
+            "callsign": (callsigns(callsign), ()),
+            "identity": (whole(identity, "identity"), ()),
             "turn_probability": (samples(turn_probability, "turn_probability"), ()),
         }
         for key, (values, tail) in columns.items():
@@ -180,6 +203,9 @@ class SensorTracks(Result):
             table.velocity[kept],
             covariance=table.covariance[kept],
             height=table.height[kept],
+            icao_address=table.icao_address[kept],
+            mode_3a=table.mode_3a[kept],
+            callsign=table.callsign[kept],
             identity=table.identity[kept],
             turn_probability=table.turn_probability[kept],
         )

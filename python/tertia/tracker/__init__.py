@@ -8,6 +8,7 @@ given as local east and north coordinates in metres.
 
 from tertia.kalman import SingerModel
 from tertia.sensors import Channel, PositionSensor, Radar
+from tertia.sensors._identities import NO_IDENTITY
 from tertia.tracker._models import (
     Association,
     AssociationName,
@@ -21,7 +22,7 @@ from tertia.tracker._models import (
     ProfileName,
     WindowModel,
 )
-from tertia.tracker._plots import NO_IDENTITY, Plots, PlotStatus
+from tertia.tracker._plots import Plots, PlotStatus
 from tertia.tracker._smooth import (
     Longitudinal,
     SmoothedTracks,

@@ -11,15 +11,22 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, IntArray, array_of, radians, samples, sequence_of
+from tertia._arrays import FloatArray, IntArray, radians, samples, sequence_of
 from tertia._result import Result
 from tertia.sensors import Radar
 from tertia.sensors._channels import NO_DETECTION, detections
+from tertia.sensors._identities import (
+    NO_IDENTITY,
+    Identities,
+    TextArray,
+    callsigns,
+    icao_addresses,
+    identities_of,
+    mode_3a_codes,
+    whole,
+)
 from tertia.tracker._earth import plane_of, positions
 from tertia.tracker._models import core_radar
-
-# identity of a plot that has none
-NO_IDENTITY = -1
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -48,8 +55,19 @@ class Plots(Result):
         Index of the sensor.
     height : ndarray of shape (N,)
         Height in metres; nan if it is not known.
+    icao_address : ndarray of int, shape (N,), or None
+        Addresses of 24 bits; -1 if there is none. If track and plot both have one, it alone decides
+        whether they belong together.
+    mode_3a : ndarray of int, shape (N,), or None
+        Mode 3/A codes, for example 0o4204; -1 if there is none. Several targets may have the same
+        code, and a target may be given another one. The codes 0o7500, 0o7600 and 0o7700 mean an
+        emergency and are no identities; see `emergency_codes` of `Tracker`.
+    callsign : ndarray of str, shape (N,), or None
+        Aircraft identifications of at most eight characters, in capital letters; empty if there is
+        none.
     identity : ndarray of int, shape (N,)
-        Reply of the transponder, for example a code or an address; -1 if there is none.
+        Any other number that stays with the target; -1 if there is none. It is wrong with the
+        `identity_error_probability` of `Tracker`.
     detection : ndarray of int, shape (N,)
         Channels that detected the plot: the index of psr, ssr, psr+ssr, mode-s or psr+mode-s in
         this list; -1 if they are not known. The names may be given instead of the indices. The
@@ -67,8 +85,8 @@ class Plots(Result):
     Raises
     ------
     ValueError
-        If columns have different shapes, an azimuth exceeds two turns, or the name of a detection
-        is unknown.
+        If columns have different shapes, an azimuth exceeds two turns, an address, code or callsign
+        is impossible, or the name of a detection is unknown.
     TypeError
         If a column has the wrong type.
     """
@@ -80,6 +98,9 @@ class Plots(Result):
     azimuth: FloatArray
     sensor: IntArray
     height: FloatArray
+    icao_address: IntArray | None
+    mode_3a: IntArray | None
+    callsign: TextArray | None
     identity: IntArray
     detection: IntArray
     position: FloatArray | None
@@ -94,6 +115,9 @@ class Plots(Result):
         *,
         sensor: npt.ArrayLike = 0,
         height: npt.ArrayLike = np.nan,
+        icao_address: npt.ArrayLike | None = None,
+        mode_3a: npt.ArrayLike | None = None,
+        callsign: npt.ArrayLike | None = None,
         identity: npt.ArrayLike = NO_IDENTITY,
         detection: npt.ArrayLike = NO_DETECTION,
         position: npt.ArrayLike | None = None,
@@ -104,16 +128,22 @@ class Plots(Result):
         instants = samples(time, "time")
         if instants.ndim != 1:
             raise ValueError(f"time has shape {instants.shape}; it must be (N,)")
-        columns = {
+        columns: dict[str, npt.NDArray[Any] | None] = {
             "time": instants,
             "range": samples(range, "range"),
             "azimuth": radians(azimuth, "azimuth", degrees=degrees),
-            "sensor": _whole(sensor, "sensor"),
+            "sensor": whole(sensor, "sensor"),
             "height": samples(height, "height"),
-            "identity": _whole(identity, "identity"),
+            "icao_address": None if icao_address is None else icao_addresses(icao_address),
+            "mode_3a": None if mode_3a is None else mode_3a_codes(mode_3a),
+            "callsign": None if callsign is None else callsigns(callsign),
+            "identity": whole(identity, "identity"),
             "detection": detections(detection),
         }
         for key, values in columns.items():
+            if values is None:
+                object.__setattr__(self, key, None)
+                continue
             try:
                 same = values.shape == instants.shape
                 column = values if same else np.broadcast_to(values, instants.shape)
@@ -199,6 +229,11 @@ class Plots(Result):
             return _core.plots_to_cartesian([core_radar(radar) for radar in radars], self)
         return positions(self, radars, plane)
 
+    @property
+    def _identities(self) -> Identities:
+        """The columns of identities, as the core reads them."""
+        return identities_of(self)
+
     def _replaced(self, **columns: FloatArray | IntArray) -> Plots:
         """Return the same plots with some of the columns replaced."""
         some = Plots.__new__(Plots)
@@ -264,21 +299,3 @@ def _rows(value: npt.ArrayLike | None, name: str, shape: tuple[int, ...]) -> Flo
     if len(shape) > 2 and not np.allclose(array, array.swapaxes(1, 2), equal_nan=True):
         raise ValueError(f"{name} is not symmetric")
     return np.ascontiguousarray(array)
-
-
-def _whole(value: npt.ArrayLike, name: str) -> IntArray:
-    """Return `value` as int64 numbers."""
-    array = array_of(value, name)
-    if array.dtype == np.int64:
-        return array
-    if array.dtype.kind == "O":
-        # nullable columns of older pandas
-        array = np.asarray(array.tolist())
-    if array.dtype.kind not in "iu" and array.size:
-        raise TypeError(f"{name} has dtype {array.dtype}; it must hold integers")
-    large = np.flatnonzero(array > np.iinfo(np.int64).max)
-    if len(large):
-        raise ValueError(
-            f"{name}[{large[0]}] is {array.flat[large[0]]}; it must be less than 2**63"
-        )
-    return array.astype(np.int64)

@@ -10,6 +10,7 @@ import numpy as np
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.sensors import Bias, PositionSensor, Radar, Station
+from tertia.sensors._identities import NO_CALLSIGN, NO_IDENTITY, NUMBERS, leading
 from tertia.sensors._sensors import drift_rates, own_biases
 from tertia.tracker._earth import in_plane
 from tertia.tracker._plots import Plots
@@ -26,6 +27,16 @@ _FAR = 2.5
 _SCANS = 7.0
 # targets of a radar that are enough for this
 _AMPLE = 250
+
+# what columns have that some of the plots do not have
+_MISSING = {
+    "position": np.nan,
+    "covariance": np.nan,
+    "sensor_position": np.nan,
+    "icao_address": NO_IDENTITY,
+    "mode_3a": NO_IDENTITY,
+    "callsign": NO_CALLSIGN,
+}
 
 # tracks of the plots of one sensor that have so many
 Alone = Callable[[Plots, Radar | PositionSensor, int], TrackTable]
@@ -256,10 +267,11 @@ def _thinned(plots: Plots, sensors: int) -> Plots:
     The targets are selected by their identities, the same for all sensors. Nothing is left out if
     most plots of a sensor have no identity.
     """
-    has_identity, chosen = plots.identity >= 0, []
+    identity = getattr(plots, leading(plots, NUMBERS))
+    has_identity, chosen = identity >= 0, []
     for k in range(sensors):
         own = plots.sensor == k
-        known = plots.identity[own & has_identity]
+        known = identity[own & has_identity]
         if 2 * len(known) < np.count_nonzero(own):
             return plots
         codes = np.unique(known)
@@ -268,7 +280,7 @@ def _thinned(plots: Plots, sensors: int) -> Plots:
         chosen.append((codes, codes[np.argsort(mixed)][:_AMPLE]))
     if all(len(codes) <= _AMPLE for codes, _ in chosen):
         return plots
-    return plots[np.isin(plots.identity, np.concatenate([some for _, some in chosen]))]
+    return plots[np.isin(identity, np.concatenate([some for _, some in chosen]))]
 
 
 def _joined(parts: Sequence[Plots]) -> Plots:
@@ -277,13 +289,13 @@ def _joined(parts: Sequence[Plots]) -> Plots:
         name: np.concatenate([getattr(part, name) for part in parts])
         for name in ("time", "range", "azimuth", "sensor", "height", "identity", "detection")
     }
-    for name in ("position", "covariance", "sensor_position"):
+    for name, missing in _MISSING.items():
         given = [getattr(part, name) for part in parts]
         shape = next((one.shape[1:] for one in given if one is not None), None)
         if shape is not None:
             rows = zip(given, parts, strict=True)
             filled = [
-                np.full((len(part), *shape), np.nan) if one is None else one for one, part in rows
+                np.full((len(part), *shape), missing) if one is None else one for one, part in rows
             ]
             columns[name] = np.concatenate(filled)
     return Plots(**columns)

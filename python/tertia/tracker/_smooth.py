@@ -25,9 +25,17 @@ from tertia._arrays import (
 )
 from tertia._result import Result
 from tertia.sensors import Radar
+from tertia.sensors._identities import COLUMNS as IDENTITIES
+from tertia.sensors._identities import (
+    NO_CALLSIGN,
+    NO_IDENTITY,
+    TextArray,
+    is_known,
+    leading,
+)
 from tertia.sensors._sensors import own_biases
 from tertia.tracker._models import CvModel, ImmModel, Motion, core_motion
-from tertia.tracker._plots import NO_IDENTITY, Plots
+from tertia.tracker._plots import Plots
 from tertia.tracker._registrar import is_registrable
 from tertia.tracker._table import TrackTable
 from tertia.tracker._tracker import track, tracked
@@ -105,8 +113,8 @@ class SmoothedTracks(Result):
     transversal, longitudinal, vertical : ndarray of int, shape (N,)
         How the target moves, as a value of `Transversal`, `Longitudinal` and `Vertical`. The value
         is `UNDETERMINED` if no movement has a probability of at least 0.7.
-    identity : ndarray of int, shape (N,)
-        Reply of the transponder in the last plot; -1 if there is none.
+    icao_address, mode_3a, callsign, identity : ndarray, shape (N,)
+        Identities as in `TrackTable`, at the last plot.
     gap : ndarray of shape (N,)
         Time in seconds to the nearest plot of the track that is used.
     outlier : ndarray of bool, shape (N,)
@@ -137,6 +145,9 @@ class SmoothedTracks(Result):
     transversal: IntArray
     longitudinal: IntArray
     vertical: IntArray
+    icao_address: IntArray
+    mode_3a: IntArray
+    callsign: TextArray
     identity: IntArray
     gap: FloatArray
     outlier: BoolArray
@@ -288,7 +299,7 @@ class _Rows:
 
     plot: IntArray
     sensor: IntArray
-    identity: IntArray
+    identities: dict[str, npt.NDArray[Any]]
     number: IntArray
     first: IntArray
     columns: FloatArray
@@ -327,7 +338,7 @@ class _Rows:
         return cls(
             tracks.plot[rows][order],
             own.sensor[order],
-            tracks.identity[rows][order],
+            {name: getattr(tracks, name)[rows][order] for name in IDENTITIES},
             numbers,
             np.append(first, len(order)),
             np.ascontiguousarray(columns[order]),
@@ -347,14 +358,15 @@ def _joined(tracks: TrackTable, radars: Sequence[Radar]) -> IntArray:
     seen = tracks[np.lexsort((tracks.time, tracks.track))]
     numbers, first = np.unique(seen.track, return_index=True)
     target = dict(zip(numbers.tolist(), numbers.tolist(), strict=True))
-    identity = np.full(len(seen), NO_IDENTITY)
+    own_kind = getattr(seen, leading(seen))
+    identity = np.full_like(own_kind, NO_CALLSIGN if own_kind.dtype.kind == "U" else NO_IDENTITY)
     for rows in np.split(np.arange(len(seen)), first[1:]):
-        replies = seen.identity[rows]
-        replies, counts = np.unique(replies[replies != NO_IDENTITY], return_counts=True)
+        replies = own_kind[rows]
+        replies, counts = np.unique(replies[is_known(replies)], return_counts=True)
         if len(replies):
             identity[rows] = replies[np.argmax(counts)]
     several = np.unique(identity[first], return_counts=True)
-    for reply in several[0][(several[1] > 1) & (several[0] != NO_IDENTITY)]:
+    for reply in several[0][(several[1] > 1) & is_known(several[0])]:
         own = seen[identity == reply]
         for before, after in _changes(own[np.argsort(own.time, kind="stable")], radars):
             target[after] = target[before]
@@ -412,12 +424,12 @@ def _smoothed(
         found[name] = one()
     for k, name in enumerate(("transversal", "longitudinal", "vertical"), start=1):
         found[name] = np.ascontiguousarray(codes[:, k])
+    found |= {name: one[last] for name, one in rows.identities.items()}
     return SmoothedTracks(
         **found,
         track=np.repeat(rows.number, counts),
         sensor=np.where(between, -1, rows.sensor[at]) if len(at) else at,
         plot=np.where(between, -1, rows.plot[at]) if len(at) else at,
-        identity=rows.identity[last] if len(at) else at,
         outlier=np.ascontiguousarray(marks[:, 0]),
         final=np.ascontiguousarray(marks[:, 1]),
     )

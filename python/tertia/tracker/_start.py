@@ -11,6 +11,7 @@ from tertia import _core
 from tertia._arrays import FloatArray, IntArray
 from tertia.sensors import Bias
 from tertia.sensors._bias import KINDS
+from tertia.sensors._identities import COLUMNS as IDENTITIES
 from tertia.sensors._sensors import own_biases
 from tertia.tracker._sensors import Sensor, core_sensors, interval
 from tertia.tracker._table import TrackTable
@@ -40,7 +41,10 @@ def start(
     tracks = [
         _at(table, time, k, age) for k, (table, age) in enumerate(zip(tables, ages, strict=True))
     ]
-    joined = {name: np.concatenate([one[name] for one in tracks]) for name in tracks[0]}
+    joined: dict[str, Any] = {
+        name: np.concatenate([one[name] for one in tracks]) for name in tracks[0]
+    }
+    joined["identities"] = tuple(joined.pop(name) for name in IDENTITIES)
     (value, wide, after), paired = _core.register_start(
         joined, core_sensors(sensors, "cv")[0], sigma
     )
@@ -100,7 +104,7 @@ def _at(table: TrackTable, time: float, sensor: int, age: float) -> dict[str, An
     covariance = move @ table.covariance[rows] @ np.swapaxes(move, 1, 2) + noise
     return {
         "sensor": np.full(len(rows), sensor),
-        "identity": np.ascontiguousarray(table.identity[rows]),
+        **{name: np.ascontiguousarray(getattr(table, name)[rows]) for name in IDENTITIES},
         "state": np.hstack([position, table.velocity[rows]]),
         "covariance": np.ascontiguousarray(covariance),
         "height": np.ascontiguousarray(table.height[rows]),

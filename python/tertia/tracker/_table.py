@@ -11,6 +11,7 @@ import numpy as np
 from tertia import _core
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia._result import Result
+from tertia.sensors._identities import TextArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +24,7 @@ class Column:
         Name of the attribute of the table.
     unit : str
         Unit; empty if there is none.
-    type : {"float", "int", "bool"}
+    type : {"float", "int", "str", "bool"}
         Type of the values.
     shape : tuple of int
         Shape of the value in one row; empty for a single number.
@@ -101,8 +102,13 @@ class TrackTable(_Columns, Result):
         Probability that the track follows a target and does not consist of false plots.
     height, vertical_rate : ndarray of shape (N,)
         Height in metres and vertical rate in m/s, positive upwards; nan if no height was reported.
+    icao_address, mode_3a : ndarray of int, shape (N,)
+        Address of 24 bits and mode 3/A code; -1 if they are not known. After two emergency codes in
+        succession, `mode_3a` is that code, until another one is received.
+    callsign : ndarray of str, shape (N,)
+        Aircraft identification; empty if it is not known.
     identity : ndarray of int, shape (N,)
-        Reply of the transponder; -1 if there is none.
+        Any other number that stays with the target; -1 if there is none.
     plan : ndarray of int, shape (N,)
         Index of the flight plan; -1 if the track has none.
     plan_status : ndarray of int, shape (N,)
@@ -137,6 +143,9 @@ class TrackTable(_Columns, Result):
     existence_probability: FloatArray
     height: FloatArray
     vertical_rate: FloatArray
+    icao_address: IntArray
+    mode_3a: IntArray
+    callsign: TextArray
     identity: IntArray
     plan: IntArray
     plan_status: IntArray

@@ -87,10 +87,12 @@ class Tracker:
         Largest acceleration in m/s² that is considered possible for a target whose gate is empty.
         The default is 5, but 12 (scans of 4 s) to 7 (scans of 10 s) with the motion "window".
     identity_error_probability : float
-        Probability that an identity is wrong: use 1e-9 for addresses of 24 bits.
+        Probability that an `identity` is wrong. An `icao_address` is wrong with a probability of
+        1e-9, a `callsign` of 1e-6, and a `mode_3a` of 1e-3.
     emergency_codes : sequence of int
-        Mode 3/A codes of emergencies, for example 0o7500, 0o7600, 0o7700. After two of them in
-        succession the plan of a track is suspended (`suspend_plan`). They are not identities.
+        Codes of emergencies, of `mode_3a` or `identity`, besides 0o7500, 0o7600 and 0o7700 of
+        `mode_3a`. After two of them in succession the plan of a track is suspended
+        (`suspend_plan`). They are not identities.
     lag : float
         Time in seconds by which plots may be late. With a lag, rows that are older than the lag are
         final, and do not depend on the order in which the plots arrived. Rows that are not as old

@@ -3,6 +3,7 @@
 use crate::arrays::{
     Array, Input, Integers, Marks, Output, Threads, array, columns, release, value_error,
 };
+use crate::sensors::{IdentityColumns, Named, identities_of, named};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::batch::for_each_row;
@@ -10,6 +11,7 @@ use tertia::flightplan::{
     self, Monitor, Plan, Projection, Sighting, SpeedHistory, TimeOver, Turn, Verdict,
     speed_histories,
 };
+use tertia::sensors::Identities;
 
 /// Cost of a score by leg, plot and plan, for the choice of threads.
 const SCORE_NS: f64 = 170.0;
@@ -29,7 +31,7 @@ pub struct Route {
 
 #[pymethods]
 impl Route {
-    /// Waypoints (N, 2), speeds (N − 1), heights (N, or none), identity (negative: not known).
+    /// Waypoints (N, 2), speeds (N − 1), heights (N, or none), identities (negative or empty: not known).
     #[new]
     fn new(
         waypoints: Input<'_>,
@@ -38,14 +40,16 @@ impl Route {
         start_time: f64,
         bank: f64,
         turn_rate: f64,
-        identity: i64,
+        identities: Named,
     ) -> PyResult<Self> {
         let waypoints = waypoints.pairs("waypoints")?;
         let (speeds, heights) = (speeds.numbers("speeds")?, heights.numbers("heights")?);
         let route =
             flightplan::Route::try_new(&waypoints, &speeds, start_time, &heights, bank, turn_rate)
                 .map_err(value_error)?;
-        Ok(Self { plan: Plan { route, bank, turn_rate, identity }, waypoints, heights, start_time })
+        let identities = identities_of(identities);
+        let plan = Plan { route, bank, turn_rate, identities };
+        Ok(Self { plan, waypoints, heights, start_time })
     }
 
     /// What pickle makes a copy from.
@@ -53,8 +57,8 @@ impl Route {
     fn __getnewargs__<'py>(
         &self,
         py: Python<'py>,
-    ) -> PyResult<(Array<'py>, Array<'py>, Array<'py>, f64, f64, f64, i64)> {
-        let Plan { route, bank, turn_rate, identity } = &self.plan;
+    ) -> PyResult<(Array<'py>, Array<'py>, Array<'py>, f64, f64, f64, Named)> {
+        let Plan { route, bank, turn_rate, identities } = &self.plan;
         let waypoints = self.waypoints.concat();
         Ok((
             array(py, &[self.waypoints.len(), 2], waypoints)?,
@@ -63,7 +67,7 @@ impl Route {
             self.start_time,
             *bank,
             *turn_rate,
-            *identity,
+            named(identities),
         ))
     }
 
@@ -210,17 +214,15 @@ pub fn correlate<'py>(
     py: Python<'py>,
     plans: Vec<PyRef<'py, Route>>,
     tracks: Tracks<'py>,
-    identities: Vec<i64>,
+    identities: IdentityColumns<'py>,
     n_threads: Threads,
 ) -> PyResult<(Output<'py>, Output<'py, i64>, Output<'py, i64>)> {
-    let names: Vec<i64> = plans.iter().map(|route| route.plan.identity).collect();
+    let names: Vec<Identities> = plans.iter().map(|route| route.plan.identities).collect();
     let routes: Vec<&flightplan::Route> = plans.iter().map(|route| &route.plan.route).collect();
     let (seen, shape) = tracks.sightings()?;
     let (&n, batch) = shape.split_last().unwrap_or((&0, &[]));
     let count: usize = batch.iter().product();
-    if identities.len() != count {
-        return Err(PyValueError::new_err("identities must have one for each track"));
-    }
+    let identities = identities.read(count)?;
     let mut scores = Output::new(py, batch, &[routes.len()])?;
     let (mut chosen, mut status) = (Output::new(py, batch, &[])?, Output::new(py, batch, &[])?);
     let legs: usize = routes.iter().map(|route| route.legs()).sum();
@@ -229,7 +231,8 @@ pub fn correlate<'py>(
     let work = |(): &mut (), (at, ((scores, chosen), status)): Row<'_>| {
         let seen = &seen[at * n..(at + 1) * n];
         let plots = flightplan::mean_scores(&routes, seen, scores);
-        let is_same = |plan: usize| names[plan] >= 0 && names[plan] == identities[at];
+        let own = identities.get(at);
+        let is_same = |plan: usize| own.same(&names[plan]) == Some(true);
         let decision = flightplan::decide(scores, is_same, plots);
         *chosen = decision.plan.map_or(-1, |plan| plan as i64);
         *status = decision.status as i64;

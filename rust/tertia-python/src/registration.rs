@@ -1,7 +1,7 @@
 //! Bindings of `tertia::registration`.
 
 use crate::arrays::{Array, Input, Integers, array, release};
-use crate::sensors::Radar;
+use crate::sensors::{IdentityColumns, Radar};
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -74,7 +74,7 @@ pub struct TargetPlots<'py> {
 #[pyo3(from_item_all)]
 pub struct LoneTracks<'py> {
     sensor: PyReadonlyArray1<'py, i64>,
-    identity: PyReadonlyArray1<'py, i64>,
+    identities: IdentityColumns<'py>,
     state: Input<'py>,
     covariance: Input<'py>,
     height: Input<'py>,
@@ -152,16 +152,17 @@ impl TargetPlots<'_> {
 
 impl LoneTracks<'_> {
     fn read(&self, radars: usize) -> PyResult<Vec<Alone>> {
-        let (sensor, identity) = (self.sensor.as_slice()?, self.identity.as_slice()?);
+        let sensor = self.sensor.as_slice()?;
+        let identities = self.identities.read(sensor.len())?;
         let state = self.state.points::<4>("state", 1)?;
         let covariance = self.covariance.points::<16>("covariance", 2)?;
         let height = self.height.numbers("height")?;
-        let counts = [state.len(), covariance.len(), height.len(), identity.len()];
+        let counts = [state.len(), covariance.len(), height.len()];
         same_length(sensor.len(), &counts)?;
         let track = |(i, &sensor): (usize, &i64)| {
             let (state, covariance) = (state[i], covariance[i]);
-            let (height, identity) = (height[i], identity[i]);
-            Ok(Alone { radar: number(sensor, radars)?, state, covariance, height, identity })
+            let (height, identities) = (height[i], identities.get(i));
+            Ok(Alone { radar: number(sensor, radars)?, state, covariance, height, identities })
         };
         sensor.iter().enumerate().map(track).collect()
     }

@@ -1,8 +1,13 @@
 //! Sensors, as typed objects.
 
 use crate::arrays::value_error;
+use numpy::{PyArray1, PyFixedUnicode, PyReadonlyArray1};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use tertia::sensors;
+use tertia::sensors::{self, Identities, callsign_number, callsign_text};
+
+/// A callsign, with zeros at its end.
+type Text = PyFixedUnicode<8>;
 
 /// A radar, checked.
 #[pyclass(frozen, module = "tertia._core")]
@@ -48,4 +53,81 @@ impl Radar {
 fn channel([p, range_sigma, azimuth_sigma, clutter_per_scan]: [f64; 4]) -> sensors::Channel {
     let sigmas = [range_sigma, azimuth_sigma];
     sensors::Channel { detection_probability: p, sigmas, clutter_per_scan }
+}
+
+/// Columns of identities: numbers, addresses, codes and callsigns; none of kinds that are not known.
+#[derive(FromPyObject)]
+pub struct IdentityColumns<'py>(
+    PyReadonlyArray1<'py, i64>,
+    Option<PyReadonlyArray1<'py, i64>>,
+    Option<PyReadonlyArray1<'py, i64>>,
+    Option<PyReadonlyArray1<'py, Text>>,
+);
+
+/// The same, as they are in memory.
+pub struct IdentityView<'a> {
+    identity: &'a [i64],
+    icao_address: Option<&'a [i64]>,
+    mode_3a: Option<&'a [i64]>,
+    callsign: Option<&'a [Text]>,
+}
+
+impl IdentityColumns<'_> {
+    /// The columns of so many rows.
+    pub fn read(&self, count: usize) -> PyResult<IdentityView<'_>> {
+        let Self(identity, icao_address, mode_3a, callsign) = self;
+        let view = IdentityView {
+            identity: identity.as_slice()?,
+            icao_address: icao_address.as_ref().map(|own| own.as_slice()).transpose()?,
+            mode_3a: mode_3a.as_ref().map(|own| own.as_slice()).transpose()?,
+            callsign: callsign.as_ref().map(|own| own.as_slice()).transpose()?,
+        };
+        let whole = [Some(view.identity), view.icao_address, view.mode_3a];
+        let is_whole = whole.into_iter().flatten().all(|column| column.len() == count)
+            && view.callsign.is_none_or(|column| column.len() == count);
+        let differs = || PyValueError::new_err("the columns of identities differ in length");
+        is_whole.then_some(view).ok_or_else(differs)
+    }
+}
+
+impl IdentityView<'_> {
+    /// The identities of a row.
+    #[inline]
+    pub fn get(&self, index: usize) -> Identities {
+        Identities {
+            identity: self.identity[index],
+            callsign: self.callsign.map_or(-1, |own| callsign_number(own[index].0)),
+            icao_address: self.icao_address.map_or(-1, |own| own[index] as i32),
+            mode_3a: self.mode_3a.map_or(-1, |own| own[index] as i16),
+        }
+    }
+}
+
+/// The texts of callsigns.
+pub fn callsigns(py: Python<'_>, numbers: impl Iterator<Item = i64>) -> Py<PyAny> {
+    let texts = numbers.map(|number| PyFixedUnicode(callsign_text(number))).collect();
+    PyArray1::<Text>::from_vec(py, texts).into_any().unbind()
+}
+
+/// The numbers of callsigns.
+pub fn callsign_numbers(texts: &PyReadonlyArray1<'_, Text>) -> PyResult<Vec<i64>> {
+    Ok(texts.as_slice()?.iter().map(|text| callsign_number(text.0)).collect())
+}
+
+/// The number, the address, the code and the callsign of one target; negative, or empty, where there is
+/// none.
+pub type Named = (i64, i32, i16, String);
+
+/// The identities of one target.
+pub fn identities_of((identity, icao_address, mode_3a, callsign): Named) -> Identities {
+    let mut text = [0; 8];
+    text.iter_mut().zip(callsign.chars()).for_each(|(letter, c)| *letter = c.into());
+    Identities { identity, callsign: callsign_number(text), icao_address, mode_3a }
+}
+
+/// The same the other way round.
+pub fn named(of: &Identities) -> Named {
+    let text = callsign_text(of.callsign).into_iter().filter_map(char::from_u32);
+    let callsign = text.filter(|letter| *letter != '\0').collect();
+    (of.identity, of.icao_address, of.mode_3a, callsign)
 }

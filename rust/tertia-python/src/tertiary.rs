@@ -1,7 +1,7 @@
 //! Bindings of `tertia::tertiary`.
 
 use crate::arrays::{Array, Input, Integers, Marks, Threads, array, choice, release, value_error};
-use crate::sensors::Radar;
+use crate::sensors::{IdentityColumns, Radar, callsigns};
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -19,7 +19,7 @@ pub struct TrackRows<'py> {
     state: Input<'py>,
     covariance: Input<'py>,
     height: Input<'py>,
-    identity: PyReadonlyArray1<'py, i64>,
+    identities: IdentityColumns<'py>,
     turn_probability: Input<'py>,
 }
 
@@ -31,10 +31,10 @@ impl TrackRows<'_> {
         let state = self.state.points::<4>("state", 1)?;
         let covariance = self.covariance.points::<16>("covariance", 2)?;
         let (sensor, track) = (self.sensor.as_slice()?, self.track.as_slice()?);
-        let identity = self.identity.as_slice()?;
         let n = time.len();
+        let identities = self.identities.read(n)?;
         let counts = [height.len(), turning.len(), state.len(), covariance.len()];
-        if counts.iter().chain(&[sensor.len(), track.len(), identity.len()]).any(|&k| k != n) {
+        if counts.iter().chain(&[sensor.len(), track.len()]).any(|&k| k != n) {
             return Err(PyValueError::new_err("the columns differ in length"));
         }
         let row = |i: usize| {
@@ -47,7 +47,7 @@ impl TrackRows<'_> {
                 state: state[i],
                 covariance: covariance[i],
                 height: height[i],
-                identity: identity[i],
+                identities: identities.get(i),
                 turn_probability: turning[i],
             })
         };
@@ -56,8 +56,10 @@ impl TrackRows<'_> {
 }
 
 /// Numbers (N,), states (N, 4), covariances (N, 4, 4), p-values and heights (N,); tracks of the sensors
-/// (N, K), −1 for none, and identities (N,); what is confirmed and what is doubtful, (N,).
-type Picture<'py> = (Integers<'py>, [Array<'py>; 4], [Integers<'py>; 2], [Marks<'py>; 2]);
+/// (N, K), −1 for none; numbers, addresses, codes and callsigns, (N,); what is confirmed and what is
+/// doubtful, (N,).
+type Picture<'py> =
+    (Integers<'py>, [Array<'py>; 4], Integers<'py>, [Integers<'py>; 3], Py<PyAny>, [Marks<'py>; 2]);
 
 /// The centre.
 #[pyclass(module = "tertia._core")]
@@ -121,6 +123,7 @@ impl FusionCentre {
         let (n, k) = (found.len(), self.sensors);
         let members = found.iter().flat_map(|one| &one.members);
         let numbers = |of: fn(&SystemTrack) -> f64| array(py, &[n], found.iter().map(of));
+        let whole = |of: fn(&SystemTrack) -> i64| array(py, &[n], found.iter().map(of));
         let marks = |of: fn(&SystemTrack) -> bool| array(py, &[n], found.iter().map(of));
         Ok((
             array(py, &[n], found.iter().map(|one| one.number as i64))?,
@@ -130,10 +133,13 @@ impl FusionCentre {
                 numbers(|one| one.pvalue)?,
                 numbers(|one| one.height)?,
             ],
+            array(py, &[n, k], members.map(|track| track.unwrap_or(-1)))?,
             [
-                array(py, &[n, k], members.map(|track| track.unwrap_or(-1)))?,
-                array(py, &[n], found.iter().map(|one| one.identity))?,
+                whole(|one| one.identities.identity)?,
+                whole(|one| one.identities.icao_address.into())?,
+                whole(|one| one.identities.mode_3a.into())?,
             ],
+            callsigns(py, found.iter().map(|one| one.identities.callsign)),
             [marks(|one| one.confirmed)?, marks(|one| one.doubtful)?],
         ))
     }

@@ -16,7 +16,7 @@ use crate::arrays::{
     Array, Input, Integers, Output, Threads, array, release, room_for, value_error,
 };
 use crate::flightplan::Route;
-use crate::sensors::Radar;
+use crate::sensors::{IdentityColumns, IdentityView, Radar};
 use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -267,7 +267,8 @@ pub struct Columns<'py> {
     azimuth: Input<'py>,
     height: Input<'py>,
     sensor: PyReadonlyArray1<'py, i64>,
-    identity: PyReadonlyArray1<'py, i64>,
+    #[pyo3(attribute("_identities"))]
+    identities: IdentityColumns<'py>,
     /// Index of what each was detected by, negative where that is not known.
     detection: PyReadonlyArray1<'py, i64>,
     /// (N, 2), and their covariances, (N, 2, 2), of sensors that report positions.
@@ -282,7 +283,7 @@ pub struct View<'a> {
     azimuth: Cow<'a, [f64]>,
     height: Cow<'a, [f64]>,
     sensor: &'a [i64],
-    identity: &'a [i64],
+    identities: IdentityView<'a>,
     detection: &'a [i64],
     position: Option<Cow<'a, [f64]>>,
     covariance: Option<Cow<'a, [f64]>>,
@@ -313,7 +314,7 @@ impl Plots for View<'_> {
             azimuth: self.azimuth[index],
             radar: self.sensor[index] as usize,
             height: self.height[index],
-            identity: self.identity[index],
+            identities: self.identities.get(index),
             detection: Detection::of(self.detection[index]),
             report: self.report(index),
         }
@@ -329,7 +330,7 @@ impl Columns<'_> {
             azimuth: self.azimuth.rows("azimuth", 0)?.values,
             height: self.height.rows("height", 0)?.values,
             sensor: self.sensor.as_slice()?,
-            identity: self.identity.as_slice()?,
+            identities: self.identities.read(self.sensor.as_slice()?.len())?,
             detection: self.detection.as_slice()?,
             position: self
                 .position
@@ -352,8 +353,7 @@ impl Columns<'_> {
             return Err(PyValueError::new_err("the columns of plots differ in length"));
         }
         let numbers = [&view.time, &view.range, &view.azimuth, &view.height];
-        let whole = [view.identity, view.detection];
-        let differs = whole.iter().any(|column| column.len() != count);
+        let differs = view.detection.len() != count;
         if differs || numbers.iter().any(|column| column.len() != count) {
             return Err(PyValueError::new_err("the columns of plots differ in length"));
         }

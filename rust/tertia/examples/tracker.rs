@@ -3,6 +3,7 @@
 
 use std::f64::consts::TAU;
 use tertia::Result;
+use tertia::sensors::Identities;
 use tertia::tracker::{ImmModel, Motion, Plot, PlotStatus, Radar, Settings, Tracker};
 
 const PERIOD: f64 = 4.0;
@@ -44,7 +45,7 @@ fn scan(k: usize, random: &mut impl FnMut() -> f64) -> Vec<Plot> {
         azimuth: azimuth + 0.002 * (time.sin() - 0.5),
         radar: 0,
         height: f64::NAN,
-        identity: -1,
+        identities: Identities::NONE,
         detection: None,
         report: None,
     };

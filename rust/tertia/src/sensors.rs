@@ -5,10 +5,13 @@
 #![allow(clippy::needless_range_loop)]
 
 mod channel;
+mod identity;
 mod measurement;
 mod radar;
 
 pub use channel::{Channel, Detection, Way};
+pub(crate) use identity::both;
+pub use identity::{Identities, IdentityKind, callsign_number, callsign_text};
 pub use measurement::predict;
 pub(crate) use measurement::{Kind, Measurement, Row, SMALL_TANGENT, TERMS, read};
 pub(crate) use radar::HEIGHT_SIGMA;

@@ -14,7 +14,6 @@ from tertia.cli.terminal.say import WRONG_USAGE, counted, fail, note
 from tertia.io import read_asterix
 from tertia.sensors import Radar
 from tertia.tables._records import Part, Reader
-from tertia.tables._replies import REPLIES
 from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
 from tertia.tables._track import PLOTS
@@ -49,18 +48,11 @@ class Datagrams:
         self._unknown: Counter[str] = Counter()
         # the last block of service messages; its full time completes the times of the next plots
         self._service: list[bytes] = []
-        # kind of identity in the first plots
-        self._identity: str | None = None
 
     @property
-    def identity(self) -> str:
-        """The name of the column of identities."""
-        return self._identity or "identity"
-
-    @property
-    def replies(self) -> list[str]:
-        """The names of the columns of other replies."""
-        return [name for name in REPLIES if name != self._identity]
+    def identities(self) -> Sequence[str]:
+        """The names of the columns of identities."""
+        return IDENTITIES
 
     def of(self, packets: Sequence[bytes]) -> pl.DataFrame:
         """Return the plots of packets by the schema; `row` counts from the first packet of all."""
@@ -82,8 +74,6 @@ class Datagrams:
         if found.damaged:
             self._leave_out(found.damaged, found.first_damage)
         plots = measured(found)
-        if self._identity is None:
-            self._identity = next((one for one in IDENTITIES if not _is_empty(plots, one)), None)
         known = pl.col("sensor").is_in(self.sensors.names)
         self._doubt(plots.filter(~known)["sensor"])
         rows = self._read(plots.filter(known, pl.col("time_s").is_not_null()))
@@ -94,9 +84,6 @@ class Datagrams:
         return self._read(pl.DataFrame(schema=_PLOTS))
 
     def _read(self, plots: pl.DataFrame) -> pl.DataFrame:
-        if "sensor" in plots.columns:
-            # if the code is the identity, the address is not used
-            plots = plots.drop("icao_address") if self._identity == "mode_3a" else plots
         reader = Reader(Part(plots, self.name), PLOTS, self._columns, self.sensors.names)
         rows = reader.rows()
         if self.clock is None and plots.height:
@@ -122,10 +109,6 @@ class Datagrams:
         if self._unknown:
             radars = counted(len(self._unknown), "other radar")
             note(f"{counted(self._unknown.total(), 'plot')} of {radars} left out")
-
-
-def _is_empty(plots: pl.DataFrame, name: str) -> bool:
-    return plots[name].null_count() == plots.height
 
 
 class TrackSender:

@@ -32,6 +32,7 @@ from tertia.cli.terminal.options import (
 )
 from tertia.cli.terminal.say import WRONG_USAGE, fail, print_table
 from tertia.report import Emitter, Report
+from tertia.sensors._identities import NUMBERS, leading
 from tertia.tables._evaluate import truth_of
 from tertia.tables._measurements import read_targets
 from tertia.tables._times import Clock
@@ -146,7 +147,7 @@ def _seen(
         "plans": filed,
         "truth": None
         if truth is None
-        else truth_of(read.truth(truth), clock, place, identity=recording.identity),
+        else truth_of(read.truth(truth), clock, place, identity=leading(recording.plots, NUMBERS)),
     }
     return given, clock
 

@@ -18,9 +18,10 @@ from tertia.flightplan import FlightPlan
 from tertia.fusion import common_azimuth
 from tertia.geo import SystemPlane
 from tertia.sensors import Radar, Station
+from tertia.sensors._identities import NO_IDENTITY
 from tertia.simulate import Scene, SetUpName, Traffic
 from tertia.tables._groups import named
-from tertia.tables._records import identity_texts
+from tertia.tables._identities import identity_texts
 from tertia.tables._sensors import GEODETIC, LOCAL
 from tertia.tracker._earth import in_plane
 
@@ -245,15 +246,18 @@ def _toml(noun: str, sensor: Radar | Station, **numbers: float) -> str:
 
 
 def _plans(plans: Sequence[FlightPlan]) -> str:
+    """Return plans as JSON, with their identities as codes, as in the plots."""
+    identities = [NO_IDENTITY if plan.identity is None else plan.identity for plan in plans]
+    codes = identity_texts(np.array(identities, dtype=np.int64), "mode_3a")
     listed = [
         {
             "name": plan.name,
-            "identity": plan.identity,
+            "mode_3a": code,
             "start_time_s": plan.start_time,
             "waypoints": plan.waypoints.tolist(),
             "speeds_m_s": plan.speeds.tolist(),
             "heights_m": [] if plan.heights is None else plan.heights.round(1).tolist(),
         }
-        for plan in plans
+        for plan, code in zip(plans, codes, strict=True)
     ]
     return "[\n" + ",\n".join(json.dumps(plan) for plan in listed) + "\n]\n"

@@ -25,9 +25,9 @@ from tertia.cli.terminal.pipe import Lines, Packets, Quiet
 from tertia.cli.terminal.say import INTERRUPTED, WRONG_USAGE, counted, fail, note, reading
 from tertia.flightplan import FlightPlan
 from tertia.sensors import Radar
+from tertia.tables._identities import IDENTIFIED
 from tertia.tables._names import plain_name
 from tertia.tables._records import Part, Reader, doubt_unit
-from tertia.tables._replies import REPLIES, Columns, Replies, of_plots, replies_of
 from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
 from tertia.tables._track import plots_of, schema_of, track_rows
@@ -142,16 +142,9 @@ class _Plots:
         self._doubted: list[pl.DataFrame] | None = []
 
     @property
-    def identity(self) -> str:
-        """The name of the column of identities."""
-        called = self._chosen.get("identity")
-        names = (name for name in self._schema["identity"].columns)
-        return next((n for n in names if self._columns.get(n, n) == called), "identity")
-
-    @property
-    def replies(self) -> list[str]:
-        """The names of the columns of other replies."""
-        return [name for name in REPLIES if name in self._chosen and name != self.identity]
+    def identities(self) -> list[str]:
+        """The names of the columns of identities."""
+        return [name for name in IDENTIFIED if name in self._chosen] or ["identity"]
 
     def of(self, lines: Sequence[bytes]) -> pl.DataFrame:
         """Return the plots of lines by the schema; `row` counts from the start of the stream."""
@@ -319,27 +312,26 @@ def _text(value: object) -> str | None:
 
 
 class _Arrived:
-    """Numbers in the stream, and replies, of plots that were tracked, by their index.
+    """Numbers in the stream of plots that were tracked, by their index.
 
     Without a lag, only plots of the last call are needed.
     """
 
     def __init__(self, kept: int) -> None:
-        self._known = pl.DataFrame()
+        self._known = np.empty(0, dtype=np.int64)
         self._first, self._kept = 0, kept
 
-    def add(self, plots: pl.DataFrame) -> None:
-        """Add the next plots; `row` is their number in the stream."""
-        rows = plots.select("row", **replies_of(plots, list(REPLIES)))
-        old = max(self._known.height - self._kept, 0)
-        self._known = pl.concat([self._known[old:], rows]) if self._known.height else rows
+    def add(self, numbers: IntArray) -> None:
+        """Add the numbers of the next plots."""
+        old = max(len(self._known) - self._kept, 0)
+        self._known = np.concatenate([self._known[old:], numbers])
         self._first += old
 
-    def of(self, plot: IntArray) -> tuple[IntArray, Columns]:
-        """Return the numbers and replies of plots; -1 and null for a missed detection."""
-        found = dict(of_plots(self._known.to_dict(), plot - self._first))
-        numbers = found.pop("row", pl.Series([], dtype=pl.Int64))
-        return numbers.fill_null(-1).to_numpy(), found
+    def of(self, plot: IntArray) -> IntArray:
+        """Return the numbers of plots; -1 for a missed detection."""
+        # the last one is that of no plot
+        known = np.append(self._known, -1)
+        return known[np.where(plot < 0, -1, plot - self._first)]
 
 
 class _Stream:
@@ -367,10 +359,9 @@ class _Stream:
         self._oldest = max(*periods, self._lag)
         self._gathered: list[pl.DataFrame] = []
         self._since = 0.0
-        self._ready: list[tuple[TrackTable, Columns]] = []
+        self._ready: list[TrackTable] = []
         self._arrived = _Arrived(_REMEMBERED if tracker.lag else 0)
-        self._replies = Replies()
-        self._named: list[str] | None = None
+        self._named: Sequence[str] | None = None
         self._statuses: Counter[int] = Counter()
 
     @property
@@ -460,29 +451,26 @@ class _Stream:
         rows = pl.concat(gathered)
         table = self._tracker.update(plots_of(rows, clock, self._plots.sensors))
         self._statuses.update(table.track_of_plot[table.track_of_plot < 0].tolist())
-        self._arrived.add(rows)
+        self._arrived.add(rows["row"].to_numpy())
         self._show(table)
-        if sum(len(table) for table, _ in self._ready) >= _WRITTEN:
+        if sum(map(len, self._ready)) >= _WRITTEN:
             self._write()
 
     def _show(self, table: TrackTable) -> None:
         """Add rows to those that are ready, with the numbers of plots in the stream."""
-        numbers, replies = self._arrived.of(table.plot)
-        self._ready.append((replace(table, plot=numbers), replies))
+        self._ready.append(replace(table, plot=self._arrived.of(table.plot)))
 
     def _write(self) -> None:
         """Write the rows that are ready."""
         ready, self._ready = self._ready, []
         if not ready:
             return
-        table, plots = TrackTable.join([table for table, _ in ready]), self._plots
+        table, plots = TrackTable.join(ready), self._plots
         clock = plots.clock or Clock(pl.Float64())
         if self._named is None:
             # the header is written once, so the columns are fixed here
-            self._named = plots.replies
-        own = {name: pl.concat([replies[name] for _, replies in ready]) for name in self._named}
-        known = self._replies.known(table.time, table.track, own)
-        rows = track_rows(table, clock, plots.identity, plots.sensors, self._plans, replies=known)
+            self._named = plots.identities
+        rows = track_rows(table, clock, self._named, plots.sensors, self._plans)
         if self._lag:
             rows = rows.with_columns(pl.Series("final", table.final))
         self._out.write(rows, plots.kind)

@@ -163,7 +163,7 @@ def track(
 
     One row per plot, in any order: time_s; range_m or range_nm, and azimuth_deg, or for position
     sensors east_m and north_m; sensor, if there are several; and, if known, height_m or
-    flight_level, and icao_address, mode_3a or identity.
+    flight_level, and icao_address, mode_3a, callsign and identity.
     """
     columns = column_names(column)
     place = pair(origin, "--origin", float)

@@ -11,8 +11,8 @@ from tertia.tables._sensors import GEODETIC
 
 # names of files that are ASTERIX recordings, not tables
 SUFFIXES = (".ast", ".asterix", ".raw", ".pcap", ".pcapng")
-# a plot may have one or both of these
-IDENTITIES = ("icao_address", "mode_3a")
+# a plot may have several of these
+IDENTITIES = ("icao_address", "mode_3a", "callsign")
 _ESTIMATED = ("east_m", "north_m", "east_sigma_m", "north_sigma_m", "covariance_east_north_m2")
 
 

@@ -1,6 +1,7 @@
 //! Tables of tracks as arrays.
 
 use crate::arrays::{Array, Output, Threads, array};
+use crate::sensors::{callsign_numbers, callsigns};
 use numpy::{PyArray, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -19,6 +20,7 @@ fn kind(column: &Column) -> &'static str {
     match column.values {
         Values::Numbers(_) | Values::Symmetric(_) => "float",
         Values::Integers(_) => "int",
+        Values::Callsigns(_) => "str",
         Values::Flags(_) => "bool",
     }
 }
@@ -156,6 +158,7 @@ impl TrackColumns {
         Ok(match COLUMNS[index].values {
             Values::Numbers(_) => Data::Numbers(array.call_method0("ravel")?.extract()?),
             Values::Integers(_) => Data::Integers(array.extract()?),
+            Values::Callsigns(_) => Data::Integers(callsign_numbers(&array.extract()?)?),
             Values::Flags(_) => Data::Flags(array.extract()?),
             Values::Symmetric(_) => {
                 let name = COLUMNS[index].name;
@@ -186,6 +189,9 @@ fn array_of(py: Python<'_>, column: &Column, data: Data) -> PyResult<Py<PyAny>> 
         [&[count / width], column.shape].concat()
     };
     Ok(match column.completed(data) {
+        Data::Integers(values) if matches!(column.values, Values::Callsigns(_)) => {
+            callsigns(py, values.into_iter())
+        }
         Data::Numbers(values) => {
             let shape = shape(values.len());
             PyArray::from_vec(py, values).reshape(shape)?.into_any().unbind()

@@ -1,9 +1,10 @@
 //! A flight plan as it is filed: the route and who flies it.
 
 use super::route::Route;
+use crate::sensors::Identities;
 use serde::{Deserialize, Serialize};
 
-/// A route, the turns it was planned with, and the identity of the aircraft.
+/// A route, the turns it was planned with, and the identities of the aircraft.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     /// Its legs, turns and times.
@@ -12,8 +13,8 @@ pub struct Plan {
     pub bank: f64,
     /// Largest rate of its turns, rad/s.
     pub turn_rate: f64,
-    /// Reply of the transponder; negative where it is unknown.
-    pub identity: i64,
+    /// Replies of its transponder, as far as they are filed.
+    pub identities: Identities,
 }
 
 impl Plan {

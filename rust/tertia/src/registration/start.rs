@@ -7,7 +7,7 @@
 //! pairs of N targets; from 200 pairs at most a chain begins.
 
 use super::sighting::{ERRORS, Errors};
-use crate::sensors::Radar;
+use crate::sensors::{Identities, Radar};
 use nalgebra::{DMatrix, DVector, Matrix2, SMatrix, SVector, Vector2, Vector4};
 use std::f64::consts::TAU;
 
@@ -50,8 +50,8 @@ pub struct Alone {
     pub covariance: [f64; 16],
     /// Metres; nan where it is unknown.
     pub height: f64,
-    /// Of the transponder; negative where it is unknown.
-    pub identity: i64,
+    /// Of the transponder.
+    pub identities: Identities,
 }
 
 impl Alone {
@@ -232,8 +232,8 @@ fn pair(
     prior: &[Errors],
 ) -> Option<Pair> {
     let (a, b) = (&tracks[first], &tracks[second]);
-    let known = a.identity >= 0 && b.identity >= 0;
-    if (a.height - b.height).abs() > HEIGHTS || known && a.identity != b.identity {
+    let same = a.identities.same(&b.identities);
+    if (a.height - b.height).abs() > HEIGHTS || same == Some(false) {
         return None;
     }
     let difference = Vector4::from(a.state) - Vector4::from(b.state);
@@ -257,7 +257,7 @@ fn pair(
     }
     let wide = SVector::<f64, BOTH>::from_fn(|i, _| wide(i));
     let total = spread + design * SMatrix::from_diagonal(&wide) * design.transpose();
-    let bonus = if known { IDENTITIES } else { 0.0 };
+    let bonus = if same.is_some() { IDENTITIES } else { 0.0 };
     let at =
         std::array::from_fn(|i| ERRORS * if i < ERRORS { a.radar } else { b.radar } + i % ERRORS);
     let possible = form(&total, off)? <= POSITIONS;
@@ -382,7 +382,13 @@ mod tests {
             let at = |axis: usize| position[axis] + errors[axis];
             let rate = |axis: usize| velocity[axis] + 0.2 * errors[axis];
             let state = [at(0), at(1), rate(0), rate(1)];
-            Alone { radar, state, covariance, height: f64::NAN, identity: target as i64 }
+            Alone {
+                radar,
+                state,
+                covariance,
+                height: f64::NAN,
+                identities: Identities::of(target as i64),
+            }
         };
         let tracks: Vec<Alone> = (0..40).map(|i| track(i % 2, i / 2)).collect();
         let found = start(

@@ -12,7 +12,7 @@ use crate::base::distribution::chi_square_upper;
 use crate::base::error::Result;
 use crate::base::state::{restored, saved};
 use crate::registration::{Errors, Registrar, Update};
-use crate::sensors::Radar;
+use crate::sensors::{Identities, Radar};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::num::NonZero;
@@ -64,8 +64,8 @@ pub struct SystemTrack {
     pub doubtful: bool,
     /// Metres; nan where no sensor reports one.
     pub height: f64,
-    /// The identity of its newest member that has one; −1.
-    pub identity: i64,
+    /// Of each kind, that of its newest member that has one.
+    pub identities: Identities,
 }
 
 /// A centre that makes one picture of the tracks of several sensors.
@@ -190,7 +190,7 @@ impl Centre {
                 sensitivity,
                 height: row.height,
                 age: time - row.time,
-                identity: row.identity,
+                identities: row.identities,
             })
         };
         let samples = mapped(live.iter(), SAMPLE_NS, n_threads, sample)?;
@@ -377,17 +377,18 @@ impl Centre {
             f64::NAN
         };
         let mut members = vec![None; self.settings.radars.len()];
-        let (mut height, mut identity, mut newest) = (f64::NAN, -1, [f64::NEG_INFINITY; 2]);
+        let (mut height, mut newest) = (f64::NAN, f64::NEG_INFINITY);
+        let mut heard = Vec::new();
         for &i in &group.members {
             let row = &self.members[places[i]].last;
             members[row.sensor] = Some(row.track);
-            if row.height.is_finite() && row.time > newest[0] {
-                (height, newest[0]) = (row.height, row.time);
+            if row.height.is_finite() && row.time > newest {
+                (height, newest) = (row.height, row.time);
             }
-            if row.identity >= 0 && row.time > newest[1] {
-                (identity, newest[1]) = (row.identity, row.time);
-            }
+            heard.push((row.time, row.identities));
         }
+        heard.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let identities = heard.iter().fold(Identities::NONE, |known, (_, own)| known.or(own));
         Ok(SystemTrack {
             number,
             state: estimate.mean.into(),
@@ -397,7 +398,7 @@ impl Centre {
             confirmed: target.cycles >= CONFIRMED,
             doubtful: target.unseen >= UNSEEN,
             height,
-            identity,
+            identities,
         })
     }
 

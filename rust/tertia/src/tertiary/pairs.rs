@@ -6,6 +6,7 @@ use super::share::mapped;
 use crate::association::Grid;
 use crate::base::error::Result;
 use crate::registration::{ERRORS, Errors};
+use crate::sensors::Identities;
 use nalgebra::{DMatrix, Matrix4, Vector4};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -58,7 +59,7 @@ pub(super) struct Sample {
     pub height: f64,
     /// Seconds since the message.
     pub age: f64,
-    pub identity: i64,
+    pub identities: Identities,
 }
 
 /// What is remembered of a pair.
@@ -270,12 +271,10 @@ fn judged(
         score -= 0.5 * (up * up / variance + (std::f64::consts::TAU * variance).ln()) - LAYER.ln();
     }
     let mut different = 0;
-    if a.identity >= 0 && b.identity >= 0 {
-        if a.identity == b.identity {
-            score += IDENTITIES.ln();
-        } else {
-            different = history.map_or(0, |h| h.different).saturating_add(1);
-        }
+    match a.identities.same(&b.identities) {
+        Some(true) => score += IDENTITIES.ln(),
+        Some(false) => different = history.map_or(0, |h| h.different).saturating_add(1),
+        None => (),
     }
     let mut next = History { score, squared: distance.squared, paired: false, different };
     let mut passes = distance.squared <= GATE;

@@ -1,6 +1,6 @@
 //! A message about a track of one sensor, and where the track is at another time.
 
-use crate::sensors::Radar;
+use crate::sensors::{Identities, Radar};
 use crate::tracker::{Estimate, ImmModel};
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
@@ -24,8 +24,8 @@ pub struct Row {
     pub covariance: [f64; 16],
     /// Metres; nan where it is not known.
     pub height: f64,
-    /// Reply of the transponder; negative where there is none.
-    pub identity: i64,
+    /// Replies of the transponder.
+    pub identities: Identities,
     /// Probability that the target turns; nan where it is not known.
     pub turn_probability: f64,
 }

@@ -49,6 +49,7 @@ impl Shadow {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sensors::Identities;
     use crate::tracker::Estimate;
     use nalgebra::{SMatrix, SVector};
 
@@ -90,7 +91,7 @@ mod tests {
                 state: mean.into(),
                 covariance: std::array::from_fn(|i| covariance[(i / 4, i % 4)]),
                 height: f64::NAN,
-                identity: -1,
+                identities: Identities::NONE,
                 turn_probability: follower.turn_probability(),
             };
             found.push((plot, row));

@@ -103,6 +103,7 @@ fn matrix(plane: Plane) -> Matrix2<f64> {
 mod tests {
     use super::*;
     use crate::base::checks::assert_within;
+    use crate::sensors::Identities;
 
     #[test]
     fn a_plot_from_its_correction() {
@@ -133,7 +134,7 @@ mod tests {
             state: [0.0, 0.0, 200.0 * course.cos(), 200.0 * course.sin()],
             covariance: [f64::NAN; 16],
             height: f64::NAN,
-            identity: -1,
+            identities: Identities::NONE,
             turn_probability: 1.0,
         };
         let (first, last) = (row(0.0, 0.1), row(4.0, 0.3));

@@ -187,7 +187,7 @@ impl Clutter {
 mod tests {
     use super::*;
     use crate::base::checks::assert_within;
-    use crate::sensors::{Channel, radar_of};
+    use crate::sensors::{Channel, Identities, radar_of};
     use crate::tracker::{ImmModel, Motion, Plot, Row, Tracker};
 
     #[test]
@@ -203,9 +203,9 @@ mod tests {
                     let azimuth = 0.2 * f64::from(k);
                     let time = 4.0 * (f64::from(scan) + azimuth / std::f64::consts::TAU);
                     let range = 4e4 + 200.0 * time;
-                    let (height, identity) = (f64::NAN, -1);
+                    let (height, identities) = (f64::NAN, Identities::NONE);
                     let (report, detection) = (None, None);
-                    Plot { time, range, azimuth, radar: 0, height, identity, detection, report }
+                    Plot { time, range, azimuth, radar: 0, height, identities, detection, report }
                 })
                 .collect();
             tracker.track(&plots[..], None, &mut statuses, &mut rows, None).unwrap();

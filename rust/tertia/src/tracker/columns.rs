@@ -27,10 +27,12 @@ pub enum Values {
     Symmetric(fn(&Row, &mut [f64])),
     /// An integer; negative where there is none.
     Integers(fn(&Row) -> i64),
+    /// The number of a callsign; negative where there is none.
+    Callsigns(fn(&Row) -> i64),
     /// Yes or no.
     Flags(fn(&Row) -> bool),
 }
-use Values::{Flags, Integers, Numbers, Symmetric};
+use Values::{Callsigns, Flags, Integers, Numbers, Symmetric};
 
 impl Column {
     const fn new(
@@ -53,7 +55,7 @@ impl Column {
 }
 
 /// All columns.
-pub const COLUMNS: [Column; 21] = [
+pub const COLUMNS: [Column; 24] = [
     Column::new("time", "s", &[], Numbers(|row, out| out[0] = row.time), "time of the row"),
     Column::new(
         "track",
@@ -147,11 +149,32 @@ pub const COLUMNS: [Column; 21] = [
         "rate of climb, positive upward; nan if no height was reported",
     ),
     Column::new(
+        "icao_address",
+        "",
+        &[],
+        Integers(|row| row.identities.icao_address.into()),
+        "24-bit address; -1 if it is not known",
+    ),
+    Column::new(
+        "mode_3a",
+        "",
+        &[],
+        Integers(|row| row.identities.mode_3a.into()),
+        "mode 3/A code; -1 if it is not known",
+    ),
+    Column::new(
+        "callsign",
+        "",
+        &[],
+        Callsigns(|row| row.identities.callsign),
+        "aircraft identification; empty if it is not known",
+    ),
+    Column::new(
         "identity",
         "",
         &[],
-        Integers(|row| row.identity),
-        "reply of the transponder; -1 if there is none",
+        Integers(|row| row.identities.identity),
+        "any other number that stays with the target; -1 if there is none",
     ),
     Column::new(
         "plan",

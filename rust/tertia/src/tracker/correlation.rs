@@ -3,6 +3,7 @@
 use super::plan::Guide;
 use super::settings::Settings;
 use crate::flightplan::{self, Link, Plan, Sighting, Status, decide};
+use crate::sensors::Identities;
 use serde::{Deserialize, Serialize};
 
 /// Plots over which a plan is compared with a track, and after which this starts again.
@@ -17,8 +18,8 @@ pub(super) struct Correlation {
     scores: Vec<f64>,
     plots: Vec<u8>,
     link: Link,
-    /// The identity of the track when it was linked.
-    linked_as: Option<i64>,
+    /// The identities of the track when it was linked.
+    linked_as: Identities,
     /// Plans that were taken from the track by hand: it does not find them again.
     declined: Vec<usize>,
 }
@@ -30,7 +31,7 @@ impl Default for Correlation {
             scores: Vec::new(),
             plots: Vec::new(),
             link: Link::default(),
-            linked_as: None,
+            linked_as: Identities::NONE,
             declined: Vec::new(),
         }
     }
@@ -47,7 +48,7 @@ impl Correlation {
         &mut self,
         settings: &Settings,
         seen: &Sighting,
-        own: Option<i64>,
+        own: &Identities,
     ) -> Option<usize> {
         let Self { scores, plots, declined, .. } = self;
         scores.resize(settings.plans.len(), 0.0);
@@ -78,7 +79,7 @@ impl Correlation {
         };
         let means: Vec<f64> = (0..scores.len()).map(mean).collect();
         let is_same = |plan: usize| {
-            own.is_some() && settings.plans.get(plan).is_some_and(|p| own == Some(p.identity))
+            settings.plans.get(plan).is_some_and(|plan| own.same(&plan.identities) == Some(true))
         };
         let best = (0..means.len()).filter(|&plan| !means[plan].is_nan());
         let best = best.max_by(|&a, &b| means[a].total_cmp(&means[b]));
@@ -93,7 +94,7 @@ impl Correlation {
     }
 
     /// Begins a link: the one that was found, or one that was made by hand.
-    pub fn begin(&mut self, own: Option<i64>, by_hand: bool) {
+    pub fn begin(&mut self, own: Identities, by_hand: bool) {
         let status = if by_hand { Status::Manual } else { self.status };
         let declined = std::mem::take(&mut self.declined);
         *self = Self { status, linked_as: own, declined, ..Self::default() };
@@ -107,22 +108,26 @@ impl Correlation {
     }
 
     /// Whether the link still holds: not where a track does not follow its plan and does not answer its
-    /// identity. One made by hand always does.
+    /// identities. One made by hand always does.
     pub fn holds(
         &mut self,
         guide: &Guide,
         settings: &Settings,
         seen: &Sighting,
-        own: Option<i64>,
+        own: &Identities,
     ) -> bool {
         if self.status == Status::Manual {
             return true;
         }
         let score = flightplan::score(&settings.plans[guide.plan].route, seen);
-        let has_changed = own != self.linked_as && self.linked_as.is_some();
+        let is_same = own.same(&self.linked_as);
+        if is_same == Some(true) {
+            // more of it may be known now
+            self.linked_as = *own;
+        }
         // a blocked plan may be flown again later: it is kept while the identity is
         let is_kept = guide.monitor.is_blocked() && self.linked_as.is_some();
-        self.link.holds(if is_kept { 0.0 } else { score }, has_changed)
+        self.link.holds(if is_kept { 0.0 } else { score }, is_same == Some(false))
     }
 
     /// Compares a plan that has been replaced anew.
@@ -134,12 +139,12 @@ impl Correlation {
     }
 
     /// Whether the link holds for a plan that replaces its own.
-    pub fn accepts(&self, plan: &Plan, own: Option<i64>) -> bool {
+    pub fn accepts(&self, plan: &Plan, own: &Identities) -> bool {
         self.status == Status::Manual || !contradicts(plan, own)
     }
 }
 
 /// Whether plan and track have identities that differ.
-pub(super) fn contradicts(plan: &Plan, own: Option<i64>) -> bool {
-    plan.identity >= 0 && own.is_some_and(|own| own != plan.identity)
+pub(super) fn contradicts(plan: &Plan, own: &Identities) -> bool {
+    plan.identities.same(own) == Some(false)
 }

@@ -76,9 +76,9 @@ pub(super) fn leave_out(
     }
 }
 
-/// Whether two plots may be of one target, by its identity and its height.
+/// Whether two plots may be of one target, by its identities and its height.
 fn is_alike(a: &Measured, b: &Measured) -> bool {
-    let one_code = a.identity < 0 || b.identity < 0 || a.identity == b.identity;
+    let one_code = a.identities.same(&b.identities) != Some(false);
     let apart = (a.height - b.height).abs();
     one_code && (apart.is_nan() || apart <= ROUNDED)
 }

@@ -3,6 +3,7 @@
 use super::plot::Source;
 use super::settings::Settings;
 use super::track::Track;
+use crate::sensors::Identities;
 use serde::{Deserialize, Serialize};
 
 /// Scans for which tracks without identity are remembered, and plots of those that were never confirmed.
@@ -46,7 +47,7 @@ impl Spot {
 pub(super) struct Stretch {
     pub first: Spot,
     pub last: Spot,
-    pub identity: Option<i64>,
+    pub identities: Identities,
     period: f64,
 }
 
@@ -55,7 +56,7 @@ impl Stretch {
         let (first, last) = (Spot::first(track, settings), Spot::last(track));
         // a single plot has no velocity
         let last = if last.time > first.time { last } else { first };
-        Self { first, last, identity: track.identity(), period: track.period() }
+        Self { first, last, identities: track.identities(), period: track.period() }
     }
 }
 
@@ -85,7 +86,7 @@ impl Ended {
     pub fn forget(&mut self, time: f64) {
         self.tracks.retain(|track| {
             let scans = SCANS * track.period();
-            time - track.seen <= if track.identity().is_some() { REMEMBERED } else { scans }
+            time - track.seen <= if track.identities().is_some() { REMEMBERED } else { scans }
         });
         self.stretches.retain(|one| time - one.last.time <= SCANS_OF_PLOTS * one.period);
     }

@@ -1,36 +1,206 @@
-//! The identity of a target by the replies of its transponder, single ones of which may be wrong.
+//! What the replies of a target have said of its identities, single ones of which may be wrong.
 
+use super::settings::Settings;
+use crate::sensors::{Identities, both};
 use serde::{Deserialize, Serialize};
 
 /// Equal replies in a row after which a track has another identity.
 const CHANGED_AFTER: u8 = 3;
+/// Likelihood ratio of an identity: its own target against any other.
+const IDENTITIES: f64 = 4096.0;
+/// Probability that a reply has a wrong address, which has parity; a wrong callsign, which has parity, but
+/// is set by the crew; and a wrong code, which may be garbled, and is changed by air traffic control.
+pub(super) const ADDRESS_ERROR: f64 = 1e-9;
+pub(super) const CALLSIGN_ERROR: f64 = 1e-6;
+pub(super) const CODE_ERROR: f64 = 1e-3;
 
-/// The identity of a target.
+/// The replies of one kind.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Identity {
-    pub code: i64,
-    /// Whether it was received at least twice.
-    pub is_sure: bool,
-    /// A different code, and how often in a row it was received.
-    other: i64,
+struct Replies<T> {
+    /// Negative where there was none.
+    code: T,
+    /// A different one, and how often in a row it was received.
+    other: T,
     times: u8,
+    /// Whether the code may be relied on: not right after a change.
+    is_sure: bool,
 }
 
-impl Identity {
-    pub fn new(code: i64) -> Self {
-        Self { code, is_sure: false, other: code, times: 0 }
+impl<T: Copy + PartialOrd + From<i8>> Replies<T> {
+    fn new(code: T) -> Self {
+        Self { code, other: code, times: 0, is_sure: false }
     }
 
     /// Processes one more reply; the code changes only after several equal ones.
-    pub fn answer(&mut self, code: i64) {
-        if code == self.code {
-            (self.is_sure, self.times) = (true, 0);
+    fn answer(&mut self, code: T) {
+        let none = T::from(0);
+        if code < none {
             return;
         }
-        self.times = if code == self.other { self.times + 1 } else { 1 };
-        self.other = code;
-        if self.times >= CHANGED_AFTER {
-            *self = Self::new(code);
+        if self.code < none {
+            self.code = code;
         }
+        if code == self.code {
+            (self.is_sure, self.times) = (true, 0);
+        } else {
+            self.times = if code == self.other { self.times + 1 } else { 1 };
+            self.other = code;
+            if self.times >= CHANGED_AFTER {
+                *self = Self::new(code);
+            }
+        }
+    }
+
+    /// Takes what was known of it before, unless it is known now.
+    fn or(self, past: Self) -> Self {
+        if self.code < T::from(0) { past } else { self }
+    }
+}
+
+/// The identities of a target.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Known {
+    icao_address: Replies<i32>,
+    mode_3a: Replies<i16>,
+    identity: Replies<i64>,
+    callsign: Replies<i64>,
+}
+
+impl Known {
+    pub fn new() -> Self {
+        Self {
+            icao_address: Replies::new(-1),
+            mode_3a: Replies::new(-1),
+            identity: Replies::new(-1),
+            callsign: Replies::new(-1),
+        }
+    }
+
+    pub fn identities(&self) -> Identities {
+        Identities {
+            identity: self.identity.code,
+            callsign: self.callsign.code,
+            icao_address: self.icao_address.code,
+            mode_3a: self.mode_3a.code,
+        }
+    }
+
+    /// Processes the replies in one more plot.
+    pub fn answer(&mut self, reply: &Identities) {
+        self.icao_address.answer(reply.icao_address);
+        self.mode_3a.answer(reply.mode_3a);
+        self.identity.answer(reply.identity);
+        self.callsign.answer(reply.callsign);
+    }
+
+    /// Takes the identities of the past of the same target, of kinds that are not known now.
+    pub fn or(&self, past: &Self) -> Self {
+        Self {
+            icao_address: self.icao_address.or(past.icao_address),
+            mode_3a: self.mode_3a.or(past.mode_3a),
+            identity: self.identity.or(past.identity),
+            callsign: self.callsign.or(past.callsign),
+        }
+    }
+
+    /// Likelihood ratio of the replies in a plot: of this target against any other. Where both have an
+    /// address, that alone decides. Else each kind that differs is wrong by its own probability; that
+    /// several agree counts once, as false plots of a target have all its identities.
+    #[inline]
+    pub fn ratio(&self, reply: &Identities, settings: &Settings) -> f64 {
+        if let Some(is_same) = both(self.icao_address.code, reply.icao_address) {
+            return if is_same { (1.0 - ADDRESS_ERROR) * IDENTITIES } else { ADDRESS_ERROR };
+        }
+        let (mut ratio, mut agrees) = (1.0, false);
+        let mut compare = |is_same: Option<bool>, error: f64| {
+            if let Some(is_same) = is_same {
+                ratio *= if is_same { 1.0 - error } else { error };
+                agrees |= is_same;
+            }
+        };
+        let number_error = settings.identity_error_probability;
+        compare(both(self.identity.code, reply.identity), number_error);
+        compare(both(self.callsign.code, reply.callsign), CALLSIGN_ERROR);
+        compare(both(self.mode_3a.code, reply.mode_3a), CODE_ERROR);
+        if agrees { ratio * IDENTITIES } else { ratio }
+    }
+
+    /// Whether the plot has another address than the target, whose own has not changed just before.
+    #[inline]
+    pub fn refuses(&self, reply: &Identities, settings: &Settings) -> bool {
+        if let Some(is_same) = both(self.icao_address.code, reply.icao_address) {
+            return !is_same && self.icao_address.is_sure;
+        }
+        settings.has_addresses()
+            && self.identity.is_sure
+            && both(self.identity.code, reply.identity) == Some(false)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tracker::motion::Motion;
+
+    fn settings() -> Settings {
+        Settings::new(Vec::new(), Motion::Cv(1.0))
+    }
+
+    fn known(reply: Identities) -> Known {
+        let mut known = Known::new();
+        known.answer(&reply);
+        known
+    }
+
+    const ALL: Identities = Identities { identity: -1, callsign: 5, icao_address: 7, mode_3a: 9 };
+
+    #[test]
+    fn an_address_alone_decides() {
+        let (own, settings) = (known(ALL), settings());
+        let other = Identities { callsign: 6, mode_3a: 8, ..ALL };
+        assert_eq!(own.ratio(&other, &settings), own.ratio(&ALL, &settings));
+        let stranger = Identities { icao_address: 1, ..ALL };
+        assert_eq!(own.ratio(&stranger, &settings), ADDRESS_ERROR);
+        assert!(own.refuses(&stranger, &settings) && !own.refuses(&other, &settings));
+        // a plot without an address is not refused
+        assert!(!own.refuses(&Identities { icao_address: -1, ..other }, &settings));
+    }
+
+    #[test]
+    fn agreement_counts_once_and_each_contradiction() {
+        let (own, settings) = (known(ALL), settings());
+        let of = |callsign, mode_3a| {
+            let reply = Identities { callsign, mode_3a, ..Identities::NONE };
+            own.ratio(&reply, &settings)
+        };
+        let right = [CALLSIGN_ERROR, CODE_ERROR].map(|error| 1.0 - error);
+        assert_eq!(of(5, 9), right[0] * right[1] * IDENTITIES);
+        assert_eq!(of(5, 1), right[0] * CODE_ERROR * IDENTITIES);
+        assert_eq!(of(6, 9), CALLSIGN_ERROR * right[1] * IDENTITIES);
+        assert_eq!(of(6, 1), CALLSIGN_ERROR * CODE_ERROR);
+        assert_eq!(of(-1, -1), 1.0);
+        let number = known(Identities::of(3));
+        let p = settings.identity_error_probability;
+        assert_eq!(number.ratio(&Identities::of(3), &settings), (1.0 - p) * IDENTITIES);
+        assert_eq!(number.ratio(&Identities::of(4), &settings), p);
+    }
+
+    #[test]
+    fn each_kind_changes_by_itself_after_three_equal_replies() {
+        let mut own = known(ALL);
+        let new = Identities { mode_3a: 1, ..ALL };
+        own.answer(&new);
+        own.answer(&ALL);
+        own.answer(&new);
+        own.answer(&new);
+        assert_eq!(own.identities(), ALL);
+        own.answer(&new);
+        assert_eq!(own.identities(), new);
+        own.answer(&Identities::of(2));
+        assert_eq!(own.identities(), Identities { identity: 2, ..new });
+        assert_eq!(
+            known(Identities::of(2)).or(&known(ALL)).identities(),
+            Identities { identity: 2, ..ALL }
+        );
     }
 }

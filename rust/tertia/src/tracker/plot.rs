@@ -4,7 +4,7 @@ use super::geometry::Geometry;
 use super::level::Level;
 use crate::base::exponential::exp;
 use crate::base::plane::Plane;
-use crate::sensors::{Detection, Radar};
+use crate::sensors::{Detection, Identities, Radar};
 use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;
 
@@ -56,8 +56,8 @@ pub struct Plot {
     pub radar: usize,
     /// m; nan where there is none
     pub height: f64,
-    /// Reply of the transponder; negative where there is none.
-    pub identity: i64,
+    /// Replies of the transponder.
+    pub identities: Identities,
     /// By what it was detected; none where that is not known.
     pub detection: Option<Detection>,
     /// What a sensor of positions reports, in place of range and azimuth.
@@ -114,7 +114,7 @@ impl Plot {
     /// Whether this is the same plot again, in the plane.
     pub(super) fn repeats(&self, other: &Self, radar: &Radar) -> bool {
         let place = |plot: &Self| radar.position_of(plot.range, plot.azimuth, plot.height);
-        let source = self.radar == other.radar && self.identity == other.identity;
+        let source = self.radar == other.radar && self.identities == other.identities;
         let same = self.report == other.report && place(self) == place(other);
         self.time == other.time && source && same
     }
@@ -127,7 +127,9 @@ impl Plot {
         let pairs = numbers(self).into_iter().zip(numbers(other));
         let more = reported(self).into_iter().zip(reported(other));
         let order = pairs.chain(more).fold(times, |order, (a, b)| order.then(a.total_cmp(&b)));
-        order.then(self.identity.cmp(&other.identity)).then(self.detection.cmp(&other.detection))
+        order
+            .then(self.identities.cmp(&other.identities))
+            .then(self.detection.cmp(&other.detection))
     }
 
     /// East and north with their covariance; none where the plot is invalid or straight above the
@@ -229,7 +231,7 @@ pub(super) struct Measured {
     pub position: [f64; 2],
     pub source: Source,
     pub height: f64,
-    pub identity: i64,
+    pub identities: Identities,
     /// By what it was detected, where its radar has channels for that.
     pub detection: Option<Detection>,
     /// Logarithm of how much likelier targets make such plots than false ones come so, by comparison
@@ -255,9 +257,9 @@ impl Measured {
         stretch: f64,
         level: &Level,
     ) -> Self {
-        let &Plot { time, range, azimuth, radar: number, height, identity, report, .. } = plot;
+        let &Plot { time, range, azimuth, radar: number, height, identities, report, .. } = plot;
         let polar = [range, azimuth];
-        let mut own = Self { index, time, radar: number, height, identity, ..Self::default() };
+        let mut own = Self { index, time, radar: number, height, identities, ..Self::default() };
         own.detection = radar.known(plot.detection);
         let (radar, stretch) = match radar.way(own.detection) {
             None => (radar, stretch),

@@ -34,7 +34,7 @@ pub(super) fn resume(
         let new = &tracks[place];
         let end = Spot::first(new, settings);
         let may = |old: &&Track| continues((new, &end), old, &paths);
-        let same = |old: &Track| old.identity().is_some() && old.identity() == new.identity();
+        let same = |old: &Track| old.identities().same(&new.identities()) == Some(true);
         let live = silent.iter().map(|&i| &tracks[i]).filter(may);
         let mut found: Vec<&Track> = live.chain(ended.tracks.iter().filter(may)).collect();
         if found.iter().any(|old| same(old)) {
@@ -96,19 +96,19 @@ fn continues((new, end): (&Track, &Spot), old: &Track, paths: &Paths<'_>) -> boo
     if gap <= 0.0 {
         return false;
     }
-    match (new.identity(), old.identity()) {
-        (Some(new), Some(old)) if new != old => return false,
-        (None, _) | (_, None) => {
+    let kind = match new.identities().compare(&old.identities()) {
+        Some((_, false)) => return false,
+        Some((kind, true)) => kind,
+        None => {
             return gap <= SCANS * old.period()
                 && is_near(old, end, gap)
                 && turned(new, old)
                 && paths.lead(old, &Spot::last(old), end);
         }
-        _ => (),
-    }
-    let longest = match settings.has_addresses() {
-        true => REMEMBERED,
-        false => 2.0 * settings.coasting as f64 * old.period(),
+    };
+    let longest = match settings.is_shared(kind) {
+        true => 2.0 * settings.coasting as f64 * old.period(),
+        false => REMEMBERED,
     };
     let (place, p) = old.position_at(end.time);
     let away = f64::hypot(end.position[0] - place[0], end.position[1] - place[1]);
@@ -198,7 +198,8 @@ impl<'a> Paths<'a> {
                 return true;
             }
             for (i, one) in self.stretches.iter().enumerate() {
-                let mine = one.identity.is_none_or(|code| old.identity() == Some(code));
+                let is_same = one.identities.same(&old.identities());
+                let mine = is_same.unwrap_or(!one.identities.is_some());
                 if mine && one.last.time < end.time && !reached.contains(&i) && goes(&one.first) {
                     reached.push(i);
                     now.push(Some(i));

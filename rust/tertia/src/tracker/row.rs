@@ -4,6 +4,7 @@ use super::estimate::Estimate;
 use super::track::Track;
 use crate::base::plane::Plane;
 use crate::flightplan::Status;
+use crate::sensors::Identities;
 use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;
 
@@ -36,8 +37,8 @@ pub struct Row {
     pub height: f64,
     /// Vertical rate, up, m/s; nan as the height.
     pub vertical_rate: f64,
-    /// Reply of the transponder; negative where there is none.
-    pub identity: i64,
+    /// Replies of the transponder.
+    pub identities: Identities,
     /// Whether the plot is that of another track as well.
     pub merged: bool,
     /// Whether the track is confirmed.
@@ -74,7 +75,7 @@ impl Row {
             existence_probability: track.existence_probability(),
             height,
             vertical_rate,
-            identity: track.identity().unwrap_or(-1),
+            identities: track.shown_identities(),
             merged: plot.is_some() && track.merged,
             confirmed: track.is_confirmed(),
             plan: track.plan(),
@@ -102,7 +103,7 @@ impl Row {
         let (mine, others) = (&self.estimate, &other.estimate);
         let whole = |row: &Self| {
             let plan = (row.plan, row.plan_status);
-            (row.track, row.radar, row.plot, row.identity, plan)
+            (row.track, row.radar, row.plot, row.identities, plan)
         };
         let flags = |row: &Self| (row.confirmed, row.conforms);
         whole(self) == whole(other)

@@ -92,8 +92,7 @@ impl Schedule {
                 continue;
             };
             due += each * density / crowd;
-            let own = (plot.identity >= 0).then_some(plot.identity);
-            if !contradicts(plan, own) {
+            if !contradicts(plan, &plot.identities) {
                 flights.push((number, each * density, velocity));
             }
         }

@@ -5,16 +5,19 @@ use super::geometry::Geometry;
 use super::mht::Mht;
 use super::motion::Motion;
 use super::plans::Plans;
+use super::plot::Measured;
 use crate::association::gate::{self, GUARD};
 use crate::base::error::{Result, require, require_positive};
 use crate::base::exponential::exp;
-use crate::sensors::Radar;
+use crate::sensors::{Identities, IdentityKind, Radar};
 use serde::{Deserialize, Serialize};
 
 /// Scans for which the guard acceleration is given, s; between, it is linear.
 const GUARD_PERIODS: [f64; 2] = [4.0, 10.0];
 /// Identities that are read wrongly no more often than this are addresses.
 const ADDRESSES: f64 = 1e-6;
+/// Mode 3/A codes that mean unlawful interference, no radio, and emergency.
+const EMERGENCIES: [i16; 3] = [0o7500, 0o7600, 0o7700];
 /// Share of a scan by which a plot may be late.
 pub(super) const MAX_DELAY: f64 = 0.25;
 
@@ -77,7 +80,7 @@ pub struct Settings {
     pub clutter_density: f64,
     /// Probability that an identity is read wrongly.
     pub identity_error_probability: f64,
-    /// Identities that signal an emergency.
+    /// Codes that signal an emergency, beside those that always do.
     pub emergency_codes: Vec<i64>,
     /// Probability that a planned turn is flown, before any was seen; 0: plans have no influence.
     pub flown_probability: f64,
@@ -147,6 +150,34 @@ impl Settings {
     /// Whether identities are addresses, which no two targets share, rather than codes.
     pub(super) fn has_addresses(&self) -> bool {
         self.identity_error_probability <= ADDRESSES
+    }
+
+    /// Whether targets share identities of this kind, as they share codes.
+    pub(super) fn is_shared(&self, kind: IdentityKind) -> bool {
+        match kind {
+            IdentityKind::Address | IdentityKind::Callsign => false,
+            IdentityKind::Number => !self.has_addresses(),
+            IdentityKind::Code => true,
+        }
+    }
+
+    /// The identities in a plot without codes of emergencies, and that code; negative where there is
+    /// none.
+    #[inline]
+    pub(super) fn identities(&self, plot: &Measured) -> (Identities, i64) {
+        let (mut own, mut emergency) = (plot.identities, -1);
+        // most plots of most sensors
+        if own.mode_3a < 0 && self.emergency_codes.is_empty() {
+            return (own, emergency);
+        }
+        if self.emergency_codes.contains(&own.identity) {
+            emergency = std::mem::replace(&mut own.identity, -1);
+        }
+        let code = i64::from(own.mode_3a);
+        if EMERGENCIES.contains(&own.mode_3a) || self.emergency_codes.contains(&code) {
+            (own.mode_3a, emergency) = (-1, code);
+        }
+        (own, emergency)
     }
 
     /// Acceleration that a target may have unnoticed where scans take so long, m/s².

@@ -4,6 +4,7 @@ use super::columns::{COLUMNS, Column, Values};
 use super::row::{Row, Rows};
 use crate::base::batch::for_each_row;
 use std::num::NonZero;
+use std::ops::Range;
 
 /// Rows that are read column by column while they are in the cache.
 const AT_ONCE: usize = 64;
@@ -65,7 +66,7 @@ impl Table {
     pub fn new(tentative: bool) -> Self {
         let empty = |values: &Values| match values {
             Values::Numbers(_) | Values::Symmetric(_) => Data::Numbers(Vec::new()),
-            Values::Integers(_) => Data::Integers(Vec::new()),
+            Values::Integers(_) | Values::Callsigns(_) => Data::Integers(Vec::new()),
             Values::Flags(_) => Data::Flags(Vec::new()),
         };
         let columns = COLUMNS.iter().map(|column| empty(&column.values)).collect();
@@ -87,7 +88,7 @@ impl Table {
                     let room = kept[start..].chunks_exact_mut(width);
                     self.last.iter().zip(room).for_each(|(row, room)| write(row, room));
                 }
-                (Data::Integers(kept), Values::Integers(read)) => {
+                (Data::Integers(kept), Values::Integers(read) | Values::Callsigns(read)) => {
                     kept.extend(self.last.iter().map(read));
                 }
                 (Data::Flags(kept), Values::Flags(read)) => {
@@ -116,9 +117,10 @@ impl Table {
         for (&track, _) in tracks.iter().zip(flags).filter(|(_, flag)| **flag) {
             confirmed[place(track)] = true;
         }
-        let kept: Vec<bool> = tracks.iter().map(|&track| confirmed[place(track)]).collect();
+        let rows = tracks.len();
+        let kept = runs(tracks.iter().map(|&track| confirmed[place(track)]));
         let numbers: usize = COLUMNS.iter().map(|column| column.stored()).sum();
-        let nanoseconds = KEEP_NS * (numbers * kept.len()) as f64;
+        let nanoseconds = KEEP_NS * (numbers * rows) as f64;
         let columns = self.columns.iter_mut().zip(&COLUMNS);
         let done = for_each_row(
             columns,
@@ -157,12 +159,24 @@ impl Column {
     }
 }
 
+/// The ranges of successive rows that are kept.
+fn runs(kept: impl Iterator<Item = bool>) -> Vec<Range<usize>> {
+    let mut runs: Vec<Range<usize>> = Vec::new();
+    for (row, _) in kept.enumerate().filter(|(_, kept)| *kept) {
+        match runs.last_mut().filter(|run| run.end == row) {
+            Some(run) => run.end += 1,
+            None => runs.push(row..row + 1),
+        }
+    }
+    runs
+}
+
 /// Keeps some of the rows, of so many values each.
-fn keep<T: Copy>(values: &mut Vec<T>, width: usize, kept: &[bool]) {
+fn keep<T: Copy>(values: &mut Vec<T>, width: usize, kept: &[Range<usize>]) {
     let mut end = 0;
-    for (row, _) in kept.iter().enumerate().filter(|(_, kept)| **kept) {
-        values.copy_within(row * width..(row + 1) * width, end);
-        end += width;
+    for run in kept {
+        values.copy_within(run.start * width..run.end * width, end);
+        end += width * run.len();
     }
     values.truncate(end);
     values.shrink_to_fit();

@@ -1,4 +1,4 @@
-//! One track: its filter, its stage, its identity and its plan.
+//! One track: its filter, its stage, its identities and its plan.
 
 use super::association::{Association, paper_score};
 use super::beams::{Beams, Expected};
@@ -7,7 +7,7 @@ use super::estimate::Estimate;
 use super::existence::Existence;
 use super::filter::Filter;
 use super::height::Vertical;
-use super::identity::Identity;
+use super::identity::Known;
 use super::lean::Lean;
 use super::motion::Motion;
 use super::outliers::Stray;
@@ -19,7 +19,7 @@ use super::tree::Tree;
 use crate::base::exponential::exp;
 use crate::base::plane::Plane;
 use crate::flightplan::{Plan, Sighting, Status};
-use crate::sensors::Radar;
+use crate::sensors::{Identities, Radar};
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
@@ -40,8 +40,6 @@ static FIRST_MOTION: Motion = Motion::Cv(1.0);
 const EMERGENCY_AFTER: u8 = 2;
 /// Shortest time between plots of the same radar, as a share of a scan.
 const SOONEST: f64 = 0.45;
-/// Likelihood ratio of an identity: its own target against any other.
-const IDENTITIES: f64 = 4096.0;
 
 /// Largest acceleration in the noise of the models, m/s².
 const MODEL_ACCELERATION: f64 = 3.0;
@@ -92,12 +90,13 @@ pub(super) struct Track {
     pub vertical: Option<Vertical>,
     /// How far the estimate depends on the height, where plots without one were used.
     lean: Option<Box<Lean>>,
-    identity: Option<Identity>,
+    known: Known,
     pub(super) correlation: Correlation,
     /// Whether its plan is suspended.
     suspended: bool,
-    /// Emergency codes in a row.
+    /// Emergency codes in a row, and the last one of mode 3/A; negative where there was none.
     emergencies: u8,
+    emergency: i16,
     /// The states that it may have instead.
     pub tree: Option<Box<Tree<Self>>>,
     /// The one that it may have instead, until the next plot.
@@ -156,10 +155,11 @@ impl Track {
             period: 0.0,
             vertical,
             lean,
-            identity: None,
+            known: Known::new(),
             correlation: Correlation::default(),
             suspended: false,
             emergencies: 0,
+            emergency: -1,
             tree: None,
             fork: None,
             stray: None,
@@ -180,9 +180,16 @@ impl Track {
         self.stage == Stage::Confirmed
     }
 
-    /// The identity by the transponder.
-    pub fn identity(&self) -> Option<i64> {
-        self.identity.map(|identity| identity.code)
+    /// The identities by the transponder.
+    pub fn identities(&self) -> Identities {
+        self.known.identities()
+    }
+
+    /// The same, with the code of an emergency in place of its own.
+    pub fn shown_identities(&self) -> Identities {
+        let own = self.identities();
+        let is_emergency = self.emergencies >= EMERGENCY_AFTER && self.emergency >= 0;
+        Identities { mode_3a: if is_emergency { self.emergency } else { own.mode_3a }, ..own }
     }
 
     /// Height; not a number where none was reported.
@@ -296,13 +303,9 @@ impl Track {
             Some(vertical) if plot.height.is_finite() => vertical.ratio(plot.time, plot.height),
             _ => 1.0,
         };
-        let identity = match self.identity {
-            _ if settings.emergency_codes.contains(&plot.identity) => 1.0,
-            Some(own) if plot.identity >= 0 && plot.identity == own.code => {
-                (1.0 - settings.identity_error_probability) * IDENTITIES
-            }
-            Some(_) if plot.identity >= 0 => settings.identity_error_probability,
-            _ => 1.0,
+        let identity = match plot.identities.is_some() {
+            true => self.known.ratio(&settings.identities(plot).0, settings),
+            false => 1.0,
         };
         // by what it was detected
         let detection = if plot.gain == 0.0 { 1.0 } else { exp(plot.gain) };
@@ -342,15 +345,15 @@ impl Track {
             self.filter.follow(settings, self.time, period);
             self.estimate = self.filter.estimate();
         }
-        let (seen, own) = (self.sighting(), self.identity());
+        let (seen, own) = (self.sighting(), self.identities());
         match self.filter.guide() {
             Some(guide) => {
-                if !self.correlation.holds(guide, settings, &seen, own) {
+                if !self.correlation.holds(guide, settings, &seen, &own) {
                     self.decorrelate(None);
                 }
             }
             None => {
-                if let Some(plan) = self.correlation.search(settings, &seen, own) {
+                if let Some(plan) = self.correlation.search(settings, &seen, &own) {
                     self.correlate(plan, settings, false);
                 }
             }
@@ -367,7 +370,7 @@ impl Track {
             // the plan before may have had a say
             self.estimate = self.filter.estimate();
         }
-        self.correlation.begin(self.identity(), by_hand);
+        self.correlation.begin(self.identities(), by_hand);
     }
 
     /// Takes its plan from it, or all that a search for one has found. One that was `taken` by hand is
@@ -393,7 +396,7 @@ impl Track {
         if self.plan() != Some(number) {
             return self.correlation.restart(number);
         }
-        match new.filter(|new| self.correlation.accepts(new, self.identity())) {
+        match new.filter(|new| self.correlation.accepts(new, &self.identities())) {
             None => self.decorrelate(None),
             Some(new) if new.has_path_of(old) => {}
             Some(new) => {
@@ -411,20 +414,22 @@ impl Track {
         Sighting::new(self.time, [x[0], x[1]], [x[2], x[3]], Some(&covariance), height)
     }
 
-    /// Height, identity, stage and when the radar should come again.
+    /// Height, identities, stage and when the radar should come again.
     fn take(&mut self, plot: &Measured, settings: &Settings) {
         if self.lean.is_none() {
             self.take_height(plot);
         }
-        if settings.emergency_codes.contains(&plot.identity) {
+        let (reply, emergency) = settings.identities(plot);
+        if emergency >= 0 {
             self.emergencies = self.emergencies.saturating_add(1);
+            self.emergency = plot.identities.mode_3a;
             if self.emergencies == EMERGENCY_AFTER {
                 self.suspend_plan(true);
             }
-        } else if plot.identity >= 0 {
+        } else if reply.mode_3a >= 0 || reply.identity >= 0 {
             self.emergencies = 0;
-            self.identity.get_or_insert(Identity::new(plot.identity)).answer(plot.identity);
         }
+        self.known.answer(&reply);
         let period = settings.radars[plot.radar].scan_period;
         let next = plot.time + period;
         self.period = self.period.max(period);

@@ -3,7 +3,7 @@
 use super::*;
 use crate::base::checks::assert_within;
 use crate::base::plane::Plane;
-use crate::sensors::{Radar, radar_of};
+use crate::sensors::{Identities, Radar, radar_of};
 use crate::tracker::estimate::Estimate;
 use crate::tracker::filter::Filter;
 use crate::tracker::level::Level;
@@ -31,7 +31,7 @@ fn plot((time, way, radar_index): (f64, f64, usize)) -> Plot {
         azimuth: 0.0,
         radar: radar_index,
         height: f64::NAN,
-        identity: -1,
+        identities: Identities::NONE,
         detection: None,
         report: None,
     }

@@ -37,9 +37,9 @@ impl Track {
             plan
         });
         self.filter = Filter::new(&settings.motion, self.estimate);
-        let own = self.identity();
+        let own = self.identities();
         let is_possible = |plan: &usize| {
-            settings.plans.available(*plan).is_some_and(|plan| !contradicts(plan, own))
+            settings.plans.available(*plan).is_some_and(|plan| !contradicts(plan, &own))
         };
         if let Some(plan) = flight.flatten().filter(is_possible) {
             self.correlation.accept();
@@ -71,14 +71,11 @@ impl Track {
         tree.probability * own + tree.others.iter().map(other).sum::<f64>()
     }
 
-    /// Whether the plot has another address than the target, which has answered with its own more than
-    /// once.
+    /// Whether the plot has another address than the target.
     #[inline]
     pub fn refuses(&self, plot: &Measured, settings: &Settings) -> bool {
-        plot.identity >= 0
-            && settings.has_addresses()
-            && self.identity.is_some_and(|own| own.is_sure && own.code != plot.identity)
-            && !settings.emergency_codes.contains(&plot.identity)
+        let may_refuse = plot.identities.icao_address >= 0 || settings.has_addresses();
+        may_refuse && self.known.refuses(&settings.identities(plot).0, settings)
     }
 
     /// Scans of the slowest radar that sees the target, s.
@@ -113,10 +110,10 @@ impl Track {
         past
     }
 
-    /// Goes on with the number, the identity and the plan of a track of the same target.
+    /// Goes on with the number, the identities and the plan of a track of the same target.
     pub fn go_on(&mut self, past: &Self, settings: &Settings) {
         (self.number, self.first.index) = (past.number, past.first.index);
-        self.identity = self.identity.or(past.identity);
+        self.known = self.known.or(&past.known);
         self.suspended |= past.suspended;
         if let Some(plan) = past.plan().filter(|plan| settings.plans.get(*plan).is_some()) {
             self.correlate(plan, settings, past.plan_status() == Status::Manual);

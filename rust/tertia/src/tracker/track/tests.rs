@@ -10,7 +10,7 @@ fn settings() -> Settings {
 }
 
 fn plot(time: f64, position: [f64; 2]) -> Measured {
-    Measured { time, position, height: f64::NAN, identity: -1, ..Measured::default() }
+    Measured { time, position, height: f64::NAN, ..Measured::default() }
 }
 
 /// A track that was seen twice.

@@ -1,6 +1,6 @@
 //! A worked example: two crossing tracks, six scans.
 
-use crate::sensors::{Radar, radar_of};
+use crate::sensors::{Identities, Radar, radar_of};
 use crate::tracker::association::Association;
 use crate::tracker::estimate::Estimate;
 use crate::tracker::filter::Filter;
@@ -36,7 +36,7 @@ fn plot(time: f64, [x, y]: [f64; 2]) -> Plot {
         azimuth,
         radar: 0,
         height: f64::NAN,
-        identity: -1,
+        identities: Identities::NONE,
         detection: None,
         report: None,
     }
