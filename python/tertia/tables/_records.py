@@ -300,18 +300,13 @@ def _require_alike(first: Reader, other: Reader) -> None:
     one, two = first.part.called, other.part.called
     if first.times_are != other.times_are:
         name = first.taken.get("time", "time_s")
-        reason = (
-            f"{name} holds {first.times_are} in {one} and {other.times_are} in {two}; all must be "
-            "of one kind"
-        )
-        raise RecordError(reason, column=name)
+        found = f"{name} holds {first.times_are} in {one} and {other.times_are} in {two}"
+        raise RecordError(f"{found}; all must be of one kind", column=name)
     several = "identity" in first.schema and len(first.schema["identity"].columns) > 1
     kinds = [each.taken.get("identity") for each in (first, other)]
     if several and kinds[0] != kinds[1]:
-        raise RecordError(
-            f"{one} has {kinds[0] or 'no identities'}, {two} {kinds[1] or 'none'}; all must have "
-            "the same kind"
-        )
+        found = f"{one} has {kinds[0] or 'no identities'}, {two} {kinds[1] or 'none'}"
+        raise RecordError(f"{found}; all must have the same kind")
 
 
 def _alike(frames: list[pl.DataFrame]) -> list[pl.DataFrame]:
