@@ -53,7 +53,7 @@ impl Column {
 }
 
 /// All columns.
-pub const COLUMNS: [Column; 21] = [
+pub const COLUMNS: [Column; 22] = [
     Column::new("time", "s", &[], Numbers(|row, out| out[0] = row.time), "time of the row"),
     Column::new(
         "track",
@@ -117,6 +117,13 @@ pub const COLUMNS: [Column; 21] = [
         &[],
         Numbers(|row, out| out[0] = row.turn_probability),
         "probability that the target turns",
+    ),
+    Column::new(
+        "speed_change_probability",
+        "",
+        &[],
+        Numbers(|row, out| out[0] = row.speed_change_probability),
+        "probability that the speed of the target changes; 0 while it follows a plan",
     ),
     Column::new(
         "association_probability",

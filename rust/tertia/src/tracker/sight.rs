@@ -56,7 +56,7 @@ impl Sight {
 
 impl Equation {
     /// Variance of the residual, with that of the target's motion since then.
-    fn noise(&self, moved: f64) -> f64 {
+    pub(super) fn noise(&self, moved: f64) -> f64 {
         let [x, y, ..] = self.row;
         1.0 + moved * (x * x + y * y)
     }
@@ -108,6 +108,9 @@ impl Filter {
 
 impl Multiple {
     fn see(&mut self, noise: &ImmModel, sight: &Sight, when: When) {
+        if let Some(speed) = &mut self.speed {
+            speed.see(&self.bank, sight, when.t, when.moved(noise.straight_sigma));
+        }
         let before: f64 = self.banks().map(Bank::total).sum();
         let mut banks: Vec<Bank> = self.banks().copied().collect();
         banks.iter_mut().for_each(|bank| bank.see(noise, sight, when));
