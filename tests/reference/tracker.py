@@ -299,12 +299,15 @@ class Multiple:
         """Plans have no say."""
 
     def estimate(self):
-        weights = self._weights()
-        if self.probability[2] == 0.0 and weights[2] < 0.005:
-            weights = np.append(self.probability[:2], 0.0)
         means = [self.straight[0], self.turn[0][:4], self.speed[0][:4]]
         covariances = [self.straight[1], self.turn[1][:4, :4], self.speed[1][:4, :4]]
-        return *moments(weights, means, covariances), self._weights()[1]
+        mean, covariance = moments(self.probability, means, covariances)
+        weights = self._weights()
+        if self.probability[2] == 0.0 and weights[2] > 0.005:
+            x, p = self.speed
+            response = p[:4, 4] / p[4, 4]
+            covariance += weights[2] * (p[4, 4] + x[4] ** 2) * np.outer(response, response)
+        return mean, covariance, weights[1]
 
 
 class Window:

@@ -78,7 +78,8 @@ pub struct ImmModel {
     pub straight_time: f64,
     /// Mean duration of a turn, s.
     pub turn_time: f64,
-    /// Standard deviation of the acceleration along the course while the speed changes, m/s².
+    /// Standard deviation of the acceleration along the course while the speed changes, m/s² (BADA
+    /// limits it to 2 ft/s² for civil flights).
     pub acceleration_sigma: f64,
     /// Mean time between changes of speed, s.
     pub steady_time: f64,
