@@ -140,8 +140,8 @@ class Multiple:
     """Straight flight, turns and changes of speed, mixed.
 
     A change of speed has its own filter of five states, of which the last is the acceleration along
-    the course. While it is unlikely, this is straight flight plus what follows from an acceleration,
-    and the other two do not know of it.
+    the course. While it is unlikely, this is straight flight plus what follows from an
+    acceleration, and the other two do not know of it.
     """
 
     LIKELY, UNLIKELY, FADING, OTHER = 0.2, 0.05, 5000.0, 1000.0
@@ -250,7 +250,7 @@ class Multiple:
         self.speed = self._following(mixed, response, mean[4], covariance[4, 4])
 
     def _relate(self):
-        """Straight flight and what follows from the acceleration, but for what else is different."""
+        """Keep of it only straight flight and what follows from the acceleration."""
         mean, covariance = self.speed
         response = covariance[:4, 4] / covariance[4, 4]
         self.speed = self._following(self.straight, response, mean[4], covariance[4, 4])

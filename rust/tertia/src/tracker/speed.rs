@@ -305,7 +305,8 @@ mod tests {
             / (std::f64::consts::TAU * s.determinant().sqrt())
     }
 
-    /// Nothing changes of its own accord, so that the change of speed is one filter of five states.
+    /// Nothing changes of its own accord, so that the change of speed is one filter of five states: as a
+    /// model of the bank exactly, before that but for what the acceleration has lost by fading.
     #[test]
     fn a_change_of_speed_is_a_filter_with_one_more_state() {
         let never = 1e18;
@@ -326,7 +327,7 @@ mod tests {
             for k in 0..12 {
                 let basis = if is_model { bank.plan.mean } else { bank.straight.mean };
                 let u = Vector2::new(basis[2], basis[3]).normalize();
-                // turns would begin at last, but for the manoeuvre that follows at once
+                // a change of speed would end in a turn at last
                 speed.predict(&mut bank, &model, &changes(&model, PERIOD), (PERIOD, PERIOD));
                 if is_model {
                     bank.probability = [0.5, 0.0, 0.5];
@@ -347,6 +348,8 @@ mod tests {
                 p = wide.covariance;
                 let t = PERIOD * f64::from(k + 1);
                 let z = [1e3 + 170.0 * t, 2e3 + 85.0 * t - 0.2 * t * t];
+                let tolerance =
+                    if is_model { 1e-6 } else { 3e-5 * f64::from((k + 1) * (k + 1) * (k + 1)) };
                 let odds = speed.odds;
                 speed.correct(&bank, z, R);
                 let before = bank.straight;
@@ -354,21 +357,24 @@ mod tests {
                 let density = correct(&mut x, &mut p, z);
                 if !is_model {
                     let mut straight = before;
-                    assert_within(1e-9, speed.odds / odds, density / straight.correct(z, R));
+                    assert_within(tolerance, speed.odds / odds, density / straight.correct(z, R));
                 }
                 let found = if is_model { bank.plan } else { speed.added_to(&bank.straight) };
                 let sigmas = p.diagonal().map(f64::sqrt);
                 for i in 0..4 {
-                    assert!((found.mean[i] - x[i]).abs() < 1e-6 * sigmas[i], "{k} {i}");
+                    assert!((found.mean[i] - x[i]).abs() < tolerance * sigmas[i], "{k} {i}");
                     let both = speed.response[i] * speed.variance;
-                    assert!((both - p[(i, 4)]).abs() < 1e-6 * sigmas[i] * sigmas[4], "{k} {i}");
+                    assert!(
+                        (both - p[(i, 4)]).abs() < tolerance * sigmas[i] * sigmas[4],
+                        "{k} {i}"
+                    );
                     for j in 0..4 {
                         let off = (found.covariance[(i, j)] - p[(i, j)]).abs();
-                        assert!(off < 1e-6 * sigmas[i] * sigmas[j], "{k} {i} {j}");
+                        assert!(off < tolerance * sigmas[i] * sigmas[j], "{k} {i} {j}");
                     }
                 }
-                assert!((speed.acceleration - x[4]).abs() < 1e-6 * sigmas[4]);
-                assert_within(1e-6, speed.variance, p[(4, 4)]);
+                assert!((speed.acceleration - x[4]).abs() < tolerance * sigmas[4]);
+                assert_within(tolerance, speed.variance, p[(4, 4)]);
             }
         }
     }
