@@ -16,6 +16,7 @@ from tertia.geo import SystemPlane
 from tertia.sensors import Bias
 from tertia.tracker import (
     CvModel,
+    ImmModel,
     Plots,
     Radar,
     SmoothedTracks,
@@ -346,9 +347,15 @@ def recording() -> str:
     )
     found = track(plots, [radar])
     after = smooth_tracks(plots, [radar], found)
+    steady = ImmModel(steady_time=1e12)
+    without = track(plots, [radar], identity_error_probability=1e-9, motion=steady)
     speed, course = number["bds_GS"] * 1852.0 / 3600.0, np.radians(number["bds_TTA"])
     lines = []
-    for name, table in (("tracker", found[found.plot >= 0]), ("smoothed", after)):
+    for name, table in (
+        ("tracker", found[found.plot >= 0]),
+        ("tracker without changes of speed", without[without.plot >= 0]),
+        ("smoothed", after),
+    ):
         lifted = np.column_stack([table.position, np.nan_to_num(table.height)])
         scale, convergence = plane.scale_and_convergence(lifted)
         velocity = table.velocity / np.asarray(scale)[:, np.newaxis]

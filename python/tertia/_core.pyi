@@ -366,6 +366,9 @@ class Motion:
         turn_rate_sigma: float,
         straight_time: float,
         turn_time: float,
+        acceleration_sigma: float,
+        steady_time: float,
+        speed_change_time: float,
     ) -> Motion: ...
     @staticmethod
     def singer(model: SingerModel) -> Motion: ...

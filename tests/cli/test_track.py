@@ -164,7 +164,8 @@ def check(frame: pl.DataFrame, result: TrackTable) -> None:
             product = {("m", "m"): "m2", ("m", "m_s"): "m2_s", ("m_s", "m_s"): "m2_s2"}
             column = f"covariance_{second}_{quantity}_{product[unit2, unit]}"
             assert_column(frame[column], result.covariance[:, j, i])
-    assert_column(frame["turn_probability"], result.turn_probability)
+    for name in ("turn_probability", "speed_change_probability"):
+        assert_column(frame[name], getattr(result, name))
     assert_column(frame["height_m"], result.height)
     assert_column(frame["vertical_rate_m_s"], result.vertical_rate)
     np.testing.assert_allclose(frame["speed_m_s"], np.linalg.norm(result.velocity, axis=1))
@@ -185,7 +186,7 @@ def test_tracks_are_those_of_the_library(write: Write, radars: Path, tmp_path: P
     assert len(np.unique(result.track)) >= 2
     assert frame.columns[:4] == ["time_s", "track", "sensor", "plot"]
     assert frame.columns[-5:] == ["identity", "plan", "conforms", "merged", "confirmed"]
-    assert frame.width == 4 + 8 + 6 + 2 + 4 + 6
+    assert frame.width == 4 + 8 + 6 + 2 + 5 + 6
     assert frame["time_s"].to_list() == result.time.tolist()
     assert_column(frame["identity"], np.where(result.identity < 0, NAN, result.identity))
     check(frame, result)

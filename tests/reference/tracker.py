@@ -1,7 +1,8 @@
 """One target without clutter: every model of motion, in plain NumPy.
 
 Singer 1970; Bar-Shalom, Li, Kirubarajan 2001: sections 11.6 (mixing) and 11.7 (coordinated turn);
-Glagovskii, Lavina, Rudelson 2014 (least squares over a window, arcs of a flight plan).
+Friedland 1969 (the acceleration along the course); Glagovskii, Lavina, Rudelson 2014 (least squares
+over a window, arcs of a flight plan).
 """
 
 from __future__ import annotations
@@ -136,35 +137,90 @@ class Singer(Straight):
 
 
 class Multiple:
-    """Straight flight and turns, mixed."""
+    """Straight flight, turns and changes of speed, mixed.
+
+    A change of speed has its own filter of five states, of which the last is the acceleration along
+    the course. While it is unlikely, this is straight flight plus what follows from an
+    acceleration, and the other two do not know of it.
+    """
+
+    LIKELY, UNLIKELY, FADING, OTHER = 0.2, 0.05, 5000.0, 1000.0
 
     def __init__(self, x, p, radar, manoeuvres):
         self.settings, self.radar = manoeuvres, radar
         turning = manoeuvres.turn_time / (manoeuvres.turn_time + manoeuvres.straight_time)
-        self.probability = np.array([1 - turning, turning])
-        self.straight, self.turn = (x, p), self._entering(x, p)
+        self.probability = np.array([1 - turning, turning, 0.0])
+        self.straight, self.turn = (x, p), self._entering(x, p, manoeuvres.turn_rate_sigma)
+        self._forget()
 
-    def _entering(self, x, p):
+    def _forget(self):
+        """Nothing is known of the acceleration."""
+        self.speed = self._entering(*self.straight, self.settings.acceleration_sigma)
+        self.odds = self.settings.speed_change_time / self.settings.steady_time
+
+    @staticmethod
+    def _entering(x, p, sigma):
         covariance = np.zeros((5, 5))
         covariance[:4, :4] = p
-        covariance[4, 4] = self.settings.turn_rate_sigma**2
+        covariance[4, 4] = sigma**2
         return np.append(x, 0.0), covariance
+
+    def _weights(self):
+        """Probabilities of the three."""
+        if self.probability[2] > 0:
+            return self.probability
+        odds = self.odds * self.probability[0]
+        return np.append(self.probability[:2], odds) / (1 + odds)
 
     def predict(self, t):
         settings, period = self.settings, self.radar.scan_period
-        begins = 1 - np.exp(-t / settings.straight_time)
-        ends = 1 - np.exp(-t / settings.turn_time)
-        transition = np.array([[1 - begins, begins], [ends, 1 - ends]])
+        begins, ends, sped, steady, other = 1 - np.exp(
+            -t
+            / np.array(
+                [
+                    settings.straight_time,
+                    settings.turn_time,
+                    settings.steady_time,
+                    settings.speed_change_time,
+                    self.OTHER,
+                ]
+            )
+        )
+        transition = np.array([[1 - begins, begins, 0.0], [ends, 1 - ends, 0.0], [0.0, 0.0, 1.0]])
+        is_model = self.probability[2] > 0
+        if is_model:
+            transition += [[-sped, 0.0, sped], [0.0, -other, other], [steady, other, 0.0]]
+            transition[2, 2] -= steady + other
         predicted = self.probability @ transition
-        mixing = transition * self.probability[:, np.newaxis] / predicted
-        (x, p), (y, s) = self.straight, self.turn
-        into = self._entering(x, p)
-        a = moments(mixing[:, 0], [x, y[:4]], [p, s[:4, :4]])
-        b = moments(mixing[:, 1], [into[0], y], [into[1], s])
+        with np.errstate(invalid="ignore"):
+            mixing = transition * self.probability[:, np.newaxis] / predicted
+        (x, p), (y, s), (z, r) = self.straight, self.turn, self.speed
+        parts = [x, y[:4], z[:4]], [p, s[:4, :4], r[:4, :4]]
+        kinds = slice(3 if is_model else 2)
+        into = self._all_entering(parts, settings.turn_rate_sigma, 1, self.turn)
+        a = moments(mixing[kinds, 0], parts[0][kinds], parts[1][kinds])
+        b = moments(mixing[kinds, 1], into[0][kinds], into[1][kinds])
+        if is_model:
+            into = self._all_entering(parts, settings.acceleration_sigma, 2, self.speed)
+            self.speed = moments(mixing[:, 2], *into)
+        else:
+            self._wait(a, mixing[0, 0], sped, steady)
         self.probability = predicted
         f = straight(t)
         q = white(settings.straight_sigma**2 * period, t)
         self.straight = f @ a[0], f @ a[1] @ f.T + q
+        course = (self.speed if is_model else a)[0][2:4]
+        course = course / np.hypot(*course)
+        f = np.eye(5)
+        f[:4, :4] = straight(t)
+        f[:4, 4] = np.append(0.5 * t**2 * course, t * course)
+        f[4, 4] = np.exp(-t / self.FADING)
+        noise = np.zeros((5, 5))
+        noise[:4, :4] = q
+        noise[4, 4] = settings.acceleration_sigma**2 * (1 - f[4, 4] ** 2)
+        self.speed = f @ self.speed[0], f @ self.speed[1] @ f.T + noise
+        if not is_model:
+            self._relate()
         f = np.eye(5)
         f[:4, :4] = arc(b[0][4], t)
         f[:4, 4] = arc_by_rate(b[0][4], t) @ b[0][2:4]
@@ -174,29 +230,84 @@ class Multiple:
         moved = np.append(f[:4, :4] @ b[0][:4], b[0][4])
         self.turn = moved, f @ b[1] @ f.T + q
 
+    def _all_entering(self, parts, sigma, own, model):
+        """Estimates that enter a model, of which one is its own."""
+        into = [self._entering(x, p, sigma) for x, p in zip(*parts, strict=True)]
+        into[own] = model
+        return list(zip(*into, strict=True))
+
+    def _wait(self, mixed, stays, sped, steady):
+        """Let a change of speed begin or end that is no model yet; `mixed` is straight flight."""
+        odds = self.odds * (1 - steady) + sped
+        fresh = sped / odds
+        self.odds = stays * odds / (1 - sped + self.odds * steady)
+        x, p = self.straight
+        entering = self._entering(x, p, self.settings.acceleration_sigma)
+        mean, covariance = moments(
+            [fresh, 1 - fresh], [entering[0], self.speed[0]], [entering[1], self.speed[1]]
+        )
+        response = stays * covariance[:4, 4] / covariance[4, 4]
+        self.speed = self._following(mixed, response, mean[4], covariance[4, 4])
+
+    def _relate(self):
+        """Keep of it only straight flight and what follows from the acceleration."""
+        mean, covariance = self.speed
+        response = covariance[:4, 4] / covariance[4, 4]
+        self.speed = self._following(self.straight, response, mean[4], covariance[4, 4])
+
+    @staticmethod
+    def _following(estimate, response, acceleration, variance):
+        x, p = estimate
+        by = np.append(response, 1.0)
+        wide = np.zeros((5, 5))
+        wide[:4, :4] = p
+        return np.append(x, 0.0) + acceleration * by, wide + variance * np.outer(by, by)
+
     def expected(self):
-        return list(zip(self.probability, *zip(self.straight, self.turn, strict=True), strict=True))
+        models = [self.straight, self.turn]
+        if self.probability[2] > 0:
+            models.append(self.speed)
+        return [(w, *model) for w, model in zip(self.probability, models, strict=False)]
 
     def widen(self, extra, is_likely):
         wide = np.zeros((5, 5))
         wide[:4, :4] = extra
         self.straight = self.straight[0], self.straight[1] + extra
         self.turn = self.turn[0], self.turn[1] + wide
+        self.speed = self.speed[0], self.speed[1] + wide
         turning = max(self.probability[1], 0.5 if is_likely else 0.0)
-        self.probability = np.array([1 - turning, turning])
+        others = self.probability[[0, 2]]
+        others = others * (1 - turning) / others.sum()
+        self.probability = np.array([others[0], turning, others[1]])
 
     def correct(self, z, r):
         *self.straight, first = corrected(*self.straight, z, r)
         *self.turn, second = corrected(*self.turn, z, r)
-        self.probability = self.probability * [first, second]
+        *self.speed, third = corrected(*self.speed, z, r)
+        self.odds *= third / first
+        self.probability = self.probability * [first, second, third]
         self.probability /= self.probability.sum()
+        weights = self._weights()
+        if self.probability[2] == 0.0:
+            if weights[2] > self.LIKELY:
+                self.probability = weights
+        elif weights[2] < self.UNLIKELY:
+            self.probability = np.append(weights[:2], 0.0) / (1 - weights[2])
+            self._forget()
 
     def watch(self):
         """Plans have no say."""
 
     def estimate(self):
-        (x, p), (y, s) = self.straight, self.turn
-        return *moments(self.probability, [x, y[:4]], [p, s[:4, :4]]), self.probability[1]
+        means = [self.straight[0], self.turn[0][:4], self.speed[0][:4]]
+        covariances = [self.straight[1], self.turn[1][:4, :4], self.speed[1][:4, :4]]
+        mean, covariance = moments(self.probability, means, covariances)
+        weights = self._weights()
+        if self.probability[2] == 0.0 and weights[2] > 0.005:
+            x, p = self.speed
+            response = p[:4, 4] / p[4, 4]
+            covariance += weights[2] * (p[4, 4] + x[4] ** 2) * np.outer(response, response)
+        return mean, covariance, weights[1]
 
 
 class Window:

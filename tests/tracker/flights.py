@@ -25,6 +25,16 @@ def turning_flight(steps=60, period=4.0, speed=150.0, rate=0.035):
     return np.arange(steps) * period, position[::fine], velocity[::fine]
 
 
+def braking_flight(period=4.0):
+    """A flight that brakes by 0.5 m/s² from 180 to 240 s: times, positions, velocities."""
+    time = period * np.arange(90)
+    since = np.clip(time - 180.0, 0.0, 60.0)
+    speed = 220.0 - 0.5 * since
+    way = 220.0 * time - 0.25 * since**2 - 30.0 * np.clip(time - 240.0, 0.0, None)
+    course = np.array([np.sin(0.6), np.cos(0.6)])
+    return time, np.array([-15e3, 30e3]) + np.outer(way, course), np.outer(speed, course)
+
+
 def noisy(position, radar, rng):
     """Plots of positions."""
     distance, azimuth = polar(position)

@@ -5,7 +5,7 @@ import pytest
 import tolerances
 from reference import flightplan as flightplan_reference
 from reference import tracker as reference
-from tracker.flights import RADAR, line, noisy, polar, turning_flight
+from tracker.flights import RADAR, braking_flight, line, noisy, polar, turning_flight
 
 from tertia.flightplan import FlightPlan
 from tertia.tracker import ImmModel, PlanModel, Plots, Radar, track
@@ -90,6 +90,51 @@ def test_straight_flight_is_that_of_the_reference():
     plots = line(40)[gaps(40)]
     found = track(plots, [RADAR], motion="cv")
     require_parity(found, plots, RADAR, *MODELS["cv"])
+
+
+def test_a_change_of_speed_is_that_of_the_reference():
+    time, position, _ = braking_flight()
+    kept = gaps(len(time))
+    distance, azimuth = noisy(position[kept], RADAR, np.random.default_rng(9))
+    plots = Plots(time[kept], distance, azimuth)
+    found = track(plots, [RADAR])
+    rows, _ = require_parity(found, plots, RADAR, *MODELS["imm"])
+    # a model of its own for a while, and not before
+    assert rows.speed_change_probability.max() > 0.9
+    assert np.all(rows.speed_change_probability[10:38] < 0.2)
+    assert np.all(track(plots, [RADAR], motion="cv").speed_change_probability == 0.0)
+
+
+def speed_errors(motion, seeds):
+    """Errors of the velocity of a flight that brakes along its course, and their NEES per axis."""
+    time, position, velocity = braking_flight()
+    error, nees = np.full((2, seeds, len(time)), np.nan)
+    for seed in range(seeds):
+        plots = Plots(time, *noisy(position, RADAR, np.random.default_rng([73, seed])))
+        found = track(plots, [RADAR], motion=motion)
+        found = found[found.plot >= 0]
+        off = found.velocity - velocity[found.plot]
+        error[seed, found.plot] = off @ velocity[0] / np.hypot(*velocity[0])
+        inverse = np.linalg.inv(found.covariance[:, 2:, 2:])
+        nees[seed, found.plot] = np.einsum("ni,nij,nj->n", off, inverse, off) / 2
+    return time, error, nees
+
+
+def test_an_aircraft_that_brakes_is_followed():
+    time, error, nees = speed_errors("imm", 40)
+    straight, braking = (time > 60.0) & (time <= 180.0), (time > 200.0) & (time <= 240.0)
+    lag = np.nanmean(error[:, braking]) / 0.5
+    assert lag < 6.0
+    assert np.nanmean(nees[:, braking]) < 3.0
+    assert abs(np.nanmean(error[:, straight])) < 0.2
+    assert np.nanmean(nees[:, straight]) < 1.0
+    # as if speeds never changed
+    _, behind, more = speed_errors(ImmModel(steady_time=1e12), 40)
+    assert np.nanmean(behind[:, braking]) / 0.5 > 2.0 * lag
+    assert np.nanmean(more[:, braking]) > 2.0 * np.nanmean(nees[:, braking])
+    # straight flight does not pay for it
+    sizes = [np.sqrt(np.nanmean(values[:, straight] ** 2)) for values in (error, behind)]
+    assert sizes[0] < 1.02 * sizes[1]
 
 
 @pytest.mark.parametrize(("radar", "acceleration"), [(RADAR, 12.0), (PRECISE, 12.0), (SLOW, 7.0)])

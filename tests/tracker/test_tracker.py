@@ -134,6 +134,7 @@ def test_wrong_settings_are_refused(change, message):
     ("make", "message"),
     [
         (lambda: ImmModel(turn_time=0.0), "turn_time"),
+        (lambda: ImmModel(acceleration_sigma=-0.5), "acceleration_sigma"),
         (lambda: CvModel(-1.0), "straight_sigma"),
         (lambda: WindowModel(after_turn=1), "after_turn is 1"),
         (lambda: PlanModel(1.0), "flown_probability is 1.0"),

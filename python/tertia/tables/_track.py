@@ -234,9 +234,9 @@ def track(
         One row for every plot of a confirmed track and for every scan that missed it: `time_s`,
         `track`, `sensor`, `plot` (the number of the plot, by default its row), position and
         velocity with their covariance, `course_deg`, `speed_m_s`, `turn_probability`,
-        `association_probability`, `existence_probability`, `height_m`, `vertical_rate_m_s`, the
-        identities of the kinds that plots have, `plan`, `conforms`, `merged` and `confirmed`.
-        Unknown values are null.
+        `speed_change_probability`, `association_probability`, `existence_probability`, `height_m`,
+        `vertical_rate_m_s`, the identities of the kinds that plots have, `plan`, `conforms`,
+        `merged` and `confirmed`. Unknown values are null.
 
     Raises
     ------
@@ -396,6 +396,7 @@ def track_rows(
             "course_deg": np.degrees(course) % 360.0,
             "speed_m_s": speed,
             "turn_probability": table.turn_probability,
+            "speed_change_probability": table.speed_change_probability,
             "association_probability": table.association_probability,
             "existence_probability": table.existence_probability,
             "height_m": known(table.height),

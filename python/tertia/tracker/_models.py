@@ -24,7 +24,7 @@ Association: TypeAlias = "AssociationName | Mht | PaperScore"
 
 @dataclass(frozen=True, slots=True)
 class ImmModel:
-    """Interacting multiple models (IMM) of straight flight and turns, weighted by probability.
+    """Interacting multiple models (IMM): straight flight, turns and changes of speed.
 
     Attributes
     ----------
@@ -39,6 +39,10 @@ class ImmModel:
         Standard deviation of the initial turn rate of a turn, in radians per second.
     straight_time, turn_time : float
         Mean duration of straight flight and of a turn, in seconds.
+    acceleration_sigma : float
+        Standard deviation of the acceleration along the course while the speed changes, in m/s².
+    steady_time, speed_change_time : float
+        Mean time between two changes of speed and mean duration of one, in seconds.
     """
 
     straight_sigma: float = 0.1
@@ -47,6 +51,9 @@ class ImmModel:
     turn_rate_sigma: float = float(np.radians(1.2))
     straight_time: float = 400.0
     turn_time: float = 35.0
+    acceleration_sigma: float = 0.5
+    steady_time: float = 900.0
+    speed_change_time: float = 60.0
 
     def __post_init__(self) -> None:
         """Check the parameters."""
@@ -318,9 +325,9 @@ def _require_positive(model: Any) -> None:
 
 _PROFILES: dict[str, tuple[ImmModel, float]] = {
     "aircraft": (ImmModel(), 350.0),
-    "vessel": (ImmModel(0.03, 0.1, 0.0005, 0.02, 200.0, 50.0), 30.0),
-    "road": (ImmModel(0.5, 2.0, 0.03, 0.15, 12.0, 5.0), 70.0),
-    "drone": (ImmModel(0.3, 2.0, 0.05, 0.3, 20.0, 5.0), 40.0),
+    "vessel": (ImmModel(0.03, 0.1, 0.0005, 0.02, 200.0, 50.0, 0.1, 600.0, 60.0), 30.0),
+    "road": (ImmModel(0.5, 2.0, 0.03, 0.15, 12.0, 5.0, 1.5, 30.0, 8.0), 70.0),
+    "drone": (ImmModel(0.3, 2.0, 0.05, 0.3, 20.0, 5.0, 1.5, 30.0, 5.0), 40.0),
 }
 _MODELS: dict[str, CvModel | SingerModel | WindowModel] = {
     "cv": CvModel(),

@@ -95,6 +95,8 @@ class TrackTable(_Columns, Result):
         Covariance of the innovation.
     turn_probability : ndarray of shape (N,)
         Probability that the target turns.
+    speed_change_probability : ndarray of shape (N,)
+        Probability that the speed of the target changes; 0 while it follows a plan.
     association_probability : ndarray of shape (N,)
         Probability that the plots assigned to the track are those of its target; 1 if no other
         assignment is likely.
@@ -139,6 +141,7 @@ class TrackTable(_Columns, Result):
     innovation: FloatArray
     innovation_covariance: FloatArray
     turn_probability: FloatArray
+    speed_change_probability: FloatArray
     association_probability: FloatArray
     existence_probability: FloatArray
     height: FloatArray

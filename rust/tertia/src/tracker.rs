@@ -58,6 +58,7 @@ mod share;
 mod sharp;
 mod sight;
 mod smooth;
+mod speed;
 mod strays;
 mod table;
 mod track;

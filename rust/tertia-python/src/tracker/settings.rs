@@ -19,7 +19,8 @@ impl Motion {
     }
 
     #[staticmethod]
-    #[pyo3(signature = (*, straight_sigma, turn_sigma, turn_rate_walk, turn_rate_sigma, straight_time, turn_time))]
+    #[pyo3(signature = (*, straight_sigma, turn_sigma, turn_rate_walk, turn_rate_sigma, straight_time, turn_time, acceleration_sigma, steady_time, speed_change_time))]
+    #[allow(clippy::too_many_arguments)] // the parameters of the model
     fn imm(
         straight_sigma: f64,
         turn_sigma: f64,
@@ -27,6 +28,9 @@ impl Motion {
         turn_rate_sigma: f64,
         straight_time: f64,
         turn_time: f64,
+        acceleration_sigma: f64,
+        steady_time: f64,
+        speed_change_time: f64,
     ) -> Self {
         Self(tracker::Motion::Imm(ImmModel {
             straight_sigma,
@@ -35,6 +39,9 @@ impl Motion {
             turn_rate_sigma,
             straight_time,
             turn_time,
+            acceleration_sigma,
+            steady_time,
+            speed_change_time,
         }))
     }
 

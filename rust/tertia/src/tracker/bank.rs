@@ -16,6 +16,8 @@ pub(super) const STRAIGHT: usize = 0;
 pub(super) const TURN: usize = 1;
 /// What a flight plan says.
 pub(super) const PLAN: usize = 2;
+/// A change of speed, where there is no plan: in its place.
+pub(super) const SPEED: usize = PLAN;
 /// A model below this probability neither gates nor scores.
 const NEGLIGIBLE: f64 = 0.005;
 
@@ -27,6 +29,7 @@ pub(super) type Transition = [[f64; MODELS]; MODELS];
 pub(super) struct Bank {
     pub straight: Estimate<4>,
     pub turn: Estimate<5>,
+    /// What a flight plan says or, where there is none, a change of speed.
     pub plan: Estimate<4>,
     /// They sum to the probability of the bank.
     pub probability: [f64; MODELS],

@@ -55,7 +55,7 @@ impl Column {
 }
 
 /// All columns.
-pub const COLUMNS: [Column; 24] = [
+pub const COLUMNS: [Column; 25] = [
     Column::new("time", "s", &[], Numbers(|row, out| out[0] = row.time), "time of the row"),
     Column::new(
         "track",
@@ -119,6 +119,13 @@ pub const COLUMNS: [Column; 24] = [
         &[],
         Numbers(|row, out| out[0] = row.turn_probability),
         "probability that the target turns",
+    ),
+    Column::new(
+        "speed_change_probability",
+        "",
+        &[],
+        Numbers(|row, out| out[0] = row.speed_change_probability),
+        "probability that the speed of the target changes; 0 while it follows a plan",
     ),
     Column::new(
         "association_probability",

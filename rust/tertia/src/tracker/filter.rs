@@ -1,12 +1,13 @@
 //! The filter of a track, by the model of its motion.
 
-use super::bank::{Bank, Component, PLAN, TURN, changes};
+use super::bank::{Bank, Component, PLAN, SPEED, TURN, changes};
 use super::estimate::{Estimate, Moments};
 use super::kinematics;
 use super::motion::{ImmModel, Motion};
-use super::plan::Guide;
+use super::plan::{Guide, fold_plan};
 use super::prospects::Prospects;
 use super::settings::Settings;
+use super::speed::SpeedChange;
 use super::window::Window;
 use crate::base::plane::Plane;
 use crate::kalman::Singer;
@@ -18,11 +19,13 @@ pub(super) const LEAST_DENSITY: f64 = 1e-300;
 /// Standard deviation of the rate of a sharp turn, rad/s.
 const SHARP_RATE: f64 = 0.1;
 
-/// Models of straight flight and turns, and the flight plan.
+/// Models of straight flight, turns and changes of speed, and the flight plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Multiple {
     pub bank: Bank,
     pub guide: Option<Guide>,
+    /// None while the target follows the plan.
+    pub speed: Option<SpeedChange>,
 }
 
 /// State of a target, by the model of its motion.
@@ -45,7 +48,8 @@ impl Filter {
             Motion::Imm(noise) => {
                 let turning = noise.turn_time / (noise.turn_time + noise.straight_time);
                 let bank = Bank::new(start, turning, noise.turn_rate_sigma.powi(2));
-                Self::Multiple(Box::new(Multiple { bank, guide: None }))
+                let speed = Some(SpeedChange::new(noise));
+                Self::Multiple(Box::new(Multiple { bank, guide: None, speed }))
             }
             Motion::Window(_) => Self::Window(Box::new(Window::new(start))),
         }
@@ -94,7 +98,7 @@ impl Filter {
             (Self::Singer(estimate), _) => {
                 estimate.correct(z, r);
             }
-            (Self::Multiple(multiple), _) => multiple.correct(z, r),
+            (Self::Multiple(multiple), Motion::Imm(noise)) => multiple.correct(noise, z, r),
             (Self::Window(window), Motion::Window(model)) => window.correct(model, z, r),
             (Self::Planned(prospects), _) => prospects.correct(z, r),
             _ => unreachable!("a filter is made by its motion"),
@@ -141,6 +145,14 @@ impl Filter {
         }
     }
 
+    /// Probability that the speed of the target changes.
+    pub fn speed_change_probability(&self) -> f64 {
+        match self {
+            Self::Multiple(multiple) => multiple.speed_change_probability(),
+            _ => 0.0,
+        }
+    }
+
     /// The plan that it follows, or followed.
     pub fn guide(&self) -> Option<&Guide> {
         match self {
@@ -154,9 +166,7 @@ impl Filter {
     pub fn set_guide(&mut self, guide: Option<Guide>) {
         match self {
             Self::Multiple(multiple) => {
-                if let Some(mut old) = multiple.guide.take() {
-                    old.release(&mut multiple.bank);
-                }
+                multiple.leave_plan();
                 multiple.guide = guide;
             }
             Self::Window(window) => window.guide = guide,
@@ -187,12 +197,7 @@ impl Filter {
     /// Ends what the plan has done to the state so far.
     fn leave_plan(&mut self) {
         match self {
-            Self::Multiple(multiple) => {
-                let Multiple { bank, guide } = &mut **multiple;
-                if let Some(guide) = guide {
-                    guide.release(bank);
-                }
-            }
+            Self::Multiple(multiple) => multiple.leave_plan(),
             Self::Window(window) => window.leave_plan(),
             Self::Straight(_) | Self::Singer(_) | Self::Planned(_) => {}
         }
@@ -211,7 +216,7 @@ impl Filter {
         match self {
             Self::Multiple(multiple) => {
                 let estimate = multiple.estimate();
-                let Multiple { bank, guide } = &mut **multiple;
+                let Multiple { bank, guide, .. } = &mut **multiple;
                 if let Some(guide) = guide {
                     guide.follow(bank, &estimate, settings, time, period);
                 }
@@ -278,22 +283,41 @@ impl Multiple {
     }
 
     fn predict(&mut self, settings: &Settings, noise: &ImmModel, t: f64, period: f64) {
-        if self.guide.is_some() {
-            let estimate = self.estimate();
-            let Self { bank, guide } = self;
-            let guide = guide.as_mut().expect("it is there");
-            guide.predict(bank, &estimate, settings, noise, t, period);
-        } else {
-            self.bank.mix(&changes(noise, t), noise.turn_rate_sigma.powi(2));
-            self.bank.predict(noise, t, period);
+        let estimate = self.guide.is_some().then(|| self.estimate());
+        let Self { bank, guide, speed } = self;
+        if let (Some(guide), Some(estimate)) = (guide, estimate)
+            && guide.takes_part(settings)
+        {
+            if speed.take().is_some() {
+                fold_plan(bank);
+            }
+            return guide.predict(bank, &estimate, settings, noise, t, period);
+        }
+        let speed = speed.get_or_insert_with(|| {
+            fold_plan(bank);
+            SpeedChange::new(noise)
+        });
+        speed.predict(bank, noise, &changes(noise, t), (t, period));
+    }
+
+    /// Ends what the plan has done to the state so far.
+    fn leave_plan(&mut self) {
+        if let Some(guide) = &mut self.guide {
+            guide.leave(&mut self.bank, false);
+        }
+        if self.speed.is_none() {
+            fold_plan(&mut self.bank);
         }
     }
 
-    fn correct(&mut self, z: [f64; 2], r: Plane) {
+    fn correct(&mut self, noise: &ImmModel, z: [f64; 2], r: Plane) {
         let mut total = 0.0;
         let mut before = [[0.0; 3]; 2];
         if let Some(guide) = &mut self.guide {
             guide.compare(&self.bank, z, r);
+        }
+        if let Some(speed) = &mut self.speed {
+            speed.correct(&self.bank, z, r);
         }
         for (bank, before) in self.banks_mut().zip(&mut before) {
             *before = bank.probability;
@@ -307,11 +331,15 @@ impl Multiple {
                 bank.probability = before;
             }
         }
+        if let Some(speed) = &mut self.speed {
+            speed.decide(&mut self.bank, noise);
+        }
     }
 
     fn estimate(&self) -> Estimate<4> {
         let Some(turning) = self.guide.as_ref().and_then(Guide::turning) else {
-            return self.bank.estimate();
+            let by_speed = self.speed.as_ref().map(|speed| speed.estimate(&self.bank));
+            return by_speed.unwrap_or_else(|| self.bank.estimate());
         };
         let mut moments = Moments::about(self.bank.straight.mean);
         [&self.bank, turning].into_iter().for_each(|bank| bank.add_to(&mut moments));
@@ -320,9 +348,17 @@ impl Multiple {
 
     /// Probability of turns, planned ones included.
     fn turn_probability(&self) -> f64 {
-        let free: f64 = self.banks().map(|bank| bank.probability[TURN]).sum();
+        let mut free: f64 = self.banks().map(|bank| bank.probability[TURN]).sum();
+        if self.bank.probability[SPEED] == 0.0 {
+            free *= 1.0 - self.speed_change_probability();
+        }
         let planned = self.guide.as_ref().and_then(Guide::turning);
         free + planned.map_or(0.0, |bank| bank.probability[PLAN])
+    }
+
+    /// Probability that the speed changes; 0 while the target follows the plan.
+    fn speed_change_probability(&self) -> f64 {
+        self.speed.as_ref().map_or(0.0, |speed| speed.probability(&self.bank))
     }
 }
 

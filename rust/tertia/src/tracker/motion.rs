@@ -18,7 +18,8 @@ pub enum Motion {
     Cv(f64),
     /// Acceleration that fades.
     Singer(Singer),
-    /// Straight flight and turns, weighted by their probabilities (interacting multiple models).
+    /// Straight flight, turns and changes of speed, weighted by their probabilities (interacting
+    /// multiple models).
     Imm(ImmModel),
     /// Least squares over a sliding window of plots.
     Window(WindowModel),
@@ -51,6 +52,9 @@ impl Motion {
                 ("turn_rate_sigma", model.turn_rate_sigma),
                 ("straight_time", model.straight_time),
                 ("turn_time", model.turn_time),
+                ("acceleration_sigma", model.acceleration_sigma),
+                ("steady_time", model.steady_time),
+                ("speed_change_time", model.speed_change_time),
             ]
             .into_iter()
             .try_for_each(|(name, value)| require_positive(name, value)),
@@ -59,7 +63,7 @@ impl Motion {
     }
 }
 
-/// Straight flight and turns at a rate that is not known.
+/// Straight flight, turns at a rate that is not known, and changes of speed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ImmModel {
     /// Standard deviation of the acceleration of straight flight, constant for a scan, m/s².
@@ -74,6 +78,13 @@ pub struct ImmModel {
     pub straight_time: f64,
     /// Mean duration of a turn, s.
     pub turn_time: f64,
+    /// Standard deviation of the acceleration along the course while the speed changes, m/s² (BADA
+    /// limits it to 2 ft/s² for civil flights).
+    pub acceleration_sigma: f64,
+    /// Mean time between changes of speed, s.
+    pub steady_time: f64,
+    /// Mean duration of a change of speed, s.
+    pub speed_change_time: f64,
 }
 
 impl Default for ImmModel {
@@ -85,6 +96,9 @@ impl Default for ImmModel {
             turn_rate_sigma: 1.2_f64.to_radians(),
             straight_time: 400.0,
             turn_time: 35.0,
+            acceleration_sigma: 0.5,
+            steady_time: 900.0,
+            speed_change_time: 60.0,
         }
     }
 }

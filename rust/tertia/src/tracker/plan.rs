@@ -113,6 +113,11 @@ impl Guide {
         if speed.is_finite() { speed } else { estimate.mean[2].hypot(estimate.mean[3]) }
     }
 
+    /// Whether the plan has a say in the motion.
+    pub fn takes_part(&self, settings: &Settings) -> bool {
+        self.is_believed(settings) || self.turning.is_some()
+    }
+
     /// Whether the plan has influence.
     fn is_believed(&self, settings: &Settings) -> bool {
         self.conforms && settings.flown_probability > 0.0
@@ -197,21 +202,15 @@ impl Guide {
         self.ratio = f64::INFINITY;
     }
 
-    /// Ends the influence of the plan.
-    pub fn release(&mut self, bank: &mut Bank) {
-        self.leave(bank, false);
-        fold_plan(bank);
-    }
-
     /// Goes over to a plan that replaces this one, of which the track is on this leg; a second bank has to
-    /// be released before.
+    /// be left before.
     pub fn reroute(&mut self, leg: usize) {
         self.monitor.reroute(leg);
         self.history = SpeedHistory::default();
         self.in_zone = false;
     }
 
-    /// Suspends the plan; a second bank has to be released before.
+    /// Suspends the plan; a second bank has to be left before.
     pub fn suspend(&mut self) {
         self.monitor.suspend();
         self.conforms = false;
@@ -224,7 +223,7 @@ impl Guide {
     }
 
     /// Merges the second bank into the first.
-    fn leave(&mut self, bank: &mut Bank, counts: bool) {
+    pub fn leave(&mut self, bank: &mut Bank, counts: bool) {
         let Some(turning) = self.turning.take() else { return };
         if counts {
             let flown = usize::from(turning.total() <= 0.5);
@@ -446,8 +445,8 @@ fn keep_to_leg(estimate: &mut Estimate<4>, course: [f64; 2], t: f64, q: f64) {
     estimate.covariance = p;
 }
 
-/// Merges the plan's model of a bank into straight flight.
-fn fold_plan(bank: &mut Bank) {
+/// Merges the plan's model of a bank, or that of a change of speed, into straight flight.
+pub(super) fn fold_plan(bank: &mut Bank) {
     let [straight, _, plan] = bank.probability;
     if plan > 0.0 {
         bank.straight = bank.straight.merged(straight, &bank.plan, plan);

@@ -6,6 +6,7 @@
 use super::bank::{Bank, Component, MODELS, PLAN, STRAIGHT, TURN};
 use super::estimate::Estimate;
 use super::filter::{Filter, LEAST_DENSITY};
+use super::speed::SpeedChange;
 use crate::base::plane::Plane;
 use crate::sensors::Radar;
 use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector4};
@@ -199,6 +200,7 @@ impl Filter {
                 let before = multiple.bank.probability;
                 let seconds = multiple.banks().nth(1).map(|bank| bank.probability);
                 multiple.banks_mut().zip(parts).for_each(|(bank, by)| bank.apply(by));
+                multiple.speed.iter_mut().for_each(SpeedChange::forget);
                 let total: f64 = multiple.banks().map(Bank::total).sum();
                 if total > LEAST_DENSITY {
                     multiple.banks_mut().for_each(|bank| bank.scale(total.recip()));

@@ -29,6 +29,8 @@ pub struct Row {
     pub innovation_covariance: Plane,
     /// Probability that the target turns.
     pub turn_probability: f64,
+    /// Probability that its speed changes.
+    pub speed_change_probability: f64,
     /// Probability of the choice of plots, among those that are kept.
     pub association_probability: f64,
     /// Probability that the track is of a target.
@@ -71,6 +73,7 @@ impl Row {
             innovation,
             innovation_covariance,
             turn_probability: track.filter.turn_probability(),
+            speed_change_probability: track.filter.speed_change_probability(),
             association_probability: track.association_probability(),
             existence_probability: track.existence_probability(),
             height,
@@ -97,7 +100,8 @@ impl Row {
             let Plane { xx, xy, yy } = row.innovation_covariance;
             let [a, b] = row.innovation;
             let (turns, exists) = (row.turn_probability, row.existence_probability);
-            [row.time, a, b, xx, xy, yy, turns, exists, row.height, row.vertical_rate]
+            let (speed, height) = (row.speed_change_probability, row.height);
+            [row.time, a, b, xx, xy, yy, turns, speed, exists, height, row.vertical_rate]
         };
         let same = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
         let (mine, others) = (&self.estimate, &other.estimate);

@@ -4,6 +4,7 @@ use super::bank::Bank;
 use super::estimate::Estimate;
 use super::filter::{Filter, LEAST_DENSITY, Multiple};
 use super::motion::{ImmModel, Motion};
+use super::speed::SpeedChange;
 use crate::base::exponential::exp;
 use crate::sensors::{Kind, Measurement, Row};
 use serde::{Deserialize, Serialize};
@@ -108,6 +109,9 @@ impl Filter {
 
 impl Multiple {
     fn see(&mut self, noise: &ImmModel, sight: &Sight, when: When) {
+        if let Some(speed) = &mut self.speed {
+            speed.see(&self.bank, sight, when.t, when.moved(noise.straight_sigma));
+        }
         let before: f64 = self.banks().map(Bank::total).sum();
         let mut banks: Vec<Bank> = self.banks().copied().collect();
         banks.iter_mut().for_each(|bank| bank.see(noise, sight, when));
@@ -137,6 +141,19 @@ impl Bank {
         if *r > 0.0 {
             *r *= self.plan.see(sight, when.t, straight);
         }
+    }
+}
+
+impl SpeedChange {
+    /// Corrects by an azimuth, before the bank is.
+    fn see(&mut self, bank: &Bank, sight: &Sight, t: f64, moved: f64) {
+        let estimate = self.basis(bank);
+        let equation = sight.equation(estimate.mean.data.0[0], t);
+        let (cross, variance) = estimate.along(&equation.row);
+        let own: f64 = equation.row.iter().zip(&self.response).map(|(h, v)| h * v).sum();
+        let by = own / (variance + equation.noise(moved));
+        let gains = cross.map(|c| c * by);
+        self.learn(bank, own * by, equation.residual * by, &gains);
     }
 }
 

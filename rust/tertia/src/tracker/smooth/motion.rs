@@ -49,8 +49,10 @@ pub struct Movement {
     pub stationary: [f64; MODELS],
 }
 
-/// Mean durations between changes of speed, and of one; a change from one manoeuvre to the other, s.
-const SPEED_TIMES: [f64; 3] = [900.0, 60.0, 1000.0];
+/// Mean time of a manoeuvre until the other kind follows at once, s.
+const OTHER_TIME: f64 = 1000.0;
+/// Random walk of the acceleration over its standard deviation, per root of a second.
+const ACCELERATION_WALK: f64 = 0.02;
 
 impl Default for Movement {
     fn default() -> Self {
@@ -73,7 +75,8 @@ impl Movement {
 
     /// Straight flight and turns of this model, and changes of speed.
     fn with_turns(model: &ImmModel) -> Self {
-        let [speeds, sped, other] = SPEED_TIMES.map(f64::recip);
+        let [speeds, sped, other] =
+            [model.steady_time, model.speed_change_time, OTHER_TIME].map(f64::recip);
         let (turns, turned) = (model.straight_time.recip(), model.turn_time.recip());
         let rates = [
             [-turns - speeds, turns, speeds],
@@ -83,7 +86,7 @@ impl Movement {
         Self {
             sigma: [model.straight_sigma, model.turn_sigma, model.straight_sigma],
             turn_rate: [model.turn_rate_walk, model.turn_rate_sigma],
-            acceleration: [0.01, 0.5],
+            acceleration: [ACCELERATION_WALK, 1.0].map(|share| share * model.acceleration_sigma),
             rates,
             stationary: exponential(&rates, FOREVER)[STRAIGHT],
         }
