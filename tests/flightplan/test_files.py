@@ -69,7 +69,7 @@ class TestFiles:
                 assert found == pytest.approx(azimuth, abs=1e-4)
         np.testing.assert_array_equal(one.heights, [0, 3000, 9000])
         assert one.bank == pytest.approx(np.radians(20))
-        with pytest.raises(ValueError, match="plan A: its positions are geodetic"):
+        with pytest.raises(ValueError, match="plan A: its positions are latitudes and longitudes"):
             read_plans(file)
 
     @pytest.mark.parametrize(
