@@ -44,10 +44,10 @@ def azimuths_alone(measured: Mapping[Kind, FloatArray]) -> BoolArray:
     """Return at which instants azimuths were measured and nothing else, (...)."""
     if "azimuth" not in measured:
         return np.zeros((), dtype=bool)
-    alone = ~np.isnan(measured["azimuth"]).all(axis=-1)
+    alone = np.asarray(~np.isnan(measured["azimuth"]).all(axis=-1))
     for kind, values in measured.items():
         if kind != "azimuth":
-            alone = alone & np.isnan(values).all(axis=-1)
+            alone = np.asarray(alone & np.isnan(values).all(axis=-1))
     return alone
 
 
