@@ -231,3 +231,10 @@ def test_azimuths_alone_are_on_the_ground(write: Write, tmp_path: Path, command:
     _, out, _ = run(command, str(path), "--sensors", str(stations(write)))
     sigma = np.median(np.hypot(rows["east_sigma_m"].to_numpy(), rows["north_sigma_m"].to_numpy()))
     assert f"median sigma {sigma:.3g} m" in out
+    one = write("\n".join(["time_s,sensor,azimuth_deg", *lines[:3]]) + "\n", "one.csv")
+    if command == "locate":
+        code, _, err = run(
+            command, str(one), "--sensors", str(stations(write)), "--plot", str(tmp_path / "p.svg")
+        )
+        assert (code, err) == (0, "")
+        assert "nan" not in (tmp_path / "p.svg").read_text(encoding="utf-8")
