@@ -209,3 +209,32 @@ def test_regions_and_bearings_on_maps(tmp_path: Path) -> None:
     text = (tmp_path / "map.kml").read_text(encoding="utf-8")
     assert text.count("<LineString") == 4
     assert text.count("<Polygon") == 1
+
+
+@pytest.mark.parametrize("command", ["locate", "reconstruct"])
+def test_azimuths_alone_are_on_the_ground(write: Write, tmp_path: Path, command: str) -> None:
+    """The stations have heights, the positions have none."""
+    azimuths = {"north": 140.0, "east": 270.0, "south": 75.0}
+    lines = [
+        f"{10 * at},{name},{value + 0.02 * at}"
+        for at in range(5)
+        for name, value in azimuths.items()
+    ]
+    path = write("\n".join(["time_s,sensor,azimuth_deg", *lines]) + "\n", "azimuths.csv")
+    rows, features, marks = both(tmp_path, command, path, "--sensors", stations(write))
+    assert rows["height_m"].null_count() == 5
+    assert len(features) == len(marks) == (5 if command == "locate" else 1)
+    places = np.vstack([one["geometry"]["coordinates"] for one in features])
+    expected = rows.select("longitude_deg", "latitude_deg").to_numpy()
+    np.testing.assert_allclose(places, expected, atol=1e-8)
+    assert all(text(mark, ".//kml:altitudeMode") == ["clampToGround"] for mark in marks)
+    _, out, _ = run(command, str(path), "--sensors", str(stations(write)))
+    sigma = np.median(np.hypot(rows["east_sigma_m"].to_numpy(), rows["north_sigma_m"].to_numpy()))
+    assert f"median sigma {sigma:.3g} m" in out
+    one = write("\n".join(["time_s,sensor,azimuth_deg", *lines[:3]]) + "\n", "one.csv")
+    if command == "locate":
+        code, _, err = run(
+            command, str(one), "--sensors", str(stations(write)), "--plot", str(tmp_path / "p.svg")
+        )
+        assert (code, err) == (0, "")
+        assert "nan" not in (tmp_path / "p.svg").read_text(encoding="utf-8")

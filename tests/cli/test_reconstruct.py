@@ -199,7 +199,7 @@ def test_summary(write: Write, stations: Path) -> None:
     assert {tuple(row[:2]): row[2:6] for row in told} == expected
     sigma = np.median(np.sqrt(np.sum(result.sigma**2, axis=1)))
     assert f"40 of 40 instants with a position, median sigma {sigma:.3g} m\n" in done.out
-    alone = f"  1 instant without a position of their own: {LocationStatus.TOO_FEW.message}\n"
+    alone = "  1 instant has too few measurements for a position of its own; the path includes it\n"
     assert alone in done.out
 
 

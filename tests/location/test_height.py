@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from scipy import optimize
+from scipy.spatial.transform import Rotation
 
 from tertia import metrics
-from tertia.location import LocationStatus, Station, locate
+from tertia.location import LocationStatus, Station, accuracy_map, locate
 from tertia.sensors import Bias
 
 PLACES = np.array([[0, 0, 30.0], [3000, 0, 80.0], [3000, 2800, 5.0], [200, 2900, 120.0]])
@@ -115,3 +116,60 @@ class TestGiven:
             locate(PLACES[:, :2], azimuth=AZIMUTH, azimuth_sigma=0.01, **level)
         with pytest.raises(ValueError, match="standard deviations must be"):
             locate(PLACES, azimuth=AZIMUTH, **level)
+
+
+# verticals as on the earth, where stations are kilometres apart
+TURNS = np.array([[0.0, 0.0], [5e-4, 1e-4], [3e-4, -6e-4], [-4e-4, -2e-4]])
+
+
+def tilted(**sigmas):
+    """Return stations whose verticals differ, as far from each other on the earth."""
+    stations = []
+    for place, (x, y) in zip(PLACES, TURNS, strict=True):
+        axes = Rotation.from_rotvec([x, y, 0.0]).as_matrix()
+        stations.append(Station(place, axes=axes, **sigmas))
+    return stations
+
+
+class TestInstantsWithAzimuthsAlone:
+    """Other instants of the batch have more."""
+
+    def test_each_is_located_as_if_it_were_alone(self):
+        rng = np.random.default_rng(4)
+        azimuth = AZIMUTH + 0.01 * rng.normal(size=(20, 4))
+        elevation = np.full((20, 4), np.nan)
+        elevation[::4] = np.arctan2(OFFSET[:, 2], np.hypot(OFFSET[:, 0], OFFSET[:, 1]))
+        stations = tilted(azimuth_sigma=0.01, elevation_sigma=0.01)
+        batch = locate(stations, azimuth=azimuth, elevation=elevation, bias=Bias())
+        assert batch.success.all()
+        assert np.isfinite(batch.position[::4]).all()
+        others = np.arange(20) % 4 > 0
+        assert np.isnan(batch.position[others, 2]).all()
+        assert np.isinf(batch.sigma[others, 2]).all()
+        alone = locate(stations, azimuth=azimuth[others], bias=Bias())
+        np.testing.assert_allclose(batch.position[others, :2], alone.position[:, :2], rtol=1e-9)
+        np.testing.assert_allclose(batch.covariance[others], alone.covariance, rtol=1e-9)
+        area = batch.region().area
+        np.testing.assert_allclose(area[others], alone.region().area, rtol=1e-9)
+
+    def test_values_that_are_all_missing_are_none(self):
+        options = {"azimuth_sigma": 0.01, "elevation_sigma": 0.01, "bias": Bias()}
+        fix = locate(PLACES, azimuth=AZIMUTH, elevation=np.full(4, np.nan), **options)
+        np.testing.assert_allclose(fix.position[:2], TARGET[:2], atol=1e-6)
+        assert np.isnan(fix.position[2])
+
+
+class TestAccuracy:
+    @pytest.mark.parametrize("stations", [PLACES, tilted()])
+    def test_of_azimuths_is_that_in_the_plane(self, stations):
+        grid = np.array([TARGET, [100.0, 2000.0, 50.0]])
+        space = accuracy_map(stations, grid, azimuth_sigma=0.01)
+        plane = accuracy_map(PLACES[:, :2], grid[:, :2], azimuth_sigma=0.01)
+        np.testing.assert_allclose(space.covariance[:, :2, :2], plane.covariance, rtol=1e-6)
+        np.testing.assert_allclose(space.drms, plane.drms, rtol=1e-6)
+        assert np.isinf(space.sigma[:, 2]).all()
+
+    def test_where_there_is_no_position_it_is_infinite(self):
+        found = accuracy_map(PLACES, PLACES[0], azimuth_sigma=0.01)
+        assert np.isinf(found.sigma).all()
+        assert np.isinf(found.drms)

@@ -211,3 +211,10 @@ def test_errors_of_trajectory(
     with pytest.raises(error, match=message):
         plot.trajectory(**(right | arguments))
     assert not plt.get_fignums()
+
+
+def test_heights_that_azimuths_do_not_tell_have_no_panel() -> None:
+    azimuth = measured_from(STATIONS)["azimuth"]
+    path = reconstruct(STATIONS, 2.0 * np.arange(INSTANTS), azimuth=azimuth)
+    for result in (path, locate(STATIONS, azimuth=azimuth)):
+        assert list(plot.trajectory(STATIONS, result)) == ["plan", "azimuth"]

@@ -14,6 +14,7 @@ from tertia._arrays import FloatArray, finite, listed, positive_number, scalar_o
 from tertia._result import Result
 from tertia.location._arrivals import LIGHT
 from tertia.location._bias import given_biases
+from tertia.location._height import lifted, without_heights
 from tertia.location._readers import correlation_of, deviations
 from tertia.sensors import Bias, Kind, Station
 from tertia.sensors._kinds import KINDS
@@ -45,9 +46,14 @@ class Accuracy(Result):
 
     @property
     def drms(self) -> float | FloatArray:
-        """Distance root mean square: square root of the sum of the variances, of shape (...)."""
+        """Distance root mean square: square root of the sum of the variances, of shape (...).
+
+        It is horizontal where only the height is not determined.
+        """
+        variances = np.diagonal(self.covariance, axis1=-2, axis2=-1)
+        plane, up = variances[..., :2].sum(axis=-1), variances[..., 2:].sum(axis=-1)
         total: float | FloatArray = scalar_or_array(
-            np.sqrt(np.trace(self.covariance, axis1=-2, axis2=-1))
+            np.sqrt(plane + np.where(np.isinf(up), 0.0, up))
         )
         return total
 
@@ -106,7 +112,8 @@ def accuracy_map(
     Accuracy
         Covariance and dilution of precision at every position of the grid. The variances are
         infinite at positions that the measurements would not determine, and at positions of
-        stations.
+        stations. Azimuths alone do not determine the height; the variances are then those in the
+        plane, and that of the height is infinite.
 
     Raises
     ------
@@ -160,6 +167,9 @@ def accuracy_map(
         raise ValueError("elevation needs stations with three coordinates")
     if np.all(np.isnan(sigmas)):
         raise ValueError("no standard deviation is given; nothing would be measured")
+    measured = dict(zip(KINDS, sigmas[0], strict=True))
+    places, axes, flat = without_heights(places, axes, measured)
+    points = points[..., : places.shape[1]]
     covariance, dop = _core.location_accuracy(
         (places[np.newaxis], None if axes is None else axes[np.newaxis]),
         (sigmas, survey_sigmas(stations)),
@@ -167,6 +177,8 @@ def accuracy_map(
         correlation_of(range_difference_correlation),
         threads(n_threads),
     )
+    if flat:
+        _, covariance = lifted(points, covariance)
     return Accuracy(covariance, scalar_or_array(dop))
 
 

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import FloatArray, finite, positive
+from tertia._arrays import BoolArray, FloatArray, finite, positive
 from tertia.location._result import Location
+from tertia.sensors import Kind
 
 # in metres; what stations with verticals of their own see of a height is small
-_ANYWHERE = 10_000.0
+ANYWHERE = 10_000.0
+# cosine of 10 degrees; the verticals of stations 1000 km apart differ by 9 degrees
+_LEVEL = 0.985
 
 
 def read_height(
@@ -36,18 +40,72 @@ def read_height(
         ) from None
 
 
-def anywhere(places: FloatArray) -> FloatArray:
-    """Return a height with a very large sigma, near the heights of the stations (..., K, 3)."""
-    level = np.mean(places[..., 2], axis=-1)
-    return np.stack([level, np.full_like(level, _ANYWHERE)], axis=-1)
+def azimuths_alone(measured: Mapping[Kind, FloatArray]) -> BoolArray:
+    """Return at which instants azimuths were measured and nothing else, (...)."""
+    if "azimuth" not in measured:
+        return np.zeros((), dtype=bool)
+    alone = np.asarray(~np.isnan(measured["azimuth"]).all(axis=-1))
+    for kind, values in measured.items():
+        if kind != "azimuth":
+            alone = np.asarray(alone & np.isnan(values).all(axis=-1))
+    return alone
 
 
-def without_height(location: Location) -> Location:
-    """Return the location with its height marked as undetermined."""
+def without_heights(
+    places: FloatArray, axes: FloatArray | None, measured: Mapping[Kind, FloatArray]
+) -> tuple[FloatArray, FloatArray | None, bool]:
+    """Return stations (..., K, 2) in the plane, their axes, and True if no height is measured.
+
+    Otherwise the stations are returned as they are, with False. Azimuths tell a height if verticals
+    of stations are far from that of the frame.
+    """
+    others = (values for kind, values in measured.items() if kind != "azimuth")
+    flat = places.shape[-1] > 2 and all(np.isnan(values).all() for values in others)
+    if not flat or not (axes is None or np.all(axes[..., 2, 2] > _LEVEL)):
+        return places, axes, False
+    plane = np.ascontiguousarray(places[..., :2])
+    return plane, None if axes is None else in_the_plane(axes), True
+
+
+def in_the_plane(axes: FloatArray) -> FloatArray:
+    """Return the rotations about the vertical, (..., 2, 2), that are nearest to axes in space."""
+    angle = np.arctan2(axes[..., 0, 1] - axes[..., 1, 0], axes[..., 0, 0] + axes[..., 1, 1])
+    cosine, sine = np.cos(angle), np.sin(angle)
+    rotations = np.stack([cosine, sine, -sine, cosine], axis=-1)
+    return rotations.reshape(*angle.shape, 2, 2)
+
+
+def lifted(values: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return vectors of the plane, (..., 2 M), and their covariance in space, (..., 3 M).
+
+    The height of each of the M vectors is nan, with an infinite variance; where a variance is nan,
+    all are.
+    """
+    size = values.shape[-1] // 2 * 3
+    plane, up = np.flatnonzero(np.arange(size) % 3 < 2), np.arange(2, size, 3)
+    raised = np.full((*values.shape[:-1], size), np.nan)
+    raised[..., plane] = values
+    spread = np.zeros((*covariance.shape[:-2], size, size))
+    spread[..., plane[:, np.newaxis], plane] = covariance
+    spread[..., up, up] = np.inf
+    spread[np.isnan(np.diagonal(covariance, axis1=-2, axis2=-1)).any(axis=-1)] = np.nan
+    return raised, spread
+
+
+def anywhere(places: FloatArray, lacks: BoolArray) -> FloatArray:
+    """Return heights with a very large sigma, near those of the stations (..., K, 3).
+
+    Both are nan at instants that need no height.
+    """
+    level = np.where(lacks, np.mean(places[..., 2], axis=-1), np.nan)
+    return np.stack([level, np.where(lacks, ANYWHERE, np.nan)], axis=-1)
+
+
+def without_height(location: Location, lacks: BoolArray) -> Location:
+    """Return the location with its height marked as undetermined at some instants."""
     position, covariance = location.position.copy(), location.covariance.copy()
-    found = np.asarray(location.success)
-    position[..., 2] = np.nan
-    covariance[..., 2, :] = np.where(found, 0.0, np.nan)[..., np.newaxis]
-    covariance[..., :, 2] = covariance[..., 2, :]
-    covariance[..., 2, 2] = np.where(found, np.inf, np.nan)
+    own = np.broadcast_to(lacks, position.shape[:-1]) & np.asarray(location.success)
+    position[own, 2] = np.nan
+    covariance[own, 2, :] = covariance[own, :, 2] = 0.0
+    covariance[own, 2, 2] = np.inf
     return replace(location, position=position, covariance=covariance)

@@ -26,7 +26,7 @@ from tertia._arrays import (
 from tertia.location._arrivals import LIGHT, Arrivals, read_arrivals
 from tertia.location._bias import Given, given_biases, said
 from tertia.location._degrees import warn_if_degrees
-from tertia.location._height import anywhere, read_height, without_height
+from tertia.location._height import anywhere, azimuths_alone, read_height, without_height
 from tertia.location._posterior import locate_posterior
 from tertia.location._readers import checked, correlation_of, deviations, require_kinds
 from tertia.location._result import Location, LocationMethod, LocationStatus, location_of
@@ -115,8 +115,8 @@ def locate(
     height, height_sigma : array_like of shape (...), optional
         Last coordinate of the target in metres and its standard deviation, only if D = 3. A given
         height is used like the other measurements. Azimuths alone do not determine the height: if
-        `height` is missing, up is nan with an infinite variance, and east and north are estimated
-        in the plane.
+        `height` is missing, up is nan with an infinite variance at instants with nothing else, and
+        east and north are estimated in the plane.
     method : {"robust", "least-squares", "lenth-mle", "lenth-huber", "lenth-andrews", "posterior"}
         "robust": Tukey's biweight is used if there are at least `redundancy` degrees of freedom,
         otherwise least squares. "least-squares": least squares are always used. The other methods
@@ -274,10 +274,9 @@ def locate(
     level = read_height(height, height_sigma, d)
     if level is not None and unknown:
         raise ValueError("height is given; then the standard deviations must be, too")
-    flat = level is None and d > 2 and set(measured) == {"azimuth"}
-    if flat:
-        level = anywhere(places)
     batch = _batch(places, measured, start, level)
+    lacks = _lacks_height(measured, d) if level is None else None
+    level = level if lacks is None else anywhere(places, lacks)
     values = np.full((*batch, len(KINDS), k), np.nan)
     stated = np.full((*_sigma_batch(measured), len(KINDS), k), np.nan)
     for kind, (value, sigma) in measured.items():
@@ -342,7 +341,7 @@ def locate(
         unit = 1.0 if arrivals is None else arrivals.speed
         sigma = np.broadcast_to(common / unit, np.shape(location.statistic))
         location = replace(location, measurement_sigma=scalar_or_array(np.array(sigma)))
-    return _checked(without_height(location) if flat else location)
+    return _checked(location if lacks is None else without_height(location, lacks))
 
 
 def _solved(
@@ -354,6 +353,14 @@ def _solved(
 
 
 _Measured: TypeAlias = dict[Kind, tuple[FloatArray, FloatArray]]
+
+
+def _lacks_height(measured: _Measured, d: int) -> BoolArray | None:
+    """Return at which instants nothing determines the height; None if at none."""
+    if d == 2:
+        return None
+    alone = azimuths_alone({kind: value for kind, (value, _) in measured.items()})
+    return alone if alone.any() else None
 
 
 def _start(initial: npt.ArrayLike | None, d: int) -> FloatArray | None:

@@ -54,8 +54,8 @@ _MESSAGES = {
         "measurements change alike"
     ),
     LocationStatus.AMBIGUOUS: (
-        "two positions explain the measurements (almost) equally well; give initial, or measure "
-        "something else"
+        "two positions explain the measurements (almost) equally well; give initial, or height if "
+        "the stations have heights, or measure something else"
     ),
     LocationStatus.AT_STATION: (
         "the position is at a station, or straight above one that measures angles"

@@ -55,7 +55,10 @@ class Scene:
         """Return `rows` and the other data that the core needs for regions of given positions."""
         if self.height is not None:
             # also where it is no result
-            level = np.broadcast_to(self.height[..., 0], position.shape[:-1])
+            level = self.height[..., 0]
+            level = np.broadcast_to(
+                level.reshape(()) if level.size == 1 else level, position.shape[:-1]
+            )
             up = np.where(np.isnan(position[..., 2]), level, position[..., 2])
             position = np.concatenate([position[..., :2], up[..., np.newaxis]], axis=-1)
         models = self.correlation, self.outlier.astype(np.float64)

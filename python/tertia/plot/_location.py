@@ -109,7 +109,9 @@ def location(
     ax.plot(*result.position[:2], color=RESULT, marker="*", markersize=10, label=label)
     for ring in result.region(probability).polygon if known else ():
         ax.plot(*np.concatenate([ring, ring[:1]]).T, color=RESULT)
-    ax.set_title(with_sigmas(result.position, result.sigma))
+    # without a height that azimuths alone do not determine
+    told = slice(2) if np.isnan(result.position[2:]).any() else slice(None)
+    ax.set_title(with_sigmas(result.position[told], result.sigma[told]))
     view_from_above(ax)
     if legend:
         ax.legend(fontsize="small")

@@ -79,9 +79,10 @@ def trajectory(
     -------
     dict of str to matplotlib.axes.Axes
         The panel "plan" shows north against east in metres, with crosses on positions that have an
-        outlier. If D = 3, the panel "height" shows the height with its 2-sigma band. The panel of
-        each kind of measurement, such as "range", shows the residuals in standard deviations;
-        outliers are marked by crosses, and outliers outside the panel are drawn at its edge.
+        outlier. If D = 3, the panel "height" shows the height with its 2-sigma band, unless all
+        positions are without a height. The panel of each kind of measurement, such as "range",
+        shows the residuals in standard deviations; outliers are marked by crosses, and outliers
+        outside the panel are drawn at its edge.
 
     Raises
     ------
@@ -121,7 +122,9 @@ def trajectory(
     radius = ellipse_radius(probability)
     legend = flag(legend, "legend")
     residuals = _by_station(result.residual, result.outlier, places.shape[-2])
-    rows = [*(["height"] if d == 3 else []), *residuals]
+    up = result.position[np.isfinite(result.position[:, :2]).all(axis=1), 2:]
+    has_heights = d == 3 and not (up.size and np.isnan(up).all())
+    rows = [*(["height"] if has_heights else []), *residuals]
     figure = new_figure(11, max(5.0, 2 + 1.5 * len(rows))) if figure is None else figure
     panels = figure.subplot_mosaic([["plan", name] for name in rows], width_ratios=(5, 4))
 
@@ -137,7 +140,7 @@ def trajectory(
         f"{counted(outliers, 'outlier')}"
     )
     view_from_above(plan)
-    if d == 3:
+    if has_heights:
         _draw_height(panels["height"], times, result)
     for kind, (values, outlier) in residuals.items():
         _draw_residuals(panels[kind], times, values, outlier, _called(stations, len(values)))

@@ -13,6 +13,7 @@ from tertia.geo import LocalFrame, SystemPlane
 from tertia.location import LIGHT, Location, LocationMethod
 from tertia.location import locate as locate_instants
 from tertia.sensors import Station
+from tertia.tables._earth import up_at
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import Progress, as_names, beside, known, prefixed
 from tertia.tables._instants import check_tolerance
@@ -127,7 +128,9 @@ def locate(
         `emission_time_s` and its sigma, if there are times of arrival; `measurement_count`,
         `degrees_of_freedom`, `pvalue`, `outlier_count` and `outlier_measurement` (the names of the
         outliers); and `status`, which states the reason if there is no position. Unknown values are
-        null.
+        null. If stations with latitudes, longitudes and heights measure only azimuths, the height
+        is null, and the latitude and longitude are those of the point at the mean height of the
+        stations.
 
     Raises
     ------
@@ -237,7 +240,7 @@ def _locate(
     rows = {
         "time_s": target.moments,
         **coordinates(found.position, found.covariance),
-        **stations.geodetic(found.position),
+        **target.sensors.geodetic(found.position),
         **covariances(found.covariance),
         **_emission(found),
         **regions,
@@ -265,8 +268,7 @@ def _at_height(
         return locate_instants(stations, height=height, **options)
     found = locate_instants(stations, height=height - frame.height, **options)
     for _ in range(_ROUNDS):
-        latitude, longitude, _ = frame.to_geodetic(found.position)
-        up = np.asarray(frame.to_local(latitude, longitude, height))[..., 2]
+        up = up_at(frame, found.position, height)
         up = np.where(np.isfinite(up), up, height - frame.height)
         found = locate_instants(stations, height=up, **options)
     return found

@@ -8,9 +8,10 @@ import numpy as np
 import polars as pl
 
 from tertia._arrays import FloatArray, IntArray
+from tertia.location._height import in_the_plane
 from tertia.sensors import Station
 from tertia.tables._records import Records, Schema, number
-from tertia.tables._sensors import Sensors, in_the_plane
+from tertia.tables._sensors import Sensors
 
 # positions of sensors in the rows of measurements, local or geodetic
 PLACES: Schema = {

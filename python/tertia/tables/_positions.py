@@ -123,9 +123,11 @@ def coordinates(
 def covariances(covariance: FloatArray) -> dict[str, pl.Series]:
     """Return columns of the covariances between the coordinates (N, D, D)."""
     d = covariance.shape[-1]
-    there = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
+    there = np.isfinite(np.diagonal(covariance, axis1=-2, axis2=-1))
     return {
-        f"covariance_{_AXES[i]}_{_AXES[j]}_m2": known(covariance[:, i, j], there)
+        f"covariance_{_AXES[i]}_{_AXES[j]}_m2": known(
+            covariance[:, i, j], there[:, i] & there[:, j]
+        )
         for i in range(d)
         for j in range(i + 1, d)
     }

@@ -164,13 +164,13 @@ def _path(
         found,
         found.fixes,
         judged,
-        _rows(target, sensors, found, judged),
+        _rows(target, found, judged),
         _with_bias(of_sensors(target, judged), found, sensors.names),
     )
 
 
 def _has_position(found: Trajectory) -> BoolArray:
-    return np.asarray(np.isfinite(found.position).all(axis=1))
+    return np.asarray(np.isfinite(found.position[:, :2]).all(axis=1))
 
 
 def _of_stations(target: Target, kind: Kind, sigma: FloatArray) -> FloatArray | None:
@@ -182,16 +182,14 @@ def _of_stations(target: Target, kind: Kind, sigma: FloatArray) -> FloatArray | 
     return np.asarray(np.where(np.isnan(least), sigma[0], least))
 
 
-def _rows(
-    target: Target, sensors: Sensors[Station], found: Trajectory, measured: pl.DataFrame
-) -> pl.DataFrame:
+def _rows(target: Target, found: Trajectory, measured: pl.DataFrame) -> pl.DataFrame:
     """Return one row per time; unknown values are null."""
     d = found.position.shape[1]
     parts = [found.covariance[:, i * d : (i + 1) * d, i * d : (i + 1) * d] for i in range(3)]
     rows = {
         "time_s": target.moments,
         **coordinates(found.position, parts[0]),
-        **sensors.geodetic(found.position),
+        **target.sensors.geodetic(found.position),
         **coordinates(found.velocity, parts[1], *_MOTION[0]),
         **coordinates(found.acceleration, parts[2], *_MOTION[1]),
         **covariances(parts[0]),

@@ -12,7 +12,9 @@ import numpy as np
 
 from tertia._arrays import FloatArray
 from tertia.geo import LocalFrame, SystemPlane
+from tertia.location._height import in_the_plane
 from tertia.sensors import Bias, Channel, PositionSensor, Radar, Station
+from tertia.tables._earth import at_heights, on_the_ellipsoid
 from tertia.tables._groups import known
 from tertia.tables._marks import is_mark
 from tertia.tables._names import VERY_NEAR, all_misspelt, hint, plain_name
@@ -113,17 +115,18 @@ class Sensors(Generic[S]):
         """Return the columns of latitudes, longitudes and, if D = 3, heights of positions (N, D).
 
         Positions in a system plane are converted at their height. Positions without a height, and
-        positions in a tangent plane, are taken on the ellipsoid. Positions that are not on the
-        earth give null. Without a frame there are no columns.
+        positions in a tangent plane, are taken on the ellipsoid. If stations have heights, a
+        position without a height is taken at their mean height, and its height is null. Positions
+        that are not on the earth give null. Without a frame there are no columns.
         """
         if self.frame is None:
             return {}
         if isinstance(self.frame, SystemPlane):
             found: Iterable[Any] = self.frame.to_geodetic(lifted(position, height))[:2]
         elif position.shape[1] == len(LOCAL):
-            found = self.frame.to_geodetic(position)
+            found = at_heights(self.frame, position, [one.position for one in self.items])
         else:
-            found = _on_the_ellipsoid(self.frame, position)
+            found = on_the_ellipsoid(self.frame, position)
         return {name: known(cells) for name, cells in zip(GEODETIC, found, strict=False)}
 
     def origin(self) -> str | None:
@@ -270,7 +273,7 @@ def radar_rows(sensors: Sensors[Radar]) -> pl.DataFrame:
         places = dict(zip(GEODETIC, sensors.frame.to_geodetic(position), strict=True))
     else:
         # heights are above the ellipsoid, not above the plane
-        latitude, longitude = _on_the_ellipsoid(sensors.frame, position[:, :2])
+        latitude, longitude = on_the_ellipsoid(sensors.frame, position[:, :2])
         places = dict(zip(GEODETIC, (latitude, longitude, position[:, 2]), strict=True))
     columns: dict[str, Any] = {"name": sensors.names} | places
     for key, (column, unit) in _RADAR.items():
@@ -579,20 +582,3 @@ def _on_the_earth(
                 f"{_REACH_OF_A_PLANE / 1e3:.0f} km; are latitude and longitude swapped?"
             )
     return positions[:, :2], in_the_plane(axes), frame
-
-
-def in_the_plane(axes: FloatArray) -> FloatArray:
-    """Return the rotations about the vertical that are nearest to the axes, (K, 2, 2)."""
-    angle = np.arctan2(axes[:, 0, 1] - axes[:, 1, 0], axes[:, 0, 0] + axes[:, 1, 1])
-    cosine, sine = np.cos(angle), np.sin(angle)
-    return np.stack([cosine, sine, -sine, cosine], axis=-1).reshape(-1, 2, 2)
-
-
-def _on_the_ellipsoid(frame: LocalFrame, position: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return latitude and longitude of the points below or above positions in the plane."""
-    from pyproj import Proj  # noqa: PLC0415  # only here is pyproj needed
-
-    # east and north of a place on the ellipsoid are its orthographic projection
-    plane = Proj(proj="ortho", lat_0=frame.latitude, lon_0=frame.longitude, ellps="WGS84")
-    longitude, latitude = plane(position[:, 0], position[:, 1], inverse=True)
-    return np.asarray(latitude), np.asarray(longitude)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any, Literal, NoReturn, TypeAlias, get_args
 
 import numpy as np
@@ -12,7 +11,6 @@ import numpy.typing as npt
 
 from tertia import _core
 from tertia._arrays import (
-    BoolArray,
     FloatArray,
     finite,
     instance,
@@ -21,10 +19,17 @@ from tertia._arrays import (
     samples,
     threads,
 )
-from tertia.location import LocationStatus
-from tertia.location._arrivals import LIGHT, Arrivals, read_arrivals
-from tertia.location._bias import ERRORS, Given, given_biases, said
+from tertia.location import Location, LocationStatus
+from tertia.location._arrivals import LIGHT, read_arrivals
+from tertia.location._bias import ERRORS, given_biases, said
 from tertia.location._degrees import warn_if_degrees
+from tertia.location._height import (
+    ANYWHERE,
+    azimuths_alone,
+    lifted,
+    without_height,
+    without_heights,
+)
 from tertia.location._readers import checked, correlation_of, deviations, require_kinds
 from tertia.location._result import location_of
 from tertia.sensors import Bias, Kind, Station
@@ -32,18 +37,12 @@ from tertia.sensors._kinds import ANGLES, KINDS, STATION_KINDS
 from tertia.sensors._sensors import by_kind, stack_stations, survey_sigmas
 from tertia.smoothing import SmoothedPositions, local_polynomial
 from tertia.trajectory._result import Trajectory
+from tertia.trajectory._systematic import bias_of, prior_of, unit_of, without_deviations
 
 Order: TypeAlias = Literal["spatial-first", "temporal-first"]
 Spatial: TypeAlias = Literal["robust", "least-squares"]
 Smoother: TypeAlias = Literal["rts", "local-polynomial"]
 
-# fields of a bias that do not depend on the direction
-_CONSTANT = (
-    *ERRORS.values(),
-    *(f"{error}_sigma" for error in ERRORS.values()),
-    "drift_share",
-    "drift_time",
-)
 # share of instants with outliers from which angles may be in degrees
 _CONTRADICTED = 0.25
 
@@ -82,7 +81,9 @@ def reconstruct(
         The stations, with their positions and standard deviations. Positions have the shape (D,)
         or, if stations move, (N, D). If the axes of a station change over time, `order` must be
         "spatial-first". A `position_sigma` describes an error that all instants share, and requires
-        the order "spatial-first" and the smoother "rts".
+        the order "spatial-first" and the smoother "rts". If D = 3 and only azimuths are measured,
+        the path is estimated in the plane, without the heights of the stations: the component up of
+        the position, velocity and acceleration is nan with an infinite variance, as in `locate`.
     time : array_like of shape (N,)
         Times of the instants in seconds, in non-decreasing order. A single measurement at an
         instant is sufficient.
@@ -144,7 +145,7 @@ def reconstruct(
     ------
     ValueError
         If a shape is wrong, a number is outside its domain, times decrease, no instant can be
-        located, or biases are not determined by the measurements.
+        located, or biases or heights are not determined by the measurements.
     TypeError
         If an argument has the wrong type.
 
@@ -259,9 +260,9 @@ def reconstruct(
     )
     surveys = survey_sigmas(stations)
     _require_order((order, smoother), axes, surveys, is_timed=arrivals is not None)
-    curves, sources, bias = _deviations(stations, bias, measured.get("azimuth"))
+    curves, sources, bias = without_deviations(stations, bias, measured.get("azimuth"))
     given = given_biases(bias, sources, k)
-    prior = _prior(given, bias, sources, measured, arrivals)
+    prior = prior_of(given, bias, sources, measured, arrivals)
     if np.any(given.sigma > 0) and (order, smoother) != ("spatial-first", "rts"):
         raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
     if curves is not None:
@@ -271,12 +272,13 @@ def reconstruct(
     values, own = np.full((2, len(instants), len(KINDS), k), np.nan)
     for kind, array in measured.items():
         at, first = KINDS.index(kind), int(kind == "range_difference")
-        known = given.subtracted(kind, array, _unit(kind, arrivals))
+        known = given.subtracted(kind, array, unit_of(kind, arrivals))
         if kind == "azimuth" and curves is not None:
             known = known - curves[0]
         if kind == "range":
             known = np.where(known > 0, known, np.nan)
         values[:, at, first:], own[:, at, first:] = known, sigmas[kind]
+    places, axes, flat = without_heights(places, axes, measured)
     usual = _usual(own, values)
     differ = any(sigma.ndim > 1 for sigma in sigmas.values())
     record = {
@@ -305,21 +307,58 @@ def reconstruct(
         _warn_if_degrees(record, found)
     if found["failure"] is not None:
         _raise(found["failure"], stations)
-    d, mean, smoothed = places.shape[-1], found["mean"], found["smoothed"]
-    kinds = tuple(measured)
+    found = _in_space(found) if flat else found
+    mean, smoothed, kinds = found["mean"], found["smoothed"], tuple(measured)
+    d = mean.shape[1] // 3
+    fixes = location_of(found["fixes"], kinds, estimated=False, arrivals=arrivals)
     return Trajectory(
         instants,
         mean[:, :d],
         mean[:, d : 2 * d],
         mean[:, 2 * d :],
         covariance=found["covariance"],
-        fixes=location_of(found["fixes"], kinds, estimated=False, arrivals=arrivals),
+        fixes=_with_heights(fixes, found, values),
         outlier=by_kind(found["outlier"], kinds),
         residual=by_kind(found["residual"], kinds),
         systematic=said(np.isnan(given.sigma), tells=bool(found["bias"] and found["bias"][-1])),
-        bias=_bias(given, found["bias"], arrivals),
+        bias=bias_of(given, found["bias"], arrivals),
         smoothed=None if smoothed is None else _smoothed(mean, smoothed),
     )
+
+
+def _in_space(found: dict[str, Any]) -> dict[str, Any]:
+    """Return a path in the plane as one in space, whose heights are unknown."""
+    mean, covariance = lifted(found["mean"], found["covariance"])
+    smoothed = found["smoothed"]
+    if smoothed is not None:
+        spread, innovation, *others = smoothed
+        _, spread = lifted(found["mean"], spread)
+        innovation = np.pad(innovation, ((0, 0), (0, 1)), constant_values=np.nan)
+        smoothed = spread, innovation, *others
+    position, accuracy, *others = found["fixes"]
+    fixes = *lifted(position, accuracy), *others
+    return {"mean": mean, "covariance": covariance, "smoothed": smoothed, "fixes": fixes} | {
+        name: found[name] for name in ("outlier", "residual", "bias")
+    }
+
+
+def _with_heights(fixes: Location, found: dict[str, Any], values: FloatArray) -> Location:
+    """Return single positions, without heights where only azimuths are left, (N, 5, K).
+
+    Raise an error if the other instants do not determine the heights of the path.
+    """
+    if fixes.position.shape[-1] == 2:
+        return fixes
+    kept = np.where(found["outlier"], np.nan, values)
+    alone = azimuths_alone(dict(zip(KINDS, np.moveaxis(kept, 1, 0), strict=True)))
+    variance = found["covariance"][:, 2, 2]
+    if alone.any() and ANYWHERE**2 < np.median(variance) < np.inf:
+        raise ValueError(
+            f"the height of the path is not determined: at {np.count_nonzero(alone)} of "
+            f"{len(alone)} instants only azimuths were measured; measure more elevations or "
+            "ranges, or leave out those that there are"
+        )
+    return without_height(fixes, alone)
 
 
 def _usual(sigmas: FloatArray, values: FloatArray) -> FloatArray:
@@ -372,35 +411,6 @@ def _smoothed(mean: FloatArray, found: Sequence[Any]) -> SmoothedPositions:
         correlation_time=0.0,
         noise_factor=1.0,
     )
-
-
-def _unit(kind: Kind, arrivals: Arrivals | None) -> FloatArray:
-    """Return the factor that converts a systematic error to the unit of the core."""
-    if kind != "arrival_time" or arrivals is None:
-        return np.ones(())
-    return arrivals.speed[..., np.newaxis]
-
-
-def _bias(
-    given: Given,
-    found: tuple[list[float], list[float], float, float, bool] | None,
-    arrivals: Arrivals | None,
-) -> Bias | None:
-    """Return the given and the estimated biases; None if there are neither."""
-    fields: dict[str, Any] = {}
-    for at, error in enumerate(ERRORS.values()):
-        fields |= {error: given.value[at], f"{error}_sigma": given.sigma[at]}
-    if found is None:
-        return None if np.isnan(given.sigma).any() else Bias(**fields)
-    values, sigmas, share, time, _ = found
-    own = np.reshape([values, sigmas], (2, len(KINDS), -1))
-    for kind, error in ERRORS.items():
-        value, sigma = own[:, KINDS.index(kind)] / np.median(_unit(kind, arrivals))
-        # no angle is less known than one that is uniform
-        most = np.pi / np.sqrt(3.0) if kind in ANGLES else np.inf
-        least = np.where(np.isinf(sigma), np.inf, np.minimum(sigma, most))
-        fields |= {error: fields[error] + value, f"{error}_sigma": least}
-    return Bias(**fields, drift_share=share, drift_time=time)
 
 
 def _raise(failure: tuple[str, list[int]], stations: Sequence[Station]) -> NoReturn:
@@ -518,79 +528,3 @@ def _require_order(
         raise ValueError(
             "position_sigma of stations needs order 'spatial-first' and smoother 'rts'"
         )
-
-
-def _deviations(
-    stations: Sequence[Station], bias: Bias | None, azimuth: FloatArray | None
-) -> tuple[tuple[FloatArray, FloatArray] | None, Sequence[Station], Bias | None]:
-    """Return azimuth deviations, (N, K), their sigmas, and the stations and bias without them."""
-    own = [bias] * len(stations) if bias is not None else [station.bias for station in stations]
-    if not any(one is not None and one.deviation_order > 0 for one in own):
-        return None, stations, bias
-    if azimuth is None:
-        raise ValueError("bias has a deviation with the azimuth, but azimuth was not measured")
-    curve, sigma, sources = np.zeros(azimuth.shape), np.zeros(azimuth.shape), []
-    for k, (station, one) in enumerate(zip(stations, own, strict=True)):
-        rest = one
-        if one is not None and one.deviation_order > 0:
-            value, total = one.at(np.nan_to_num(azimuth[:, k]))
-            # what is constant stays with the others, what drifts is not in the covariance
-            constant = float(one.at()[1]) ** 2
-            drift = (
-                constant
-                if one.deviation_covariance is None
-                else max(constant - one.deviation_covariance[0, 0], 0.0)
-            )
-            curve[:, k], sigma[:, k] = value - one.azimuth, np.sqrt(np.maximum(total**2 - drift, 0))
-            fields = {name: getattr(one, name) for name in _CONSTANT}
-            if one.deviation_covariance is not None:
-                fields |= {"azimuth_sigma": np.sqrt(drift), "drift_share": 1.0}
-            rest = Bias(**fields)
-        sources.append(replace(station, bias=rest))
-    return (curve, sigma), sources, None if bias is None else sources[0].bias
-
-
-def _prior(
-    given: Given,
-    bias: Bias | None,
-    stations: Sequence[Station],
-    measured: dict[Kind, FloatArray],
-    arrivals: Arrivals | None,
-) -> dict[str, Any]:
-    """Return the prior of the systematic errors for the core."""
-    k = given.sigma.shape[1]
-    flat: BoolArray = np.array([np.isinf(row).any() for row in given.sigma])
-    for at, (kind, error) in enumerate(ERRORS.items()):
-        if bias is not None and getattr(bias, f"{error}_sigma") is None and kind not in measured:
-            raise ValueError(f"bias.{error}_sigma is None, but {kind} was not measured")
-        if flat[at] and kind == "arrival_time":
-            raise ValueError("bias.time_sigma is inf; it must be finite, or None to be estimated")
-        if flat[at] and not np.isinf(given.sigma[at]).all():
-            raise ValueError(
-                f"bias.{error}_sigma is inf for some stations; it must be for all or none"
-            )
-        if flat[at] and kind not in measured:
-            raise ValueError(f"bias.{error}_sigma is inf, but {kind} was not measured")
-    if np.any(flat) and np.any(given.sigma[~flat] != 0):
-        raise ValueError("bias has a sigma of inf; those of the other kinds must be 0 or inf")
-    sigma = np.zeros((len(KINDS), k))
-    for kind, row in zip(ERRORS, given.sigma, strict=True):
-        sigma[KINDS.index(kind)] = row * np.median(_unit(kind, arrivals))
-    if np.isnan(given.sigma[0]).all():
-        # ranges are not trusted, and neither are their differences
-        sigma[KINDS.index("range_difference")] = np.nan
-    own = [bias] * k if bias is not None else [station.bias for station in stations]
-    drift = np.array(
-        [
-            [np.nan if one is None or (v := getattr(one, name)) is None else v for one in own]
-            for name in ("drift_share", "drift_time")
-        ]
-    )
-    shares, times = np.tile(drift, (1, len(KINDS))).reshape(2, -1)
-    return {
-        "flat": np.flatnonzero(flat).tolist() if np.any(flat) else None,
-        "bias_sigma": sigma.ravel().tolist(),
-        "drift_share": shares.tolist(),
-        "drift_time": times.tolist(),
-        "deviation": None,
-    }

@@ -25,7 +25,7 @@ class Trajectory(Result):
         Times of the instants, as given.
     position, velocity, acceleration : ndarray of shape (N, D)
         Coordinates in metres, and their first and second derivatives with respect to `time`; nan
-        where unknown.
+        where unknown, as is the height if D = 3 and only azimuths were measured.
     covariance : ndarray of shape (N, 3 D, 3 D)
         Covariance of position, velocity and acceleration, in this order, including the uncertainty
         of estimated biases; inf where unknown. The cross-covariances between position, velocity and
@@ -91,10 +91,12 @@ class Trajectory(Result):
 
     def __repr__(self) -> str:
         """Return the number of located instants and the median sigma."""
-        n, d = self.position.shape
-        known = np.count_nonzero(~np.isnan(self.position).any(axis=-1))
+        # without the height, if azimuths alone do not determine it
+        seen = ~np.isnan(self.position).all(axis=0)
+        n, d = len(self.position), np.count_nonzero(seen)
+        known = np.count_nonzero(~np.isnan(self.position[:, seen]).any(axis=-1))
         left = int(np.sum(self.outlier.count))
-        sigma = float(np.median(np.sqrt(np.sum(self.sigma**2, axis=-1))))
+        sigma = float(np.median(np.sqrt(np.sum(self.sigma[:, seen] ** 2, axis=-1))))
         missing = self.systematic == "not included"
         note = ", systematic error not included" if missing else ""
         return (

@@ -54,6 +54,11 @@ fn optional<'a>(
     Ok(Some(rows))
 }
 
+/// A height and its standard deviation; none where it is nan.
+fn known_height(row: &[f64]) -> Option<(f64, f64)> {
+    (!row[0].is_nan()).then(|| (row[0], row[1]))
+}
+
 /// What was measured at the instants of a batch, but for its standard deviations.
 struct Batch<'a> {
     stations: &'a Rows<'a>,
@@ -72,7 +77,7 @@ impl<'a> Batch<'a> {
             values: self.values.shared(i),
             sigmas: sigmas.shared(i),
             position_sigmas: self.surveys.map(|surveys| surveys.shared(i)),
-            height: self.height.map(|rows| (rows.shared(i)[0], rows.shared(i)[1])),
+            height: self.height.and_then(|rows| known_height(rows.shared(i))),
             initial: self.initial.map(|initial| initial.shared(i)),
         }
     }

@@ -9,6 +9,7 @@ import typer
 
 from tertia.cli.files import maps, write
 from tertia.cli.terminal.say import counted, print_table
+from tertia.location import LocationStatus
 from tertia.tables._positions import Located, Positions, reason
 
 # size of the picture of a target, in inches
@@ -31,24 +32,40 @@ def say_located(one: Located[Any]) -> None:
     """Print how many instants were located, their median sigma, and why others failed."""
     fixes, sigma = one.fixes, one.result.sigma
     located = np.asarray(fixes.success)
-    total = np.sqrt(np.sum(sigma[np.isfinite(sigma).all(axis=1)] ** 2, axis=1))
+    # azimuths alone do not determine a height
+    sigma = np.where(np.isfinite(sigma), sigma, 0.0)[np.isfinite(sigma[:, :2]).all(axis=1)]
+    total = np.sqrt(np.sum(sigma**2, axis=1))
     error = f", median sigma {np.median(total):.3g} m" if total.size else ""
-    known = np.count_nonzero(np.isfinite(one.result.position).all(axis=1))
+    there = np.isfinite(one.result.position[:, :2]).all(axis=1)
+    known = np.count_nonzero(there)
     said = f"{np.count_nonzero(located)} of {counted(located.size, 'instant')} located"
     alone = known > np.count_nonzero(located)
     if alone:
         said = f"{known} of {counted(located.size, 'instant')} with a position"
     typer.echo(": ".join(filter(None, [one.target.name, said + error])))
-    numbers, counts = np.unique(np.asarray(fixes.status)[~located], return_counts=True)
-    for number, count in zip(numbers, counts, strict=True):
-        what = "without a position of their own" if alone else "not located"
-        typer.echo(f"  {counted(int(count), 'instant')} {what}: {reason(int(number))}")
+    for number in np.unique(np.asarray(fixes.status)[~located]):
+        own = np.asarray(fixes.status) == number
+        typer.echo(f"  {_reason(int(number), int(np.sum(own)), int(np.sum(there & own)))}")
     doubtful = (np.asarray(fixes.pvalue) < _DOUBTFUL) & (np.asarray(fixes.outlier.count) == 0)
     if np.sum(doubtful) > _MANY * np.sum(located):
         typer.echo(
             f"  {counted(int(np.sum(doubtful)), 'instant')} with a p-value below {_DOUBTFUL:g} and "
             "no outlier found: a measurement or a sigma is wrong"
         )
+
+
+def _reason(status: int, count: int, there: int) -> str:
+    """Return why instants were not located; so many of them are still part of a path."""
+    instants = counted(count, "instant")
+    if not there:
+        return f"{instants} not located: {reason(status)}"
+    has, their, them = ("has", "its", "it") if count == 1 else ("have", "their", "them")
+    included = them if there == count else f"{there} of them"
+    if status == LocationStatus.TOO_FEW:
+        why = f"{has} too few measurements for a position of {their} own"
+    else:
+        why = f"without a position of {their} own ({reason(status)})"
+    return f"{instants} {why}; the path includes {included}"
 
 
 def write_all(

@@ -83,6 +83,6 @@ def _bearings(one: Located[Location], stations: Sensors[Station]) -> Iterator[Sh
 
 def _on_earth(places: FloatArray, stations: Sensors[Station]) -> FloatArray:
     """Return longitudes and latitudes of places in the plane."""
-    up = np.zeros((len(places), stations.dimension - 2))
+    up = np.full((len(places), stations.dimension - 2), np.nan)
     found = stations.geodetic(np.hstack([places, up]))
     return np.column_stack([found[GEODETIC[1]].to_numpy(), found[GEODETIC[0]].to_numpy()])

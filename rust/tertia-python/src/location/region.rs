@@ -1,6 +1,6 @@
 //! Bindings of regions around positions, and of protection levels.
 
-use super::{optional, size};
+use super::{known_height, optional, size};
 use crate::arrays::{Array, Input, Rows, Threads, array, columns, release, repeated};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -85,7 +85,7 @@ impl<'a> Batch<'a> {
             values: self.values.shared(row),
             sigmas: self.sigmas.shared(row),
             position_sigmas: self.surveys.as_ref().map(|surveys| surveys.shared(row)),
-            height: self.height.as_ref().map(|rows| (rows.shared(row)[0], rows.shared(row)[1])),
+            height: self.height.as_ref().and_then(|rows| known_height(rows.shared(row))),
             initial: None,
         }
     }

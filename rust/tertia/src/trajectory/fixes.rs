@@ -10,6 +10,8 @@ use std::f64::consts::TAU;
 
 /// Measurements of a running median.
 const RUNNING: usize = 5;
+/// In metres: what stations with verticals of their own see of a height is small.
+const ANYWHERE: f64 = 1e4;
 /// Cost of an instant per number, for the choice of threads.
 const LOCATE_NS: f64 = 500.0;
 
@@ -170,7 +172,7 @@ impl Fixes {
                         values: &values[at(i)..][..width],
                         sigmas: &sigmas[at(i)..][..width],
                         position_sigmas: None,
-                        height: None,
+                        height: anywhere::<D>(record.stations_at(t, D), &values[at(i)..][..width]),
                         initial: None,
                     })
                     .collect();
@@ -195,6 +197,17 @@ impl Fixes {
     pub(super) fn is_located(&self, t: usize) -> bool {
         self.fixes[t].status == Status::None
     }
+}
+
+/// A height near those of the stations with a very large standard deviation, where only azimuths
+/// were measured, which determine none.
+fn anywhere<const D: usize>(stations: &[f64], values: &[f64]) -> Option<(f64, f64)> {
+    let k = values.len() / KINDS;
+    let is_known = |kind: usize| values[kind * k..][..k].iter().any(|value| !value.is_nan());
+    let azimuth = Kind::Azimuth as usize;
+    let alone = (0..KINDS).all(|kind| is_known(kind) == (kind == azimuth));
+    let mean = || stations.chunks_exact(D).map(|p| p[D - 1]).sum::<f64>() / k as f64;
+    (D > 2 && alone).then(|| (mean(), ANYWHERE))
 }
 
 fn copy<T: Copy>(to: &mut [T], t: usize, from: &[T], at: usize, size: usize) {
