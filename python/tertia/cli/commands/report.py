@@ -25,10 +25,12 @@ from tertia.cli.terminal.options import (
     Origin,
     PlanFile,
     PlotFiles,
+    RegistrationSwitch,
     SensorFile,
     UpdateInterval,
     column_names,
     pair,
+    switched,
 )
 from tertia.cli.terminal.say import WRONG_USAGE, fail, print_table
 from tertia.report import Emitter, Report
@@ -73,6 +75,7 @@ def report(
     column: ColumnNames = None,
     motion: Annotated[MotionName, typer.Option(help="Motion model of the targets.")] = "imm",
     clock_period: ClockPeriod = None,
+    registration: RegistrationSwitch = None,
     update_interval: UpdateInterval = None,
     max_distance: MaxDistance = 1000.0,
     limits: LimitFile = None,
@@ -105,6 +108,7 @@ def report(
             )
         given |= {"motion": motion, "clock_period": clock_period, "limits": read_limits(limits)}
         given |= {"max_distance": max_distance, "update_interval": update_interval}
+        given["registration"] = switched(registration)
     if bearings is not None:
         heard, clock = _heard(bearings, sensors, by or [], clock)
         given |= heard
