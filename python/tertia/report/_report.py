@@ -88,10 +88,10 @@ def make(
     with two radars or more, their systematic errors are estimated and subtracted. It also shows the
     tracks from the plots of each single radar, which are fused at common instants. The page shows
     the noise and the biases of the radars as estimated by `tertia.registration`, updates and
-    outliers over time, and the conformance of tracks to flight plans. All tracks are compared with the truth if it is
-    given; otherwise the tracks of each radar are compared with smoothed tracks from the plots of
-    all other radars (`tracker.smooth_tracks`). Finally, the page shows the positions of emitters as
-    estimated from bearings, or their paths if they move.
+    outliers over time, and the conformance of tracks to flight plans. All tracks are compared with
+    the truth if it is given; otherwise the tracks of each radar are compared with smoothed tracks
+    from the plots of all other radars (`tracker.smooth_tracks`). Finally, the page shows the
+    positions of emitters as estimated from bearings, or their paths if they move.
 
     Parameters
     ----------

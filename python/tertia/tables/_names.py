@@ -20,11 +20,31 @@ def plain_name(name: object) -> str:
 
 def hint(columns: Iterable[str], there: Sequence[object], near: float = NEAR) -> str:
     """Return the end of a message that suggests the intended name, or an empty text."""
-    found = [(_alike(column, name), str(name)) for column in columns for name in there]
-    likeness, name = max(found, default=(0.0, ""))
+    likeness, name, _ = _nearest(columns, there)
     if likeness > 1.0:
         return f"; {name} is in another unit"
     return f" (did you mean {name}?)" if likeness >= near else ""
+
+
+def assignment(columns: Sequence[str], there: Sequence[object], option: str, *, shell: bool) -> str:
+    """Return the end of a message that says how to give the name of a missing column.
+
+    `option` is the option of a command (`shell`) or of a function that does it.
+    """
+    likeness, name, column = _nearest(columns, there)
+    if likeness > 1.0:
+        return ""
+    if likeness < NEAR:
+        column, name = next(iter(columns)), "COLUMN"
+    if shell:
+        return f": give --{option.replace('_', '-')} {column}={name}"
+    return f': give {option}s={{"{column}": "{name}"}}'
+
+
+def _nearest(columns: Iterable[str], there: Sequence[object]) -> tuple[float, str, str]:
+    """Return the similarity of the most similar name, this name, and the column it resembles."""
+    found = [(_alike(column, name), str(name), column) for column in columns for name in there]
+    return max(found, key=lambda one: one[:2], default=(0.0, "", ""))
 
 
 def misspelt(columns: Sequence[str], known: Iterable[str], there: Iterable[object]) -> str | None:

@@ -13,10 +13,11 @@ import numpy as np
 from tertia._arrays import FloatArray
 from tertia.geo import LocalFrame, SystemPlane
 from tertia.sensors import Bias, Channel, PositionSensor, Radar, Station
+from tertia.tables._doubts import doubt
 from tertia.tables._groups import known
 from tertia.tables._marks import is_mark
 from tertia.tables._names import VERY_NEAR, all_misspelt, hint, plain_name
-from tertia.tables._records import RecordError, doubt
+from tertia.tables._records import RecordError
 
 if TYPE_CHECKING:
     import polars as pl
@@ -146,14 +147,6 @@ class Sensors(Generic[S]):
             for one in self.items
         ]
         return Sensors(stations, self.norths, self.range_difference_sigma, None, self.file)
-
-
-def sensors_of(items: Sequence[S] | Sensors[S]) -> Sensors[S]:
-    """Return sensors, which may also be given as a plain sequence."""
-    if isinstance(items, Sensors):
-        return items
-    frame = getattr(items[0], "frame", None) if items else None
-    return Sensors(items, np.zeros(len(items)), np.full(len(items), np.nan), frame)
 
 
 def lifted(position: FloatArray, height: FloatArray | None) -> FloatArray:

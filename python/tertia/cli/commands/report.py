@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Annotated, Any
@@ -160,11 +161,9 @@ def _heard(
 ) -> tuple[dict[str, Any], Clock]:
     """Read bearings and stations, in the time scale of the plots if there are any."""
     stations = read.read_stations(sensors).flat()
-    targets = [
-        one
-        for one in read_targets(read.tables(bearings), stations, by=by)
-        if "azimuth" in one.values
-    ]
+    # --column is for plots
+    source = [replace(part, option=None) for part in read.tables(bearings)]
+    targets = [one for one in read_targets(source, stations, by=by) if "azimuth" in one.values]
     if not targets:
         fail(f"{bearings} has no azimuths")
     own = Clock.of(pl.concat([target.moments for target in targets]), midnight=True)
