@@ -7,9 +7,14 @@ import warnings
 
 import numpy as np
 import polars as pl
+from scipy.spatial.distance import pdist
+
+from tertia._arrays import FloatArray
 
 # number of values to check a unit, least spread of azimuths (°), least median of ranges (m)
 _DOUBTFUL_COUNT, _DOUBTFUL_SPREAD, _LEAST_RANGE = 20, 1.0, 1000.0
+# largest range difference, as a share of the distance of sensors, that may be in microseconds
+_TINY = 1 / 250
 # the year 5138, in seconds
 _LATEST = 1e11
 # largest plausible median of a column, its unit, and the unit that is likely if the median is
@@ -54,6 +59,23 @@ def doubt_unit(name: str, values: pl.Series) -> None:
     most, unit, other = _MOST.get(name, (math.inf, "", ""))
     if typical > most:
         doubt(f"the median of {name} is {typical:.6g}: is it in {other}? Use {unit}")
+
+
+def doubt_differences(values: FloatArray, places: FloatArray) -> None:
+    """Warn if range differences are probably times, such as microseconds.
+
+    `places` are the positions of the sensors, (K, D), in metres.
+    """
+    known = np.abs(values[np.isfinite(values)])
+    if len(known) < _DOUBTFUL_COUNT:
+        return
+    largest, apart = float(np.max(known)), float(np.max(pdist(places)))
+    if largest < _TINY * apart:
+        doubt(
+            f"all range differences are below {largest:.3g}, but sensors are {apart:.3g} m apart: "
+            "are they times? Multiply them by the speed of the signals: range_difference_m is in "
+            "metres"
+        )
 
 
 def doubt_time(name: str, times: pl.Series) -> None:

@@ -12,7 +12,7 @@ import polars as pl
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.sensors import Kind, Station
 from tertia.tables._combined import combined
-from tertia.tables._doubts import doubt, doubt_unit
+from tertia.tables._doubts import doubt, doubt_differences, doubt_unit
 from tertia.tables._groups import as_names, column_name, group_name, layout
 from tertia.tables._instants import instants
 from tertia.tables._moving import PLACES, apart, local_places, names_of_places, stations_of
@@ -159,6 +159,9 @@ def read_targets(
             f"elevations need the heights of the sensors: give {column} of the sensors{where}"
         )
     _refuse_impossible(measured, records, repeated=tolerance == np.inf)
+    if not placed:
+        differences = measured.filter(pl.col("kind") == "range_difference")["value"].to_numpy()
+        doubt_differences(differences, np.array([one.position for one in sensors.items]))
     # seconds since the earliest time of all targets
     clock = Clock.of(records.rows["time"])
     measured = measured.with_columns(pl.Series("seconds", clock.seconds(measured["time"])))

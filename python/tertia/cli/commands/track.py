@@ -44,10 +44,10 @@ EXAMPLES = (
 _FIGURE_SIZE = (11.0, 9.0)
 # columns of the errors of radars, columns of their sigmas, names and units
 _ERRORS = (
-    ("range_bias_m", "range_bias_sigma_m", "range", "m"),
+    ("range_bias_m", "range_bias_sigma_m", "range", " m"),
     ("range_gain", "range_gain_sigma", "range gain", ""),
-    ("azimuth_bias_deg", "azimuth_bias_sigma_deg", "azimuth", "deg"),
-    ("time_bias_s", "time_bias_sigma_s", "time", "s"),
+    ("azimuth_bias_deg", "azimuth_bias_sigma_deg", "azimuth", " deg"),
+    ("time_bias_s", "time_bias_sigma_s", "time", " s"),
 )
 
 
@@ -264,7 +264,7 @@ def _say(tracking: Tracking, summary: dict[str, Any]) -> None:
         typer.echo(f"  {counted(count, 'plot')} refused: {reason}")
     for radar in tracking.errors.iter_rows(named=True):
         found = ", ".join(
-            f"{words} {radar[name]:+.3g} ± {radar[sigma]:.2g} {unit}"
+            f"{words} {radar[name]:+.3g} ± {radar[sigma]:.2g}{unit}"
             for name, sigma, words, unit in _ERRORS
             if radar[name] is not None
         )
