@@ -7,7 +7,6 @@ import warnings
 
 import numpy as np
 import polars as pl
-from scipy.spatial.distance import pdist
 
 from tertia._arrays import FloatArray
 
@@ -69,7 +68,8 @@ def doubt_differences(values: FloatArray, places: FloatArray) -> None:
     known = np.abs(values[np.isfinite(values)])
     if len(known) < _DOUBTFUL_COUNT:
         return
-    largest, apart = float(np.max(known)), float(np.max(pdist(places)))
+    distances = np.linalg.norm(places[:, np.newaxis] - places, axis=-1)
+    largest, apart = float(np.max(known)), float(np.max(distances))
     if largest < _TINY * apart:
         doubt(
             f"all range differences are below {largest:.3g}, but sensors are {apart:.3g} m apart: "

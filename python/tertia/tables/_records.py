@@ -180,7 +180,7 @@ class Part:
         """Return an error about missing columns."""
         there = names(self.table)
         said = f"{self.called} has no {what}{hint(columns, there)}; {self.listed()}"
-        if standard and self.option is not None:
+        if standard:
             said += assignment(columns, there, self.option, shell=self.file is not None)
         return ColumnError(said, column=columns[0])
 
@@ -362,7 +362,13 @@ class Reader:
         if name is None:
             known = [name for each in self.schema.values() for name in each.columns]
             known += self.called.values()
-            said = misspelt(tuple(one.columns), known, names(self.part.table))
+            said = misspelt(
+                tuple(one.columns),
+                known,
+                names(self.part.table),
+                self.part.option,
+                shell=self.part.file is not None,
+            )
             if said and self.problems is None:
                 doubt(f"{self.part.called} {said}")
             return _absent(one.kind, count)

@@ -206,7 +206,7 @@ def with_others(
         if origin is not None:
             centre = _Cells(origin, "the origin", file)
             frame = SystemPlane(*(centre.required(column) for column in GEODETIC[:2]))
-        found = Sensors[Any]([], np.zeros(0), np.zeros(0), frame, file)
+        found = Sensors([], np.zeros(0), np.zeros(0), frame, file)
     others: list[PositionSensor | Station] = []
     rows = _named(position_sensors, "position sensor", file) if position_sensors else {}
     for name, row in rows.items():
