@@ -42,7 +42,8 @@ def findings(rng: np.random.Generator, faulty: int, fault: dict[str, float]) -> 
     traffic = simulate.dense_traffic(25, area=(150e3, 150e3), duration=900.0, rng=rng)
     seen = simulate.radar_plots(traffic, real, clutter=10, bias=Bias(**errors), rng=rng)
     stated: list[str] = report.make(seen.plots, RADARS).summary["findings"]
-    return stated
+    # what the errors would cost names no fault
+    return [text for text in stated if not text.startswith("Without correction")]
 
 
 def blind() -> str:

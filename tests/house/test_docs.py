@@ -63,7 +63,8 @@ def pieces() -> Iterator[Piece]:
             language, code = block["language"], block["code"]
             if language == "python":
                 yield Piece(page, line, language, code, block["reason"])
-            for command in re.findall(r"^tertia (?:.*\\\n)*.*$", code, re.M):
+            # with the lines below that it prints
+            for command in re.findall(r"^tertia (?:.*\\\n)*.*$(?:\n#.*)*", code, re.M):
                 offset = code[: code.index(command)].count("\n")
                 joined = command.replace("\\\n", " ")
                 yield Piece(page, line + offset, language, joined, block["reason"])
@@ -125,6 +126,11 @@ def promised(code: str) -> list[str]:
     return told
 
 
+def printed_below(text: str) -> list[str]:
+    """What a command prints among other lines: comments on the lines below it."""
+    return [line.strip("# ") for line in text.splitlines()[1:] if line.startswith("#")]
+
+
 def command(text: str) -> None:
     if re.search(r"[|<>$]", text):  # pipes and the like are for a shell
         path = {"PATH": f"{sysconfig.get_path('scripts')}:/usr/bin:/bin"}
@@ -134,6 +140,8 @@ def command(text: str) -> None:
     words = shlex.split(text, comments=True)[1:]
     found = CliRunner().invoke(cli.app, words, catch_exceptions=False)
     assert found.exit_code == 0
+    printed = [line.strip() for line in found.stdout.splitlines()]
+    assert set(printed_below(text)) <= set(printed)
     assert re.fullmatch(r"(\d+ of \d+ measurements missing\n)?", found.stderr)
     written = [Path(word) for word in words if re.fullmatch(r"\w+\.(csv|png)", word)]
     assert all(path.stat().st_size > (1000 if path.suffix == ".png" else 200) for path in written)
@@ -172,6 +180,7 @@ def test_the_pages_have_what_is_looked_for() -> None:
     assert count["python"] >= 14
     assert count["sh"] >= 10
     assert promised("print(1)  # 1\n# 2\nx = 3  # no\n# no\n") == ["1", "2"]
+    assert printed_below("tertia track x.csv  # a\n#   1 track\n# b") == ["1 track", "b"]
     assert imported("import a.b\nfrom c.d import e") == {"a", "c"}
     assert first_argument("tertia track plots.csv --output x.csv") == "plots.csv"
     assert first_argument("tertia simulate --output x.csv") is None

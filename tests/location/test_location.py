@@ -978,6 +978,9 @@ class TestPictures:
         faulty = [line for line in lines if line.get_linestyle() == "--"]
         np.testing.assert_array_equal(faulty[0].get_xydata()[0], PLANE[2])
         assert len(faulty) == 1
+        (east, north), sigma = fix.position, fix.sigma
+        title = f"east {east:.1f} ± {sigma[0]:.1f} m, north {north:.1f} ± {sigma[1]:.1f} m"
+        assert ax.get_title() == title
         [ellipse] = [line for line in lines if str(line.get_label()).startswith("position")]
         np.testing.assert_array_equal(ellipse.get_xydata()[0], fix.position)
         points = ellipse.get_xydata()[2:] - fix.position

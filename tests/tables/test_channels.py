@@ -13,9 +13,10 @@ from tertia import simulate, tables
 from tertia.io import _asterix_rows
 from tertia.sensors import Channel, Radar
 from tertia.sensors._channels import DETECTIONS
+from tertia.tables._described import sensors_of
 from tertia.tables._detections import DETECTION, detections_of
 from tertia.tables._records import RecordError
-from tertia.tables._sensors import radar_rows, radars, sensors_of
+from tertia.tables._sensors import radar_rows, radars
 from tertia.tracker import track
 
 CHANNELS = {

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 _CIRCLE_POINTS = 361
 _LEVELS = 12
+_AXES = ("east", "north", "up")
 
 
 def location(
@@ -81,7 +82,7 @@ def location(
     >>> places, bearings = [[0, 0], [1000, 0], [500, -500]], [0.79, 5.5, 0.01]
     >>> fix = locate(places, azimuth=bearings, azimuth_sigma=0.01)
     >>> plot.location(places, fix, azimuth=bearings, ax=Figure().subplots()).get_title()
-    '505.6 ± 5.8, 498.8 ± 7.1'
+    'east 505.6 ± 5.8 m, north 498.8 ± 7.1 m'
     """
     places, axes, _ = stack_stations(stations)
     if places.ndim != 2 or result.position.ndim != 1:
@@ -109,9 +110,10 @@ def location(
     ax.plot(*result.position[:2], color=RESULT, marker="*", markersize=10, label=label)
     for ring in result.region(probability).polygon if known else ():
         ax.plot(*np.concatenate([ring, ring[:1]]).T, color=RESULT)
-    # without a height that azimuths alone do not determine
-    told = slice(2) if np.isnan(result.position[2:]).any() else slice(None)
-    ax.set_title(with_sigmas(result.position[told], result.sigma[told]))
+    each = zip(_AXES, result.position, result.sigma, strict=False)
+    # heights that azimuths alone do not determine are nan
+    parts = [f"{name} {with_sigmas([x], [s])} m" for name, x, s in each if not np.isnan(x)]
+    ax.set_title(", ".join(parts))
     view_from_above(ax)
     if legend:
         ax.legend(fontsize="small")

@@ -25,6 +25,7 @@ from tertia.tracker import Motion, Plots, TrackTable
 Progress = Callable[[str, float], None]
 
 TOGETHER, FOUND = "all radars together", "all radars, estimated noise"
+UNCORRECTED = "all radars, not corrected"
 OPTIMAL, OPTIMAL_FOUND = "tracks fused, stated noise", "tracks fused, estimated noise"
 INTERSECTION = "covariance intersection, estimated noise"
 
@@ -43,7 +44,11 @@ class Fusion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Analysis:
-    """A recording and the results of its analysis."""
+    """A recording and the results of its analysis.
+
+    `joint` has the tracks from the plots of all radars, `uncorrected` those made without
+    subtracting systematic errors, and `joint_found` those made with the estimated noise and biases.
+    """
 
     plots: Plots
     radars: Sequence[Radar]
@@ -51,6 +56,7 @@ class Analysis:
     plans: Sequence[FlightPlan]
     truth: Truth | None
     joint: TrackTable
+    uncorrected: TrackTable
     joint_found: TrackTable
     single: list[TrackTable]
     registration: Registration
@@ -63,6 +69,11 @@ class Analysis:
     update_interval: float
     limits: Mapping[str, float]
     followed: list[Followed]
+
+    @property
+    def is_corrected(self) -> bool:
+        """Whether systematic errors are subtracted in the joint tracks."""
+        return self.joint is not self.uncorrected
 
     @property
     def edges(self) -> FloatArray:
@@ -79,6 +90,7 @@ def analyse(
     plots: Plots,
     radars: Sequence[Radar],
     run: Run,
+    together: Run,
     *,
     motion: Motion,
     plans: Sequence[FlightPlan],
@@ -88,7 +100,11 @@ def analyse(
     limits: Mapping[str, float],
     progress: Progress,
 ) -> Analysis:
-    """Track the plots of a recording, register the radars, and fuse and evaluate the tracks."""
+    """Track the plots of a recording, register the radars, and fuse and evaluate the tracks.
+
+    `run` makes tracks without subtracting systematic errors, and `together` makes the tracks from
+    the plots of all radars.
+    """
     steps = iter(np.linspace(0.0, 1.0, 7))
 
     def begin(what: str) -> None:
@@ -96,7 +112,8 @@ def analyse(
 
     names = [str(k + 1) if radar.name is None else radar.name for k, radar in enumerate(radars)]
     begin("tracks of all radars")
-    joint = run(plots, radars)
+    joint = together(plots, radars)
+    uncorrected = joint if together is run else run(plots, radars)
     begin("registration")
     # not from the tracks with stated errors: if a radar has a bias, they contain only those of its
     # plots that are in the gates, so that the bias would be underestimated
@@ -120,6 +137,7 @@ def analyse(
     begin("truth")
     sets = {TOGETHER: joint, FOUND: joint_found}
     if len(radars) > 1:
+        sets |= {} if uncorrected is joint else {UNCORRECTED: uncorrected}
         sets |= dict(zip(names, made.stated, strict=True))
     judged: dict[str, Judged] = {}
     references = []
@@ -139,6 +157,7 @@ def analyse(
         plans=plans,
         truth=truth,
         joint=joint,
+        uncorrected=uncorrected,
         joint_found=joint_found,
         single=made.stated,
         registration=registration,

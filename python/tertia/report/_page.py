@@ -67,6 +67,7 @@ def page(
         plotly=Markup(get_plotlyjs()),
         charts=_script(charts),
         time=_script({"title": times.title, "zero": times.zero}),
+        corrected=analysis is not None and analysis.is_corrected,
         map=None if analysis is None else _script(_map.map_of(analysis)),
     )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -78,17 +79,19 @@ def make(
     title: str = "Tracks",
     since: datetime | None = None,
     progress: Callable[[str, float], None] | None = None,
+    registration: bool | None = None,
     **options: Any,
 ) -> Report:
     """Make a page about a recording.
 
-    The page shows the tracks from the plots of all radars together, and the tracks from the plots
-    of each single radar, which are also fused at common instants. The page shows the noise and the
-    biases of the radars as estimated by `tertia.registration`, updates and outliers over time, and
-    the conformance of tracks to flight plans. All tracks are compared with the truth if it is
-    given; otherwise the tracks of each radar are compared with smoothed tracks from the plots of
-    all other radars (`tracker.smooth_tracks`). Finally, the page shows the positions of emitters as
-    estimated from bearings, or their paths if they move.
+    The page shows the tracks from the plots of all radars together, made as by `tertia.tracker`:
+    with two radars or more, their systematic errors are estimated and subtracted. It also shows the
+    tracks from the plots of each single radar, which are fused at common instants. The page shows
+    the noise and the biases of the radars as estimated by `tertia.registration`, updates and
+    outliers over time, and the conformance of tracks to flight plans. All tracks are compared with
+    the truth if it is given; otherwise the tracks of each radar are compared with smoothed tracks
+    from the plots of all other radars (`tracker.smooth_tracks`). Finally, the page shows the
+    positions of emitters as estimated from bearings, or their paths if they move.
 
     Parameters
     ----------
@@ -121,6 +124,10 @@ def make(
         has a time zone.
     progress : callable, optional
         Function that is called before each step with its name and the completed fraction, 0 to 1.
+    registration : bool, optional
+        Whether systematic errors of the radars are estimated and subtracted in the tracks from the
+        plots of all radars, as for `tertia.tracker.Tracker`; by default if there are two radars or
+        more. The tracks of single radars are never corrected.
     **options
         Options of the tracker, as for `tertia.tracker.Tracker`.
 
@@ -179,11 +186,13 @@ def make(
             "sensors, plans and truth can be used only with plots, and there are no plots"
         )
 
-    def run(own: Plots, sites: Sequence[Radar]) -> TrackTable:
-        # errors are estimated here, from the whole recording
+    def run(own: Plots, sites: Sequence[Radar], *, registration: bool | None = False) -> TrackTable:
         return tracker.track(
-            own, sites, motion=motion, plans=plans, **({"registration": False} | options)
+            own, sites, motion=motion, plans=plans, registration=registration, **options
         )
+
+    corrects = len(sensors) > 1 if registration is None else registration
+    together = partial(run, registration=True) if corrects else run
 
     def quiet(what: str, share: float) -> None:
         pass
@@ -195,6 +204,7 @@ def make(
             plots,
             sensors,
             run,
+            together,
             motion=motion,
             plans=plans,
             truth=truth,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tertia.report._analysis import FOUND, TOGETHER, Analysis, within
+from tertia.report._analysis import FOUND, TOGETHER, UNCORRECTED, Analysis, within
 from tertia.report._bearings import Finders
 from tertia.report._finders import emitter_rows, finder_findings
 from tertia.report._requirements import requirement_rows
@@ -22,7 +22,7 @@ from tertia.report._tables import (
     track_rows,
 )
 from tertia.report._times import Times
-from tertia.tracker import PlotStatus
+from tertia.tracker import PlotStatus, TrackTable
 
 # a finding is shown if it exceeds this number of its sigmas, and these relative sizes of noise and
 # bias
@@ -34,6 +34,7 @@ _NOTHING: Row = {
     "plots": 0,
     "plots_refused": {},
     "tracks": 0,
+    "tracks_not_corrected": 0,
     "plans": 0,
     **{
         name: []
@@ -72,6 +73,7 @@ def _of_radars(analysis: Analysis) -> Row:
             if status < 0
         },
         "tracks": len(track_rows(analysis)),
+        "tracks_not_corrected": _count(analysis.uncorrected),
         "plans": len(analysis.plans),
         "radars": radar_rows(analysis),
         "references": reference_rows(analysis),
@@ -85,9 +87,12 @@ def _of_radars(analysis: Analysis) -> Row:
 
 def _radar_findings(analysis: Analysis, scale: Times) -> list[str]:
     """Return sentences that state the findings."""
-    found = []
+    found, biases = [], []
     for row in radar_rows(analysis):
-        found += _noise_findings(row) + _bias_findings(row)
+        biases += (own := _bias_findings(row))
+        found += _noise_findings(row) + own
+    if biases:
+        found += _cost(analysis)
     left = [one for one in analysis.followed if np.isfinite(one.left)]
     if left:
         listed = ", ".join(f"{one.name} at {scale.at(one.left)}" for one in left[:8])
@@ -106,6 +111,23 @@ def _radar_findings(analysis: Analysis, scale: Times) -> list[str]:
             words += f"; sigmas are {analysis.audits[TOGETHER].verdict}"
         found += [f"{words}.", *_better(analysis)]
     return found
+
+
+def _count(table: TrackTable) -> int:
+    return len(np.unique(table.track[table.confirmed]))
+
+
+def _cost(analysis: Analysis) -> list[str]:
+    """Return a sentence on the tracks if biases were not corrected, unless they are as good."""
+    count, uncorrected = _count(analysis.joint), _count(analysis.uncorrected)
+    words = [f"{uncorrected} tracks instead of {count}"] if uncorrected > count else []
+    if {TOGETHER, UNCORRECTED} <= set(analysis.judged):
+        rmse, worse = (
+            analysis.judged[name].indicators.rmse.value for name in (TOGETHER, UNCORRECTED)
+        )
+        if worse > (1.0 + _OFF) * rmse:
+            words.append(f"RMSE {text(worse)} m instead of {text(rmse)} m")
+    return [f"Without correction of the biases: {', '.join(words)}."] if words else []
 
 
 def _better(analysis: Analysis) -> list[str]:

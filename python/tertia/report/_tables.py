@@ -474,7 +474,8 @@ def _track_table(analysis: Analysis, times: Times) -> Table:
         "sigma_m": "stated sigma (m)",
     }
     values = track_rows(analysis)
-    caption = "Tracks of all radars together."
+    errors = ", with their systematic errors subtracted" if analysis.is_corrected else ""
+    caption = f"Tracks of all radars together{errors}."
     return table("track-table", caption, columns, _timed(values, times), values)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -273,6 +273,7 @@ def audit_of(
     elif truth is None:
         errors = _beside(records)
     else:
+        truth = [replace(part, option="truth_column") for part in truth]
         there = read(truth, TRUTH, columns=_only(_called(truth, truth_columns), TRUTH, ()))
         errors = _versus(rows, there, origin, distance)
     error, covariance, true, velocity, kept = errors
@@ -364,7 +365,7 @@ def _scalar(value: str) -> Schema:
     return {
         "time": _TIME,
         "name": Field("name", {**_NAME.columns, "sensor": 1.0}),
-        "value": number(value, required=True),
+        "value": number(value, required=True, standard=False),
         "sigma": number(column_name(value, "sigma"), required=True),
         "true": number(f"true_{value}", required=True),
     }

@@ -14,7 +14,7 @@ from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.bearing import BearingEstimate, estimate_bearing
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import Layout, as_names, by_length, column_name, group_name, layout
-from tertia.tables._records import Field, Schema, Source, number, read, source_of
+from tertia.tables._records import Schema, Source, number, read, source_of
 
 # an empty batch of measurements, with which the library checks only the options
 _NONE = np.empty((0, 5))
@@ -133,7 +133,8 @@ def bearings_of(
     names = ("count", "missing", *fields, "outlier_count", "polarity", "note")
     fields["polarity"] = "polarity"
     # the measurements may be in any unit, so the name of their column is not checked
-    schema: Schema = {"theta": Field("number", {values: 1.0}, required=True)}
+    standard = values == "azimuth_deg"
+    schema: Schema = {"theta": number(values, required=True, standard=standard)}
     if options.get("sigma") is None and options.get("method", "robust") == "robust":
         schema = {**schema, "sigma": number(column_name(values, "sigma"), positive=True)}
     shared = [groups] if groups is not None and groups not in keys else []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from tertia.metrics._evaluation import (
     rmse,
     usual_periods,
 )
+from tertia.tables._doubts import doubt
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import known
 from tertia.tables._records import (
@@ -31,7 +32,6 @@ from tertia.tables._records import (
     Records,
     Schema,
     Source,
-    doubt,
     number,
     read,
     source_of,
@@ -236,6 +236,7 @@ def truth_of(
 
 
 def _read_truth(source: Source) -> Records:
+    source = [replace(part, option=None) for part in source]
     local, geodetic = (all(map(source[0].has, form[:2])) for form in (LOCAL, GEODETIC))
     return read(source, TRUTH if local or not geodetic else _TRUTH_ON_EARTH)
 

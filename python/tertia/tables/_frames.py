@@ -103,12 +103,17 @@ def joined(tables: Sequence[Table]) -> Table:
     return _like(first, pa.Table.from_batches(tables))  # type: ignore[no-any-return]
 
 
+def is_table(table: Any) -> bool:
+    """Return whether this is a table of a supported kind."""
+    arrow = (_is_of("pyarrow", name, table) for name in ("Table", "RecordBatch"))
+    return isinstance(table, pl.DataFrame) or _is_of("pandas", "DataFrame", table) or any(arrow)
+
+
 def names(table: Any) -> list[Any]:
     """Return the names of the columns."""
-    if isinstance(table, pl.DataFrame) or _is_of("pandas", "DataFrame", table):
-        return list(table.columns)
-    if any(_is_of("pyarrow", name, table) for name in ("Table", "RecordBatch")):
-        return list(table.schema.names)
+    if is_table(table):
+        arrow = hasattr(table, "column_names")
+        return list(table.column_names if arrow else table.columns)
     hint = "; collect it first" if isinstance(table, pl.LazyFrame) else ""
     raise TypeError(
         f"table is a {type(table).__name__}; it must be a DataFrame of Polars or pandas, or a "

@@ -29,10 +29,10 @@ from tertia.tables._records import (
     SENSOR,
     TIME,
     ColumnError,
-    Field,
     RecordError,
     Records,
     Source,
+    number,
     read,
     source_of,
 )
@@ -304,8 +304,8 @@ def _plots(
     schema = {
         "time": TIME,
         "sensor": SENSOR,
-        "angle": Field("number", {values: 1.0}, required=True),
-        "sigma": Field("number", {sigma: 1.0}, positive=True),
+        "angle": number(values, required=True, standard=values == "azimuth_deg"),
+        "sigma": number(sigma, positive=True),
     }
     records = read(source, schema, columns=columns, by=by, results=_summary(values))
     unnamed = [part.name for part in source if "sensor" not in records.column]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ from tertia import tertiary
 from tertia._arrays import FloatArray
 from tertia._units import FLIGHT_LEVEL
 from tertia.sensors import Radar
+from tertia.tables._described import SensorsLike, sensors_of
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import known
 from tertia.tables._identities import (
@@ -31,7 +32,7 @@ from tertia.tables._records import (
     read,
     source_of,
 )
-from tertia.tables._sensors import Sensors, sensors_of
+from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
 from tertia.tables._track import covariance_columns, movement, state_columns
 from tertia.tertiary import SensorTracks, SystemTracks
@@ -110,7 +111,7 @@ class Fused:
 def fuse_tracks(
     table: Table,
     *,
-    sensors: Sequence[Radar] | Sensors[Radar],
+    sensors: SensorsLike,
     columns: Mapping[str, str] | None = None,
     **options: Any,
 ) -> Table:
@@ -125,8 +126,9 @@ def fuse_tracks(
         `height_m` or `flight_level`, `icao_address`, `mode_3a`, `callsign` and `identity`. If there
         is a column `plot`, rows without a plot are left out; if there is a column `confirmed`, rows
         that are not confirmed are left out.
-    sensors : sequence of Radar
-        The sensors. A sensor without a name is identified by its index.
+    sensors : sequence of Radar, DataFrame, or str or Path
+        The sensors. A sensor without a name is identified by its index. A table has one row per
+        radar, with the columns of sensors files; a path is that of a sensors file in TOML.
     columns : mapping of str to str, optional
         The names that columns have in this table, keyed by their standard names.
     **options
@@ -167,7 +169,7 @@ def fuse_tracks(
 
 def fused_tracks(
     source: Source,
-    sensors: Sequence[Radar] | Sensors[Radar],
+    sensors: SensorsLike,
     columns: Mapping[str, str] | None = None,
     **options: Any,
 ) -> Fused:

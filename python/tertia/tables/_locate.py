@@ -13,6 +13,7 @@ from tertia.geo import LocalFrame, SystemPlane
 from tertia.location import LIGHT, Location, LocationMethod
 from tertia.location import locate as locate_instants
 from tertia.sensors import Station
+from tertia.tables._described import SensorsLike, stations_of
 from tertia.tables._earth import up_at
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import Progress, as_names, beside, known, prefixed
@@ -33,7 +34,7 @@ from tertia.tables._positions import (
     result_names,
 )
 from tertia.tables._records import RecordError, Source, source_of
-from tertia.tables._sensors import Sensors, sensors_of
+from tertia.tables._sensors import Sensors
 
 # at a constant height, the coordinate up changes by a few metres per kilometre, so each iteration
 # reduces the error to about a hundredth
@@ -43,7 +44,7 @@ _ROUNDS = 2
 def locate(
     table: Table,
     *,
-    sensors: Sequence[Station] | Sensors[Station],
+    sensors: SensorsLike,
     columns: Mapping[str, str] | None = None,
     by: str | Sequence[str] = (),
     tolerance: float = 0.0,
@@ -76,8 +77,9 @@ def locate(
         three dimensions, `sensor_up_m`; or, on the earth, in `sensor_latitude_deg`,
         `sensor_longitude_deg` and `sensor_height_m`. Measurements form an instant if their times
         are equal or differ by at most `tolerance`.
-    sensors : sequence of Station
-        The stations, with the names that the table uses.
+    sensors : sequence of Station, DataFrame, or str or Path
+        The stations, with the names that the table uses: objects, a table with one row per station
+        and the columns of sensors files, or the path of a sensors file in TOML.
     columns : mapping of str to str, optional
         The names that columns have in this table, keyed by their standard names.
     by : str or sequence of str
@@ -178,7 +180,7 @@ def locate(
 def locations_of(
     source: Source,
     *,
-    sensors: Sequence[Station] | Sensors[Station],
+    sensors: SensorsLike,
     columns: Mapping[str, str] | None = None,
     by: str | Sequence[str] = (),
     tolerance: float = 0.0,
@@ -189,7 +191,7 @@ def locations_of(
     **options: Any,
 ) -> Positions[Location]:
     """Return the positions of all targets with their measurements, as described in `locate`."""
-    stations = sensors_of(sensors)
+    stations = stations_of(sensors)
     targets = read_targets(
         source,
         stations,

@@ -12,23 +12,19 @@ import polars as pl
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.sensors import Kind, Station
 from tertia.tables._combined import combined
-from tertia.tables._frames import names
+from tertia.tables._doubts import doubt, doubt_differences, doubt_unit
 from tertia.tables._groups import as_names, column_name, group_name, layout
 from tertia.tables._instants import instants
 from tertia.tables._moving import PLACES, apart, local_places, names_of_places, stations_of
-from tertia.tables._names import hint
 from tertia.tables._records import (
     SENSOR,
     TIME,
-    ColumnError,
     Field,
     Part,
     RecordError,
     Records,
     Schema,
     Source,
-    doubt,
-    doubt_unit,
     number,
     read,
 )
@@ -163,6 +159,9 @@ def read_targets(
             f"elevations need the heights of the sensors: give {column} of the sensors{where}"
         )
     _refuse_impossible(measured, records, repeated=tolerance == np.inf)
+    if not placed:
+        differences = measured.filter(pl.col("kind") == "range_difference")["value"].to_numpy()
+        doubt_differences(differences, np.array([one.position for one in sensors.items]))
     # seconds since the earliest time of all targets
     clock = Clock.of(records.rows["time"])
     measured = measured.with_columns(pl.Series("seconds", clock.seconds(measured["time"])))
@@ -194,11 +193,8 @@ def _require_kinds(part: Part, columns: Mapping[str, str]) -> None:
         return part.has(columns.get(name, name))
 
     if not any(has(name) for name in VALUES.values()) and not (has("kind") and has("value")):
-        raise ColumnError(
-            f"{part.called} has no column of measurements: {', '.join(VALUES.values())}, or kind "
-            f"and value{hint(VALUES.values(), names(part.table))}; {part.listed()}",
-            column=next(iter(VALUES.values())),
-        )
+        listed = ", ".join(VALUES.values())
+        raise part.lacks(f"column of measurements: {listed}, or kind and value", [*VALUES.values()])
 
 
 def _one_by_one(records: Records, placed: Sequence[str]) -> pl.DataFrame:
@@ -257,7 +253,7 @@ def _refuse_impossible(measured: pl.DataFrame, records: Records, *, repeated: bo
     again = ~keys.select(pl.struct(pl.all()).is_first_distinct()).to_series()
     if "time" not in records.column and again.any():
         # repeated measurements mean that there are several instants, so times are required
-        records.source[0].require(*TIME.columns)
+        records.source[0].require(*TIME.columns, standard=True)
     reason = (
         "{kind} is given twice for this sensor and time_s {time}: if there are several targets, "
         "group the rows by a column"

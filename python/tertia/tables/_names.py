@@ -20,18 +20,52 @@ def plain_name(name: object) -> str:
 
 def hint(columns: Iterable[str], there: Sequence[object], near: float = NEAR) -> str:
     """Return the end of a message that suggests the intended name, or an empty text."""
-    found = [(_alike(column, name), str(name)) for column in columns for name in there]
-    likeness, name = max(found, default=(0.0, ""))
+    likeness, name, _ = _nearest(columns, there)
     if likeness > 1.0:
         return f"; {name} is in another unit"
     return f" (did you mean {name}?)" if likeness >= near else ""
 
 
-def misspelt(columns: Sequence[str], known: Iterable[str], there: Iterable[object]) -> str | None:
-    """Return a message if unknown names are probably misspelt names of missing columns."""
+def assignment(
+    columns: Sequence[str], there: Sequence[object], option: str | None, *, shell: bool
+) -> str:
+    """Return the end of a message that says how to give the name of a missing column.
+
+    `option` is the option of a command (`shell`) or of a function that does it, if there is one.
+    """
+    likeness, name, column = _nearest(columns, there)
+    if option is None or likeness > 1.0:
+        return ""
+    if likeness < NEAR:
+        column, name = columns[0] if len(columns) == 1 else "NAME", "COLUMN"
+    if shell:
+        return f": give --{option.replace('_', '-')} {column}={name}"
+    return f': give {option}s={{"{column}": "{name}"}}'
+
+
+def _nearest(columns: Iterable[str], there: Sequence[object]) -> tuple[float, str, str]:
+    """Return the similarity of the most similar name, this name, and the column it resembles."""
+    found = [(_alike(column, name), str(name), column) for column in columns for name in there]
+    return max(found, key=lambda one: one[:2], default=(0.0, "", ""))
+
+
+def misspelt(
+    columns: Sequence[str],
+    known: Iterable[str],
+    there: Iterable[object],
+    option: str | None,
+    *,
+    shell: bool,
+) -> str | None:
+    """Return a message if unknown names are probably misspelt names of missing columns.
+
+    `option` and `shell` are those of `assignment`.
+    """
     plain = set(map(plain_name, known))
-    said = hint(columns, [name for name in there if plain_name(name) not in plain], VERY_NEAR)
-    return f"has no column {' or '.join(columns)}{said}" if said else None
+    others = [name for name in there if plain_name(name) not in plain]
+    said = hint(columns, others, VERY_NEAR)
+    how = assignment(columns, others, option, shell=shell)
+    return f"has no column {' or '.join(columns)}{said}{how}" if said else None
 
 
 def all_misspelt(keys: Sequence[str], there: Sequence[str] | Mapping[str, object]) -> list[str]:

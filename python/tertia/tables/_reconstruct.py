@@ -11,6 +11,7 @@ import polars as pl
 
 from tertia._arrays import BoolArray, FloatArray
 from tertia.sensors import Kind, Station
+from tertia.tables._described import SensorsLike, stations_of
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import Progress, as_names, beside, prefixed
 from tertia.tables._instants import check_tolerance
@@ -26,7 +27,7 @@ from tertia.tables._positions import (
     result_names,
 )
 from tertia.tables._records import RecordError, Source, source_of
-from tertia.tables._sensors import Sensors, sensors_of
+from tertia.tables._sensors import Sensors
 from tertia.trajectory import Trajectory
 from tertia.trajectory import reconstruct as reconstruct_path
 from tertia.trajectory._reconstruct import require_options
@@ -48,7 +49,7 @@ _OF_THE_CALL = ("n_threads", "propagation_speed", "range_difference_correlation"
 def reconstruct(
     table: Table,
     *,
-    sensors: Sequence[Station] | Sensors[Station],
+    sensors: SensorsLike,
     columns: Mapping[str, str] | None = None,
     by: str | Sequence[str] = (),
     tolerance: float = 0.0,
@@ -61,9 +62,11 @@ def reconstruct(
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per sensor and time, or one row per measurement, as for `locate`. All arrival times
         (`arrival_time_s`) with the same `time_s` belong to one emission.
-    sensors : sequence of Station
-        The stations, with the names that the table uses. Their systematic errors are used unless
-        `bias` is given; the uncertainties of their positions are always used.
+    sensors : sequence of Station, DataFrame, or str or Path
+        The stations, with the names that the table uses: objects, a table with one row per station
+        and the columns of sensors files, or the path of a sensors file in TOML. Their systematic
+        errors are used unless `bias` is given; the uncertainties of their positions are always
+        used.
     columns : mapping of str to str, optional
         The names that columns have in this table, keyed by their standard names.
     by : str or sequence of str
@@ -115,7 +118,7 @@ def reconstruct(
 def paths_of(
     source: Source,
     *,
-    sensors: Sequence[Station] | Sensors[Station],
+    sensors: SensorsLike,
     columns: Mapping[str, str] | None = None,
     by: str | Sequence[str] = (),
     tolerance: float = 0.0,
@@ -124,7 +127,7 @@ def paths_of(
 ) -> Positions[Trajectory]:
     """Return the paths of all targets with their measurements, as described in `reconstruct`."""
     require_options(**{name: one for name, one in options.items() if name not in _OF_THE_CALL})
-    stations = sensors_of(sensors)
+    stations = stations_of(sensors)
     results = result_names(_MOTION)
     if not math.isfinite(check_tolerance(tolerance)):
         raise ValueError(

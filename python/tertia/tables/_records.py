@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -19,9 +18,10 @@ import polars as pl
 
 from tertia._arrays import IntArray
 from tertia.sensors._identities import NO_IDENTITY
+from tertia.tables._doubts import doubt, doubt_time, doubt_unit
 from tertia.tables._frames import height, names, series
 from tertia.tables._marks import names_without_marks, unmarked, without_marks
-from tertia.tables._names import hint, misspelt, plain_name
+from tertia.tables._names import assignment, hint, misspelt, plain_name
 from tertia.tables._times import (
     in_format,
     kind_of_times,
@@ -43,17 +43,6 @@ _AS_OTHERS = "a number of seconds or a date with time, like the other times"
 _SAY_FORMAT = "; or give --time-format, for example %d.%m.%Y %H:%M:%S"
 # suffix that Polars adds to a name that occurs twice in a header
 AGAIN = "_duplicated_0"
-# number of values to check a unit, least spread of azimuths (°), least median of ranges (m)
-_DOUBTFUL_COUNT, _DOUBTFUL_SPREAD, _LEAST_RANGE = 20, 1.0, 1000.0
-# the year 5138, in seconds
-_LATEST = 1e11
-# largest plausible median of a column, its unit, and the unit that is likely if the median is
-# larger
-_MOST = {
-    "range_nm": (1000.0, "nautical miles", "metres"),
-    "height_m": (20_000.0, "metres", "feet"),
-    "flight_level": (1000.0, "hundreds of feet", "feet"),
-}
 
 Kind: TypeAlias = Literal["number", "time", "name", "identity", "callsign", "flag"]
 
@@ -103,22 +92,14 @@ class ColumnError(RecordError):
     """An error about a column that is missing, or that is given for two purposes."""
 
 
-class RecordWarning(UserWarning):
-    """A warning about records that look wrong, such as radians in a column of degrees."""
-
-
-def doubt(message: str) -> None:
-    """Warn that records look wrong."""
-    warnings.warn(message, RecordWarning, stacklevel=2)
-
-
 @dataclass(frozen=True, slots=True)
 class Field:
     """A quantity, and the columns that may hold it; the first of them that is present is used.
 
     Each column has a factor to the unit of the library (for identities, the base). `required`: one
     of the columns must be present. `whole`: no cell may be missing. `positive`: numbers must be
-    positive. `most`: largest absolute value, in the unit of the column.
+    positive. `most`: largest absolute value, in the unit of the column. `standard`: the column has
+    a standard name, not one that an option gives.
     """
 
     kind: Kind
@@ -127,6 +108,7 @@ class Field:
     whole: bool = False
     positive: bool = False
     most: float = math.inf
+    standard: bool = True
 
 
 Schema: TypeAlias = Mapping[str, Field]
@@ -147,7 +129,8 @@ class Part:
 
     `line` is the line of the first row if a file has lines. `rows` are the positions of the rows in
     the file if some were left out. `sensors` is the information in the file about its sensors, by
-    name. `time_format` is the format of times if it is not one of the usual formats.
+    name. `time_format` is the format of times if it is not one of the usual formats. `option` is
+    the option that gives the names of columns, in the singular; None if there is none.
     """
 
     table: Any
@@ -157,6 +140,7 @@ class Part:
     rows: IntArray | None = None
     sensors: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: MappingProxyType({}))
     time_format: str | None = None
+    option: str | None = "column"
 
     @property
     def called(self) -> str:
@@ -189,14 +173,18 @@ class Part:
         """Return the column with this name, or nearly this name."""
         return series(self.table, self.column(name))
 
-    def require(self, *columns: str) -> None:
-        """Refuse a table that has none of the columns."""
+    def require(self, *columns: str, standard: bool = False) -> None:
+        """Refuse a table that has none of the columns, which may have `standard` names."""
         if not any(self.has(column) for column in columns):
-            raise ColumnError(
-                f"{self.called} has no column {' or '.join(columns)}"
-                f"{hint(columns, names(self.table))}; {self.listed()}",
-                column=columns[0],
-            )
+            raise self.lacks(f"column {' or '.join(columns)}", columns, standard=standard)
+
+    def lacks(self, what: str, columns: Sequence[str], *, standard: bool = True) -> ColumnError:
+        """Return an error about missing columns."""
+        there = names(self.table)
+        said = f"{self.called} has no {what}{hint(columns, there)}; {self.listed()}"
+        if standard:
+            said += assignment(columns, there, self.option, shell=self.file is not None)
+        return ColumnError(said, column=columns[0])
 
     def listed(self) -> str:
         """Return a list of the available columns, as text."""
@@ -359,19 +347,26 @@ class Reader:
         given = [name for name in one.columns if name in self.called]
         there = [name for name in one.columns if self.part.has(name)]
         if given or (one.required and not there):
-            self.part.require(*(self.called.get(name, name) for name in given or one.columns))
+            columns = (self.called.get(name, name) for name in given or one.columns)
+            self.part.require(*columns, standard=one.standard and not given)
         name = next(iter(given or there), None)
         if quantity == "sensor" and self.sensors is not None:
             return self._sensors(name, count)
         if name is None and quantity == "sensor":
             # each file belongs to one sensor
             if self.part.name is None:
-                self.part.require("sensor")
+                self.part.require("sensor", standard=True)
             return pl.repeat(self.part.name, count, dtype=pl.String, eager=True)
         if name is None:
             known = [name for each in self.schema.values() for name in each.columns]
             known += self.called.values()
-            said = misspelt(tuple(one.columns), known, names(self.part.table))
+            said = misspelt(
+                tuple(one.columns),
+                known,
+                names(self.part.table),
+                self.part.option,
+                shell=self.part.file is not None,
+            )
             if said and self.problems is None:
                 doubt(f"{self.part.called} {said}")
             return _absent(one.kind, count)
@@ -414,7 +409,7 @@ class Reader:
         known = list(self.sensors or ())
         if name is None:
             if len(known) != 1:
-                self.part.require(*(self.called.get(one, one) for one in SENSOR.columns))
+                self.part.require(*SENSOR.columns, standard=True)
             return pl.repeat(0, count, dtype=pl.Int64, eager=True)
         column = self.part.column(self.called.get(name, name))
         found = names_without_marks(series(self.part.table, column).cast(pl.String))
@@ -563,37 +558,3 @@ def _absent(kind: Kind, count: int) -> pl.Series:
     if kind == "identity":
         return pl.repeat(NO_IDENTITY, count, dtype=pl.Int64, eager=True)
     return pl.repeat(None, count, dtype=pl.Boolean if kind == "flag" else pl.String, eager=True)
-
-
-def doubt_unit(name: str, values: pl.Series) -> None:
-    """Warn if the unit of a column looks wrong."""
-    if name not in {"azimuth_deg", "range_m", *_MOST}:
-        return
-    known = values.to_numpy()
-    # checked first, because most columns of degrees soon have a value above 2π
-    if name == "azimuth_deg" and np.any(np.abs(known[:_DOUBTFUL_COUNT]) > 2 * math.pi):
-        return
-    known = known[~np.isnan(known)]
-    if len(known) < _DOUBTFUL_COUNT:
-        return
-    if name == "azimuth_deg":
-        if np.all(np.abs(known) <= 2 * math.pi) and np.ptp(known) > _DOUBTFUL_SPREAD:
-            doubt("all azimuths are within 6.3 degrees: are they radians? Use degrees")
-        return
-    typical = float(np.median(np.abs(known)))
-    if name == "range_m" and typical < _LEAST_RANGE:
-        doubt(
-            f"half of the ranges are below {typical:.3g}: are they kilometres or nautical miles? "
-            "Use metres"
-        )
-    most, unit, other = _MOST.get(name, (math.inf, "", ""))
-    if typical > most:
-        doubt(f"the median of {name} is {typical:.6g}: is it in {other}? Use {unit}")
-
-
-def doubt_time(name: str, times: pl.Series) -> None:
-    """Warn if times are probably not in seconds."""
-    if times.dtype.is_numeric() and len(times):
-        last = times.max()
-        if isinstance(last, (int, float)) and last > _LATEST:
-            doubt(f"{name} is as large as {last:.6g}: is it in milliseconds? Use seconds")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,11 +11,11 @@ import polars as pl
 
 from tertia import registration
 from tertia.registration import Registration
-from tertia.sensors import Radar
+from tertia.tables._described import SensorsLike
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import known
 from tertia.tables._records import source_of
-from tertia.tables._sensors import Sensors, radar_rows
+from tertia.tables._sensors import radar_rows
 from tertia.tables._track import Recording, recording_of
 
 # errors for which a column states whether the plots determine them
@@ -45,7 +45,7 @@ class Registered:
 def register(
     table: Table,
     *,
-    sensors: Sequence[Radar] | Sensors[Radar],
+    sensors: SensorsLike,
     columns: Mapping[str, str] | None = None,
     n_threads: int | None = None,
     **options: Any,
@@ -56,8 +56,9 @@ def register(
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per plot, with the columns of `track`.
-    sensors : sequence of Radar
-        The radars. A radar without a name is identified by its index.
+    sensors : sequence of Radar, DataFrame, or str or Path
+        The radars. A radar without a name is identified by its index. A table has one row per
+        radar, with the columns of sensors files; a path is that of a sensors file in TOML.
     columns : mapping of str to str, optional
         The names that columns have in this table, keyed by their standard names.
     n_threads : int, optional

@@ -13,7 +13,7 @@ from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.screening import Screening
 from tertia.tables._frames import Table, extended
 from tertia.tables._groups import as_names, by_length, known, layout
-from tertia.tables._records import Field, read, source_of
+from tertia.tables._records import number, read, source_of
 
 Rule: TypeAlias = Literal["bursts", "leave-one-out", "k-sigma"]
 
@@ -84,7 +84,7 @@ def screen(
     if rule not in _RULES:
         raise ValueError(f"rule is {rule!r}; it must be one of {', '.join(_RULES)}")
     _RULES[rule](np.empty((0, 5)), **options)
-    schema = {"value": Field("number", {values: 1.0}, required=True)}
+    schema = {"value": number(values, required=True, standard=False)}
     records = read(source_of(table), schema, columns=columns, by=as_names(by))
     groups = layout(records.by, records.rows.height)
     ordered = groups.arranged(records.rows["value"].to_numpy())

@@ -14,11 +14,12 @@ from tertia._arrays import FloatArray
 from tertia.geo import LocalFrame, SystemPlane
 from tertia.location._height import in_the_plane
 from tertia.sensors import Bias, Channel, PositionSensor, Radar, Station
+from tertia.tables._doubts import doubt
 from tertia.tables._earth import at_heights, on_the_ellipsoid
 from tertia.tables._groups import known
 from tertia.tables._marks import is_mark
 from tertia.tables._names import VERY_NEAR, all_misspelt, hint, plain_name
-from tertia.tables._records import RecordError, doubt
+from tertia.tables._records import RecordError
 
 if TYPE_CHECKING:
     import polars as pl
@@ -151,14 +152,6 @@ class Sensors(Generic[S]):
         return Sensors(stations, self.norths, self.range_difference_sigma, None, self.file)
 
 
-def sensors_of(items: Sequence[S] | Sensors[S]) -> Sensors[S]:
-    """Return sensors, which may also be given as a plain sequence."""
-    if isinstance(items, Sensors):
-        return items
-    frame = getattr(items[0], "frame", None) if items else None
-    return Sensors(items, np.zeros(len(items)), np.full(len(items), np.nan), frame)
-
-
 def lifted(position: FloatArray, height: FloatArray | None) -> FloatArray:
     """Return positions in a system plane, (N, 3); those without a height are on the ellipsoid."""
     up = np.zeros(len(position)) if height is None else np.nan_to_num(height)
@@ -216,7 +209,7 @@ def with_others(
         if origin is not None:
             centre = _Cells(origin, "the origin", file)
             frame = SystemPlane(*(centre.required(column) for column in GEODETIC[:2]))
-        found = Sensors[Any]([], np.zeros(0), np.zeros(0), frame, file)
+        found = Sensors([], np.zeros(0), np.zeros(0), frame, file)
     others: list[PositionSensor | Station] = []
     rows = _named(position_sensors, "position sensor", file) if position_sensors else {}
     for name, row in rows.items():

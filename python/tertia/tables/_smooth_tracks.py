@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,12 +11,11 @@ import numpy as np
 import polars as pl
 
 from tertia import tracker
-from tertia.sensors import Radar
+from tertia.tables._described import SensorsLike
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import known, named
 from tertia.tables._identities import identity_columns
 from tertia.tables._records import source_of
-from tertia.tables._sensors import Sensors
 from tertia.tables._track import Recording, movement, recording_of, state_columns, tracks_of
 from tertia.tracker import (
     Longitudinal,
@@ -109,7 +108,7 @@ class Smoothing:
 def smooth_tracks(
     table: Table,
     *,
-    sensors: Sequence[Radar] | Sensors[Radar],
+    sensors: SensorsLike,
     columns: Mapping[str, str] | None = None,
     motion: Motion = "imm",
     every: float | None = None,
@@ -123,8 +122,9 @@ def smooth_tracks(
     ----------
     table : DataFrame of Polars or pandas, Table or RecordBatch of pyarrow
         One row per plot, in any order, with the columns of `track`.
-    sensors : sequence of Radar
-        The radars. A radar without a name is identified by its index.
+    sensors : sequence of Radar, DataFrame, or str or Path
+        The radars. A radar without a name is identified by its index. A table has one row per
+        radar, with the columns of sensors files; a path is that of a sensors file in TOML.
     columns : mapping of str to str, optional
         The names that columns have in this table, keyed by their standard names.
     motion : {"imm", "cv"} or ImmModel, CvModel

@@ -16,7 +16,9 @@ from tertia.flightplan import FlightPlan
 from tertia.geo import SystemPlane
 from tertia.sensors import Bias, PositionSensor, Radar
 from tertia.sensors._sensors import own_biases
+from tertia.tables._described import SensorsLike, sensors_of
 from tertia.tables._detections import DETECTION, detections_of, refuse_unknown
+from tertia.tables._doubts import doubt
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import known, named
 from tertia.tables._identities import (
@@ -33,16 +35,14 @@ from tertia.tables._records import (
     Records,
     Schema,
     Source,
-    doubt,
     number,
     read,
     source_of,
 )
-from tertia.tables._sensors import Sensors, lifted, sensors_of
+from tertia.tables._sensors import Sensors, lifted
 from tertia.tables._times import Clock
 from tertia.tertiary import SystemTracks
 from tertia.tracker import Plots, PlotStatus, SmoothedTracks, TrackTable
-from tertia.tracker._sensors import Sensor
 from tertia.tracker._tracker import tracked
 
 PLOTS: Schema = {
@@ -199,7 +199,7 @@ class Tracking:
 def track(
     table: Table,
     *,
-    sensors: Sequence[Sensor] | Sensors[Any],
+    sensors: SensorsLike,
     columns: Mapping[str, str] | None = None,
     plans: Sequence[FlightPlan] = (),
     **options: Any,
@@ -219,8 +219,9 @@ def track(
         `east_m` and `north_m` instead of range and azimuth, or `latitude_deg` and `longitude_deg`
         if the radars are on the earth; and, if known,
         `east_sigma_m`, `north_sigma_m` and `covariance_east_north_m2`.
-    sensors : sequence of Radar, PositionSensor or Station
-        The sensors. A sensor without a name is identified by its index.
+    sensors : sequence of Radar, PositionSensor or Station, DataFrame, or str or Path
+        The sensors. A sensor without a name is identified by its index. A table has one row per
+        radar, with the columns of sensors files; a path is that of a sensors file in TOML.
     columns : mapping of str to str, optional
         The names that columns have in this table, keyed by their standard names.
     plans : sequence of FlightPlan
@@ -273,7 +274,7 @@ def track(
 
 def recording_of(
     source: Source,
-    sensors: Sequence[Sensor] | Sensors[Any],
+    sensors: SensorsLike,
     columns: Mapping[str, str] | None = None,
 ) -> Recording:
     """Return the plots of a table or of files."""
@@ -281,8 +282,7 @@ def recording_of(
     schema = {**schema_of(radars), **NUMBERED}
     records = read(source, schema, columns=columns, sensors=radars.names)
     if "range" not in records.column and _is_of_radar(records.rows["sensor"], radars):
-        called = columns or {}
-        source[0].require(*(called.get(name, name) for name in PLOTS["range"].columns))
+        source[0].require(*PLOTS["range"].columns, standard=True)
     clock = Clock.of(records.rows["time"], midnight=True)
     refuse_unknown(records)
     plots = plots_of(records.rows, clock, radars)

@@ -14,6 +14,7 @@ from tertia import weights as weighting
 from tertia._arrays import FloatArray, real
 from tertia.fusion import FusedEstimate, fuse
 from tertia.fusion._estimates import allowing_for
+from tertia.tables._doubts import doubt
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import as_names, column_name, layout, split_unit
 from tertia.tables._records import (
@@ -22,7 +23,7 @@ from tertia.tables._records import (
     Field,
     RecordError,
     Source,
-    doubt,
+    number,
     read,
     source_of,
 )
@@ -174,7 +175,7 @@ def _samples(
     if "sensor" in components:
         raise ColumnError("the column sensor is given for two purposes", column="sensor")
     schema = {"sensor": Field("name", SENSOR.columns, required=True)}
-    schema |= {name: Field("number", {name: 1.0}, required=True) for name in components}
+    schema |= {name: number(name, required=True, standard=False) for name in components}
     rows = read(source, schema, columns=columns).rows.select(list(schema))
     whole = rows.with_columns(pl.col(components).fill_nan(None)).drop_nulls()
     if left_out := rows.height - whole.height:

@@ -42,6 +42,8 @@ EXAMPLES = (
     "tertia locate *.csv --format krakensdr --sensors finders.toml --tolerance inf",
     "tertia locate shots.csv --sensors microphones.toml --propagation-speed 343",
 )
+# residuals are compared with 1 if they are expected to be larger than this
+_NEARLY_ONE = 0.9
 # kinds of measurements that are drawn in a picture of one instant
 _DRAWN: tuple[Kind, ...] = ("azimuth", "range")
 
@@ -163,6 +165,7 @@ def locate(
     positions.print_all(found, by or [])
     for one in found.targets:
         positions.say_located(one)
+        _say_expected(one)
         _say_sigma(one)
         _say_bias(one)
     positions.write_all(
@@ -199,6 +202,20 @@ def _start(text: str | None, dimension: int) -> list[float] | None:
             WRONG_USAGE,
         )
     return start
+
+
+def _say_expected(one: Located[Location]) -> None:
+    """Print the size of residuals by which sigmas can be judged, if it is much below 1."""
+    if one.target.singles is not None or not np.any(one.result.success):
+        return
+    rows = one.rows.filter(pl.col("degrees_of_freedom") > 0)
+    count = rows.select(pl.col("measurement_count") - pl.col("outlier_count")).sum().item()
+    freedom = rows["degrees_of_freedom"].sum()
+    if count and (expected := np.sqrt(freedom / count)) < _NEARLY_ONE:
+        typer.echo(
+            f"  residual_rms is about {expected:.2g} if the sigmas are correct: {count} "
+            f"measurements have {freedom} degrees of freedom"
+        )
 
 
 def _say_sigma(one: Located[Location]) -> None:

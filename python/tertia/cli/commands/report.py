@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Annotated, Any
@@ -25,10 +26,12 @@ from tertia.cli.terminal.options import (
     Origin,
     PlanFile,
     PlotFiles,
+    RegistrationSwitch,
     SensorFile,
     UpdateInterval,
     column_names,
     pair,
+    switched,
 )
 from tertia.cli.terminal.say import WRONG_USAGE, fail, print_table
 from tertia.report import Emitter, Report
@@ -74,6 +77,7 @@ def report(
     column: ColumnNames = None,
     motion: Annotated[MotionName, typer.Option(help="Motion model of the targets.")] = "imm",
     clock_period: ClockPeriod = None,
+    registration: RegistrationSwitch = None,
     update_interval: UpdateInterval = None,
     max_distance: MaxDistance = 1000.0,
     limits: LimitFile = None,
@@ -106,6 +110,7 @@ def report(
             )
         given |= {"motion": motion, "clock_period": clock_period, "limits": read_limits(limits)}
         given |= {"max_distance": max_distance, "update_interval": update_interval}
+        given["registration"] = switched(registration)
     if bearings is not None:
         heard, clock = _heard(bearings, sensors, by or [], clock)
         given |= heard
@@ -157,11 +162,9 @@ def _heard(
 ) -> tuple[dict[str, Any], Clock]:
     """Read bearings and stations, in the time scale of the plots if there are any."""
     stations = read.read_stations(sensors).flat()
-    targets = [
-        one
-        for one in read_targets(read.tables(bearings), stations, by=by)
-        if "azimuth" in one.values
-    ]
+    # --column is for plots
+    source = [replace(part, option=None) for part in read.tables(bearings)]
+    targets = [one for one in read_targets(source, stations, by=by) if "azimuth" in one.values]
     if not targets:
         fail(f"{bearings} has no azimuths")
     own = Clock.of(pl.concat([target.moments for target in targets]), midnight=True)

@@ -25,9 +25,10 @@ from tertia.cli.terminal.pipe import Lines, Packets, Quiet
 from tertia.cli.terminal.say import INTERRUPTED, WRONG_USAGE, counted, fail, note, reading
 from tertia.flightplan import FlightPlan
 from tertia.sensors import Radar
+from tertia.tables._doubts import doubt_unit
 from tertia.tables._identities import IDENTIFIED
 from tertia.tables._names import plain_name
-from tertia.tables._records import Part, Reader, doubt_unit
+from tertia.tables._records import Part, Reader
 from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
 from tertia.tables._track import plots_of, schema_of, track_rows

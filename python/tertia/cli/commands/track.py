@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 
@@ -21,10 +21,12 @@ from tertia.cli.terminal.options import (
     PlanFile,
     PlotFile,
     PlotFiles,
+    RegistrationSwitch,
     SensorFile,
     Threads,
     column_names,
     pair,
+    switched,
 )
 from tertia.cli.terminal.say import WRONG_USAGE, counted, fail, note, print_table, working
 from tertia.sensors import Bias, Radar
@@ -42,12 +44,11 @@ EXAMPLES = (
 _FIGURE_SIZE = (11.0, 9.0)
 # columns of the errors of radars, columns of their sigmas, names and units
 _ERRORS = (
-    ("range_bias_m", "range_bias_sigma_m", "range", "m"),
+    ("range_bias_m", "range_bias_sigma_m", "range", " m"),
     ("range_gain", "range_gain_sigma", "range gain", ""),
-    ("azimuth_bias_deg", "azimuth_bias_sigma_deg", "azimuth", "deg"),
-    ("time_bias_s", "time_bias_sigma_s", "time", "s"),
+    ("azimuth_bias_deg", "azimuth_bias_sigma_deg", "azimuth", " deg"),
+    ("time_bias_s", "time_bias_sigma_s", "time", " s"),
 )
-Switch = Literal["on", "off"]
 
 
 def track(
@@ -107,13 +108,7 @@ def track(
         ),
     ] = 0.0,
     clock_period: ClockPeriod = None,
-    registration: Annotated[
-        Switch | None,
-        typer.Option(
-            help="Estimate and subtract the systematic errors of the radars; by default if there "
-            "are two radars or more."
-        ),
-    ] = None,
+    registration: RegistrationSwitch = None,
     trusted: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME", help="A radar without systematic errors; may be repeated."),
@@ -181,7 +176,7 @@ def track(
         "gate_probability": gate_probability,
         "lag": lag,
         "clock_period": clock_period,
-        "registration": None if registration is None else registration == "on",
+        "registration": switched(registration),
         "n_threads": n_threads,
     }
     given = files or []
@@ -269,7 +264,7 @@ def _say(tracking: Tracking, summary: dict[str, Any]) -> None:
         typer.echo(f"  {counted(count, 'plot')} refused: {reason}")
     for radar in tracking.errors.iter_rows(named=True):
         found = ", ".join(
-            f"{words} {radar[name]:+.3g} ± {radar[sigma]:.2g} {unit}"
+            f"{words} {radar[name]:+.3g} ± {radar[sigma]:.2g}{unit}"
             for name, sigma, words, unit in _ERRORS
             if radar[name] is not None
         )

@@ -6,7 +6,8 @@ import polars as pl
 
 from tertia.cli.terminal.say import counted, fail, reading
 from tertia.io import AsterixRecording, read_asterix
-from tertia.tables._records import Part, doubt
+from tertia.tables._doubts import doubt
+from tertia.tables._records import Part
 from tertia.tables._sensors import GEODETIC
 
 # names of files that are ASTERIX recordings, not tables

@@ -8,9 +8,9 @@ from typing import Annotated, TypeAlias
 
 import typer
 
-from tertia.cli.files.text import decoded
 from tertia.cli.terminal.say import fail, reading
 from tertia.metrics._indicators import LIMITED
+from tertia.tables._text import decoded
 
 if sys.version_info >= (3, 11):
     import tomllib

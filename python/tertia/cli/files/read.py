@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextvars import ContextVar
 from dataclasses import replace
 from pathlib import Path
@@ -14,28 +13,17 @@ import polars as pl
 
 from tertia import io
 from tertia.cli.files import asterix
-from tertia.cli.files.text import Dialect, damage, decoded, foreign, read_text, too_long
+from tertia.cli.files.text import Dialect, damage, foreign, read_text, too_long
 from tertia.cli.terminal.say import WRONG_USAGE, fail, reading
 from tertia.geo import LocalFrame, SystemPlane
+from tertia.tables._described import REPORTS, Description, description
 from tertia.tables._records import AGAIN, Part, Source
-from tertia.tables._sensors import (
-    GEODETIC,
-    LOCAL,
-    Sensors,
-    radars,
-    stations,
-    with_others,
-)
+from tertia.tables._sensors import Sensors
 
 if TYPE_CHECKING:
     from tertia.flightplan import FlightPlan
     from tertia.location import Station
     from tertia.tracker import Radar
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 JSON_LINES = (".jsonl", ".ndjson")
 ARROW = (".arrow", ".feather")
@@ -45,8 +33,6 @@ _PACKED = (".gz", ".zst")
 _BINARY = {".parquet": "Parquet", **dict.fromkeys(ARROW, "Arrow IPC")}
 # flight plans in messages of ICAO
 _MESSAGES = (".fpl", ".txt")
-_REPORTS = "position_sensor"
-_ORIGIN = "origin"
 _ROWS_AT_ONCE = 2**17
 
 
@@ -210,29 +196,31 @@ def _is_object(line: bytes) -> bool:
 
 def read_sensors(path: Path, source: Source = (), *, flat: bool = False) -> Sensors[Any]:
     """Return the radars of a sensors file, as `read_radars` does, and its other sensors."""
-    if path.suffix.lower() != ".toml":
-        return read_radars(path, source, flat=flat)
-    (reports, origin), (stations, _) = (_described(path, noun) for noun in (_REPORTS, "station"))
-    some = _described(path, "radar")[0]
-    if not reports and (not stations or not some):
-        return read_radars(path, source, flat=flat)
-    found = read_radars(path, source, flat=flat, alone=False) if some else None
-    return with_others(found, reports, stations, origin=origin, file=str(path))
+    described = _described(path)
+    if described.has_kinds and (described.rows(REPORTS) or described.rows("station")):
+        found = described.sensors(source, flat=flat)
+        _require_described(path, source, found)
+        return found
+    return read_radars(path, source, flat=flat)
 
 
-def read_radars(
-    path: Path, source: Source = (), *, flat: bool = False, alone: bool = True
-) -> Sensors[Radar]:
-    """Return the radars of a sensors file, completed from recordings; the earth may be flat.
+def read_radars(path: Path, source: Source = (), *, flat: bool = False) -> Sensors[Radar]:
+    """Return the radars of a sensors file, completed from recordings; the earth may be flat."""
+    described = _described(path)
+    if described.has_kinds and described.rows(REPORTS):
+        fail(f"{path} has [[{REPORTS}]] tables, which only `tertia track` without --udp can use")
+    found = described.radars(source, flat=flat)
+    _require_described(path, source, found)
+    return found
 
-    With `alone`, all plots must be from radars of the file.
-    """
-    rows, origin = _described(path, "radar")
-    if alone and path.suffix.lower() == ".toml" and _described(path, _REPORTS)[0]:
-        fail(f"{path} has [[{_REPORTS}]] tables, which only `tertia track` without --udp can use")
-    # if several recordings describe a sensor, the first is used
-    found = {name: row for part in reversed(source) for name, row in part.sensors.items()}
-    sensors = radars(rows, origin=origin, file=str(path), found=found or None, flat=flat)
+
+def read_stations(path: Path, source: Source = ()) -> Sensors[Station]:
+    """Return the stations of a sensors file; missing positions are taken from the recordings."""
+    return _described(path).stations(source)
+
+
+def _require_described(path: Path, source: Source, sensors: Sensors[Any]) -> None:
+    """Exit with an error if recordings have plots of sensors that the file does not describe."""
     for part in source:
         seen = part.table["sensor"].unique().drop_nulls() if part.sensors else ()
         unknown = sorted(name for name in seen if name not in sensors.names)
@@ -241,42 +229,16 @@ def read_radars(
                 f"{part.file} has plots of {', '.join(unknown)}: add [[radar]] tables with these "
                 f"names to {path}, with range_sigma_m and azimuth_sigma_deg"
             )
-    return sensors
 
 
-def read_stations(path: Path, source: Source = ()) -> Sensors[Station]:
-    """Return the stations of a sensors file; missing positions are taken from the recordings."""
-    rows, origin = _described(path, "station")
-    found = {name: row for part in reversed(source) for name, row in part.sensors.items()}
-    rows = [
-        row
-        if {LOCAL[0], GEODETIC[0]} & set(row)
-        else {**found.get(str(row.get("name")), {}), **row}
-        for row in rows
-    ]
-    return stations(rows, origin=origin, file=str(path))
-
-
-def _described(
-    path: Path, noun: str
-) -> tuple[Sequence[Mapping[str, Any]], Mapping[str, Any] | None]:
-    """Return the tables `[[noun]]` of TOML, or the rows of a table, and the table `[origin]`."""
-    if path.suffix.lower() != ".toml":
-        part = _table(path)
-        part.require("name")
-        return part.table.to_dicts(), None
-    try:
+def _described(path: Path) -> Description:
+    """Return the description of sensors in TOML, or in the rows of a table."""
+    if path.suffix.lower() == ".toml":
         with reading(path):
-            document = tomllib.loads(decoded(path.read_bytes()))
-    except ValueError as error:
-        # also raised if the file is not UTF-8
-        fail(f"cannot read {path}: {error}")
-    rows, origin = document.get(noun, []), document.get(_ORIGIN)
-    if not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
-        fail(f"{path}: {noun} is not a list of tables; each must begin with [[{noun}]]")
-    if origin is not None and not isinstance(origin, Mapping):
-        fail(f"{path}: {_ORIGIN} is not a table; it must begin with [{_ORIGIN}]")
-    return rows, origin
+            return description(path)
+    part = _table(path)
+    part.require("name")
+    return Description(part.table.to_dicts(), str(path))
 
 
 def plan_frame(

@@ -14,13 +14,13 @@ from typing import Any, BinaryIO
 
 import polars as pl
 
-from tertia.tables._records import doubt
+from tertia.tables._doubts import doubt
+from tertia.tables._text import encoding_of
 
 _BEGIN = 1 << 16
 _COMMENT = "#"
 # separators; if several give the same number of columns, the first is used
 _SEPARATORS = ",;\t|"
-_BOMS = {codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 _NUMBER = r"\s*[+-]?\d+([.,]\d*)?([eE][+-]?\d+)?\s*"
 _GZIP = b"\x1f\x8b"
 _DAMAGED = (EOFError, zlib.error, gzip.BadGzipFile)
@@ -68,7 +68,7 @@ class Dialect:
                 begin = file.read(_BEGIN)
         except _DAMAGED:
             return cls()
-        encoding = _BOMS.get(begin[:2]) or _without_mark(begin)
+        encoding = encoding_of(begin)
         lines = begin.decode(encoding, "ignore").lstrip("\ufeff").splitlines()
         comments = _comments(lines)
         header = next((line for line in lines[comments:] if line.strip()), "")
@@ -98,20 +98,6 @@ def _is_number(cell: str) -> bool:
     return re.fullmatch(_NUMBER, cell) is not None
 
 
-def decoded(contents: bytes) -> str:
-    """Decode a text in UTF-8 or UTF-16, with or without a byte order mark."""
-    encoding = _BOMS.get(contents[:2]) or _without_mark(contents[:_BEGIN])
-    return contents.decode(encoding).lstrip("\ufeff")
-
-
-def _without_mark(begin: bytes) -> str:
-    """Return the encoding of a text without a byte order mark."""
-    for encoding, zeros in (("utf-16-le", begin[1::2]), ("utf-16-be", begin[::2])):
-        if zeros and zeros.count(0) > len(zeros) // 2:
-            return encoding
-    return "utf-8"
-
-
 def _opened(path: Path) -> BinaryIO:
     """Open a file, decompressing it if necessary."""
     return gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb")  # type: ignore[return-value]
@@ -129,7 +115,7 @@ def foreign(path: Path) -> str | None:
     text = begin.lstrip(codecs.BOM_UTF8 + b" \t\r\n")
     kinds = (what for mark, what in _OTHERS.items() if text.startswith(mark))
     other = next((f"it is {what}: save it as CSV" for what in kinds), None)
-    if other is not None or begin[:2] in _BOMS or _without_mark(begin) != "utf-8":
+    if other is not None or encoding_of(begin) != "utf-8":
         return other
     strange = len(begin) - len(begin.translate(None, _CONTROL))
     return "it is not a text file" if strange > _STRANGE * len(begin) else None

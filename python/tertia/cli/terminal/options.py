@@ -5,7 +5,7 @@ Files have `readable=False`: unreadable files are reported when they are read, i
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, TypeAlias, TypeVar
+from typing import Annotated, Literal, TypeAlias, TypeVar
 
 import typer
 
@@ -95,6 +95,13 @@ Flat: TypeAlias = Annotated[
 ClockPeriod: TypeAlias = Annotated[
     float | None, typer.Option(help="Seconds after which times restart from 0, such as 86400.")
 ]
+RegistrationSwitch: TypeAlias = Annotated[
+    Literal["on", "off"] | None,
+    typer.Option(
+        help="Estimate and subtract the systematic errors of the radars; by default if there are "
+        "two radars or more."
+    ),
+]
 UpdateInterval: TypeAlias = Annotated[
     float | None,
     typer.Option(
@@ -143,6 +150,11 @@ def pair(
     except ValueError:
         fail(f"{option} is {text!r}; it must be two numbers with a comma between them", WRONG_USAGE)
     return first, second
+
+
+def switched(option: Literal["on", "off"] | None) -> bool | None:
+    """Return whether an option is on; None if it is not given."""
+    return None if option is None else option == "on"
 
 
 def column_names(options: Sequence[str] | None) -> dict[str, str]:

@@ -7,8 +7,8 @@ from typing import Any
 
 import typer
 
-from tertia.cli.files.text import decoded
 from tertia.cli.terminal.say import WRONG_USAGE, fail, reading
+from tertia.tables._text import decoded
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -1,0 +1,21 @@
+"""Decoding of text files."""
+
+import codecs
+
+_BEGIN = 1 << 16
+_BOMS = {codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+
+
+def decoded(contents: bytes) -> str:
+    """Decode a text in UTF-8 or UTF-16, with or without a byte order mark."""
+    return contents.decode(encoding_of(contents[:_BEGIN])).lstrip("\ufeff")
+
+
+def encoding_of(begin: bytes) -> str:
+    """Return the encoding of a text that begins with these bytes."""
+    if begin[:2] in _BOMS:
+        return _BOMS[begin[:2]]
+    for encoding, zeros in (("utf-16-le", begin[1::2]), ("utf-16-be", begin[::2])):
+        if zeros and zeros.count(0) > len(zeros) // 2:
+            return encoding
+    return "utf-8"
