@@ -105,13 +105,14 @@ def stated_sigma() -> str:
             error = noise(generator(310, number, n), (repetitions(10_000), n))
             found = tertia.estimate_bearing(error, sigma=1.0, period=None)
             width = np.sqrt(n) * np.median(found.sigma)
-            cells.append(f"{_covered(Errors(found.value, found.sigma))} ({width:.2f})")
+            errors = Errors(np.asarray(found.value), np.asarray(found.sigma))
+            cells.append(f"{_covered(errors)} ({width:.2f})")
         rows.append([label, *cells])
     return markdown(["noise", *(f"N = {n}" for n in sizes)], rows)
 
 
 def _white(rng: np.random.Generator, shape: tuple[int, int]) -> FloatArray:
-    return rng.standard_normal(shape)
+    return np.asarray(rng.standard_normal(shape))
 
 
 def _with_outliers(rng: np.random.Generator, shape: tuple[int, int], *sides: float) -> FloatArray:
