@@ -527,6 +527,32 @@ def test_summary(write: Write, stations: Path) -> None:
     assert f"  1 instant not located: {LocationStatus.TOO_FEW.message}\n" in done.out
 
 
+@pytest.mark.parametrize("count", [4, 12])
+def test_the_size_of_residuals_of_correct_sigmas_is_told(count: int, tmp_path: Path) -> None:
+    """Three range differences leave one degree of freedom; with many there is nothing to say."""
+    rng = np.random.default_rng(61)
+    angle = 2 * np.pi * np.arange(count) / count + rng.normal(0, 0.1, count)
+    places = 5e3 * np.column_stack([np.cos(angle), np.sin(angle)])
+    names = [f"S{k:02}" for k in range(count)]
+    rows = []
+    for step in range(200):
+        away = np.hypot(*(rng.normal(0, 1e3, 2) - places).T) + rng.normal(0, 7.0, count)
+        rows += [(step, name, x - away[0]) for name, x in zip(names[1:], away[1:], strict=True)]
+    head = ["time_s", "sensor", "range_difference_m"]
+    pl.DataFrame(rows, schema=head, orient="row").write_csv(tmp_path / "m.csv")
+    pl.DataFrame(
+        {"name": names, "east_m": places[:, 0], "north_m": places[:, 1]}
+        | {"range_difference_sigma_m": 7.0 * np.sqrt(2)}
+    ).write_csv(tmp_path / "s.csv")
+    done = run(tmp_path / "m.csv", "--sensors", tmp_path / "s.csv")
+    told = re.search(r"residual_rms is about ([\d.]+) if the sigmas are correct", done.out)
+    assert (told is None) == (count == 12)
+    if told is not None:
+        assert "600 measurements have 200 degrees of freedom" in done.out
+        rms = [float(row[-1]) for row in table(done.out)[1:] if row[0] in names]
+        assert np.sqrt(np.mean(np.square(rms))) == pytest.approx(float(told[1]), rel=0.2)
+
+
 def test_contradictions_that_no_fault_explains_are_told(write: Write, stations: Path) -> None:
     arguments = (write(wide()), "--sensors", stations, "--method", "least-squares")
     result = located(method="least-squares")

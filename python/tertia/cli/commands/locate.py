@@ -206,7 +206,7 @@ def _start(text: str | None, dimension: int) -> list[float] | None:
 
 def _say_expected(one: Located[Location]) -> None:
     """Print the size of residuals by which sigmas can be judged, if it is much below 1."""
-    if one.target.singles is not None or not np.any(one.result.success):
+    if one.target.singles is not None or one.result.measurement_sigma is not None:
         return
     rows = one.rows.filter(pl.col("degrees_of_freedom") > 0)
     count = rows.select(pl.col("measurement_count") - pl.col("outlier_count")).sum().item()
