@@ -273,3 +273,25 @@ def test_first_instants_after_outliers_of_kilometres(first, seed):
     options = {"robust": False, "correlation_time": 0.0}
     expected = smooth(y, 25.0**2, time=t, jerk=found.jerk, **options)
     assert np.all(found.sigma < 2.0 * expected.sigma)
+
+
+def test_outliers_at_any_place():
+    """Flights with plots at any time, of which some are off by kilometres, the first ones too."""
+    worst, widest = 0.0, 0.0
+    for seed in range(40):
+        random = rng(1000 + seed)
+        t = np.cumsum(random.exponential(2.0, 150) + 0.05)
+        turn = np.cumsum(
+            np.where((t > 100) & (t < 160), np.radians(1.0), 0.0) * np.diff(t, prepend=0)
+        )
+        velocity = 150.0 * np.column_stack([np.sin(turn), np.cos(turn)])
+        truth = np.cumsum(velocity * np.diff(t, prepend=0)[:, np.newaxis], axis=0)
+        y = truth + 20.0 * random.normal(size=truth.shape)
+        wrong = random.random(150) < 0.04
+        wrong[random.integers(3)] = True
+        y[wrong] += 20_000.0 * random.normal(size=(wrong.sum(), 2))
+        found = smooth(y, 20.0**2, time=t)
+        worst = max(worst, np.sqrt(np.mean((found.position - truth) ** 2)))
+        widest = max(widest, np.max(found.sigma[:, :2]))
+    assert worst < 20.0
+    assert widest < 300.0

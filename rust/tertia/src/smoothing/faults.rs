@@ -24,7 +24,7 @@ const JUMP_LIMIT: f64 = 2.0;
 const OVER_OUTLIER: f64 = 1.2;
 /// In a round nothing is taken out that explains less than this share of the largest.
 const SHARE: f64 = 0.2;
-const ROUNDS: usize = 20;
+const ROUNDS: usize = 30;
 /// Jumps are at least so many plots apart.
 const APART: usize = 5;
 /// Two jumps with at most this share of the plots between them are the ends of a run of outliers.
@@ -89,7 +89,7 @@ pub(super) fn find_faults<const M: usize, const S: usize, const N: usize>(
         jumps: vec![false; track.len()],
     };
     // from a stiff path: a restless one would follow the faults
-    let mut near = Near::intensity(search.low);
+    let (mut near, mut is_stiff) = (Near::intensity(search.low), true);
     let (mut found, mut misfit) = (Found::default(), vec![0.0; count]);
     for _ in 0..ROUNDS {
         let best = search.best(Family::Jerk, LastingNoise::NONE, Scale::Free, &faults, near);
@@ -101,8 +101,13 @@ pub(super) fn find_faults<const M: usize, const S: usize, const N: usize>(
             *misfit = of_part::<S>(&parts, part, &found, faults.gross[part]);
         }
         let next = changed(&parts, &faults, &misfit, &found.jump);
-        if next == faults {
+        if next == faults && !is_stiff {
             break;
+        }
+        if next == faults {
+            // without them the likeliest path is asked, whether it has turns that the stiff one left out
+            near = search.likeliest(Family::Jerk, Scale::Free, &faults);
+            is_stiff = false;
         }
         faults = next;
     }

@@ -28,7 +28,7 @@ const LEAST_SHARE: f64 = 1e-11;
 /// What rounding leaves of a variance, at least.
 const FLOOR: f64 = 1e-13;
 /// How often smoothing begins anew near what it found.
-const ATTEMPTS: usize = 6;
+const ATTEMPTS: usize = 12;
 /// Ratio of the variances of two attempts up to which neither is rounding.
 const ALIKE: f64 = 30.0;
 
@@ -153,7 +153,7 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
         let vague = self.start;
         let mut start = self.smoothed.unwrap_or(vague);
         let mut before = self.variances;
-        for _ in 0..ATTEMPTS {
+        for attempt in 1..=ATTEMPTS {
             self.start = start;
             let is_well = self.pass(track, model, faults, out);
             self.start = vague;
@@ -162,7 +162,8 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
             }
             let own = out.first_variances();
             let found = (&out.mean[..], &out.covariance[..]);
-            if is_well && are_alike(&own, &before) {
+            // at last variances that are too large are better than none
+            if is_well && (are_alike(&own, &before) || attempt == ATTEMPTS) {
                 self.smoothed = near(track, found, &vague, VAGUE_AFTER_ALL);
                 self.variances = own;
                 return Some(());

@@ -17,6 +17,8 @@ const FACTOR_GAIN: f64 = 2.0;
 /// Steps of the logarithm of the intensity, which are halved `HALVINGS` times; most of them.
 const STEP: f64 = 2.0;
 const HALVINGS: usize = 4;
+/// Steps of the logarithm of the intensity over the whole range.
+const SCAN: f64 = 4.0;
 const MOST_STEPS: usize = 60;
 
 /// Where a search begins: the logarithms of the intensity of the motion, and of the factor of the standard
@@ -146,6 +148,22 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
             }
         }
         best
+    }
+
+    /// The likeliest of motions over the whole range, for a search to begin with.
+    pub fn likeliest(&self, family: Family, scale: Scale, faults: &Faults) -> Near {
+        let motion = family.of(self.track);
+        let (low, high) = range(self.track, family.power()).unwrap_or((self.low, self.low));
+        let count = ((high - low) / SCAN).ceil() as usize;
+        let logs = (0..=count).map(|i| low + SCAN * i as f64);
+        let value = |log: f64| {
+            let lasting = LastingNoise::NONE;
+            let model =
+                Model { motion: motion(log), lasting, velocity_factor: 1.0, velocity_lag: 0.0 };
+            self.candidate(model, scale, faults).value
+        };
+        let best = logs.map(|log| (log, value(log))).max_by(|a, b| a.1.total_cmp(&b.1));
+        Near::intensity(best.map_or(low, |(log, _)| log))
     }
 
     /// The jerk is given, not its ratio to the noise.
