@@ -5,6 +5,7 @@
 
 pub(crate) mod adjoint;
 mod diffuse;
+mod expected;
 mod faults;
 mod fit;
 mod information;

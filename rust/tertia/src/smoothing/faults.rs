@@ -24,7 +24,11 @@ const JUMP_LIMIT: f64 = 2.0;
 const OVER_OUTLIER: f64 = 1.2;
 /// In a round nothing is taken out that explains less than this share of the largest.
 const SHARE: f64 = 0.2;
-const ROUNDS: usize = 30;
+const ROUNDS: usize = 20;
+/// So many positions that are left out one after the other may be a turn.
+const LONG: usize = 4;
+/// Fewer plots before a jump, or after it, are outliers.
+const FEW: usize = 3;
 /// Jumps are at least so many plots apart.
 const APART: usize = 5;
 /// Two jumps with at most this share of the plots between them are the ends of a run of outliers.
@@ -73,50 +77,104 @@ impl<'a> Parts<'a> {
     }
 }
 
-/// The outliers and jumps of a track, and the logarithm of its jerk without them; none where they
+/// What is found of a track: its faults, where its motion without them is, and the squared differences of all
+/// parts from what the others say of them.
+struct Settled {
+    faults: Faults,
+    near: Near,
+    misfit: Vec<f64>,
+}
+
+/// The outliers and jumps of a track, and where its motion without them is; none where they
 /// are too many to tell which plots are good.
 ///
 /// What positions tell of each other is asked first, for velocities may be wrong for long; then, which
 /// velocities contradict them.
 pub(super) fn find_faults<const M: usize, const S: usize, const N: usize>(
     search: &mut Search<'_, M, N>,
-) -> Option<(Faults, f64)> {
+) -> Option<(Faults, Near)> {
     let track = search.track;
     let parts = Parts::of(track);
     let (count, each) = (parts.counts.len(), parts.each());
-    let mut faults = Faults {
-        gross: (0..count).map(|part| part % each > 0).collect(),
-        jumps: vec![false; track.len()],
-    };
+    let mut faults = Faults::none(track);
+    (0..count).for_each(|part| faults.gross[part] = part % each > 0);
     // from a stiff path: a restless one would follow the faults
-    let (mut near, mut is_stiff) = (Near::intensity(search.low), true);
-    let (mut found, mut misfit) = (Found::default(), vec![0.0; count]);
-    for _ in 0..ROUNDS {
-        let best = search.best(Family::Jerk, LastingNoise::NONE, Scale::Free, &faults, near);
-        near.intensity = best.model.motion.jerk.max(f64::MIN_POSITIVE).ln();
-        // what outliers did to the jerk must not be in the vagueness of the first state
-        search.restart::<S>(best.model.motion.times(best.factor.powi(2)));
-        search.engine.smooth(track, &best.model, &faults, &mut found)?;
-        for (part, misfit) in misfit.iter_mut().enumerate() {
-            *misfit = of_part::<S>(&parts, part, &found, faults.gross[part]);
-        }
-        let next = changed(&parts, &faults, &misfit, &found.jump);
-        if next == faults && !is_stiff {
-            break;
-        }
-        if next == faults {
-            // without them the likeliest path is asked, whether it has turns that the stiff one left out
-            near = search.likeliest(Family::Jerk, Scale::Free, &faults);
-            is_stiff = false;
-        }
-        faults = next;
+    let near = Near::intensity(search.low);
+    let mut found = settle::<M, S, N>(search, &parts, faults, near, Scale::Free)?;
+    // what a stiff path leaves out for long may be a turn
+    let turning = without_runs(&parts, &found.faults);
+    let near = search.likeliest(&turning);
+    if let Some(other) = settle::<M, S, N>(search, &parts, turning, near, Scale::Stated)
+        && score(search, &parts, &other.faults) > score(search, &parts, &found.faults)
+    {
+        found = other;
     }
+    let Settled { mut faults, near, misfit } = found;
     let limit = parts.unit(&misfit, Quantity::Velocity);
     for part in (0..count).filter(|part| part % each > 0) {
         faults.gross[part] = misfit[part] > limit * parts.limits[parts.counts[part]];
     }
     let gross = faults.gross.iter().filter(|gross| **gross).count();
-    (2 * gross < parts.known()).then_some((faults, near.intensity))
+    (2 * gross < parts.known()).then_some((faults, near))
+}
+
+/// Looks again and again, until nothing changes.
+fn settle<const M: usize, const S: usize, const N: usize>(
+    search: &mut Search<'_, M, N>,
+    parts: &Parts<'_>,
+    mut faults: Faults,
+    mut near: Near,
+    scale: Scale,
+) -> Option<Settled> {
+    let mut found = Found::default();
+    let mut misfit = vec![0.0; parts.counts.len()];
+    for _ in 0..ROUNDS {
+        let best = search.best(Family::Jerk, LastingNoise::NONE, scale, &faults, near);
+        near.intensity = best.model.motion.jerk.max(f64::MIN_POSITIVE).ln();
+        // what outliers did to the jerk must not be in the vagueness of the first state
+        search.restart::<S>(best.model.motion.times(best.factor.powi(2)));
+        search.engine.smooth(parts.track, &best.model, &faults, &mut found)?;
+        for (part, misfit) in misfit.iter_mut().enumerate() {
+            *misfit = of_part::<S>(parts, part, &found, faults.gross[part]);
+        }
+        let next = changed(parts, &faults, &misfit, &found.jump);
+        if next == faults {
+            break;
+        }
+        faults = next;
+    }
+    Some(Settled { faults, near, misfit })
+}
+
+/// Logarithm of the likelihood of positions with the noise as stated, of which those that are left out count as
+/// much as the others, and besides what an outlier exceeds.
+fn score<const M: usize, const N: usize>(
+    search: &Search<'_, M, N>,
+    parts: &Parts<'_>,
+    faults: &Faults,
+) -> f64 {
+    let near = search.likeliest(faults);
+    let best = search.best(Family::Jerk, LastingNoise::NONE, Scale::Stated, faults, near);
+    let positions = (0..parts.counts.len()).step_by(parts.each());
+    let all = positions.clone().filter(|&part| parts.counts[part] > 0).count() as f64;
+    let gross = positions.filter(|&part| faults.gross[part]).count() as f64;
+    let limit = parts.limits[parts.track.dimension];
+    best.value * all / (all - gross) - 0.5 * limit * gross
+}
+
+/// Faults without positions that are left out one after the other.
+fn without_runs(parts: &Parts<'_>, faults: &Faults) -> Faults {
+    let mut fewer = faults.clone();
+    let known: Vec<usize> = (0..parts.counts.len())
+        .step_by(parts.each())
+        .filter(|&part| parts.counts[part] > 0)
+        .collect();
+    for run in known.chunk_by(|&a, &b| faults.gross[a] == faults.gross[b]) {
+        if run.len() >= LONG {
+            run.iter().for_each(|&part| fewer.gross[part] = false);
+        }
+    }
+    fewer
 }
 
 /// The next guess: with a jump, if that explains most, or else without the worst positions.
@@ -129,7 +187,9 @@ fn changed(parts: &Parts<'_>, faults: &Faults, misfit: &[f64], jump: &[f64]) -> 
     };
     let is_free =
         |k: usize| !(k.saturating_sub(APART)..(k + APART + 1).min(n)).any(|j| faults.jumps[j]);
-    let strongest = (1..n).filter(|&k| is_free(k)).max_by(|&a, &b| jump[a].total_cmp(&jump[b]));
+    let strongest = (FEW..n.saturating_sub(FEW))
+        .filter(|&k| is_free(k))
+        .max_by(|&a, &b| jump[a].total_cmp(&jump[b]));
     let largest = (0..misfit.len()).map(at).fold(0.0, f64::max);
     let limit = parts.limits[parts.track.dimension] * unit;
     let least = (JUMP_LIMIT * limit).max(OVER_OUTLIER * largest);

@@ -2,6 +2,7 @@
 
 use super::motion::ProcessNoise;
 use super::seen::Quantity;
+use super::track::Track;
 
 /// Noise of the whitened positions, or velocities, of which a share lasts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,4 +53,12 @@ pub(super) struct Faults {
     pub gross: Vec<bool>,
     /// Instants before which the position jumps.
     pub jumps: Vec<bool>,
+}
+
+impl Faults {
+    /// None at all.
+    pub fn none(track: &Track<'_>) -> Self {
+        let parts = track.parts().count() * track.len();
+        Self { gross: vec![false; parts], jumps: vec![false; track.len()] }
+    }
 }

@@ -4,6 +4,7 @@
 //! compared by their likelihood, each with its own motion, and their estimates are averaged. One has
 //! white noise, and a velocity that wanders: what is no jerk need not be noise.
 
+use super::expected::Expected;
 use super::faults::find_faults;
 use super::fit::{Family, ProcessNoiseFit, fit_process_noise, likeliest_other, median_step};
 use super::lasting::Found;
@@ -14,7 +15,6 @@ use super::search::{Candidate, Near, Scale, Search};
 use super::seen::Quantity;
 use super::smoother::{Workspace, likelihood, smooth};
 use super::track::Track;
-use crate::base::distribution::chi_square_upper;
 
 /// Correlations of successive plots that are tried, and shares of the noise that lasts.
 const CORRELATIONS: [f64; 7] = [0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98];
@@ -24,10 +24,6 @@ const WHITE: f64 = 0.5;
 const WANDERING: f64 = 0.5;
 /// A model of less weight does not count.
 const LEAST_WEIGHT: f64 = 0.02;
-/// So many of their standard deviations are innovations allowed to be off.
-const SUSPICIOUS: f64 = 1.5;
-/// Chance that the largest innovation of a healthy track is looked into.
-const OUTLIER: f64 = 0.05;
 
 /// What is known of the noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,6 +34,13 @@ pub struct Options {
     pub correlation_time: Option<f64>,
     /// Whether noise may be larger than stated, plots outliers, and the position may jump.
     pub robust: bool,
+}
+
+impl Options {
+    /// How innovations are if the noise is as stated.
+    fn expected(&self) -> Expected {
+        Expected { white: self.correlation_time.is_none(), normal: self.robust }
+    }
 }
 
 /// What was found.
@@ -74,7 +77,7 @@ pub fn smooth_with_noise(
     };
     let summary = smooth(track, fit.motion, workspace, out);
     let improved = if options.correlation_time.is_some_and(|time| time > 0.0)
-        || is_suspicious(out.innovation, track.numbers, options)
+        || options.expected().are_suspicious(out.innovation, track.numbers)
     {
         match (track.dimension, track.numbers) {
             (1, 1) => improve::<1, 3, 4>(track, &fit, options, out, outlier),
@@ -134,36 +137,6 @@ fn add_other_family(
     }
 }
 
-/// Whether innovations are too large, too small, or correlated.
-fn is_suspicious(innovation: &[f64], m: usize, options: &Options) -> bool {
-    let (mut squares, mut count, mut products, mut pairs) = (0.0, 0.0, 0.0, 0.0);
-    let (mut largest, mut instants) = (0.0_f64, 0.0);
-    for (k, now) in innovation.chunks_exact(m).enumerate() {
-        let own: f64 = now.iter().filter(|x| !x.is_nan()).map(|x| x * x).sum();
-        let there = now.iter().filter(|x| !x.is_nan()).count();
-        squares += own;
-        count += there as f64;
-        largest = largest.max(own);
-        instants += f64::from(u8::from(there > 0));
-        if k > 0 {
-            let before = &innovation[(k - 1) * m..][..m];
-            for (a, b) in now.iter().zip(before).filter(|(a, b)| !a.is_nan() && !b.is_nan()) {
-                products += a * b;
-                pairs += 1.0;
-            }
-        }
-    }
-    if count < 1.0 {
-        return false;
-    }
-    let excess = (squares / count - 1.0) * (0.5 * count).sqrt();
-    let lasting = options.correlation_time.is_none()
-        && (excess.abs() > SUSPICIOUS
-            || (products * count / (squares * f64::sqrt(pairs))).abs() > SUSPICIOUS);
-    let outlying = excess > SUSPICIOUS || chi_square_upper(largest, m) < OUTLIER / instants;
-    lasting || (options.robust && outlying)
-}
-
 /// Replaces the results by those of the models that the plots ask for.
 fn improve<const M: usize, const S: usize, const N: usize>(
     track: &Track<'_>,
@@ -176,11 +149,16 @@ fn improve<const M: usize, const S: usize, const N: usize>(
     let jerk = fit.motion.jerk;
     let intensity = if jerk > 0.0 { jerk.ln() } else { search.low };
     let mut near = Near::intensity(intensity);
-    let mut faults = Faults { gross: vec![false; outlier.len()], jumps: vec![false; track.len()] };
+    let mut faults = Faults::none(track);
+    let expected = options.expected();
     if let Some(found) = options.robust.then(|| find_faults::<M, S, N>(&mut search)).flatten() {
-        (faults, near.intensity) = found;
+        (faults, near) = found;
     }
-    let (candidates, weights) = candidates(&search, options, &faults, near);
+    // outliers and jumps may be all that was wrong
+    let is_healthy = options.correlation_time.is_none_or(|time| time == 0.0)
+        && faults != Faults::none(track)
+        && search.is_healthy(&faults, near, expected);
+    let (candidates, weights) = candidates(&search, options, &faults, near, is_healthy);
     let most = (0..weights.len()).max_by(|&a, &b| weights[a].total_cmp(&weights[b]))?;
     let best = &candidates[most];
     average::<M, S, N>(&mut search, &candidates, &weights, most, &faults, out)?;
@@ -207,8 +185,9 @@ fn candidates<const M: usize, const N: usize>(
     options: &Options,
     faults: &Faults,
     near: Near,
+    is_healthy: bool,
 ) -> (Vec<Candidate>, Vec<f64>) {
-    let of = |scale| if options.robust { scale } else { Scale::Stated };
+    let of = |scale| if options.robust && !is_healthy { scale } else { Scale::Stated };
     let (prior, larger) = (of(Scale::Prior), of(Scale::Larger));
     let best = |family, lasting, scale, near| search.best(family, lasting, scale, faults, near);
     if let Some(time) = options.correlation_time.filter(|time| *time > 0.0) {
@@ -228,8 +207,10 @@ fn candidates<const M: usize, const N: usize>(
     }
     let has_velocities = search.track.numbers > search.track.dimension;
     let mut lasting = Vec::new();
-    lasting.extend(options.correlation_time.is_none().then_some(Quantity::Position));
-    lasting.extend((has_velocities && options.robust).then_some(Quantity::Velocity));
+    if !is_healthy {
+        lasting.extend(options.correlation_time.is_none().then_some(Quantity::Position));
+        lasting.extend((has_velocities && options.robust).then_some(Quantity::Velocity));
+    }
     let step = median_step(search.track);
     let count = CORRELATIONS.len() * SHARES.len() * lasting.len();
     for of in lasting {

@@ -1,7 +1,8 @@
 //! The most likely motion of a family with a model of the noise, and the noise factor that goes with it.
 
+use super::expected::Expected;
 use super::fit::{Family, ProcessNoiseFit, median_step, range};
-use super::lasting::{Fit, Lasting};
+use super::lasting::{Fit, Found, Lasting};
 use super::model::{Faults, LastingNoise, Model};
 use super::motion::ProcessNoise;
 use super::results::Smoothed;
@@ -150,17 +151,26 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         best
     }
 
-    /// The likeliest of motions over the whole range, for a search to begin with.
-    pub fn likeliest(&self, family: Family, scale: Scale, faults: &Faults) -> Near {
-        let motion = family.of(self.track);
-        let (low, high) = range(self.track, family.power()).unwrap_or((self.low, self.low));
+    /// Whether innovations of the likeliest path near one are as expected, with the noise as stated.
+    pub fn is_healthy(&mut self, faults: &Faults, near: Near, expected: Expected) -> bool {
+        let best = self.best(Family::Jerk, LastingNoise::NONE, Scale::Stated, faults, near);
+        let mut found = Found::default();
+        let smoothed = self.engine.smooth(self.track, &best.model, faults, &mut found);
+        smoothed.is_some() && !expected.are_suspicious(&found.innovation, self.track.numbers)
+    }
+
+    /// The likeliest of motions with white jerk over the whole range and the noise as stated, for a search to
+    /// begin with.
+    pub fn likeliest(&self, faults: &Faults) -> Near {
+        let motion = Family::Jerk.of(self.track);
+        let (low, high) = range(self.track, Family::Jerk.power()).unwrap_or((self.low, self.low));
         let count = ((high - low) / SCAN).ceil() as usize;
         let logs = (0..=count).map(|i| low + SCAN * i as f64);
         let value = |log: f64| {
             let lasting = LastingNoise::NONE;
             let model =
                 Model { motion: motion(log), lasting, velocity_factor: 1.0, velocity_lag: 0.0 };
-            self.candidate(model, scale, faults).value
+            self.candidate(model, Scale::Stated, faults).value
         };
         let best = logs.map(|log| (log, value(log))).max_by(|a, b| a.1.total_cmp(&b.1));
         Near::intensity(best.map_or(low, |(log, _)| log))
