@@ -63,7 +63,7 @@ class BearingEstimate(Result):
         `(N+ - N-) / N`, where N+ is the number of outliers above the bearing and N- the number of
         outliers below it.
     pvalue : float or ndarray of shape (...)
-        P-value of the test whether the blocks agree or, with groups and a given `bias_sigma`,
+        P-value of the test that the blocks agree or, with groups and a given `bias_sigma`,
         whether the groups agree. With a stated sigma and no groups, p-value of the chi-square test
         whether the scatter agrees with it. If it is below 0.05, `sigma` has been increased
         accordingly. It is nan if there is nothing to compare, and for all methods except "robust".

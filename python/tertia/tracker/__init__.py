@@ -1,9 +1,9 @@
 """Tracker: makes tracks from radar plots, scan by scan or for a whole recording.
 
-Plots are polar, from one radar or from several that rotate independently. Targets fly straight or
-turn; interacting multiple models estimate which of the two they do. Other sensors may report
-positions, or azimuths without ranges. Azimuths are in radians, clockwise from north; positions are
-given as local east and north coordinates in metres.
+Plots are polar, from one radar or from several that rotate independently. Targets fly straight,
+turn, or change their speed; interacting multiple models estimate which of these motions is
+present. Other sensors may report positions, or azimuths without ranges. Azimuths are in radians,
+clockwise from north; positions are given as local east and north coordinates in metres.
 """
 
 from tertia.kalman import SingerModel

@@ -105,7 +105,7 @@ class Tracker:
         plots. This needs targets that other radars or position sensors see as well. By default they
         are estimated if there are such sensors and at least one radar may have errors (its `bias`
         is not `Bias()`). Positions of a `PositionSensor` are assumed to have no systematic error
-        except a delay. `Tracker.bias` has the present estimate; the covariances of the tracks
+        except a delay. `Tracker.bias` contains the current estimate; the covariances of the tracks
         include its uncertainty. Errors that are several times as large as their limits are found
         from the first three scans, during which no rows are returned, or from the first seven
         scans; the tracks then start anew, with new numbers.
