@@ -414,8 +414,9 @@ def smooth(
 
     If residuals are small or smooth, the stated noise is not reduced, because time-correlated noise
     can also be the cause. An outlier or a jump is detected if it significantly increases the
-    likelihood (de Jong and Penzer 1998). These tests require at most three axes and at least three
-    instants per axis; other tracks are smoothed with the noise as stated.
+    likelihood (de Jong and Penzer 1998). A run of four or more outliers is kept as a turn if this
+    is more likely. These tests require at most three axes and at least three instants per axis;
+    other tracks are smoothed with the noise as stated.
 
     If the velocity is a random walk, the motion is driven by white acceleration instead of white
     jerk. The estimate is that for the more likely of these two motions. If the other motion is also
