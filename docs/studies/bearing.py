@@ -118,7 +118,7 @@ def _white(rng: np.random.Generator, shape: tuple[int, int]) -> FloatArray:
 def _with_outliers(rng: np.random.Generator, shape: tuple[int, int], *sides: float) -> FloatArray:
     """Return noise to a fifth of which 5 to 15 sigma are added."""
     wrong = np.where(rng.random(shape) < 0.2, rng.uniform(5, 15, shape), 0.0)
-    return _white(rng, shape) + rng.choice(sides, shape) * wrong
+    return np.asarray(_white(rng, shape) + rng.choice(sides, shape) * wrong)
 
 
 def _lasting(rng: np.random.Generator, shape: tuple[int, int], correlation: float) -> FloatArray:
