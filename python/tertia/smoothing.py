@@ -128,7 +128,7 @@ class SmoothedPositions(Result):
     velocity_noise_factor : float or ndarray of shape (...)
         Factor, at least 1, by which the stated standard deviations of the velocities are
         multiplied.
-    velocity_lag : float or ndarray of shape (...)
+    velocity_time_offset : float or ndarray of shape (...)
         Time by which the measured velocities lag behind the positions; 0 if the plots show no lag.
     systematic : {"not included"}
         The covariance does not include an error that is common to all plots, because such an error
@@ -151,7 +151,7 @@ class SmoothedPositions(Result):
     noise_factor: float | FloatArray
     velocity_outlier: BoolArray | None = None
     velocity_noise_factor: float | FloatArray = 1.0
-    velocity_lag: float | FloatArray = 0.0
+    velocity_time_offset: float | FloatArray = 0.0
     systematic: Systematic = "not included"
 
     @property

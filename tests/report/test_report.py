@@ -108,6 +108,21 @@ def test_fusion_is_better_than_any_radar_alone(summary: dict[str, Any]) -> None:
     assert rows["covariance intersection, estimated noise"]["within_95"] > 0.92
 
 
+def test_who_left_the_plan_is_found_without_correction(scene: Path, tmp_path: Path) -> None:
+    """All who left it, soon, and nobody else."""
+    done = run(
+        *("report", scene / "plots.csv", "--sensors", scene / "sensors.toml"),
+        *("--plans", scene / "plans.json", "--registration", "off"),
+        *("--output", tmp_path / "page.html", "--json"),
+    )
+    made = json.loads((scene / "scene.json").read_text(encoding="utf-8"))["left_plan_s"]
+    rows = json.loads(done.out)["conformance"]
+    found = {row["plan"]: row["left_s"] for row in rows if row["left_s"]}
+    assert set(found) == set(made)
+    for name, time in made.items():
+        assert 0 < found[name] - time < 90.0
+
+
 def test_who_left_the_plan_is_found(scene: Path, summary: dict[str, Any]) -> None:
     """All who left it, soon; a turn that is flown too wide may seem to leave it for a while."""
     made = json.loads((scene / "scene.json").read_text(encoding="utf-8"))["left_plan_s"]

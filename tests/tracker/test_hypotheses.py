@@ -81,13 +81,13 @@ def test_one_hypothesis_is_the_best_assignment():
 
 def test_fewer_tracks_change_their_targets():
     swaps = {"gnn": 0, "mht": 0}
-    for seed in range(60):
+    for seed in range(75):
         plots, position = side_by_side(seed)
         for association in swaps:
             found = track(plots, [RADAR], association=association)
             assert len(np.unique(found.track)) == 2
             swaps[association] += swapped(found, position)
-    assert swaps["gnn"] >= 8
+    assert swaps["gnn"] >= 12
     assert swaps["mht"] <= 0.5 * swaps["gnn"]
 
 

@@ -114,7 +114,7 @@ pub fn smooth<'py>(
             correlation_time: 0.0,
             noise_factor: 1.0,
             velocity_noise_factor: 1.0,
-            velocity_lag: 0.0,
+            velocity_time_offset: 0.0,
         },
     );
     let mut summaries = repeated(unsmoothed, y.count())?;
@@ -155,7 +155,7 @@ pub fn smooth<'py>(
         |(_, noise)| noise.correlation_time,
         |(_, noise)| noise.noise_factor,
         |(_, noise)| noise.velocity_noise_factor,
-        |(_, noise)| noise.velocity_lag,
+        |(_, noise)| noise.velocity_time_offset,
     ];
     let [likelihood, jerk, sigma, acceleration, lasting, factor, velocity_factor, lag] =
         columns(py, y.batch(), &summaries, of)?;

@@ -372,10 +372,10 @@ impl<const M: usize, const N: usize> Step<M, N> {
             let (variance, share) = model.noise(Quantity::of(i, d));
             h[3 * d + i % d] = (share * variance).sqrt();
             let mut late = 0.0;
-            if i >= d && model.velocity_lag != 0.0 {
+            if i >= d && model.velocity_time_offset != 0.0 {
                 // v - a lag
                 for j in (d..=i).filter(|&j| !plot[j].is_nan()) {
-                    h[j + d] = -h[j] * model.velocity_lag;
+                    h[j + d] = -h[j] * model.velocity_time_offset;
                     late -= h[j + d] * track.trend_acceleration(j - d);
                 }
             }

@@ -31,7 +31,7 @@ pub(super) struct Model {
     /// Over the stated standard deviations of velocities.
     pub velocity_factor: f64,
     /// Time by which velocities lag behind positions.
-    pub velocity_lag: f64,
+    pub velocity_time_offset: f64,
 }
 
 impl Model {

@@ -55,12 +55,12 @@ pub struct NoiseFit {
     /// The same of velocities.
     pub velocity_noise_factor: f64,
     /// Time by which velocities lag behind positions.
-    pub velocity_lag: f64,
+    pub velocity_time_offset: f64,
 }
 
-/// Smooths a track; `outlier` (N, 1 or 2) says which positions, and velocities, are left out. Where the noise is as stated the
-/// result is that of [`smooth`]. Cost O(N D³), about 15 filters, or where the innovations are
-/// suspicious up to 250. The summary is that of the noise as stated.
+/// Smooths a track; `outlier` (N, 1 or 2) says which positions, and velocities, are left out. Where the noise
+/// is as stated the result is that of [`smooth`]. Cost O(N D³), about 15 filters, or hundreds where the
+/// innovations are suspicious. The summary is that of the noise as stated.
 pub fn smooth_with_noise(
     track: &Track<'_>,
     options: &Options,
@@ -100,7 +100,7 @@ pub fn smooth_with_noise(
             correlation_time: 0.0,
             noise_factor: 1.0,
             velocity_noise_factor: 1.0,
-            velocity_lag: 0.0,
+            velocity_time_offset: 0.0,
         }
     });
     (summary, noise)
@@ -175,7 +175,7 @@ fn improve<const M: usize, const S: usize, const N: usize>(
         },
         noise_factor: best.factor.max(1.0),
         velocity_noise_factor: best.factor.max(1.0) * best.model.velocity_factor,
-        velocity_lag: best.model.velocity_lag,
+        velocity_time_offset: best.model.velocity_time_offset,
     })
 }
 
@@ -195,8 +195,8 @@ fn candidates<const M: usize, const N: usize>(
         return (vec![best(Family::Jerk, lasting, larger, near)], vec![1.0]);
     }
     let white = best(Family::Jerk, LastingNoise::NONE, prior, near);
-    let Model { velocity_factor, velocity_lag, .. } = white.model;
-    let near = Near { velocity_factor: velocity_factor.ln(), velocity_lag, ..near };
+    let Model { velocity_factor, velocity_time_offset, .. } = white.model;
+    let near = Near { velocity_factor: velocity_factor.ln(), velocity_time_offset, ..near };
     let mut found = vec![white];
     let mut log_prior = vec![WHITE.ln()];
     if options.jerk.is_none() {

@@ -12,7 +12,7 @@ use super::track::Track;
 const FACTOR_SIGMA: f64 = 0.5;
 const VELOCITY_FACTOR_SIGMA: f64 = 1.0;
 /// Unit of the search for the time by which velocities lag, in median steps.
-const LAG_STEP: f64 = 0.25;
+const OFFSET_STEP: f64 = 0.25;
 /// The logarithm of the likelihood must gain this much for a noise factor other than 1.
 const FACTOR_GAIN: f64 = 2.0;
 /// Steps of the logarithm of the intensity, which are halved `HALVINGS` times; most of them.
@@ -28,13 +28,13 @@ const MOST_STEPS: usize = 60;
 pub(super) struct Near {
     pub intensity: f64,
     pub velocity_factor: f64,
-    pub velocity_lag: f64,
+    pub velocity_time_offset: f64,
 }
 
 impl Near {
     /// Near an intensity, with velocities as stated.
     pub fn intensity(intensity: f64) -> Self {
-        Self { intensity, velocity_factor: 0.0, velocity_lag: 0.0 }
+        Self { intensity, velocity_factor: 0.0, velocity_time_offset: 0.0 }
     }
 }
 
@@ -102,13 +102,13 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         near: Near,
     ) -> Candidate {
         let motion = family.of(self.track);
-        let unit = LAG_STEP * median_step(self.track);
+        let unit = OFFSET_STEP * median_step(self.track);
         let of = |[log, velocity_factor, lag]: [f64; 3]| {
             let model = Model {
                 motion: motion(log),
                 lasting,
                 velocity_factor: velocity_factor.exp(),
-                velocity_lag: unit * lag,
+                velocity_time_offset: unit * lag,
             };
             match self.jerk {
                 Some(jerk) => self.with_jerk(jerk, model, scale, faults),
@@ -119,7 +119,8 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         let is_moving = self.track.numbers > self.track.dimension;
         let is_doubted = is_moving && matches!(scale, Scale::Prior | Scale::Larger);
         let searched = [self.jerk.is_none(), is_doubted, is_doubted];
-        let mut at = [near.intensity.max(low), near.velocity_factor, near.velocity_lag / unit];
+        let mut at =
+            [near.intensity.max(low), near.velocity_factor, near.velocity_time_offset / unit];
         let (mut best, mut step, mut steps) = (of(at), STEP, 0);
         for _ in 0..=HALVINGS {
             for axis in (0..3).filter(|&axis| searched[axis]) {
@@ -168,11 +169,16 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         let logs = (0..=count).map(|i| low + SCAN * i as f64);
         let value = |log: f64| {
             let lasting = LastingNoise::NONE;
-            let model =
-                Model { motion: motion(log), lasting, velocity_factor: 1.0, velocity_lag: 0.0 };
+            let model = Model {
+                motion: motion(log),
+                lasting,
+                velocity_factor: 1.0,
+                velocity_time_offset: 0.0,
+            };
             self.candidate(model, Scale::Stated, faults).value
         };
-        let best = logs.map(|log| (log, value(log))).max_by(|a, b| a.1.total_cmp(&b.1));
+        let values = logs.map(|log| (log, value(log))).filter(|(_, value)| !value.is_nan());
+        let best = values.max_by(|a, b| a.1.total_cmp(&b.1));
         Near::intensity(best.map_or(low, |(log, _)| log))
     }
 
@@ -208,7 +214,7 @@ fn prior(model: &Model, factor: f64) -> f64 {
     if own + factor.max(0.0) < 0.0 {
         return f64::NEG_INFINITY;
     }
-    let doubts = [own, model.velocity_lag].iter().filter(|doubt| **doubt != 0.0).count();
+    let doubts = [own, model.velocity_time_offset].iter().filter(|doubt| **doubt != 0.0).count();
     -0.5 * (own / VELOCITY_FACTOR_SIGMA).powi(2) - FACTOR_GAIN * doubts as f64
 }
 
