@@ -21,8 +21,8 @@ const STARTS: usize = 32;
 const LEAST_WEIGHT: f64 = 0.05;
 /// ...and are not looked for where the logarithm of the likelihood is smaller by this.
 const FAR_BELOW: f64 = 15.0;
-/// EM ends where the centre changes by less than this share of its standard error.
-const TOLERANCE: f64 = 1e-4;
+/// The climb ends where the centre changes by less than this share of its standard error.
+const TOLERANCE: f64 = 1e-8;
 const MOST_STEPS: usize = 100;
 /// Modes closer than this share of their standard error are one.
 const SAME: f64 = 0.3;
@@ -182,13 +182,15 @@ impl Sample {
         (0..STARTS).map(|k| sorted[k * (n - 1) / (STARTS - 1)]).collect()
     }
 
-    /// The next maximum by EM. Its variance is that of the observed information,
-    /// `Σ g/σ² − Σ g (1 − g) z²/σ²` (Louis 1982), never below that of measurements that are all good.
+    /// The next maximum, by Newton's steps, which are at most twice those of EM. Its variance is that of
+    /// the observed information, `Σ g/σ² − Σ g (1 − g) z²/σ²` (Louis 1982), never below that of
+    /// measurements that are all good.
     fn climb(&self, start: f64, factor: f64) -> Mode {
         let mut centre = start;
         let mut around = self.around(centre, factor);
         for _ in 0..MOST_STEPS {
-            let step = around.slope / around.information;
+            let Around { information, doubt, .. } = around;
+            let step = around.slope / (information - doubt).max(0.5 * information);
             centre += step;
             around = self.around(centre, factor);
             if step.abs() * around.information.sqrt() < TOLERANCE {

@@ -214,6 +214,12 @@ mod tests {
     }
 
     #[test]
+    fn measurements_about_their_mean_have_it() {
+        let found = of(&[-1.0, 1.0, -2.0, 2.0], &[2.0; 4], 0.0);
+        assert!(found.centres[0].value.abs() < 1e-14);
+    }
+
+    #[test]
     fn two_that_contradict_each_other_count_alike() {
         let found = of(&[0.0, 30.0], &[1.0, 1.0], 0.0);
         assert_close(found.centres[0].value, 15.0);
