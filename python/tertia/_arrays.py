@@ -269,6 +269,20 @@ def spread(array: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     return array if array.shape == shape else np.broadcast_to(array, shape)
 
 
+def common_batch(**shapes: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the shape to which the leading axes are broadcast."""
+    try:
+        return np.broadcast_shapes(*shapes.values())
+    except ValueError:
+        listed = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+        raise ValueError(f"the batches do not fit together: {listed}") from None
+
+
+def diagonal(matrix: FloatArray) -> FloatArray:
+    """Return the diagonals of matrices, of shape (..., m)."""
+    return np.diagonal(matrix, axis1=-2, axis2=-1)
+
+
 def scalar_or_array(array: npt.NDArray[Any]) -> Any:
     """Return a Python scalar if there is no batch, and the array otherwise."""
     return array if array.ndim else array.item()

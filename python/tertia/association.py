@@ -20,6 +20,8 @@ from tertia import _core
 from tertia._arrays import (
     FloatArray,
     IntArray,
+    common_batch,
+    diagonal,
     finite,
     integer,
     real,
@@ -224,13 +226,7 @@ def gate_sectors(
     if len(still):
         place = "".join(f"[{', '.join(map(str, index))}]" for index in still[:1] if len(index))
         raise ValueError(f"velocity{place} is zero; it must have a direction")
-    try:
-        batch = np.broadcast_shapes(e.shape[:-1], s.shape[:-2], v.shape[:-1])
-    except ValueError:
-        raise ValueError(
-            f"innovation has shape {e.shape}, covariance {s.shape} and velocity {v.shape}; their "
-            "batches do not fit"
-        ) from None
+    batch = common_batch(innovation=e.shape[:-1], covariance=s.shape[:-2], velocity=v.shape[:-1])
     found = _core.gate_sectors(
         np.broadcast_to(e, (*batch, 2)),
         np.broadcast_to(s, (*batch, 2, 2)),
@@ -322,21 +318,16 @@ def likelihood_score(
     if s.ndim < 2 or s.shape[-1] != s.shape[-2] or s.shape[-1] == 0:
         raise ValueError(f"covariance has shape {s.shape}; it must be (..., m, m)")
     root = np.linalg.cholesky(s)
-    volume = 2.0 * np.sum(np.log(np.diagonal(root, axis1=-2, axis2=-1)), axis=-1)
-    try:
-        distance, volume = np.broadcast_arrays(distance, volume)
-    except ValueError:
-        raise ValueError(
-            f"nis has shape {distance.shape} and covariance {s.shape}; their batches do not fit"
-        ) from None
+    volume = 2.0 * np.sum(np.log(diagonal(root)), axis=-1)
+    batch = common_batch(nis=distance.shape, covariance=volume.shape)
     found = _core.likelihood_score(
-        np.atleast_1d(distance),
-        np.atleast_1d(volume),
+        np.atleast_1d(np.broadcast_to(distance, batch)),
+        np.atleast_1d(np.broadcast_to(volume, batch)),
         s.shape[-1],
         real(detection_probability, "detection_probability"),
         real(clutter_density, "clutter_density"),
     )
-    value: float | FloatArray = scalar_or_array(found.reshape(distance.shape))
+    value: float | FloatArray = scalar_or_array(found.reshape(batch))
     return value
 
 
