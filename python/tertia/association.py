@@ -24,6 +24,7 @@ from tertia._arrays import (
     diagonal,
     finite,
     integer,
+    place_of,
     real,
     require_each,
     samples,
@@ -224,8 +225,7 @@ def gate_sectors(
         raise ValueError(f"covariance has shape {s.shape}; it must be (..., 2, 2)")
     still = np.argwhere(~np.any(v != 0.0, axis=-1))
     if len(still):
-        place = "".join(f"[{', '.join(map(str, index))}]" for index in still[:1] if len(index))
-        raise ValueError(f"velocity{place} is zero; it must have a direction")
+        raise ValueError(f"{place_of('velocity', still[0])} is zero; it must have a direction")
     batch = common_batch(innovation=e.shape[:-1], covariance=s.shape[:-2], velocity=v.shape[:-1])
     found = _core.gate_sectors(
         np.broadcast_to(e, (*batch, 2)),

@@ -17,7 +17,6 @@ def enlarged(
     covariances: FloatArray,
     statistic: float,
     laws: Sequence[tuple[float, float]],
-    n_threads: int | None = None,
 ) -> tuple[FloatArray, float]:
     """Return factors for the sigmas of a fused estimate, and the p-value of its statistic.
 
@@ -49,7 +48,7 @@ def enlarged(
             "random_effects": False,
             "period": None,
         },
-        n_threads,
+        None,
     )
     actual = np.sum(weights @ covariances @ np.swapaxes(weights, -1, -2), axis=1)
     ratio = np.sqrt(diagonal(claimed) / diagonal(actual))
