@@ -57,7 +57,6 @@ Score: TypeAlias = Literal["likelihood", "paper"]
 INNER, OUTER, GUARD = 0.65, 0.95, 0.998
 _GATES: dict[str, float] = {"inner": INNER, "outer": OUTER, "guard": GUARD}
 _RATIO = 100.0
-_NONE = -1
 
 
 class GateSector(enum.IntEnum):

@@ -42,8 +42,8 @@ Cells: TypeAlias = Mapping[str, Any]
 STDIN = Path("-")
 # latency as a share of the shortest scan period
 _USUAL_LATENCY = 0.25
-# number of plots of one batch from which a unit is checked, and largest number kept for this check
-_ENOUGH, _DOUBTED = 100, 1000
+# number of plots of one batch from which a unit is checked
+_ENOUGH = 100
 # number of the latest plots that rows of a stream with a lag can refer to
 _REMEMBERED = 100_000
 # number of rows that are written together while plots arrive faster than they are tracked
