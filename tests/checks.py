@@ -9,10 +9,6 @@ A test gives the input, a checker here says what must be true of the output:
 `assert_covariance`            symmetric to the last bit, and not indefinite by more than rounding
 `assert_batch_is_loop`         a batch gives what its parts give one by one
 `assert_threads`               the same bits with one thread, several, and the default
-`assert_permutes`              inputs in another order give outputs in that order
-`assert_scales`                inputs in other units give outputs in those units
-`assert_turns`                 whole turns added to wrapped data change nothing
-`assert_unchanged`             arguments are left as they were
 `assert_refused`               an error of the right type whose text names what is wrong
 =============================  =====================================================================
 """
@@ -49,6 +45,13 @@ def covariances(m, *batch, seed=0, size=1.0):
     """Random covariances (*batch, m, m), of condition numbers up to about 100."""
     root = rng(seed).normal(size=(*batch, m, 3 * m + 3)) * size
     return root @ transposed(root) / (3 * m + 3)
+
+
+def spoilt(array, value, *place):
+    """A copy with another value at a place."""
+    array = array.copy()
+    array[place] = value
+    return array
 
 
 def fields(result):
@@ -125,59 +128,6 @@ def assert_threads(function, names=None):
     alone = function(n_threads=1)
     for n_threads in (2, 3, 8, None):
         assert_same(function(n_threads=n_threads), alone, names)
-
-
-def assert_permutes(function, values, order, names, axis=-1, tolerance=None):
-    """`values` in another order along `axis`; `names` maps each field to its axis, or to None."""
-    before, after = (fields(function(v)) for v in (values, np.take(values, order, axis)))
-    for name, along in names.items():
-        expected = before[name] if along is None else np.take(before[name], order, along)
-        if tolerance is None:
-            np.testing.assert_array_equal(after[name], expected, err_msg=name)
-        else:
-            assert_near(after[name], expected, tolerance)
-
-
-def assert_scales(function, values, factor, powers, tolerance=None):
-    """`values` times `factor`; `powers` maps each field to the power of the factor in its unit.
-
-    A power of two as `factor` changes no bit.
-    """
-    before, after = fields(function(values)), fields(function(np.asarray(values) * factor))
-    for name, power in powers.items():
-        expected = before[name] * float(factor) ** power if power else before[name]
-        if tolerance is None:
-            np.testing.assert_array_equal(after[name], expected, err_msg=name)
-        else:
-            assert_near(after[name], expected, tolerance)
-
-
-def assert_turns(function, angles, period, names, tolerance):
-    """Whole turns added, other ones to each angle; fields are angles where `names` says True."""
-    angles = np.asarray(angles)
-    turns = rng(1).integers(-3, 4, angles.shape) * period
-    before, after = fields(function(angles)), fields(function(angles + turns))
-    for name, is_angle in names.items():
-        away = np.asarray(after[name] - before[name]) if is_angle else None
-        if away is None:
-            assert_near(after[name], before[name], tolerance)
-        else:
-            away = (away + period / 2) % period - period / 2
-            np.testing.assert_allclose(away, 0, atol=tolerance * period, err_msg=name)
-
-
-def assert_unchanged(function, *arrays):
-    """Arguments, which cannot be written to, are as they were."""
-    copies = [np.array(array) for array in arrays]
-    for array in arrays:
-        array.flags.writeable = False
-    try:
-        function(*arrays)
-    finally:
-        for array in arrays:
-            array.flags.writeable = True
-    for array, copy in zip(arrays, copies, strict=True):
-        np.testing.assert_array_equal(array, copy)
 
 
 def assert_refused(call, error, text):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
@@ -78,9 +78,9 @@ def _refuse_objects(array: npt.NDArray[Any], name: str) -> None:
     """Raise an error at the first object that is neither a real number nor None."""
     for index, item in np.ndenumerate(array):
         if isinstance(item, (bool, np.bool_)):
-            raise TypeError(f"{_place(name, index)} is {item}; it must be a real number")
+            raise TypeError(f"{place_of(name, index)} is {item}; it must be a real number")
         if item is not None:
-            real(item, _place(name, index))
+            real(item, place_of(name, index))
 
 
 def finite(value: npt.ArrayLike, name: str) -> FloatArray:
@@ -97,6 +97,17 @@ def positive(value: npt.ArrayLike, name: str) -> FloatArray:
         require_between(array, name, "a finite number")
         require_between(array, name, "a positive number", SMALLEST)
     return array
+
+
+def instants_of(time: npt.ArrayLike) -> FloatArray:
+    """Return times of shape (N,), after checking that there are some and that none decreases."""
+    instants = finite(time, "time")
+    if instants.ndim != 1 or instants.size == 0:
+        raise ValueError(f"time has shape {instants.shape}; it must be (N,)")
+    back = np.flatnonzero(np.diff(instants) < 0)
+    if back.size:
+        raise ValueError(f"time[{back[0] + 1}] is before the previous time; time must not decrease")
+    return instants
 
 
 def squarable(value: npt.ArrayLike, name: str) -> FloatArray:
@@ -135,7 +146,7 @@ def require_between(
     first = _core.first_outside(np.asarray(array), least, most, missing)
     if first is not None:
         index = tuple(map(int, np.unravel_index(first, array.shape)))
-        raise ValueError(f"{_place(name, index)} is {array[index]}; it must be {requirement}")
+        raise ValueError(f"{place_of(name, index)} is {array[index]}; it must be {requirement}")
 
 
 def require_each(array: FloatArray, holds: BoolArray, name: str, requirement: str) -> None:
@@ -143,7 +154,7 @@ def require_each(array: FloatArray, holds: BoolArray, name: str, requirement: st
     if holds.all():
         return
     index = tuple(np.argwhere(~holds)[0])
-    raise ValueError(f"{_place(name, index)} is {array[index]}; it must be {requirement}")
+    raise ValueError(f"{place_of(name, index)} is {array[index]}; it must be {requirement}")
 
 
 def radians(
@@ -176,7 +187,7 @@ def radians(
         else:
             limit = f"at most {f'{most:.4g}' if is_sigma else '4 pi'}; are these degrees? pass "
             limit += "degrees=True"
-        raise ValueError(f"{_place(name, index)} is {given}; it must be {limit}")
+        raise ValueError(f"{place_of(name, index)} is {given}; it must be {limit}")
     return array
 
 
@@ -187,7 +198,9 @@ def flag(value: Any, name: str) -> bool:
     return bool(value)
 
 
-def _place(name: str, index: tuple[int, ...]) -> str:
+def place_of(name: str, index: Iterable[int]) -> str:
+    """Return the name of an element of an array."""
+    index = tuple(index)
     return f"{name}[{', '.join(map(str, index))}]" if index else name
 
 
@@ -267,6 +280,20 @@ def omits(nan_policy: NanPolicy) -> bool:
 def spread(array: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     """Return `array`, broadcast to `shape` if it has another shape."""
     return array if array.shape == shape else np.broadcast_to(array, shape)
+
+
+def common_batch(**shapes: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the shape to which the leading axes are broadcast."""
+    try:
+        return np.broadcast_shapes(*shapes.values())
+    except ValueError:
+        listed = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+        raise ValueError(f"the batches do not fit together: {listed}") from None
+
+
+def diagonal(matrix: npt.NDArray[Any]) -> FloatArray:
+    """Return the diagonals of matrices, of shape (..., m)."""
+    return np.diagonal(matrix, axis1=-2, axis2=-1)
 
 
 def scalar_or_array(array: npt.NDArray[Any]) -> Any:

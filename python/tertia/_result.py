@@ -195,3 +195,8 @@ def _covariance(array: npt.NDArray[Any], axes: int) -> Iterator[tuple[str, npt.N
         for j, (other, its) in enumerate(state[:i]):
             if (its, unit) in _PRODUCTS:
                 yield f"covariance_{other}_{name}_{_PRODUCTS[its, unit]}", array[:, j, i]
+
+
+def counted(number: int | np.signedinteger[Any], noun: str) -> str:
+    """Return a number with its noun, in the plural unless the number is one."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

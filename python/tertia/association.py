@@ -20,8 +20,11 @@ from tertia import _core
 from tertia._arrays import (
     FloatArray,
     IntArray,
+    common_batch,
+    diagonal,
     finite,
     integer,
+    place_of,
     real,
     require_each,
     samples,
@@ -54,7 +57,6 @@ Score: TypeAlias = Literal["likelihood", "paper"]
 INNER, OUTER, GUARD = 0.65, 0.95, 0.998
 _GATES: dict[str, float] = {"inner": INNER, "outer": OUTER, "guard": GUARD}
 _RATIO = 100.0
-_NONE = -1
 
 
 class GateSector(enum.IntEnum):
@@ -222,15 +224,8 @@ def gate_sectors(
         raise ValueError(f"covariance has shape {s.shape}; it must be (..., 2, 2)")
     still = np.argwhere(~np.any(v != 0.0, axis=-1))
     if len(still):
-        place = "".join(f"[{', '.join(map(str, index))}]" for index in still[:1] if len(index))
-        raise ValueError(f"velocity{place} is zero; it must have a direction")
-    try:
-        batch = np.broadcast_shapes(e.shape[:-1], s.shape[:-2], v.shape[:-1])
-    except ValueError:
-        raise ValueError(
-            f"innovation has shape {e.shape}, covariance {s.shape} and velocity {v.shape}; their "
-            "batches do not fit"
-        ) from None
+        raise ValueError(f"{place_of('velocity', still[0])} is zero; it must have a direction")
+    batch = common_batch(innovation=e.shape[:-1], covariance=s.shape[:-2], velocity=v.shape[:-1])
     found = _core.gate_sectors(
         np.broadcast_to(e, (*batch, 2)),
         np.broadcast_to(s, (*batch, 2, 2)),
@@ -322,21 +317,16 @@ def likelihood_score(
     if s.ndim < 2 or s.shape[-1] != s.shape[-2] or s.shape[-1] == 0:
         raise ValueError(f"covariance has shape {s.shape}; it must be (..., m, m)")
     root = np.linalg.cholesky(s)
-    volume = 2.0 * np.sum(np.log(np.diagonal(root, axis1=-2, axis2=-1)), axis=-1)
-    try:
-        distance, volume = np.broadcast_arrays(distance, volume)
-    except ValueError:
-        raise ValueError(
-            f"nis has shape {distance.shape} and covariance {s.shape}; their batches do not fit"
-        ) from None
+    volume = 2.0 * np.sum(np.log(diagonal(root)), axis=-1)
+    batch = common_batch(nis=distance.shape, covariance=volume.shape)
     found = _core.likelihood_score(
-        np.atleast_1d(distance),
-        np.atleast_1d(volume),
+        np.atleast_1d(np.broadcast_to(distance, batch)),
+        np.atleast_1d(np.broadcast_to(volume, batch)),
         s.shape[-1],
         real(detection_probability, "detection_probability"),
         real(clutter_density, "clutter_density"),
     )
-    value: float | FloatArray = scalar_or_array(found.reshape(distance.shape))
+    value: float | FloatArray = scalar_or_array(found.reshape(batch))
     return value
 
 

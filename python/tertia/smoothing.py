@@ -32,7 +32,7 @@ from tertia._arrays import (
     scalar_or_array,
     threads,
 )
-from tertia._result import Result
+from tertia._result import Result, counted
 from tertia.kalman._batch import _initial
 
 _MOST_AXES = 3  # of tracks with time-correlated noise
@@ -215,7 +215,7 @@ class SmoothedPositions(Result):
             if self.correlation_time > 0:
                 parts.append(f"correlation time {self.correlation_time:.3g}")
         if count := np.count_nonzero(self.outlier):
-            parts.append(f"{count} outlier{'' if count == 1 else 's'}")
+            parts.append(counted(count, "outlier"))
         return ", ".join([*parts, "systematic error not included)"])
 
 
@@ -301,7 +301,7 @@ def local_polynomial(
     >>> print(f"{rate.value[20]:.2f} ± {rate.sigma[20]:.2f}")
     0.93 ± 0.07
     """
-    series = _series(y, "y", 1, "(..., N)")
+    series = _series(y, 1, "(..., N)")
     adaptive = isinstance(degree, str)
     if adaptive and degree != "adaptive":
         raise ValueError(f"degree is {degree!r}; it must be 'adaptive' or an integer")
@@ -447,7 +447,7 @@ def smooth(
     >>> print(f"{np.std(track.position - truth):.0f} m")
     1 m
     """
-    plots = _series(y, "y", 2, "(..., N, D)")
+    plots = _series(y, 2, "(..., N, D)")
     *leading, n, dimension = plots.shape
     if dimension == 0:
         raise ValueError(f"y has shape {plots.shape}; it must have at least one axis")
@@ -504,10 +504,10 @@ def _correlation_time(correlation_time: float | None, dimension: int) -> float |
     return value
 
 
-def _series(value: npt.ArrayLike, name: str, axes: int, shape: str) -> FloatArray:
-    array = samples(value, name)
+def _series(y: npt.ArrayLike, axes: int, shape: str) -> FloatArray:
+    array = samples(y, "y")
     if array.ndim < axes:
-        raise ValueError(f"{name} has shape {array.shape}; it must be {shape}")
+        raise ValueError(f"y has shape {array.shape}; it must be {shape}")
     return array
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from checks import INF, NAN, assert_same, fields, rng
+from checks import INF, NAN, assert_same, fields, rng, spoilt
 from reference import fusion as reference
 from scipy import stats
 from tolerances import CHANCE, INVERSES, VECTOR
@@ -316,12 +316,6 @@ def test_an_angle_of_a_period_is_zero():
 
 
 # sensors without an estimate
-
-
-def spoilt(x, value, *place):
-    x = x.copy()
-    x[place] = value
-    return x
 
 
 @EVERY_METHOD

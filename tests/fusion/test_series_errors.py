@@ -2,17 +2,10 @@
 
 import numpy as np
 import pytest
-from checks import INF, NAN
+from checks import INF, NAN, spoilt
 from fusion.scenes import MODEL
 
 from tertia.fusion import fuse_series
-
-
-def spoilt(z, value, *place):
-    z = z.copy()
-    z[place] = value
-    return z
-
 
 Z = np.arange(10.0).reshape(2, 5)
 STATE_OF_TWO = np.zeros((2, 3)), np.full((2, 3, 3), np.eye(3))

@@ -1,12 +1,11 @@
 """Location: against SciPy, published fixes, and the truth."""
 
-import csv
 import functools
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from places import DATA
+from places import DATA, difar
 from reference import location as reference
 from scipy import integrate, optimize, stats
 from scipy.spatial.transform import Rotation
@@ -804,7 +803,7 @@ class TestLenthMethods:
 @pytest.mark.skipif(not (DATA / "difar").is_dir(), reason="the recording is not there")
 def test_a_boat_among_drifting_direction_finders():
     """Recorded bearings with biases of several degrees: most fixes are within 300 m."""
-    places, azimuth, truth = difar()
+    _, places, azimuth, truth = difar()
     enough = np.sum(~np.isnan(azimuth), axis=-1) >= 3
     fixes = locate(
         places[enough],
@@ -818,35 +817,11 @@ def test_a_boat_among_drifting_direction_finders():
     assert np.nanmedian(error) < 300
 
 
-def difar():
-    """Positions of the direction finders, (N, 4, 2), azimuths and the boat, in local metres."""
-    with (DATA / "difar" / "bearings.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    calls = {key: i for i, key in enumerate(dict.fromkeys(row["call_id"] for row in rows))}
-    buoys = ["NW", "NE", "SW", "SE"]
-    places = np.full((len(calls), 4, 2), NAN)
-    azimuth, truth = np.full((len(calls), 4), NAN), np.full((len(calls), 2), NAN)
-    scale = np.array([93_570.0, 110_920.0])  # metres a degree at 32.8 degrees north
-    origin = np.array([-117.588, 32.818])
-    for row in rows:
-        at, buoy = calls[row["call_id"]], buoys.index(row["buoy"])
-        here = np.array([float(row["buoy_lon"]), float(row["buoy_lat"])])
-        boat = np.array([float(row["boat_lon"]), float(row["boat_lat"])])
-        places[at, buoy], truth[at] = scale * (here - origin), scale * (boat - origin)
-        azimuth[at, buoy] = np.radians(float(row["bearing_deg"] or "nan"))
-    for k in range(4):
-        for i in range(2):
-            known = ~np.isnan(places[:, k, i])
-            at = np.arange(len(calls))
-            places[:, k, i] = np.interp(at, at[known], places[known, k, i])
-    return places, azimuth, truth
-
-
 @pytest.mark.skipif(not (DATA / "difar").is_dir(), reason="the recording is not there")
 @pytest.mark.parametrize("stated", [2.0, 4.5])
 def test_sonobuoys_with_biases_that_nobody_stated(stated):
     """The white noise is 4 to 5 degrees; today's 95 % ellipses held 18 and 39 %."""
-    places, azimuth, truth = difar()
+    _, places, azimuth, truth = difar()
     fixes = locate(places, azimuth=azimuth, azimuth_sigma=np.radians(stated))
     found = fixes.success
     square = metrics.nees(fixes.position - truth, fixes.covariance)[found]

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize, stats
 
+from reference.kalman import predict
+
 NAN = float("nan")
 COMPONENTWISE = ["equal", "static", "paper", "ewma", "posterior", "adaptive"]
 MATRICES = ["adaptive-matrix", "matrix"]
@@ -33,10 +35,6 @@ def printed(t, alpha, variance):
     left = 1 - alpha * t
     f = np.array([[1, t, t**2 / 2], [0, 1, t], [0, 0, left]])
     return f, np.diag([0, 0, variance * (1 - left**2)])
-
-
-def predict(x, p, f, q):
-    return f @ x, f @ p @ f.T + q
 
 
 def update(x, p, z, r, period=None):

@@ -6,7 +6,7 @@ A, F = 6_378_137.0, 1 / 298.257223563
 E2 = F * (2 - F)
 # ISO 2533
 P0, T0, LAPSE, TROPOPAUSE = 101_325.0, 288.15, 0.0065, 11_000.0
-GAS, G0, RADIUS = 287.05287, 9.80665, 6_356_766.0
+GAS, G0 = 287.05287, 9.80665
 
 
 def to_ecef(latitude, longitude, height):

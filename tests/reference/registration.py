@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import stats
 
-SCANS, STRAIGHT, TURN, TURNING = 2.2, 0.3, 4.0, 0.3
+STRAIGHT, TURN, TURNING = 0.3, 4.0, 0.3
 SIGNIFICANCE, OUTLIER, STATED, ROUNDS, HEIGHT = 1e-3, 3.5, 10.0, 4, 15.0
 
 

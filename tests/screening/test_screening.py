@@ -675,7 +675,7 @@ def test_masked_measurements_are_missing():
         (lambda: screening.leave_one_out({1: 2}), TypeError, "y is {1: 2}"),
         (lambda: screening.k_sigma(SAMPLE, nan_policy=["omit"]), ValueError, "nan_policy is"),
         (lambda: screening.unwrap_about_median([1, 2], 1e308), ValueError, "period is 1e308"),
-        (lambda: screening.z_test([1, 2], [SAMPLE] * 3, 1), ValueError, "do not broadcast"),
+        (lambda: screening.z_test([1, 2], [SAMPLE] * 3, 1), ValueError, "do not fit together"),
         (lambda: screening.grubbs(SAMPLE, 0), ValueError, "significance is 0"),
         (lambda: screening.grubbs(SAMPLE, 1e-300), ValueError, "significance is 1e-300"),
         (lambda: screening.grubbs(np.empty((0, 2))), ValueError, "y has 2 measurements"),

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference import smoothing as reference
 from scipy import optimize
-from smoothing.scenes import assert_close, gaps, series
+from smoothing.scenes import assert_close, covariances, gaps, series
 from tolerances import CHANCE, TRACK
 
 from tertia import metrics
@@ -17,11 +17,6 @@ from tertia.smoothing import smooth as smooth_by_default
 
 # the noise as stated
 smooth = partial(smooth_by_default, correlation_time=0.0, robust=False)
-
-
-def covariances(n, d, seed=0):
-    a = rng(seed).normal(size=(n, d, d))
-    return a @ np.swapaxes(a, 1, 2) + 0.1 * np.eye(d)
 
 
 def simulated(trials, times, d, q, covariance, seed=0):

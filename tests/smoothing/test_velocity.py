@@ -4,22 +4,17 @@ import numpy as np
 import pytest
 from checks import INF, NAN, rng
 from reference import smoothing as reference
-from smoothing.scenes import assert_close, gaps
+from smoothing.scenes import assert_close, covariances, gaps
 from tolerances import TRACK
 
 from tertia import metrics
 from tertia.smoothing import smooth
 
 
-def matrices(n, d, seed):
-    a = rng(seed).normal(size=(n, d, d))
-    return a @ np.swapaxes(a, 1, 2) + 0.1 * np.eye(d)
-
-
 def check(y, velocity, times, q, initial=None):
     """Everything against one dense normal distribution in 300 digits."""
     n, d = np.shape(y)
-    covariance, own = matrices(n, d, 1), 0.2 * matrices(n, d, 2)
+    covariance, own = covariances(n, d, 1), 0.2 * covariances(n, d, 2)
     found = smooth(
         y,
         covariance,

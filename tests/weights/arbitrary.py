@@ -30,10 +30,6 @@ def covariance_matrices(sensors=(2, 5), orders=(1, 8)):
     return st.tuples(st.integers(*sensors), st.integers(*orders)).flatmap(build)
 
 
-def vec(matrix):
-    return transposed(matrix).reshape(*matrix.shape[:-2], -1)
-
-
 def units_for(s, seed):
     """Powers of two, from 2^-30 to 2^30."""
     return 2.0 ** np.random.default_rng(seed).integers(-30, 31, s.shape[-1])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import FloatArray, finite, positive, radians, squarable
+from tertia._arrays import FloatArray, common_batch, finite, positive, radians, squarable
 
 
 def common_azimuth(
@@ -66,13 +66,8 @@ def common_azimuth(
     for name, place in zip(("position", "origin"), places, strict=True):
         if place.shape != (2,):
             raise ValueError(f"{name} has shape {place.shape}; it must be (2,)")
-    try:
-        r, a, sr, sa = np.broadcast_arrays(r, a, sr, sa)
-    except ValueError:
-        raise ValueError(
-            f"range {r.shape}, azimuth {a.shape}, range_sigma {sr.shape} and azimuth_sigma "
-            f"{sa.shape} do not fit together"
-        ) from None
+    common_batch(range=r.shape, azimuth=a.shape, range_sigma=sr.shape, azimuth_sigma=sa.shape)
+    r, a, sr, sa = np.broadcast_arrays(r, a, sr, sa)
     toward = np.stack([np.sin(a), np.cos(a)], axis=-1)
     offset = r[..., np.newaxis] * toward + (places[0] - places[1])
     rho = np.sqrt(np.sum(offset**2, axis=-1))

@@ -20,7 +20,7 @@ from tertia._arrays import (
     spread,
     threads,
 )
-from tertia._result import Result
+from tertia._result import Result, counted
 from tertia.fusion._biases import prior_of, registered, trusted
 from tertia.fusion._lasting import correlation_times, growth
 from tertia.kalman import filter_series
@@ -112,7 +112,7 @@ class FusedSeries(Result):
         *batch, radars, steps = self.outlier.shape
         counts = {"radar": radars, "step": steps, "outlier": np.count_nonzero(self.outlier)}
         parts = [f"batch {tuple(batch)}"] if batch else []
-        parts += [f"{count} {what}{'' if count == 1 else 's'}" for what, count in counts.items()]
+        parts += [counted(count, what) for what, count in counts.items()]
         if self.systematic == "not included":
             parts.append("systematic error not included")
         return f"FusedSeries({', '.join(parts)})"

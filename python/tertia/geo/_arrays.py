@@ -8,7 +8,15 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, finite, real, require_each, samples, scalar_or_array
+from tertia._arrays import (
+    FloatArray,
+    common_batch,
+    finite,
+    real,
+    require_each,
+    samples,
+    scalar_or_array,
+)
 
 # components of a position
 AXES = 3
@@ -27,11 +35,8 @@ def numbers(value: npt.ArrayLike, name: str) -> FloatArray:
 
 def stacked(**columns: FloatArray) -> FloatArray:
     """Return columns as one array, broadcast to each other and stacked on a new last axis."""
-    try:
-        return np.stack(np.broadcast_arrays(*columns.values()), axis=-1)
-    except ValueError:
-        shapes = ", ".join(f"{name} {array.shape}" for name, array in columns.items())
-        raise ValueError(f"the shapes do not fit together: {shapes}") from None
+    batch = common_batch(**{name: array.shape for name, array in columns.items()})
+    return np.stack([np.broadcast_to(array, batch) for array in columns.values()], axis=-1)
 
 
 def positions(value: npt.ArrayLike, name: str) -> FloatArray:

@@ -179,7 +179,7 @@ def _robust(
     time: FloatArray, y: FloatArray, fitted: FloatArray, sigma: float | None, name: str
 ) -> tuple[smoothing.SmoothedPositions, BoolArray]:
     """Smooth all axes of y without outliers; noise and jerk are those of the axes `fitted`."""
-    far = _coarse(time, y)
+    far = _coarse(y)
     variance = _variance(time, np.where(far[:, np.newaxis], np.nan, fitted), sigma, name)
     missing = np.isnan(y).any(axis=1)
     plain: dict[str, Any] = {"correlation_time": 0.0, "robust": False}
@@ -194,7 +194,7 @@ def _robust(
     return found, far
 
 
-def _coarse(time: FloatArray, y: FloatArray) -> BoolArray:
+def _coarse(y: FloatArray) -> BoolArray:
     """Return for each row whether it is far from the median of its neighbours (decoding errors)."""
     far = np.zeros(len(y), dtype=bool)
     there = np.flatnonzero(~np.isnan(y).any(axis=1))

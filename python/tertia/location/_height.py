@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import BoolArray, FloatArray, finite, positive
+from tertia._arrays import BoolArray, FloatArray, common_batch, finite, positive
 from tertia.location._result import Location
 from tertia.sensors import Kind
 
@@ -32,12 +32,8 @@ def read_height(
     value, spread = finite(height, "height"), positive(sigma, "height_sigma")
     if not np.all(np.isfinite(spread)):
         raise ValueError("height_sigma must be finite")
-    try:
-        return np.stack(np.broadcast_arrays(value, spread), axis=-1)
-    except ValueError:
-        raise ValueError(
-            f"height has shape {value.shape}, height_sigma {spread.shape}; they do not fit"
-        ) from None
+    batch = common_batch(height=value.shape, height_sigma=spread.shape)
+    return np.stack([np.broadcast_to(value, batch), np.broadcast_to(spread, batch)], axis=-1)
 
 
 def azimuths_alone(measured: Mapping[Kind, FloatArray]) -> BoolArray:

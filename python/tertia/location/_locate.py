@@ -15,6 +15,7 @@ from tertia import _core
 from tertia._arrays import (
     BoolArray,
     FloatArray,
+    common_batch,
     finite,
     flag,
     integer,
@@ -449,11 +450,7 @@ def _batch(
         shapes["height"] = level.shape[:-1]
     if not any(shapes.values()):
         return ()
-    try:
-        return np.broadcast_shapes(*shapes.values())
-    except ValueError:
-        listed = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
-        raise ValueError(f"the batches do not fit together: {listed}") from None
+    return common_batch(**shapes)
 
 
 def _sigma_batch(measured: _Measured) -> tuple[int, ...]:

@@ -11,7 +11,15 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, integer, real, samples, scalar_or_array, squarable
+from tertia._arrays import (
+    FloatArray,
+    common_batch,
+    integer,
+    real,
+    samples,
+    scalar_or_array,
+    squarable,
+)
 
 
 def nees(error: npt.ArrayLike, covariance: npt.ArrayLike) -> float | FloatArray:
@@ -51,12 +59,7 @@ def nees(error: npt.ArrayLike, covariance: npt.ArrayLike) -> float | FloatArray:
             f"error has shape {e.shape} and covariance {p.shape}; they must be (..., m) and "
             "(..., m, m)"
         )
-    try:
-        batch = np.broadcast_shapes(e.shape[:-1], p.shape[:-2])
-    except ValueError:
-        raise ValueError(
-            f"error has shape {e.shape} and covariance {p.shape}; their batches do not fit"
-        ) from None
+    batch = common_batch(error=e.shape[:-1], covariance=p.shape[:-2])
     e, p = np.broadcast_to(e, (*batch, e.shape[-1])), np.broadcast_to(p, (*batch, *p.shape[-2:]))
     known = np.isfinite(e).all(axis=-1) & np.isfinite(p).all(axis=(-2, -1))
     result = np.full(batch, np.nan)

@@ -257,8 +257,3 @@ def rounded(value: float, sigma: float) -> tuple[str, str]:
 def with_sigmas(values: Iterable[float], sigmas: Iterable[float]) -> str:
     """Return values with their standard deviations as text."""
     return ", ".join(" ± ".join(rounded(x, s)) for x, s in zip(values, sigmas, strict=True))
-
-
-def counted(number: int | np.signedinteger[Any], noun: str) -> str:
-    """Return a number with a noun, which is in the plural unless the number is one."""
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

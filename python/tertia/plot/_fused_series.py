@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, real, samples
+from tertia._result import counted
 from tertia.fusion import FusedSeries
 from tertia.fusion._series import _variances
 from tertia.plot._axes import (
@@ -15,7 +16,6 @@ from tertia.plot._axes import (
     Times,
     add_shared_legend,
     angle_unit,
-    counted,
     draw_band,
     draw_deviations,
     label_time,

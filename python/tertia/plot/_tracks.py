@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from tertia._arrays import BoolArray, FloatArray, IntArray, flag, instance, sequence_of
+from tertia._result import counted
 from tertia.flightplan import FlightPlan
 from tertia.plot._axes import (
     BAND,
     FLAGGED,
     GAP,
     add_names,
-    counted,
     draw_sites,
     ellipse_radius,
     ellipses,

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, flag, instance
+from tertia._result import counted
 from tertia.location import Location
 from tertia.plot._axes import (
     BAND,
@@ -18,7 +19,6 @@ from tertia.plot._axes import (
     add_names,
     add_shared_legend,
     bounds,
-    counted,
     draw_band,
     draw_deviations,
     draw_sites,

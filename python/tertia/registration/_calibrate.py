@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, finite, instance, integer, points, radians, samples
+from tertia._arrays import FloatArray, instance, instants_of, integer, points, radians, samples
 from tertia.sensors import Bias, Station
 from tertia.sensors._kinds import ANGLES, STATION_KINDS
 
@@ -81,12 +81,7 @@ def calibrate(
     [0.1, 0.0]
     """
     instance(station, "station", Station)
-    instants = finite(time, "time")
-    if instants.ndim != 1 or instants.size == 0:
-        raise ValueError(f"time has shape {instants.shape}; it must be (N,)")
-    back = np.flatnonzero(np.diff(instants) < 0)
-    if back.size:
-        raise ValueError(f"time[{back[0] + 1}] is before the previous time; time must not decrease")
+    instants = instants_of(time)
     place = points(position, "position")
     if place.shape != (instants.size, station.position.shape[-1]):
         raise ValueError(

@@ -46,8 +46,8 @@ class Fusion:
 class Analysis:
     """A recording and the results of its analysis.
 
-    `joint` has the tracks from the plots of all radars, `uncorrected` those made without
-    subtracting systematic errors, and `joint_found` those made with the estimated noise and biases.
+    `joint` has the tracks from the plots of all radars, and `uncorrected` those made without
+    subtracting systematic errors.
     """
 
     plots: Plots
@@ -57,7 +57,6 @@ class Analysis:
     truth: Truth | None
     joint: TrackTable
     uncorrected: TrackTable
-    joint_found: TrackTable
     single: list[TrackTable]
     registration: Registration
     innovations: list[Innovations]
@@ -158,7 +157,6 @@ def analyse(
         truth=truth,
         joint=joint,
         uncorrected=uncorrected,
-        joint_found=joint_found,
         single=made.stated,
         registration=registration,
         innovations=seen,

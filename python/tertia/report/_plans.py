@@ -9,6 +9,7 @@ import numpy as np
 
 from tertia._arrays import BoolArray, FloatArray
 from tertia.flightplan import FlightPlan
+from tertia.tables._track import plan_names
 from tertia.tracker import TrackTable
 
 # least number of successive plots off the plan, and least duration in scans of the slowest radar,
@@ -34,11 +35,6 @@ class Followed:
     conforms: BoolArray
     left: float
     back: float
-
-
-def plan_names(plans: Sequence[FlightPlan]) -> list[str]:
-    """Return the names of plans; a plan without a name has its number, counted from 1."""
-    return [str(number) if p.name is None else p.name for number, p in enumerate(plans, start=1)]
 
 
 def followed(table: TrackTable, plans: Sequence[FlightPlan], scan_period: float) -> list[Followed]:

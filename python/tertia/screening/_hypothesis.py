@@ -14,6 +14,7 @@ from tertia._arrays import (
     BoolArray,
     FloatArray,
     IntArray,
+    common_batch,
     finite,
     integer,
     positive,
@@ -111,7 +112,7 @@ def z_test(x: npt.ArrayLike, y: npt.ArrayLike, sigma: npt.ArrayLike) -> OutlierT
     (2.3552, 0.0185)
     """
     x, y, sigma = finite(x, "x"), samples(y, "y"), positive(sigma, "sigma")
-    batch = _batch(x=x.shape, y=y.shape[:-1], sigma=sigma.shape)
+    batch = common_batch(x=x.shape, y=y.shape[:-1], sigma=sigma.shape)
     result = _core.z_test(_flat(x, batch), _rows(y, batch), y, _flat(sigma, batch))
     return _outlier_test(result, batch)
 
@@ -150,7 +151,7 @@ def t_test(x: npt.ArrayLike, y: npt.ArrayLike) -> OutlierTest:
     0.0208
     """
     x, y = finite(x, "x"), samples(y, "y")
-    batch = _batch(x=x.shape, y=y.shape[:-1])
+    batch = common_batch(x=x.shape, y=y.shape[:-1])
     return _outlier_test(_core.t_test(_flat(x, batch), _rows(y, batch), y), batch)
 
 
@@ -380,14 +381,6 @@ def _outlier_test(result: tuple[FloatArray, FloatArray], batch: tuple[int, ...])
 def _extreme_test(result: tuple[IntArray, FloatArray, FloatArray], critical: float) -> ExtremeTest:
     index, statistic, pvalue = map(scalar_or_array, result)
     return ExtremeTest(index, statistic, pvalue, critical, statistic > critical)
-
-
-def _batch(**shapes: tuple[int, ...]) -> tuple[int, ...]:
-    try:
-        return np.broadcast_shapes(*shapes.values())
-    except ValueError:
-        text = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
-        raise ValueError(f"the batch shapes do not broadcast: {text}") from None
 
 
 def _flat(array: FloatArray, batch: tuple[int, ...]) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import IntArray, array_of, without_na
+from tertia._arrays import IntArray, array_of, place_of, without_na
 
 TextArray: TypeAlias = npt.NDArray[np.str_]
 # numbers, addresses, codes and callsigns; None where plots have none of a kind
@@ -45,24 +45,24 @@ def whole(value: npt.ArrayLike, name: str) -> IntArray:
     return array.astype(np.int64)
 
 
-def icao_addresses(value: npt.ArrayLike, name: str = "icao_address") -> IntArray:
+def icao_addresses(value: npt.ArrayLike) -> IntArray:
     """Return addresses of 24 bits; -1 where there is none."""
-    return _below(whole(value, name), name, _ADDRESSES, "an address of 24 bits")
+    return _below(value, "icao_address", _ADDRESSES, "an address of 24 bits")
 
 
-def mode_3a_codes(value: npt.ArrayLike, name: str = "mode_3a") -> IntArray:
+def mode_3a_codes(value: npt.ArrayLike) -> IntArray:
     """Return mode 3/A codes; -1 where there is none."""
-    return _below(whole(value, name), name, _CODES, "a code of 12 bits, as 0o7700")
+    return _below(value, "mode_3a", _CODES, "a code of 12 bits, as 0o7700")
 
 
-def callsigns(value: npt.ArrayLike, name: str = "callsign") -> TextArray:
+def callsigns(value: npt.ArrayLike) -> TextArray:
     """Return callsigns in capital letters, without spaces at their ends; empty where unknown."""
     # NumPy would make texts of what is none in a list
     array = value if isinstance(value, np.ndarray) else np.asarray(value, dtype=object)
     if array.dtype.kind == "O":
-        array = _texts(without_na(array), name)
+        array = _texts(without_na(array))
     if array.dtype.kind != "U" and array.size:
-        raise TypeError(f"{name} has dtype {array.dtype}; it must hold text")
+        raise TypeError(f"callsign has dtype {array.dtype}; it must hold text")
     texts = np.char.upper(np.char.rstrip(array.astype(np.str_)))
     long = np.flatnonzero(np.char.str_len(texts) > _LETTERS)
     found = texts.astype(f"U{_LETTERS}", order="C")
@@ -70,7 +70,7 @@ def callsigns(value: npt.ArrayLike, name: str = "callsign") -> TextArray:
     wrong = np.flatnonzero(np.any((letters > _LAST) | (letters < _FIRST) & (letters > 0), axis=1))
     for at in (*long[:1], *wrong[:1]):
         raise ValueError(
-            f"{_place(name, array, at)} is {str(texts.flat[at])!r}; it must have at most "
+            f"{_place('callsign', array, at)} is {str(texts.flat[at])!r}; it must have at most "
             f"{_LETTERS} letters and digits"
         )
     return found
@@ -116,26 +116,26 @@ def of_target(
     return named, (number, address, code, text)
 
 
-def _below(numbers: IntArray, name: str, end: int, what: str) -> IntArray:
+def _below(value: npt.ArrayLike, name: str, end: int, what: str) -> IntArray:
+    numbers = whole(value, name)
     wrong = np.flatnonzero((numbers >= end) | (numbers < NO_IDENTITY))
     if len(wrong):
-        value = numbers.flat[wrong[0]]
+        first = numbers.flat[wrong[0]]
         place = _place(name, numbers, wrong[0])
-        raise ValueError(f"{place} is {value}; it must be {what}, or -1 if there is none")
+        raise ValueError(f"{place} is {first}; it must be {what}, or -1 if there is none")
     return numbers
 
 
 def _place(name: str, array: npt.NDArray[Any], at: int) -> str:
     """Return the name of an element of a column, by its place in the flattened column."""
-    index = ", ".join(map(str, np.unravel_index(at, array.shape)))
-    return f"{name}[{index}]" if index else name
+    return place_of(name, map(int, np.unravel_index(at, array.shape)))
 
 
-def _texts(array: npt.NDArray[Any], name: str) -> TextArray:
+def _texts(array: npt.NDArray[Any]) -> TextArray:
     """Return objects as text; None and nan are unknown callsigns."""
     items = array.reshape(-1).tolist()
     texts = [NO_CALLSIGN if item is None or item != item else item for item in items]  # noqa: PLR0124  # nan
     for at, text in enumerate(texts):
         if not isinstance(text, str):
-            raise TypeError(f"{_place(name, array, at)} is {text!r}; it must be text")
+            raise TypeError(f"{_place('callsign', array, at)} is {text!r}; it must be text")
     return np.array(texts, dtype=np.str_).reshape(array.shape)

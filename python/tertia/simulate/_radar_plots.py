@@ -166,7 +166,7 @@ def radar_plots(
     instance(traffic, "traffic", Traffic)
     stations = sequence_of(radars, Radar, "radars")
     count, random = len(stations), generator(rng)
-    false = _per_radar(clutter, "clutter", (count,))
+    false = _per_radar(clutter, "clutter", count)
     _require(bool(np.all(false >= 0)), "clutter", false.tolist(), "zero or more")
     shift = _biases(bias, count)
     start = real(bias_start, "bias_start")
@@ -174,7 +174,7 @@ def radar_plots(
     if phase is None:
         north = random.uniform(size=count) * periods
     else:
-        north = _per_radar(phase, "phase", (count,))
+        north = _per_radar(phase, "phase", count)
     defects = _Defects(
         _number(outlier_probability, "outlier_probability", 0.0, 1.0),
         _number(outlier_size, "outlier_size", 0.0),
@@ -221,12 +221,11 @@ class _Defects:
     garbled: float
 
 
-def _per_radar(value: npt.ArrayLike, name: str, shape: tuple[int, ...]) -> FloatArray:
+def _per_radar(value: npt.ArrayLike, name: str, count: int) -> FloatArray:
     array = finite(value, name)
-    try:
-        fitted: FloatArray = np.broadcast_to(array, shape).copy()
-    except ValueError:
-        raise ValueError(f"{name} has shape {array.shape}; it must fit {shape}") from None
+    if array.shape not in {(), (1,), (count,)}:
+        raise ValueError(f"{name} has shape {array.shape}; it must fit {(count,)}")
+    fitted: FloatArray = np.broadcast_to(array, count).copy()
     return fitted
 
 

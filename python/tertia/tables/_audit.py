@@ -249,14 +249,14 @@ def audit_of(
     source: Source,
     truth: Source | None,
     *,
-    columns: Mapping[str, str] | None = None,
-    truth_columns: Mapping[str, str] | None = None,
-    value: str | None = None,
-    by: str | Sequence[str] = (),
-    strata: str | Sequence[str] = (),
-    origin: tuple[float, float] | None = None,
-    truth_sigma: float = 0.0,
-    max_distance: float = 1000.0,
+    columns: Mapping[str, str] | None,
+    truth_columns: Mapping[str, str] | None,
+    value: str | None,
+    by: str | Sequence[str],
+    strata: str | Sequence[str],
+    origin: tuple[float, float] | None,
+    truth_sigma: float,
+    max_distance: float,
 ) -> Audited:
     """Return the audit, as described in `audit`."""
     spread = real(truth_sigma, "truth_sigma")

@@ -156,11 +156,11 @@ def evaluation_of(
     tracks: Source,
     truth: Source,
     *,
-    columns: Mapping[str, str] | None = None,
-    origin: tuple[float, float] | None = None,
-    max_distance: float = 1000.0,
-    update_interval: float | None = None,
-    limits: Mapping[str, float] | None = None,
+    columns: Mapping[str, str] | None,
+    origin: tuple[float, float] | None,
+    max_distance: float,
+    update_interval: float | None,
+    limits: Mapping[str, float] | None,
 ) -> Evaluation:
     """Return the figures of all tracks and of each target, as described in `evaluate`."""
     distance = positive_number(max_distance, "max_distance")

@@ -116,11 +116,11 @@ def weights(
 def weights_of(
     source: Source,
     *,
-    columns: Mapping[str, str] | None = None,
+    columns: Mapping[str, str] | None,
     values: str | Sequence[str],
-    differences: bool = False,
-    loss: float = 0.05,
-    bias_sigma: float = 0.0,
+    differences: bool,
+    loss: float,
+    bias_sigma: float,
 ) -> Weighed:
     """Return the weights and the loss from estimating them, as described in `weights`."""
     if not _LOSSES[0] <= loss <= _LOSSES[1]:

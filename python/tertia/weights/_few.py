@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tertia import _core
-from tertia._arrays import FloatArray
+from tertia._arrays import FloatArray, diagonal
 from tertia.weights._loss import _draws
 
 _TRIALS = 2000
@@ -17,7 +17,6 @@ def enlarged(
     covariances: FloatArray,
     statistic: float,
     laws: Sequence[tuple[float, float]],
-    n_threads: int | None = None,
 ) -> tuple[FloatArray, float]:
     """Return factors for the sigmas of a fused estimate, and the p-value of its statistic.
 
@@ -49,10 +48,10 @@ def enlarged(
             "random_effects": False,
             "period": None,
         },
-        n_threads,
+        None,
     )
     actual = np.sum(weights @ covariances @ np.swapaxes(weights, -1, -2), axis=1)
-    ratio = np.sqrt(_diagonal(claimed) / _diagonal(actual))
+    ratio = np.sqrt(diagonal(claimed) / diagonal(actual))
     factors = np.array(_core.simulated_factors(np.ascontiguousarray(ratio.T)))
     larger = np.count_nonzero(np.asarray(drawn_statistic) >= statistic)
     return factors, (larger + 1) / (_TRIALS + 1)
@@ -64,7 +63,3 @@ def _root(covariances: FloatArray) -> FloatArray:
     root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))[..., np.newaxis, :]
     symmetric: FloatArray = root @ np.swapaxes(vectors, -1, -2)
     return symmetric
-
-
-def _diagonal(matrix: FloatArray) -> FloatArray:
-    return np.diagonal(matrix, axis1=-2, axis2=-1)

@@ -13,6 +13,7 @@ from tertia import _core
 from tertia._arrays import (
     FloatArray,
     IntArray,
+    diagonal,
     generator,
     integer,
     real,
@@ -153,7 +154,7 @@ def fusion_loss(
     fused, excess = (matrices[..., i, :, :].copy() for i in (0, 1))
     return FusionLoss(
         scalar_or_array(loss),
-        _diagonal(excess) / _diagonal(fused),
+        diagonal(excess) / diagonal(fused),
         fused + excess,
         fused,
         None if sigma is None else scalar_or_array(sigma),
@@ -305,10 +306,6 @@ def _draws(
     return np.stack(draws, axis=1)
 
 
-def _diagonal(matrix: FloatArray) -> FloatArray:
-    return np.diagonal(matrix, axis1=-2, axis2=-1)
-
-
 def _trace(matrix: FloatArray) -> FloatArray:
-    trace: FloatArray = _diagonal(matrix).sum(axis=-1)
+    trace: FloatArray = diagonal(matrix).sum(axis=-1)
     return trace

@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, samples, threads
-from tertia.weights._readers import common_batch, deviation, moderate
+from tertia._arrays import FloatArray, common_batch, samples, threads
+from tertia.weights._readers import deviation, moderate
 
 
 def weight_matrices(covariances: npt.ArrayLike, *, n_threads: int | None = None) -> FloatArray:

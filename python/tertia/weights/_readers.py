@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from tertia._arrays import FloatArray, finite, positive
+from tertia._arrays import FloatArray, common_batch, finite, positive
 
 # squares of smaller sigmas, or of larger ones than its reciprocal, leave the range of doubles
 _SMALLEST_SIGMA = 1e-70
@@ -35,15 +35,6 @@ def squares(value: npt.ArrayLike, name: str) -> FloatArray:
     if array.ndim < 2 or array.shape[-1] != array.shape[-2]:
         raise ValueError(f"{name} has shape {array.shape}; it must be (..., m, m)")
     return array
-
-
-def common_batch(**shapes: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape to which the leading axes are broadcast."""
-    try:
-        return np.broadcast_shapes(*shapes.values())
-    except ValueError:
-        listed = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
-        raise ValueError(f"the batches do not fit together: {listed}") from None
 
 
 def of_one_batch(

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, flag, integer, real, samples, threads
-from tertia.weights._readers import common_batch, moderate, squares
+from tertia._arrays import FloatArray, common_batch, flag, integer, real, samples, threads
+from tertia.weights._readers import moderate, squares
 
 Convention: TypeAlias = Literal["sample-mean", "known-mean", "paper", "differences"]
 

@@ -11,6 +11,7 @@ import typer
 
 from tertia import plot, tables
 from tertia._arrays import FloatArray
+from tertia._result import counted
 from tertia.bearing import BearingEstimate, Method
 from tertia.cli.files import read, write
 from tertia.cli.terminal.options import (
@@ -24,7 +25,7 @@ from tertia.cli.terminal.options import (
     Value,
     column_names,
 )
-from tertia.cli.terminal.say import FAILED, as_text, counted, note, print_table, working
+from tertia.cli.terminal.say import FAILED, as_text, note, print_table, working
 from tertia.tables import RecordWarning
 from tertia.tables._bearing import bearings_of
 from tertia.tables._groups import column_name

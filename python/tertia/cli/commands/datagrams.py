@@ -9,8 +9,9 @@ from contextlib import closing
 
 import polars as pl
 
+from tertia._result import counted
 from tertia.cli.files.asterix import IDENTITIES, measured
-from tertia.cli.terminal.say import WRONG_USAGE, counted, fail, note
+from tertia.cli.terminal.say import WRONG_USAGE, fail, note
 from tertia.io import read_asterix
 from tertia.sensors import Radar
 from tertia.tables._records import Part, Reader

@@ -11,6 +11,7 @@ import polars as pl
 import typer
 
 from tertia import plot
+from tertia._result import counted
 from tertia.cli.files import read, write
 from tertia.cli.terminal.options import (
     By,
@@ -27,7 +28,6 @@ from tertia.cli.terminal.say import (
     MAX_ROWS,
     WRONG_USAGE,
     as_text,
-    counted,
     fail,
     note,
     print_table,

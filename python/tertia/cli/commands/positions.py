@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import typer
 
+from tertia._result import counted
 from tertia.cli.files import maps, write
-from tertia.cli.terminal.say import counted, print_table
+from tertia.cli.terminal.say import print_table
 from tertia.location import LocationStatus
 from tertia.tables._positions import Located, Positions, reason
 

@@ -4,6 +4,7 @@ from typing import Any
 
 import polars as pl
 
+from tertia._result import counted
 from tertia.cli.files import read, write
 from tertia.cli.terminal.options import (
     ClockPeriod,
@@ -15,7 +16,7 @@ from tertia.cli.terminal.options import (
     Threads,
     column_names,
 )
-from tertia.cli.terminal.say import WRONG_USAGE, counted, fail, note, print_table, working
+from tertia.cli.terminal.say import WRONG_USAGE, fail, note, print_table, working
 from tertia.tables._register import Registered, registered
 from tertia.tables._track import recording_of
 

@@ -10,10 +10,11 @@ import polars as pl
 import typer
 
 from tertia import simulate as simulated
+from tertia._result import counted
 from tertia._units import FLIGHT_LEVEL
 from tertia.cli.files import write
 from tertia.cli.terminal.options import pair
-from tertia.cli.terminal.say import WRONG_USAGE, counted, fail, working
+from tertia.cli.terminal.say import WRONG_USAGE, fail, working
 from tertia.flightplan import FlightPlan
 from tertia.fusion import common_azimuth
 from tertia.geo import SystemPlane

@@ -7,9 +7,10 @@ from typing import Annotated, Any
 import polars as pl
 import typer
 
+from tertia._result import counted
 from tertia.cli.files import read, write
 from tertia.cli.terminal.options import By, ColumnNames, Output, Recordings, column_names
-from tertia.cli.terminal.say import counted, note, print_table, working
+from tertia.cli.terminal.say import note, print_table, working
 from tertia.tables._smooth import smoothing_of
 
 EXAMPLES = (

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from tertia import plot
+from tertia._result import counted
 from tertia.cli.files import read, write
 from tertia.cli.terminal.options import (
     ClockPeriod,
@@ -18,7 +19,7 @@ from tertia.cli.terminal.options import (
     Threads,
     column_names,
 )
-from tertia.cli.terminal.say import WRONG_USAGE, counted, fail, note, working
+from tertia.cli.terminal.say import WRONG_USAGE, fail, note, working
 from tertia.tables._smooth_tracks import Smoothing, smoothing_of
 from tertia.tables._track import recording_of
 

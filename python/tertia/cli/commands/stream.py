@@ -16,13 +16,14 @@ import polars as pl
 import typer
 
 from tertia._arrays import IntArray
+from tertia._result import counted
 from tertia.cli.commands.control import Control, request_of
 from tertia.cli.commands.datagrams import Datagrams, TrackSender, receiver
 from tertia.cli.files.read import TIME_FORMAT, has_lines
 from tertia.cli.files.text import separator_of, with_point
 from tertia.cli.files.write import as_lines
 from tertia.cli.terminal.pipe import Lines, Packets, Quiet
-from tertia.cli.terminal.say import INTERRUPTED, WRONG_USAGE, counted, fail, note, reading
+from tertia.cli.terminal.say import INTERRUPTED, WRONG_USAGE, fail, note, reading
 from tertia.flightplan import FlightPlan
 from tertia.sensors import Radar
 from tertia.tables._doubts import doubt_unit
@@ -41,8 +42,8 @@ Cells: TypeAlias = Mapping[str, Any]
 STDIN = Path("-")
 # latency as a share of the shortest scan period
 _USUAL_LATENCY = 0.25
-# number of plots of one batch from which a unit is checked, and largest number kept for this check
-_ENOUGH, _DOUBTED = 100, 1000
+# number of plots of one batch from which a unit is checked
+_ENOUGH = 100
 # number of the latest plots that rows of a stream with a lag can refer to
 _REMEMBERED = 100_000
 # number of rows that are written together while plots arrive faster than they are tracked

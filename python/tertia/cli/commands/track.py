@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from tertia import plot
+from tertia._result import counted
 from tertia.cli.commands import stream as streams
 from tertia.cli.commands.control import Control
 from tertia.cli.files import maps, read, write
@@ -28,7 +29,7 @@ from tertia.cli.terminal.options import (
     pair,
     switched,
 )
-from tertia.cli.terminal.say import WRONG_USAGE, counted, fail, note, print_table, working
+from tertia.cli.terminal.say import WRONG_USAGE, fail, note, print_table, working
 from tertia.sensors import Bias, Radar
 from tertia.tables import Sensors
 from tertia.tables._track import NO_TRACK, Tracking, recording_of, tracks_of

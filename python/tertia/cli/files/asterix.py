@@ -4,7 +4,8 @@ from pathlib import Path
 
 import polars as pl
 
-from tertia.cli.terminal.say import counted, fail, reading
+from tertia._result import counted
+from tertia.cli.terminal.say import fail, reading
 from tertia.io import AsterixRecording, read_asterix
 from tertia.tables._doubts import doubt
 from tertia.tables._records import Part

@@ -14,8 +14,9 @@ import polars as pl
 import typer
 
 from tertia._arrays import FloatArray
+from tertia._result import counted
 from tertia.cli.files.write import write_text
-from tertia.cli.terminal.say import WRONG_USAGE, counted, fail
+from tertia.cli.terminal.say import WRONG_USAGE, fail
 from tertia.tables._sensors import GEODETIC, Sensors
 
 GEOJSON, KML = SUFFIXES = (".geojson", ".kml")

@@ -15,8 +15,9 @@ import polars as pl
 import polars.selectors as cs
 import typer
 
+from tertia._result import counted
 from tertia.cli.files.read import ARROW, JSON_LINES
-from tertia.cli.terminal.say import WRONG_USAGE, counted, fail, note
+from tertia.cli.terminal.say import WRONG_USAGE, fail, note
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, FigureBase

@@ -45,11 +45,6 @@ def reading(path: Path) -> Iterator[None]:
         fail(f"cannot read {path}: {error.strerror or error}")
 
 
-def counted(number: int, noun: str) -> str:
-    """Return a number with its noun, in the plural unless the number is one."""
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
-
-
 def as_text(value: object) -> str:
     """Return a cell as text."""
     return "" if value is None else str(value)
