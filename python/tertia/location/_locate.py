@@ -278,12 +278,7 @@ def locate(
     batch = _batch(places, measured, start, level)
     lacks = _lacks_height(measured, d) if level is None else None
     level = level if lacks is None else anywhere(places, lacks)
-    values = np.full((*batch, len(KINDS), k), np.nan)
-    stated = np.full((*_sigma_batch(measured), len(KINDS), k), np.nan)
-    for kind, (value, sigma) in measured.items():
-        at, first = KINDS.index(kind), int(kind == "range_difference")
-        values[..., at, first:] = value
-        stated[..., at, first:] = sigma
+    values, stated = _by_station(measured, batch, k)
     pools = flag(pooled, "pooled")
     free = own.free(tuple(measured))
     rows = (
@@ -316,6 +311,7 @@ def locate(
     if not degrees and any(kind in measured for kind in ANGLES):
         warn_if_degrees(result[:-1], *rows[2:4], lambda *others: solve(*others)[:-1])
     growth, factor, _, common = result[-1]
+    unit = 1.0 if arrivals is None else arrivals.speed
     location = location_of(
         result[:-1],
         tuple(measured),
@@ -330,7 +326,7 @@ def locate(
             *rows[:3],
             rows[3] if unknown else _grown(rows[3], grows, growth),
             outlier=result[3],
-            unit=1.0 if arrivals is None else arrivals.speed,
+            unit=unit,
             surveys=rows[4],
             height=rows[5],
             correlation=correlation,
@@ -339,7 +335,6 @@ def locate(
     )
     if pools and unknown:
         common = np.sqrt(factor[KINDS.index(next(iter(measured)))])
-        unit = 1.0 if arrivals is None else arrivals.speed
         sigma = np.broadcast_to(common / unit, np.shape(location.statistic))
         location = replace(location, measurement_sigma=scalar_or_array(np.array(sigma)))
     return _checked(location if lacks is None else without_height(location, lacks))
@@ -451,6 +446,19 @@ def _batch(
     if not any(shapes.values()):
         return ()
     return common_batch(**shapes)
+
+
+def _by_station(
+    measured: _Measured, batch: tuple[int, ...], k: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return values and sigmas of all kinds, (..., kinds, K); nan where none was measured."""
+    values = np.full((*batch, len(KINDS), k), np.nan)
+    stated = np.full((*_sigma_batch(measured), len(KINDS), k), np.nan)
+    for kind, (value, sigma) in measured.items():
+        at, first = KINDS.index(kind), int(kind == "range_difference")
+        values[..., at, first:] = value
+        stated[..., at, first:] = sigma
+    return values, stated
 
 
 def _sigma_batch(measured: _Measured) -> tuple[int, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 
 from tertia import smoothing
-from tertia._arrays import FloatArray, IntArray, finite, real
+from tertia._arrays import BoolArray, FloatArray, IntArray, finite, real
 from tertia.geo import SystemPlane
 from tertia.tables._frames import Table, extended
 from tertia.tables._groups import as_names, by_length, column_name, known, layout
@@ -146,13 +146,15 @@ def smoothing_of(
         [] if velocity_sigma is None else _of_each_axis(velocity_sigma, "velocity_sigma", axes)
     )
     moving = _names_of_velocities(velocities, axes) if spreads else None
-    intensity = None if jerk is None else real(jerk, "jerk")
+    options = {
+        "correlation_time": correlation_time,
+        "robust": robust,
+        "jerk": None if jerk is None else real(jerk, "jerk"),
+    }
+    stated = [one for one in [*sigmas, *spreads] if isinstance(one, str)]
     schema: Schema = {"time": TIME} | {
         name: Field("number", {name: 1.0}, required=True)
-        for name in [
-            *(GEODETIC[:2] if geodetic else axes),
-            *(one for one in [*sigmas, *spreads] if isinstance(one, str)),
-        ]
+        for name in [*(GEODETIC[:2] if geodetic else axes), *stated]
     }
     if spreads:
         schema = {**schema, **fields(moving)}
@@ -167,13 +169,32 @@ def smoothing_of(
     rows = groups.order[np.lexsort((groups.arranged(t), groups.group))]
     y = frame.select(axes).to_numpy()[rows]
     variance = np.column_stack([_sigmas(frame, one) for one in sigmas])[rows] ** 2
-    moments = t[rows]
-    series = [y, variance, moments, rows]
+    series = [y, variance, t[rows], rows]
     if spreads:
         variances = np.column_stack([_sigmas(frame, one) for one in spreads]) ** 2
         series += [velocities_of(frame, moving, plane)[rows], variances[rows]]
-    found, spread = np.full((2, frame.height, len(_QUANTITIES) * len(axes)), np.nan)
-    outlier, velocity_outlier = np.zeros((2, frame.height), dtype=bool)
+    found, spread, marks = _smoothed(groups.lengths, series, plane, options)
+    added = _added(found, spread, axes)
+    shown = axes
+    if plane is not None:
+        added, shown = added.with_columns(**_geodetic(plane, found[:, :2])), list(GEODETIC[:2])
+    added = added.with_columns(**marks)
+    times = frame.select(pl.col("time").alias("time_s"), pl.col(shown).fill_nan(None))
+    return SmoothedRows(
+        pl.concat([records.by, times], how="horizontal"), added, len(groups.lengths)
+    )
+
+
+def _smoothed(
+    lengths: IntArray,
+    series: Sequence[FloatArray],
+    plane: SystemPlane | None,
+    options: Mapping[str, Any],
+) -> tuple[FloatArray, FloatArray, dict[str, BoolArray]]:
+    """Return means, sigmas and columns of outliers, in the order in which the rows were read.
+
+    `series` has positions, variances, times, numbers of rows, and velocities with their variances.
+    """
 
     def track(
         plots: FloatArray,
@@ -183,19 +204,14 @@ def smoothing_of(
         *velocity: FloatArray,
     ) -> tuple[IntArray, Any]:
         names = "velocity", "velocity_covariance"
-        options: dict[str, Any] = dict(zip(names, velocity, strict=False))
-        one = smoothing.smooth(
-            plots,
-            variances,
-            time=instants,
-            **options,
-            correlation_time=correlation_time,
-            robust=robust,
-            jerk=intensity,
-        )
-        return places, one
+        moving: dict[str, Any] = dict(zip(names, velocity, strict=False))
+        return places, smoothing.smooth(plots, variances, time=instants, **moving, **options)
 
-    for _, one in by_length(groups.lengths, series, track):
+    height, axes = series[0].shape
+    found, spread = np.full((2, height, len(_QUANTITIES) * axes), np.nan)
+    marked = ["outlier"] if len(series) == 4 else ["outlier", "velocity_outlier"]
+    marks = {name: np.zeros(height, dtype=bool) for name in marked}
+    for _, one in by_length(lengths, series, track):
         if isinstance(one, ValueError):
             raise one
         places, smoothed = one
@@ -205,20 +221,9 @@ def smoothing_of(
             found[places], spread[places] = (
                 part.reshape(smoothed.mean.shape) for part in true_rates(*flat, plane)
             )
-        outlier[places] = smoothed.outlier
-        if spreads:
-            velocity_outlier[places] = smoothed.velocity_outlier
-    added = _added(found, spread, axes)
-    shown = axes
-    if plane is not None:
-        added, shown = added.with_columns(**_geodetic(plane, found[:, :2])), list(GEODETIC[:2])
-    added = added.with_columns(smoothing_outlier=outlier)
-    if spreads:
-        added = added.with_columns(smoothing_velocity_outlier=velocity_outlier)
-    times = frame.select(pl.col("time").alias("time_s"), pl.col(shown).fill_nan(None))
-    return SmoothedRows(
-        pl.concat([records.by, times], how="horizontal"), added, len(groups.lengths)
-    )
+        for name, mark in marks.items():
+            mark[places] = getattr(smoothed, name)
+    return found, spread, {f"smoothing_{name}": mark for name, mark in marks.items()}
 
 
 def _of_each_axis(

@@ -104,7 +104,7 @@ def audit(
     if whole.time_offset is not None:
         typer.echo(f"times of the truth: {whole.time_offset.verdict}")
     if plot_file is not None:
-        _draw(whole, plot_file)
+        write.save(plot_file, (7.0, 5.0), lambda figure: plot.audit(whole, ax=figure.subplots()))
     return {
         "verdict": whole.verdict,
         "count": whole.count,
@@ -112,11 +112,3 @@ def audit(
         "effective_number": whole.effective_number,
         "figures": found.rows.to_dicts(),
     }
-
-
-def _draw(whole: Any, path: Path) -> None:
-    from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
-
-    figure = Figure(figsize=(7.0, 5.0), layout="constrained")
-    plot.audit(whole, ax=figure.subplots())
-    write.save(figure, path)

@@ -3,6 +3,7 @@
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -114,7 +115,9 @@ def bearing(
         if rows.height - failed > _MAX_PANELS:
             note(f"only the first {_MAX_PANELS} of {rows.height - failed} groups are drawn")
         drawn = list(found.estimates(_MAX_PANELS))
-        write.save(_figure(drawn, value, period or None, block_size), plot_file)
+        down, across = _panels(len(drawn))
+        size = max(8, 4.5 * across), max(4.5, 3 * down)
+        write.save(plot_file, size, partial(_draw, drawn, value, period or None, block_size))
     missing, present = (sum(rows[name]) for name in ("missing", "count"))
     if missing:
         note(f"{missing} of {counted(missing + present, 'measurement')} missing")
@@ -183,17 +186,20 @@ def _cells(value: str) -> Any:
     return cells
 
 
-def _figure(
+def _panels(count: int) -> tuple[int, int]:
+    """Return rows and columns of panels."""
+    columns = math.ceil(math.sqrt(count))
+    return math.ceil(count / columns), columns
+
+
+def _draw(
     drawn: list[tuple[str, FloatArray, BearingEstimate]],
     column: str,
     period: float | None,
     block_size: int,
-) -> "Figure":
-    from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
-
-    columns = math.ceil(math.sqrt(len(drawn)))
-    rows = math.ceil(len(drawn) / columns)
-    figure = Figure(figsize=(max(8, 4.5 * columns), max(4.5, 3 * rows)), layout="constrained")
+    figure: "Figure",
+) -> None:
+    rows, columns = _panels(len(drawn))
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     legend: dict[str, Artist] = {}
     for i, (name, theta, estimate) in enumerate(drawn):
@@ -209,4 +215,3 @@ def _figure(
     for ax in axes[len(drawn) :]:
         ax.set_axis_off()
     figure.legend(legend.values(), legend.keys(), loc="outside lower center", ncols=len(legend))
-    return figure

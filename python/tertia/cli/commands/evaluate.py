@@ -1,5 +1,6 @@
 """`tertia evaluate`: comparison of tracks with the truth."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,6 +26,7 @@ from tertia.tables._evaluate import evaluation_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 EXAMPLES = (
     "tertia evaluate tracks.csv --truth truth.csv",
@@ -83,14 +85,11 @@ def evaluate(
     if targets is not None:
         write.write(found.targets, targets)
     if plot_file is not None:
-        _draw(found.judged, plot_file)
+        write.save(plot_file, (13.0, 7.0), partial(_draw, found.judged))
     return {"figures": found.rows.to_dicts()}
 
 
-def _draw(judged: Judged, path: Path) -> None:
-    from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
-
-    figure = Figure(figsize=(13.0, 7.0), layout="constrained")
+def _draw(judged: Judged, figure: "Figure") -> None:
     panels = figure.subplot_mosaic([["plan", "gospa"], ["plan", "errors"]])
     _draw_plan(panels["plan"], judged)
     for name, values, line in zip(PARTS, judged.gospa.T, ("-", ":", "--", "-."), strict=True):
@@ -105,7 +104,6 @@ def _draw(judged: Judged, path: Path) -> None:
     panels["errors"].sharex(panels["gospa"])
     for ax in panels.values():
         ax.legend(fontsize="small")
-    write.save(figure, path)
 
 
 def _draw_plan(ax: "Axes", judged: Judged) -> None:

@@ -1,7 +1,7 @@
 """`tertia smooth-tracks`: estimation of tracks from all their plots."""
 
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -22,6 +22,10 @@ from tertia.cli.terminal.options import (
 from tertia.cli.terminal.say import WRONG_USAGE, fail, note, working
 from tertia.tables._smooth_tracks import Smoothing, smoothing_of
 from tertia.tables._track import recording_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 EXAMPLES = (
     "tertia smooth-tracks plots.csv --sensors sensors.toml --every 1 --output reference.csv",
@@ -74,7 +78,7 @@ def smooth_tracks(
     if output is not None:
         write.write(found.rows, output)
     if plot_file is not None:
-        _draw(found, plot_file)
+        write.save(plot_file, _FIGURE_SIZE, partial(_draw, found))
     return summary
 
 
@@ -93,14 +97,10 @@ def _say(found: Smoothing, summary: dict[str, Any]) -> None:
     typer.echo(f"  {counted(summary['outlier_count'], 'plot')} left out as outliers")
 
 
-def _draw(found: Smoothing, path: Path) -> None:
-    from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
-
-    figure = Figure(figsize=_FIGURE_SIZE, layout="constrained")
+def _draw(found: Smoothing, figure: "Figure") -> None:
     plot.tracks(
         found.table,
         found.recording.sensors.items,
         plots=found.recording.plots[found.tracks.track_of_plot >= 0],
         ax=figure.subplots(),
     )
-    write.save(figure, path)

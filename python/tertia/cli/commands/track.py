@@ -1,8 +1,8 @@
 """`tertia track`: tracks from the plots of radars."""
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Annotated, Any
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -34,6 +34,10 @@ from tertia.sensors import Bias, Radar
 from tertia.tables import Sensors
 from tertia.tables._track import NO_TRACK, Tracking, recording_of, tracks_of
 from tertia.tracker import AssociationName, MotionName, PlanModel, ProfileName, Tracker
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 EXAMPLES = (
     "tertia track plots.csv --sensors sensors.toml --output tracks.csv --plot tracks.png",
@@ -230,7 +234,7 @@ def track(
     elif output is not None:
         write.write(tracking.rows, output)
     if plot_file is not None:
-        _draw(tracking, plot_file)
+        write.save(plot_file, _FIGURE_SIZE, partial(_draw, tracking))
     return summary | {"sensors": tracking.sensors.to_dicts()}
 
 
@@ -287,10 +291,7 @@ def _lines(tracking: Tracking) -> list[maps.Feature | None]:
     ]
 
 
-def _draw(tracking: Tracking, path: Path) -> None:
-    from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
-
-    figure = Figure(figsize=_FIGURE_SIZE, layout="constrained")
+def _draw(tracking: Tracking, figure: "Figure") -> None:
     of = tracking.recording
     # radars come first
     radars = [one for one in of.sensors.items if isinstance(one, Radar)]
@@ -302,4 +303,3 @@ def _draw(tracking: Tracking, path: Path) -> None:
         plans=tracking.plans,
         ax=figure.subplots(),
     )
-    write.save(figure, path)

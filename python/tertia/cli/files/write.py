@@ -134,8 +134,12 @@ def make_folder(path: Path) -> None:
         fail(f"cannot make {path}: {error.strerror or error}")
 
 
-def save(figure: Figure, path: Path) -> None:
-    """Write a picture."""
+def save(path: Path, size: tuple[float, float], draw: Callable[[Figure], object]) -> None:
+    """Write a picture of this size in inches, after `draw` has filled its figure."""
+    from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
+
+    figure = Figure(figsize=size, layout="constrained")
+    draw(figure)
     with _whole(path) as file:
         figure.savefig(file, dpi=120, format=path.suffix[1:].lower())
 
@@ -149,20 +153,18 @@ def save_groups(
     across: bool = False,
 ) -> None:
     """Write a picture of the first groups, stacked or side by side (`across`)."""
-    from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import
-
     drawn = groups[:_MAX_GROUPS_DRAWN]
     count = len(drawn)
     if len(groups) > count:
         note(f"only the first {count} of {len(groups)} groups are drawn")
     rows, columns = (1, count) if across else (count, 1)
-    figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
-    parts: Sequence[FigureBase] = (
-        [figure] if count == 1 else figure.subfigures(rows, columns, squeeze=False).ravel().tolist()
-    )
-    for group, part in zip(drawn, parts, strict=True):
-        draw(group, part)
-    save(figure, path)
+
+    def draw_all(figure: Figure) -> None:
+        parts = [figure] if count == 1 else figure.subfigures(rows, columns, squeeze=False).flat
+        for group, part in zip(drawn, parts, strict=True):
+            draw(group, part)
+
+    save(path, (size[0] * columns, size[1] * rows), draw_all)
 
 
 @contextmanager
