@@ -11,7 +11,7 @@ from studies.pages import markdown, repetitions
 from tertia.location import LIGHT, Station
 from tertia.trajectory import reconstruct
 
-RUNS = repetitions(40)
+RUNS = repetitions(20)
 TIMES = np.arange(80.0)
 SIGMA, REACH = 10.0, 4000.0
 # quantiles of chi-squared with two and three degrees of freedom

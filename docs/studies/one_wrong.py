@@ -7,7 +7,7 @@ from studies.pages import markdown, repetitions
 from tertia.location import Station
 from tertia.trajectory import reconstruct
 
-RUNS = repetitions(40)
+RUNS = repetitions(20)
 TIMES = np.arange(60.0)
 SIGMA, REACH = 10.0, 3000.0
 INSIDE = 5.991
