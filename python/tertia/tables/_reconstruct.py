@@ -43,7 +43,7 @@ _BIASED: dict[Kind, str] = {
 _MOTION = (("velocity_", "m_s"), ("acceleration_", "m_s2"))
 
 # options that do not depend on each other
-_OF_THE_CALL = ("n_threads", "propagation_speed", "range_difference_correlation")
+_OF_THE_CALL = ("initial", "n_threads", "propagation_speed", "range_difference_correlation")
 
 
 def reconstruct(

@@ -45,6 +45,10 @@ Smoother: TypeAlias = Literal["rts", "local-polynomial"]
 
 # share of instants with outliers from which angles may be in degrees
 _CONTRADICTED = 0.25
+_MIRRORED = (
+    "two paths explain the measurements (almost) equally well: this one, above the stations, and "
+    "its mirror image below them (mirror_image); give initial to choose"
+)
 
 
 def reconstruct(
@@ -70,6 +74,7 @@ def reconstruct(
     degree: int | Literal["adaptive"] = "adaptive",
     jerk: float | None = None,
     bias: Bias | None = None,
+    initial: npt.ArrayLike | None = None,
     degrees: bool = False,
     n_threads: int | None = None,
 ) -> Trajectory:
@@ -130,6 +135,9 @@ def reconstruct(
         A finite sigma is that of an error that all instants share. A sigma of inf, which must be
         given for all stations or for none, means that the bias is constant and unknown. If the
         measurements do not determine such a bias, an error is raised.
+    initial : array_like of shape (D,), optional
+        A position near the target at the first instant. If two paths that are mirror images of each
+        other fit the measurements, the path on its side of the stations is returned (see Notes).
     degrees : bool
         Whether the angles in this call are in degrees.
     n_threads : int, optional
@@ -145,7 +153,8 @@ def reconstruct(
     ------
     ValueError
         If a shape is wrong, a number is outside its domain, times decrease, no instant can be
-        located, or biases or heights are not determined by the measurements.
+        located, biases or heights are not determined by the measurements, or two paths fit the
+        measurements equally well and neither of them is above the stations.
     TypeError
         If an argument has the wrong type.
 
@@ -153,6 +162,7 @@ def reconstruct(
     -----
     UserWarning
         If most angles contradict each other when read as radians, but agree when read as degrees.
+        If the path and its mirror image below the stations fit the measurements equally well.
 
     Notes
     -----
@@ -192,6 +202,18 @@ def reconstruct(
     B is their variance. B is computed both from the standard deviations and from the residuals, and
     the larger result is used. If the autocorrelations of the scores are significant (Geyer 1992), B
     is multiplied by one plus twice their sum.
+
+    **Mirror images.** If all stations lie in a plane, or on a line if D = 2, then their ranges,
+    range differences and times of arrival are the same for a target and its mirror image.
+    Azimuths are also the same if the plane is horizontal. The whole path is kept on one side of
+    the plane: on the side of `initial`, or above the stations, unless the stations are only near
+    the plane and the path below them is so much more likely that it would be preferred at prior
+    odds of one to a thousand. In this comparison, each station may have a constant error of the
+    stated size, unless its bias is given as 0. If the two paths cannot be distinguished and
+    `initial` is missing, a warning is given, and `mirror_image` contains the other path. If neither
+    is above the stations, as with D = 2, an error is raised. Near the plane, the square of the
+    height h is measured, and the derivatives with respect to h are therefore taken at the height
+    ``sqrt(h^2 + V)``, where V is the variance of h.
 
     With "temporal-first", the velocity is the product of A_t and the rates of the smoothed series.
 
@@ -247,11 +269,12 @@ def reconstruct(
         known = sigmas.get("arrival_time")
         arrivals = read_arrivals(arrival_time, arrival_time_sigma, known, propagation_speed, k)
         sigmas["arrival_time"] = arrivals.sigma
-    heard = None if arrivals is None else arrivals.value
-    columns = zip(KINDS, (range, azimuth, elevation, range_difference, heard), strict=True)
+    heard = (arrivals.value,) if arrivals is not None else (None,)
     measured = {
         kind: _checked(values, sigmas.get(kind), kind, (len(instants), k), degrees=degrees)
-        for kind, values in columns
+        for kind, values in zip(
+            KINDS, (range, azimuth, elevation, range_difference, *heard), strict=True
+        )
         if values is not None
     }
     correlation = correlation_of(range_difference_correlation)
@@ -263,11 +286,10 @@ def reconstruct(
     curves, sources, bias = without_deviations(stations, bias, measured.get("azimuth"))
     given = given_biases(bias, sources, k)
     prior = prior_of(given, bias, sources, measured, arrivals)
-    if np.any(given.sigma > 0) and (order, smoother) != ("spatial-first", "rts"):
+    is_asked = curves is not None or np.any(given.sigma > 0)
+    if is_asked and (order, smoother) != ("spatial-first", "rts"):
         raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
     if curves is not None:
-        if (order, smoother) != ("spatial-first", "rts"):
-            raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
         prior["deviation"] = curves[1].ravel().tolist()
     values, own = np.full((2, len(instants), len(KINDS), k), np.nan)
     for kind, array in measured.items():
@@ -291,6 +313,7 @@ def reconstruct(
         "own_sigmas": np.where(np.isnan(values), usual, own) if differ else None,
         "correlation": correlation,
         "robust": spatial == "robust",
+        "initial": _initial(initial, places.shape[-1], flat=flat),
     }
     steps = {
         "temporal_first": order == "temporal-first",
@@ -311,6 +334,8 @@ def reconstruct(
     mean, smoothed, kinds = found["mean"], found["smoothed"], tuple(measured)
     d = mean.shape[1] // 3
     fixes = location_of(found["fixes"], kinds, estimated=False, arrivals=arrivals)
+    if found["image"] is not None:
+        warnings.warn(_MIRRORED, UserWarning, stacklevel=2)
     return Trajectory(
         instants,
         mean[:, :d],
@@ -323,6 +348,7 @@ def reconstruct(
         systematic=said(np.isnan(given.sigma), tells=bool(found["bias"] and found["bias"][-1])),
         bias=bias_of(given, found["bias"], arrivals),
         smoothed=None if smoothed is None else _smoothed(mean, smoothed),
+        mirror_image=found["image"],
     )
 
 
@@ -338,7 +364,7 @@ def _in_space(found: dict[str, Any]) -> dict[str, Any]:
     position, accuracy, *others = found["fixes"]
     fixes = *lifted(position, accuracy), *others
     return {"mean": mean, "covariance": covariance, "smoothed": smoothed, "fixes": fixes} | {
-        name: found[name] for name in ("outlier", "residual", "bias")
+        name: found[name] for name in ("outlier", "residual", "bias", "image")
     }
 
 
@@ -418,6 +444,11 @@ def _raise(failure: tuple[str, list[int]], stations: Sequence[Station]) -> NoRet
     if why == "not-located":
         reasons = "; ".join(LocationStatus(number).message for number in numbers)
         raise ValueError(f"no instant can be located: {reasons}")
+    if why == "mirrored":
+        raise ValueError(
+            "two paths explain the measurements (almost) equally well: a path and its mirror "
+            "image, neither of which is above the stations; give initial, or measure something else"
+        )
     k = len(stations)
     called = [one.name or f"station {at}" for at, one in enumerate(stations)]
     named = ", ".join(f"{KINDS[number // k]} of {called[number % k]}" for number in numbers)
@@ -427,6 +458,16 @@ def _raise(failure: tuple[str, list[int]], stations: Sequence[Station]) -> NoRet
         f"biases of {named} are not observable: together they move the positions and change no "
         "residual"
     )
+
+
+def _initial(initial: npt.ArrayLike | None, d: int, *, flat: bool) -> list[float] | None:
+    """Return a position in the D coordinates in which the path is estimated."""
+    if initial is None:
+        return None
+    start, given = finite(initial, "initial"), d + int(flat)
+    if start.shape != (given,):
+        raise ValueError(f"initial has shape {start.shape}; it must be ({given},)")
+    return [float(v) for v in start[:d]]
 
 
 def _instants(time: npt.ArrayLike) -> FloatArray:

@@ -54,10 +54,13 @@ class Trajectory(Result):
     smoothed : SmoothedPositions or None
         Further results of the smoother: likelihood, jerk and innovations. It is None with local
         polynomials and with "temporal-first".
+    mirror_image : ndarray of shape (N, D) or None
+        Mirror image of the path on the other side of the stations, if it explains the measurements
+        (almost) equally well; None if it does not, or if `initial` told the side.
     """
 
     _rows: ClassVar = "time", 0
-    _omitted: ClassVar = ("bias", "smoothed", "fixes")
+    _omitted: ClassVar = ("bias", "smoothed", "fixes", "mirror_image")
 
     time: FloatArray
     position: FloatArray
@@ -70,6 +73,7 @@ class Trajectory(Result):
     systematic: Systematic
     bias: Bias | None
     smoothed: SmoothedPositions | None
+    mirror_image: FloatArray | None = None
 
     @property
     def sigma(self) -> FloatArray:
@@ -99,6 +103,7 @@ class Trajectory(Result):
         sigma = float(np.median(np.sqrt(np.sum(self.sigma[:, seen] ** 2, axis=-1))))
         missing = self.systematic == "not included"
         note = ", systematic error not included" if missing else ""
+        note += "" if self.mirror_image is None else ", mirror image possible"
         return (
             f"Trajectory({known} of {n} instants in {d} axes, {left} measurements left out, "
             f"median sigma {sigma:.3g}{note})"

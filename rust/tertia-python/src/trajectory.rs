@@ -31,6 +31,7 @@ pub struct Reconstructed<'py> {
     outlier: Option<Marks<'py>>,
     residual: Option<Array<'py>>,
     bias: Option<Lasting>,
+    image: Option<Array<'py>>,
 }
 
 /// What stations measured: positions (K, D) or (N, K, D), axes, standard deviations of the
@@ -47,6 +48,7 @@ pub struct Measured<'py> {
     own_sigmas: Option<Input<'py>>,
     correlation: f64,
     robust: bool,
+    initial: Option<Vec<f64>>,
 }
 
 /// The order of the steps, and how the second one works.
@@ -95,6 +97,7 @@ pub fn reconstruct<'py>(
         own_sigmas: own.as_ref().map(|own| &*own.values),
         correlation: measured.correlation,
         robust: measured.robust,
+        initial: measured.initial.as_deref(),
         n_threads,
     };
     let n = record.time.len();
@@ -105,6 +108,7 @@ pub fn reconstruct<'py>(
         && fits(record.stations.len(), k * d)
         && record.surveys.is_none_or(|surveys| surveys.len() == k)
         && record.axes.is_none_or(|axes| fits(axes.len(), k * d * d))
+        && record.initial.is_none_or(|initial| initial.len() == d)
         && steps.flat.iter().flatten().all(|kind| *kind < KINDS)
         && [&steps.bias_sigma, &steps.drift_share, &steps.drift_time]
             .iter()
@@ -125,6 +129,7 @@ pub fn reconstruct<'py>(
         }
         Err(Failure::Unusable(columns)) => Ok(Reconstructed::failed("unusable", columns)),
         Err(Failure::Unobservable(columns)) => Ok(Reconstructed::failed("unobservable", columns)),
+        Err(Failure::Mirrored) => Ok(Reconstructed::failed("mirrored", Vec::new())),
         Err(Failure::Error(error)) => Err(value_error(error)),
     }
 }
@@ -185,6 +190,7 @@ impl<'py> Reconstructed<'py> {
         });
         Ok(Self {
             failure: None,
+            image: found.image.map(|image| array(py, &[n, d], image)).transpose()?,
             mean: Some(array(py, &[n, states], found.mean)?),
             covariance: Some(array(py, &[n, states, states], found.covariance)?),
             smoothed: smoothed.transpose()?,

@@ -15,9 +15,11 @@ mod failure;
 mod fixes;
 mod found;
 mod grid;
+mod images;
 mod instant;
 mod lasting;
 mod measured;
+mod mirror;
 mod mixture;
 mod motion;
 mod outliers;
@@ -46,9 +48,12 @@ use bias::Biases;
 use found::{Found, Setting};
 use lasting::Lasting;
 use measured::{Measured, seen};
+use path::Path;
 use result::residuals;
 use std::rc::Rc;
 
+/// Rounds of states near a plane of stations, where derivatives depend on how well they are known.
+const BESIDE: usize = 3;
 /// Rounds of estimating biases.
 const ROUNDS: usize = 10;
 
@@ -60,6 +65,16 @@ pub enum Systematic {
     Flat(Vec<usize>),
     /// Errors that last, of which something is known, or can be found.
     Lasting(Prior),
+}
+
+impl Systematic {
+    /// Whether a number of an instant has no systematic error, of so many stations.
+    fn is_trusted(&self, column: usize, k: usize) -> bool {
+        match self {
+            Self::Flat(kinds) => !kinds.contains(&(column / k)),
+            Self::Lasting(prior) => prior.sigma[column] == 0.0,
+        }
+    }
 }
 
 /// Locates every instant, then smooths the positions, without systematic errors as far as they can
@@ -75,8 +90,7 @@ pub fn reconstruct<const D: usize, const N: usize>(
     let motion = jerk.map(ProcessNoise::with_jerk);
     let mut setting = Setting { record, motion, smoother: Default::default() };
     let measured = Rc::new(Measured::<D>::new(record, record.values.to_vec()));
-    let found = Found::<D, N>::first(&mut setting, &measured)?;
-    let found = found.without_outliers(&mut setting, &measured)?;
+    let (found, is_one_of_two) = images::begin::<D, N>(&mut setting, &measured, systematic)?;
     let (mut found, effect) = match systematic {
         Systematic::Flat(kinds) => {
             let columns = seen(record, kinds);
@@ -89,26 +103,27 @@ pub fn reconstruct<const D: usize, const N: usize>(
         }
     };
     let scale = effect.as_ref().and_then(Effect::noise).unwrap_or(found.scale);
-    found.relinearise(&mut setting, motion, scale)?;
-    let track = found.plots.track(record.time, D)?;
-    let fit = setting.smoother.with_error(&track, found.path.fit);
-    let (best, innovation) = setting.smoother.finish(&track, fit);
-    let mut covariance = match jerk {
-        Some(_) => best.covariance.clone(),
-        None => motion::mixed(&mut setting, &found, &best)?,
-    };
-    if let Some(effect) = &effect {
-        effect.add(&mut setting, &found, best.fit.motion, &mut covariance)?;
+    let mut states = States::new(&mut setting, &mut found, systematic, effect.as_ref(), scale)?;
+    for _ in 0..BESIDE {
+        let Some(sides) = found.sides.as_mut().filter(|own| own.is_near(&states.best.mean, N))
+        else {
+            break;
+        };
+        sides.learn_systematic(&states.covariance, &states.random, N);
+        states = States::new(&mut setting, &mut found, systematic, effect.as_ref(), scale)?;
     }
-    if let Systematic::Lasting(Prior { deviation: Some(sigma), .. }) = systematic {
-        lasting::add_deviation(&mut setting, &found, sigma, best.fit.motion, &mut covariance)?;
+    let States { best, innovation, mut covariance, .. } = states;
+    if let Some(sides) = &found.sides {
+        sides.add_doubt(&best.mean, &mut covariance, N);
     }
-    if let Some(sigma) = record.surveys {
-        survey::add_errors(&mut setting, &found, sigma, best.fit.motion, &mut covariance)?;
-    }
-    let outlier: Vec<bool> = (0..found.trust.len()).map(|at| found.is_outlier(at)).collect();
+    let image = images::image(&found, &best.mean, is_one_of_two)?;
+    let left_out = |at: usize| found.measured.values[at].is_nan() && !record.values[at].is_nan();
+    let outlier: Vec<bool> =
+        (0..found.trust.len()).map(|at| found.is_outlier(at) || left_out(at)).collect();
     let fixes = found.fixes.without(record, &found.measured, |at| found.trust[at] < 0.5);
-    let values = found.measured.values.clone();
+    let value =
+        |at: usize| if left_out(at) { record.values[at] } else { found.measured.values[at] };
+    let values: Vec<f64> = (0..record.values.len()).map(value).collect();
     let residual = residuals::<D, N>(record, values, &best.mean, &outlier);
     Ok(Trajectory {
         covariance,
@@ -122,8 +137,56 @@ pub fn reconstruct<const D: usize, const N: usize>(
         outlier,
         residual,
         bias: effect.map(|effect| effect.by_station(record)),
+        image,
         fixes,
     })
+}
+
+/// States of all instants, with what is not known.
+struct States {
+    best: Path,
+    innovation: Vec<f64>,
+    /// With the uncertainty of the motion alone, and with systematic errors.
+    random: Vec<f64>,
+    covariance: Vec<f64>,
+}
+
+impl States {
+    /// From measurements linearised about the path, with a noise so many times as large as stated.
+    fn new<const D: usize, const N: usize>(
+        setting: &mut Setting<'_, D, N>,
+        found: &mut Found<D, N>,
+        systematic: &Systematic,
+        effect: Option<&Effect<'_>>,
+        scale: f64,
+    ) -> Result<Self, Failure> {
+        let record = setting.record;
+        if found.sides.is_some() {
+            found.settle(false);
+            found.relinearise(setting, setting.motion, scale)?;
+            found.settle(true);
+        }
+        found.relinearise(setting, setting.motion, scale)?;
+        let track = found.plots.track(record.time, D)?;
+        let fit = setting.smoother.with_error(&track, found.path.fit);
+        let (best, innovation) = setting.smoother.finish(&track, fit);
+        let motion = best.fit.motion;
+        let random = match setting.motion {
+            Some(_) => best.covariance.clone(),
+            None => motion::mixed(setting, found, &best)?,
+        };
+        let mut covariance = random.clone();
+        if let Some(effect) = effect {
+            effect.add(setting, found, motion, &mut covariance)?;
+        }
+        if let Systematic::Lasting(Prior { deviation: Some(sigma), .. }) = systematic {
+            lasting::add_deviation(setting, found, sigma, motion, &mut covariance)?;
+        }
+        if let Some(sigma) = record.surveys {
+            survey::add_errors(setting, found, sigma, motion, &mut covariance)?;
+        }
+        Ok(Self { best, innovation, random, covariance })
+    }
 }
 
 /// What was found of the systematic errors.

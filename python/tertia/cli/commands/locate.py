@@ -21,7 +21,7 @@ from tertia.cli.terminal.options import (
     SensorFile,
     column_names,
 )
-from tertia.cli.terminal.say import FAILED, WRONG_USAGE, fail, progress
+from tertia.cli.terminal.say import FAILED, progress
 from tertia.location import LIGHT, Location, LocationMethod
 from tertia.sensors import ByKind, Kind
 from tertia.tables._groups import group_name
@@ -157,7 +157,7 @@ def locate(
         multipath=multipath,
         height=height,
         height_sigma=height_sigma,
-        initial=_start(initial, stations.dimension),
+        initial=positions.start(initial, stations.dimension),
         probability=probability,
         risk=risk,
         progress=progress("Locating"),
@@ -186,22 +186,6 @@ def locate(
     if not any(np.any(one.result.success) for one in found.targets):
         raise typer.Exit(FAILED)
     return {"sensors": found.sensors.to_dicts()}
-
-
-def _start(text: str | None, dimension: int) -> list[float] | None:
-    if text is None:
-        return None
-    try:
-        start = [float(part) for part in text.split(",")]
-    except ValueError:
-        start = []
-    if len(start) != dimension or not np.all(np.isfinite(start)):
-        fail(
-            f"--initial is {text!r}; it must be {dimension} numbers, one for each coordinate of "
-            "the sensors",
-            WRONG_USAGE,
-        )
-    return start
 
 
 def _say_expected(one: Located[Location]) -> None:

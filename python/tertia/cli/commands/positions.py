@@ -9,7 +9,7 @@ import typer
 
 from tertia._result import counted
 from tertia.cli.files import maps, write
-from tertia.cli.terminal.say import print_table
+from tertia.cli.terminal.say import WRONG_USAGE, fail, print_table
 from tertia.location import LocationStatus
 from tertia.tables._positions import Located, Positions, reason
 
@@ -19,6 +19,23 @@ FIGURE_SIZE = (11.0, 8.0)
 _DOUBTFUL = 1e-3
 # share of such instants above which a note is printed: ten times the share expected by chance
 _MANY = 0.01
+
+
+def start(text: str | None, dimension: int) -> list[float] | None:
+    """Return the position of the option --initial."""
+    if text is None:
+        return None
+    try:
+        place = [float(part) for part in text.split(",")]
+    except ValueError:
+        place = []
+    if len(place) != dimension or not np.all(np.isfinite(place)):
+        fail(
+            f"--initial is {text!r}; it must be {dimension} numbers, one for each coordinate of "
+            "the sensors",
+            WRONG_USAGE,
+        )
+    return place
 
 
 def print_all(found: Positions[Any], by: Sequence[str]) -> None:

@@ -74,6 +74,13 @@ def reconstruct(
     propagation_speed: Annotated[
         float, typer.Option(metavar="M_S", help="Speed of signals in m/s, for times of arrival.")
     ] = LIGHT,
+    initial: Annotated[
+        str | None,
+        typer.Option(
+            metavar="EAST,NORTH[,UP]",
+            help="A position near the beginning in metres, if two mirror images fit.",
+        ),
+    ] = None,
     n_threads: Threads = None,
     output: MapOutput = None,
     measurements: MeasurementOutput = None,
@@ -101,6 +108,7 @@ def reconstruct(
         window=window,
         jerk=jerk,
         propagation_speed=propagation_speed,
+        initial=positions.start(initial, stations.dimension),
         n_threads=n_threads,
         progress=progress("Reconstructing"),
         **options,
@@ -142,6 +150,8 @@ def _degree(text: str) -> int | Literal["adaptive"]:
 
 
 def _say_motion(path: Trajectory) -> None:
+    if path.mirror_image is not None:
+        typer.echo("  above the sensors; its mirror image below them fits as well (see --initial)")
     if path.smoothed is None:
         return
     if wandering := float(path.smoothed.acceleration_noise):

@@ -34,6 +34,8 @@ pub(super) struct Point {
     pub drift: Vec<f64>,
     pub time: Vec<f64>,
     pub kernel: Kernel,
+    /// The one that is far larger than the others, if one is.
+    pub alone: Option<usize>,
 }
 
 impl Kernel {
@@ -255,7 +257,7 @@ mod tests {
 
     fn check(blocks: &Blocks, rows: &[Vec<f64>], kernel: Kernel) {
         let (constant, drift) = (vec![0.8, 1.3], vec![0.5, 2.0]);
-        let point = Point { constant, drift, time: vec![2.0, 7.0], kernel };
+        let point = Point { constant, drift, time: vec![2.0, 7.0], kernel, alone: None };
         let covariance = DMatrix::from_fn(3, 3, |a, b| {
             let own = |i: usize| {
                 let times = (blocks.time[a] - blocks.time[b]).abs() / point.time[i];

@@ -11,6 +11,8 @@ pub enum Failure {
     Unusable(Vec<usize>),
     /// Biases of these numbers move positions together and change no residual.
     Unobservable(Vec<usize>),
+    /// Two paths that are mirror images, neither of which is above the other.
+    Mirrored,
     /// An argument is wrong.
     Error(Error),
 }

@@ -2,6 +2,7 @@
 
 use super::failure::Failure;
 use super::measured::{Measured, REDUNDANCY, Record};
+use super::mirror::Mirror;
 use crate::base::angle::nearest;
 use crate::batch::for_each_row;
 use crate::location::{BLOCK, Fix, Instant, Locator, Method, Output, Status, Workspace};
@@ -12,6 +13,8 @@ use std::f64::consts::TAU;
 const RUNNING: usize = 5;
 /// In metres: what stations with verticals of their own see of a height is small.
 const ANYWHERE: f64 = 1e4;
+/// What a residual costs at most, to choose between positions.
+const MOST: f64 = 9.0;
 /// Cost of an instant per number, for the choice of threads.
 const LOCATE_NS: f64 = 500.0;
 
@@ -31,34 +34,100 @@ pub struct Fixes {
 }
 
 impl Fixes {
-    /// Locates all instants on their own.
-    pub(super) fn alone<const D: usize>(record: &Record<'_>, measured: &Measured<D>) -> Self {
+    /// Locates all instants on their own, from these values (N, 5, K).
+    pub(super) fn of<const D: usize>(record: &Record<'_>, values: &[f64]) -> Self {
         let all: Vec<usize> = (0..record.len()).collect();
         let mut own = Self::empty(all.len(), record.width(), D);
-        own.relocate::<D>(record, &all, &measured.values);
+        own.relocate::<D>(record, &all, values);
         own
     }
 
-    /// Locates all instants, and for the beginning of a path those with little redundancy by running
-    /// medians of what the stations measured.
+    /// Locates all instants, then on the side of the mirror's normal, and for the beginning of a path those
+    /// with little redundancy by running medians of what the stations measured.
     pub(super) fn first<const D: usize>(
         record: &Record<'_>,
         measured: &Measured<D>,
-    ) -> Result<(Self, Self), Failure> {
-        let own = Self::alone(record, measured);
-        let is_sure =
-            |t: usize| own.is_located(t) && own.fixes[t].degrees_of_freedom >= REDUNDANCY as i64;
+        mirror: Option<&Mirror<D>>,
+    ) -> Result<(Self, Self, Self), Failure> {
+        let own = Self::of::<D>(record, &measured.values);
+        let beside = own.clone().beside(record, &measured.values, mirror);
+        let is_sure = |t: usize| {
+            beside.is_located(t) && beside.fixes[t].degrees_of_freedom >= REDUNDANCY as i64
+        };
         let open: Vec<usize> = (0..record.len()).filter(|&t| !is_sure(t)).collect();
-        let mut start = own.clone();
+        let mut start = beside.clone();
         if record.robust && !open.is_empty() {
-            start.relocate::<D>(record, &open, &running_medians(record, &measured.values, &open));
+            let medians = running_medians(record, &measured.values, &open);
+            start.relocate::<D>(record, &open, &medians);
+            start.move_beside(record, &open, &medians, mirror);
             for &t in &open {
-                if !start.is_located(t) && own.is_located(t) {
-                    start.take::<D>(t, &own, t, record.width());
+                if !start.is_located(t) && beside.is_located(t) {
+                    start.take::<D>(t, &beside, t, record.width());
                 }
             }
         }
-        Ok((own, start.located()?))
+        Ok((own, beside, start.located()?))
+    }
+
+    /// The same, all instants on the side of the mirror's normal, from values (N, 5, K).
+    pub(super) fn beside<const D: usize>(
+        mut self,
+        record: &Record<'_>,
+        values: &[f64],
+        mirror: Option<&Mirror<D>>,
+    ) -> Self {
+        let all: Vec<usize> = (0..record.len()).collect();
+        self.move_beside(record, &all, values, mirror);
+        self
+    }
+
+    /// Locates instants on the side of the mirror's normal, from the mirror image of what is on the other
+    /// side and from positions farther and farther away. What is not found there has no position.
+    fn move_beside<const D: usize>(
+        &mut self,
+        record: &Record<'_>,
+        open: &[usize],
+        values: &[f64],
+        mirror: Option<&Mirror<D>>,
+    ) {
+        let Some(mirror) = mirror else { return };
+        let (width, count) = (record.width(), open.len());
+        let sigmas: Vec<f64> = open.iter().flat_map(|&t| record.sigmas_at(t)).copied().collect();
+        let from = mirror.starts();
+        let images: Vec<f64> = open
+            .iter()
+            .flat_map(|&t| match self.is_located(t) {
+                true => mirror.beside(&self.position[t * D..]),
+                false => from[0],
+            })
+            .collect();
+        let starts = from.iter().map(|start| start.repeat(count));
+        let mut costs = vec![f64::INFINITY; count];
+        let mut best = Self::empty(count, width, D);
+        for initial in std::iter::once(images).chain(starts) {
+            let mut new = Self::empty(count, width, D);
+            new.fill::<D>(record, open, values, &sigmas, Some(&initial));
+            for at in 0..count {
+                let cost = new.cost(at, width);
+                let is_beside = mirror.distance(&new.position[at * D..]) > 0.0;
+                if is_beside && cost < costs[at] {
+                    costs[at] = cost;
+                    best.take::<D>(at, &new, at, width);
+                }
+            }
+        }
+        for (at, &t) in open.iter().enumerate() {
+            self.take::<D>(t, &best, at, width);
+        }
+    }
+
+    /// What the residuals of an instant cost; infinite where it has no position.
+    fn cost(&self, t: usize, width: usize) -> f64 {
+        if !self.is_located(t) {
+            return f64::INFINITY;
+        }
+        let residuals = self.residual[t * width..][..width].iter().filter(|r| !r.is_nan());
+        residuals.map(|r| (r * r).min(MOST)).sum()
     }
 
     /// Located again without outliers, where there are any or the measurements are others.
@@ -87,7 +156,7 @@ impl Fixes {
         let width = record.width();
         let mut new = Self::empty(open.len(), width, D);
         let sigmas: Vec<f64> = open.iter().flat_map(|&t| record.sigmas_at(t)).copied().collect();
-        new.fill::<D>(record, open, values, &sigmas);
+        new.fill::<D>(record, open, values, &sigmas, None);
         for (at, &t) in open.iter().enumerate() {
             self.take::<D>(t, &new, at, width);
         }
@@ -100,18 +169,6 @@ impl Fixes {
         copy(&mut self.residual, t, &other.residual, at, width);
         copy(&mut self.outlier, t, &other.outlier, at, width);
         self.fixes[t] = other.fixes[at];
-    }
-
-    /// Locates all instants, from these values and standard deviations (N, 5, K).
-    pub(super) fn of<const D: usize>(
-        record: &Record<'_>,
-        values: &[f64],
-        sigmas: &[f64],
-    ) -> Result<Self, Failure> {
-        let all: Vec<usize> = (0..record.len()).collect();
-        let mut fixes = Self::empty(all.len(), record.width(), D);
-        fixes.fill::<D>(record, &all, values, sigmas);
-        fixes.located()
     }
 
     /// Fails if no instant is.
@@ -141,6 +198,7 @@ impl Fixes {
         instants: &[usize],
         values: &[f64],
         sigmas: &[f64],
+        initial: Option<&[f64]>,
     ) {
         let width = record.width();
         let method = if record.robust { Method::Robust(REDUNDANCY) } else { Method::LeastSquares };
@@ -173,7 +231,7 @@ impl Fixes {
                         sigmas: &sigmas[at(i)..][..width],
                         position_sigmas: None,
                         height: anywhere::<D>(record.stations_at(t, D), &values[at(i)..][..width]),
-                        initial: None,
+                        initial: initial.map(|own| &own[(block * BLOCK + i) * D..][..D]),
                     })
                     .collect();
                 let mut out: Vec<_> = position

@@ -6,7 +6,8 @@
 use super::failure::Failure;
 use super::fixes::Fixes;
 use super::instant::{Instant, LEAST_ANCHOR};
-use super::measured::{Measured, Record};
+use super::measured::{Measured, Place, Record};
+use super::mirror::{Mirror, Sides};
 use super::path::{Path, Plots, Smoother};
 use crate::base::small::{Factor, Matrix, Vector};
 use crate::sensors::{Kind, Row};
@@ -30,6 +31,8 @@ pub(super) struct Found<const D: usize, const N: usize> {
     pub path: Path,
     /// Information that holds the position where the instant does not determine it (N).
     pub anchor: Vec<f64>,
+    /// Where the stations are in a plane: on which side of it the path is.
+    pub sides: Option<Sides<D>>,
     /// Standard deviation of the noise over what is stated, at least 1.
     pub scale: f64,
 }
@@ -63,20 +66,60 @@ impl<const D: usize, const N: usize> Setting<'_, D, N> {
     }
 }
 
+/// Gain of the log-likelihood from which a path crosses the plane of the stations, and how often it may.
+const LIKELIER: f64 = 3.0;
+const CROSSINGS: usize = 8;
+
+impl<const D: usize, const N: usize> Setting<'_, D, N> {
+    /// The sides of a plane without an upper one, of positions that were located on one side: a path crosses
+    /// the plane if that is likelier than that it turns back there.
+    fn crossed(&mut self, mut sides: Sides<D>, one_sided: &Plots) -> Result<Sides<D>, Failure> {
+        if sides.mirror.is_level {
+            return Ok(sides);
+        }
+        let mut path = self.smoothed(one_sided, self.motion, None)?;
+        for _ in 0..CROSSINGS {
+            let mut best: Option<(f64, Sides<D>, Path)> = None;
+            for after in sides.nearest(&path) {
+                let crossing = sides.crossing(after);
+                let other = self.smoothed(&crossing.sided(one_sided), self.motion, None)?;
+                let value = other.summary.log_likelihood;
+                if best.as_ref().is_none_or(|(top, ..)| value > *top) {
+                    best = Some((value, crossing, other));
+                }
+            }
+            let least = path.summary.log_likelihood + LIKELIER;
+            let Some((_, crossing, other)) = best.filter(|(value, ..)| *value > least) else {
+                break;
+            };
+            (sides, path) = (crossing, other);
+        }
+        Ok(sides)
+    }
+}
+
 impl<const D: usize, const N: usize> Found<D, N> {
     /// Locates every instant, by the measurements nearby where its own are too few, and smooths.
     pub fn first(
         setting: &mut Setting<'_, D, N>,
         measured: &Rc<Measured<D>>,
+        mirror: Option<Mirror<D>>,
     ) -> Result<Self, Failure> {
         let record = setting.record;
         let trust = vec![1.0; measured.values.len()];
-        let (fixes, start) = Fixes::first(record, measured)?;
-        let plots = plots_of(&start, D);
+        let (fixes, beside, start) = Fixes::first(record, measured, mirror.as_ref())?;
+        let sides = mirror
+            .map(|mirror| setting.crossed(Sides::new(mirror, record.len()), &plots_of(&beside, D)));
+        let sides = sides.transpose()?;
+        let mut plots = plots_of(&start, D);
+        if let Some(sides) = &sides {
+            plots = sides.sided(&plots);
+        }
         let path = setting.smoothed(&plots, setting.motion, None)?;
         let measured = Rc::clone(measured);
         let anchor = vec![0.0; record.len()];
-        let mut found = Self { measured, trust, fixes, plots, path, anchor, scale: 1.0 };
+        let mut found = Self { measured, trust, fixes, plots, path, anchor, sides, scale: 1.0 };
+        found.stay_beside();
         if !record.robust {
             for _ in 0..2 {
                 found.relinearise(setting, Some(found.path.fit.motion), 1.0)?;
@@ -111,7 +154,31 @@ impl<const D: usize, const N: usize> Found<D, N> {
         }
         self.path = setting.smoothed(&plots, motion, near)?;
         self.plots = plots;
+        self.stay_beside();
         Ok(())
+    }
+
+    /// Learns how well the distance from a mirror is known, and takes the image of what is behind it.
+    fn stay_beside(&mut self) {
+        let Some(sides) = &mut self.sides else { return };
+        sides.learn(&self.path.covariance);
+        for (t, state) in self.path.mean.chunks_exact_mut(N).enumerate() {
+            let position = sides.beside(t, &state[..D]);
+            state[..D].copy_from_slice(&position);
+        }
+    }
+
+    /// Says whether the path is the last one.
+    pub fn settle(&mut self, is_settled: bool) {
+        if let Some(sides) = &mut self.sides {
+            sides.is_settled = is_settled;
+        }
+    }
+
+    /// A position of the path, and where derivatives are taken.
+    pub fn place(&self, t: usize) -> Place<D> {
+        let p = self.path.position::<D>(t);
+        self.sides.as_ref().map_or_else(|| Place::at(p), |sides| sides.place(t, p))
     }
 
     /// The covariance of an instant's position about the path, and the way to it.
@@ -149,14 +216,29 @@ impl<const D: usize, const N: usize> Found<D, N> {
 
     /// What an instant says of its position, and of the way to it from the path.
     fn information(&self, record: &Record<'_>, t: usize) -> (Matrix<D>, Vector<D>) {
+        let place = self.place(t);
+        let Some(sides) = &self.sides else { return self.summed(record, t, place) };
+        if sides.is_settled {
+            let (normal, mut right) = self.summed(record, t, place);
+            sides.lower(t, &place.position, &mut right);
+            return (normal, right);
+        }
+        // steps would be too long if what coordinates have in common were as seen from there, too
+        let (mut normal, right) = self.summed(record, t, Place { eye: None, ..place });
+        sides.mirror.raise(&mut normal, &self.summed(record, t, place).0);
+        (normal, right)
+    }
+
+    /// The same with derivatives as seen from there.
+    fn summed(&self, record: &Record<'_>, t: usize, place: Place<D>) -> (Matrix<D>, Vector<D>) {
         let width = record.width();
         let (mut normal, mut right) = ([[0.0; D]; D], [0.0; D]);
         let common = record.common_variance();
         // the error that range differences share is one unknown more: its column, row and right
         let (mut column, mut corner, mut rest) = ([0.0; D], 1.0, 0.0);
         let trust = |m: usize| self.trust[t * width + self.measured.column[m]];
-        let emission = self.measured.emission(t, self.path.position::<D>(t), trust);
-        for (m, row) in self.measured.rows(t, self.path.position::<D>(t)) {
+        let emission = self.measured.emission(t, place, trust);
+        for (m, row) in self.measured.rows(t, place) {
             let weight = trust(m);
             if weight == 0.0 {
                 continue;
@@ -193,10 +275,10 @@ impl<const D: usize, const N: usize> Found<D, N> {
     /// The measurements of an instant about the path, arrivals without the emission that those that are
     /// trusted tell, and the variance of that in the stated one of each.
     pub fn rows(&self, t: usize) -> impl Iterator<Item = (usize, Row<D>, f64)> {
-        let (p, width) = (self.path.position::<D>(t), self.measured.width());
+        let (place, width) = (self.place(t), self.measured.width());
         let trust = |m: usize| self.trust[t * width + self.measured.column[m]];
-        let emission = self.measured.emission_for_all(t, p, trust);
-        self.measured.rows(t, p).filter_map(move |(m, row)| {
+        let emission = self.measured.emission_for_all(t, place, trust);
+        self.measured.rows(t, place).filter_map(move |(m, row)| {
             let one = self.measured.one(m);
             Some((m, emission.removed_from(one, row)?, emission.variance(one)))
         })
@@ -204,14 +286,12 @@ impl<const D: usize, const N: usize> Found<D, N> {
 
     /// An instant with what biases do to it, about the path.
     pub fn instant(&self, t: usize, weight: &[f64], columns: &[usize]) -> Instant<D> {
-        let p = self.path.position::<D>(t);
-        Instant::new(&self.measured, t, p, weight, columns, self.anchor[t])
+        Instant::new(&self.measured, t, self.place(t), weight, columns, self.anchor[t])
     }
 
     /// Several instants as one, with what biases do to them.
     pub fn together(&self, own: Range<usize>, weight: &[f64], columns: &[usize]) -> Instant<D> {
-        let at = |t: usize| (t, std::array::from_fn(|i| self.path.position::<D>(t)[i]));
-        Instant::together(&self.measured, own.map(at), weight, columns)
+        Instant::together(&self.measured, own.map(|t| (t, self.place(t))), weight, columns)
     }
 
     /// Whether the others contradict a measurement more than not.

@@ -20,6 +20,14 @@ const NOTHING: f64 = 2.0;
 const PROBES: [f64; 2] = [0.25, 1.0];
 /// Scales where there are several kinds.
 const LEVELS: [f64; 4] = [0.15, 0.5, 1.5, 5.0];
+/// Stations of which one alone may be wrong: with fewer, others would be as likely.
+const SEVERAL: usize = 4;
+/// Those that are tried.
+const SUSPECTS: usize = 4;
+/// Odds that one alone is wrong over any errors that last, scales of its error and of those of the others.
+const ALONE: f64 = 0.2;
+const ALONE_SCALES: [f64; 3] = [4.0, 16.0, 64.0];
+const OTHER_SCALES: [f64; 2] = [0.0, 0.5];
 /// Standard deviation of the logarithms of scales of different kinds.
 const ALIKE: f64 = 0.6;
 /// ln of the likelihood ratio below which a point does not count.
@@ -86,7 +94,8 @@ impl<'a> Grid<'a> {
     }
 
     fn point(&self, scales: &[f64], Drift { share, time, kernel }: Drift) -> Point {
-        let mut point = Point { constant: Vec::new(), drift: Vec::new(), time: Vec::new(), kernel };
+        let (constant, drift, times) = (Vec::new(), Vec::new(), Vec::new());
+        let mut point = Point { constant, drift, time: times, kernel, alone: None };
         for ((sigma, kind), own) in self.sigma.iter().zip(&self.kind).zip(&self.own) {
             let variance = (kind.map_or(1.0, |kind| scales[kind]) * sigma).powi(2);
             let time = own.1.unwrap_or(time);
@@ -120,10 +129,48 @@ impl<'a> Grid<'a> {
                 let some = SCALES.iter().flat_map(|scale| own.iter().map(move |own| (scale, own)));
                 let prior = |scale: f64| (cauchy(scale) / total).ln() - each;
                 let some = some.map(|(scale, own)| self.judged(&[*scale], *own, prior(*scale)));
-                std::iter::once(none).chain(some).collect()
+                std::iter::once(none).chain(some).chain(self.alone()).collect()
             }
-            _ => self.several(&own),
+            _ => self.several(&own).into_iter().chain(self.alone()).collect(),
         }
+    }
+
+    /// Points with one number of an instant that is far more wrong than the others.
+    fn alone(&self) -> Vec<(Point, f64, f64)> {
+        let (first, last) = (self.shares[0], self.shares[self.shares.len() - 1]);
+        let (slow, fast) = (self.times[0], self.times[self.times.len() / 2]);
+        let drifts = [(first, slow), (last, slow), (last, fast)];
+        let suspects = self.suspects(Drift { share: first, time: slow, kernel: Kernel::Markov });
+        let each = self.kind.len() * ALONE_SCALES.len() * OTHER_SCALES.len() * drifts.len();
+        let prior = (ALONE / each as f64).ln();
+        let mut points = Vec::new();
+        for (share, time) in drifts {
+            let drift = Drift { share, time, kernel: Kernel::Markov };
+            let of = |scale: f64| self.point(&vec![scale; self.kinds], drift);
+            for (other, scale) in OTHER_SCALES.iter().flat_map(|o| ALONE_SCALES.map(|s| (*o, s))) {
+                for &at in &suspects {
+                    let (mut point, own) = (of(other), of(scale));
+                    (point.constant[at], point.drift[at]) = (own.constant[at], own.drift[at]);
+                    point.alone = Some(at);
+                    let (value, growth) = self.blocks.likelihood(&self.blocks.filter(&point));
+                    points.push((point, value + prior, growth));
+                }
+            }
+        }
+        points
+    }
+
+    /// Numbers of an instant with the largest errors, if there are enough others of their kind.
+    fn suspects(&self, drift: Drift) -> Vec<usize> {
+        let point = self.point(&vec![ALONE_SCALES[0]; self.kinds], drift);
+        let mean = self.blocks.filter(&point).mean;
+        let alike = |kind: Option<usize>| self.kind.iter().filter(|own| **own == kind).count();
+        let may = |at: &usize| self.kind[*at].is_some() && alike(self.kind[*at]) >= SEVERAL;
+        let mut own: Vec<usize> = (0..mean.len()).filter(may).collect();
+        let size = |at: usize| (mean[at] / self.sigma[at]).abs();
+        own.sort_by(|a, b| size(*b).total_cmp(&size(*a)));
+        own.truncate(SUSPECTS);
+        own
     }
 
     fn judged(&self, scales: &[f64], drift: Drift, prior: f64) -> (Point, f64, f64) {

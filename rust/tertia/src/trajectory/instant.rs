@@ -1,6 +1,6 @@
 //! An instant about a position: residuals, derivatives, and what biases do to them.
 
-use super::measured::Measured;
+use super::measured::{Measured, Place};
 use crate::base::small::{Factor, Matrix, Vector};
 use crate::sensors::Kind;
 use nalgebra::{DMatrix, DVector};
@@ -28,24 +28,24 @@ impl<const D: usize> Instant<D> {
     pub fn new(
         measured: &Measured<D>,
         t: usize,
-        position: &[f64],
+        place: Place<D>,
         weight: &[f64],
         columns: &[usize],
         anchor: f64,
     ) -> Self {
-        Self::of_rows(rows_of(measured, t, position, weight), columns, anchor)
+        Self::of_rows(rows_of(measured, t, place, weight), columns, anchor)
     }
 
     /// Several instants as one, of which nothing is known of a shift that they have in common.
     pub fn together(
         measured: &Measured<D>,
-        instants: impl Iterator<Item = (usize, Vector<D>)>,
+        instants: impl Iterator<Item = (usize, Place<D>)>,
         weight: &[f64],
         columns: &[usize],
     ) -> Self {
         let (mut rows, mut groups) = (Vec::new(), Vec::new());
-        for (t, p) in instants {
-            let (own, shared) = rows_of(measured, t, &p, weight);
+        for (t, place) in instants {
+            let (own, shared) = rows_of(measured, t, place, weight);
             let moved =
                 |(range, total): Group| (range.start + rows.len()..range.end + rows.len(), total);
             groups.extend(shared.into_iter().map(moved));
@@ -145,11 +145,11 @@ type Group = (Range<usize>, f64);
 fn rows_of<const D: usize>(
     measured: &Measured<D>,
     t: usize,
-    position: &[f64],
+    place: Place<D>,
     weight: &[f64],
 ) -> (Vec<Single<D>>, Vec<Group>) {
     let mut rows = Vec::new();
-    for (m, row) in measured.rows(t, position) {
+    for (m, row) in measured.rows(t, place) {
         if weight[m] > 0.0 {
             let sigma = 1.0 / measured.precision(m);
             let shared = match measured.one(m).kind {

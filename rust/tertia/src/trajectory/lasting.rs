@@ -37,6 +37,8 @@ const UNLIKELY: f64 = 3e-4;
 const IN_MEMORY: f64 = 4.0;
 const LEAST_BLOCKS: usize = 10;
 const MOST_NUMBERS: usize = 600;
+/// Probability that one number of an instant is far more wrong than all others from which it is left out.
+const DISTRUSTED: f64 = 0.9;
 /// Rounds of removing what was found, and the change, in standard errors, that ends them.
 const ROUNDS: usize = 3;
 const SETTLED: f64 = 0.1;
@@ -60,6 +62,8 @@ pub(super) struct Lasting {
     /// Variances of what drifts, and of what the smoother leaves of it.
     drift: Vec<f64>,
     smooth: Vec<f64>,
+    /// Probabilities that each is far more wrong than all others.
+    alone: Vec<f64>,
     /// Standard deviations of what all stations of a kind have in common.
     common: Vec<f64>,
     /// Variance of the other errors, averaged over a block, over what is expected.
@@ -70,6 +74,8 @@ pub(super) struct Lasting {
     nothing: f64,
     /// Instants over which the smoother averages.
     memory: f64,
+    /// What is left out, with its error and the standard deviation of that.
+    left_out: Vec<(usize, f64, f64)>,
     /// In how many ways errors of the stated size would contradict.
     ways: usize,
     share: f64,
@@ -155,10 +161,12 @@ impl Lasting {
             constant: DMatrix::zeros(c, c),
             drift: vec![0.0; c],
             smooth: vec![0.0; c],
+            alone: vec![0.0; c],
             common: vec![0.0; c],
             growth: 0.0,
             redundant: blocks.count,
             nothing: 0.0,
+            left_out: Vec::new(),
             memory,
             ways: blocks.ways(&sigmas),
             share: 0.0,
@@ -172,6 +180,9 @@ impl Lasting {
             lasting.growth += w * growth;
             if point.constant.iter().chain(&point.drift).all(|v| *v == 0.0) {
                 lasting.nothing += w;
+            }
+            if let Some(at) = point.alone {
+                lasting.alone[at] += w;
             }
             let (constant, drift): (f64, f64) =
                 (point.constant.iter().sum(), point.drift.iter().sum());
@@ -236,7 +247,11 @@ impl Lasting {
             let scatter = squares[kind] / shares[kind] / expected;
             let scatter = scatter * (1.0 + SURELY * (2.0 / shares[kind]).sqrt());
             let variance = |i: &usize| record.own_sigma(self.columns[*i]).powi(2);
-            let contradicted = |i: &usize| (self.values[*i].powi(2) + self.drift[*i]) / variance(i);
+            // what one alone has is not that of all
+            let contradicted = |i: &usize| {
+                let squares = self.values[*i].powi(2) + self.drift[*i];
+                (1.0 - self.alone[*i]).max(0.0) * squares / variance(i)
+            };
             let contradicts = own.iter().map(contradicted).sum::<f64>() / own.len() as f64;
             let rest = (1.0 - scatter - contradicts).max(contradicts);
             for i in &own {
@@ -331,6 +346,9 @@ impl Lasting {
         for (i, column) in self.columns.iter().enumerate() {
             value[*column] = self.values[i];
             sigma[*column] = self.sigma(i);
+        }
+        for (column, own, error) in &self.left_out {
+            (value[*column], sigma[*column]) = (*own, *error);
         }
         // with one way, errors as large as stated leave no contradiction now and then
         let is_told = self.ways >= if self.is_nothing() { TELLING } else { 1 };
@@ -427,6 +445,18 @@ pub(super) fn rounds<const D: usize, const N: usize>(
     }
     let none = DVector::zeros(columns.len());
     let mut lasting = Lasting::estimate(setting.record, &found, prior, &columns, &none);
+    // the first receiver of range differences is none of the measurements
+    let is_distrusted =
+        |at: &usize| lasting.alone[*at] >= DISTRUSTED && !setting.record.is_reference(columns[*at]);
+    if let Some(at) = (0..columns.len()).find(is_distrusted) {
+        let left_out = (columns[at], lasting.values[at], lasting.sigma(at));
+        let (found, rest) = without(setting, found, prior, columns[at])?;
+        let rest = rest.map(|mut rest| {
+            rest.left_out.push(left_out);
+            rest
+        });
+        return Ok((found, rest));
+    }
     if lasting.is_nothing() {
         let lasting = lasting.not_removed(setting.record);
         return Ok((found, Some(lasting)));
@@ -447,4 +477,23 @@ pub(super) fn rounds<const D: usize, const N: usize>(
         }
     }
     Ok((found, Some(lasting)))
+}
+
+/// The same without a number of all instants.
+fn without<const D: usize, const N: usize>(
+    setting: &mut Setting<'_, D, N>,
+    found: Found<D, N>,
+    prior: &Prior,
+    column: usize,
+) -> Result<(Found<D, N>, Option<Lasting>), Failure> {
+    let mut values = setting.record.values.to_vec();
+    values.iter_mut().skip(column).step_by(setting.record.width()).for_each(|v| *v = f64::NAN);
+    let record = Record { values: &values, ..*setting.record };
+    let smoother = std::mem::take(&mut setting.smoother);
+    let mut own = Setting { record: &record, motion: setting.motion, smoother };
+    let measured = Rc::new(Measured::new(&record, values.clone()));
+    let found = found.without_outliers(&mut own, &measured)?;
+    let rest = rounds(&mut own, found, prior);
+    setting.smoother = own.smoother;
+    rest
 }

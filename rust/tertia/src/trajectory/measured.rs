@@ -38,6 +38,9 @@ pub struct Record<'a> {
     pub correlation: f64,
     /// Whether instants are located robustly.
     pub robust: bool,
+    /// A position near the target at the first instant, D numbers: of two paths that are mirror images
+    /// the one on its side is taken.
+    pub initial: Option<&'a [f64]>,
     /// Threads for what instants do not share.
     pub n_threads: Option<NonZero<usize>>,
 }
@@ -80,6 +83,11 @@ impl<'a> Record<'a> {
         Kind::RangeDifference as usize * self.width() / KINDS
     }
 
+    /// Whether a number stands for the error of the first receiver.
+    pub(super) fn is_reference(&self, column: usize) -> bool {
+        column == self.reference() && self.common_variance() > 0.0
+    }
+
     /// The standard deviations of the numbers of an instant.
     pub(super) fn sigmas_at(&self, instant: usize) -> &'a [f64] {
         self.own_sigmas.map_or(self.sigmas, |own| &own[instant * self.width()..][..self.width()])
@@ -97,6 +105,25 @@ impl<'a> Record<'a> {
 /// The numbers of an instant, or those of all.
 fn part(values: &[f64], instant: usize, size: usize) -> &[f64] {
     if values.len() == size { values } else { &values[instant * size..][..size] }
+}
+
+/// A position, and the one at which derivatives are taken, if that is another.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Place<const D: usize> {
+    pub position: Vector<D>,
+    pub eye: Option<Vector<D>>,
+}
+
+impl<const D: usize> Place<D> {
+    pub fn at(position: &[f64]) -> Self {
+        Self { position: std::array::from_fn(|i| position[i]), eye: None }
+    }
+
+    /// Both moved alike.
+    pub fn moved(&self, by: &Vector<D>) -> Self {
+        let moved = |p: Vector<D>| std::array::from_fn(|i| p[i] + by[i]);
+        Self { position: moved(self.position), eye: self.eye.map(moved) }
+    }
 }
 
 /// Measurements without what is missing.
@@ -211,16 +238,23 @@ impl<const D: usize> Measured<D> {
     }
 
     /// Whitened residuals and gradients of an instant at a position.
-    pub fn rows(&self, t: usize, position: &[f64]) -> impl Iterator<Item = (usize, Row<D>)> {
-        let p = self.relative(t, position);
-        self.instant(t).map(move |m| (m, self.list[m].row(&p)))
+    pub fn rows(&self, t: usize, place: Place<D>) -> impl Iterator<Item = (usize, Row<D>)> {
+        let p = self.relative(t, &place.position);
+        let eye = place.eye.map(|eye| self.relative(t, &eye));
+        self.instant(t).map(move |m| {
+            let mut row = self.list[m].row(&p);
+            if let Some(eye) = &eye {
+                row.gradient = self.list[m].row(eye).gradient;
+            }
+            (m, row)
+        })
     }
 
     /// The emission of an instant's arrivals at a position, by the weights of measurements.
     pub fn emission(
         &self,
         t: usize,
-        position: &[f64],
+        place: Place<D>,
         weight: impl Fn(usize) -> f64,
     ) -> Emission<D> {
         let mut sum = Emission::NONE;
@@ -228,8 +262,7 @@ impl<const D: usize> Measured<D> {
             return sum;
         }
         let mut offsets = Vec::new();
-        for (m, row) in self.rows(t, position).filter(|(m, _)| self.list[*m].kind == Kind::Arrival)
-        {
+        for (m, row) in self.rows(t, place).filter(|(m, _)| self.list[*m].kind == Kind::Arrival) {
             let (own, precision) = (weight(m), self.precision(m));
             offsets.push((row.residual / precision, own * precision * precision));
             sum.information += own * precision * precision;
@@ -250,12 +283,12 @@ impl<const D: usize> Measured<D> {
     pub fn emission_for_all(
         &self,
         t: usize,
-        position: &[f64],
+        place: Place<D>,
         trust: impl Fn(usize) -> f64,
     ) -> Emission<D> {
         let arrivals = self.instant(t).filter(|m| self.list[*m].kind == Kind::Arrival);
         let missing = (1.0 - arrivals.map(&trust).sum::<f64>()).max(LEAST_TRUST);
-        self.emission(t, position, |m| trust(m) + missing)
+        self.emission(t, place, |m| trust(m) + missing)
     }
 
     /// Where an instant's arrival stands, if there is no other.

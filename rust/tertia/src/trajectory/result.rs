@@ -2,7 +2,7 @@
 
 use super::fixes::Fixes;
 use super::lasting::LastingErrors;
-use super::measured::{Measured, Record};
+use super::measured::{Measured, Place, Record};
 use crate::smoothing::{ProcessNoiseFit, Summary};
 
 /// What came out.
@@ -22,6 +22,8 @@ pub struct Trajectory {
     pub residual: Vec<f64>,
     /// Lasting errors; none where nothing was asked.
     pub bias: Option<LastingErrors>,
+    /// Positions (N, D) of the mirror image of the path, if that explains what was measured as well.
+    pub image: Option<Vec<f64>>,
 }
 
 /// What the smoother found.
@@ -47,7 +49,7 @@ impl Trajectory {
     ) -> Self {
         let outlier = fixes.outlier.clone();
         let residual = residuals::<D, N>(record, record.values.to_vec(), &mean, &outlier);
-        Self { mean, covariance, smoothed: None, fixes, outlier, residual, bias: None }
+        Self { mean, covariance, smoothed: None, fixes, outlier, residual, bias: None, image: None }
     }
 }
 
@@ -73,8 +75,9 @@ pub(super) fn residuals<const D: usize, const N: usize>(
     let mut residual = vec![f64::NAN; record.values.len()];
     for (t, state) in mean.chunks_exact(N).enumerate() {
         let trust = |m: usize| if outlier[t * width + measured.column[m]] { 0.0 } else { 1.0 };
-        let emission = measured.emission_for_all(t, &state[..D], trust);
-        for (m, row) in measured.rows(t, &state[..D]) {
+        let place = Place::at(&state[..D]);
+        let emission = measured.emission_for_all(t, place, trust);
+        for (m, row) in measured.rows(t, place) {
             let row = emission.removed_from(measured.one(m), row);
             residual[t * width + measured.column[m]] = row.map_or(f64::NAN, |row| row.residual);
         }

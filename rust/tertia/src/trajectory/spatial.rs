@@ -2,7 +2,8 @@
 
 use super::failure::Failure;
 use super::fixes::Fixes;
-use super::measured::{Measured, Record};
+use super::images::Choice;
+use super::measured::Record;
 use super::result::{Trajectory, without_correlations};
 use super::series::{Noisy, Polynomials, Series};
 
@@ -14,8 +15,9 @@ pub fn by_polynomials<const D: usize, const N: usize>(
     record: &Record<'_>,
     polynomials: Polynomials,
 ) -> Result<Trajectory, Failure> {
-    let measured = Measured::<D>::new(record, record.values.to_vec());
-    let fixes = Fixes::alone(record, &measured).located()?;
+    let fixes = Fixes::of::<D>(record, record.values);
+    let choice = Choice::<D>::new(record, &fixes);
+    let fixes = fixes.beside(record, record.values, choice.mirror.as_ref()).located()?;
     let coordinate = |axis: usize| -> Noisy {
         let of = |t: usize| {
             let variance = fixes.covariance[(t * D + axis) * D + axis];
@@ -37,5 +39,6 @@ pub fn by_polynomials<const D: usize, const N: usize>(
         }
     }
     let covariance = without_correlations(&variance, N);
-    Ok(Trajectory::of_fixes::<D, N>(record, fixes, mean, covariance))
+    let image = choice.image(&mean, N)?;
+    Ok(Trajectory { image, ..Trajectory::of_fixes::<D, N>(record, fixes, mean, covariance) })
 }

@@ -59,10 +59,10 @@ fn shifts<const D: usize, const N: usize>(
     let (_, spread) = responses(&instants, 0);
     let mut shift = vec![f64::NAN; record.len() * D];
     for (t, instant) in instants.iter().enumerate() {
-        let p = found.path.position::<D>(t);
+        let place = found.place(t);
         let Some(inverse) = instant.inverse else { continue };
         let mut errors = vec![0.0; record.width()];
-        let pairs = measured.rows(t, p).zip(found.measured.rows(t, p));
+        let pairs = measured.rows(t, place).zip(found.measured.rows(t, place));
         for ((m, there), (_, here)) in pairs.filter(|((m, _), _)| weight[*m] > 0.0) {
             let error = (there.residual - here.residual) / measured.precision(m);
             errors[measured.column[m]] = error;

@@ -2,7 +2,8 @@
 
 use super::failure::Failure;
 use super::fixes::Fixes;
-use super::measured::{Measured, Record, in_domain, seen};
+use super::images::Choice;
+use super::measured::{Measured, Place, Record, in_domain, seen};
 use super::result::{Trajectory, without_correlations};
 use super::series::{Noisy, Polynomials, Series};
 use crate::base::angle::{median, nearest};
@@ -27,7 +28,10 @@ pub fn temporal_first<const D: usize, const N: usize>(
     polynomials: Option<Polynomials>,
 ) -> Result<Trajectory, Failure> {
     let smoothed = Smoothed::new(record, polynomials)?;
-    let fixes = Fixes::of::<D>(record, &smoothed.value[0], &smoothed.sigma[0])?;
+    let smooth = Record { own_sigmas: Some(&smoothed.sigma[0]), ..*record };
+    let fixes = Fixes::of::<D>(&smooth, &smoothed.value[0]);
+    let choice = Choice::<D>::new(record, &fixes);
+    let fixes = fixes.beside(&smooth, &smoothed.value[0], choice.mirror.as_ref()).located()?;
     let motion = Motion::<D>::new(record)?;
     let unit = vec![1.0; record.width()];
     let measured = Measured::<D>::new(
@@ -66,7 +70,8 @@ pub fn temporal_first<const D: usize, const N: usize>(
             }
         }
     }
-    Ok(Trajectory::of_fixes::<D, N>(record, fixes, mean, covariance))
+    let image = choice.image(&mean, N)?;
+    Ok(Trajectory { image, ..Trajectory::of_fixes::<D, N>(record, fixes, mean, covariance) })
 }
 
 /// Smoothed measurements (N, 5, K) and two derivatives, with their standard errors: nan and 1 where
@@ -126,7 +131,7 @@ impl<const D: usize> Solution<D> {
     fn new(measured: &Measured<D>, t: usize, fixes: &Fixes, sigma: &[f64]) -> Option<Self> {
         let width = sigma.len() / fixes.fixes.len();
         let (mut normal, mut columns) = ([[0.0; D]; D], Vec::new());
-        for (m, row) in measured.rows(t, &fixes.position[t * D..][..D]) {
+        for (m, row) in measured.rows(t, Place::at(&fixes.position[t * D..])) {
             let at = t * width + measured.column[m];
             if fixes.outlier[at] {
                 continue;

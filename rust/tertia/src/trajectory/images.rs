@@ -1,0 +1,106 @@
+//! Which of two paths that are mirror images is taken.
+
+use super::Systematic;
+use super::failure::Failure;
+use super::fixes::Fixes;
+use super::found::{Found, Setting};
+use super::measured::{Measured, Record};
+use super::mirror::Mirror;
+use crate::base::angle::median;
+use crate::location::Status;
+use crate::sensors::KINDS;
+use std::rc::Rc;
+
+/// Paths whose likelihoods differ by less than a factor of 20 cannot be told apart: ln 20.
+const AMBIGUOUS: f64 = 2.995_732_273_553_991;
+/// ln of the odds of a target above the stations: a thousand to one.
+const ABOVE: f64 = 6.907_755_278_982_137;
+/// What counts of a residual at most.
+const MOST: f64 = 4.0;
+
+/// The side on which instants are located that are not compared with a path.
+pub(super) struct Choice<const D: usize> {
+    pub mirror: Option<Mirror<D>>,
+    is_one_of_two: bool,
+}
+
+impl<const D: usize> Choice<D> {
+    /// By the instants as they are located on their own.
+    pub fn new(record: &Record<'_>, fixes: &Fixes) -> Self {
+        let is_open = fixes.fixes.iter().any(|fix| fix.status == Status::Ambiguous);
+        Self { mirror: Mirror::chosen(record), is_one_of_two: record.initial.is_none() && is_open }
+    }
+
+    /// The mirror image of states (N, M), as by [`image`].
+    pub fn image(&self, mean: &[f64], size: usize) -> Result<Option<Vec<f64>>, Failure> {
+        let mirror = self.mirror.as_ref().filter(|_| self.is_one_of_two);
+        mirror.map(|mirror| mirror.image_of(mean, size)).transpose()
+    }
+}
+
+/// The path without what contradicts it, on one side of the plane of the stations if they are in one; and
+/// whether its mirror image may be the path as well.
+pub(super) fn begin<const D: usize, const N: usize>(
+    setting: &mut Setting<'_, D, N>,
+    measured: &Rc<Measured<D>>,
+    systematic: &Systematic,
+) -> Result<(Found<D, N>, bool), Failure> {
+    let record = setting.record;
+    let mut on = |mirror: Option<Mirror<D>>| {
+        Found::first(setting, measured, mirror)?.without_outliers(setting, measured)
+    };
+    let Some(mirror) = Mirror::chosen(record) else { return Ok((on(None)?, false)) };
+    if record.initial.is_some() {
+        return Ok((on(Some(mirror))?, false));
+    }
+    let path = on(Some(mirror.clone()));
+    if mirror.is_exact {
+        return Ok((path?, true));
+    }
+    let (path, image) = match (path, on(Some(mirror.flipped()))) {
+        (Ok(path), Ok(image)) => (path, image),
+        (path, image) => return Ok((path.or(image)?, false)),
+    };
+    let more = cost(record, &image, systematic) - cost(record, &path, systematic);
+    let odds = if mirror.is_level { ABOVE } else { 0.0 };
+    if more < -AMBIGUOUS - odds {
+        return Ok((image, false));
+    }
+    Ok((path, more < AMBIGUOUS))
+}
+
+/// Half the sum of the squared residuals, with constant errors of the stated size of what is not trusted.
+fn cost<const D: usize, const N: usize>(
+    record: &Record<'_>,
+    found: &Found<D, N>,
+    systematic: &Systematic,
+) -> f64 {
+    let width = record.width();
+    let mut residuals = vec![Vec::new(); width];
+    for t in 0..record.len() {
+        for (m, row, _) in found.rows(t).filter(|(_, row, _)| !row.residual.is_nan()) {
+            residuals[found.measured.column[m]].push(row.residual);
+        }
+    }
+    let cost = |(column, own): (usize, &mut Vec<f64>)| {
+        let lasts = !own.is_empty() && !systematic.is_trusted(column, width / KINDS);
+        let constant = if lasts { median(own) } else { 0.0 };
+        let rest = own.iter().map(|r| (r - constant).powi(2).min(MOST * MOST)).sum::<f64>();
+        0.5 * (rest + constant * constant)
+    };
+    residuals.iter_mut().enumerate().map(cost).sum()
+}
+
+/// The mirror image of a path (N, 3D), if the path is one of two that may be right; where neither is above
+/// the other, there is no path.
+pub(super) fn image<const D: usize, const N: usize>(
+    found: &Found<D, N>,
+    mean: &[f64],
+    is_one_of_two: bool,
+) -> Result<Option<Vec<f64>>, Failure> {
+    let Some(sides) = found.sides.as_ref().filter(|sides| is_one_of_two && sides.is_apart(mean, N))
+    else {
+        return Ok(None);
+    };
+    sides.mirror.image_of(mean, N).map(Some)
+}

@@ -1,0 +1,343 @@
+//! Stations in a plane, which see a target and its mirror image alike.
+//!
+//! Ranges, their differences and arrivals do not change if the target is reflected in the plane of the
+//! stations, in two dimensions their line; neither do azimuths, if the plane is horizontal. So two paths
+//! explain what was measured. A path stays on one side; of a plane that is level that is the upper one.
+//!
+//! Near the plane its distance h is told by `h² = c ± s`: derivatives at h vanish there, and with them
+//! the information about h. Averaged over a normal distribution of h with the variance V they are those at
+//! the distance `√(h² + V)`: with information `(h² + V)/s²` per h the variance is `V = s` at h = 0, where
+//! that of the density `exp(−h⁴/2s²)` is .96 s.
+
+use super::failure::Failure;
+use super::measured::{Place, Record};
+use super::path::{Path, Plots};
+use crate::base::small::{Matrix, Vector, dot, quadratic};
+use crate::sensors::{KINDS, Kind};
+use nalgebra::DMatrix;
+
+/// Distances of stations from their plane, over what they extend in it, up to which they are near it, and
+/// up to which they are in it.
+const NEAR: f64 = 0.2;
+const EXACT: f64 = 1e-6;
+/// Vertical component of the normal of a plane that has an upper side.
+const LEVEL: f64 = 0.3;
+/// Distances to start from, over what the stations extend in their plane.
+const STARTS: [f64; 4] = [0.1, 0.3, 1.0, 3.0];
+/// Likelihood of a target in the plane, over that of the path, below which that and its image are two.
+const APART: f64 = 0.01;
+/// Instants of a record over those around one that is nearest to the plane.
+const AROUND: usize = 20;
+/// Standard deviation of a distance, over it, that is small.
+const NEARBY: f64 = 0.1;
+/// Axis of the height.
+const UP: usize = 2;
+
+/// The plane of the stations; a path is on the side of its normal.
+#[derive(Clone, Debug)]
+pub(super) struct Mirror<const D: usize> {
+    normal: Vector<D>,
+    centre: Vector<D>,
+    size: f64,
+    /// Whether all stations are in it.
+    pub is_exact: bool,
+    /// Whether one of its sides is the upper one.
+    pub is_level: bool,
+}
+
+impl<const D: usize> Mirror<D> {
+    /// The plane in which, or near which, all stations that measured are, if what they measured does not
+    /// tell its sides; on the upper side if there is one, else on that of the north.
+    pub fn of(record: &Record<'_>) -> Option<Self> {
+        let has = |kind: Kind| heard(record, kind).next().is_some();
+        let turns = has(Kind::Azimuth);
+        let ranges = has(Kind::Range) || has(Kind::RangeDifference) || has(Kind::Arrival);
+        if !ranges || has(Kind::Elevation) || turns && D == 2 {
+            return None;
+        }
+        let places = places::<D>(record);
+        let count = places.len() as f64;
+        let centre: Vector<D> =
+            std::array::from_fn(|i| places.iter().map(|p| p[i]).sum::<f64>() / count);
+        let product = |i: usize, j: usize| {
+            let sum = places.iter().map(|p| (p[i] - centre[i]) * (p[j] - centre[j])).sum::<f64>();
+            sum / count
+        };
+        let eigen = DMatrix::from_fn(D, D, product).symmetric_eigen();
+        let mut order: Vec<usize> = (0..D).collect();
+        order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
+        let mut normal: Vector<D> = std::array::from_fn(|i| eigen.eigenvectors[(i, order[0])]);
+        let [mut off, mut size] = [0, 1].map(|at| eigen.eigenvalues[order[at]].max(0.0).sqrt());
+        if turns {
+            // azimuths tell the sides of any other plane
+            normal = std::array::from_fn(|i| if i == UP { 1.0 } else { 0.0 });
+            off = product(UP, UP).sqrt();
+            size = (product(0, 0) + product(1, 1)).sqrt();
+        }
+        if off > NEAR * size || size == 0.0 {
+            return None;
+        }
+        let is_level = D > UP && normal[UP].abs() >= LEVEL;
+        let north = if is_level { UP } else { usize::from(normal[1].abs() > EXACT) };
+        if normal[north] < 0.0 {
+            normal = normal.map(|v| -v);
+        }
+        Some(Self { normal, centre, size, is_exact: off <= EXACT * size, is_level })
+    }
+
+    /// The same, with paths on the side of the position near the first instant.
+    pub fn chosen(record: &Record<'_>) -> Option<Self> {
+        let mirror = Self::of(record)?;
+        let is_behind = record.initial.is_some_and(|initial| mirror.distance(initial) < 0.0);
+        Some(if is_behind { mirror.flipped() } else { mirror })
+    }
+
+    /// The mirror images (N, D) of states (N, M); where none of the sides is the upper one, none of the
+    /// two can be taken.
+    pub fn image_of(&self, mean: &[f64], size: usize) -> Result<Vec<f64>, Failure> {
+        if !self.is_level {
+            return Err(Failure::Mirrored);
+        }
+        Ok(mean.chunks_exact(size).flat_map(|state| self.reflected(&state[..D])).collect())
+    }
+
+    /// The same, with paths on the other side.
+    pub fn flipped(&self) -> Self {
+        Self { normal: self.normal.map(|v| -v), ..self.clone() }
+    }
+
+    /// Distance from the plane, negative on the other side.
+    pub fn distance(&self, position: &[f64]) -> f64 {
+        (0..D).map(|i| self.normal[i] * (position[i] - self.centre[i])).sum()
+    }
+
+    /// Moves a position along the normal.
+    fn moved(&self, position: &[f64], by: f64) -> Vector<D> {
+        std::array::from_fn(|i| position[i] + by * self.normal[i])
+    }
+
+    /// The mirror image.
+    pub fn reflected(&self, position: &[f64]) -> Vector<D> {
+        self.moved(position, -2.0 * self.distance(position))
+    }
+
+    /// The position or its mirror image, whichever is on the side of the normal.
+    pub fn beside(&self, position: &[f64]) -> Vector<D> {
+        let distance = self.distance(position);
+        self.moved(position, distance.abs() - distance)
+    }
+
+    /// Positions from which to look for others.
+    pub fn starts(&self) -> [Vector<D>; 4] {
+        STARTS.map(|share| self.moved(&self.centre, share * self.size))
+    }
+
+    /// The variance of the distance.
+    fn variance(&self, covariance: &[f64], stride: usize) -> f64 {
+        let row = |i: usize| std::array::from_fn(|j| covariance[i * stride + j]);
+        (0..D).map(|i| self.normal[i] * dot(&self.normal, &row(i))).sum()
+    }
+
+    /// Raises the information about the distance to that of another matrix.
+    pub fn raise(&self, information: &mut Matrix<D>, other: &Matrix<D>) {
+        let more = quadratic(other, &self.normal) - quadratic(information, &self.normal);
+        for i in 0..D {
+            for j in 0..D {
+                information[i][j] += more.max(0.0) * self.normal[i] * self.normal[j];
+            }
+        }
+    }
+
+    /// Takes from a direction what it has along the normal but for this share.
+    fn shortened(&self, direction: &mut Vector<D>, share: f64) {
+        let along = dot(&self.normal, direction) * (1.0 - share);
+        (0..D).for_each(|i| direction[i] -= along * self.normal[i]);
+    }
+}
+
+/// A mirror, and how well the distance from it is known at each instant.
+#[derive(Clone, Debug)]
+pub(super) struct Sides<const D: usize> {
+    pub mirror: Mirror<D>,
+    /// Variances of the distance.
+    variance: Vec<f64>,
+    /// What systematic errors add to them.
+    systematic: Vec<f64>,
+    /// Whether a path has been found about which derivatives have been averaged; else they would lead too
+    /// far.
+    pub is_settled: bool,
+    /// Which instants are behind the plane: 1 before it, -1 behind.
+    side: Vec<f64>,
+}
+
+impl<const D: usize> Sides<D> {
+    pub fn new(mirror: Mirror<D>, n: usize) -> Self {
+        let [variance, systematic] = [(); 2].map(|()| vec![0.0; n]);
+        Self { mirror, variance, systematic, is_settled: false, side: vec![1.0; n] }
+    }
+
+    /// Distance from the plane at which derivatives are taken.
+    fn eye(&self, t: usize, distance: f64) -> f64 {
+        distance.hypot(self.variance[t].sqrt()).copysign(distance)
+    }
+
+    /// Where derivatives are taken at a position.
+    pub fn place(&self, t: usize, position: &[f64]) -> Place<D> {
+        let distance = self.mirror.distance(position);
+        let eye = self.mirror.moved(position, self.eye(t, distance) - distance);
+        Place { eye: Some(eye), ..Place::at(position) }
+    }
+
+    /// Turns the gradient of a cost with derivatives as seen from there into the one at a position.
+    pub fn lower(&self, t: usize, position: &[f64], gradient: &mut Vector<D>) {
+        let distance = self.mirror.distance(position);
+        let eye = self.eye(t, distance);
+        if eye != 0.0 {
+            self.mirror.shortened(gradient, distance / eye);
+        }
+    }
+
+    /// Learns how well distances are known from covariances (N, D, D). Of this variance and the one
+    /// before, of which it is the inverse near the plane, the geometric mean settles.
+    pub fn learn(&mut self, covariance: &[f64]) {
+        for (t, own) in covariance.chunks_exact(D * D).enumerate() {
+            let new = self.mirror.variance(own, D) + self.systematic[t];
+            let old = self.variance[t];
+            if new.is_finite() && new >= 0.0 {
+                self.variance[t] = if old > 0.0 { (old * new).sqrt() } else { new };
+            }
+        }
+    }
+
+    /// Learns what systematic errors add to the variances, from covariances (N, M, M) with and without
+    /// them.
+    pub fn learn_systematic(&mut self, with: &[f64], without: &[f64], size: usize) {
+        let pairs = with.chunks_exact(size * size).zip(without.chunks_exact(size * size));
+        for (own, (with, without)) in self.systematic.iter_mut().zip(pairs) {
+            let added = self.mirror.variance(with, size) - self.mirror.variance(without, size);
+            *own = if added.is_finite() { added.max(0.0) } else { 0.0 };
+        }
+    }
+
+    /// Whether a path, (N, M) numbers, is anywhere so near the plane that its distance is not well known.
+    pub fn is_near(&self, mean: &[f64], size: usize) -> bool {
+        let near = |(own, variance): (&[f64], &f64)| {
+            *variance > (NEARBY * self.mirror.distance(&own[..D])).powi(2)
+        };
+        mean.chunks_exact(size).zip(&self.variance).any(near)
+    }
+
+    /// Whether a path, (N, M) numbers, is anywhere so far from the plane that it and its image are two.
+    pub fn is_apart(&self, mean: &[f64], size: usize) -> bool {
+        let far = |(own, variance): (&[f64], &f64)| {
+            likelihood_of_none(self.mirror.distance(&own[..D]), *variance) < APART
+        };
+        mean.chunks_exact(size).zip(&self.variance).any(far)
+    }
+
+    /// Adds to covariances (N, M, M) that the target may as well be in the plane, as boats are.
+    pub fn add_doubt(&self, mean: &[f64], covariance: &mut [f64], size: usize) {
+        let states = mean.chunks_exact(size).zip(covariance.chunks_exact_mut(size * size));
+        for ((state, own), variance) in states.zip(&self.variance) {
+            let distance = self.mirror.distance(&state[..D]);
+            let added = distance * distance * likelihood_of_none(distance, *variance);
+            if !added.is_finite() {
+                continue;
+            }
+            for i in 0..D {
+                for j in 0..D {
+                    own[i * size + j] += added * self.mirror.normal[i] * self.mirror.normal[j];
+                }
+            }
+        }
+    }
+
+    /// The path or its mirror image, whichever is on its side.
+    pub fn beside(&self, t: usize, position: &[f64]) -> Vector<D> {
+        let distance = self.mirror.distance(position);
+        self.mirror.moved(position, self.side[t] * distance.abs() - distance)
+    }
+
+    /// The same with the other sides after an instant.
+    pub fn crossing(&self, after: usize) -> Self {
+        let mut crossing = self.clone();
+        crossing.side[after + 1..].iter_mut().for_each(|side| *side = -*side);
+        crossing
+    }
+
+    /// Positions that were located on the side of the normal, each on its side.
+    pub fn sided(&self, plots: &Plots) -> Plots {
+        let mut sided = plots.clone();
+        let behind = (0..self.side.len()).filter(|&t| self.side[t] < 0.0);
+        for t in behind {
+            let position = self.mirror.reflected(&plots.position[t * D..][..D]);
+            sided.position[t * D..][..D].copy_from_slice(&position);
+            let own = &mut sided.covariance[t * D * D..][..D * D];
+            let n = &self.mirror.normal;
+            let along: Vector<D> =
+                std::array::from_fn(|i| (0..D).map(|j| own[i * D + j] * n[j]).sum());
+            let whole = dot(n, &along);
+            for i in 0..D {
+                for j in 0..D {
+                    own[i * D + j] +=
+                        4.0 * n[i] * n[j] * whole - 2.0 * (n[i] * along[j] + along[i] * n[j]);
+                }
+            }
+        }
+        sided
+    }
+
+    /// Instants at which a path is nearest to the plane of all around them, and some of those around.
+    pub fn nearest(&self, path: &Path) -> Vec<usize> {
+        let distance: Vec<f64> =
+            path.mean.chunks_exact(3 * D).map(|s| self.mirror.distance(&s[..D]).abs()).collect();
+        let reach = (distance.len() / AROUND).max(1);
+        let is_nearest = |t: &usize| {
+            let around = t.saturating_sub(reach)..(t + reach + 1).min(distance.len());
+            distance[around].iter().all(|other| *other >= distance[*t])
+        };
+        let nearest = (0..distance.len().saturating_sub(1)).filter(is_nearest);
+        let around = |t: usize| {
+            [0, reach / 2, reach].into_iter().flat_map(move |by| [t.saturating_sub(by), t + by])
+        };
+        let mut all: Vec<usize> =
+            nearest.flat_map(around).filter(|t| t + 1 < distance.len()).collect();
+        all.sort_unstable();
+        all.dedup();
+        all
+    }
+}
+
+/// Likelihood that a target is in the plane, over that at a distance found as the root of its square, with
+/// a variance.
+fn likelihood_of_none(distance: f64, variance: f64) -> f64 {
+    let square = distance * distance;
+    // half the standard deviation of the square, squared
+    let error = variance * (square + variance);
+    if error > 0.0 { (-square * square / (8.0 * error)).exp() } else { 0.0 }
+}
+
+/// Numbers of the stations that measured this kind.
+fn heard<'a>(record: &'a Record<'_>, kind: Kind) -> impl Iterator<Item = usize> + 'a {
+    let (width, k) = (record.width(), record.width() / KINDS);
+    let seen = move |station: &usize| {
+        let column = kind as usize * k + station;
+        record.values.iter().skip(column).step_by(width).any(|v| !v.is_nan())
+    };
+    (0..k).filter(seen)
+}
+
+/// All positions of the stations that measured.
+fn places<const D: usize>(record: &Record<'_>) -> Vec<Vector<D>> {
+    let k = record.width() / KINDS;
+    let mut is_heard = vec![false; k];
+    for kind in [Kind::Range, Kind::Azimuth, Kind::RangeDifference, Kind::Arrival] {
+        heard(record, kind).for_each(|station| is_heard[station] = true);
+    }
+    if heard(record, Kind::RangeDifference).next().is_some() {
+        is_heard[0] = true;
+    }
+    let stations = record.stations.chunks_exact(D).enumerate();
+    let own = stations.filter(|(at, _)| is_heard[at % k]);
+    own.map(|(_, place)| std::array::from_fn(|i| place[i])).collect()
+}

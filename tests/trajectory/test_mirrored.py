@@ -1,0 +1,211 @@
+"""Paths of which stations in a plane see the mirror image as well."""
+
+import warnings
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from tertia import tables
+from tertia.location import LIGHT, Station
+from tertia.sensors import Bias
+from tertia.trajectory import reconstruct
+
+SIGMA = 10.0
+TIME = np.arange(80.0)
+# mean NEES of one path, whose errors are a few independent ones
+WORST = 5.0
+KINDS = ("range", "arrival_time", "range_difference", "azimuth")
+WAYS = [
+    {},
+    {"spatial": "least-squares"},
+    {"smoother": "local-polynomial"},
+    {"order": "temporal-first"},
+]
+
+
+def ring(count, *, relief=0.0, rng=None):
+    """Return stations around the origin, at heights that differ by so much."""
+    turn = 2 * np.pi * (np.arange(count) + 0.3) / count
+    distance = 4000.0 * np.resize([1.0, 0.7, 0.9, 0.6, 0.8], count)
+    heights = relief * rng.standard_normal(count) if relief else np.zeros(count)
+    return np.column_stack([distance * np.sin(turn), distance * np.cos(turn), heights])
+
+
+def flight(height):
+    """Return a path over the stations with a slow turn."""
+    course = 0.7 + 0.008 * (TIME - 40.0)
+    level = np.cumsum(40.0 * np.column_stack([np.sin(course), np.cos(course)]), axis=0)
+    return np.column_stack([level - level.mean(axis=0) + [200.0, 100.0], 0 * TIME + height])
+
+
+def seen(places, path, rng, kind="range"):
+    """Return what the stations measure, with their standard deviations."""
+    offset = path[:, np.newaxis] - places
+    ranges = np.linalg.norm(offset, axis=-1)
+    ranges += SIGMA * rng.standard_normal(ranges.shape)
+    sigma = np.full(len(places), SIGMA)
+    if kind == "arrival_time":
+        return {"arrival_time": TIME[:, np.newaxis] + ranges / LIGHT,
+                "arrival_time_sigma": sigma / LIGHT}  # fmt: skip
+    if kind == "range_difference":
+        return {"range_difference": ranges[:, 1:] - ranges[:, :1],
+                "range_difference_sigma": sigma[1:] * np.sqrt(2)}  # fmt: skip
+    found = {"range": ranges, "range_sigma": sigma}
+    if kind == "azimuth":
+        azimuth = np.arctan2(offset[..., 0], offset[..., 1])
+        found |= {"azimuth": azimuth + 0.003 * rng.standard_normal(azimuth.shape)}
+        found |= {"azimuth_sigma": np.full(len(places), 0.003)}
+    return found
+
+
+def path_of(places, measured, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return reconstruct([Station(place) for place in places], TIME, **measured, **options)
+
+
+def squares(track, path):
+    """Return the squared errors over the covariances."""
+    d = path.shape[1]
+    error = track.position - path
+    inverse = np.linalg.inv(track.covariance[:, :d, :d])
+    return np.einsum("ni,nij,nj->n", error, inverse, error)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("height", [300.0, 3000.0, 10_000.0])
+def test_paths_above_stations_on_the_ground_stay_there(kind, height):
+    if kind == "range_difference" and height < 3000.0:
+        pytest.skip("the differences hardly tell so low a height")
+    places, path = ring(2 if kind == "azimuth" else 6), flight(height)
+    track = path_of(places, seen(places, path, np.random.default_rng(1), kind))
+    assert np.all(track.position[:, 2] > 0)
+    assert np.mean(squares(track, path)) < 3 * WORST
+    assert track.mirror_image is not None
+    np.testing.assert_allclose(track.mirror_image[:, :2], track.position[:, :2], atol=1e-6)
+    np.testing.assert_allclose(track.mirror_image[:, 2], -track.position[:, 2], atol=1e-6)
+
+
+@pytest.mark.parametrize("count", [3, 4, 6])
+@pytest.mark.parametrize("relief", [0.0, 5.0])
+def test_few_stations_and_small_differences_of_their_heights(count, relief):
+    rng = np.random.default_rng(2)
+    places, path = ring(count, relief=relief, rng=rng), flight(300.0)
+    track = path_of(places, seen(places, path, rng))
+    assert np.all(track.position[:, 2] > 0)
+    assert np.mean(squares(track, path)) < 3 * WORST
+
+
+@pytest.mark.parametrize("options", WAYS)
+def test_all_ways_keep_to_one_side(options):
+    places, path = ring(4), flight(2000.0)
+    measured = seen(places, path, np.random.default_rng(3))
+    with pytest.warns(UserWarning, match="mirror image"):
+        track = reconstruct([Station(p) for p in places], TIME, **measured, **options)
+    assert np.all(track.position[:, 2] > 0)
+    assert np.max(np.abs(track.position - path)) < 60.0
+    assert "mirror image possible" in repr(track)
+
+
+@pytest.mark.parametrize("options", WAYS)
+def test_an_initial_position_chooses_the_side(options):
+    places, path = ring(4), flight(-500.0)
+    measured = seen(places, path, np.random.default_rng(4))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        track = reconstruct(
+            [Station(p) for p in places], TIME, **measured, initial=[0, 0, -1], **options
+        )
+    assert np.all(track.position[:, 2] < 0)
+    assert track.mirror_image is None
+
+
+def test_stations_at_heights_that_differ_tell_what_is_below_them():
+    rng = np.random.default_rng(5)
+    places, path = ring(6, relief=250.0, rng=rng), flight(-1500.0)
+    track = path_of(places, seen(places, path, rng))
+    assert np.all(track.position[:, 2] < 0)
+    assert track.mirror_image is None
+    above = path_of(places, seen(places, flight(1500.0), rng))
+    assert np.all(above.position[:, 2] > 0)
+    assert above.mirror_image is None
+
+
+@pytest.mark.parametrize("bias", [None, Bias()])
+@pytest.mark.parametrize(("height", "least"), [(0.0, 0.9), (60.0, 0.88), (300.0, 0.88)])
+def test_heights_near_the_plane_of_the_stations_are_as_close_as_they_say(height, least, bias):
+    inside, errors = [], []
+    for seed in range(12):
+        rng = np.random.default_rng([6, seed])
+        places, path = ring(3 + seed % 4), flight(height)
+        track = path_of(places, seen(places, path, rng), bias=bias)
+        inside.append(squares(track, path) < stats.chi2.ppf(0.95, 3))
+        errors.append(track.position[:, 2] - height)
+    assert np.mean(inside) > least
+    # a single instant does not know whether a boat is 90 m high
+    assert np.sqrt(np.mean(np.square(errors))) < 70.0
+
+
+def line(rng, path, count=4):
+    places = np.column_stack([np.linspace(-3000, 3000, count), np.zeros(count)])
+    return places, seen(places, path, rng)
+
+
+def test_neither_side_of_a_line_is_above_the_other():
+    path = flight(0.0)[:, :2] + [0.0, 3000.0]
+    places, measured = line(np.random.default_rng(7), path)
+    with pytest.raises(ValueError, match="mirror image"):
+        reconstruct([Station(p) for p in places], TIME, **measured)
+    for side in (1.0, -1.0):
+        track = path_of(places, measured, initial=path[0] * [1.0, side])
+        assert np.mean(squares(track, path * [1.0, side])) < 2 * WORST
+
+
+def test_a_path_may_cross_the_line_of_the_stations():
+    path = np.column_stack([-800 + 25 * TIME, 2000 - 45 * TIME])
+    places, measured = line(np.random.default_rng(8), path)
+    track = path_of(places, measured, initial=path[0])
+    assert track.position[-1, 1] < -1000
+    far = np.abs(path[:, 1]) > 300
+    assert np.mean(squares(track, path)[far] < stats.chi2.ppf(0.95, 2)) > 0.85
+
+
+def test_elevations_tell_the_side():
+    places, path = ring(4), flight(300.0)
+    measured = seen(places, path, np.random.default_rng(9))
+    offset = path[:, np.newaxis] - places
+    elevation = np.arctan2(offset[..., 2], np.linalg.norm(offset[..., :2], axis=-1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        track = reconstruct(
+            [Station(p, elevation_sigma=0.01) for p in places],
+            TIME,
+            **measured,
+            elevation=elevation,
+        )
+    assert track.mirror_image is None
+    assert np.max(np.abs(track.position - path)) < 60.0
+
+
+def test_wrong_initial_positions():
+    places, path = ring(4), flight(300.0)
+    measured = seen(places, path, np.random.default_rng(10))
+    for initial, message in ([0, 0], "initial has shape"), ([0, 0, np.nan], "initial"):
+        with pytest.raises(ValueError, match=message):
+            path_of(places, measured, initial=initial)
+
+
+def test_tables_pass_the_initial_position():
+    pl = pytest.importorskip("polars")
+    places, path = ring(4), flight(-500.0)
+    measured = seen(places, path, np.random.default_rng(11))["range"]
+    table = pl.concat(
+        pl.DataFrame({"time_s": TIME, "range_m": measured[:, k]}).with_columns(
+            sensor=pl.lit(f"{k}")
+        )
+        for k in range(4)
+    )
+    stations = [Station(p, name=f"{k}", range_sigma=SIGMA) for k, p in enumerate(places)]
+    found = tables.reconstruct(table, sensors=stations, initial=[0.0, 0.0, -1.0])
+    assert found["up_m"].max() < 0
