@@ -161,17 +161,17 @@ impl SpeedChange {
         self.variance = variance;
     }
 
-    /// Corrects by a plot, before the bank is.
+    /// Corrects by a position or a velocity, before the bank is.
     #[inline]
-    pub fn correct(&mut self, bank: &Bank, z: [f64; 2], r: Plane) {
+    pub fn correct<const AT: usize>(&mut self, bank: &Bank, z: [f64; 2], r: Plane) {
         let estimate = self.basis(bank);
-        let y = [z[0] - estimate.mean[0], z[1] - estimate.mean[1]];
-        let inverse = estimate.position_covariance().plus(r).inverse();
-        let [a, b, ..] = self.response;
+        let y = [z[0] - estimate.mean[AT], z[1] - estimate.mean[AT + 1]];
+        let inverse = estimate.block::<AT>().plus(r).inverse();
+        let (a, b) = (self.response[AT], self.response[AT + 1]);
         let by = [inverse.xx * a + inverse.xy * b, inverse.xy * a + inverse.yy * b];
         let (information, seen) = (a * by[0] + b * by[1], y[0] * by[0] + y[1] * by[1]);
         let columns = &estimate.covariance.data.0;
-        let gains = std::array::from_fn(|i| columns[0][i] * by[0] + columns[1][i] * by[1]);
+        let gains = std::array::from_fn(|i| columns[AT][i] * by[0] + columns[AT + 1][i] * by[1]);
         self.learn(bank, information, seen, &gains);
     }
 
@@ -230,7 +230,7 @@ impl SpeedChange {
 
     /// Position and velocity if the speed changes, from those of straight flight.
     #[inline]
-    fn added_to(&self, straight: &Estimate<4>) -> Estimate<4> {
+    pub fn added_to(&self, straight: &Estimate<4>) -> Estimate<4> {
         let mut with = *straight;
         for (x, v) in with.mean.iter_mut().zip(self.response) {
             *x += self.acceleration * v;
@@ -277,6 +277,7 @@ mod tests {
     use crate::base::checks::assert_within;
     use crate::base::random::Random;
     use crate::sensors::radar_of;
+    use crate::tracker::estimate::POSITION;
     use crate::tracker::bank::changes;
     use crate::tracker::filter::Filter;
     use crate::tracker::motion::Motion;
@@ -351,9 +352,9 @@ mod tests {
                 let tolerance =
                     if is_model { 1e-6 } else { 3e-5 * f64::from((k + 1) * (k + 1) * (k + 1)) };
                 let odds = speed.odds;
-                speed.correct(&bank, z, R);
+                speed.correct::<POSITION>(&bank, z, R);
                 let before = bank.straight;
-                bank.correct(z, R);
+                bank.correct::<POSITION>(z, R);
                 let density = correct(&mut x, &mut p, z);
                 if !is_model {
                     let mut straight = before;

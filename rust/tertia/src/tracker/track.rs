@@ -12,7 +12,7 @@ use super::lean::Lean;
 use super::motion::Motion;
 use super::outliers::Stray;
 use super::plan::Guide;
-use super::plot::Measured;
+use super::plot::{Measured, Source};
 use super::prospects::{Prospects, There};
 use super::settings::{Confirmation, MAX_DELAY, Settings};
 use super::tree::Tree;
@@ -28,6 +28,7 @@ mod levelled;
 mod life;
 mod merged;
 mod missed;
+mod moving;
 mod sharp;
 mod sighted;
 mod states;
@@ -165,6 +166,9 @@ impl Track {
             stray: None,
             there: There::default(),
         };
+        if matches!(plot.source, Source::Moving(..)) {
+            track.begin(None, settings);
+        }
         track.take(plot, settings);
         track
     }
@@ -296,7 +300,7 @@ impl Track {
         (sigma, (self.time - self.seen).min(longest))
     }
 
-    /// Likelihood ratio of height, identity and detection.
+    /// Likelihood ratio of height, identity, detection and velocity.
     #[inline]
     pub fn also(&self, plot: &Measured, settings: &Settings) -> f64 {
         let height = match self.vertical {
@@ -309,7 +313,11 @@ impl Track {
         };
         // by what it was detected
         let detection = if plot.gain == 0.0 { 1.0 } else { exp(plot.gain) };
-        height * identity * detection
+        let velocity = match plot.source {
+            Source::Moving(_, seen) => self.velocity_ratio(plot, seen, settings),
+            _ => 1.0,
+        };
+        height * identity * detection * velocity
     }
 
     /// Corrects by a plot.
@@ -331,6 +339,9 @@ impl Track {
         self.merged = false;
         self.estimate = self.filter.estimate();
         self.lean_by(plot, &here);
+        if let Source::Moving(_, seen) = plot.source {
+            self.take_velocity(plot, seen, settings);
+        }
         self.seen = self.seen.max(plot.time);
         self.take(plot, settings);
         self.follow(radar.scan_period, settings);

@@ -19,6 +19,8 @@ pub(super) struct Innovation<const D: usize> {
     pub value: Vector<D>,
     pub covariance: Matrix<D>,
     pub distance: f64,
+    /// The distance squared of the rate, by all others and this value; 0 where there is none.
+    pub distance_of_rate: f64,
 }
 
 /// Measurements of one target, in the order of time, and which of them are used.
@@ -36,8 +38,8 @@ pub(super) struct Passes<const N: usize, const M: usize, const D: usize> {
 }
 
 impl<const D: usize> Record<D> {
-    /// Smooths; measurements farther than `guard` from what the others say are left out, and it is
-    /// done once more. Of neighbours that are all too far the farthest goes: an outlier draws those
+    /// Smooths; measurements and rates farther than `guard` from what the others say are left out, and
+    /// it is done once more. Of neighbours that are all too far the farthest goes: an outlier draws those
     /// beside it away, and a manoeuvre that no model has is no reason to leave out all its plots.
     pub fn smooth<L: Models<N, M>, const N: usize, const M: usize>(
         &mut self,
@@ -47,19 +49,15 @@ impl<const D: usize> Record<D> {
     ) -> Passes<N, M, D> {
         let passes = self.pass(models, wanted);
         let kept: Vec<usize> = (0..self.time.len()).filter(|&i| self.used[i]).collect();
-        let distance = |i: &usize| passes.innovations[*i].map_or(0.0, |one| one.distance);
-        let distances: Vec<f64> = kept.iter().map(distance).collect();
-        let mut left_out = false;
-        for (k, &i) in kept.iter().enumerate() {
-            let beside =
-                |j: Option<usize>| j.and_then(|j| distances.get(j)).copied().unwrap_or(0.0);
-            let neighbours = beside(k.checked_sub(1)).max(beside(Some(k + 1)));
-            if distances[k] > guard && distances[k] > neighbours {
-                self.used[i] = false;
-                left_out = true;
-            }
-        }
-        if left_out { self.pass(models, wanted) } else { passes }
+        let far = |distance: fn(&Innovation<D>) -> f64| {
+            let of = |i: &usize| passes.innovations[*i].as_ref().map_or(0.0, distance);
+            farthest(&kept.iter().map(of).collect::<Vec<f64>>(), guard)
+        };
+        let (places, rates) = (far(|one| one.distance), far(|one| one.distance_of_rate));
+        places.iter().for_each(|&k| self.used[kept[k]] = false);
+        rates.iter().for_each(|&k| self.fixes[kept[k]].rate = None);
+        let all_fit = places.is_empty() && rates.is_empty();
+        if all_fit { passes } else { self.pass(models, wanted) }
     }
 
     /// One pass forwards and one backwards. `wanted` has the times of all measurements.
@@ -106,13 +104,28 @@ impl<const D: usize> Record<D> {
             let rest = others.clone().filter(|&j| j != i && self.used[j]);
             rest.for_each(|j| state.correct(&self.fixes[j]));
         }
-        let (state, fix) = (state.moments(), &self.fixes[i]);
+        let fix = &self.fixes[i];
+        let distance_of_rate = fix.rate.and_then(|_| {
+            let mut placed = state;
+            placed.correct(&Fix::new(fix.value, fix.covariance));
+            placed.moments().distance_of_rate(fix)
+        });
+        let state = state.moments();
         Some(Innovation {
             value: std::array::from_fn(|d| fix.value[d] - state.mean[d]),
             covariance: state.spread(fix),
             distance: state.distance(fix)?,
+            distance_of_rate: distance_of_rate.unwrap_or(0.0),
         })
     }
+}
+
+/// Distances beyond `guard` that are larger than those beside them.
+fn farthest(distances: &[f64], guard: f64) -> Vec<usize> {
+    let beside = |k: Option<usize>| k.and_then(|k| distances.get(k)).copied().unwrap_or(0.0);
+    let neighbours = |k: usize| beside(k.checked_sub(1)).max(beside(Some(k + 1)));
+    let far = |&k: &usize| distances[k] > guard && distances[k] > neighbours(k);
+    (0..distances.len()).filter(far).collect()
 }
 
 /// Instants of the measurements that are used, and where results go.
