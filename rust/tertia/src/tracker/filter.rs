@@ -66,7 +66,9 @@ impl Filter {
                 multiple.predict(settings, noise, t, period);
             }
             (Self::Window(window), Motion::Window(_)) => window.predict(settings, t, period),
-            (Self::Planned(prospects), Motion::Cv(sigma)) => prospects.predict(*sigma, t, period),
+            (Self::Planned(prospects), Motion::Cv(sigma)) => {
+                prospects.predict([*sigma, settings.motion.largest_sigma()], t, period);
+            }
             _ => unreachable!("a filter is made by its motion"),
         }
     }

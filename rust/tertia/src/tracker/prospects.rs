@@ -161,6 +161,15 @@ impl Prospects {
         (moments.estimate(), sure.map(|flight| flight.plan))
     }
 
+    /// Calls `each` with each state that it may have, and its probability.
+    pub fn each_estimate(&self, mut each: impl FnMut(f64, &Estimate<4>)) {
+        each(self.probability, &self.unplanned);
+        if let Some((probability, moving)) = &self.moving {
+            each(*probability, moving);
+        }
+        self.flights.iter().for_each(|flight| each(flight.probability, &flight.estimate));
+    }
+
     /// Calls `each` with the position that each expects, and its probability; where flights are due a plot
     /// counts less, as there are more false ones.
     pub fn components(&self, mut each: impl FnMut(Component)) {
@@ -177,11 +186,12 @@ impl Prospects {
         }
     }
 
-    /// Predicts over the time `t`; `sigma` is the acceleration of any target.
-    pub fn predict(&mut self, sigma: f64, t: f64, period: f64) {
+    /// Predicts over the time `t`; `sigma` is the acceleration of any target, and of one whose velocity
+    /// is known.
+    pub fn predict(&mut self, [sigma, moving_sigma]: [f64; 2], t: f64, period: f64) {
         kinematics::straight(&mut self.unplanned, t, sigma * sigma * period);
         if let Some((_, moving)) = &mut self.moving {
-            kinematics::straight(moving, t, sigma * sigma * period);
+            kinematics::straight(moving, t, moving_sigma * moving_sigma * period);
         }
         for flight in &mut self.flights {
             let q = STRAIGHT_SIGMA * STRAIGHT_SIGMA * period;
@@ -265,7 +275,7 @@ mod tests {
         let mut own = prospects(1.0);
         assert_eq!(own.flights.len(), 2);
         assert!(!own.is_planned());
-        own.predict(1.0, 10.0, 10.0);
+        own.predict([1.0; 2], 10.0, 10.0);
         let mut densities = Vec::new();
         own.components(|one| {
             let (s, [x, y]) = (one.covariance.plus(r), one.position);
@@ -278,7 +288,7 @@ mod tests {
         assert!(own.is_planned() && own.decide().1 == Some(4));
         // where there are ten times as many false plots it is less so
         let mut other = prospects(10.0);
-        other.predict(1.0, 10.0, 10.0);
+        other.predict([1.0; 2], 10.0, 10.0);
         other.correct([0.0, 2000.0], r);
         let odds = |of: &Prospects| of.flights[0].probability / of.probability;
         assert!((odds(&own) / odds(&other) - 10.0).abs() < 1e-9);
@@ -287,7 +297,7 @@ mod tests {
     #[test]
     fn a_target_that_flies_elsewhere_is_any() {
         let mut own = prospects(1.0);
-        own.predict(1.0, 10.0, 10.0);
+        own.predict([1.0; 2], 10.0, 10.0);
         own.correct([-1500.0, -1500.0], Plane { xx: 1e4, xy: 0.0, yy: 1e4 });
         assert!(own.probability > 0.999);
         let (estimate, plan) = own.decide();

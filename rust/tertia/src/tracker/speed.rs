@@ -277,8 +277,8 @@ mod tests {
     use crate::base::checks::assert_within;
     use crate::base::random::Random;
     use crate::sensors::radar_of;
-    use crate::tracker::estimate::POSITION;
     use crate::tracker::bank::changes;
+    use crate::tracker::estimate::{POSITION, VELOCITY};
     use crate::tracker::filter::Filter;
     use crate::tracker::motion::Motion;
     use crate::tracker::settings::Settings;
@@ -293,10 +293,15 @@ mod tests {
     }
 
     /// The filter of five states, corrected; returns the density of the plot.
-    fn correct(x: &mut Vector5<f64>, p: &mut Matrix5<f64>, z: [f64; 2]) -> f64 {
+    fn correct<const AT: usize>(
+        x: &mut Vector5<f64>,
+        p: &mut Matrix5<f64>,
+        z: [f64; 2],
+        r: Plane,
+    ) -> f64 {
         let mut h = Matrix2x5::zeros();
-        (h[(0, 0)], h[(1, 1)]) = (1.0, 1.0);
-        let s = h * *p * h.transpose() + Matrix2::new(R.xx, R.xy, R.xy, R.yy);
+        (h[(0, AT)], h[(1, AT + 1)]) = (1.0, 1.0);
+        let s = h * *p * h.transpose() + Matrix2::new(r.xx, r.xy, r.xy, r.yy);
         let inverse = s.try_inverse().unwrap();
         let y = Vector2::from(z) - h * *x;
         let gain = *p * h.transpose() * inverse;
@@ -355,10 +360,16 @@ mod tests {
                 speed.correct::<POSITION>(&bank, z, R);
                 let before = bank.straight;
                 bank.correct::<POSITION>(z, R);
-                let density = correct(&mut x, &mut p, z);
+                let density = correct::<POSITION>(&mut x, &mut p, z, R);
                 if !is_model {
                     let mut straight = before;
                     assert_within(tolerance, speed.odds / odds, density / straight.correct(z, R));
+                }
+                if k % 4 == 3 {
+                    let (v, r) = ([171.0, 85.0 - 0.4 * t], R.scaled(0.01));
+                    speed.correct::<VELOCITY>(&bank, v, r);
+                    bank.correct::<VELOCITY>(v, r);
+                    correct::<VELOCITY>(&mut x, &mut p, v, r);
                 }
                 let found = if is_model { bank.plan } else { speed.added_to(&bank.straight) };
                 let sigmas = p.diagonal().map(f64::sqrt);

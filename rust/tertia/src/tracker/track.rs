@@ -251,10 +251,11 @@ impl Track {
         if let Association::Paper(q) = settings.association {
             let (z, r) = (here.position, here.covariance());
             let score = paper_score(&self.estimate, z, r, q, settings.guard)?;
-            return Some(score + self.also(plot, settings).ln());
+            return Some(score + self.also_moving(plot, settings).ln());
         }
         let (density, nearest) = self.density(here.position, here.covariance());
-        (nearest <= settings.guard).then(|| odds + (density * self.also(plot, settings)).ln())
+        let is_near = nearest <= settings.guard;
+        is_near.then(|| odds + (density * self.also_moving(plot, settings)).ln())
     }
 
     /// What a plot adds to the evidence, by the `gain` with which it was taken, where there are so many
@@ -266,7 +267,7 @@ impl Track {
         }
         let here = self.brought_here(plot, settings);
         let (density, _) = self.density(here.position, here.covariance());
-        settings.odds(plot.radar, others) + (density * self.also(plot, settings)).ln()
+        settings.odds(plot.radar, others) + (density * self.also_moving(plot, settings)).ln()
     }
 
     /// 2 pi times the density of a plot of this target, and the least normalised distance to a model.
@@ -300,7 +301,7 @@ impl Track {
         (sigma, (self.time - self.seen).min(longest))
     }
 
-    /// Likelihood ratio of height, identity, detection and velocity.
+    /// Likelihood ratio of height, identity and detection.
     #[inline]
     pub fn also(&self, plot: &Measured, settings: &Settings) -> f64 {
         let height = match self.vertical {
@@ -313,11 +314,7 @@ impl Track {
         };
         // by what it was detected
         let detection = if plot.gain == 0.0 { 1.0 } else { exp(plot.gain) };
-        let velocity = match plot.source {
-            Source::Moving(_, seen) => self.velocity_ratio(plot, seen, settings),
-            _ => 1.0,
-        };
-        height * identity * detection * velocity
+        height * identity * detection
     }
 
     /// Corrects by a plot.

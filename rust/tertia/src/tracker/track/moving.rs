@@ -3,6 +3,7 @@
 use super::Track;
 use crate::tracker::estimate::Estimate;
 use crate::tracker::filter::Filter;
+use crate::tracker::kinematics;
 use crate::tracker::moving::Velocities;
 use crate::tracker::plot::{Measured, Moving, Source};
 use crate::tracker::prospects::{Expected, Prospects};
@@ -26,15 +27,45 @@ impl Track {
         }
     }
 
-    /// Likelihood ratio of the velocity of a plot, of this target against any other.
+    /// Likelihood ratio of all but the position of a plot, of this target against any other.
+    #[inline]
+    pub(super) fn also_moving(&self, plot: &Measured, settings: &Settings) -> f64 {
+        let also = self.also(plot, settings);
+        match plot.source {
+            Source::Moving(_, seen) => also * self.ratio_of(plot, seen, settings),
+            _ => also,
+        }
+    }
+
     #[cold]
-    pub(super) fn velocity_ratio(&self, plot: &Measured, seen: Moving, settings: &Settings) -> f64 {
+    fn ratio_of(&self, plot: &Measured, seen: Moving, settings: &Settings) -> f64 {
         let here = self.brought_here(plot, settings);
-        let mut after = self.estimate;
-        after.correct(here.position, here.covariance());
         let seen = self.moving_here(plot, seen, settings);
-        let [_, density] = after.expects(&seen);
-        settings.velocities().ratio(density)
+        let (mut total, mut density) = (0.0, 0.0);
+        self.filter.each_estimate(|probability, estimate| {
+            let mut after = *estimate;
+            let weight = probability * after.correct(here.position, here.covariance());
+            total += weight;
+            density += weight * after.expects(&seen)[1];
+        });
+        settings.velocities().ratio(if total > 0.0 { density / total } else { 0.0 })
+    }
+
+    /// The same of a plot far from where the target was expected: if it goes on as before, and if it has
+    /// had an acceleration of this standard deviation for so long.
+    pub(super) fn velocity_ratios(
+        &self,
+        plot: &Measured,
+        (sigma, gap): (f64, f64),
+        settings: &Settings,
+    ) -> [f64; 2] {
+        let Source::Moving(_, seen) = plot.source else { return [1.0; 2] };
+        let here = self.brought_here(plot, settings);
+        let seen = self.moving_here(plot, seen, settings);
+        let mut accelerated = self.estimate;
+        accelerated.covariance += kinematics::unnoticed(sigma, gap);
+        accelerated.correct(here.position, here.covariance());
+        [self.estimate, accelerated].map(|own| settings.velocities().ratio(own.expects(&seen)[1]))
     }
 
     /// Corrects by the velocity of a plot, after its position, unless no model expects it.
