@@ -52,7 +52,7 @@ def normalised(bias):
         np.array([np.atleast_1d(getattr(bias, kind + end))[-1] for kind in ("east", "north")])
         for end in ("", "_sigma")
     )
-    assert np.all(sigma < 12.0)
+    assert np.all(sigma < 15.0)
     return (value - ERROR) / sigma
 
 
@@ -94,7 +94,8 @@ def test_errors_are_found_while_tracking_and_the_rest_is_in_the_covariances():
             squares.append(nees(error, table.covariance[known]) / 4.0)
     assert np.sqrt(np.mean(np.square(left))) < 1.5
     assert np.max(np.abs(left)) < 4.0
-    assert 0.5 < np.mean(np.concatenate(squares)) < 1.2
+    # reports of one target within minutes count as one: what is left is less than its sigma
+    assert 0.15 < np.mean(np.concatenate(squares)) < 1.1
     assert np.mean(counts) <= TARGETS + 1
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 
 from tertia._arrays import BoolArray, FloatArray
-from tertia.geo import SystemPlane
+from tertia.geo import LocalFrame, SystemPlane
 from tertia.location._height import in_the_plane
 from tertia.sensors import Station
 from tertia.tables._records import Field, Schema, number
@@ -80,14 +80,23 @@ def moving_of(rows: pl.DataFrame, sensors: Sensors[Any]) -> dict[str, FloatArray
     geodetic = np.column_stack([column["sensor_latitude"], column["sensor_longitude"]])
     far = own & np.isnan(place).any(axis=1) & np.isfinite(geodetic).all(axis=1)
     if far.any() and sensors.frame is not None:
-        there = sensors.frame.station(*geodetic[far].T)
-        place[far] = there.position[:, :2]
+        place[far], north = _places(sensors.frame, geodetic[far])
         # the direction of north where the station is, instead of where it was described
         given = np.array([north_of(one) for one in sensors.items])[rows["sensor"].to_numpy()[far]]
-        axes = in_the_plane(np.asarray(there.axes))
-        heading[far] = np.nan_to_num(heading[far]) - given + np.arctan2(*axes[:, 1].T)
+        heading[far] = np.nan_to_num(heading[far]) - given + north
     place[~own], heading[~own] = np.nan, np.nan
     return {"sensor_position": place, "sensor_heading": heading}
+
+
+def _places(
+    frame: LocalFrame | SystemPlane, geodetic: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return east and north of places, (N, 2), and the directions of their north in the plane."""
+    if isinstance(frame, SystemPlane):
+        local = frame.to_local(*geodetic.T)
+        return local[:, :2], np.asarray(frame.scale_and_convergence(local)[1])
+    there = frame.station(*geodetic.T)
+    return there.position[:, :2], np.arctan2(*in_the_plane(np.asarray(there.axes))[:, 1].T)
 
 
 def _spread(column: dict[str, FloatArray], of: str, reports: BoolArray) -> FloatArray:

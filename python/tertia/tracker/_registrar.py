@@ -61,12 +61,16 @@ def target_plots(plots: Plots, tracks: TrackTable, rows: IntArray) -> dict[str, 
 
 
 def is_registrable(sensors: Sequence[Sensor]) -> bool:
-    """Return whether a radar may have systematic errors that another sensor can reveal."""
+    """Return whether a sensor may have systematic errors that another sensor can reveal.
+
+    Those of reported times count only if there are others: they are assumed by default.
+    """
     deviates = any(one.bias is not None and one.bias.deviation_order > 0 for one in sensors)
-    unknown = columns_of(own_biases(sensors), "_sigma").any(axis=1)
+    sigma = columns_of(own_biases(sensors), "_sigma")
     radar = np.array([isinstance(one, Radar) for one in sensors])
+    unknown = np.where(radar, sigma.any(axis=1), sigma[:, :3].any(axis=1))
     placing = sum(not isinstance(one, Station) for one in sensors)
-    return placing > 1 and not deviates and bool(np.any(unknown & radar))
+    return placing > 1 and not deviates and bool(np.any(radar) and np.any(unknown))
 
 
 class Registrar:

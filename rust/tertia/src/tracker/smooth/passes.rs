@@ -38,8 +38,8 @@ pub(super) struct Passes<const N: usize, const M: usize, const D: usize> {
 }
 
 impl<const D: usize> Record<D> {
-    /// Smooths; measurements and rates farther than `guard` from what the others say are left out, and
-    /// it is done once more. Of neighbours that are all too far the farthest goes: an outlier draws those
+    /// Smooths; rates, and then measurements, farther than `guard` from what the others say are left out,
+    /// and it is done once more. Of neighbours that are all too far the farthest goes: an outlier draws those
     /// beside it away, and a manoeuvre that no model has is no reason to leave out all its plots.
     pub fn smooth<L: Models<N, M>, const N: usize, const M: usize>(
         &mut self,
@@ -47,17 +47,21 @@ impl<const D: usize> Record<D> {
         wanted: &[f64],
         guard: f64,
     ) -> Passes<N, M, D> {
-        let passes = self.pass(models, wanted);
+        let mut passes = self.pass(models, wanted);
         let kept: Vec<usize> = (0..self.time.len()).filter(|&i| self.used[i]).collect();
-        let far = |distance: fn(&Innovation<D>) -> f64| {
+        let far = |passes: &Passes<N, M, D>, distance: fn(&Innovation<D>) -> f64| {
             let of = |i: &usize| passes.innovations[*i].as_ref().map_or(0.0, distance);
             farthest(&kept.iter().map(of).collect::<Vec<f64>>(), guard)
         };
-        let (places, rates) = (far(|one| one.distance), far(|one| one.distance_of_rate));
+        let rates = far(&passes, |one| one.distance_of_rate);
+        if !rates.is_empty() {
+            // a wrong rate draws many states away
+            rates.iter().for_each(|&k| self.fixes[kept[k]].rate = None);
+            passes = self.pass(models, wanted);
+        }
+        let places = far(&passes, |one| one.distance);
         places.iter().for_each(|&k| self.used[kept[k]] = false);
-        rates.iter().for_each(|&k| self.fixes[kept[k]].rate = None);
-        let all_fit = places.is_empty() && rates.is_empty();
-        if all_fit { passes } else { self.pass(models, wanted) }
+        if places.is_empty() { passes } else { self.pass(models, wanted) }
     }
 
     /// One pass forwards and one backwards. `wanted` has the times of all measurements.
