@@ -278,7 +278,7 @@ class Tracker:
             again = None if fresh is None else fresh.knowing(self._core)
             if again is None:
                 return table
-            # the first plots were tracked before the noise was known
+            # the first plots were tracked before it was known how they are
             self._core, self._registrar = again, Registrar(self.sensors)
             return self._registered(self._registrar, plots, end, recording)
         rows = "recording" if recording else "confirmed"

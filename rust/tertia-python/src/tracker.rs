@@ -121,7 +121,7 @@ impl PlotTracker {
             }
             let fresh = (self.0.tracker().plots() == 0).then(|| self.0.clone());
             self.0.record(&plots, &mut statuses, &mut table, n_threads)?;
-            // the first plots were tracked before the noise was known
+            // the first plots were tracked before it was known how they are
             if let Some(again) = fresh.and_then(|fresh| fresh.knowing(&self.0)) {
                 (self.0, table) = (again, Table::new(true));
                 self.0.record(&plots, &mut statuses, &mut table, n_threads)?;
@@ -138,7 +138,7 @@ impl PlotTracker {
         Self(self.0.clone())
     }
 
-    /// The same with the noise that a later one has found; none where that is as stated.
+    /// The same with what a later one has found of the plots; none where they are as stated.
     fn knowing(&self, later: &Self) -> Option<Self> {
         self.0.clone().knowing(&later.0).map(Self)
     }

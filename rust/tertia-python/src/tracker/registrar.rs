@@ -53,9 +53,9 @@ impl Registrar {
             |read: fn(&Report) -> f64| array(py, &[corrected.len()], corrected.iter().map(read));
         let polar = [column(|one| one.time)?, column(|one| one.range)?, column(|one| one.azimuth)?];
         let place = |one: &Report| one.place.map_or([f64::NAN; 2], |place| place.position);
-        let places = plots.has_positions().then(|| {
-            array(py, &[corrected.len(), 2], corrected.iter().flat_map(place))
-        });
+        let places = plots
+            .has_positions()
+            .then(|| array(py, &[corrected.len(), 2], corrected.iter().flat_map(place)));
         Ok((polar, places.transpose()?))
     }
 

@@ -119,7 +119,8 @@ impl Multiple {
     fn expects(&self, seen: &Moving, near: impl Fn([f64; 2]) -> bool + Copy) -> bool {
         let accelerated = self.speed.as_ref().filter(|s| s.probability(&self.bank) > NEGLIGIBLE);
         self.banks().any(|bank| bank.expects(seen, near))
-            || accelerated.is_some_and(|speed| near(speed.added_to(&self.bank.straight).expects(seen)))
+            || accelerated
+                .is_some_and(|speed| near(speed.added_to(&self.bank.straight).expects(seen)))
     }
 }
 

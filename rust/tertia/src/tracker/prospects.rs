@@ -202,7 +202,8 @@ impl Prospects {
     /// Corrects by a plot.
     pub fn correct(&mut self, z: [f64; 2], r: Plane) {
         let any = self.probability * self.unplanned.correct(z, r);
-        let moving = self.moving.as_mut().map(|(probability, own)| *probability * own.correct(z, r));
+        let moving =
+            self.moving.as_mut().map(|(probability, own)| *probability * own.correct(z, r));
         let each: Vec<_> = self
             .flights
             .iter_mut()

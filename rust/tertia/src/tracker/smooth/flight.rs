@@ -192,10 +192,7 @@ impl Heights {
         let (step, sigma) = rounding(&heights);
         let mut record = Record {
             time: known.iter().map(|&i| plots[i].time).collect(),
-            fixes: heights
-                .iter()
-                .map(|&h| Fix::new([h], [[sigma * sigma]]))
-                .collect(),
+            fixes: heights.iter().map(|&h| Fix::new([h], [[sigma * sigma]])).collect(),
             used: vec![true; known.len()],
         };
         let solutions = record.smooth(&Vertical, wanted, guard).solutions;

@@ -70,17 +70,14 @@ impl Track {
 
     /// Corrects by the velocity of a plot, after its position, unless no model expects it.
     #[cold]
-    pub(super) fn take_velocity(
-        &mut self,
-        plot: &Measured,
-        seen: Moving,
-        settings: &Settings,
-    ) {
+    pub(super) fn take_velocity(&mut self, plot: &Measured, seen: Moving, settings: &Settings) {
         let velocities = settings.velocities();
         let seen = self.moving_here(plot, seen, settings);
-        let leaning = self.lean.as_ref().zip(self.vertical).map(|(lean, vertical)| {
-            lean.of_velocity(vertical.at(self.time).height_variance())
-        });
+        let leaning = self
+            .lean
+            .as_ref()
+            .zip(self.vertical)
+            .map(|(lean, vertical)| lean.of_velocity(vertical.at(self.time).height_variance()));
         if !self.filter.expects(&seen.wider(leaning.unwrap_or_default()), velocities) {
             return;
         }
