@@ -4,8 +4,8 @@
 use super::bank::Component;
 use super::estimate::{Estimate, Moments, VELOCITY};
 use super::kinematics;
-use super::moving::Velocities;
 use super::plot::Moving;
+use super::velocities::Velocities;
 use crate::base::plane::Plane;
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};

@@ -4,10 +4,10 @@ use super::Track;
 use crate::tracker::estimate::Estimate;
 use crate::tracker::filter::Filter;
 use crate::tracker::kinematics;
-use crate::tracker::moving::Velocities;
 use crate::tracker::plot::{Measured, Moving, Source};
 use crate::tracker::prospects::{Expected, Prospects};
 use crate::tracker::settings::Settings;
+use crate::tracker::velocities::Velocities;
 
 impl Settings {
     fn velocities(&self) -> Velocities {
