@@ -11,7 +11,7 @@ from tertia import simulate
 from tertia._arrays import FloatArray, IntArray
 from tertia.metrics import nees
 from tertia.sensors import PositionSensor
-from tertia.tracker import Plots, smooth_tracks, track
+from tertia.tracker import Plots, SmoothedTracks, TrackTable, smooth_tracks, track
 
 SCENES = repetitions(20)
 FLIGHTS = 30
@@ -46,7 +46,8 @@ def scene(seed: int, interval: float, *, wrong: float = 0.0) -> Scene:
     times, target = time[seen], np.nonzero(seen)[0]
     position, velocity = traffic.at(target, times)
     there = np.isfinite(position).all(axis=1)
-    times, target, position, velocity = (v[there] for v in (times, target, position, velocity))
+    times, target = np.asarray(times[there]), np.asarray(target[there])
+    position, velocity = position[there], velocity[there]
     position = position + random.normal(0.0, SIGMA, position.shape)
     velocity = velocity + random.normal(0.0, VELOCITY_SIGMA, velocity.shape)
     odd = random.random(len(times)) < wrong
@@ -55,14 +56,13 @@ def scene(seed: int, interval: float, *, wrong: float = 0.0) -> Scene:
     return Scene(traffic, Plots(times, position=position, velocity=velocity), target)
 
 
-def judged(one: Scene, table: object) -> tuple[FloatArray, FloatArray]:
+def judged(one: Scene, table: TrackTable | SmoothedTracks) -> tuple[FloatArray, FloatArray]:
     """Return errors and normalised squares of tracks at their plots."""
     rows = (table.plot >= 0) & (table.time > SETTLED)
-    table = table[rows]
-    truth = np.hstack(one.traffic.at(one.target[table.plot], table.time))
+    truth = np.hstack(one.traffic.at(one.target[table.plot[rows]], table.time[rows]))
     known = np.isfinite(truth).all(axis=1)
-    error = (np.hstack([table.position, table.velocity]) - truth)[known]
-    return error, np.asarray(nees(error, table.covariance[known])) / 4.0
+    error = (np.hstack([table.position, table.velocity])[rows] - truth)[known]
+    return error, np.asarray(nees(error, table.covariance[rows][known])) / 4.0
 
 
 def row(name: str, scenes: list[Scene], sensor: PositionSensor) -> list[str]:

@@ -140,7 +140,9 @@ class TestHeightsAndIdentities:
             truth_of().identity_at([0], [0.0], "mode-s")
         with pytest.raises(ValueError, match=r"callsign has shape \(3,\); it must be \(20,\)"):
             truth_of(callsign=["A", "B", "C"])
-        with pytest.raises(ValueError, match=r"icao_address\[0\] is 33554432; it must be an address"):
+        with pytest.raises(
+            ValueError, match=r"icao_address\[0\] is 33554432; it must be an address"
+        ):
             truth_of(icao_address=np.full(20, 1 << 25))
         with pytest.raises(ValueError, match=r"height has shape \(3,\); it must be \(20,\)"):
             truth_of(height=np.ones(3))

@@ -54,7 +54,7 @@ def test_velocities_beside_latitudes_are_of_true_north(tmp_path: Path) -> None:
     """Far from the centre of the plane its north is not true north, and lengths are longer."""
     plane = SystemPlane(50.0, 14.0)
     position, velocity = seen()
-    position = position + [250e3, 100e3]
+    position = position + np.array([250e3, 100e3])
     height = np.zeros(len(TIME))
     latitude, longitude, _ = plane.to_geodetic(np.column_stack([position, height]))
     scale, convergence = plane.scale_and_convergence(np.column_stack([position, height]))
@@ -81,7 +81,9 @@ def test_velocities_beside_latitudes_are_of_true_north(tmp_path: Path) -> None:
     sensor = PositionSensor(position_sigma=30.0, velocity_sigma=1.0, update_interval=4.0)
     expected = track(Plots(TIME, position=position, velocity=velocity), [sensor])
     np.testing.assert_allclose(found["velocity_east_m_s"], expected.velocity[:, 0], rtol=1e-6)
-    np.testing.assert_allclose(found["speed_m_s"], np.hypot(*expected.velocity.T) / scale, rtol=1e-4)
+    np.testing.assert_allclose(
+        found["speed_m_s"], np.hypot(*expected.velocity.T) / scale, rtol=1e-4
+    )
 
 
 def test_a_camera_on_a_ship() -> None:
@@ -95,7 +97,12 @@ def test_a_camera_on_a_ship() -> None:
     rows = pl.concat(
         [
             pl.DataFrame(
-                {"time_s": TIME, "sensor": "gps", "east_m": position[:, 0], "north_m": position[:, 1]}
+                {
+                    "time_s": TIME,
+                    "sensor": "gps",
+                    "east_m": position[:, 0],
+                    "north_m": position[:, 1],
+                }
             ),
             pl.DataFrame(
                 {
@@ -132,13 +139,13 @@ def test_a_moving_camera_on_the_earth(tmp_path: Path) -> None:
     """Its north is that of where it is, not that of the plane."""
     plane = SystemPlane(50.0, 14.0)
     position, _ = seen()
-    position = position + [200e3, 0.0]
+    position = position + np.array([200e3, 0.0])
     ship = np.column_stack([200e3 + 5.0 * TIME, 3000.0 + 0.0 * TIME])
     height = np.zeros(len(TIME))
     at = plane.to_geodetic(np.column_stack([position, height]))
     place = plane.to_geodetic(np.column_stack([ship, height]))
     _, convergence = plane.scale_and_convergence(np.column_stack([ship, height]))
-    later = TRUTH + [200e3 + 75.0, -40.0]
+    later = TRUTH + np.array([200e3 + 75.0, -40.0])
     azimuth = np.arctan2(*(later - ship).T) - convergence
     path = tmp_path / "sensors.toml"
     path.write_text(
@@ -167,7 +174,7 @@ def test_a_moving_camera_on_the_earth(tmp_path: Path) -> None:
     )
     found = tables.track(rows, sensors=path).filter(pl.col("sensor") == "camera")
     assert found.height > 20
-    truth = np.outer(found["time_s"].to_numpy(), [150.0, -80.0]) + [200e3, 0.0]
+    truth = np.outer(found["time_s"].to_numpy(), [150.0, -80.0]) + np.array([200e3, 0.0])
     error = found.select("east_m", "north_m").to_numpy() - truth
     assert np.sqrt(np.mean(error**2)) < 25.0
 
@@ -178,7 +185,7 @@ def test_errors_of_positions_in_a_sensors_file(tmp_path: Path) -> None:
     path = tmp_path / "sensors.toml"
     rows = {"time_s": TIME, "sensor": "adsb"}
     path.write_text(text + "east_bias_m = 70.0\nnorth_bias_m = -20.0\n", encoding="utf-8")
-    off = position + [70.0, -20.0]
+    off = position + np.array([70.0, -20.0])
     found = tables.track(
         pl.DataFrame(rows | {"east_m": off[:, 0], "north_m": off[:, 1]}), sensors=path
     )

@@ -185,7 +185,7 @@ def test_azimuths_relative_to_the_bow_of_a_ship():
     def place(time):
         return np.column_stack([12.0 * time, -1e3 + 0.0 * time])
 
-    plots, target, truth = scene(5, place=place)
+    plots, _, _ = scene(5, place=place)
     straight = track(plots, [GPS, CAMERA])
     heading = np.where(plots.sensor == 1, 1.2 + 0.3 * np.sin(plots.time / 9.0), np.nan)
     columns = {

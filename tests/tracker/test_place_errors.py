@@ -1,4 +1,4 @@
-"""Constant errors of reported positions: stated, and estimated while tracking and from recordings."""
+"""Constant errors of reported positions: stated, and estimated live and from recordings."""
 
 import pickle
 from dataclasses import replace
@@ -57,7 +57,7 @@ def normalised(bias):
 
 
 def test_stated_errors_are_taken_out():
-    traffic, plots, _ = recording(0)
+    _, plots, _ = recording(0)
     stated = replace(UNKNOWN, bias=Bias(east=ERROR[0], north=ERROR[1]))
     exact = replace(UNKNOWN, bias=Bias())
     alone = plots[plots.sensor == 1]
@@ -77,19 +77,17 @@ def test_errors_are_found_while_tracking_and_the_rest_is_in_the_covariances():
         tables = []
         for k, start in enumerate(np.arange(0.0, 160.0, 4.0)):
             now = (plots.time >= start) & (plots.time < start + 4.0)
-            tables.append((tracker.update(plots[now], time=start + 4.0), np.flatnonzero(now)))
+            tables.append(tracker.update(plots[now], time=start + 4.0))
             if seed == 0 and k == 20:
                 tracker = pickle.loads(pickle.dumps(tracker))
         left.append(normalised(tracker.bias))
         assert tracker.bias.range[1] == tracker.bias.azimuth_sigma[1] == 0.0
         assert tracker.bias.east[0] == tracker.bias.north_sigma[0] == 0.0
-        rows = tables[-1][0]
-        counts.append(len(np.unique(rows.track)))
-        for table, _ in tables[25:]:
-            table = table[table.plot >= 0]
+        counts.append(len(np.unique(tables[-1].track)))
+        for table in tables[25:]:
             own = target[table.plot]
             truth = np.hstack(traffic.at(np.maximum(own, 0), table.time))
-            known = (own >= 0) & np.isfinite(truth).all(axis=1)
+            known = (table.plot >= 0) & (own >= 0) & np.isfinite(truth).all(axis=1)
             error = (np.hstack([table.position, table.velocity]) - truth)[known]
             squares.append(nees(error, table.covariance[known]) / 4.0)
     assert np.sqrt(np.mean(np.square(left))) < 1.5

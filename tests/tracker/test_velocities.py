@@ -1,4 +1,4 @@
-"""Velocities that come with positions: in the filter, in the choice of plots, and when tracks begin."""
+"""Velocities that come with positions: in filters, in the choice of plots, and in first plots."""
 
 import pickle
 
@@ -7,9 +7,9 @@ import pytest
 from tracker.test_positions import DURATION, PACE, SETTLED, SIGMA, reports, rms
 
 from tertia import simulate
+from tertia.kalman import SingerModel
 from tertia.metrics import nees
 from tertia.sensors import PositionSensor, Radar
-from tertia.kalman import SingerModel
 from tertia.tracker import CvModel, Plots, Tracker, smooth_tracks, track
 
 
@@ -27,7 +27,11 @@ def scene(seed, interval=4.0, count=20, velocity_sigmas=(0.5, 3.0)):
     noise = random.normal(size=(len(time), 2, 1))
     velocity = truth + (np.linalg.cholesky(spread) @ noise)[..., 0]
     plots = Plots(
-        time, position=position, covariance=covariance, velocity=velocity, velocity_covariance=spread
+        time,
+        position=position,
+        covariance=covariance,
+        velocity=velocity,
+        velocity_covariance=spread,
     )
     sensor = PositionSensor(update_interval=interval, detection_probability=0.95)
     return traffic, sensor, plots, target
@@ -73,7 +77,7 @@ def judged(traffic, table, target):
 
 
 def wandering(seed, count=30, interval=5.0):
-    """Targets whose velocities are random walks as in the model: plots, targets and true states."""
+    """Targets whose velocities are random walks as in the model: plots, true states, and the sensor."""
     random = np.random.default_rng([37, seed])
     step, steps = 0.5, 600
     velocity = random.normal(0.0, 120.0, (count, 1, 2)) + np.cumsum(
@@ -89,16 +93,19 @@ def wandering(seed, count=30, interval=5.0):
     measured = truth + noise
     plots = Plots(step * index, position=measured[:, :2], velocity=measured[:, 2:])
     sensor = PositionSensor(
-        position_sigma=25.0, velocity_sigma=1.5, update_interval=interval, detection_probability=0.95
+        position_sigma=25.0,
+        velocity_sigma=1.5,
+        update_interval=interval,
+        detection_probability=0.95,
     )
-    return plots, target, truth, sensor
+    return plots, truth, sensor
 
 
 def test_covariances_hold_where_targets_move_as_in_the_model():
     """Monte Carlo: NEES of tracks and of smoothed tracks, and the coverage of 95 % ellipses."""
     found = {"tracks": [], "smoothed": []}
     for seed in range(4):
-        plots, target, truth, sensor = wandering(seed)
+        plots, truth, sensor = wandering(seed)
         table = track(plots, [sensor], motion=CvModel(SIGMA))
         assert len(np.unique(table.track)) <= 31
         smoothed = smooth_tracks(plots, [sensor], table, motion=CvModel(SIGMA))
@@ -215,7 +222,7 @@ def test_a_track_knows_its_velocity_from_the_first_plot_on():
 
 
 def test_two_in_a_bunch_begin_as_two_tracks():
-    """Vessels a few hundred metres apart report once a minute: their velocities tell whose is whose."""
+    """Vessels a few hundred metres apart report once a minute: velocities tell whose is whose."""
     rng = np.random.default_rng(11)
     time = np.arange(0.0, 600.0, 60.0)
     first = rng.uniform(0.0, 2000.0, (12, 1, 2))
@@ -232,39 +239,44 @@ def test_two_in_a_bunch_begin_as_two_tracks():
     assert len(pairs) == 12
 
 
+def final_rows(tracker, plots, order, *, saved=False):
+    """Times, states and covariances of final rows of plots that come in this order."""
+    parts = []
+    for k, some in enumerate(np.array_split(order, 60)):
+        parts.append(tracker.update(plots[some]))
+        if saved and k == 30:
+            tracker = pickle.loads(pickle.dumps(tracker))
+    parts.append(tracker.finish())
+    columns = [
+        np.column_stack(
+            [part.time, part.position, part.velocity, part.covariance.reshape(len(part), -1)]
+        )[part.final]
+        for part in parts
+    ]
+    rows = np.concatenate(columns)
+    return rows[np.lexsort(rows.T[::-1])]
+
+
 def test_late_velocities_have_their_say_with_a_lag_and_without():
     traffic, sensor, plots, target = scene(6, count=8)
     order = np.argsort(plots.time)
     plots, target = plots[order], target[order]
     random = np.random.default_rng(9)
-    came = np.argsort(plots.time + np.where(random.random(len(plots)) < 0.3, 8.0, 0.0), kind="stable")
-    straight = Tracker([sensor], motion=CvModel(SIGMA), lag=10.0)
-    mixed = Tracker([sensor], motion=CvModel(SIGMA), lag=10.0)
-    tables = []
-    for tracker, index in ((straight, np.arange(len(plots))), (mixed, came)):
-        parts = []
-        for k, some in enumerate(np.array_split(index, 60)):
-            parts.append(tracker.update(plots[some]))
-            if k == 30:
-                tracker = pickle.loads(pickle.dumps(tracker))
-        parts.append(tracker.finish())
-        rows = [
-            (time, *state, *spread.ravel())
-            for part in parts
-            for time, state, spread, final in zip(
-                part.time, np.hstack([part.position, part.velocity]), part.covariance, part.final,
-                strict=True,
-            )
-            if final
-        ]  # fmt: skip
-        tables.append(np.array(sorted(rows)))
-    np.testing.assert_array_equal(*tables)
+
+    def late(seconds):
+        many = random.random(len(plots)) < 0.3
+        return np.argsort(plots.time + np.where(many, seconds, 0.0), kind="stable")
+
+    def tracker():
+        return Tracker([sensor], motion=CvModel(SIGMA), lag=10.0)
+
+    expected = final_rows(tracker(), plots, np.arange(len(plots)))
+    np.testing.assert_array_equal(final_rows(tracker(), plots, late(8.0), saved=True), expected)
     # without a lag a plot may be late by a scan
-    soon = np.argsort(plots.time + np.where(random.random(len(plots)) < 0.3, 3.5, 0.0), kind="stable")
+    soon = late(3.5)
     live = Tracker([sensor], motion=CvModel(SIGMA))
-    found = [live.update(plots[some]) for some in np.array_split(soon, 120)]
     squares = []
-    for part in found:
+    for part in [live.update(plots[some]) for some in np.array_split(soon, 120)]:
         rows = part[(part.plot >= 0) & (part.time > SETTLED)]
         truth = np.hstack(traffic.at(target[soon[rows.plot]], rows.time))
         there = np.isfinite(truth).all(axis=1)
@@ -321,9 +333,9 @@ def test_smoothed_tracks_are_those_of_least_squares():
 def test_what_cannot_be_a_velocity_is_refused():
     radar = Radar(range_sigma=50.0, azimuth_sigma=0.001, scan_period=4.0)
     sensor = PositionSensor(position_sigma=10.0)
-    with pytest.raises(ValueError, match="^velocity is given, but position is None$"):
+    with pytest.raises(ValueError, match=r"^velocity is given, but position is None$"):
         Plots([0.0], velocity=[[1.0, 2.0]])
-    with pytest.raises(ValueError, match="^velocity_covariance is given, but velocity is None$"):
+    with pytest.raises(ValueError, match=r"^velocity_covariance is given, but velocity is None$"):
         Plots([0.0], position=[[1.0, 2.0]], velocity_covariance=np.eye(2)[np.newaxis])
     nan = [[np.nan, np.nan]]
     plots = Plots([0.0], 1e4, 0.0, sensor=1, position=nan, velocity=[[1.0, 2.0]])

@@ -45,8 +45,9 @@ def heights(tracks: Tracks, truth: Truth, matching: Matching) -> tuple[BoolArray
 def identities(tracks: Tracks, truth: Truth, matching: Matching) -> tuple[BoolArray, BoolArray]:
     """Return which updates have an identity that can be checked, and which only correct ones."""
     given = [kind for kind in KINDS if getattr(truth, kind) is not None]
-    known, right = np.zeros((2, len(tracks.time)), dtype=bool)
-    right[:] = True
+    count = len(matching.target)
+    known: BoolArray = np.zeros(count, dtype=np.bool_)
+    right: BoolArray = np.ones(count, dtype=np.bool_)
     for kind in given:
         true = truth.identity_at(matching.target, tracks.time, kind)
         # numbers of no stated kind
@@ -54,16 +55,18 @@ def identities(tracks: Tracks, truth: Truth, matching: Matching) -> tuple[BoolAr
         if own is not None:
             reported = np.asarray(own)
             both = is_known(reported) & is_known(true)
-            known |= both
-            right &= ~both | (reported == true)
+            known = known | both
+            right = right & (~both | (reported == true))
     return known, known & right
 
 
 def identified(truth: Truth) -> BoolArray:
     """Return which rows of the truth have an identity."""
-    columns = [getattr(truth, kind) for kind in KINDS]
-    known = [is_known(column) for column in columns if column is not None]
-    return np.any([np.zeros(len(truth.time), dtype=bool), *known], axis=0)
+    found: BoolArray = np.zeros(len(truth.time), dtype=np.bool_)
+    for column in (getattr(truth, kind) for kind in KINDS):
+        if column is not None:
+            found = found | is_known(column)
+    return found
 
 
 def with_any(truth: Truth, known: BoolArray | None) -> BoolArray:

@@ -27,9 +27,7 @@ from tertia.sensors._kinds import ANGLES, angle_sigma
 KINDS = ("range", "range_gain", "azimuth", "time")
 # those of a sensor that reports positions, each in the place of a radar's
 PLACED = ("east", None, "north", "time")
-ERRORS = tuple(
-    f"{kind}{suffix}" for suffix in ("", "_sigma") for kind in (*KINDS, "east", "north")
-)
+ERRORS = tuple(f"{kind}{suffix}" for suffix in ("", "_sigma") for kind in (*KINDS, "east", "north"))
 # correlation time of the slow part of systematic errors that is assumed, in seconds
 DRIFT_TIME = 30_000.0
 # of a bias, the same for all sensors

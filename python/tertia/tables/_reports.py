@@ -88,9 +88,7 @@ def moving_of(rows: pl.DataFrame, sensors: Sensors[Any]) -> dict[str, FloatArray
     return {"sensor_position": place, "sensor_heading": heading}
 
 
-def _places(
-    frame: LocalFrame | SystemPlane, geodetic: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _places(frame: LocalFrame | SystemPlane, geodetic: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return east and north of places, (N, 2), and the directions of their north in the plane."""
     if isinstance(frame, SystemPlane):
         local = frame.to_local(*geodetic.T)

@@ -323,7 +323,7 @@ def plots_of(rows: pl.DataFrame, clock: Clock, sensors: Sensors[Any]) -> Plots:
     """Return plots from rows that were read by the schema of plots, or of plots and reports."""
     sensor = rows["sensor"].to_numpy()
     reports = reporting(sensors)[sensor]
-    reported = reported_of(rows, sensors, reports) if reports.any() else {}
+    reported: dict[str, Any] = reported_of(rows, sensors, reports) if reports.any() else {}
     if "sensor_heading" in rows.columns:
         reported |= moving_of(rows, sensors)
     return Plots(
