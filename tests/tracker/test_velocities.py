@@ -77,7 +77,7 @@ def judged(traffic, table, target):
 
 
 def wandering(seed, count=30, interval=5.0):
-    """Targets whose velocities are random walks as in the model: plots, true states, and the sensor."""
+    """Targets whose velocities are random walks as in the model: plots, true states, the sensor."""
     random = np.random.default_rng([37, seed])
     step, steps = 0.5, 600
     velocity = random.normal(0.0, 120.0, (count, 1, 2)) + np.cumsum(
@@ -249,7 +249,7 @@ def final_rows(tracker, plots, order, *, saved=False):
     parts.append(tracker.finish())
     columns = [
         np.column_stack(
-            [part.time, part.position, part.velocity, part.covariance.reshape(len(part), -1)]
+            [part.time, part.position, part.velocity, part.covariance.reshape(len(part), 16)]
         )[part.final]
         for part in parts
     ]

@@ -38,8 +38,8 @@ pub(super) struct Passes<const N: usize, const M: usize, const D: usize> {
 }
 
 impl<const D: usize> Record<D> {
-    /// Smooths; rates, and then measurements, farther than `guard` from what the others say are left out,
-    /// and it is done once more. Of neighbours that are all too far the farthest goes: an outlier draws those
+    /// Smooths; rates farther than `guard` from what the measurements say are left out, then measurements
+    /// farther from what all others say, and it is done once more. Of neighbours that are all too far the farthest goes: an outlier draws those
     /// beside it away, and a manoeuvre that no model has is no reason to leave out all its plots.
     pub fn smooth<L: Models<N, M>, const N: usize, const M: usize>(
         &mut self,
@@ -47,34 +47,40 @@ impl<const D: usize> Record<D> {
         wanted: &[f64],
         guard: f64,
     ) -> Passes<N, M, D> {
-        let mut passes = self.pass(models, wanted);
+        let has_rates = self.fixes.iter().any(|fix| fix.rate.is_some());
+        let mut passes = self.pass(models, wanted, false);
         let kept: Vec<usize> = (0..self.time.len()).filter(|&i| self.used[i]).collect();
         let far = |passes: &Passes<N, M, D>, distance: fn(&Innovation<D>) -> f64| {
             let of = |i: &usize| passes.innovations[*i].as_ref().map_or(0.0, distance);
             farthest(&kept.iter().map(of).collect::<Vec<f64>>(), guard)
         };
-        let rates = far(&passes, |one| one.distance_of_rate);
-        if !rates.is_empty() {
-            // a wrong rate draws many states away
+        if has_rates {
+            // a wrong rate would draw many states away
+            let rates = far(&passes, |one| one.distance_of_rate);
             rates.iter().for_each(|&k| self.fixes[kept[k]].rate = None);
-            passes = self.pass(models, wanted);
+            passes = self.pass(models, wanted, true);
         }
         let places = far(&passes, |one| one.distance);
         places.iter().for_each(|&k| self.used[kept[k]] = false);
-        if places.is_empty() { passes } else { self.pass(models, wanted) }
+        if places.is_empty() { passes } else { self.pass(models, wanted, true) }
     }
 
-    /// One pass forwards and one backwards. `wanted` has the times of all measurements.
+    /// One pass forwards and one backwards, with rates or without. `wanted` has the times of all
+    /// measurements.
     fn pass<L: Models<N, M>, const N: usize, const M: usize>(
         &self,
         models: &L,
         wanted: &[f64],
+        with_rates: bool,
     ) -> Passes<N, M, D> {
         let mut passes = Passes {
             solutions: vec![None; wanted.len()],
             innovations: vec![None; self.time.len()],
         };
-        let plan = Plan::new(self, wanted);
+        let mut plan = Plan::new(self, wanted);
+        if !with_rates {
+            plan.fixes.iter_mut().for_each(|fix| fix.rate = None);
+        }
         let Some(near) = plan.beginning::<N>() else {
             return passes;
         };
