@@ -50,17 +50,17 @@ impl<const D: usize> Record<D> {
         let has_rates = self.fixes.iter().any(|fix| fix.rate.is_some());
         let mut passes = self.pass(models, wanted, false);
         let kept: Vec<usize> = (0..self.time.len()).filter(|&i| self.used[i]).collect();
-        let far = |passes: &Passes<N, M, D>, distance: fn(&Innovation<D>) -> f64| {
+        let far = |passes: &Passes<N, M, D>, distance: fn(&Innovation<D>) -> f64, wrong: f64| {
             let of = |i: &usize| passes.innovations[*i].as_ref().map_or(0.0, distance);
-            farthest(&kept.iter().map(of).collect::<Vec<f64>>(), guard)
+            farthest(&kept.iter().map(of).collect::<Vec<f64>>(), guard, wrong)
         };
         if has_rates {
             // a wrong rate would draw many states away
-            let rates = far(&passes, |one| one.distance_of_rate);
+            let rates = far(&passes, |one| one.distance_of_rate, WRONG * guard);
             rates.iter().for_each(|&k| self.fixes[kept[k]].rate = None);
             passes = self.pass(models, wanted, true);
         }
-        let places = far(&passes, |one| one.distance);
+        let places = far(&passes, |one| one.distance, f64::INFINITY);
         places.iter().for_each(|&k| self.used[kept[k]] = false);
         if places.is_empty() { passes } else { self.pass(models, wanted, true) }
     }
@@ -130,11 +130,15 @@ impl<const D: usize> Record<D> {
     }
 }
 
-/// Distances beyond `guard` that are larger than those beside them.
-fn farthest(distances: &[f64], guard: f64) -> Vec<usize> {
+/// Distance squared of a rate that is wrong in any case, over that of the guard gate.
+const WRONG: f64 = 30.0;
+
+/// Distances beyond `guard` that are larger than those beside them, or beyond `wrong`.
+fn farthest(distances: &[f64], guard: f64, wrong: f64) -> Vec<usize> {
     let beside = |k: Option<usize>| k.and_then(|k| distances.get(k)).copied().unwrap_or(0.0);
     let neighbours = |k: usize| beside(k.checked_sub(1)).max(beside(Some(k + 1)));
-    let far = |&k: &usize| distances[k] > guard && distances[k] > neighbours(k);
+    let is_most = |k: usize| distances[k] > neighbours(k) || distances[k] > wrong;
+    let far = |&k: &usize| distances[k] > guard && is_most(k);
     (0..distances.len()).filter(far).collect()
 }
 
