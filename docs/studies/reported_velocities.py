@@ -19,6 +19,7 @@ FLIGHTS = 30
 SIGMA, VELOCITY_SIGMA, SEEN = 30.0, 1.0, 0.95
 # seconds
 DURATION, SETTLED = 600.0, 60.0
+_OFTEN = 10.0
 SEED = 71
 
 
@@ -66,7 +67,8 @@ def judged(one: Scene, table: TrackTable | SmoothedTracks) -> tuple[FloatArray, 
 
 
 def row(name: str, scenes: list[Scene], sensor: PositionSensor) -> list[str]:
-    """Return a row of the table, of tracks and smoothed tracks."""
+    """Return a row of the table, of tracks and, if turns have a few plots, smoothed tracks."""
+    often = sensor.update_interval <= _OFTEN
     errors, squares, counts, smoothed = [], [], [], []
     for one in scenes:
         table = track(one.plots, [sensor])
@@ -74,17 +76,23 @@ def row(name: str, scenes: list[Scene], sensor: PositionSensor) -> list[str]:
         errors.append(error)
         squares.append(square)
         counts.append(len(np.unique(table.track)))
-        smoothed.append(judged(one, smooth_tracks(one.plots, [sensor], table)))
+        if often:
+            smoothed.append(judged(one, smooth_tracks(one.plots, [sensor], table)))
     error = np.concatenate(errors)
-    late = np.concatenate([own for own, _ in smoothed])
+    cells = ["", ""]
+    if often:
+        late = np.concatenate([own for own, _ in smoothed])
+        cells = [
+            f"{_rms(late[:, :2]):.1f} m, {_rms(late[:, 2:]):.2f} m/s",
+            f"{np.mean(np.concatenate([own for _, own in smoothed])):.2f}",
+        ]
     return [
         name,
         f"{_rms(error[:, :2]):.1f} m",
         f"{_rms(error[:, 2:]):.2f} m/s",
         f"{np.mean(np.concatenate(squares)):.2f}",
         f"{np.mean(counts):.1f}",
-        f"{_rms(late[:, :2]):.1f} m, {_rms(late[:, 2:]):.2f} m/s",
-        f"{np.mean(np.concatenate([own for _, own in smoothed])):.2f}",
+        *cells,
     ]
 
 

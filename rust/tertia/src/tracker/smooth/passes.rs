@@ -39,8 +39,9 @@ pub(super) struct Passes<const N: usize, const M: usize, const D: usize> {
 
 impl<const D: usize> Record<D> {
     /// Smooths; rates farther than `guard` from what the measurements say are left out, then measurements
-    /// farther from what all others say, and it is done once more. Of neighbours that are all too far the farthest goes: an outlier draws those
-    /// beside it away, and a manoeuvre that no model has is no reason to leave out all its plots.
+    /// farther from what all others say, and it is done once more. Of neighbours that are all too far the
+    /// farthest goes: an outlier draws those beside it away, and a manoeuvre that no model has is no reason
+    /// to leave out all its plots.
     pub fn smooth<L: Models<N, M>, const N: usize, const M: usize>(
         &mut self,
         models: &L,
