@@ -62,6 +62,7 @@ _STATION = {
 _POSITION_SIGMA = "position_sigma_m"
 _POSITION_SENSOR = {
     "position_sigma": _POSITION_SIGMA,
+    "velocity_sigma": "velocity_sigma_m_s",
     "update_interval": "update_interval_s",
     "detection_probability": _DETECTION,
 }
@@ -72,6 +73,11 @@ _BIAS = {
     "azimuth": ("azimuth_bias_deg", "azimuth_bias_sigma_deg", math.pi / 180),
     "time": ("time_bias_s", "time_bias_sigma_s", 1.0),
     "elevation": ("elevation_bias_deg", "elevation_bias_sigma_deg", math.pi / 180),
+}
+# those of positions, which are 0 unless they are stated
+_PLACE_BIAS = {
+    "east": ("east_bias_m", "east_bias_sigma_m", 1.0),
+    "north": ("north_bias_m", "north_bias_sigma_m", 1.0),
 }
 _TRUSTED = "trusted"
 _RANGE_DIFFERENCE_SIGMA = "range_difference_sigma_m"
@@ -480,20 +486,20 @@ def _channels(cells: _Cells) -> dict[str, Channel] | None:
 def _bias(cells: _Cells) -> Bias | None:
     """Return the systematic errors of a sensor; None if nothing is known about them.
 
-    Kinds of errors without a cell are to be estimated.
+    Kinds of errors without a cell are to be estimated, except for those of positions.
     """
     found: dict[str, Any] = {}
-    for kind, (column, sigma_column, unit) in _BIAS.items():
+    for kind, (column, sigma_column, unit) in (_BIAS | _PLACE_BIAS).items():
         value, sigma = cells.number(column), cells.number(sigma_column)
         if sigma is not None and sigma < 0:
             raise cells.error(
                 f"{sigma_column} of {cells.name} is {sigma:g}; it must be 0 or positive"
             )
         if value is None and sigma is None:
-            found[f"{kind}_sigma"] = None
+            found[f"{kind}_sigma"] = 0.0 if kind in _PLACE_BIAS else None
         else:
             found |= {kind: (value or 0.0) * unit, f"{kind}_sigma": (sigma or 0.0) * unit}
-    is_known = any(value is not None for value in found.values())
+    is_known = any(kind in found for kind in (*_BIAS, *_PLACE_BIAS))
     trusted = cells.row.get(_TRUSTED)
     if trusted is None or is_mark(str(trusted)) or str(trusted).lower() == "false":
         return Bias(**found) if is_known else None

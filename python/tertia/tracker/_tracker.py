@@ -29,7 +29,7 @@ from tertia.tracker._azimuths import placed
 from tertia.tracker._models import Association, Motion, PlanModel, ProfileName
 from tertia.tracker._plots import Plots, continuous
 from tertia.tracker._registrar import Registrar, is_registrable, scans
-from tertia.tracker._sensors import Sensor, core_sensors, sensors_of
+from tertia.tracker._sensors import Sensor, check_velocities, core_sensors, sensors_of
 from tertia.tracker._settings import core_settings
 from tertia.tracker._table import TrackTable, joined
 
@@ -265,6 +265,7 @@ class Tracker:
         """Return the rows of confirmed tracks; for a recording also those before confirmation."""
         if not isinstance(plots, Plots):
             raise TypeError(f"plots is {plots!r}; it must be Plots")
+        check_velocities(plots, self.sensors)
         end = None if time is None else real(time, "time")
         if self.clock_period is not None:
             period, now = self.clock_period, self._core.time
@@ -277,7 +278,7 @@ class Tracker:
             again = None if fresh is None else fresh.knowing(self._core)
             if again is None:
                 return table
-            # the first plots were tracked before the noise was known
+            # the first plots were tracked before it was known how they are
             self._core, self._registrar = again, Registrar(self.sensors)
             return self._registered(self._registrar, plots, end, recording)
         rows = "recording" if recording else "confirmed"

@@ -1,7 +1,7 @@
 //! The filter of one target whose plots are known.
 
 use super::bank::{Bank, Component, STRAIGHT, TURN, changes};
-use super::estimate::Estimate;
+use super::estimate::{Estimate, POSITION};
 use super::motion::ImmModel;
 use crate::base::plane::Plane;
 use nalgebra::{Matrix2, Vector2};
@@ -40,7 +40,7 @@ impl Follower {
     /// Corrects by a position of covariance `r`.
     pub fn correct(&mut self, z: [f64; 2], r: Plane) {
         let before = self.bank.probability;
-        self.bank.correct(z, r);
+        self.bank.correct::<POSITION>(z, r);
         let total = self.bank.total();
         if total > LEAST_DENSITY {
             self.bank.scale(total.recip());

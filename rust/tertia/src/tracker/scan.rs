@@ -406,7 +406,7 @@ impl Scan {
             let false_plots = false_plots * (1.0 + (self.others[i] - self.doubled[i]) / density);
             let mut track = Track::new(*sky.next_number, plot, false_plots, sky.settings);
             if let Some(expected) = schedule.expected(i, plot, sky.clutter, sky.settings) {
-                track.expect(expected);
+                track.expect(expected, sky.settings);
             }
             if sky.noise[plot.radar].outliers.are_many() {
                 track.require_more();

@@ -69,15 +69,16 @@ impl Track {
         if let Association::Paper(q) = settings.association {
             // always widened
             let score = paper_score(&self.estimate, z, r.plus(wide), q, settings.guard)?;
-            return Some(surprise(score + self.also(plot, settings).ln(), 1.0));
+            return Some(surprise(score + self.also_moving(plot, settings).ln(), 1.0));
         }
         let s = self.estimate.position_covariance().plus(r).plus(wide);
         let d = s.inverse().form(y);
         if d > settings.guard {
             return None;
         }
-        let accelerated = UNNOTICED.ln() - 0.5 * (d + s.determinant().ln());
-        let straight = self.density(z, r).0.ln();
+        let [as_before, as_accelerated] = self.velocity_ratios(plot, (sigma, gap), settings);
+        let accelerated = UNNOTICED.ln() - 0.5 * (d + s.determinant().ln()) + as_accelerated.ln();
+        let straight = self.density(z, r).0.ln() + as_before.ln();
         // the window of the paper is always widened
         let always = matches!(settings.motion, Motion::Window(_));
         let ratio = if always { f64::INFINITY } else { (accelerated - straight).exp() };
@@ -123,7 +124,8 @@ impl Track {
         let (z, s) = (here.position, self.estimate.position_covariance().plus(here.covariance()));
         let y = [z[0] - self.estimate.mean[0], z[1] - self.estimate.mean[1]];
         let density = outliers.density(s.inverse().form(y), s.determinant());
-        odds + (density * self.also(plot, settings)).ln() - gain
+        let also = self.also(plot, settings) * self.velocity_ratios(plot, (0.0, 0.0), settings)[0];
+        odds + (density * also).ln() - gain
     }
 
     /// Takes a plot by an acceleration, unless it is more likely that it is one of the outliers of the radar.

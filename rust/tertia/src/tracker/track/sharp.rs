@@ -61,8 +61,10 @@ impl Track {
         if d > settings.guard || self.guarded_score(plot, odds, settings).is_some() {
             return None;
         }
-        let turned = SHARPLY.ln() - 0.5 * (d + s.determinant().ln());
-        let probability = 1.0 / (1.0 + (self.density(z, r).0.ln() - turned).exp());
+        let [as_before, as_turned] = self.velocity_ratios(plot, (sharp, gap), settings);
+        let turned = SHARPLY.ln() - 0.5 * (d + s.determinant().ln()) + as_turned.ln();
+        let before = self.density(z, r).0.ln() + as_before.ln();
+        let probability = 1.0 / (1.0 + (before - turned).exp());
         (probability > SURE).then(|| Surprise {
             gain: odds + turned - probability.ln() + self.also(plot, settings).ln(),
             odds,
