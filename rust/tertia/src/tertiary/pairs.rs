@@ -8,6 +8,7 @@ use crate::base::error::Result;
 use crate::registration::{ERRORS, Errors};
 use crate::sensors::Identities;
 use nalgebra::{DMatrix, Matrix4, Vector4};
+use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZero;
@@ -54,6 +55,8 @@ pub(super) struct Sample {
     pub sensor: usize,
     pub mean: Vector4<f64>,
     pub covariance: Matrix4<f64>,
+    /// The covariance with what unknown errors of the sensor add.
+    pub whole: Matrix4<f64>,
     /// By the errors of the sensor.
     pub sensitivity: Matrix4<f64>,
     pub height: f64,
@@ -98,22 +101,25 @@ pub(super) struct Pairs {
     known: Vec<((u64, u64), History)>,
 }
 
-/// Covariances of the errors between all sensors, and their values.
+/// Errors of all sensors, and their covariances, sensor by sensor.
 pub(super) struct Known {
     pub errors: Vec<Errors>,
-    pub covariance: DMatrix<f64>,
+    blocks: Vec<Matrix4<f64>>,
 }
 
 impl Known {
-    /// Between two sensors.
-    pub fn block(&self, a: usize, b: usize) -> Matrix4<f64> {
-        self.covariance.fixed_view::<ERRORS, ERRORS>(ERRORS * a, ERRORS * b).into_owned()
+    pub fn new(errors: Vec<Errors>, covariance: &DMatrix<f64>) -> Self {
+        let k = errors.len();
+        let block = |a: usize, b: usize| {
+            covariance.fixed_view::<ERRORS, ERRORS>(ERRORS * a, ERRORS * b).into_owned()
+        };
+        let blocks = (0..k * k).map(|at| block(at / k, at % k)).collect();
+        Self { errors, blocks }
     }
 
-    /// What errors that are not known add to the covariance of a state.
-    pub fn added(&self, sample: &Sample) -> Matrix4<f64> {
-        let j = &sample.sensitivity;
-        propagated(j, &self.block(sample.sensor, sample.sensor), j)
+    /// Between two sensors.
+    pub fn block(&self, a: usize, b: usize) -> &Matrix4<f64> {
+        &self.blocks[a * self.errors.len() + b]
     }
 }
 
@@ -136,22 +142,19 @@ impl Pairs {
         n_threads: Option<NonZero<usize>>,
     ) -> Result<Vec<Candidate>> {
         let places: Vec<_> = samples.iter().map(place_of).collect();
-        let own: Vec<_> = samples.iter().map(|one| one.covariance + known.added(one)).collect();
         // compact, as most of what is near is far in terms of its variance
-        let spots: Vec<_> = samples.iter().zip(&own).map(|(one, p)| Spot::new(one, p)).collect();
+        let spots: Vec<_> = samples.iter().map(Spot::new).collect();
         let largest = spots.iter().flat_map(|spot| spot.variance).fold(0.0, f64::max);
         let by_hand = !manual.joined.is_empty();
         let reach = |variance: f64| (FAR * (variance + largest)).sqrt().min(REACH);
         let grid = Grid::new(&places, reach(largest).max(1.0))?;
-        let blocks = blocks(known);
-        let sensors = known.errors.len();
         let before = std::mem::take(&mut self.known);
         let around = |i: usize| {
-            let p = &own[i];
+            let p = &samples[i].whole;
             if by_hand { [REACH; 2] } else { [0, 1].map(|k| reach(p[(k, k)])) }
         };
         let look = |i: usize, found: &mut Vec<_>, near: &mut Vec<usize>| {
-            let (a, p) = (&samples[i], &own[i]);
+            let (a, p) = (&samples[i], &samples[i].whole);
             near.clear();
             grid.within(places[i], around(i), &mut |j| {
                 if j <= i {
@@ -162,7 +165,13 @@ impl Pairs {
                     let d = places[i][k] - spot.place[k];
                     d * d > FAR * (p[(k, k)] + spot.variance[k])
                 };
-                if spot.sensor != a.sensor && (by_hand || !(is_far(0) || is_far(1))) {
+                // the errors of two sensors may be correlated, which doubles the variance at most
+                let is_faster = |k: usize| {
+                    let d = a.mean[2 + k] - spot.velocity[k];
+                    d * d > 2.0 * FAR * (p[(2 + k, 2 + k)] + spot.spread[k])
+                };
+                let is_other = || is_far(0) || is_far(1) || is_faster(0) || is_faster(1);
+                if spot.sensor != a.sensor && (by_hand || !is_other()) {
                     near.push(j);
                 }
             });
@@ -178,11 +187,8 @@ impl Pairs {
                     continue;
                 }
                 let b = &samples[j];
-                let total = own[i] + own[j];
-                let d = a.mean - b.mean;
-                let block = &blocks[a.sensor * sensors + b.sensor];
-                let cross = propagated(&a.sensitivity, block, &b.sensitivity);
-                let distance = Distance::new(&d, total - cross - cross.transpose());
+                let block = known.block(a.sensor, b.sensor);
+                let distance = Arch::new().dispatch(Compared { a, b, block });
                 let Some(distance) = distance else { continue };
                 if distance.squared > FAR && !joined {
                     continue;
@@ -222,15 +228,20 @@ struct Spot {
     sensor: usize,
     place: [f64; 2],
     variance: [f64; 2],
+    velocity: [f64; 2],
+    /// Variances of the velocity.
+    spread: [f64; 2],
     height: f64,
     age: f64,
 }
 
 impl Spot {
-    fn new(one: &Sample, p: &Matrix4<f64>) -> Self {
+    fn new(one: &Sample) -> Self {
+        let p = &one.whole;
         let (place, variance) = (place_of(one), [p[(0, 0)], p[(1, 1)]]);
+        let (velocity, spread) = ([one.mean[2], one.mean[3]], [p[(2, 2)], p[(3, 3)]]);
         let &Sample { id, sensor, height, age, .. } = one;
-        Self { id, sensor, place, variance, height, age }
+        Self { id, sensor, place, variance, velocity, spread, height, age }
     }
 
     /// Whether the heights are those of two targets.
@@ -249,9 +260,23 @@ fn place_of(sample: &Sample) -> [f64; 2] {
     [sample.mean[0], sample.mean[1]]
 }
 
-fn blocks(known: &Known) -> Vec<Matrix4<f64>> {
-    let k = known.errors.len();
-    (0..k * k).map(|at| known.block(at / k, at % k)).collect()
+/// The distance of two samples whose sensors' errors have this covariance.
+struct Compared<'a> {
+    a: &'a Sample,
+    b: &'a Sample,
+    block: &'a Matrix4<f64>,
+}
+
+impl WithSimd for Compared<'_> {
+    type Output = Option<Distance>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Option<Distance> {
+        let Self { a, b, block } = self;
+        let cross = propagated(&a.sensitivity, block, &b.sensitivity);
+        let total = a.whole + b.whole - cross - cross.transpose();
+        Distance::new(&(a.mean - b.mean), total)
+    }
 }
 
 /// The gain of a pair, and what is remembered of it.
