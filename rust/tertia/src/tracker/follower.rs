@@ -4,7 +4,6 @@ use super::bank::{Bank, Component, MODELS, SPEED, TURN, changes};
 use super::estimate::Estimate;
 use super::motion::ImmModel;
 use super::speed::SpeedChange;
-use crate::base::exponential::exp;
 use crate::base::plane::Plane;
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
@@ -143,7 +142,7 @@ fn corrected(models: &[Expected], z: &Vector2<f64>) -> Option<(Vector2<f64>, Mat
     for model in models {
         let y = z - model.position;
         let own = model.inverse * y;
-        let weight = model.probability * exp(-0.5 * y.dot(&own)) / model.root;
+        let weight = model.probability * (-0.5 * y.dot(&own)).exp() / model.root;
         // about the first, where numbers are small
         let place = model.position - models[0].position + model.gain * y;
         total += weight;
