@@ -11,7 +11,9 @@ use nalgebra::{DMatrix, Matrix4, Vector4};
 use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
+use std::iter::Peekable;
 use std::num::NonZero;
+use std::slice::Iter;
 
 /// χ² of four components: .999, and .999999 for a pair that has been one.
 const GATE: f64 = 18.466_826_952_9;
@@ -144,19 +146,13 @@ impl Pairs {
         let places: Vec<_> = samples.iter().map(place_of).collect();
         // compact, as most of what is near is far in terms of its variance
         let spots: Vec<_> = samples.iter().map(Spot::new).collect();
-        let largest = spots.iter().flat_map(|spot| spot.variance).fold(0.0, f64::max);
         let by_hand = !manual.joined.is_empty();
-        let reach = |variance: f64| (FAR * (variance + largest)).sqrt().min(REACH);
-        let grid = Grid::new(&places, reach(largest).max(1.0))?;
+        let layers = layers(&spots)?;
         let before = std::mem::take(&mut self.known);
-        let around = |i: usize| {
-            let p = &samples[i].whole;
-            if by_hand { [REACH; 2] } else { [0, 1].map(|k| reach(p[(k, k)])) }
-        };
-        let look = |i: usize, found: &mut Vec<_>, near: &mut Vec<usize>| {
+        let look = |i: usize, old: &mut Old<'_>, found: &mut Vec<_>, near: &mut Vec<usize>| {
             let (a, p) = (&samples[i], &samples[i].whole);
             near.clear();
-            grid.within(places[i], around(i), &mut |j| {
+            let mut meet = |j: usize| {
                 if j <= i {
                     return;
                 }
@@ -174,10 +170,13 @@ impl Pairs {
                 if spot.sensor != a.sensor && (by_hand || !is_other()) {
                     near.push(j);
                 }
-            });
+            };
+            for layer in &layers {
+                let around = |k: usize| if by_hand { REACH } else { layer.reach(p[(k, k)]) };
+                let own = &layer.places;
+                layer.grid.within(places[i], [around(0), around(1)], &mut |at| meet(own[at]));
+            }
             near.sort_unstable();
-            let mut old =
-                before[before.partition_point(|(key, _)| key.0 < a.id)..].iter().peekable();
             for &j in near.iter() {
                 let pair = (a.id, spots[j].id);
                 while old.next_if(|(key, _)| *key < pair).is_some() {}
@@ -207,7 +206,9 @@ impl Pairs {
         let found = mapped(parts, PART as f64 * PAIRS_NS, n_threads, |start| {
             let (mut found, mut near) = (Vec::with_capacity(2 * PART), Vec::new());
             let end = samples.len().min(start + PART);
-            (start..end).for_each(|i| look(i, &mut found, &mut near));
+            let from = before.partition_point(|(key, _)| key.0 < samples[start].id);
+            let mut old = before[from..].iter().peekable();
+            (start..end).for_each(|i| look(i, &mut old, &mut found, &mut near));
             Ok(found)
         })?;
         self.known = found.iter().flatten().map(|&(_, pair, history)| (pair, history)).collect();
@@ -220,6 +221,43 @@ impl Pairs {
             history.paired = group[pair.first] == group[pair.second];
         }
     }
+}
+
+/// What is remembered of pairs, in order of their ids.
+type Old<'a> = Peekable<Iter<'a, ((u64, u64), History)>>;
+
+/// Samples whose variances are of one size: how far others are sought depends on both.
+struct Layer {
+    grid: Grid,
+    /// Places in the list of samples.
+    places: Vec<usize>,
+    /// Largest variance of a position along an axis.
+    largest: f64,
+}
+
+impl Layer {
+    /// How far along an axis the samples are that one with this variance is compared with.
+    fn reach(&self, variance: f64) -> f64 {
+        (FAR * (variance + self.largest)).sqrt().min(REACH)
+    }
+}
+
+/// Samples by powers of four of their variances. Cost O(N).
+fn layers(spots: &[Spot]) -> Result<Vec<Layer>> {
+    let mut sizes: BTreeMap<i32, (Vec<usize>, Vec<[f64; 2]>, f64)> = BTreeMap::new();
+    for (i, spot) in spots.iter().enumerate() {
+        let variance = spot.variance[0].max(spot.variance[1]);
+        let of_size = sizes.entry((0.5 * variance.log2()).floor() as i32).or_default();
+        of_size.0.push(i);
+        of_size.1.push(spot.place);
+        of_size.2 = of_size.2.max(variance);
+    }
+    let layer = |(places, points, largest): (Vec<usize>, Vec<[f64; 2]>, f64)| {
+        let mut layer = Layer { grid: Grid::default(), places, largest };
+        layer.grid.fill(&points, layer.reach(largest).max(1.0))?;
+        Ok(layer)
+    };
+    sizes.into_values().map(layer).collect()
 }
 
 /// What a first look at a track needs.
