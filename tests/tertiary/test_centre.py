@@ -317,7 +317,7 @@ def test_fused_tracks_are_as_good_as_a_tracker_of_all_plots_in_turns():
 def test_a_row_between_two_plots_does_not_move_the_target():
     # a tracker that has taken a false plot 3 km away states how little it knows
     traffic = simulate.dense_traffic(1, area=(1e3, 1e3), turning_share=0.0, duration=100.0, rng=3)
-    record = simulate.radar_plots(traffic, RADARS[1:], clutter=0, detection_probability=1.0, rng=4)
+    record = simulate.radar_plots(traffic, RADARS[1:], clutter=0, rng=4)
     several = []
     for k in range(2):
         own = record.plots[record.plots.sensor == k]
