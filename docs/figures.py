@@ -159,6 +159,8 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     "tertiary.md": {
         "association": tertiary.association,
         "fusion": tertiary.fusion,
+        "links": tertiary.links,
+        "speed changes": tertiary.speed_changes,
         "expectations": tertiary.expectations,
     },
     "registration.md": {
