@@ -56,14 +56,14 @@ def test_a_fighter_is_one_track(count):
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_a_fighter_with_an_address_keeps_its_number(count):
-    """Of 24 that turn with 7 g, 5 and 9 have several tracks if only gaps are resumed."""
+    """Of 24 that turn with 7 g, 5 and 9 have several tracks if only gaps are resumed; now none."""
     several = 0
     for seed in range(24):
         plots, _ = fighter(seed, count, 68.6)
         known = replace(plots, icao_address=np.full(len(plots), 0x3F7A21))
         found = track(known, RADARS[:count])
         several += len(np.unique(found.track)) > 1
-    assert several <= 2
+    assert several <= 1
 
 
 def test_two_targets_with_one_address_are_two_tracks():
