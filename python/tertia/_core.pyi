@@ -412,6 +412,7 @@ class TrackerSettings:
         coasting: int,
         clutter_density: float | None,
         max_speed: float,
+        heights: tuple[float, float] | None,
         gate_probability: float,
         guard_acceleration: float | None,
         identity_error_probability: float,

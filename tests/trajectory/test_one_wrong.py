@@ -12,7 +12,7 @@ TIME = np.arange(60.0)
 
 
 def run(seed, error=0.0, begin=0):
-    """Return a path between stations, of which the first is wrong from an instant on, and errors."""
+    """Return a path and its errors; the first station is wrong from an instant on."""
     rng = np.random.default_rng([12, seed])
     turn = 2 * np.pi * (np.arange(COUNT) + rng.uniform(-0.3, 0.3, COUNT)) / COUNT
     places = 2500.0 * np.column_stack([np.sin(turn), np.cos(turn)])

@@ -18,6 +18,7 @@ from tertia.sensors import Bias, ByKind, PositionSensor, Radar, Station
 from tertia.sensors._channels import WIDEST_BEAM
 from tertia.tracker import Plots, TrackTable, track
 from tertia.tracker._earth import in_plane
+from tertia.tracker._models import with_heights
 from tertia.tracker._sensors import interval, sensors_of
 from tertia.tracker._start import columns_of, start
 
@@ -137,6 +138,7 @@ def register(
                 "given"
             )
     run: Run = partial(track, registration=False, n_threads=n_threads, **options)
+    plots = with_heights(plots, sites, options.get("profile", "aircraft"))
     return rounds(plots, sites, run, tracks).registration
 
 
@@ -216,7 +218,6 @@ def _systematic(
     removed, until the estimates no longer change.
     """
     prior = bias = start(alone, sensors)[0]
-    projected = in_plane(plots, sensors)
     noise = _stated(sensors)
     for _ in range(_ROUNDS):
         if joint is None:
@@ -227,7 +228,11 @@ def _systematic(
                 for k, one in enumerate(sensors)
             ]
             joint = run(plots, placed)
-        known = errors(projected, joint, sensors, prior, bias)
+        # a plot without a height is at the height of its track
+        height = joint._columns.heights(plots.height, 0)
+        known = errors(
+            in_plane(plots._replaced(height=height), sensors), joint, sensors, prior, bias
+        )
         moved = columns_of(known.bias)[:, [0, 2]] - columns_of(bias)[:, [0, 2]]
         bias = known.bias
         if np.all(np.abs(moved) < _STAYS * noise):

@@ -27,6 +27,7 @@ from tertia.tables._identities import (
     identities_of,
     identity_columns,
 )
+from tertia.tables._plot_doubts import doubt_plots
 from tertia.tables._records import (
     SENSOR,
     TIME,
@@ -287,6 +288,7 @@ def recording_of(
     clock = Clock.of(records.rows["time"], midnight=True)
     refuse_unknown(records)
     plots = plots_of(records.rows, clock, radars)
+    doubt_plots(plots, radars)
     return Recording(plots, radars, clock, identities_in(records), _numbers(records))
 
 

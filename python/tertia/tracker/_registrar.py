@@ -13,6 +13,7 @@ from tertia.sensors import Bias, PositionSensor, Radar, Station
 from tertia.sensors._identities import NO_CALLSIGN, NO_IDENTITY, NUMBERS, leading
 from tertia.sensors._sensors import drift_rates, own_biases
 from tertia.tracker._earth import in_plane
+from tertia.tracker._models import ProfileName, with_heights
 from tertia.tracker._plots import Plots
 from tertia.tracker._sensors import Sensor, core_sensors, interval, slant
 from tertia.tracker._start import are_placed, bias_of, columns_of, start
@@ -42,7 +43,7 @@ _MISSING = {
 }
 
 # tracks of the plots of one sensor that have so many
-Alone = Callable[[Plots, Radar | PositionSensor, int], TrackTable]
+Alone = Callable[[Plots, Radar | PositionSensor, int, ProfileName], TrackTable]
 
 
 def target_plots(plots: Plots, tracks: TrackTable, rows: IntArray) -> dict[str, Any]:
@@ -83,14 +84,16 @@ class Registrar:
     ----------
     sensors : tuple of Radar, PositionSensor or Station
         The sensors.
+    profile : str
+        Kind of targets, for the tracks of single sensors.
     kept : list of Plots
         Plots of the last scans; they are kept as long as the search for large errors goes on.
     """
 
-    def __init__(self, sensors: Sequence[Sensor]) -> None:
+    def __init__(self, sensors: Sequence[Sensor], profile: ProfileName) -> None:
         if not any(isinstance(one, Radar) for one in sensors):
             raise ValueError("registration needs a Radar, and sensors has none")
-        self.sensors = tuple(sensors)
+        self.sensors, self.profile = tuple(sensors), profile
         self.kept: list[Plots] = []
         self._begin, self._due = np.nan, np.inf
         # a station has no tracks of its own
@@ -153,6 +156,7 @@ class Registrar:
         if not np.isfinite(plots.height).all():
             # at the height of their track
             plots = plots._replaced(height=tracks._columns.heights(plots.height, first))
+            plots = with_heights(plots, self.sensors, self.profile)
         columns, track = tracks._columns, tracks.track_of_plot
         flat = in_plane(plots, self.sensors)
         return self._core.learn(flat, first, columns, track, noise, time, alive)
@@ -215,9 +219,9 @@ class Registrar:
         plots = _thinned(plots, len(self.sensors))
         count = 2 if is_first else 3
         tables = [
-            alone(plots[:0], PositionSensor(), count)
+            alone(plots[:0], PositionSensor(), count, self.profile)
             if isinstance(one, Station)
-            else alone(plots[plots.sensor == k], one, count)
+            else alone(plots[plots.sensor == k], one, count, self.profile)
             for k, one in enumerate(self.sensors)
         ]
         found, known, pairs = start(tables, self.sensors)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, TypeAlias, cast
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +33,7 @@ from tertia.sensors._identities import (
     leading,
 )
 from tertia.sensors._sensors import own_biases
+from tertia.tracker._earth import plane_of, positions
 from tertia.tracker._models import CvModel, ImmModel, Motion, core_motion
 from tertia.tracker._plots import Plots
 from tertia.tracker._registrar import is_registrable
@@ -46,6 +47,8 @@ _Sensor: TypeAlias = Radar | PositionSensor
 _PAUSE, _FASTEST, _ALLOWANCE = 300.0, 350.0, 3000.0
 # plots wait less for others before they are given to tracks, in seconds
 _WAITING = 60.0
+# usual vertical rate, by which a height becomes uncertain, in metres per second
+_CLIMB = 5.0
 # more states than these are asked for by mistake
 _MOST_STATES = 100_000_000
 
@@ -234,7 +237,8 @@ def smooth_tracks(
     the adjacent plots are. The same applies to velocities. The cost is O(N) for N plots and times.
     States at the times of plots do not depend on additional times.
 
-    The covariances do not include the remaining systematic errors of the radars.
+    The covariances do not include the remaining systematic errors of the radars, nor, if no plot of
+    the recording has a height, those of heights.
 
     Source: Fraser, Potter 1969; Helmick, Blair, Hoffman 1995.
 
@@ -295,9 +299,54 @@ def smooth_tracks(
     return _smoothed(rows, *found)
 
 
+def _levelled(plots: Plots, number: IntArray, time: FloatArray) -> tuple[Plots, FloatArray]:
+    """Return plots with heights between those of their track, and the sigmas of these heights.
+
+    Tracks are given by their numbers. The sigma grows with the time to the nearest height.
+    """
+    height, doubt = plots.height.copy(), np.zeros(len(plots))
+    order = np.lexsort((time, number))
+    order = order[np.isfinite(time[order])]
+    for own in np.split(order, np.flatnonzero(np.diff(number[order])) + 1):
+        known = np.isfinite(height[own])
+        if not known.any() or known.all():
+            continue
+        there, missing = own[known], own[~known]
+        after = np.searchsorted(time[there], time[missing])
+        near = [there[np.clip(after - k, 0, len(there) - 1)] for k in (0, 1)]
+        gap = np.min([np.abs(time[missing] - time[one]) for one in near], axis=0)
+        height[missing] = np.interp(time[missing], time[there], height[there])
+        doubt[missing] = _CLIMB * gap
+    return plots._replaced(height=height), doubt
+
+
+def _placed(
+    plots: Plots, sites: Sequence[Radar], doubt: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return positions, their covariances, and what unknown heights contribute to these.
+
+    A target without any height is at the mean height of the others, and all of its plots are off by
+    the same error of this height.
+    """
+    plane, unknown = plane_of(sites), np.isnan(plots.height)
+    if plane is None:
+        position, covariance = plots.to_cartesian(sites)
+        return position, covariance, np.zeros_like(covariance)
+    position, covariance = positions(plots, sites, plane, doubt)
+    shared = np.zeros_like(covariance)
+    if unknown.any() and not unknown.all():
+        level = np.where(unknown, np.mean(plots.height[~unknown]), plots.height)
+        sure = positions(plots._replaced(height=level), sites, plane, doubt)[1]
+        shared[unknown] = (covariance - sure)[unknown]
+    return position, covariance, shared
+
+
 @dataclass(frozen=True, slots=True)
 class _Rows:
-    """Plots of tracks, sorted by track and time; `first` has the first plot of each track."""
+    """Plots of tracks, sorted by track and time; `first` has the first plot of each track.
+
+    `shared` is the covariance that all plots of a track have in common.
+    """
 
     plot: IntArray
     sensor: IntArray
@@ -305,6 +354,7 @@ class _Rows:
     number: IntArray
     first: IntArray
     columns: FloatArray
+    shared: FloatArray
 
     @classmethod
     def of(
@@ -321,10 +371,11 @@ class _Rows:
         # clocks are continuous in tracks, but plots that waited for others have rows of later times
         clock = tracks.time[rows] - own_biases(radars).correct(own).time
         time = corrected.time + np.where(np.abs(clock) > _WAITING, clock, 0.0)
-        position, covariance = _places(corrected, sites)
         velocity, spread = _velocities(corrected, sites)
-        known = np.isfinite(position[:, 0]) & np.isfinite(time)
         number = _joined(replace(tracks[rows], time=time), radars)
+        levelled, doubt = _levelled(corrected, number, time)
+        position, covariance, shared = _places(levelled, sites, doubt)
+        known = np.isfinite(position[:, 0]) & np.isfinite(time)
         order = np.lexsort((tracks.plot[rows], time, number))
         order = order[known[order]]
         numbers, first = np.unique(number[order], return_index=True)
@@ -349,6 +400,7 @@ class _Rows:
             numbers,
             np.append(first, len(order)),
             np.ascontiguousarray(columns[order]),
+            shared[order],
         )
 
     @property
@@ -367,17 +419,19 @@ def _sensors_of(values: Any, name: str) -> Sequence[_Sensor]:
     return values
 
 
-def _places(plots: Plots, sensors: Sequence[_Sensor]) -> tuple[FloatArray, FloatArray]:
-    """Return positions, (N, 2), and covariances, (N, 2, 2), of plots and reports."""
+def _places(
+    plots: Plots, sensors: Sequence[_Sensor], doubt: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return positions of plots and reports, (N, 2), and covariances as `_placed` does."""
     radars = [k for k, one in enumerate(sensors) if isinstance(one, Radar)]
-    if len(radars) == len(sensors):
-        return plots.to_cartesian(cast("Sequence[Radar]", sensors))
     position, covariance = _reported(plots.position, plots.covariance, plots, sensors, "position")
+    shared = np.zeros_like(covariance)
     own = np.isin(plots.sensor, radars)
-    polar = plots[own]._replaced(sensor=np.searchsorted(radars, plots.sensor[own]))
-    found = polar.to_cartesian([one for one in sensors if isinstance(one, Radar)])
-    position[own], covariance[own] = found
-    return position, covariance
+    if own.any():
+        polar = plots[own]._replaced(sensor=np.searchsorted(radars, plots.sensor[own]))
+        sites = [one for one in sensors if isinstance(one, Radar)]
+        position[own], covariance[own], shared[own] = _placed(polar, sites, doubt[own])
+    return position, covariance, shared
 
 
 def _velocities(plots: Plots, sensors: Sequence[_Sensor]) -> tuple[FloatArray, FloatArray]:
@@ -465,6 +519,7 @@ def _smoothed(
     last = np.maximum.accumulate(at) if len(at) else at
     found: dict[str, Any] = {"time": one()}
     found |= {"position": one(2), "velocity": one(2), "covariance": one(4, 4)}
+    found["covariance"][:, :2, :2] += rows.shared[last]
     found |= {"innovation": one(2), "innovation_covariance": one(2, 2)}
     for name in (
         "acceleration",

@@ -205,7 +205,7 @@ class Tracker:
             raise ValueError(
                 "registration needs plots in time order, but lag allows late plots; give only one"
             )
-        self._registrar = Registrar(self.sensors) if registration else None
+        self._registrar = Registrar(self.sensors, profile) if registration else None
 
     @property
     def bias(self) -> Bias:
@@ -279,7 +279,8 @@ class Tracker:
             if again is None:
                 return table
             # the first plots were tracked before it was known how they are
-            self._core, self._registrar = again, Registrar(self.sensors)
+            self._core = again
+            self._registrar = Registrar(self.sensors, self._registrar.profile)
             return self._registered(self._registrar, plots, end, recording)
         rows = "recording" if recording else "confirmed"
         if any(one.bias is not None for one in self.sensors):
@@ -591,7 +592,9 @@ def tracked(plots: Plots, sensors: Sequence[Sensor], **options: Any) -> tuple[Tr
     return tracker._track(plots, None, True), tracker.bias
 
 
-def _alone(plots: Plots, sensor: Radar | PositionSensor, count: int) -> TrackTable:
+def _alone(
+    plots: Plots, sensor: Radar | PositionSensor, count: int, profile: ProfileName
+) -> TrackTable:
     """Return the tracks from the plots of one sensor that have at least `count` plots."""
     own = replace(plots, sensor=np.zeros(len(plots), dtype=np.int64))
-    return track(own, [sensor], motion="cv", confirmation=(count, count + 1))
+    return track(own, [sensor], motion="cv", confirmation=(count, count + 1), profile=profile)

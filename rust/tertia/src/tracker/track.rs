@@ -40,7 +40,7 @@ static FIRST_MOTION: Motion = Motion::Cv(1.0);
 /// Emergency codes in a row after which the plan is suspended.
 const EMERGENCY_AFTER: u8 = 2;
 /// Shortest time between plots of the same radar, as a share of a scan.
-const SOONEST: f64 = 0.45;
+pub(super) const SOONEST: f64 = 0.45;
 
 /// Largest acceleration in the noise of the models, m/s².
 const MODEL_ACCELERATION: f64 = 3.0;

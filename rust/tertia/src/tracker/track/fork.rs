@@ -73,7 +73,7 @@ impl Track {
         }
         let s = self.estimate.position_covariance().plus(r).plus(wide);
         let d = s.inverse().form(y);
-        if d > settings.guard {
+        if d > settings.guard || !self.may_reach(plot, z, settings) {
             return None;
         }
         let [as_before, as_accelerated] = self.velocity_ratios(plot, (sigma, gap), settings);
@@ -85,6 +85,18 @@ impl Track {
         let probability = 1.0 - 1.0 / (1.0 + ratio);
         let density = accelerated - probability.ln();
         Some(surprise(odds + density + self.also(plot, settings).ln(), probability))
+    }
+
+    /// Whether the target can have come to the place of a plot since it was seen, if it is no faster than
+    /// targets are, or than it was. Other radars may have seen it where it no longer was.
+    pub(super) fn may_reach(&self, plot: &Measured, place: [f64; 2], settings: &Settings) -> bool {
+        let (x, p) = (&self.estimate.mean, self.estimate.position_covariance());
+        let speed = settings.max_speed.max(f64::hypot(x[2], x[3]));
+        let ahead = self.time - self.seen;
+        let [east, north] = [0, 1].map(|i| place[i] - x[i] + ahead * x[i + 2]);
+        let gap = (plot.time - self.seen).abs().max(settings.radars[plot.radar].scan_period);
+        let errors = (2.0 * settings.guard * (p.xx + p.yy)).sqrt();
+        f64::hypot(east, north) <= speed * gap + errors
     }
 
     /// Corrects by a plot for which the target accelerated.
