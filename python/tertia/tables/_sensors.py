@@ -31,6 +31,8 @@ S = TypeVar("S", Radar, Station)
 LOCAL = ("east_m", "north_m", "up_m")
 GEODETIC = ("latitude_deg", "longitude_deg", "height_m")
 _DOMAINS = {"latitude_deg": (-90, 90), "longitude_deg": (-180, 360)}
+# where the positions of moving sensors are in the rows of measurements
+_MOVING = "; a sensor that moves needs a position here, too, such as its first"
 # in metres; at this distance from the origin, azimuths in the plane are wrong by 0.4 degrees
 _REACH_OF_A_PLANE = 1e6
 # properties of a radar, their columns, and factors to the units of the library
@@ -356,14 +358,19 @@ class _Cells:
             )
         return found
 
-    def required(self, column: str) -> float:
-        """Return a number; an error if it is missing."""
+    def required(self, column: str, note: str = "") -> float:
+        """Return a number; an error, which may end in a note, if it is missing."""
         found = self.number(column)
         if found is None:
             others = [name for name in self.row if name != column]
-            said = hint([column], others, VERY_NEAR)
+            said = hint([column], others, VERY_NEAR) or note
             raise self.error(f"{column} of {self.name} is missing{said}")
         return found
+
+    def place(self, columns: Iterable[str]) -> list[float]:
+        """Return the coordinates in these columns; an error if one is missing."""
+        note = _MOVING if all(self.number(column) is None for column in columns) else ""
+        return [self.required(column, note) for column in columns]
 
     def sigma(self, column: str) -> float | None:
         """Return a positive number; None if it is missing."""
@@ -547,7 +554,7 @@ def _coordinates(cells: Sequence[_Cells], form: tuple[str, str, str]) -> FloatAr
     """Return the coordinates, (K, 2), or (K, 3) if any sensor has a height."""
     in_space = any(one.number(form[2]) is not None for one in cells)
     columns = form if in_space else form[:2]
-    return np.array([[one.required(column) for column in columns] for one in cells])
+    return np.array([one.place(columns) for one in cells])
 
 
 def _on_the_earth(

@@ -46,7 +46,7 @@ pub struct Locator {
     /// Odds that an arrival is one, in units of those of one in a hundred.
     odds: f64,
     /// That of range differences.
-    correlation: f64,
+    pub(super) correlation: f64,
     /// Shares of the variances of the kinds that all stations have in common.
     common: [f64; KINDS],
 }
