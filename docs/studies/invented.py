@@ -45,7 +45,7 @@ def table() -> str:
     rows = []
     for at, (name, draw) in enumerate(RECORDINGS.items()):
         for called, solve in WAYS.items():
-            if called == ARRIVALS and draw is not _sounds:
+            if called in {ARRIVALS, SPEED} and draw is not _sounds:
                 continue
             cells, said = [], set()
             for stated in STATED:
@@ -164,6 +164,14 @@ def _track(recording: Recording, stated: float, bias: Bias | None = None) -> tup
     return _inside(path.position, path.covariance, recording.truth), path.systematic
 
 
+def _stretched(recording: Recording, stated: float) -> tuple[float, str]:
+    """State how well the speed of sound is known."""
+    options = _differences(recording, stated)
+    options |= {"propagation_speed": SOUND, "propagation_speed_sigma": 0.01 * SOUND}
+    fix = locate(recording.sensors(stated), **recording.measured, **options)
+    return _inside(fix.position, fix.covariance, recording.truth), fix.systematic
+
+
 def _known(recording: Recording, stated: float) -> tuple[float, str]:
     return _track(recording, stated, recording.known)
 
@@ -190,8 +198,10 @@ RECORDINGS: dict[str, Callable[[np.random.Generator], Recording]] = {
     "theodolites not level, refraction": _theodolites,
 }
 KNOWN, ARRIVALS = "`reconstruct`, `bias` stated", "`reconstruct_arrivals`, no beacon"
+SPEED = "`locate`, `propagation_speed_sigma` stated"
 WAYS: dict[str, Callable[[Recording, float], tuple[float, str]]] = {
     "`locate`": _instants,
+    SPEED: _stretched,
     "`reconstruct`": _track,
     KNOWN: _known,
     ARRIVALS: _arrivals,

@@ -442,6 +442,7 @@ def locate(
     differences: tuple[bool, float],
     free: list[bool],
     pooled: bool,
+    speed_sigma: float,
     n_threads: int | None,
 ) -> tuple[
     FloatArray,
@@ -450,6 +451,7 @@ def locate(
     BoolArray,
     list[FloatArray],
     list[list[float]],
+    tuple[float, float],
 ]: ...
 def locate_posterior(
     stations: FloatArray,

@@ -31,8 +31,6 @@ S = TypeVar("S", Radar, Station)
 LOCAL = ("east_m", "north_m", "up_m")
 GEODETIC = ("latitude_deg", "longitude_deg", "height_m")
 _DOMAINS = {"latitude_deg": (-90, 90), "longitude_deg": (-180, 360)}
-# where the positions of moving sensors are in the rows of measurements
-_MOVING = "; a sensor that moves needs a position here, too, such as its first"
 # in metres; at this distance from the origin, azimuths in the plane are wrong by 0.4 degrees
 _REACH_OF_A_PLANE = 1e6
 # properties of a radar, their columns, and factors to the units of the library
@@ -77,6 +75,9 @@ _BIAS = {
 }
 _TRUSTED = "trusted"
 _RANGE_DIFFERENCE_SIGMA = "range_difference_sigma_m"
+# a sensor of which nothing else is given may be one whose positions are in the rows of measurements
+_OF_MOVING = {"name", _TRUSTED, *(column for column, _ in _STATION.values())}
+_MOVING = "; a sensor that moves needs a position here, too, such as its first"
 # in degrees; surveillance radars have larger azimuth sigmas
 _DOUBTFUL_SIGMA = 0.005
 
@@ -369,7 +370,7 @@ class _Cells:
 
     def place(self, columns: Iterable[str]) -> list[float]:
         """Return the coordinates in these columns; an error if one is missing."""
-        note = _MOVING if all(self.number(column) is None for column in columns) else ""
+        note = _MOVING if self.row.keys() <= _OF_MOVING else ""
         return [self.required(column, note) for column in columns]
 
     def sigma(self, column: str) -> float | None:
