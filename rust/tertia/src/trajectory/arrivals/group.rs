@@ -37,7 +37,7 @@ const NARROWEST: usize = 256;
 /// Neighbourhood of a peak, in widths of it.
 const AROUND: f64 = 10.0;
 /// Peaks whose scores are at least this share of the best one are compared by identities.
-const RIVAL: f64 = 0.5;
+const RIVAL: f64 = 0.3;
 /// Identities favour a peak if the logarithm of its likelihood ratio is larger by this.
 const TOLD: f64 = 6.0;
 /// Of peaks that identities do not tell apart and that have at least this share of the most matches, the
