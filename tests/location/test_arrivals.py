@@ -402,7 +402,7 @@ def test_many_outliers_of_range_differences_are_counted():
         squares = metrics.nees(found.position - truth, found.covariance)[found.success]
         held += list(squares < 5.991)
         located.append(np.mean(found.success))
-    assert np.mean(held) > 0.88
+    assert np.mean(held) > 0.85
     assert np.mean(located) > 0.75
 
 

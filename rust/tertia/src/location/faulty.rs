@@ -99,7 +99,8 @@ impl Locator {
     }
 
     /// Which receivers heard an emission, and which of their arrivals are outliers. Differences are
-    /// those of arrivals: if all of them are outliers, that of the first receiver is.
+    /// those of arrivals: if all of them are outliers, that of the first receiver is one, and of the
+    /// others nothing is known.
     fn heard(&self, instant: &Instant<'_>, outlier: &[bool]) -> Heard {
         let receivers = instant.values.len() / KINDS;
         let of = |kind: Kind| kind as usize * receivers..(kind as usize + 1) * receivers;
@@ -116,7 +117,7 @@ impl Locator {
             let is_first = known.iter().zip(marks).all(|(&known, &mark)| mark || !known);
             (heard[0], wrong[0]) = (true, wrong[0] || is_first);
             for (receiver, (known, mark)) in known.into_iter().zip(marks).enumerate() {
-                heard[receiver] |= known;
+                heard[receiver] |= known && !is_first;
                 wrong[receiver] |= *mark && !is_first;
             }
         }
