@@ -202,8 +202,9 @@ pub fn locate<'py>(
         locator = locator.with_common(contradiction.common);
     }
     if speed_sigma > 0.0 {
-        // as much larger as the sigmas of what travels are
-        let growth = contradiction.growth.iter().copied().fold(1.0, f64::max);
+        let measured = rows.values.iter().filter(|v| !v.is_nan()).count();
+        let redundancy = measured.saturating_sub(count * (d + 1)) as f64 / count as f64;
+        let growth = contradiction.lasting(redundancy, count);
         speed.sigma = (speed.sigma * growth.sqrt()).min(speed_sigma);
         locator = locator.with_speed_sigma(speed.sigma);
     }
