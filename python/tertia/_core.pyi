@@ -443,6 +443,7 @@ def locate(
     differences: tuple[bool, float],
     free: list[bool],
     pooled: bool,
+    speed_sigma: float,
     n_threads: int | None,
 ) -> tuple[
     FloatArray,
@@ -451,6 +452,7 @@ def locate(
     BoolArray,
     list[FloatArray],
     list[list[float]],
+    tuple[float, float],
 ]: ...
 def locate_posterior(
     stations: FloatArray,

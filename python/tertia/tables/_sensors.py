@@ -81,6 +81,9 @@ _PLACE_BIAS = {
 }
 _TRUSTED = "trusted"
 _RANGE_DIFFERENCE_SIGMA = "range_difference_sigma_m"
+# a sensor of which nothing else is given may be one whose positions are in the rows of measurements
+_OF_MOVING = {"name", _TRUSTED, *(column for column, _ in _STATION.values())}
+_MOVING = "; a sensor that moves needs a position here, too, such as its first"
 # in degrees; surveillance radars have larger azimuth sigmas
 _DOUBTFUL_SIGMA = 0.005
 
@@ -362,14 +365,19 @@ class _Cells:
             )
         return found
 
-    def required(self, column: str) -> float:
-        """Return a number; an error if it is missing."""
+    def required(self, column: str, note: str = "") -> float:
+        """Return a number; an error, which may end in a note, if it is missing."""
         found = self.number(column)
         if found is None:
             others = [name for name in self.row if name != column]
-            said = hint([column], others, VERY_NEAR)
+            said = hint([column], others, VERY_NEAR) or note
             raise self.error(f"{column} of {self.name} is missing{said}")
         return found
+
+    def place(self, columns: Iterable[str]) -> list[float]:
+        """Return the coordinates in these columns; an error if one is missing."""
+        note = _MOVING if self.row.keys() <= _OF_MOVING else ""
+        return [self.required(column, note) for column in columns]
 
     def sigma(self, column: str) -> float | None:
         """Return a positive number; None if it is missing."""
@@ -553,7 +561,7 @@ def _coordinates(cells: Sequence[_Cells], form: tuple[str, str, str]) -> FloatAr
     """Return the coordinates, (K, 2), or (K, 3) if any sensor has a height."""
     in_space = any(one.number(form[2]) is not None for one in cells)
     columns = form if in_space else form[:2]
-    return np.array([[one.required(column) for column in columns] for one in cells])
+    return np.array([one.place(columns) for one in cells])
 
 
 def _on_the_earth(
