@@ -455,29 +455,20 @@ def locate(
     tuple[float, float],
 ]: ...
 def locate_posterior(
-    stations: FloatArray,
-    axes: FloatArray | None,
-    values: FloatArray,
-    sigmas: FloatArray,
+    measured: tuple[FloatArray, FloatArray | None, FloatArray, FloatArray],
     max_range: float,
     pooled: bool,
     n_threads: int | None,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, list[FloatArray]]: ...
 def posterior_regions(
-    stations: FloatArray,
-    axes: FloatArray | None,
-    values: FloatArray,
-    sigmas: FloatArray,
+    measured: tuple[FloatArray, FloatArray | None, FloatArray, FloatArray],
     max_range: float,
     weights: FloatArray,
     probability: float,
     n_threads: int | None,
 ) -> tuple[list[FloatArray], list[list[FloatArray]]]: ...
 def posterior_radii(
-    stations: FloatArray,
-    axes: FloatArray | None,
-    values: FloatArray,
-    sigmas: FloatArray,
+    measured: tuple[FloatArray, FloatArray | None, FloatArray, FloatArray],
     max_range: float,
     weights: FloatArray,
     centres: FloatArray,

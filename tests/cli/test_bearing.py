@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from matplotlib.figure import Figure
 from terminal import run
 
 import tertia
@@ -361,7 +362,9 @@ def test_at_most_sixteen_panels(write: Callable[..., Path], tmp_path: Path) -> N
 def test_figure_has_a_panel_per_group_with_its_estimate() -> None:
     theta = np.array(record())
     estimate = tertia.estimate_bearing(theta, period=720.0)
-    figure = bearing._figure([(f"target {i}", theta, estimate) for i in range(5)], "az", 720.0, 10)
+    figure = Figure()
+    drawn = [(f"target {i}", theta, estimate) for i in range(5)]
+    bearing._draw(drawn, "az", 720.0, 10, figure)
     visible = [ax for ax in figure.axes if ax.axison]
     assert len(figure.axes) == 6
     assert [ax.get_title().split(":")[0] for ax in visible] == [f"target {i}" for i in range(5)]

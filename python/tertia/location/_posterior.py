@@ -46,7 +46,7 @@ def locate_posterior(
     limit = positive_number(max_range, "max_range")
     sigmas = np.where(np.isnan(stated), _SIGMA, stated)
     position, covariance, residual, weights, columns = _core.locate_posterior(
-        places, axes, values, sigmas, limit, pooled, n_threads
+        (places, axes, values, sigmas), limit, pooled, n_threads
     )
     statuses, bearings, factor, edge = columns
     if pooled:

@@ -113,7 +113,7 @@ def region_of(scene: Scene, position: FloatArray, accuracy: Accuracy, content: f
     share = probability(content, "probability")
     if scene.weights is not None and scene.max_range is not None:
         columns, rings = _core.posterior_regions(
-            *scene.rows, scene.max_range, scene.weights, share, None
+            scene.rows, scene.max_range, scene.weights, share, None
         )
     else:
         columns, rings = _core.location_regions(scene.at(position), accuracy.arrays, share, None)
@@ -133,7 +133,7 @@ def radius_of(
     share = probability(content, "probability")
     if scene.weights is not None and scene.max_range is not None:
         radius = _core.posterior_radii(
-            *scene.rows, scene.max_range, scene.weights, position, share, None
+            scene.rows, scene.max_range, scene.weights, position, share, None
         )
     else:
         radius = _core.location_radii(scene.at(position), accuracy.arrays, share, None)

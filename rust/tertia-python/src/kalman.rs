@@ -32,6 +32,11 @@ pub fn singer(model: Model) -> PyResult<Singer> {
     Singer::try_new(model.alpha, model.acceleration_sigma, model.exact).map_err(value_error)
 }
 
+/// The step over `dt`, or the usual one.
+pub fn over(dt: Option<f64>, singer: &Singer, usual: Transition) -> PyResult<Transition> {
+    dt.map_or(Ok(usual), |dt| singer.over(dt).map_err(value_error))
+}
+
 /// The elements (0, 1), (0, 2), (1, 2), (2, 2) of F, and the upper triangle of Q.
 #[pyfunction]
 pub fn singer_transition(model: Model, dt: f64) -> PyResult<([f64; 4], [f64; 6])> {
@@ -266,13 +271,6 @@ type Saved = (Vec<f64>, f64, f64);
 type NewArguments<'py> = ((Py<PyAny>, f64), Bound<'py, PyDict>);
 
 impl AngleFilter {
-    fn over(&self, dt: Option<f64>) -> PyResult<Transition> {
-        match dt {
-            None => Ok(self.transition),
-            Some(dt) => self.singer.over(dt).map_err(value_error),
-        }
-    }
-
     /// The filter and its innovation after a plot.
     fn after(
         &self,
@@ -320,7 +318,7 @@ impl AngleFilter {
     /// Go on in time by `dt`, by default that of the model.
     #[pyo3(signature = (dt=None))]
     fn predict(&mut self, dt: Option<f64>) -> PyResult<()> {
-        let transition = self.over(dt)?;
+        let transition = over(dt, &self.singer, self.transition)?;
         self.filter.predict(&transition);
         self.innovation = Innovation::NONE;
         Ok(())
@@ -342,7 +340,7 @@ impl AngleFilter {
         dt: Option<f64>,
     ) -> PyResult<f64> {
         let mut filter = self.filter;
-        filter.predict(&self.over(dt)?);
+        filter.predict(&over(dt, &self.singer, self.transition)?);
         (self.filter, self.innovation) = self.after(filter, z, measurement_variance)?;
         Ok(self.angle())
     }

@@ -22,6 +22,7 @@ type Located<'py> = (
     [[f64; KINDS]; 4],
     (f64, f64),
 );
+type Found<'py> = (Output<'py>, Output<'py>, Output<'py>, Output<'py, bool>, [Array<'py>; 8]);
 
 /// Cost of an instant per measurement, for the choice of threads.
 const LOCATE_NS: f64 = 500.0;
@@ -66,40 +67,103 @@ fn known_height(row: &[f64]) -> Option<(f64, f64)> {
     (!row[0].is_nan()).then(|| (row[0], row[1]))
 }
 
-/// What was measured at the instants of a batch, but for its standard deviations.
+/// What was measured at the instants of a batch: rows of each, or one row for all.
 struct Batch<'a> {
-    stations: &'a Rows<'a>,
-    axes: Option<&'a Rows<'a>>,
-    values: &'a Rows<'a>,
-    surveys: Option<&'a Rows<'a>>,
-    height: Option<&'a Rows<'a>>,
-    initial: Option<&'a Rows<'a>>,
+    /// Stations, and dimensions of positions.
+    k: usize,
+    d: usize,
+    stations: Rows<'a>,
+    axes: Option<Rows<'a>>,
+    values: Rows<'a>,
+    sigmas: Rows<'a>,
+    surveys: Option<Rows<'a>>,
+    height: Option<Rows<'a>>,
+    initial: Option<Rows<'a>>,
 }
 
 impl<'a> Batch<'a> {
     fn new(
-        stations: &'a Rows<'a>,
-        axes: Option<&'a Rows<'a>>,
-        values: &'a Rows<'a>,
-        [surveys, height, initial]: [Option<&'a Rows<'a>>; 3],
-    ) -> Self {
-        Self { stations, axes, values, surveys, height, initial }
+        stations: &'a Input<'_>,
+        axes: Option<&'a Input<'_>>,
+        values: &'a Input<'_>,
+        sigmas: &'a Input<'_>,
+    ) -> PyResult<Self> {
+        let (k, d) = size(stations)?;
+        let (stations, values) = (stations.blocks("stations", 2)?, values.blocks("values", 2)?);
+        let sigmas = sigmas.blocks("sigmas", 2)?;
+        let count = values.count();
+        values.require(KINDS * k, count)?;
+        sigmas.require_shared(KINDS * k, count)?;
+        stations.require_shared(k * d, count)?;
+        let axes = optional(axes, "axes", (3, k * d * d), count)?;
+        Ok(Self {
+            k,
+            d,
+            stations,
+            axes,
+            values,
+            sigmas,
+            surveys: None,
+            height: None,
+            initial: None,
+        })
     }
 
-    fn instant(&self, sigmas: &'a Rows<'_>, i: usize) -> Instant<'a> {
+    /// The same with standard deviations of the stations' coordinates, heights with theirs, and
+    /// positions where the search begins.
+    fn with(
+        self,
+        surveys: Option<&'a Input<'_>>,
+        height: Option<&'a Input<'_>>,
+        initial: Option<&'a Input<'_>>,
+    ) -> PyResult<Self> {
+        let count = self.count();
+        let surveys = optional(surveys, "position_sigmas", (1, self.k), count)?;
+        let height = optional(height, "height", (1, 2), count)?;
+        let initial = optional(initial, "initial", (1, self.d), count)?;
+        Ok(Self { surveys, height, initial, ..self })
+    }
+
+    fn count(&self) -> usize {
+        self.values.count()
+    }
+
+    fn instant(&self, i: usize) -> Instant<'_> {
         Instant {
             stations: self.stations.shared(i),
-            axes: self.axes.map(|axes| axes.shared(i)),
+            axes: self.axes.as_ref().map(|axes| axes.shared(i)),
             values: self.values.shared(i),
-            sigmas: sigmas.shared(i),
-            position_sigmas: self.surveys.map(|surveys| surveys.shared(i)),
-            height: self.height.and_then(|rows| known_height(rows.shared(i))),
-            initial: self.initial.map(|initial| initial.shared(i)),
+            sigmas: self.sigmas.shared(i),
+            position_sigmas: self.surveys.as_ref().map(|surveys| surveys.shared(i)),
+            height: self.height.as_ref().and_then(|rows| known_height(rows.shared(i))),
+            initial: self.initial.as_ref().map(|initial| initial.shared(i)),
         }
     }
 
-    fn instants(&self, sigmas: &'a Rows<'_>) -> Vec<Instant<'a>> {
-        (0..self.values.count()).map(|i| self.instant(sigmas, i)).collect()
+    fn instants(&self) -> Vec<Instant<'_>> {
+        (0..self.count()).map(|i| self.instant(i)).collect()
+    }
+
+    /// What `work` writes for every instant; `nanoseconds` is the cost of one.
+    fn each<T: Clone + Send>(
+        &self,
+        py: Python<'_>,
+        nanoseconds: f64,
+        n_threads: Threads,
+        unknown: T,
+        work: impl Fn(usize, &mut T) + Sync + Send,
+    ) -> PyResult<Vec<T>> {
+        let mut found = repeated(unknown, self.count())?;
+        let cost = nanoseconds * found.len() as f64;
+        let work = |(): &mut (), (row, out): (usize, &mut T)| {
+            work(row, out);
+            Ok(())
+        };
+        release(py, cost, || {
+            for_each_row(found.iter_mut().enumerate(), cost, n_threads, || (), work)
+        })?
+        .map_err(|failure| self.values.error(failure))?;
+        Ok(found)
     }
 }
 
@@ -151,70 +215,101 @@ pub fn locate<'py>(
         .with_multipath(multipath)
         .with_correlation(correlation)
         .profiling();
-    let (k, d) = size(&stations)?;
-    let (stations, mut rows) = (stations.blocks("stations", 2)?, values.blocks("values", 2)?);
-    let mut sigmas = sigmas.blocks("sigmas", 2)?;
-    let count = rows.count();
-    rows.require(KINDS * k, count)?;
-    sigmas.require_shared(KINDS * k, count)?;
-    stations.require_shared(k * d, count)?;
-    let surveys = optional(position_sigmas.as_ref(), "position_sigmas", (1, k), count)?;
-    let height = optional(height.as_ref(), "height", (1, 2), count)?;
-    let initial = optional(initial.as_ref(), "initial", (1, d), count)?;
-    let axes = optional(axes.as_ref(), "axes", (3, k * d * d), count)?;
-    let others = [surveys.as_ref(), height.as_ref(), initial.as_ref()];
-    let mut speed = Speed::EXACT;
+    let batch = Batch::new(&stations, axes.as_ref(), &values, &sigmas)?;
+    let mut batch = batch.with(position_sigmas.as_ref(), height.as_ref(), initial.as_ref())?;
+    let mut speed = find_speed(py, &locator, &mut batch, speed_sigma)?;
+    let contradiction = adapt(py, &mut locator, &mut batch, &free, pooled)?;
     if speed_sigma > 0.0 {
-        speed = {
-            let instants = Batch::new(&stations, axes.as_ref(), &rows, others).instants(&sigmas);
-            release(py, LOCATE_NS * rows.size(), || match d {
-                2 => locator.speed::<2>(&instants, speed_sigma, &mut Workspace::default()),
-                _ => locator.speed::<3>(&instants, speed_sigma, &mut Workspace::default()),
-            })?
-        };
-        speed.apply(rows.values.to_mut(), k);
-        speed.apply(sigmas.values.to_mut(), k);
-    }
-    let batch = Batch::new(&stations, axes.as_ref(), &rows, others);
-    let mut position = Output::new(py, rows.batch(), &[d])?;
-    let mut covariance = Output::new(py, rows.batch(), &[d, d])?;
-    let (mut residual, mut outlier) = (rows.output(py)?, rows.output(py)?);
-    let mut fixes = repeated(Fix::UNKNOWN, count)?;
-    let mut contradiction = Contradiction::NONE;
-    if free.contains(&true) {
-        locator = locator.growing();
-    }
-    if pooled || count > 1 && free.contains(&true) {
-        contradiction = {
-            let instants = batch.instants(&sigmas);
-            release(py, LOCATE_NS * rows.size(), || match d {
-                2 => {
-                    locator.contradiction::<2>(&instants, &free, pooled, &mut Workspace::default())
-                }
-                _ => {
-                    locator.contradiction::<3>(&instants, &free, pooled, &mut Workspace::default())
-                }
-            })?
-        };
-        if contradiction.is_any() {
-            contradiction.apply(sigmas.values.to_mut(), &free);
-        }
-        locator = locator.with_common(contradiction.common);
-    }
-    if speed_sigma > 0.0 {
-        let measured = rows.values.iter().filter(|v| !v.is_nan()).count();
-        let redundancy = measured.saturating_sub(count * (d + 1)) as f64 / count as f64;
+        let (count, unknown) = (batch.count(), batch.d + 1);
+        let measured = batch.values.values.iter().filter(|v| !v.is_nan()).count();
+        let redundancy = measured.saturating_sub(count * unknown) as f64 / count as f64;
         let growth = contradiction.lasting(redundancy, count);
         speed.sigma = (speed.sigma * growth.sqrt()).min(speed_sigma);
         locator = locator.with_speed_sigma(speed.sigma);
     }
-    if count > 1 && name == "robust" {
-        let instants = batch.instants(&sigmas);
-        locator = release(py, LOCATE_NS * rows.size(), || match d {
+    if batch.count() > 1 && name == "robust" {
+        let instants = batch.instants();
+        locator = release(py, LOCATE_NS * batch.values.size(), || match batch.d {
             2 => locator.of_batch::<2>(&instants, &mut Workspace::default()),
             _ => locator.of_batch::<3>(&instants, &mut Workspace::default()),
         })?;
     }
+    let (position, covariance, residual, outlier, fixes) =
+        locate_batch(py, &locator, &batch, n_threads)?;
+    let Contradiction { growth, factor, degrees_of_freedom, common } = contradiction;
+    Ok((
+        position,
+        covariance,
+        residual,
+        outlier,
+        fixes,
+        [growth, factor, degrees_of_freedom, common],
+        (speed.share, speed.sigma),
+    ))
+}
+
+/// Finds by how much signals are faster than stated, and converts measurements to that speed.
+fn find_speed(
+    py: Python<'_>,
+    locator: &Locator,
+    batch: &mut Batch<'_>,
+    speed_sigma: f64,
+) -> PyResult<Speed> {
+    if speed_sigma <= 0.0 {
+        return Ok(Speed::EXACT);
+    }
+    let instants = batch.instants();
+    let speed = release(py, LOCATE_NS * batch.values.size(), || match batch.d {
+        2 => locator.speed::<2>(&instants, speed_sigma, &mut Workspace::default()),
+        _ => locator.speed::<3>(&instants, speed_sigma, &mut Workspace::default()),
+    })?;
+    drop(instants);
+    speed.apply(batch.values.values.to_mut(), batch.k);
+    speed.apply(batch.sigmas.values.to_mut(), batch.k);
+    Ok(speed)
+}
+
+/// Finds by how much instants contradict stated standard deviations, and adapts these and the
+/// locator.
+fn adapt(
+    py: Python<'_>,
+    locator: &mut Locator,
+    batch: &mut Batch<'_>,
+    free: &[bool],
+    pooled: bool,
+) -> PyResult<Contradiction> {
+    let is_free = free.contains(&true);
+    if is_free {
+        *locator = locator.growing();
+    }
+    if !pooled && (batch.count() <= 1 || !is_free) {
+        return Ok(Contradiction::NONE);
+    }
+    let instants = batch.instants();
+    let found = release(py, LOCATE_NS * batch.values.size(), || match batch.d {
+        2 => locator.contradiction::<2>(&instants, free, pooled, &mut Workspace::default()),
+        _ => locator.contradiction::<3>(&instants, free, pooled, &mut Workspace::default()),
+    })?;
+    drop(instants);
+    if found.is_any() {
+        found.apply(batch.sigmas.values.to_mut(), free);
+    }
+    *locator = locator.with_common(found.common);
+    Ok(found)
+}
+
+/// Positions, covariances, residuals, marks of outliers, and [`fix_columns`].
+fn locate_batch<'py>(
+    py: Python<'py>,
+    locator: &Locator,
+    batch: &Batch<'_>,
+    n_threads: Threads,
+) -> PyResult<Found<'py>> {
+    let (rows, d, count) = (&batch.values, batch.d, batch.count());
+    let mut position = Output::new(py, rows.batch(), &[d])?;
+    let mut covariance = Output::new(py, rows.batch(), &[d, d])?;
+    let (mut residual, mut outlier) = (rows.output(py)?, rows.output(py)?);
+    let mut fixes = repeated(Fix::UNKNOWN, count)?;
     let size = location::BLOCK;
     let outputs = position
         .values()?
@@ -229,7 +324,7 @@ pub fn locate<'py>(
         for_each_row(outputs.enumerate(), cost, n_threads, new, |(plane, space), (block, out)| {
             let ((((position, covariance), residual), outlier), fixes) = out;
             let instants: Vec<_> =
-                (block * size..).take(fixes.len()).map(|i| batch.instant(&sigmas, i)).collect();
+                (block * size..).take(fixes.len()).map(|i| batch.instant(i)).collect();
             let mut out: Vec<_> = position
                 .chunks_mut(d)
                 .zip(covariance.chunks_mut(d * d))
@@ -251,16 +346,7 @@ pub fn locate<'py>(
     })?;
     done.map_err(|failure| rows.error(failure))?;
     let found = fix_columns(py, rows.batch(), &fixes)?;
-    let Contradiction { growth, factor, degrees_of_freedom, common } = contradiction;
-    Ok((
-        position,
-        covariance,
-        residual,
-        outlier,
-        found,
-        [growth, factor, degrees_of_freedom, common],
-        (speed.share, speed.sigma),
-    ))
+    Ok((position, covariance, residual, outlier, found))
 }
 
 /// Covariances and dilutions at positions, of stations with their axes, and of the standard deviations

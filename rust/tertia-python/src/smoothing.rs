@@ -19,7 +19,7 @@ const FIT: f64 = 20.0;
 type Fitted<'py> = (Output<'py>, Output<'py>, Output<'py, i64>, Array<'py>, Array<'py>);
 type States<'py> = (Output<'py>, Output<'py>, Output<'py>, Output<'py, bool>);
 /// Log-likelihoods, counts, jerks with their sigmas, correlation times, noise factors.
-type Smooth<'py> = (States<'py>, (Array<'py>, Integers<'py>, [Array<'py>; 7]));
+type Scalars<'py> = (Array<'py>, Integers<'py>, [Array<'py>; 7]);
 
 /// Value, sigma, degree, residual variance and degrees of freedom of every row. `time` and
 /// `variance` may have one row for all, `variance` one number in a row.
@@ -87,7 +87,7 @@ pub fn smooth<'py>(
     py: Python<'py>,
     tracks: Tracks<'py>,
     n_threads: Threads,
-) -> PyResult<Smooth<'py>> {
+) -> PyResult<(States<'py>, Scalars<'py>)> {
     let (y, time) = (tracks.y.blocks("y", 2)?, tracks.time.rows("time", 0)?);
     let covariance = tracks.covariance.blocks("covariance", if tracks.each { 3 } else { 2 })?;
     let jerk = tracks.jerk.as_ref().map(|jerk| jerk.rows("jerk", 1)).transpose()?;
@@ -105,19 +105,7 @@ pub fn smooth<'py>(
     let (mut mean, mut matrices) = (new(&[n, states])?, new(&[n, states, states])?);
     let mut innovation = new(&[n, numbers])?;
     let mut outlier = Output::new(py, y.batch(), &[n, numbers / d.max(1)])?;
-    let unknown =
-        ProcessNoiseFit { motion: ProcessNoise::with_jerk(0.0), relative_error: f64::NAN };
-    let unsmoothed = (
-        Summary { log_likelihood: 0.0, count: 0 },
-        NoiseFit {
-            motion: unknown,
-            correlation_time: 0.0,
-            noise_factor: 1.0,
-            velocity_noise_factor: 1.0,
-            velocity_time_offset: 0.0,
-        },
-    );
-    let mut summaries = repeated(unsmoothed, y.count())?;
+    let mut summaries = repeated(unsmoothed(), y.count())?;
     let passes = if jerk.is_some() { 1.0 } else { 1.0 + FIT };
     let cost = SMOOTH_NS * passes * y.size() * numbers as f64;
     let outputs = mean.rows()?.zip(matrices.rows()?).zip(innovation.rows()?.zip(outlier.rows()?));
@@ -146,6 +134,28 @@ pub fn smooth<'py>(
         *summary = smoothing::smooth_with_noise(&track, &options, workspace, &mut results, outlier);
         Ok(())
     })?;
+    Ok(((mean, matrices, innovation, outlier), scalars(py, y.batch(), &summaries)?))
+}
+
+/// Of a track before it is smoothed.
+fn unsmoothed() -> (Summary, NoiseFit) {
+    let motion = ProcessNoiseFit { motion: ProcessNoise::with_jerk(0.0), relative_error: f64::NAN };
+    let noise = NoiseFit {
+        motion,
+        correlation_time: 0.0,
+        noise_factor: 1.0,
+        velocity_noise_factor: 1.0,
+        velocity_time_offset: 0.0,
+    };
+    (Summary { log_likelihood: 0.0, count: 0 }, noise)
+}
+
+/// Likelihoods, counts, and what was found of motion and noise.
+fn scalars<'py>(
+    py: Python<'py>,
+    batch: &[usize],
+    summaries: &[(Summary, NoiseFit)],
+) -> PyResult<Scalars<'py>> {
     type Scalar = fn(&(Summary, NoiseFit)) -> f64;
     let of: [Scalar; 8] = [
         |(summary, _)| summary.log_likelihood,
@@ -157,11 +167,7 @@ pub fn smooth<'py>(
         |(_, noise)| noise.velocity_noise_factor,
         |(_, noise)| noise.velocity_time_offset,
     ];
-    let [likelihood, jerk, sigma, acceleration, lasting, factor, velocity_factor, lag] =
-        columns(py, y.batch(), &summaries, of)?;
-    let count = array(py, y.batch(), summaries.iter().map(|(summary, _)| summary.count as i64))?;
-    Ok((
-        (mean, matrices, innovation, outlier),
-        (likelihood, count, [jerk, sigma, acceleration, lasting, factor, velocity_factor, lag]),
-    ))
+    let [likelihood, noise @ ..] = columns(py, batch, summaries, of)?;
+    let count = array(py, batch, summaries.iter().map(|(summary, _)| summary.count as i64))?;
+    Ok((likelihood, count, noise))
 }

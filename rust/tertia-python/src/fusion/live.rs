@@ -2,7 +2,7 @@
 
 use super::{POSITIVE, VARIANCE, rule};
 use crate::arrays::{Array, array, symmetric, value_error};
-use crate::kalman::{check_period, extract_model};
+use crate::kalman::{check_period, extract_model, over};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -85,13 +85,6 @@ fn of_plot(radar: usize, error: tertia::Error) -> tertia::Error {
 }
 
 impl AngleFusion {
-    fn over(&self, dt: Option<f64>) -> PyResult<Transition> {
-        match dt {
-            None => Ok(self.transition),
-            Some(dt) => self.singer.over(dt).map_err(value_error),
-        }
-    }
-
     /// The variances of plots that can be used.
     fn checked(&self, plots: &[f64], variances: Option<Vec<f64>>) -> PyResult<Vec<f64>> {
         let variances = variances.unwrap_or_else(|| self.variances.clone());
@@ -194,7 +187,7 @@ impl AngleFusion {
         dt: Option<f64>,
     ) -> PyResult<f64> {
         let variances = self.checked(&plots, measurement_variance)?;
-        let transition = self.over(dt)?;
+        let transition = over(dt, &self.singer, self.transition)?;
         self.centre.predict(&transition);
         Ok(self.take(&plots, &variances))
     }

@@ -1,11 +1,10 @@
 //! Bindings of regions around positions, and of protection levels.
 
-use super::{known_height, optional, size};
-use crate::arrays::{Array, Input, Rows, Threads, array, columns, release, repeated};
+use super::Batch;
+use crate::arrays::{Array, Input, Rows, Threads, array, columns};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use tertia::batch::for_each_row;
-use tertia::location::{Instant, Located, Outline, Protection, Spread};
+use tertia::location::{Located, Outline, Protection, Spread};
 use tertia::sensors::KINDS;
 
 /// Areas, semi-axes and orientations of regions; and their outlines.
@@ -16,15 +15,8 @@ const REGION_NS: f64 = 3e4;
 const LEVEL_NS: f64 = 3e4;
 
 /// Positions, and what they were estimated from.
-struct Batch<'a> {
-    k: usize,
-    d: usize,
-    stations: Rows<'a>,
-    axes: Option<Rows<'a>>,
-    values: Rows<'a>,
-    sigmas: Rows<'a>,
-    surveys: Option<Rows<'a>>,
-    height: Option<Rows<'a>>,
+struct Positions<'a> {
+    batch: Batch<'a>,
     correlation: f64,
     outlier: Vec<bool>,
     position: Rows<'a>,
@@ -44,85 +36,27 @@ type Scene<'py> = (
     Input<'py>,
 );
 
-impl<'a> Batch<'a> {
+impl<'a> Positions<'a> {
     fn new(scene: &'a Scene<'_>) -> PyResult<Self> {
         let (stations, axes, values, sigmas, surveys, height, correlation, outlier, position) =
             scene;
-        let (k, d) = size(stations)?;
-        let (stations, values) = (stations.blocks("stations", 2)?, values.blocks("values", 2)?);
-        let (sigmas, position) = (sigmas.blocks("sigmas", 2)?, position.blocks("position", 1)?);
-        let outlier = outlier.blocks("outlier", 2)?;
-        let count = values.count();
-        stations.require_shared(k * d, count)?;
-        values.require(KINDS * k, count)?;
-        sigmas.require_shared(KINDS * k, count)?;
-        outlier.require(KINDS * k, count)?;
-        position.require(d, count)?;
-        let axes = optional(axes.as_ref(), "axes", (3, k * d * d), count)?;
-        let surveys = optional(surveys.as_ref(), "position_sigmas", (1, k), count)?;
-        let height = optional(height.as_ref(), "height", (1, 2), count)?;
+        let batch = Batch::new(stations, axes.as_ref(), values, sigmas)?;
+        let batch = batch.with(surveys.as_ref(), height.as_ref(), None)?;
+        let (outlier, position) = (outlier.blocks("outlier", 2)?, position.blocks("position", 1)?);
+        outlier.require(KINDS * batch.k, batch.count())?;
+        position.require(batch.d, batch.count())?;
         let outlier = outlier.values.iter().map(|&mark| mark != 0.0).collect();
-        let correlation = *correlation;
-        Ok(Self {
-            k,
-            d,
-            stations,
-            axes,
-            values,
-            sigmas,
-            surveys,
-            height,
-            correlation,
-            outlier,
-            position,
-        })
-    }
-
-    fn instant(&self, row: usize) -> Instant<'_> {
-        Instant {
-            stations: self.stations.shared(row),
-            axes: self.axes.as_ref().map(|axes| axes.shared(row)),
-            values: self.values.shared(row),
-            sigmas: self.sigmas.shared(row),
-            position_sigmas: self.surveys.as_ref().map(|surveys| surveys.shared(row)),
-            height: self.height.as_ref().and_then(|rows| known_height(rows.shared(row))),
-            initial: None,
-        }
-    }
-
-    fn outlier(&self, row: usize) -> &[bool] {
-        &self.outlier[row * KINDS * self.k..][..KINDS * self.k]
+        Ok(Self { batch, correlation: *correlation, outlier, position })
     }
 
     fn located(&self, row: usize) -> Located<'_> {
+        let size = KINDS * self.batch.k;
         Located {
-            instant: self.instant(row),
+            instant: self.batch.instant(row),
             correlation: self.correlation,
-            outlier: self.outlier(row),
+            outlier: &self.outlier[row * size..][..size],
             position: self.position.shared(row),
         }
-    }
-
-    /// What `work` makes of every instant.
-    fn each<T: Clone + Send>(
-        &self,
-        py: Python<'_>,
-        nanoseconds: f64,
-        n_threads: Threads,
-        unknown: T,
-        work: impl Fn(usize) -> T + Sync + Send,
-    ) -> PyResult<Vec<T>> {
-        let mut found = repeated(unknown, self.values.count())?;
-        let cost = nanoseconds * found.len() as f64;
-        let work = |(): &mut (), (row, out): (usize, &mut T)| {
-            *out = work(row);
-            Ok(())
-        };
-        release(py, cost, || {
-            for_each_row(found.iter_mut().enumerate(), cost, n_threads, || (), work)
-        })?
-        .map_err(|failure| self.values.error(failure))?;
-        Ok(found)
     }
 }
 
@@ -139,10 +73,10 @@ fn each_located<T: Clone + Send>(
     n_threads: Threads,
     work: impl Fn(&Spread<'_>, &Located<'_>) -> T + Sync + Send,
 ) -> PyResult<Vec<T>> {
-    let batch = Batch::new(scene)?;
-    let count = batch.values.count();
+    let positions = Positions::new(scene)?;
+    let (count, d) = (positions.batch.count(), positions.batch.d);
     let covariance = covariance.blocks("covariance", 2)?;
-    covariance.require(batch.d * batch.d, count)?;
+    covariance.require(d * d, count)?;
     let estimated = match estimated {
         None => None,
         Some((sigma, freedom)) => {
@@ -153,10 +87,11 @@ fn each_located<T: Clone + Send>(
             Some((sigma, freedom))
         }
     };
-    batch.each(py, REGION_NS, n_threads, unknown, |row| {
+    positions.batch.each(py, REGION_NS, n_threads, unknown, |row, out| {
         let (sigma, freedom) =
             estimated.as_ref().map_or((1.0, f64::INFINITY), |(s, f)| (s[row], f[row]));
-        work(&Spread { covariance: covariance.shared(row), sigma, freedom }, &batch.located(row))
+        let spread = Spread { covariance: covariance.shared(row), sigma, freedom };
+        *out = work(&spread, &positions.located(row));
     })
 }
 
@@ -204,13 +139,14 @@ pub fn protection_levels<'py>(
 ) -> PyResult<Array<'py>> {
     let (risk, fault_probability, faults, false_alarm_probability) = guarded;
     let protection = Protection { risk, fault_probability, faults, false_alarm_probability };
-    let batch = Batch::new(&scene)?;
-    let found = batch.each(py, LEVEL_NS, n_threads, f64::NAN, |row| {
-        let located = batch.located(row);
-        match batch.d {
+    let positions = Positions::new(&scene)?;
+    let batch = &positions.batch;
+    let found = batch.each(py, LEVEL_NS, n_threads, f64::NAN, |row, out| {
+        let located = positions.located(row);
+        *out = match batch.d {
             2 => protection.level::<2, 3>(&located),
             _ => protection.level::<3, 4>(&located),
-        }
+        };
     })?;
     array(py, batch.values.batch(), found)
 }

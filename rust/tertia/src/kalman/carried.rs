@@ -1,6 +1,7 @@
 //! Series in the lanes of a vector: what they carry from step to step.
 
 use super::kept::TILE;
+use super::model::{predicted_covariance, predicted_mean};
 use super::series::{PRODUCTS, Series, Summary, log_likelihood};
 use super::shared::Gains;
 use super::state::{FACTORS_ABOVE, State, residual};
@@ -108,8 +109,9 @@ impl<S: Simd> Carried<S> {
         period: Option<f64>,
     ) -> (Vector<S>, Vector<S>) {
         let (zero, one) = (Vector::splat(simd, 0.0), Vector::splat(simd, 1.0));
-        let (y, p) = predicted(transition, &self.mean, &self.covariance);
-        let [p00, p01, p02, p11, p12, p22] = p;
+        let (f, q) = transition;
+        let y = predicted_mean(f, &self.mean);
+        let [p00, p01, p02, p11, p12, p22] = predicted_covariance(f, q, &self.covariance);
         let seen = z.is_number();
         let raw = innovation(simd, z, y[0], period);
         let value = raw.or(seen, zero);
@@ -136,9 +138,7 @@ impl<S: Simd> Carried<S> {
         z: Vector<S>,
         period: Option<f64>,
     ) -> Vector<S> {
-        let ([f01, f02, f12, f22], [k0, k1, k2, s]) = (*f, *gain);
-        let [x0, x1, x2] = self.mean;
-        let (y0, y1, y2) = (x0 + f01 * x1 + f02 * x2, x1 + f12 * x2, f22 * x2);
+        let ([y0, y1, y2], [k0, k1, k2, s]) = (predicted_mean(f, &self.mean), *gain);
         let value = innovation(simd, z, y0, period);
         self.mean = [y0 + k0 * value, y1 + k1 * value, y2 + k2 * value];
         self.squares += value * value * s;
@@ -186,30 +186,4 @@ fn innovation<S: Simd>(simd: S, z: Vector<S>, x: Vector<S>, period: Option<f64>)
         return Vector::load(simd, &lanes, 0);
     }
     difference
-}
-
-/// `F x` and `F P F^T + Q` in all lanes.
-#[inline(always)]
-fn predicted<S: Simd>(
-    ([f01, f02, f12, f22], q): &Splat<S>,
-    [x0, x1, x2]: &[Vector<S>; 3],
-    p: &[Vector<S>; 6],
-) -> ([Vector<S>; 3], [Vector<S>; 6]) {
-    let (f01, f02, f12, f22) = (*f01, *f02, *f12, *f22);
-    let [p00, p01, p02, p11, p12, p22] = *p;
-    let a00 = p00 + f01 * p01 + f02 * p02;
-    let a01 = p01 + f01 * p11 + f02 * p12;
-    let a02 = p02 + f01 * p12 + f02 * p22;
-    let a11 = p11 + f12 * p12;
-    let a12 = p12 + f12 * p22;
-    let mean = [*x0 + f01 * *x1 + f02 * *x2, *x1 + f12 * *x2, f22 * *x2];
-    let covariance = [
-        a00 + f01 * a01 + f02 * a02 + q[0],
-        a01 + f12 * a02 + q[1],
-        f22 * a02 + q[2],
-        a11 + f12 * a12 + q[3],
-        f22 * a12 + q[4],
-        f22 * f22 * p22 + q[5],
-    ];
-    (mean, covariance)
 }

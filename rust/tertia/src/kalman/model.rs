@@ -2,6 +2,7 @@
 
 use crate::base::error::{Result, require};
 use serde::{Deserialize, Serialize};
+use std::ops::{Add, Mul};
 
 /// Below this αT the series are used, above it the closed forms.
 const SERIES_BELOW: f64 = 1.0;
@@ -40,31 +41,47 @@ impl Transition {
 
     /// `F x`.
     #[inline(always)]
-    pub(crate) fn mean(&self, [x0, x1, x2]: [f64; 3]) -> [f64; 3] {
-        let [f01, f02, f12, f22] = self.f;
-        [x0 + f01 * x1 + f02 * x2, x1 + f12 * x2, f22 * x2]
+    pub(crate) fn mean(&self, x: [f64; 3]) -> [f64; 3] {
+        predicted_mean(&self.f, &x)
     }
 
     /// `F P F^T + Q`, upper triangles.
     #[inline(always)]
     pub(crate) fn covariance(&self, p: &[f64; 6]) -> [f64; 6] {
-        let ([f01, f02, f12, f22], q) = (self.f, &self.q);
-        let [p00, p01, p02, p11, p12, p22] = *p;
-        // A = F P
-        let a00 = p00 + f01 * p01 + f02 * p02;
-        let a01 = p01 + f01 * p11 + f02 * p12;
-        let a02 = p02 + f01 * p12 + f02 * p22;
-        let a11 = p11 + f12 * p12;
-        let a12 = p12 + f12 * p22;
-        [
-            a00 + f01 * a01 + f02 * a02 + q[0],
-            a01 + f12 * a02 + q[1],
-            f22 * a02 + q[2],
-            a11 + f12 * a12 + q[3],
-            f22 * a12 + q[4],
-            f22 * f22 * p22 + q[5],
-        ]
+        predicted_covariance(&self.f, &self.q, p)
     }
+}
+
+/// A number, or a vector of numbers.
+pub(super) trait Number: Copy + Add<Output = Self> + Mul<Output = Self> {}
+
+impl<T: Copy + Add<Output = T> + Mul<Output = T>> Number for T {}
+
+/// `F x`.
+#[inline(always)]
+pub(super) fn predicted_mean<T: Number>(f: &[T; 4], x: &[T; 3]) -> [T; 3] {
+    let ([f01, f02, f12, f22], [x0, x1, x2]) = (*f, *x);
+    [x0 + f01 * x1 + f02 * x2, x1 + f12 * x2, f22 * x2]
+}
+
+/// `F P F^T + Q`, upper triangles.
+#[inline(always)]
+pub(super) fn predicted_covariance<T: Number>(f: &[T; 4], q: &[T; 6], p: &[T; 6]) -> [T; 6] {
+    let ([f01, f02, f12, f22], [p00, p01, p02, p11, p12, p22]) = (*f, *p);
+    // A = F P
+    let a00 = p00 + f01 * p01 + f02 * p02;
+    let a01 = p01 + f01 * p11 + f02 * p12;
+    let a02 = p02 + f01 * p12 + f02 * p22;
+    let a11 = p11 + f12 * p12;
+    let a12 = p12 + f12 * p22;
+    [
+        a00 + f01 * a01 + f02 * a02 + q[0],
+        a01 + f12 * a02 + q[1],
+        f22 * a02 + q[2],
+        a11 + f12 * a12 + q[3],
+        f22 * a12 + q[4],
+        f22 * f22 * p22 + q[5],
+    ]
 }
 
 /// Acceleration with the correlation `exp(−α |t|)` and a standard deviation σ_a.

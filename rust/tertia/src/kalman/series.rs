@@ -401,14 +401,14 @@ impl Converged {
         likelihood: &mut Likelihood,
         sink: &mut impl FnMut(usize, &State, Innovation),
     ) -> usize {
-        let ([f01, f02, f12, f22], [k0, k1, k2]) = (self.transition.f, self.gain);
-        let ([mut x0, mut x1, mut x2], first, mut squares) = (state.mean, step, 0.0);
+        let [k0, k1, k2] = self.gain;
+        let (mut mean, first, mut squares) = (state.mean, step, 0.0);
         while step < z.len() && !z[step].is_nan() {
-            let (y0, y1, y2) = (x0 + f01 * x1 + f02 * x2, x1 + f12 * x2, f22 * x2);
+            let [y0, y1, y2] = self.transition.mean(mean);
             let value = residual(z[step], y0, period);
-            (x0, x1, x2) = (y0 + k0 * value, y1 + k1 * value, y2 + k2 * value);
+            mean = [y0 + k0 * value, y1 + k1 * value, y2 + k2 * value];
             squares += value * value;
-            state.mean = [x0, x1, x2];
+            state.mean = mean;
             sink(step, state, Innovation { value, variance: self.variance });
             step += 1;
         }

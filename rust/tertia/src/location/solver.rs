@@ -7,8 +7,8 @@ use super::lane::LANES;
 use super::lenth::Weight;
 use super::profile::Unbounded;
 use super::record::{NOWHERE, Record, Room};
-use super::search::{Minimum, position};
-use super::summary::Spread;
+use super::search::{Buffers, Minimum, Search, position};
+use super::summary::{Spread, Summary};
 use crate::base::distribution::chi_square_upper;
 use crate::base::small::{Factor, Matrix, Vector, add, norm, undetermined};
 use crate::sensors::KINDS;
@@ -270,55 +270,27 @@ impl Locator {
         if count < N {
             return failed(Status::TooFew);
         }
-        let loss = self.loss(count - N, N > D);
-        let origin = first::<D>(instant.stations);
-        let initial = instant.initial.map(|p| std::array::from_fn(|i| p[i] - origin[i]));
-        let search = record.search(loss);
-        let found = match self.lenth() {
-            None => search.minimum(initial, (&record.points, &record.costs), buffers),
-            Some(weight) => search.lenth(initial, weight, buffers),
-        };
-        let mut minimum = match found.and_then(|minimum| search.checked(minimum)) {
+        let minimum = match self.minimum(instant, record, buffers) {
             Ok(minimum) => minimum,
             Err(status) => return failed(status),
         };
-        if record.is_blurred(instant) {
-            for _ in 0..SURVEYS {
-                record.blur(instant, &position(&minimum.state));
-                let search = record.search(loss);
-                minimum = match search.checked(search.refine_steadily(minimum.state)) {
-                    Ok(minimum) => minimum,
-                    Err(status) => return failed(status),
-                };
-            }
-        }
-        for (i, (value, o)) in out.position.iter_mut().zip(origin).enumerate() {
-            *value = minimum.state[i] + o;
-        }
         if record.first.is_none_or(|first| first.state != minimum.state) {
             record.rows.clear();
             record.rows.extend(record.measurements.iter().map(|m| m.row_at(&minimum.state)));
         }
-        let search = record.search(loss);
+        let search = record.search(self.loss(count - N, N > D));
         let summary = search.summary(&minimum, self.lenth(), &record.rows);
         let growth = match summary.kept {
             (square, freedom) if self.grows && !record.unknown => growth::<D>(square, freedom),
             _ => 1.0,
         };
-        let mut covariance: Matrix<D> =
-            std::array::from_fn(|i| std::array::from_fn(|j| summary.covariance[i][j] * growth));
-        let scale = if record.unknown { summary.sigma / minimum.scale } else { 1.0 };
-        if self.profiles && self.lenth().is_none() {
-            match search.curved(&minimum, &covariance, growth * scale * scale) {
-                Ok(curved) => covariance = curved.unwrap_or(covariance),
-                Err(Unbounded) => {
-                    out.position.fill(f64::NAN);
-                    return failed(Status::IllConditioned);
-                }
-            }
-        }
-        if self.common != [0.0; KINDS] {
-            add(&mut covariance, &search.shared(&minimum, &record.rows, &self.common));
+        let Ok(mut covariance) = self.covariance(record, &search, &minimum, &summary, growth)
+        else {
+            return failed(Status::IllConditioned);
+        };
+        let origin = first::<D>(instant.stations);
+        for (i, (value, o)) in out.position.iter_mut().zip(origin).enumerate() {
+            *value = minimum.state[i] + o;
         }
         let stretch = search.stretched(&minimum, &record.rows, self.speed_sigma);
         for (i, row) in covariance.iter_mut().enumerate() {
@@ -327,20 +299,7 @@ impl Locator {
         for (own, row) in out.covariance.chunks_exact_mut(D).zip(&covariance) {
             own.copy_from_slice(row);
         }
-        let mut statistic = 0.0;
-        let [own, robust] = [summary.sigma, minimum.scale].map(f64::recip);
-        let rows = record.measurements.iter().zip(&record.rows).zip(&record.places);
-        for ((m, row), &place) in rows {
-            let u = row.residual * own;
-            statistic += u * u;
-            if place != NOWHERE {
-                out.residual[place] = u;
-                out.outlier[place] = search.is_fault(m, row.residual * robust, self.lenth());
-            }
-        }
-        if record.common.is_some() {
-            record.tell_differences(out);
-        }
+        let statistic = self.judge(record, &search, &minimum, summary.sigma, out);
         let (emission, emission_sigma) = match N > D {
             true => {
                 let own = (growth * summary.covariance[D][D]).sqrt();
@@ -361,6 +320,80 @@ impl Locator {
             emission_sigma,
             ..failed(Status::None)
         }
+    }
+
+    /// The minimum of the cost, for surveyed stations with the errors that they make of angles there.
+    fn minimum<const D: usize, const N: usize>(
+        &self,
+        instant: &Instant<'_>,
+        record: &mut Record<D, N>,
+        buffers: &mut Buffers<D, N>,
+    ) -> Result<Minimum<N>, Status> {
+        let loss = self.loss(record.measurements.len() - N, N > D);
+        let origin = first::<D>(instant.stations);
+        let initial = instant.initial.map(|p| std::array::from_fn(|i| p[i] - origin[i]));
+        let search = record.search(loss);
+        let found = match self.lenth() {
+            None => search.minimum(initial, (&record.points, &record.costs), buffers),
+            Some(weight) => search.lenth(initial, weight, buffers),
+        };
+        let mut minimum = search.checked(found?)?;
+        if record.is_blurred(instant) {
+            for _ in 0..SURVEYS {
+                record.blur(instant, &position(&minimum.state));
+                let search = record.search(loss);
+                minimum = search.checked(search.refine_steadily(minimum.state))?;
+            }
+        }
+        Ok(minimum)
+    }
+
+    /// The covariance of a position, with what residuals, curvature and common errors add to it.
+    fn covariance<const D: usize, const N: usize>(
+        &self,
+        record: &Record<D, N>,
+        search: &Search<'_, D, N>,
+        minimum: &Minimum<N>,
+        summary: &Summary<N>,
+        growth: f64,
+    ) -> Result<Matrix<D>, Unbounded> {
+        let mut covariance: Matrix<D> =
+            std::array::from_fn(|i| std::array::from_fn(|j| summary.covariance[i][j] * growth));
+        let scale = if record.unknown { summary.sigma / minimum.scale } else { 1.0 };
+        if self.profiles && self.lenth().is_none() {
+            let curved = search.curved(minimum, &covariance, growth * scale * scale)?;
+            covariance = curved.unwrap_or(covariance);
+        }
+        if self.common != [0.0; KINDS] {
+            add(&mut covariance, &search.shared(minimum, &record.rows, &self.common));
+        }
+        Ok(covariance)
+    }
+
+    /// Writes residuals in units of `sigma`, and outliers; returns the sum of the squares.
+    fn judge<const D: usize, const N: usize>(
+        &self,
+        record: &Record<D, N>,
+        search: &Search<'_, D, N>,
+        minimum: &Minimum<N>,
+        sigma: f64,
+        out: &mut Output<'_>,
+    ) -> f64 {
+        let mut statistic = 0.0;
+        let [own, robust] = [sigma, minimum.scale].map(f64::recip);
+        let rows = record.measurements.iter().zip(&record.rows).zip(&record.places);
+        for ((m, row), &place) in rows {
+            let u = row.residual * own;
+            statistic += u * u;
+            if place != NOWHERE {
+                out.residual[place] = u;
+                out.outlier[place] = search.is_fault(m, row.residual * robust, self.lenth());
+            }
+        }
+        if record.common.is_some() {
+            record.tell_differences(out);
+        }
+        statistic
     }
 
     fn lenth(&self) -> Option<Weight> {

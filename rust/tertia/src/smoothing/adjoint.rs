@@ -457,11 +457,25 @@ impl<const M: usize, const N: usize> Step<M, N> {
 
 /// `F' λ` and `F' Λ F`
 #[inline(always)]
-fn move_back<const N: usize>(t: f64, l: &mut [f64; N], big: Option<&mut Square<N>>) {
+fn move_back<const N: usize>(t: f64, l: &mut [f64; N], mut big: Option<&mut Square<N>>) {
     if t == 0.0 {
         return;
     }
-    let (d, half) = (N / 3, 0.5 * t * t);
+    turn_back(N / 3, t, l, big.as_deref_mut());
+    if let Some(big) = big {
+        symmetrise(big);
+    }
+}
+
+/// The same of D axes, but for the rounding that makes the matrix symmetric; other components stay.
+#[inline(always)]
+pub(super) fn turn_back<const N: usize>(
+    d: usize,
+    t: f64,
+    l: &mut [f64; N],
+    big: Option<&mut Square<N>>,
+) {
+    let half = 0.5 * t * t;
     let turn = |row: &mut [f64; N]| {
         for i in 0..d {
             let (p, v) = (row[i], row[d + i]);
@@ -479,7 +493,6 @@ fn move_back<const N: usize>(t: f64, l: &mut [f64; N], big: Option<&mut Square<N
             big[d + i][c] += t * p;
         }
     }
-    symmetrise(big);
 }
 
 /// F over a time t.

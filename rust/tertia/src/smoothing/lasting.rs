@@ -7,7 +7,7 @@
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
-use super::adjoint::{self, Adjoint};
+use super::adjoint::{self, Adjoint, turn_back};
 use super::diffuse;
 use super::model::{Faults, Model};
 use super::motion::{self, ProcessNoise};
@@ -443,25 +443,12 @@ fn back<const N: usize>(t: f64, phi: f64, l: &mut [f64; N], big: &mut Square<N>)
     if t == 0.0 {
         return;
     }
-    let (d, half) = (N / 4, 0.5 * t * t);
-    let turn = |row: &mut [f64; N]| {
-        for i in 0..d {
-            let (p, v) = (row[i], row[d + i]);
-            row[2 * d + i] += t * v + half * p;
-            row[d + i] += t * p;
-            row[3 * d + i] *= phi;
-        }
-    };
-    turn(l);
-    big.iter_mut().for_each(turn);
-    for i in 0..d {
-        for c in 0..N {
-            let (p, v) = (big[i][c], big[d + i][c]);
-            big[2 * d + i][c] += t * v + half * p;
-            big[d + i][c] += t * p;
-            big[3 * d + i][c] *= phi;
-        }
-    }
+    let d = N / 4;
+    let fade = |row: &mut [f64]| row.iter_mut().for_each(|value| *value *= phi);
+    fade(&mut l[3 * d..]);
+    big.iter_mut().for_each(|row| fade(&mut row[3 * d..]));
+    turn_back(d, t, l, Some(big));
+    big[3 * d..].iter_mut().for_each(|row| fade(row));
     symmetrise(big);
 }
 

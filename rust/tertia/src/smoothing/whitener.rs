@@ -100,36 +100,18 @@ pub(super) fn whiten_as(
     out: &mut [f64],
 ) -> Result<f64> {
     let m = there.len();
-    let at = |i: usize, j: usize| [place, &[i, j]].concat();
     let present: Vec<usize> = (0..m).filter(|&i| there[i]).collect();
+    require_numbers(argument, place, matrix, m, &present)?;
     let mut factor = vec![0.0; m * m];
     let mut log_determinant = 0.0;
     out.fill(0.0);
-    for &i in &present {
-        for &j in &present {
-            let value = matrix[i * m + j];
-            let requirement = "every element must be a finite number where there is a plot";
-            if !value.is_finite() {
-                return Err(Error::InvalidElement {
-                    argument,
-                    index: at(i, j),
-                    value,
-                    requirement,
-                });
-            }
-        }
-        let value = matrix[i * m + i];
-        if !VARIANCES.contains(&value) {
-            let requirement = "variances must be positive, between 1e-140 and 1e140";
-            return Err(Error::InvalidElement { argument, index: at(i, i), value, requirement });
-        }
-    }
     for &i in &present {
         for &j in present.iter().take_while(|&&j| j <= i) {
             let (lower, upper) = (matrix[i * m + j], matrix[j * m + i]);
             let scale = (matrix[i * m + i] * matrix[j * m + j]).sqrt();
             if (upper - lower).abs() > ASYMMETRY * scale {
-                return Err(Error::NotSymmetric { argument, index: at(j, i), upper, lower });
+                let index = [place, &[j, i]].concat();
+                return Err(Error::NotSymmetric { argument, index, upper, lower });
             }
             let mut sum = upper + 0.5 * (lower - upper);
             for &k in present.iter().take_while(|&&k| k < j) {
@@ -162,4 +144,27 @@ pub(super) fn whiten_as(
         out[i * m + i] = reciprocal;
     }
     Ok(log_determinant)
+}
+
+/// Fails unless the elements of what is there are finite, and its variances in range.
+fn require_numbers(
+    argument: &'static str,
+    place: &[usize],
+    matrix: &[f64],
+    m: usize,
+    present: &[usize],
+) -> Result<()> {
+    let wrong = |i: usize, j: usize, requirement| {
+        let (index, value) = ([place, &[i, j]].concat(), matrix[i * m + j]);
+        Err(Error::InvalidElement { argument, index, value, requirement })
+    };
+    for &i in present {
+        if let Some(&j) = present.iter().find(|&&j| !matrix[i * m + j].is_finite()) {
+            return wrong(i, j, "every element must be a finite number where there is a plot");
+        }
+        if !VARIANCES.contains(&matrix[i * m + i]) {
+            return wrong(i, i, "variances must be positive, between 1e-140 and 1e140");
+        }
+    }
+    Ok(())
 }
