@@ -49,6 +49,7 @@ from studies import (
     registration_demo,
     registration_recordings,
     registration_start,
+    reported_velocities,
     screening,
     seams,
     smooth_tracks,
@@ -158,6 +159,8 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     "tertiary.md": {
         "association": tertiary.association,
         "fusion": tertiary.fusion,
+        "links": tertiary.links,
+        "speed changes": tertiary.speed_changes,
         "expectations": tertiary.expectations,
     },
     "registration.md": {
@@ -211,6 +214,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     },
     "position-sensors.md": {
         "mixed": positions.mixed,
+        "velocities": reported_velocities.reported_velocities,
         "misaligned": misaligned.misaligned,
         "boats": boats.table,
     },

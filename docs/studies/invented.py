@@ -45,7 +45,7 @@ def table() -> str:
     rows = []
     for at, (name, draw) in enumerate(RECORDINGS.items()):
         for called, solve in WAYS.items():
-            if called == ARRIVALS and draw is not _sounds:
+            if called in {ARRIVALS, SPEED} and draw not in {_sounds, _shots}:
                 continue
             cells, said = [], set()
             for stated in STATED:
@@ -106,14 +106,20 @@ def _rooms(rng: np.random.Generator) -> Recording:
     return Recording(list(places), truth, {"azimuth": azimuth}, sigma, known)
 
 
-def _sounds(rng: np.random.Generator) -> Recording:
+def _sounds(rng: np.random.Generator, drift: float = 1.0) -> Recording:
     """Draw differences of ranges of calls; the speed of sound is off by 1 %, one clock drifts."""
     truth = _way(rng, 300.0, 3.0)
     places = 600.0 * np.array([[-1.0, -1.0], [1, -1], [1, 1], [-1, 1], [0, 1.5], [-1.6, 0]])
     far = np.linalg.norm(truth[:, np.newaxis] - places, axis=-1) * (1 + rng.normal(0.0, 0.01))
-    far[:, 3] += rng.normal(0.0, 3.0) + rng.normal(0.0, 0.05) * np.arange(INSTANTS)
+    clock = rng.normal(0.0, 3.0) + rng.normal(0.0, 0.05) * np.arange(INSTANTS)
+    far[:, 3] += drift * clock
     far += rng.standard_normal(far.shape)
     return Recording(list(places), truth, {"range_difference": far[:, 1:] - far[:, :1]}, 2**0.5)
+
+
+def _shots(rng: np.random.Generator) -> Recording:
+    """Draw the same with exact clocks."""
+    return _sounds(rng, drift=0.0)
 
 
 def _theodolites(rng: np.random.Generator) -> Recording:
@@ -164,6 +170,14 @@ def _track(recording: Recording, stated: float, bias: Bias | None = None) -> tup
     return _inside(path.position, path.covariance, recording.truth), path.systematic
 
 
+def _stretched(recording: Recording, stated: float) -> tuple[float, str]:
+    """State how well the speed of sound is known."""
+    options = _differences(recording, stated)
+    options |= {"propagation_speed": SOUND, "propagation_speed_sigma": 0.01 * SOUND}
+    fix = locate(recording.sensors(stated), **recording.measured, **options)
+    return _inside(fix.position, fix.covariance, recording.truth), fix.systematic
+
+
 def _known(recording: Recording, stated: float) -> tuple[float, str]:
     return _track(recording, stated, recording.known)
 
@@ -188,10 +202,13 @@ RECORDINGS: dict[str, Callable[[np.random.Generator], Recording]] = {
     "tag in a hall, reflections by place": _rooms,
     "calls, speed of sound off by 1 %, one clock drifts": _sounds,
     "theodolites not level, refraction": _theodolites,
+    "shots, speed of sound off by 1 %, exact clocks": _shots,
 }
 KNOWN, ARRIVALS = "`reconstruct`, `bias` stated", "`reconstruct_arrivals`, no beacon"
+SPEED = "`locate`, `propagation_speed_sigma` stated"
 WAYS: dict[str, Callable[[Recording, float], tuple[float, str]]] = {
     "`locate`": _instants,
+    SPEED: _stretched,
     "`reconstruct`": _track,
     KNOWN: _known,
     ARRIVALS: _arrivals,

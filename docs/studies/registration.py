@@ -70,9 +70,20 @@ def scene(name: simulate.SetUpName, seed: int) -> tuple[Registration, FloatArray
         for k, radar in enumerate(stated)
     ]
     bias = drawn(random, RADARS)
-    traffic = simulate.flights(
-        simulate.routes(name, FLIGHTS, rng=random), wind=setting.wind, rng=random
-    )
+    _, record = recorded(name, real, random, bias)
+    plots = record.plots[record.plots.time < DURATION]
+    return register(plots, stated), factor, bias
+
+
+def recorded(
+    name: simulate.SetUpName,
+    real: Sequence[Radar],
+    random: np.random.Generator,
+    bias: Bias | None = None,
+) -> tuple[simulate.Traffic, simulate.RadarPlots]:
+    """Return flights, and what radars with these errors record of them."""
+    routes = simulate.routes(name, FLIGHTS, rng=random)
+    traffic = simulate.flights(routes, wind=simulate.set_up(name).wind, rng=random)
     record = simulate.radar_plots(
         traffic,
         real,
@@ -82,8 +93,7 @@ def scene(name: simulate.SetUpName, seed: int) -> tuple[Registration, FloatArray
         height_missing_probability=0.02,
         rng=random,
     )
-    plots = record.plots[record.plots.time < DURATION]
-    return register(plots, stated), factor, bias
+    return traffic, record
 
 
 @cache

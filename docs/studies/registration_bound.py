@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from studies.pages import markdown, repetitions
-from studies.registration import ERRORS, FLIGHTS, RADARS, SET_UPS, columns, pieces, places
+from studies.registration import ERRORS, RADARS, SET_UPS, columns, pieces, places, recorded
 from tertia import simulate
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.registration import register
@@ -66,17 +66,7 @@ def scene(name: simulate.SetUpName, draw: str, seed: int) -> Scene:
         errors[i] = LIMITS * first
         if draw == "drifting":
             first = REST * first + np.sqrt(1.0 - REST**2) * new[i]
-    traffic = simulate.flights(
-        simulate.routes(name, FLIGHTS, rng=random), wind=setting.wind, rng=random
-    )
-    record = simulate.radar_plots(
-        traffic,
-        real,
-        clutter=2,
-        outlier_probability=0.02,
-        height_missing_probability=0.02,
-        rng=random,
-    )
+    traffic, record = recorded(name, real, random)
     record = record[record.plots.time < DURATION]
     given = {column: getattr(record.plots, column) for column in PLOTS}
     own = errors[step_of(given["time"]), given["sensor"]]

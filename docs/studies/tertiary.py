@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections import defaultdict
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
+from studies import smooth_tracks
 from studies.pages import markdown, repetitions
 from tertia import simulate
 from tertia._arrays import FloatArray, IntArray
 from tertia.sensors import Bias, Radar
 from tertia.simulate import Traffic
-from tertia.tertiary import FusionCentre, SensorTracks, SystemTracks
+from tertia.tertiary import FusionCentre, SensorTracks, SystemTracks, fuse_tracks
 from tertia.tracker import CvModel, ImmModel, Plots, Tracker, track
 
 SEED = 21
@@ -24,6 +25,9 @@ METHODS = ("tracklets", "matrix", "covariance-intersection", "static", "equal", 
 SHIFT = (150.0, 0.15)
 WHOLE = ("routes", "dense")
 KINDS = ("routes", "dense", "pairs", "dense, biased", "pairs, biased")
+# what a centre is told of tracks
+NOTHING, AIRCRAFT, PLOTS = "nothing", "the aircraft of each track", "which rows are of false plots"
+LESS = "not the covariances of these rows"
 PLACES = ((0.0, 0.0), (60e3, 20e3), (-20e3, 90e3))
 # what the tracker expects of traffic: by default, and where nobody turns or accelerates
 MODELS = {
@@ -83,6 +87,8 @@ class Scene:
     flights: Traffic
     tracks: SensorTracks
     truth: IntArray
+    # the aircraft of the plot of each row
+    target: IntArray
     plots: simulate.RadarPlots
     radars: list[Radar]
     bias: Bias
@@ -117,7 +123,7 @@ def scene(kind: str, seed: int) -> Scene:
         )
         for one in (bias, None)
     )
-    several, truths = [], []
+    several, truths, targets = [], [], []
     for k, radar in enumerate(radars):
         own = np.flatnonzero(record.plots.sensor == k)
         alone = replace_sensor(record.plots[own])
@@ -126,9 +132,24 @@ def scene(kind: str, seed: int) -> Scene:
         kept = (table.plot >= 0) & table.confirmed
         several.append(SensorTracks.of(table, sensor=k))
         truths.append(majority(table.track[kept], target[kept]))
+        targets.append(target[kept])
     tracks, truth = SensorTracks.concatenate(several), np.concatenate(truths)
     order = np.argsort(tracks.time, kind="stable")
-    return Scene(flown, tracks[order], truth[order], clean, radars, bias)
+    own = np.concatenate(targets)[order]
+    return Scene(flown, tracks[order], truth[order], own, clean, radars, bias)
+
+
+def told(one: Scene, what: str) -> Scene:
+    """Return the same with what a centre is told."""
+    if what == AIRCRAFT:
+        return replace(one, tracks=replace(one.tracks, identity=one.truth))
+    if what == LESS:
+        covariance = one.tracks.covariance.copy()
+        covariance[one.target < 0] = np.nan
+        return replace(one, tracks=replace(one.tracks, covariance=covariance))
+    kept = np.flatnonzero((what == NOTHING) | (one.target >= 0))
+    own = {name: getattr(one, name)[kept] for name in ("tracks", "truth", "target")}
+    return replace(one, **own)
 
 
 def replace_sensor(plots: Plots) -> Plots:
@@ -196,9 +217,9 @@ class Outcome:
         self.errors.append(one)
 
 
-def run(kind: str, seed: int, **options: object) -> Outcome:
-    """Return how a centre does."""
-    one = scene(kind, seed)
+def run(kind: str, seed: int, *, what: str = NOTHING, **options: object) -> Outcome:
+    """Return how a centre does that is told this of its tracks."""
+    one = told(scene(kind, seed), what)
     centre = FusionCentre(one.radars, **options)  # type: ignore[arg-type]
     outcome, last = Outcome(one), dict[tuple[int, int], float]()
     old = [2.5 * radar.scan_period for radar in one.radars]
@@ -220,19 +241,36 @@ def run(kind: str, seed: int, **options: object) -> Outcome:
     return outcome
 
 
+@dataclass(frozen=True, slots=True)
+class Central:
+    """What a tracker of all plots without biases does."""
+
+    # errors of positions by cycle and aircraft
+    error: dict[tuple[int, int], FloatArray]
+    # times, states, covariances and aircraft of the rows with a plot
+    time: FloatArray
+    state: FloatArray
+    covariance: FloatArray
+    target: IntArray
+
+
 @cache
-def central(kind: str, seed: int) -> dict[tuple[int, int], FloatArray]:
-    """Return position errors of a tracker of all plots without biases, by cycle and aircraft."""
+def central(kind: str, seed: int) -> Central:
+    """Return errors of a tracker of all plots without biases."""
     one = scene(kind, seed)
     tracker = Tracker([replace(radar, bias=Bias()) for radar in one.radars])
     start, at, cycle = one.tracks.time[0], 0, 0
     recent: dict[int, list[int]] = defaultdict(list)
     found: dict[tuple[int, int], FloatArray] = {}
+    rows: list[tuple[FloatArray, FloatArray, FloatArray, IntArray]] = []
     while at < len(one.plots):
         cycle += 1
         time = start + CYCLE * cycle
         end = int(np.searchsorted(one.plots.plots.time, time, side="right"))
         table = tracker.update(one.plots.plots[at:end], time=time)
+        own = table[table.confirmed & (table.plot >= 0) & (table.time - start > WARM)]
+        state = np.hstack([own.position, own.velocity])
+        rows.append((own.time, state, own.covariance, one.plots.target[own.plot]))
         at = end
         for number, plot in zip(table.track.tolist(), table.plot.tolist(), strict=True):
             if plot >= 0:
@@ -241,14 +279,29 @@ def central(kind: str, seed: int) -> dict[tuple[int, int], FloatArray]:
         flights = np.arange(len(one.flights))
         position, _ = one.flights.at(flights, np.full(len(flights), time))
         for number, place in zip(numbers.tolist(), places, strict=True):
-            own = recent[number] or [-1]
-            target = max(set(own), key=own.count)
+            last = recent[number] or [-1]
+            target = max(set(last), key=last.count)
             if target >= 0:
                 error = place - position[target]
                 known = found.get((cycle, target))
                 if known is None or np.hypot(*error) < np.hypot(*known):
                     found[cycle, target] = error
-    return found
+    return Central(found, *map(np.concatenate, zip(*rows, strict=True)))
+
+
+def honesty(kind: str, seed: int) -> dict[bool, list[tuple[FloatArray, FloatArray]]]:
+    """Return errors and covariances of a tracker of all plots: in turns, and in straight flight."""
+    best, flights = central(kind, seed), scene(kind, seed).flights
+    parts: dict[bool, list[tuple[FloatArray, FloatArray]]] = {True: [], False: []}
+    own = np.flatnonzero(best.target >= 0)
+    target, time = best.target[own], best.time[own]
+    error = best.state[own] - np.hstack(flights.at(target, time))
+    step = ((time - flights.start[target]) / flights.step).astype(int)
+    turning = flights.turning[target, np.minimum(step, flights.turning.shape[1] - 1)]
+    for e, p, turns in zip(error, best.covariance[own], turning.tolist(), strict=True):
+        if np.hypot(*e[:2]) <= ASTRAY:
+            parts[turns].append((e, p))
+    return parts
 
 
 def association() -> str:
@@ -275,14 +328,14 @@ def squares(errors: list[tuple[FloatArray, FloatArray]], size: int) -> float:
     return float(np.mean(parts))
 
 
-def against_central(kind: str, method: str) -> list[str]:
+def against_central(kind: str, method: str, what: str = NOTHING) -> list[str]:
     """Return errors over those of the central tracker, and NEES: of all, in turns, straight on."""
     own, other = [], []
     parts: dict[bool, list[tuple[FloatArray, FloatArray]]] = {True: [], False: []}
     for seed in range(SCENES):
-        outcome, best = run(kind, seed, method=method), central(kind, seed)
+        outcome, best = run(kind, seed, what=what, method=method), central(kind, seed)
         for one in outcome.errors:
-            error = best.get((one.cycle, one.target))
+            error = best.error.get((one.cycle, one.target))
             # farther away it is another target
             if error is None or max(np.hypot(*error), np.hypot(*one.error[:2])) > ASTRAY:
                 continue
@@ -291,20 +344,43 @@ def against_central(kind: str, method: str) -> list[str]:
             parts[one.turning].append((one.error, one.covariance))
     ratio = np.linalg.norm(own) / np.linalg.norm(other)
     median = np.median(np.linalg.norm(own, axis=1)) / np.median(np.linalg.norm(other, axis=1))
-    everything = parts[True] + parts[False]
-    groups = (everything, parts[True], parts[False])
-    cells = [f"{squares(group, 2):.2f}, {squares(group, 4):.2f}" for group in groups]
-    return [f"{ratio:.3f}", f"{median:.3f}", *cells]
+    return [f"{ratio:.3f}", f"{median:.3f}", *consistency(parts)]
+
+
+def consistency(parts: dict[bool, list[tuple[FloatArray, FloatArray]]]) -> list[str]:
+    """Return NEES of all, in turns, and straight on: of positions, and of velocities too."""
+    groups = (parts[True] + parts[False], parts[True], parts[False])
+    return [f"{squares(group, 2):.2f}, {squares(group, 4):.2f}" for group in groups]
+
+
+def of_all_plots(kind: str) -> list[str]:
+    """Return the same of the central tracker itself, at its plots."""
+    parts: dict[bool, list[tuple[FloatArray, FloatArray]]] = {True: [], False: []}
+    for seed in range(SCENES):
+        for turning, some in honesty(kind, seed).items():
+            parts[turning] += some
+    return ["1", "1", *consistency(parts)]
 
 
 def fusion() -> str:
     """Return position errors over those of the central tracker, and NEES, by scene and method."""
     rows = []
     for kind in KINDS:
+        if kind in WHOLE:
+            rows.append([kind, "tracker of all plots", *of_all_plots(kind)])
         methods = METHODS if kind in WHOLE else METHODS[:1]
         rows += [[kind, f"`{method}`", *against_central(kind, method)] for method in methods]
     head = ["", "method", "position rms, ratio", "median, ratio", "NEES", "NEES in turns"]
     return markdown([*head, "NEES in straight flight"], rows)
+
+
+def links() -> str:
+    """Return how much nearer `tracklets` comes if the centre knows more, or less."""
+    rows = []
+    for kind in ("routes", "dense", "dense, biased"):
+        for what in (NOTHING, AIRCRAFT, PLOTS, LESS):
+            rows.append([kind, what, *against_central(kind, METHODS[0], what)[:3]])
+    return markdown(["", "told", "position rms, ratio", "median, ratio", "NEES"], rows)
 
 
 def expectations() -> str:
@@ -339,3 +415,50 @@ def expectations() -> str:
         rows_.append([name, f"{np.sqrt(2 * square):.1f} m", f"{position:.2f}", f"{both:.2f}"])
     head = ["model", "position rms", "NEES, position", "NEES, position and velocity"]
     return markdown(head, rows_)
+
+
+# flights of no other table
+CHANGES_SEED = 2
+CHANGES, THREE = "turns and speed changes", "three radars"
+
+
+def speed_changes() -> str:
+    """Return errors of fused tracks, by what the targets do, where speeds change, too."""
+    radars = smooth_tracks.RADARS[THREE]
+    plots = smooth_tracks.plots_of(CHANGES, THREE, CHANGES_SEED)
+    several = []
+    for k, radar in enumerate(radars):
+        own = plots[plots.sensor == k]
+        alone = replace(own, sensor=np.zeros(len(own), dtype=np.int64))
+        several.append(SensorTracks.of(track(alone, [radar]), sensor=k))
+    tracks, rows = SensorTracks.concatenate(several), []
+    methods: tuple[Literal["tracklets"], Literal["matrix"]] = ("tracklets", "matrix")
+    for method in methods:
+        found = flight_by_flight(tracks, radars, method)
+        state = np.hstack([found.position, found.velocity])
+        of = smooth_tracks.errors(CHANGES, found.time, state, found.covariance, CHANGES_SEED)
+        for part in smooth_tracks.parts(CHANGES):
+            names = of.rms(part), of.rms(part, "velocity"), of.nees(part)
+            position, velocity, nees = names
+            both = f"{nees:.2f}, {of.nees(part, 'velocity_nees'):.2f}"
+            name = smooth_tracks.PARTS[part]
+            rows.append([f"`{method}`", name, f"{position:.1f}", f"{velocity:.1f}", both])
+    head = ["method", "part", "position, m", "velocity, m/s"]
+    return markdown([*head, "NEES of position, of velocity"], rows)
+
+
+def flight_by_flight(
+    tracks: SensorTracks, radars: list[Radar], method: Literal["tracklets", "matrix"]
+) -> SystemTracks:
+    """Return the pictures of flights, between which hours pass, as long as all radars see them."""
+    flight = np.round(tracks.time / smooth_tracks.APART - 0.01).astype(int)
+    pictures = []
+    for one in np.unique(flight):
+        found = fuse_tracks(tracks[flight == one], radars, method=method)
+        inside = found.time - smooth_tracks.APART * one < smooth_tracks.LENGTH
+        pictures.append(found[inside & np.all(found.members >= 0, axis=1)])
+    columns = {
+        name: np.concatenate([getattr(picture, name) for picture in pictures])
+        for name in SystemTracks.__slots__
+    }
+    return SystemTracks(**columns)

@@ -391,7 +391,7 @@ class Geometry:
     @staticmethod
     def space() -> Geometry: ...
     @staticmethod
-    def position(sigma: float) -> Geometry: ...
+    def position(sigmas: list[float]) -> Geometry: ...
     @staticmethod
     def azimuth(sigma: float) -> Geometry: ...
     @staticmethod
@@ -412,6 +412,7 @@ class TrackerSettings:
         coasting: int,
         clutter_density: float | None,
         max_speed: float,
+        heights: tuple[float, float] | None,
         gate_probability: float,
         guard_acceleration: float | None,
         identity_error_probability: float,
@@ -442,6 +443,7 @@ def locate(
     differences: tuple[bool, float],
     free: list[bool],
     pooled: bool,
+    speed_sigma: float,
     n_threads: int | None,
 ) -> tuple[
     FloatArray,
@@ -450,6 +452,7 @@ def locate(
     BoolArray,
     list[FloatArray],
     list[list[float]],
+    tuple[float, float],
 ]: ...
 def locate_posterior(
     stations: FloatArray,
@@ -630,7 +633,7 @@ class Registrar:
         sigma: FloatArray,
         drift: FloatArray,
     ) -> Registrar: ...
-    def correct(self, plots: Plots) -> list[FloatArray]: ...
+    def correct(self, plots: Plots) -> tuple[list[FloatArray], FloatArray | None]: ...
     def learn(
         self,
         plots: Plots,

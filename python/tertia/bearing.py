@@ -196,9 +196,10 @@ def estimate_bearing(
         correlation, and the other methods assume 0. The method "paper" ignores this parameter.
     rounding : float
         Step to which the measurements were rounded, in their unit. If it is 0, the step is unknown,
-        and the method "robust" estimates it from equal measurements, unless `sigma` is given. If
-        the noise is smaller than the step, the sigma of the bearing is at least the standard
-        deviation of the rounding error.
+        and the method "robust" estimates it from equal measurements; if `sigma` is given, only
+        steps of up to four sigmas are recognised, so that larger ones must be given. If the noise
+        is smaller than the step, the sigma of the bearing is at least the standard deviation of the
+        rounding error.
     nan_policy : {"raise", "omit"}
         How to treat nan. With "raise", nan is an error. With "omit", nan means 'no measurement',
         and the blocks are formed from the remaining measurements.

@@ -211,3 +211,24 @@ def test_bad_sigmas(sigma: object, error: type[Exception], message: str) -> None
 def test_only_the_robust_method_takes_it() -> None:
     with pytest.raises(ValueError, match="sigma needs method='robust'; method is 'mean'"):
         tertia.estimate_bearing([1.0, 2.0, 3.0], sigma=1.0, method="mean")
+
+
+@pytest.mark.parametrize(("n", "step"), [(60, 10.0), (300, 10.0), (300, 5.0)])
+def test_the_rounding_is_seen_beside_a_stated_sigma(n: int, step: float) -> None:
+    """Noise of 3° on steps of 10°: what rounding leaves in the mean is more than sigma over √n."""
+    held = []
+    for seed in range(200):
+        random = rng(n, int(step), seed)
+        true = random.uniform(0.0, 360.0)
+        y = np.round((true + 3.0 * random.standard_normal(n)) / step) * step % 360.0
+        found = estimate_bearing(y, sigma=3.0)
+        error = (found.value - true + 180.0) % 360.0 - 180.0
+        held.append(abs(error) < 1.96 * found.sigma)
+    assert np.mean(held) > 0.9
+
+
+def test_a_gap_of_many_sigmas_is_no_rounding() -> None:
+    """Two equal measurements and one elsewhere do not show steps of 30°."""
+    found = estimate_bearing([10.0, 10.0, 40.0], sigma=3.0)
+    assert found.outlier.tolist() == [False, False, True]
+    assert found.sigma < 3.0

@@ -700,6 +700,7 @@ FILES = {
     "metres.toml": '[[station]]\nname = "A"\neast_m = 0\nnorth_m = 0\n[origin]\n',
     "bad.toml": "[[station]\n",
     "odd.toml": "station = 3\n",
+    "moving.toml": '[[station]]\nname = "A"\nazimuth_sigma_deg = 5\n',
     "none.toml": "# nothing\n",
     "true.toml": '[[station]]\nname = "A"\neast_m = true\nnorth_m = 0\n',
     "empty.csv": "",
@@ -753,6 +754,11 @@ FILES = {
             "negative.csv: range_sigma_m of A is -1; it must be positive",
         ),
         (["m.csv", S, "geo.csv"], 1, "geo.csv: east_m of A is missing"),
+        (
+            ["m.csv", S, "moving.toml"],
+            1,
+            "moving.toml: east_m of A is missing; a sensor that moves needs a position here, .*",
+        ),
         (
             ["m.csv", S, "both.csv"],
             1,
@@ -970,3 +976,45 @@ def test_a_height_on_the_earth_is_above_the_ellipsoid(tmp_path: Path) -> None:
     found = positions(tmp_path / "m.csv", *options, folder=tmp_path)
     place = found.select("latitude_deg", "longitude_deg", "height_m").to_numpy()
     np.testing.assert_allclose(place, targets, atol=1e-6)
+
+
+@pytest.mark.parametrize(("factor", "doubted"), [(1.0, False), (1e-3, True)])
+def test_ranges_are_judged_by_the_distances_of_the_stations(
+    factor: float, doubted: bool, write: Write, tmp_path: Path
+) -> None:
+    """Ranges of some metres in a hall are no kilometres."""
+    places = {"A": (0.0, 0.0), "B": (60.0, 0.0), "C": (0.0, 25.0), "D": (60.0, 25.0)}
+    stations = write(
+        [f"{name},{east},{north},1" for name, (east, north) in places.items()],
+        "name,east_m,north_m,range_sigma_m",
+        "hall.csv",
+    )
+    rows = [
+        f"{k},{name},{factor * np.hypot(20 + k - east, 10 - north)}"
+        for k in range(10)
+        for name, (east, north) in places.items()
+    ]
+    done = terminal.run("locate", write(rows, "time_s,sensor,range_m"), "--sensors", stations)
+    assert ("are they kilometres" in done.err) == doubted
+
+
+def test_the_speed_of_sound_is_printed(write: Write, tmp_path: Path) -> None:
+    places = {"A": (0.0, 0.0), "B": (600.0, 0.0), "C": (0.0, 500.0), "D": (600.0, 500.0)}
+    places |= {"E": (300.0, 800.0), "F": (-200.0, 250.0)}
+    stations = write(
+        [f"{name},{east},{north},0.002" for name, (east, north) in places.items()],
+        "name,east_m,north_m,arrival_time_sigma_s",
+        "microphones.csv",
+    )
+    rows = [
+        f"{k},{name},{k + np.hypot(200 + 20 * k - east, 300 - north) / 346.0:.5f}"
+        for k in range(8)
+        for name, (east, north) in places.items()
+    ]
+    seen = write(rows, "time_s,sensor,arrival_time_s")
+    options = "--propagation-speed", "340", "--propagation-speed-sigma", "5"
+    done = terminal.run("locate", seen, "--sensors", stations, *options)
+    assert done.code == 0, done.err
+    found = re.search(r"speed of signals: ([0-9.]+) ± ([0-9.]+) m/s", done.out)
+    assert found is not None
+    assert abs(float(found[1]) - 346.0) < 3 * float(found[2]) < 5

@@ -11,6 +11,7 @@ from places import DATA
 from tertia import simulate
 from tertia.geo import LocalFrame
 from tertia.location import Station, locate
+from tertia.sensors import Bias
 from tertia.trajectory import reconstruct
 
 NAN, INF = float("nan"), float("inf")
@@ -218,3 +219,11 @@ def test_errors(call, message):
 def test_a_string_is_no_latitude():
     with pytest.raises(TypeError, match="latitude is '50 N'"):
         LocalFrame("50 N", 14.0)
+
+
+def test_a_station_has_what_stations_have():
+    frame = LocalFrame(48.0, 7.0)
+    bias = Bias(time_sigma=1e-7)
+    options = {"arrival_time_sigma": 3e-7, "position_sigma": 2.0, "bias": bias}
+    station = frame.station(49.0, 9.0, 300.0, **options)
+    assert {name: getattr(station, name) for name in options} == options

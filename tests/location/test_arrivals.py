@@ -385,3 +385,89 @@ class TestClocks:
     def test_a_gain_is_that_of_radars(self):
         with pytest.raises(ValueError, match="the bias of station 0 has a range_gain"):
             heard(bias=Bias(range_gain=1e-4))
+
+
+def test_many_outliers_of_range_differences_are_counted():
+    """The share of outliers of a batch is estimated from differences as from times of arrival."""
+    held, located = [], []
+    for seed in range(8):
+        rng = np.random.default_rng([51, seed])
+        places = rng.uniform(-10e3, 10e3, (8, 2))
+        truth = rng.uniform(-4e3, 4e3, (80, 2))
+        way = np.linalg.norm(truth[:, np.newaxis] - places, axis=-1)
+        way += 30.0 * rng.standard_normal(way.shape)
+        way += (rng.random(way.shape) < 0.3) * rng.exponential(400.0, way.shape)
+        difference = way[:, 1:] - way[:, :1]
+        found = locate(places, range_difference=difference, range_difference_sigma=30 * 2**0.5)
+        squares = metrics.nees(found.position - truth, found.covariance)[found.success]
+        held += list(squares < 5.991)
+        located.append(np.mean(found.success))
+    assert np.mean(held) > 0.85
+    assert np.mean(located) > 0.75
+
+
+def shots(seed: int, sigma: float, count: int = 25):
+    """Return receivers, arrivals of `count` shots, positions, and the true speed of sound."""
+    rng = np.random.default_rng([52, seed])
+    places, truth = rng.uniform(-700, 700, (8, 2)), rng.uniform(-500, 500, (count, 2))
+    speed = 343.0 * (1 + sigma * rng.standard_normal())
+    time = np.linalg.norm(truth[:, np.newaxis] - places, axis=-1) / speed
+    time += 2e-3 * rng.standard_normal(time.shape) + 100.0 * np.arange(count)[:, np.newaxis]
+    return places, time, truth, speed
+
+
+@pytest.mark.parametrize("count", [1, 25])
+def test_the_speed_of_the_signals_is_estimated(count):
+    """Positions are as accurate as with the true speed, and regions hold them."""
+    share = 0.015
+    errors, known, held, speeds = [], [], [], []
+    for seed in range(40):
+        places, time, truth, speed = shots(seed, share, count)
+        options = {"arrival_time": time, "arrival_time_sigma": 2e-3}
+        found = locate(
+            places, **options, propagation_speed=343.0, propagation_speed_sigma=share * 343
+        )
+        exact = locate(places, **options, propagation_speed=speed)
+        both = found.success & exact.success
+        errors += list(np.sum((found.position - truth)[both] ** 2, axis=-1))
+        known += list(np.sum((exact.position - truth)[both] ** 2, axis=-1))
+        squares = metrics.nees(found.position - truth, found.covariance)
+        held += list(squares[found.success] < 5.991)
+        speeds.append((found.propagation_speed - speed) / found.propagation_speed_sigma)
+    assert np.mean(np.sort(errors)[: int(0.95 * len(errors))]) < 1.5**2 * np.mean(
+        np.sort(known)[: int(0.95 * len(known))]
+    )
+    assert np.mean(held) > 0.88
+    assert 0.5 < np.sqrt(np.mean(np.square(speeds))) < 1.6
+
+
+def test_an_unknown_speed_stretches_ranges():
+    rng = np.random.default_rng(53)
+    places = rng.uniform(-800, 800, (6, 2))
+    truth = rng.uniform(-400, 400, (40, 2))
+    measured = 1.006 * np.linalg.norm(truth[:, np.newaxis] - places, axis=-1)
+    measured += 0.3 * rng.standard_normal(measured.shape)
+    found = locate(
+        places,
+        range=measured,
+        range_sigma=0.3,
+        propagation_speed=1500.0,
+        propagation_speed_sigma=7.5,
+    )
+    assert found.propagation_speed == pytest.approx(1500 / 1.006, abs=0.5)
+    assert np.sqrt(np.mean((found.position - truth) ** 2)) < 0.35
+
+
+def test_wrong_sigmas_of_the_speed():
+    places = [[0, 0], [1000, 0], [2000, 0], [0, 2000], [2000, 2000]]
+    with pytest.raises(ValueError, match="propagation_speed_sigma is given; it is for times of"):
+        locate(places, azimuth=np.zeros(5), azimuth_sigma=0.1, propagation_speed_sigma=1.0)
+    for sigma, message in ((-1.0, "0 or positive"), (100.0, "it must be at most 20%")):
+        with pytest.raises(ValueError, match=message):
+            locate(
+                places,
+                arrival_time=np.arange(5.0),
+                arrival_time_sigma=0.1,
+                propagation_speed=343.0,
+                propagation_speed_sigma=sigma,
+            )

@@ -115,7 +115,35 @@ class TestHeightsAndIdentities:
         assert found.probability_of_height_update.value == 1
         assert found.probability_of_height_update.count == len(TIME)
 
+    def test_identities_are_compared_by_their_kinds(self):
+        n = len(TIME)
+        kinds = {"icao_address": np.full(n, 0x4B1805), "callsign": ["SWR12"] * n}
+        truth = truth_of(**kinds, mode_3a=np.where(TIME < 40, 0o1000, 0o2000))
+        assert truth.identity_at([0, 0, -1], [10, 50, 10], "mode_3a").tolist() == [512, 1024, -1]
+        assert truth.identity_at([0, 0], [10, 500], "callsign").tolist() == ["SWR12", ""]
+        assert truth.identity_at([0], [10]).tolist() == [-1]
+
+        def share(**own):
+            found = indicators(tracks_of(0.0, **own), truth, **OPTIONS)
+            return found.probability_of_identity_update.value
+
+        assert share(**kinds) == 1
+        # one of the kinds is wrong
+        assert share(**(kinds | {"callsign": np.array(["SWR13"] * n)})) == 0
+        assert share(icao_address=kinds["icao_address"], mode_3a=np.full(n, 0o1000)) == 0.5
+        # of a kind that is not known of the targets nothing is said
+        assert np.isnan(share(identity=np.full(n, 7)))
+        assert share(identity=np.full(n, 7), **kinds) == 1
+
     def test_errors(self):
+        with pytest.raises(ValueError, match="kind is 'mode-s'; it must be one of icao_address"):
+            truth_of().identity_at([0], [0.0], "mode-s")
+        with pytest.raises(ValueError, match=r"callsign has shape \(3,\); it must be \(20,\)"):
+            truth_of(callsign=["A", "B", "C"])
+        with pytest.raises(
+            ValueError, match=r"icao_address\[0\] is 33554432; it must be an address"
+        ):
+            truth_of(icao_address=np.full(20, 1 << 25))
         with pytest.raises(ValueError, match=r"height has shape \(3,\); it must be \(20,\)"):
             truth_of(height=np.ones(3))
         with pytest.raises(ValueError, match=r"identity has shape \(3,\)"):

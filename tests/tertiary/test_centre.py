@@ -314,6 +314,28 @@ def test_fused_tracks_are_as_good_as_a_tracker_of_all_plots_in_turns():
     assert 0.7 < np.mean(square[near]) < 1.2
 
 
+def test_a_row_between_two_plots_does_not_move_the_target():
+    # a tracker that has taken a false plot 3 km away states how little it knows
+    traffic = simulate.dense_traffic(1, area=(1e3, 1e3), turning_share=0.0, duration=100.0, rng=3)
+    record = simulate.radar_plots(traffic, RADARS[1:], clutter=0, rng=4)
+    several = []
+    for k in range(2):
+        own = record.plots[record.plots.sensor == k]
+        table = track(Plots(own.time, own.range, own.azimuth, height=own.height), [RADARS[1 + k]])
+        several.append(SensorTracks.of(table, sensor=k))
+    tracks = SensorTracks.concatenate(several)
+    sure = fuse_tracks(tracks, RADARS[1:])
+    row = np.flatnonzero((tracks.sensor == 0) & (tracks.time > 70.0))[0]
+    position, covariance = tracks.position.copy(), tracks.covariance.copy()
+    position[row] += [3000.0, 1000.0]
+    covariance[row] += np.diag([3000.0**2, 1000.0**2, 100.0**2, 100.0**2])
+    doubtful = fuse_tracks(replace(tracks, position=position, covariance=covariance), RADARS[1:])
+    assert len(sure) == len(doubtful) > 0
+    off = np.linalg.norm(doubtful.position - sure.position, axis=1)
+    sigma = np.sqrt(np.trace(sure.covariance[:, :2, :2], axis1=1, axis2=2))
+    assert np.max(off[sure.time > 70.0] / sigma[sure.time > 70.0]) < 1.5
+
+
 def test_a_target_moves_when_the_errors_of_its_sensor_are_found():
     """Without new rows it moves as far as the ranges of its sensor are found to be longer."""
     radars = [RADARS[0], replace(RADARS[1], bias=Bias(range_sigma=100.0))]

@@ -181,6 +181,42 @@ def test_a_station_may_move():
     assert {"sensor_east_m", "sensor_north_m", "azimuth"} <= set(columns)
 
 
+def test_azimuths_relative_to_the_bow_of_a_ship():
+    def place(time):
+        return np.column_stack([12.0 * time, -1e3 + 0.0 * time])
+
+    plots, _, _ = scene(5, place=place)
+    straight = track(plots, [GPS, CAMERA])
+    heading = np.where(plots.sensor == 1, 1.2 + 0.3 * np.sin(plots.time / 9.0), np.nan)
+    columns = {
+        name: getattr(plots, name) for name in ("sensor", "position", "sensor_position", "time")
+    }
+    azimuth = plots.azimuth - np.nan_to_num(heading)
+    turned = Plots(**columns, azimuth=azimuth, sensor_heading=heading)
+    found = track(turned, [GPS, CAMERA])
+    np.testing.assert_allclose(found.position, straight.position, atol=1e-6)
+    np.testing.assert_array_equal(found.plot, straight.plot)
+    degrees = Plots(
+        **columns, azimuth=np.degrees(azimuth), sensor_heading=np.degrees(heading), degrees=True
+    )
+    np.testing.assert_allclose(degrees.sensor_heading, heading, rtol=1e-14)
+    # some azimuths may be relative to north
+    mixed = plots.time > 60.0
+    some = Plots(
+        **columns,
+        azimuth=np.where(mixed, plots.azimuth, azimuth),
+        sensor_heading=np.where(mixed, np.nan, heading),
+    )
+    np.testing.assert_allclose(track(some, [GPS, CAMERA]).position, straight.position, atol=1e-6)
+    # without the heading few of them fit
+    lost = track(Plots(**columns, azimuth=azimuth), [GPS, CAMERA])
+    assert np.sum(lost.sensor == 1) < 0.2 * np.sum(straight.sensor == 1)
+    with pytest.raises(ValueError, match=r"^plots.sensor_heading\[0\] is that of sensors\[0\]"):
+        track(Plots([0.0], position=[[0.0, 0.0]], sensor_heading=[1.0]), [GPS, CAMERA])
+    with pytest.raises(ValueError, match=r"^sensor_heading.*degrees\?"):
+        Plots([0.0], azimuth=1.0, sensor_heading=[180.0])
+
+
 def test_errors_of_azimuths_and_times_and_the_north_of_a_station():
     plots, _, _ = scene(5)
     expected = track(plots, [GPS, CAMERA])

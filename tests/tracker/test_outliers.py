@@ -8,7 +8,8 @@ import pytest
 from tracker.flights import RADAR
 from tracker.test_noise import TARGETS, normalised, scene
 
-from tertia.tracker import Plots, Tracker, track
+from tertia import simulate
+from tertia.tracker import Plots, Radar, Tracker, track
 
 
 def with_outliers(seed, share=0.2):
@@ -78,3 +79,27 @@ def test_the_next_plot_says_whether_a_far_one_was_an_outlier(far):
     assert {int(number) for row in confirmed for number in row.track} == {1}
     last = confirmed[-1]
     assert last.position[0] == pytest.approx([0.0, north[-1]], abs=30.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "most"),
+    [({"duplicate_probability": 0.2}, 0.1), ({"outlier_probability": 0.2}, 1.0)],
+)
+def test_a_recording_has_a_track_per_aircraft_from_the_start(options, most):
+    """What is known of outliers and second plots at the end holds for the first scans, too."""
+    numbers = {"max_range": 150e3, "range_sigma": 50.0, "azimuth_sigma": np.radians(0.08)}
+    radars = [
+        Radar((0.0, 0.0), **numbers, scan_period=4.0),
+        Radar((40e3, -30e3), **numbers, scan_period=5.0),
+    ]
+    surplus = []
+    for seed in range(340, 344):
+        traffic = simulate.dense_traffic(
+            30, area=(1e5, 1e5), turning_share=0.0, duration=160.0, rng=seed
+        )
+        record = simulate.radar_plots(
+            traffic, radars, clutter=20.0, identity_missing_probability=1.0, rng=seed + 1, **options
+        )
+        table = track(record.plots, radars, registration=False)
+        surplus.append(len(np.unique(table.track)) - 30)
+    assert np.mean(surplus) <= most

@@ -247,6 +247,42 @@ def test_emissions_are_found_whatever_the_clocks() -> None:
     assert np.max(np.abs(first.position - other.position) / first.sigma) < 0.1
 
 
+def periodic(seed: int, *, count: int) -> Net:
+    """Simulate a tag with a constant interval, and two beacons with `count` irregular emissions."""
+    rng = np.random.default_rng([31, seed, count])
+    place = np.column_stack([np.tile([0.0, 250, 500, 750], 2), np.repeat([0.0, 300], 4)])
+    clock = rng.normal(0.0, 20.0, 8)
+    times = [30.0 * np.arange(1, 241)]
+    times += [np.sort(rng.uniform(0.0, 7200.0, count)) for _ in range(2)]
+    way = np.column_stack([300 * np.sin(times[0] / 900 + seed), 120 * np.cos(times[0] / 700)])
+    sources = [place.mean(axis=0) + way, *(np.tile(place[at], (count, 1)) for at in (0, 6))]
+    arrival, sensor, identity, emission = [], [], [], []
+    for name, (emitted, source) in enumerate(zip(times, sources, strict=True)):
+        far = np.linalg.norm(source[:, np.newaxis] - place, axis=-1)
+        which, receiver = np.nonzero(rng.random(far.shape) < 0.7 * np.exp(-((far / 600) ** 3)))
+        heard = emitted[which] + far[which, receiver] / SPEED + clock[receiver]
+        arrival.append(heard + 3e-4 * rng.standard_normal(len(heard)))
+        sensor.append(receiver)
+        identity.append(np.full(len(heard), name))
+        emission.append(which + 1000 * name)
+    columns = [np.concatenate(one) for one in (arrival, sensor, identity, emission)]
+    arrivals = Arrivals(*columns[:3])
+    stations = [Station(one) for one in place]
+    return Net(stations, arrivals, {}, columns[0], place, columns[2], clock, columns[3])
+
+
+@pytest.mark.parametrize("count", [20, 60])
+def test_beacons_tell_which_multiple_of_the_interval_a_clock_is_off(count: int) -> None:
+    for seed in range(6):
+        data = periodic(seed, count=count)
+        found = group_arrivals(data.arrivals).emission
+        assert found is not None
+        order = np.argsort(found, kind="stable")[np.count_nonzero(found < 0) :]
+        same = np.diff(found[order]) == 0
+        right = np.diff(data.emission[order]) == 0
+        assert np.mean(right[same]) > 0.98, seed
+
+
 def test_an_echo_is_not_used_and_an_outlier_is_marked() -> None:
     scene = net(4)
     heard = scene.arrivals

@@ -20,8 +20,8 @@ from weights.arbitrary import (
     estimates_for,
     is_numeric,
     units_for,
-    vec,
 )
+from weights.cases import vec
 
 from tertia import fusion, simulate, weights
 

@@ -20,7 +20,7 @@ from tertia.geo._arrays import (
     stacked,
 )
 from tertia.geo._frame import Frame
-from tertia.sensors import Radar, Station
+from tertia.sensors import Bias, Radar, Station
 
 
 @dataclass(frozen=True, slots=True, init=False)
@@ -180,6 +180,9 @@ class LocalFrame(Frame):
         range_sigma: float | None = None,
         azimuth_sigma: float | None = None,
         elevation_sigma: float | None = None,
+        arrival_time_sigma: float | None = None,
+        position_sigma: float = 0.0,
+        bias: Bias | None = None,
         name: str | None = None,
     ) -> Station:
         """Return a station at a place, with its own axes.
@@ -190,7 +193,7 @@ class LocalFrame(Frame):
             Latitudes and longitudes in degrees; arrays if the station moves.
         height : array_like of shape (...)
             Height in metres above the ellipsoid.
-        range_sigma, azimuth_sigma, elevation_sigma : float, optional
+        range_sigma, azimuth_sigma, elevation_sigma, arrival_time_sigma, position_sigma, bias
             As for `tertia.sensors.Station`.
         name : str, optional
             Label of the station in pictures.
@@ -219,6 +222,9 @@ class LocalFrame(Frame):
             range_sigma=range_sigma,
             azimuth_sigma=azimuth_sigma,
             elevation_sigma=elevation_sigma,
+            arrival_time_sigma=arrival_time_sigma,
+            position_sigma=position_sigma,
+            bias=bias,
             name=name,
             axes=np.broadcast_to(axes, (*position.shape, 3)),
         )

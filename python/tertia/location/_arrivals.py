@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,10 @@ class Arrivals:
     speed: FloatArray
     value: FloatArray
     sigma: FloatArray
+
+    def at(self, scale: float) -> Arrivals:
+        """Return the arrivals at a speed that is so many times the stated one."""
+        return self if scale == 1.0 else replace(self, speed=self.speed * scale)
 
     def emission(self, emission: FloatArray) -> Any:
         """Return times of emission in units of the arrivals, from metres after the first one."""

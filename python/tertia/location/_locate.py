@@ -32,6 +32,7 @@ from tertia.location._posterior import locate_posterior
 from tertia.location._readers import checked, correlation_of, deviations, require_kinds
 from tertia.location._result import Location, LocationMethod, LocationStatus, location_of
 from tertia.location._scene import Scene
+from tertia.location._speed import Speed, read_speed
 from tertia.sensors import Bias, Kind, Station
 from tertia.sensors._kinds import ANGLES, KINDS
 from tertia.sensors._sensors import stack_stations, survey_sigmas
@@ -59,6 +60,7 @@ def locate(
     bias: Bias | None = None,
     range_difference_correlation: float = 0.5,
     propagation_speed: npt.ArrayLike = LIGHT,
+    propagation_speed_sigma: float = 0.0,
     multipath: bool = True,
     height: npt.ArrayLike | None = None,
     height_sigma: npt.ArrayLike | None = None,
@@ -109,6 +111,11 @@ def locate(
         common error is this fraction of the smallest variance of a range difference.
     propagation_speed : array_like of shape (...)
         Speed of the signal in metres per second, by default the speed of light.
+    propagation_speed_sigma : float
+        Standard deviation of the speed, whose error is the same at all instants of the call. Sound
+        in air is 1 % faster if it is 6 °C warmer. The speed is then estimated with the positions,
+        from times of arrival, ranges and range differences, all of which the given speed converts
+        to distances; the covariance includes the error of the speed.
     multipath : bool
         Whether outliers are assumed to be late 20 times as often as early, as with multipath; if
         False, both are equally likely. This applies to times of arrival, and to range differences
@@ -273,6 +280,7 @@ def locate(
     _require_method(method, measured, d, start, max_range)
     _require_deviations(measured, unknown=unknown)
     level = read_height(height, height_sigma, d)
+    speed = read_speed(propagation_speed, propagation_speed_sigma, measured)
     if level is not None and unknown:
         raise ValueError("height is given; then the standard deviations must be, too")
     batch = _batch(places, measured, start, level)
@@ -304,27 +312,30 @@ def locate(
             (flag(multipath, "multipath"), correlation),
             grows.ravel().tolist(),
             pools,
+            speed.relative,
             threads(n_threads),
         ),
     )
-    result = solve(*rows[2:4])
+    *result, (growth, factor, _, common), found = solve(*rows[2:4])
     if not degrees and any(kind in measured for kind in ANGLES):
-        warn_if_degrees(result[:-1], *rows[2:4], lambda *others: solve(*others)[:-1])
-    growth, factor, _, common = result[-1]
+        warn_if_degrees(result, *rows[2:4], lambda *others: solve(*others)[:-2])
+    speed, arrivals = _at_speed(speed.found(*found), arrivals)
     unit = 1.0 if arrivals is None else arrivals.speed
     location = location_of(
-        result[:-1],
+        tuple(result),
         tuple(measured),
         estimated=unknown,
         arrivals=arrivals,
-        systematic=said(free, tells=not lies_between(result[-2][1], -np.inf, 0.0)),
+        speed=speed,
+        systematic=said(free, tells=not lies_between(result[-1][1], -np.inf, 0.0)),
         bias=own.found(
             _stated(measured, arrivals),
             [each + shared for each, shared in zip(growth, common, strict=True)],
         ),
         scene=Scene(
-            *rows[:3],
-            rows[3] if unknown else _grown(rows[3], grows, growth),
+            *rows[:2],
+            speed.scaled(rows[2], KINDS),
+            rows[3] if unknown else _grown(speed.scaled(rows[3], KINDS), grows, growth),
             outlier=result[3],
             unit=unit,
             surveys=rows[4],
@@ -338,6 +349,11 @@ def locate(
         sigma = np.broadcast_to(common / unit, np.shape(location.statistic))
         location = replace(location, measurement_sigma=scalar_or_array(np.array(sigma)))
     return _checked(location if lacks is None else without_height(location, lacks))
+
+
+def _at_speed(speed: Speed, arrivals: Arrivals | None) -> tuple[Speed, Arrivals | None]:
+    """Return an estimated speed, and the arrivals of signals that have it."""
+    return speed, None if arrivals is None else arrivals.at(speed.scale)
 
 
 def _solved(

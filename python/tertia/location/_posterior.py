@@ -93,7 +93,7 @@ def _require_bearings(
 ) -> None:
     """Raise an error if bearings that intersect are nevertheless explained as random directions."""
     free = [True] * rows[2].shape[-1] * len(KINDS)
-    *_, columns, found = _core.locate(
+    *_, columns, found, _ = _core.locate(
         *rows,
         None,
         None,
@@ -102,6 +102,7 @@ def _require_bearings(
         (True, 0.0),
         free,
         True,
+        0.0,
         n_threads,
     )
     statuses, degrees = np.ravel(columns[0]), np.ravel(columns[1])

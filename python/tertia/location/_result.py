@@ -15,6 +15,7 @@ from tertia.location._arrivals import Arrivals
 from tertia.location._protection import protection_level_of
 from tertia.location._region import Accuracy, Region, radius_of, region_of
 from tertia.location._scene import Scene
+from tertia.location._speed import Speed
 from tertia.sensors import Bias, ByKind, Kind
 from tertia.sensors._sensors import by_kind
 
@@ -110,9 +111,13 @@ class Location(Result):
         they could not cause inconsistencies.
     bias : Bias or None
         Systematic errors of the K stations, given or estimated.
+    propagation_speed, propagation_speed_sigma : float, ndarray of shape (...) or None
+        Speed of the signals in metres per second and its standard deviation, as estimated; None if
+        no `propagation_speed_sigma` was given.
     """
 
     _rows: ClassVar = "position", 1
+    _omitted: ClassVar = ("propagation_speed", "propagation_speed_sigma")
 
     position: FloatArray
     covariance: FloatArray
@@ -128,6 +133,8 @@ class Location(Result):
     status: LocationStatus | IntArray
     systematic: Systematic = "not included"
     bias: Bias | None = None
+    propagation_speed: float | FloatArray | None = None
+    propagation_speed_sigma: float | FloatArray | None = None
     _scene: Scene | None = None
 
     @property
@@ -301,6 +308,7 @@ def location_of(
     systematic: Systematic = "not included",
     bias: Bias | None = None,
     scene: Scene | None = None,
+    speed: Speed | None = None,
 ) -> Location:
     position, covariance, residual, outlier, columns = result
     statuses, degrees, statistic, pvalue, dop, sigma, emission, emission_sigma = columns
@@ -327,5 +335,7 @@ def location_of(
         status,
         systematic,
         bias,
+        None if speed is None or speed.relative == 0 else speed.value,
+        None if speed is None or speed.relative == 0 else speed.sigma,
         _scene=scene,
     )

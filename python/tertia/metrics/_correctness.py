@@ -8,7 +8,7 @@ from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia._units import FOOT, NAUTICAL_MILE
 from tertia.metrics._matching import Matching, Tracks
 from tertia.metrics._truth import Truth
-from tertia.sensors._identities import NUMBERS, leading
+from tertia.sensors._identities import KINDS, NUMBERS, is_known, leading
 
 # a height that is farther off is wrong; half a nautical mile is a large error
 HEIGHT_TOLERANCE, LARGE_ERROR = 300.0 * FOOT, 926.0
@@ -43,12 +43,30 @@ def heights(tracks: Tracks, truth: Truth, matching: Matching) -> tuple[BoolArray
 
 
 def identities(tracks: Tracks, truth: Truth, matching: Matching) -> tuple[BoolArray, BoolArray]:
-    """Return which updates have an identity that can be checked, and which a correct one."""
-    true = truth.identity_at(matching.target, tracks.time)
-    own = getattr(tracks, leading(tracks, NUMBERS), None)
-    reported = np.full(len(true), -1) if own is None else np.asarray(own)
-    known = (reported >= 0) & (true >= 0)
-    return known, known & (reported == true)
+    """Return which updates have an identity that can be checked, and which only correct ones."""
+    given = [kind for kind in KINDS if getattr(truth, kind) is not None]
+    count = len(matching.target)
+    known: BoolArray = np.zeros(count, dtype=np.bool_)
+    right: BoolArray = np.ones(count, dtype=np.bool_)
+    for kind in given:
+        true = truth.identity_at(matching.target, tracks.time, kind)
+        # numbers of no stated kind
+        own = getattr(tracks, leading(tracks, NUMBERS) if given == ["identity"] else kind, None)
+        if own is not None:
+            reported = np.asarray(own)
+            both = is_known(reported) & is_known(true)
+            known = known | both
+            right = right & (~both | (reported == true))
+    return known, known & right
+
+
+def identified(truth: Truth) -> BoolArray:
+    """Return which rows of the truth have an identity."""
+    found: BoolArray = np.zeros(len(truth.time), dtype=np.bool_)
+    for column in (getattr(truth, kind) for kind in KINDS):
+        if column is not None:
+            found = found | is_known(column)
+    return found
 
 
 def with_any(truth: Truth, known: BoolArray | None) -> BoolArray:

@@ -28,6 +28,7 @@ from tertia.metrics._correctness import (
     LARGE_ERROR,
     clumping,
     heights,
+    identified,
     identities,
     in_runs,
     squares_of,
@@ -280,7 +281,7 @@ missed, 0 switches, RMSE 0 m)
     seen = ~np.isnan(first)
     runs = matching.matched & in_runs(of, times, matching.error, large)
     has_height = with_any(truth, np.isfinite(truth.height) if truth.height is not None else None)
-    has_identity = with_any(truth, truth.identity >= 0 if truth.identity is not None else None)
+    has_identity = with_any(truth, identified(truth))
     has_height &= bool(height.any())
     has_identity &= bool(identity.any())
     duration = float(np.ptp(truth.time))

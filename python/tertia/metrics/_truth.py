@@ -10,6 +10,16 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia._arrays import BoolArray, FloatArray, IntArray, array_of, finite, samples
+from tertia.sensors._identities import (
+    KINDS,
+    NO_CALLSIGN,
+    NO_IDENTITY,
+    TextArray,
+    callsigns,
+    icao_addresses,
+    mode_3a_codes,
+    whole,
+)
 
 
 @dataclass(slots=True, frozen=True, eq=False, init=False)
@@ -32,8 +42,14 @@ class Truth:
         example because they are from GPS.
     height : array_like of shape (L,), optional
         True heights in metres, as tracks should report them; nan where a height is unknown.
+    icao_address, mode_3a : array_like of int, shape (L,), optional
+        True addresses and codes of the transponders, as tracks should report them; -1 where one is
+        unknown.
+    callsign : array_like of str, shape (L,), optional
+        True aircraft identifications; empty where one is unknown.
     identity : array_like of int, shape (L,), optional
-        True replies of the transponders, as tracks should report them; -1 where a reply is unknown.
+        Any other numbers of the targets; -1 where one is unknown. If it is the only kind, it is
+        compared with the first kind of numbers that tracks have.
 
     Attributes
     ----------
@@ -44,8 +60,8 @@ class Truth:
         Covariances of the positions.
     height : ndarray of shape (L,) or None
         Heights in metres.
-    identity : ndarray of int, shape (L,), or None
-        Replies of the transponders.
+    icao_address, mode_3a, callsign, identity : ndarray of shape (L,) or None
+        Identities of these kinds.
     target : ndarray of int, shape (L,)
         Index into `targets`.
     targets : ndarray of shape (K,)
@@ -76,6 +92,9 @@ class Truth:
     position: FloatArray
     covariance: FloatArray | None
     height: FloatArray | None
+    icao_address: IntArray | None
+    mode_3a: IntArray | None
+    callsign: TextArray | None
     identity: IntArray | None
     targets: npt.NDArray[Any]
     first: FloatArray
@@ -92,6 +111,9 @@ class Truth:
         *,
         covariance: npt.ArrayLike | None = None,
         height: npt.ArrayLike | None = None,
+        icao_address: npt.ArrayLike | None = None,
+        mode_3a: npt.ArrayLike | None = None,
+        callsign: npt.ArrayLike | None = None,
         identity: npt.ArrayLike | None = None,
     ) -> None:
         times, labels, points = rows(time, target, position, "", "target")
@@ -112,7 +134,7 @@ class Truth:
             "position": points[order],
             "covariance": None if covariance is None else _spread(covariance, points.shape)[order],
             "height": None if height is None else _heights(height, len(order))[order],
-            "identity": None if identity is None else _identities(identity, len(order))[order],
+            **_identities(icao_address, mode_3a, callsign, identity, order),
             "targets": targets,
             "first": times[starts],
             "last": times[np.append(starts[1:], len(index)) - 1],
@@ -196,18 +218,37 @@ class Truth:
             found[there] = self._between(own, k[there], when[there])[..., 0]
         return found
 
-    def identity_at(self, target: npt.ArrayLike, time: npt.ArrayLike) -> IntArray:
-        """Return the last known identities at given times; the arguments are those of `at`.
+    def identity_at(
+        self, target: npt.ArrayLike, time: npt.ArrayLike, kind: str = "identity"
+    ) -> npt.NDArray[Any]:
+        """Return the last known identities at given times.
+
+        Parameters
+        ----------
+        target, time : array_like of shape (...)
+            As for `at`.
+        kind : {"identity", "icao_address", "mode_3a", "callsign"}
+            Kind of identity.
 
         Returns
         -------
-        ndarray of int, shape (...)
-            Replies of transponders; -1 where a target is absent or its identity is unknown.
+        ndarray of int or str, shape (...)
+            Identities; -1, or an empty callsign, where a target is absent or its identity is
+            unknown.
+
+        Raises
+        ------
+        ValueError
+            If there is no such kind.
         """
+        if kind not in KINDS:
+            raise ValueError(f"kind is {kind!r}; it must be one of {', '.join(KINDS)}")
         k, when = np.broadcast_arrays(np.asarray(target), np.asarray(time, dtype=np.float64))
-        there, found = self.present(k, when), np.full(k.shape, -1)
-        if self.identity is not None:
-            found[there] = self.identity[self._before(k[there], when[there])]
+        there, own = self.present(k, when), getattr(self, kind)
+        none = NO_CALLSIGN if kind == "callsign" else NO_IDENTITY
+        found = np.full(k.shape, none, dtype=None if own is None else own.dtype)
+        if own is not None:
+            found[there] = own[self._before(k[there], when[there])]
         return found
 
     def course(self, target: npt.ArrayLike, time: npt.ArrayLike) -> FloatArray:
@@ -244,13 +285,26 @@ def _heights(height: npt.ArrayLike, count: int) -> FloatArray:
     return found
 
 
-def _identities(identity: npt.ArrayLike, count: int) -> IntArray:
-    found = array_of(identity, "identity")
-    if found.dtype.kind not in "iu":
-        raise TypeError(f"identity has dtype {found.dtype}; it must hold integers")
-    if found.shape != (count,):
-        raise ValueError(f"identity has shape {found.shape}; it must be ({count},), as time")
-    return found.astype(np.int64)
+def _identities(
+    icao_address: npt.ArrayLike | None,
+    mode_3a: npt.ArrayLike | None,
+    callsign: npt.ArrayLike | None,
+    identity: npt.ArrayLike | None,
+    order: IntArray,
+) -> dict[str, npt.NDArray[Any] | None]:
+    """Return the columns of identities, after checking them, in the order of the rows."""
+    found: dict[str, npt.NDArray[Any] | None] = {
+        "icao_address": None if icao_address is None else icao_addresses(icao_address),
+        "mode_3a": None if mode_3a is None else mode_3a_codes(mode_3a),
+        "callsign": None if callsign is None else callsigns(callsign),
+        "identity": None if identity is None else whole(identity, "identity"),
+    }
+    for name, column in found.items():
+        if column is not None and column.shape != order.shape:
+            raise ValueError(
+                f"{name} has shape {column.shape}; it must be ({len(order)},), as time"
+            )
+    return {name: None if column is None else column[order] for name, column in found.items()}
 
 
 def _spread(covariance: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:

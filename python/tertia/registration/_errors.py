@@ -14,7 +14,7 @@ from tertia.sensors._sensors import own_biases
 from tertia.tracker import Plots, TrackTable
 from tertia.tracker._registrar import target_plots
 from tertia.tracker._sensors import Sensor, core_sensors, slant
-from tertia.tracker._start import bias_of, columns_of
+from tertia.tracker._start import are_placed, bias_of, columns_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,6 +55,6 @@ def errors(
         columns_of(first),
     )
     spread = np.sqrt(np.diagonal(covariance)).reshape(sigma.shape)
-    return Errors(
-        bias_of(value, spread), covariance, bias_of(columns_of(given), sigma), factor, redundancy
-    )
+    placed = are_placed(sensors)
+    bias, limits = bias_of(value, spread, placed), bias_of(columns_of(given), sigma, placed)
+    return Errors(bias, covariance, limits, factor, redundancy)

@@ -14,10 +14,11 @@ from tertia._arrays import FloatArray, IntArray, instance
 from tertia.registration._errors import Errors, errors
 from tertia.registration._registration import NoiseHistory, Registration
 from tertia.registration._states import Common, Run, alone
-from tertia.sensors import ByKind, PositionSensor, Radar, Station
+from tertia.sensors import Bias, ByKind, PositionSensor, Radar, Station
 from tertia.sensors._channels import WIDEST_BEAM
 from tertia.tracker import Plots, TrackTable, track
 from tertia.tracker._earth import in_plane
+from tertia.tracker._models import with_heights
 from tertia.tracker._sensors import interval, sensors_of
 from tertia.tracker._start import columns_of, start
 
@@ -60,7 +61,8 @@ def register(
         The plots of a recording, in any order.
     sensors : sequence of K Radar or PositionSensor
         The sensors. Positions of a `PositionSensor` are assumed to be free of systematic errors
-        except for a delay; they help to determine the errors of the radars.
+        except for a delay; they help to determine the errors of the radars. If its `bias` has an
+        `east_sigma` or `north_sigma`, these errors are estimated, too.
     tracks : TrackTable, optional
         Tracks from the plots of all sensors; by default they are made from `plots`.
     n_threads : int, optional
@@ -136,6 +138,7 @@ def register(
                 "given"
             )
     run: Run = partial(track, registration=False, n_threads=n_threads, **options)
+    plots = with_heights(plots, sites, options.get("profile", "aircraft"))
     return rounds(plots, sites, run, tracks).registration
 
 
@@ -177,11 +180,18 @@ def rounds(
         sensors=tuple(
             replace(with_noise(one, levels[0, k] * own[k]), bias=known.bias[k])
             if isinstance(one, Radar)
-            else one
+            else _without_error(one, known.bias[k])
             for k, one in enumerate(given)
         ),
     )
     return Rounds(registration, stated, found)
+
+
+def _without_error(sensor: PositionSensor, found: Bias) -> PositionSensor:
+    """Return a sensor with the bias that was found, if its positions are not exact."""
+    bias = sensor.bias
+    exact = bias is None or (bias.east_sigma == 0.0 and bias.north_sigma == 0.0)
+    return sensor if exact else replace(sensor, bias=found)
 
 
 def _stated(sensors: Sequence[Radar | PositionSensor]) -> FloatArray:
@@ -208,16 +218,21 @@ def _systematic(
     removed, until the estimates no longer change.
     """
     prior = bias = start(alone, sensors)[0]
-    projected = in_plane(plots, sensors)
     noise = _stated(sensors)
     for _ in range(_ROUNDS):
         if joint is None:
             placed = [
-                replace(one, bias=bias[k]) if isinstance(one, Radar) else one
+                replace(one, bias=bias[k])
+                if isinstance(one, Radar)
+                else _without_error(one, bias[k])
                 for k, one in enumerate(sensors)
             ]
             joint = run(plots, placed)
-        known = errors(projected, joint, sensors, prior, bias)
+        # a plot without a height is at the height of its track
+        height = joint._columns.heights(plots.height, 0)
+        known = errors(
+            in_plane(plots._replaced(height=height), sensors), joint, sensors, prior, bias
+        )
         moved = columns_of(known.bias)[:, [0, 2]] - columns_of(bias)[:, [0, 2]]
         bias = known.bias
         if np.all(np.abs(moved) < _STAYS * noise):

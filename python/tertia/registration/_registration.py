@@ -74,7 +74,7 @@ class Registration(Result):
         """Whether the sigma of each error is below half of its prior sigma, (K,) for each kind."""
         pairs = {
             kind: [np.asarray(getattr(one, f"{kind}_sigma")) for one in (self.bias, self.prior)]
-            for kind in KINDS
+            for kind in (*KINDS, "east", "north")
         }
         return {kind: np.asarray(after < before / 2) for kind, (after, before) in pairs.items()}
 

@@ -20,6 +20,7 @@ from tertia.report._summary import summary
 from tertia.report._times import Times
 from tertia.sensors import Radar, Station
 from tertia.tracker import Motion, Plots, TrackTable
+from tertia.tracker._models import with_heights
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,6 +201,7 @@ def make(
     tell = progress or quiet
     analysis: Analysis | None = None
     if plots is not None:
+        plots = with_heights(plots, sensors, options.get("profile", "aircraft"))
         analysis = analyse(
             plots,
             sensors,

@@ -25,7 +25,9 @@ from tertia.sensors._kinds import ANGLES, angle_sigma
 
 # systematic errors of a radar, and their standard deviations
 KINDS = ("range", "range_gain", "azimuth", "time")
-ERRORS = (*KINDS, *(f"{kind}_sigma" for kind in KINDS))
+# those of a sensor that reports positions, each in the place of a radar's
+PLACED = ("east", None, "north", "time")
+ERRORS = tuple(f"{kind}{suffix}" for suffix in ("", "_sigma") for kind in (*KINDS, "east", "north"))
 # correlation time of the slow part of systematic errors that is assumed, in seconds
 DRIFT_TIME = 30_000.0
 # of a bias, the same for all sensors
@@ -68,8 +70,10 @@ class Bias(Result):
         plus `range`.
     time : float or ndarray of shape (K,)
         Reading of the sensor's clock minus the true time, in seconds.
-    range_sigma, range_gain_sigma, azimuth_sigma, elevation_sigma, time_sigma : float, ndarray of
-            shape (K,), or None
+    east, north : float or ndarray of shape (K,)
+        Biases of positions that a `PositionSensor` reports, in metres.
+    range_sigma, range_gain_sigma, azimuth_sigma, elevation_sigma, time_sigma, east_sigma, \
+            north_sigma : float, ndarray of shape (K,), or None
         Standard deviations of these biases, in the same units.
     drift_share : float or None
         Fraction of the variance of the bias that is due to a part of the bias that varies slowly,
@@ -115,11 +119,15 @@ class Bias(Result):
     azimuth: float | FloatArray
     elevation: float | FloatArray
     time: float | FloatArray
+    east: float | FloatArray
+    north: float | FloatArray
     range_sigma: float | FloatArray | None
     range_gain_sigma: float | FloatArray | None
     azimuth_sigma: float | FloatArray | None
     elevation_sigma: float | FloatArray | None
     time_sigma: float | FloatArray | None
+    east_sigma: float | FloatArray | None
+    north_sigma: float | FloatArray | None
     drift_share: float | None
     drift_time: float | None
     deviation_order: int
@@ -135,11 +143,15 @@ class Bias(Result):
         azimuth: npt.ArrayLike = 0.0,
         elevation: npt.ArrayLike = 0.0,
         time: npt.ArrayLike = 0.0,
+        east: npt.ArrayLike = 0.0,
+        north: npt.ArrayLike = 0.0,
         range_sigma: npt.ArrayLike | None = 0.0,
         range_gain_sigma: npt.ArrayLike | None = 0.0,
         azimuth_sigma: npt.ArrayLike | None = 0.0,
         elevation_sigma: npt.ArrayLike | None = 0.0,
         time_sigma: npt.ArrayLike | None = 0.0,
+        east_sigma: npt.ArrayLike | None = 0.0,
+        north_sigma: npt.ArrayLike | None = 0.0,
         drift_share: float | None = None,
         drift_time: float | None = None,
         deviation_order: int = 0,
@@ -160,11 +172,15 @@ class Bias(Result):
             "azimuth": azimuth,
             "elevation": elevation,
             "time": time,
+            "east": east,
+            "north": north,
             "range_sigma": range_sigma,
             "range_gain_sigma": range_gain_sigma,
             "azimuth_sigma": azimuth_sigma,
             "elevation_sigma": elevation_sigma,
             "time_sigma": time_sigma,
+            "east_sigma": east_sigma,
+            "north_sigma": north_sigma,
         }
         arrays = {
             name: _bias_number(value, name, degrees)
@@ -264,7 +280,7 @@ class Bias(Result):
         return scalar_or_array(value), scalar_or_array(np.sqrt(variance))
 
     def correct(self, plots: Any) -> Any:
-        """Return plots with these biases of range, azimuth and time removed.
+        """Return plots with these biases of range, azimuth, position and time removed.
 
         Parameters
         ----------
@@ -276,7 +292,7 @@ class Bias(Result):
         Plots
             The corrected plots. A plot with the time t, the range r and the azimuth a now has the
             time `t - time`, the range `(r - range) / (1 + range_gain)` and the azimuth `a -
-            azimuth`.
+            azimuth`; `east` and `north` are subtracted from positions.
 
         Raises
         ------
@@ -307,8 +323,12 @@ class Bias(Result):
             # the direction in which a deviation is read is that without it
             for _ in range(2):
                 azimuth = plots.azimuth - self.at(azimuth)[0]
+        position = plots.position
+        if position is not None and (np.any(self.east) or np.any(self.north)):
+            position = position - np.stack(np.broadcast_arrays(own("east"), own("north")), axis=-1)
         return replace(
             plots,
+            position=position,
             time=plots.time - own("time"),
             range=(plots.range - own("range")) / (1.0 + own("range_gain")),
             azimuth=azimuth,

@@ -25,15 +25,19 @@ class PositionSensor:
     position_sigma : float or None
         Standard deviation of each of the coordinates east and north in metres, for reports without
         a covariance; None: such reports are not used.
+    velocity_sigma : float or None
+        Standard deviation of each of the components of velocities in m/s, for velocities without a
+        covariance; None: such velocities are not used.
     update_interval : float
         Expected time between reports of a target in seconds, at least 0.001. If no report is
         received within this time, one report counts as missed.
     detection_probability : float
         Probability that a target reports in an update interval.
     bias : Bias or None
-        Systematic error of the times of the reports, that is, how late they are. None: it is
-        estimated when radars are registered; before that, its standard deviation is assumed to be
-        0.2 s. `Bias()`: there is no systematic error.
+        Systematic errors of the reports: `time`, which is how late they are, `east` and `north`.
+        Those with a sigma are estimated during registration. None: only `time` is estimated;
+        before that, its standard deviation is assumed to be 0.2 s. `Bias()`: there are no
+        systematic errors.
     name : str or None
         Label of the sensor in pictures and reports.
 
@@ -50,6 +54,7 @@ class PositionSensor:
     """
 
     position_sigma: float | None
+    velocity_sigma: float | None
     update_interval: float
     detection_probability: float
     bias: Bias | None
@@ -59,6 +64,7 @@ class PositionSensor:
         self,
         *,
         position_sigma: float | None = None,
+        velocity_sigma: float | None = None,
         bias: Bias | None = None,
         update_interval: float = 1.0,
         detection_probability: float = 0.97,
@@ -66,6 +72,8 @@ class PositionSensor:
     ) -> None:
         if position_sigma is not None:
             position_sigma = float(positive_number(position_sigma, "position_sigma"))
+        if velocity_sigma is not None:
+            velocity_sigma = float(positive_number(velocity_sigma, "velocity_sigma"))
         interval = float(positive_number(update_interval, "update_interval"))
         if not _FASTEST <= interval < np.inf:
             raise ValueError(
@@ -75,8 +83,14 @@ class PositionSensor:
             instance(bias, "bias", Bias)
             if np.ndim(bias.time) > 0:
                 raise ValueError(f"bias is that of {len(bias)} sensors; it must be that of one")
+            for kind in ("range", "range_gain", "azimuth", "elevation"):
+                if getattr(bias, kind) != 0.0:
+                    raise ValueError(
+                        f"bias.{kind} is {getattr(bias, kind):g}; a PositionSensor has no {kind}"
+                    )
         detected = probability(detection_probability, "detection_probability")
         object.__setattr__(self, "position_sigma", position_sigma)
+        object.__setattr__(self, "velocity_sigma", velocity_sigma)
         object.__setattr__(self, "update_interval", interval)
         object.__setattr__(self, "detection_probability", detected)
         object.__setattr__(self, "bias", bias)

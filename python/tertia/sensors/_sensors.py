@@ -22,7 +22,7 @@ from tertia._arrays import (
     scalar_or_array,
     sequence_of,
 )
-from tertia.sensors._bias import DRIFT_TIME, ERRORS, RADAR_LIMITS, Bias
+from tertia.sensors._bias import DRIFT_TIME, ERRORS, PLACED, RADAR_LIMITS, Bias
 from tertia.sensors._bias import KINDS as ERROR_KINDS
 from tertia.sensors._channels import Channel, channels_of, narrow, ways
 from tertia.sensors._kinds import KINDS, STATION_KINDS, Kind, angle_sigma
@@ -41,6 +41,8 @@ _own_sigmas = attrgetter(*(f"{kind}_sigma" for kind in _WITH_SIGMAS))
 _DETECTED = 0.9
 # in seconds; ADS-B may be up to .4 s late (DO-260B; George, Tuladhar and Sivananthan 2020)
 _LATENCY_SIGMA = 0.2
+# of errors of positions that are to be estimated, in metres
+_PLACE_LIMITS = {"east_sigma": 100.0, "north_sigma": 100.0}
 # in seconds; a target is expected in every scan, so that shorter ones take for ever
 _FASTEST_SCAN = 1e-3
 
@@ -323,8 +325,19 @@ def stack_stations(
 def own_biases(sensors: Sequence[Radar | PositionSensor | Station]) -> Bias:
     """Return the stated systematic errors of sensors, (K,), or the limits if none are stated."""
     given = [_bias_of(sensor) for sensor in sensors]
-    columns: dict[str, Any] = {kind: [_error(bias, kind) for bias in given] for kind in ERRORS}
+    columns: dict[str, Any] = {
+        kind: [
+            _error(bias, kind) if kind.removesuffix("_sigma") in error_kinds(one) else 0.0
+            for one, bias in zip(sensors, given, strict=True)
+        ]
+        for kind in ERRORS
+    }
     return Bias(**columns)
+
+
+def error_kinds(sensor: Radar | PositionSensor | Station) -> Sequence[str | None]:
+    """Return the four kinds of systematic errors of a sensor as the core knows them."""
+    return PLACED if isinstance(sensor, PositionSensor) else ERROR_KINDS
 
 
 def drift_rates(sensors: Sequence[Radar | PositionSensor | Station]) -> FloatArray:
@@ -334,11 +347,14 @@ def drift_rates(sensors: Sequence[Radar | PositionSensor | Station]) -> FloatArr
     correspondingly lower rate.
     """
     biases = [_bias_of(sensor) for sensor in sensors]
-    return np.array([[_drift_rate(bias, kind) for kind in ERROR_KINDS] for bias in biases])
+    pairs = zip(sensors, biases, strict=True)
+    return np.array([[_drift_rate(bias, kind) for kind in error_kinds(one)] for one, bias in pairs])
 
 
-def _drift_rate(bias: Bias | None, kind: str) -> float:
+def _drift_rate(bias: Bias | None, kind: str | None) -> float:
     """Return the rate at which a systematic error returns to its prior; 0 if it is constant."""
+    if kind is None:
+        return 0.0
     given = Bias() if bias is None else bias
     is_estimated = bias is None or getattr(bias, f"{kind}_sigma") is None
     share, time = given.drift_share, given.drift_time
@@ -359,6 +375,8 @@ def _bias_of(sensor: Radar | PositionSensor | Station) -> Bias | None:
 def _error(bias: Bias | None, kind: str) -> float:
     """Return a systematic error or its standard deviation as stated, or as in the limits."""
     value = getattr(RADAR_LIMITS if bias is None else bias, kind)
+    if value is None and kind in _PLACE_LIMITS:
+        return _PLACE_LIMITS[kind]
     return float(getattr(RADAR_LIMITS, kind) if value is None else value)
 
 
@@ -402,6 +420,11 @@ def _own_bias(bias: Bias | None) -> Bias | None:
         instance(bias, "bias", Bias)
         if np.ndim(bias.range) > 0:
             raise ValueError(f"bias is that of {len(bias)} sensors; it must be that of one")
+        for kind in ("east", "north"):
+            if getattr(bias, kind) != 0.0 or getattr(bias, f"{kind}_sigma") != 0.0:
+                raise ValueError(
+                    f"bias has {kind} or {kind}_sigma; only a PositionSensor has such errors"
+                )
     return bias
 
 

@@ -14,6 +14,11 @@ from tertia._arrays import FloatArray
 _DOUBTFUL_COUNT, _DOUBTFUL_SPREAD, _LEAST_RANGE = 20, 1.0, 1000.0
 # largest range difference, as a share of the distance of sensors, that may be in microseconds
 _TINY = 1 / 250
+# median range, as a share of the distance of sensors, that is probably in kilometres
+_NEAR = 1 / 50
+_SMALL_RANGES = (
+    "half of the ranges are below {:.3g}: are they kilometres or nautical miles? Use metres"
+)
 # the year 5138, in seconds
 _LATEST = 1e11
 # largest plausible median of a column, its unit, and the unit that is likely if the median is
@@ -51,13 +56,27 @@ def doubt_unit(name: str, values: pl.Series) -> None:
         return
     typical = float(np.median(np.abs(known)))
     if name == "range_m" and typical < _LEAST_RANGE:
-        doubt(
-            f"half of the ranges are below {typical:.3g}: are they kilometres or nautical miles? "
-            "Use metres"
-        )
+        doubt(_SMALL_RANGES.format(typical))
     most, unit, other = _MOST.get(name, (math.inf, "", ""))
     if typical > most:
         doubt(f"the median of {name} is {typical:.6g}: is it in {other}? Use {unit}")
+
+
+def doubt_ranges(values: FloatArray, places: FloatArray) -> None:
+    """Warn if ranges are probably not in metres, because they are tiny beside the net of sensors.
+
+    `places` are the positions of the sensors, (K, D), in metres.
+    """
+    known = np.abs(values[np.isfinite(values)])
+    if len(known) < _DOUBTFUL_COUNT:
+        return
+    typical, apart = float(np.median(known)), _extent(places)
+    if typical < _LEAST_RANGE and (apart == 0.0 or typical < _NEAR * apart):
+        doubt(_SMALL_RANGES.format(typical))
+
+
+def _extent(places: FloatArray) -> float:
+    return float(np.max(np.linalg.norm(places[:, np.newaxis] - places, axis=-1)))
 
 
 def doubt_differences(values: FloatArray, places: FloatArray) -> None:
@@ -68,8 +87,7 @@ def doubt_differences(values: FloatArray, places: FloatArray) -> None:
     known = np.abs(values[np.isfinite(values)])
     if len(known) < _DOUBTFUL_COUNT:
         return
-    distances = np.linalg.norm(places[:, np.newaxis] - places, axis=-1)
-    largest, apart = float(np.max(known)), float(np.max(distances))
+    largest, apart = float(np.max(known)), _extent(places)
     if largest < _TINY * apart:
         doubt(
             f"all range differences are below {largest:.3g}, but sensors are {apart:.3g} m apart: "

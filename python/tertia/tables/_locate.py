@@ -54,6 +54,7 @@ def locate(
     redundancy: int | None = None,
     range_difference_correlation: float = 0.5,
     propagation_speed: float = LIGHT,
+    propagation_speed_sigma: float = 0.0,
     multipath: bool = True,
     height: float | None = None,
     height_sigma: float | None = None,
@@ -103,7 +104,7 @@ def locate(
         together.
     redundancy : int, optional
         As for `tertia.location.locate`.
-    range_difference_correlation, propagation_speed : float
+    range_difference_correlation, propagation_speed, propagation_speed_sigma : float
         As for `tertia.location.locate`.
     multipath : bool
         As for `tertia.location.locate`.
@@ -167,6 +168,7 @@ def locate(
         redundancy=redundancy,
         range_difference_correlation=range_difference_correlation,
         propagation_speed=propagation_speed,
+        propagation_speed_sigma=propagation_speed_sigma,
         multipath=multipath,
         height=height,
         height_sigma=height_sigma,

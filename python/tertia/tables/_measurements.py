@@ -12,7 +12,7 @@ import polars as pl
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.sensors import Kind, Station
 from tertia.tables._combined import combined
-from tertia.tables._doubts import doubt, doubt_differences, doubt_unit
+from tertia.tables._doubts import doubt, doubt_differences, doubt_ranges, doubt_unit
 from tertia.tables._groups import as_names, column_name, group_name, layout
 from tertia.tables._instants import instants
 from tertia.tables._moving import PLACES, apart, local_places, names_of_places, stations_of
@@ -45,7 +45,8 @@ SIGMAS: dict[Kind, str] = {kind: column_name(name, "sigma") for kind, name in VA
 SCHEMA: Schema = {
     "time": TIME,
     "sensor": Field("name", SENSOR.columns, required=True, whole=True),
-    **{str(kind): number(name) for kind, name in VALUES.items()},
+    # whether ranges are in metres is judged by the distances between the sensors
+    **{str(kind): number(name, judged=kind != "range") for kind, name in VALUES.items()},
     **{f"{kind}_sigma": number(name, positive=True) for kind, name in SIGMAS.items()},
     "kind": Field("name", {"kind": 1.0}),
     "value": number("value"),
@@ -160,8 +161,9 @@ def read_targets(
         )
     _refuse_impossible(measured, records, repeated=tolerance == np.inf)
     if not placed:
-        differences = measured.filter(pl.col("kind") == "range_difference")["value"].to_numpy()
-        doubt_differences(differences, np.array([one.position for one in sensors.items]))
+        places = np.array([one.position for one in sensors.items])
+        for kind, judge in (("range", doubt_ranges), ("range_difference", doubt_differences)):
+            judge(measured.filter(pl.col("kind") == kind)["value"].to_numpy(), places)
     # seconds since the earliest time of all targets
     clock = Clock.of(records.rows["time"])
     measured = measured.with_columns(pl.Series("seconds", clock.seconds(measured["time"])))

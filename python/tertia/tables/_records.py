@@ -99,7 +99,8 @@ class Field:
     Each column has a factor to the unit of the library (for identities, the base). `required`: one
     of the columns must be present. `whole`: no cell may be missing. `positive`: numbers must be
     positive. `most`: largest absolute value, in the unit of the column. `standard`: the column has
-    a standard name, not one that an option gives.
+    a standard name, not one that an option gives. `judged`: whether the size of the values may show
+    that the unit is wrong.
     """
 
     kind: Kind
@@ -109,6 +110,7 @@ class Field:
     positive: bool = False
     most: float = math.inf
     standard: bool = True
+    judged: bool = True
 
 
 Schema: TypeAlias = Mapping[str, Field]
@@ -395,7 +397,7 @@ class Reader:
                 allowed = f"it must be between {-one.most:g} and {one.most:g}"
                 beyond = (found.abs() > one.most) & found.is_finite()
                 self.refuse(beyond, f"{values.name} is {{:g}}; {allowed}", found)
-            if self.problems is None:
+            if self.problems is None and one.judged:
                 doubt_unit(name, found)
             if one.columns[name] != 1.0:
                 found = found * one.columns[name]

@@ -62,6 +62,7 @@ _STATION = {
 _POSITION_SIGMA = "position_sigma_m"
 _POSITION_SENSOR = {
     "position_sigma": _POSITION_SIGMA,
+    "velocity_sigma": "velocity_sigma_m_s",
     "update_interval": "update_interval_s",
     "detection_probability": _DETECTION,
 }
@@ -73,8 +74,16 @@ _BIAS = {
     "time": ("time_bias_s", "time_bias_sigma_s", 1.0),
     "elevation": ("elevation_bias_deg", "elevation_bias_sigma_deg", math.pi / 180),
 }
+# those of positions, which are 0 unless they are stated
+_PLACE_BIAS = {
+    "east": ("east_bias_m", "east_bias_sigma_m", 1.0),
+    "north": ("north_bias_m", "north_bias_sigma_m", 1.0),
+}
 _TRUSTED = "trusted"
 _RANGE_DIFFERENCE_SIGMA = "range_difference_sigma_m"
+# a sensor of which nothing else is given may be one whose positions are in the rows of measurements
+_OF_MOVING = {"name", _TRUSTED, *(column for column, _ in _STATION.values())}
+_MOVING = "; a sensor that moves needs a position here, too, such as its first"
 # in degrees; surveillance radars have larger azimuth sigmas
 _DOUBTFUL_SIGMA = 0.005
 
@@ -356,14 +365,19 @@ class _Cells:
             )
         return found
 
-    def required(self, column: str) -> float:
-        """Return a number; an error if it is missing."""
+    def required(self, column: str, note: str = "") -> float:
+        """Return a number; an error, which may end in a note, if it is missing."""
         found = self.number(column)
         if found is None:
             others = [name for name in self.row if name != column]
-            said = hint([column], others, VERY_NEAR)
+            said = hint([column], others, VERY_NEAR) or note
             raise self.error(f"{column} of {self.name} is missing{said}")
         return found
+
+    def place(self, columns: Iterable[str]) -> list[float]:
+        """Return the coordinates in these columns; an error if one is missing."""
+        note = _MOVING if self.row.keys() <= _OF_MOVING else ""
+        return [self.required(column, note) for column in columns]
 
     def sigma(self, column: str) -> float | None:
         """Return a positive number; None if it is missing."""
@@ -480,20 +494,20 @@ def _channels(cells: _Cells) -> dict[str, Channel] | None:
 def _bias(cells: _Cells) -> Bias | None:
     """Return the systematic errors of a sensor; None if nothing is known about them.
 
-    Kinds of errors without a cell are to be estimated.
+    Kinds of errors without a cell are to be estimated, except for those of positions.
     """
     found: dict[str, Any] = {}
-    for kind, (column, sigma_column, unit) in _BIAS.items():
+    for kind, (column, sigma_column, unit) in (_BIAS | _PLACE_BIAS).items():
         value, sigma = cells.number(column), cells.number(sigma_column)
         if sigma is not None and sigma < 0:
             raise cells.error(
                 f"{sigma_column} of {cells.name} is {sigma:g}; it must be 0 or positive"
             )
         if value is None and sigma is None:
-            found[f"{kind}_sigma"] = None
+            found[f"{kind}_sigma"] = 0.0 if kind in _PLACE_BIAS else None
         else:
             found |= {kind: (value or 0.0) * unit, f"{kind}_sigma": (sigma or 0.0) * unit}
-    is_known = any(value is not None for value in found.values())
+    is_known = any(kind in found for kind in (*_BIAS, *_PLACE_BIAS))
     trusted = cells.row.get(_TRUSTED)
     if trusted is None or is_mark(str(trusted)) or str(trusted).lower() == "false":
         return Bias(**found) if is_known else None
@@ -547,7 +561,7 @@ def _coordinates(cells: Sequence[_Cells], form: tuple[str, str, str]) -> FloatAr
     """Return the coordinates, (K, 2), or (K, 3) if any sensor has a height."""
     in_space = any(one.number(form[2]) is not None for one in cells)
     columns = form if in_space else form[:2]
-    return np.array([[one.required(column) for column in columns] for one in cells])
+    return np.array([one.place(columns) for one in cells])
 
 
 def _on_the_earth(

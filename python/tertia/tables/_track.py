@@ -27,6 +27,7 @@ from tertia.tables._identities import (
     identities_of,
     identity_columns,
 )
+from tertia.tables._plot_doubts import doubt_plots
 from tertia.tables._records import (
     SENSOR,
     TIME,
@@ -39,6 +40,7 @@ from tertia.tables._records import (
     read,
     source_of,
 )
+from tertia.tables._reports import REPORTED, moving_of, reported_of
 from tertia.tables._sensors import Sensors, lifted
 from tertia.tables._times import Clock
 from tertia.tertiary import SystemTracks
@@ -53,18 +55,12 @@ PLOTS: Schema = {
     "height": Field("number", {"height_m": 1.0, "flight_level": FLIGHT_LEVEL}),
     **IDENTIFIED,
 }
-# plots, and reports of positions with their standard deviations
+# plots, and reports of positions and velocities with their standard deviations
 REPORTS: Schema = {
     **PLOTS,
     "range": replace(PLOTS["range"], required=False),
     "azimuth": replace(PLOTS["azimuth"], required=False),
-    "east": number("east_m"),
-    "north": number("north_m"),
-    "latitude": Field("number", {"latitude_deg": 1.0}, most=90.0),
-    "longitude": Field("number", {"longitude_deg": 1.0}, most=360.0),
-    "east_sigma": number("east_sigma_m", positive=True),
-    "north_sigma": number("north_sigma_m", positive=True),
-    "east_north": number("covariance_east_north_m2"),
+    **REPORTED,
 }
 # the number of a plot in the whole recording, if a table is a part of a recording
 NUMBERED: Schema = {"plot": number("plot", whole=True)}
@@ -218,7 +214,13 @@ def track(
         number of the plot in the whole recording (see `stitch`). Reports of a `PositionSensor` have
         `east_m` and `north_m` instead of range and azimuth, or `latitude_deg` and `longitude_deg`
         if the radars are on the earth; and, if known,
-        `east_sigma_m`, `north_sigma_m` and `covariance_east_north_m2`.
+        `east_sigma_m`, `north_sigma_m` and `covariance_east_north_m2`. The velocities of reports
+        are in `velocity_east_m_s` and `velocity_north_m_s`, or `speed_m_s` (or `speed_kt`) and
+        `course_deg`, relative to true north if positions are latitudes and longitudes. They are
+        used if there are `velocity_east_sigma_m_s` and `velocity_north_sigma_m_s`, or if the
+        sensor has a `velocity_sigma`. A `Station` that moves has `sensor_east_m` and
+        `sensor_north_m`, or `sensor_latitude_deg` and `sensor_longitude_deg`, in each of its rows.
+        If there is also `sensor_heading_deg`, its azimuths are relative to that heading.
     sensors : sequence of Radar, PositionSensor or Station, DataFrame, or str or Path
         The sensors. A sensor without a name is identified by its index. A table has one row per
         radar, with the columns of sensors files; a path is that of a sensors file in TOML.
@@ -286,6 +288,7 @@ def recording_of(
     clock = Clock.of(records.rows["time"], midnight=True)
     refuse_unknown(records)
     plots = plots_of(records.rows, clock, radars)
+    doubt_plots(plots, radars)
     return Recording(plots, radars, clock, identities_in(records), _numbers(records))
 
 
@@ -322,7 +325,9 @@ def plots_of(rows: pl.DataFrame, clock: Clock, sensors: Sensors[Any]) -> Plots:
     """Return plots from rows that were read by the schema of plots, or of plots and reports."""
     sensor = rows["sensor"].to_numpy()
     reports = reporting(sensors)[sensor]
-    place, spread = _reported(rows, sensors, reports) if reports.any() else (None, None)
+    reported: dict[str, Any] = reported_of(rows, sensors, reports) if reports.any() else {}
+    if "sensor_heading" in rows.columns:
+        reported |= moving_of(rows, sensors)
     return Plots(
         clock.seconds(rows["time"]),
         np.where(reports, np.nan, rows["range"].to_numpy()),
@@ -331,28 +336,8 @@ def plots_of(rows: pl.DataFrame, clock: Clock, sensors: Sensors[Any]) -> Plots:
         height=rows["height"].to_numpy(),
         **identities_of(rows),
         detection=detections_of(rows),
-        position=place,
-        covariance=spread,
+        **reported,
     )
-
-
-def _reported(
-    rows: pl.DataFrame, sensors: Sensors[Any], reports: BoolArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return positions, (N, 2), and covariances, (N, 2, 2), of reports; nan elsewhere."""
-    column = {name: rows[name].to_numpy() for name in REPORTS if name in rows.columns}
-    place = np.column_stack([column["east"], column["north"]])
-    if sensors.frame is not None:
-        height = np.nan_to_num(column["height"])
-        found = sensors.frame.to_local(column["latitude"], column["longitude"], height)[:, :2]
-        place = np.where(np.isnan(place), found, place)
-    cross = np.nan_to_num(column["east_north"])
-    spread = np.empty((len(place), 2, 2))
-    spread[:, 0, 0], spread[:, 1, 1] = column["east_sigma"] ** 2, column["north_sigma"] ** 2
-    spread[:, 0, 1] = spread[:, 1, 0] = cross
-    whole = reports & np.isfinite(spread).all(axis=(1, 2))
-    place[~reports], spread[~whole] = np.nan, np.nan
-    return place, spread
 
 
 def tracks_of(recording: Recording, plans: Sequence[FlightPlan] = (), **options: Any) -> Tracking:

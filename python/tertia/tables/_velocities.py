@@ -13,7 +13,7 @@ from tertia.tables._records import Field, RecordError, Schema, number
 
 VELOCITY = ("velocity_east_m_s", "velocity_north_m_s")
 _KNOT = 1852.0 / 3600.0
-_COURSE: Schema = {
+COURSE: Schema = {
     "speed": Field("number", {"speed_m_s": 1.0, "speed_kt": _KNOT}),
     "course": Field("number", {"course_deg": np.pi / 180}),
 }
@@ -23,7 +23,7 @@ def fields(velocities: Sequence[str] | None) -> Schema:
     """Return the columns of velocities; by default those of a velocity or of speed and course."""
     if velocities is not None:
         return {name: number(name, required=True) for name in velocities}
-    return {**{name: number(name) for name in VELOCITY}, **_COURSE}
+    return {**{name: number(name) for name in VELOCITY}, **COURSE}
 
 
 def velocities_of(
@@ -36,16 +36,20 @@ def velocities_of(
     """
     found = _cells(frame, velocities or VELOCITY)
     if velocities is None and np.isnan(found).all():
-        speed, course = _cells(frame, tuple(_COURSE)).T
-        found = np.column_stack([speed * np.sin(course), speed * np.cos(course)])
+        found = of_speed(*_cells(frame, tuple(COURSE)).T)
     if np.isnan(found).all():
         names = " and ".join(velocities or VELOCITY)
         other = "" if velocities else ", or speed_m_s (speed_kt) and course_deg"
         raise RecordError(f"velocity_sigma is given, but there are no velocities: {names}{other}")
     if plane is None or velocities is not None:
         return found
-    turn = _to_plane(plane, frame.select("east_m", "north_m").to_numpy())
+    turn = to_plane(plane, frame.select("east_m", "north_m").to_numpy())
     return np.asarray(np.einsum("nij,nj->ni", turn, found))
+
+
+def of_speed(speed: FloatArray, course: FloatArray) -> FloatArray:
+    """Return velocities, (N, 2), from speeds and courses in radians."""
+    return np.column_stack([speed * np.sin(course), speed * np.cos(course)])
 
 
 def true_rates(
@@ -58,7 +62,7 @@ def true_rates(
     """
     turn = np.zeros((len(mean), 6, 6))
     turn[:, :2, :2] = np.eye(2)
-    turn[:, 2:4, 2:4] = turn[:, 4:, 4:] = np.linalg.inv(_to_plane(plane, mean[:, :2]))
+    turn[:, 2:4, 2:4] = turn[:, 4:, 4:] = np.linalg.inv(to_plane(plane, mean[:, :2]))
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     # unknown components are so in any direction
     known = np.where(np.isfinite(sigma), sigma, 0.0)
@@ -68,7 +72,7 @@ def true_rates(
     return np.where(known > 0, found, np.nan), np.where(known > 0, np.sqrt(variance), sigma)
 
 
-def _to_plane(plane: SystemPlane, position: FloatArray) -> FloatArray:
+def to_plane(plane: SystemPlane, position: FloatArray) -> FloatArray:
     """Return the matrices (rows, 2, 2) that turn velocities of true north into those of a plane."""
     scale, convergence = plane.scale_and_convergence(
         np.column_stack([position, np.zeros(len(position))])

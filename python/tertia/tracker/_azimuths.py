@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tertia._arrays import BoolArray, IntArray
 from tertia.sensors import Station
 
 if TYPE_CHECKING:
@@ -46,9 +47,10 @@ def check_station(station: Station, name: str) -> None:
 
 
 def placed(plots: Plots, sensors: Sequence[Any]) -> Plots:
-    """Return the plots with the positions of the stations that measured them."""
+    """Return the plots with the positions of the stations, and with azimuths relative to north."""
     station = np.array([isinstance(one, Station) for one in sensors])
-    if plots.sensor_position is None and not station.any():
+    moving = plots.sensor_position is not None or plots.sensor_heading is not None
+    if not moving and not station.any():
         return plots
     known = (plots.sensor >= 0) & (plots.sensor < len(sensors))
     own = np.where(known, plots.sensor, 0)
@@ -66,21 +68,29 @@ def placed(plots: Plots, sensors: Sequence[Any]) -> Plots:
     if plots.sensor_position is not None:
         moved = np.asarray(np.isfinite(plots.sensor_position).all(axis=1))
         place = np.where(moved[:, np.newaxis], plots.sensor_position, place)
-        wrong = np.flatnonzero(moved & known & ~seen)
-        if len(wrong):
-            at = wrong[0]
-            raise ValueError(
-                f"plots.sensor_position[{at}] is that of sensors[{own[at]}], which is not a "
-                "Station: give plots of other moving sensors as positions, of a PositionSensor"
-            )
+        _require_stations("sensor_position", moved & known & ~seen, own)
+    north = np.array([north_of(one) for one in sensors])[own]
+    if plots.sensor_heading is not None:
+        turned = np.asarray(np.isfinite(plots.sensor_heading))
+        north = north + np.where(turned, plots.sensor_heading, 0.0)
+        _require_stations("sensor_heading", turned & known & ~seen, own)
     given = np.full((len(plots), 2), np.nan) if plots.position is None else plots.position
     return plots._replaced(
         position=np.where(seen[:, np.newaxis], place, given),
-        azimuth=plots.azimuth + np.array([_north(one) for one in sensors])[own],
+        azimuth=plots.azimuth + north,
     )
 
 
-def _north(sensor: Any) -> float:
+def _require_stations(name: str, wrong: BoolArray, sensor: IntArray) -> None:
+    """Raise an error if any of these plots has a property that only plots of a Station can have."""
+    for at in np.flatnonzero(wrong)[:1]:
+        raise ValueError(
+            f"plots.{name}[{at}] is that of sensors[{sensor[at]}], which is not a Station: give "
+            "plots of other moving sensors as positions, of a PositionSensor"
+        )
+
+
+def north_of(sensor: Any) -> float:
     """Return the azimuth, in the system plane, of the direction that is north at the station."""
     axes = sensor.axes if isinstance(sensor, Station) else None
     return 0.0 if axes is None else float(np.arctan2(axes[1, 0], axes[1, 1]))

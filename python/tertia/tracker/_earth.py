@@ -36,13 +36,17 @@ def plane_of(sensors: Sequence[Radar]) -> SystemPlane | None:
 
 
 def positions(
-    plots: Plots, sensors: Sequence[Radar], plane: SystemPlane
+    plots: Plots,
+    sensors: Sequence[Radar],
+    plane: SystemPlane,
+    doubt: FloatArray | float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
     """Return positions, (N, 2), and their covariances, (N, 2, 2); nan if a plot has no position.
 
     A plot without a height is assumed to be at the mean height of the plots that have one, and the
     error of this assumption is included in its covariance. If no plot has a height, ranges are
-    assumed to be horizontal.
+    assumed to be horizontal. `doubt` is the sigma of heights that were not reported, but follow
+    from others.
     """
     sites, known = _sites(sensors), np.isfinite(plots.height)
     heights = plots.height[known]
@@ -51,7 +55,7 @@ def positions(
         level = np.full(len(plots), np.mean(heights))
         spread = (_LEVEL_SIGMA**2 + np.sum((heights - level[0]) ** 2)) / (1 + len(heights))
     sigma = _sigmas(plots, sensors)
-    height_sigma = np.where(known, _HEIGHT_SIGMA, np.sqrt(spread))
+    height_sigma = np.where(known, np.hypot(_HEIGHT_SIGMA, doubt), np.sqrt(spread))
     columns = np.column_stack([plots.range, plots.azimuth, np.where(known, plots.height, level)])
     seen = _core.plots_in_plane(sites, plane._frame, plots.sensor, columns)
     jacobian = seen[:, 2:].reshape(-1, 3, 2).swapaxes(1, 2)

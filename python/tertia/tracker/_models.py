@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +15,9 @@ from tertia.kalman import SingerModel
 from tertia.sensors import Radar
 from tertia.sensors._channels import CHANNELS, sigmas_of
 from tertia.tracker._earth import reach
+
+if TYPE_CHECKING:
+    from tertia.tracker._plots import Plots
 
 MotionName: TypeAlias = Literal["imm", "cv", "singer", "window"]
 Motion: TypeAlias = "MotionName | ImmModel | CvModel | SingerModel | WindowModel"
@@ -227,13 +231,25 @@ class Mht:
         object.__setattr__(self, "cut", cut)
 
 
+class Profile(NamedTuple):
+    """Properties of a kind of targets.
+
+    `heights` are the mean and the standard deviation of unknown heights above the sensor; None:
+    anywhere in the height of air traffic.
+    """
+
+    motion: ImmModel
+    max_speed: float
+    heights: tuple[float, float] | None = None
+
+
 def core_motion(motion: Motion, profile: ProfileName = "aircraft") -> _core.Motion:
     """Return a motion model in the form that the core takes; a name selects that of the profile."""
     names = get_args(MotionName)
     if isinstance(motion, str):
         if motion not in names:
             raise ValueError(f"motion is {motion!r}; it must be one of {', '.join(names)}")
-        motion = _MODELS[motion] if motion != "imm" else profile_of(profile)[0]
+        motion = _MODELS[motion] if motion != "imm" else profile_of(profile).motion
     match motion:
         case ImmModel():
             return _core.Motion.imm(**asdict(motion))
@@ -251,12 +267,35 @@ def core_motion(motion: Motion, profile: ProfileName = "aircraft") -> _core.Moti
     raise TypeError(f"motion is {motion!r}; it must be a model, or one of {', '.join(names)}")
 
 
-def profile_of(profile: ProfileName) -> tuple[ImmModel, float]:
-    """Return the motion model of a profile, and its largest speed."""
+def profile_of(profile: ProfileName) -> Profile:
+    """Return the properties of a kind of targets."""
     if not isinstance(profile, str) or profile not in _PROFILES:
         names = ", ".join(get_args(ProfileName))
         raise ValueError(f"profile is {profile!r}; it must be one of {names}")
     return _PROFILES[profile]
+
+
+def with_heights(plots: Plots, sensors: Sequence[Any], profile: ProfileName) -> Plots:
+    """Return plots in which targets near the ground are at the height that the profile expects.
+
+    Only the heights of plots of radars with a height of their own are filled in, because the ranges
+    of other radars are horizontal.
+    """
+    heights = profile_of(profile).heights
+    if heights is None or np.isfinite(plots.height).all():
+        return plots
+    expected = np.array([_height(sensor) for sensor in sensors]) + heights[0]
+    unknown = np.isnan(plots.height)
+    return plots._replaced(height=np.where(unknown, expected[plots.sensor], plots.height))
+
+
+def _height(sensor: Any) -> float:
+    """Return the height of a radar; nan if it has none."""
+    if not isinstance(sensor, Radar):
+        return np.nan
+    if sensor.site is not None:
+        return sensor.site.height
+    return float(sensor.position[2]) if len(sensor.position) > 2 else np.nan
 
 
 def core_association(association: Association) -> _core.TrackAssociation:
@@ -323,11 +362,15 @@ def _require_positive(model: Any) -> None:
         object.__setattr__(model, name, float(number))
 
 
-_PROFILES: dict[str, tuple[ImmModel, float]] = {
-    "aircraft": (ImmModel(), 350.0),
-    "vessel": (ImmModel(0.03, 0.1, 0.0005, 0.02, 200.0, 50.0, 0.1, 600.0, 60.0), 30.0),
-    "road": (ImmModel(0.5, 2.0, 0.03, 0.15, 12.0, 5.0, 1.5, 30.0, 8.0), 70.0),
-    "drone": (ImmModel(0.3, 2.0, 0.05, 0.3, 20.0, 5.0, 1.5, 30.0, 5.0), 40.0),
+_PROFILES: dict[str, Profile] = {
+    "aircraft": Profile(ImmModel(), 350.0),
+    "vessel": Profile(
+        ImmModel(0.03, 0.1, 0.0005, 0.02, 200.0, 50.0, 0.1, 600.0, 60.0), 30.0, (0.0, 50.0)
+    ),
+    "road": Profile(ImmModel(0.5, 2.0, 0.03, 0.15, 12.0, 5.0, 1.5, 30.0, 8.0), 70.0, (0.0, 10.0)),
+    "drone": Profile(
+        ImmModel(0.3, 2.0, 0.05, 0.3, 20.0, 5.0, 1.5, 30.0, 5.0), 40.0, (100.0, 100.0)
+    ),
 }
 _MODELS: dict[str, CvModel | SingerModel | WindowModel] = {
     "cv": CvModel(),

@@ -39,7 +39,7 @@ class Plots(Result):
     Parameters
     ----------
     degrees : bool
-        Whether `azimuth` is given in degrees; radians are stored.
+        Whether `azimuth` and `sensor_heading` are given in degrees; radians are stored.
 
     Attributes
     ----------
@@ -78,14 +78,25 @@ class Plots(Result):
     covariance : ndarray of shape (N, 2, 2) or None
         Covariances of the positions; nan for plots to which the `position_sigma` of the sensor
         applies.
+    velocity : ndarray of shape (N, 2) or None
+        East and north velocity in m/s at the time of the plot, for sensors that report positions;
+        nan for plots without one. A velocity that does not fit its track is not used, but the
+        position is.
+    velocity_covariance : ndarray of shape (N, 2, 2) or None
+        Covariances of the velocities; nan for plots to which the `velocity_sigma` of the sensor
+        applies.
     sensor_position : ndarray of shape (N, 2) or None
         East and north in metres of a moving `Station` at the time of each plot; nan for plots to
         which the position stored in the station applies.
+    sensor_heading : ndarray of shape (N,) or None
+        Heading of a moving `Station`, for example of the bow of its ship, at the time of each plot:
+        radians clockwise from north. The azimuth of the plot is relative to the heading; nan for
+        plots with azimuths relative to north.
 
     Raises
     ------
     ValueError
-        If columns have different shapes, an azimuth exceeds two turns, an address, code or callsign
+        If columns have different shapes, an angle exceeds two turns, an address, code or callsign
         is impossible, or the name of a detection is unknown.
     TypeError
         If a column has the wrong type.
@@ -105,7 +116,10 @@ class Plots(Result):
     detection: IntArray
     position: FloatArray | None
     covariance: FloatArray | None
+    velocity: FloatArray | None
+    velocity_covariance: FloatArray | None
     sensor_position: FloatArray | None
+    sensor_heading: FloatArray | None
 
     def __init__(
         self,
@@ -122,7 +136,10 @@ class Plots(Result):
         detection: npt.ArrayLike = NO_DETECTION,
         position: npt.ArrayLike | None = None,
         covariance: npt.ArrayLike | None = None,
+        velocity: npt.ArrayLike | None = None,
+        velocity_covariance: npt.ArrayLike | None = None,
         sensor_position: npt.ArrayLike | None = None,
+        sensor_heading: npt.ArrayLike | None = None,
         degrees: bool = False,
     ) -> None:
         instants = samples(time, "time")
@@ -139,6 +156,9 @@ class Plots(Result):
             "callsign": None if callsign is None else callsigns(callsign),
             "identity": whole(identity, "identity"),
             "detection": detections(detection),
+            "sensor_heading": None
+            if sensor_heading is None
+            else radians(sensor_heading, "sensor_heading", degrees=degrees),
         }
         for key, values in columns.items():
             if values is None:
@@ -153,11 +173,19 @@ class Plots(Result):
                     f"{key} has shape {values.shape}; it must be {instants.shape}, as time"
                 ) from None
             object.__setattr__(self, key, column)
-        if covariance is not None and position is None:
-            raise ValueError("covariance is given, but position is None")
+        for key, value, of, other in (
+            ("covariance", covariance, "position", position),
+            ("velocity", velocity, "position", position),
+            ("velocity_covariance", velocity_covariance, "velocity", velocity),
+        ):
+            if value is not None and other is None:
+                raise ValueError(f"{key} is given, but {of} is None")
         count = len(instants)
         object.__setattr__(self, "position", _rows(position, "position", (count, 2)))
         object.__setattr__(self, "covariance", _rows(covariance, "covariance", (count, 2, 2)))
+        object.__setattr__(self, "velocity", _rows(velocity, "velocity", (count, 2)))
+        spread = _rows(velocity_covariance, "velocity_covariance", (count, 2, 2))
+        object.__setattr__(self, "velocity_covariance", spread)
         place = _rows(sensor_position, "sensor_position", (count, 2))
         object.__setattr__(self, "sensor_position", place)
 

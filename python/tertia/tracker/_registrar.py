@@ -13,9 +13,10 @@ from tertia.sensors import Bias, PositionSensor, Radar, Station
 from tertia.sensors._identities import NO_CALLSIGN, NO_IDENTITY, NUMBERS, leading
 from tertia.sensors._sensors import drift_rates, own_biases
 from tertia.tracker._earth import in_plane
+from tertia.tracker._models import ProfileName, with_heights
 from tertia.tracker._plots import Plots
 from tertia.tracker._sensors import Sensor, core_sensors, interval, slant
-from tertia.tracker._start import bias_of, columns_of, start
+from tertia.tracker._start import are_placed, bias_of, columns_of, start
 from tertia.tracker._table import TrackTable
 
 # scans of the slowest radar after which errors far larger than expected are sought at first, with
@@ -32,14 +33,17 @@ _AMPLE = 250
 _MISSING = {
     "position": np.nan,
     "covariance": np.nan,
+    "velocity": np.nan,
+    "velocity_covariance": np.nan,
     "sensor_position": np.nan,
+    "sensor_heading": np.nan,
     "icao_address": NO_IDENTITY,
     "mode_3a": NO_IDENTITY,
     "callsign": NO_CALLSIGN,
 }
 
 # tracks of the plots of one sensor that have so many
-Alone = Callable[[Plots, Radar | PositionSensor, int], TrackTable]
+Alone = Callable[[Plots, Radar | PositionSensor, int, ProfileName], TrackTable]
 
 
 def target_plots(plots: Plots, tracks: TrackTable, rows: IntArray) -> dict[str, Any]:
@@ -58,32 +62,38 @@ def target_plots(plots: Plots, tracks: TrackTable, rows: IntArray) -> dict[str, 
 
 
 def is_registrable(sensors: Sequence[Sensor]) -> bool:
-    """Return whether a radar may have systematic errors that another sensor can reveal."""
+    """Return whether a sensor may have systematic errors that another sensor can reveal.
+
+    Those of reported times count only if there are others: they are assumed by default.
+    """
     deviates = any(one.bias is not None and one.bias.deviation_order > 0 for one in sensors)
-    unknown = columns_of(own_biases(sensors), "_sigma").any(axis=1)
+    sigma = columns_of(own_biases(sensors), "_sigma")
     radar = np.array([isinstance(one, Radar) for one in sensors])
+    unknown = np.where(radar, sigma.any(axis=1), sigma[:, :3].any(axis=1))
     placing = sum(not isinstance(one, Station) for one in sensors)
-    return placing > 1 and not deviates and bool(np.any(unknown & radar))
+    return placing > 1 and not deviates and bool(np.any(radar) and np.any(unknown))
 
 
 class Registrar:
     """Systematic errors of radars as known after each scan.
 
-    Reported positions are assumed to have noise and possibly a delay. Stations, which measure
-    azimuths without ranges, are not used.
+    Reported positions are assumed to have noise, possibly a delay and, if their sensor says so,
+    errors of east and north. Stations, which measure azimuths without ranges, are not used.
 
     Attributes
     ----------
     sensors : tuple of Radar, PositionSensor or Station
         The sensors.
+    profile : str
+        Kind of targets, for the tracks of single sensors.
     kept : list of Plots
         Plots of the last scans; they are kept as long as the search for large errors goes on.
     """
 
-    def __init__(self, sensors: Sequence[Sensor]) -> None:
+    def __init__(self, sensors: Sequence[Sensor], profile: ProfileName) -> None:
         if not any(isinstance(one, Radar) for one in sensors):
             raise ValueError("registration needs a Radar, and sensors has none")
-        self.sensors = tuple(sensors)
+        self.sensors, self.profile = tuple(sensors), profile
         self.kept: list[Plots] = []
         self._begin, self._due = np.nan, np.inf
         # a station has no tracks of its own
@@ -100,12 +110,14 @@ class Registrar:
     def bias(self) -> Bias:
         """Systematic errors of each radar with their standard deviations, (K,)."""
         value, sigma, _ = self._core.known()
-        return bias_of(value, sigma)
+        return bias_of(value, sigma, are_placed(self.sensors))
 
     def correct(self, plots: Plots) -> Plots:
         """Return plots with the systematic errors of their sensors removed."""
-        time, distance, azimuth = self._core.correct(plots)
-        return plots._replaced(time=time, range=distance, azimuth=azimuth)
+        (time, distance, azimuth), position = self._core.correct(plots)
+        if position is None:
+            return plots._replaced(time=time, range=distance, azimuth=azimuth)
+        return plots._replaced(time=time, range=distance, azimuth=azimuth, position=position)
 
     @property
     def noise(self) -> FloatArray:
@@ -144,6 +156,7 @@ class Registrar:
         if not np.isfinite(plots.height).all():
             # at the height of their track
             plots = plots._replaced(height=tracks._columns.heights(plots.height, first))
+            plots = with_heights(plots, self.sensors, self.profile)
         columns, track = tracks._columns, tracks.track_of_plot
         flat = in_plane(plots, self.sensors)
         return self._core.learn(flat, first, columns, track, noise, time, alive)
@@ -206,9 +219,9 @@ class Registrar:
         plots = _thinned(plots, len(self.sensors))
         count = 2 if is_first else 3
         tables = [
-            alone(plots[:0], PositionSensor(), count)
+            alone(plots[:0], PositionSensor(), count, self.profile)
             if isinstance(one, Station)
-            else alone(plots[plots.sensor == k], one, count)
+            else alone(plots[plots.sensor == k], one, count, self.profile)
             for k, one in enumerate(self.sensors)
         ]
         found, known, pairs = start(tables, self.sensors)
@@ -226,7 +239,8 @@ class Registrar:
         self._paired = self._paired | paired
         if is_new:
             # the plots are taken again: what they say must not count twice
-            self._start_from(bias_of(columns_of(found), np.minimum(wide, np.hypot(limits, known))))
+            wide, placed = np.minimum(wide, np.hypot(limits, known)), are_placed(self.sensors)
+            self._start_from(bias_of(columns_of(found), wide, placed))
         return is_new
 
     def _start_from(self, bias: Bias) -> None:

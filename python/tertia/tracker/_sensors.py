@@ -13,6 +13,7 @@ from tertia.sensors import PositionSensor, Radar, Station
 from tertia.tracker._azimuths import check_station
 from tertia.tracker._earth import plane_of
 from tertia.tracker._models import Motion, WindowModel, core_radar
+from tertia.tracker._plots import Plots
 
 Sensor: TypeAlias = Radar | PositionSensor | Station
 # of a station, which does not say how often it sees a target
@@ -63,6 +64,22 @@ def core_sensors(
     return [radar for radar, _ in each], [geometry for _, geometry in each]
 
 
+def check_velocities(plots: Plots, sensors: Sequence[Sensor]) -> None:
+    """Raise an error if a plot of a sensor that does not report positions has a velocity."""
+    if plots.velocity is None:
+        return
+    reporting = np.array([isinstance(one, PositionSensor) for one in sensors])
+    known = (plots.sensor >= 0) & (plots.sensor < len(sensors))
+    moving = known & ~reporting[np.where(known, plots.sensor, 0)]
+    wrong = np.flatnonzero(moving & np.isfinite(plots.velocity).any(axis=1))
+    if len(wrong):
+        at, sensor = wrong[0], plots.sensor[wrong[0]]
+        raise ValueError(
+            f"plots.velocity[{at}] is that of sensors[{sensor}], which is not a PositionSensor: "
+            "only velocities that come with positions are used; it must be nan"
+        )
+
+
 def _core_sensor(sensor: Sensor, period: float) -> tuple[_core.Radar, _core.Geometry]:
     """Return a sensor for the core, and how positions follow from its plots."""
     if isinstance(sensor, Station):
@@ -73,8 +90,9 @@ def _core_sensor(sensor: Sensor, period: float) -> tuple[_core.Radar, _core.Geom
         )
         return _as_radar(stand_in), _core.Geometry.azimuth(sigma)
     if isinstance(sensor, PositionSensor):
-        sigma = np.nan if sensor.position_sigma is None else sensor.position_sigma
-        return _as_radar(sensor), _core.Geometry.position(sigma)
+        sigmas = (sensor.position_sigma, sensor.velocity_sigma)
+        given = [np.nan if sigma is None else sigma for sigma in sigmas]
+        return _as_radar(sensor), _core.Geometry.position(given)
     return core_radar(sensor), _radar_geometry(sensor)
 
 

@@ -48,7 +48,7 @@ def core_settings(
     if guard_acceleration is not None:
         guard_acceleration = real(guard_acceleration, "guard_acceleration")
     codes = listed(emergency_codes, "emergency_codes")
-    moves, fastest = core_motion(motion, profile), profile_of(profile)[1]
+    moves, kind = core_motion(motion, profile), profile_of(profile)
     if with_plans and not moves.takes_plans:
         raise ValueError(f"motion {motion!r} takes no plans; 'imm' and 'window' do")
     return _core.TrackerSettings(
@@ -61,7 +61,8 @@ def core_settings(
         confirmation=_confirmation(confirmation),
         coasting=integer(coasting, "coasting", 1),
         clutter_density=clutter_density,
-        max_speed=fastest if max_speed is None else real(max_speed, "max_speed"),
+        max_speed=kind.max_speed if max_speed is None else real(max_speed, "max_speed"),
+        heights=kind.heights,
         gate_probability=real(gate_probability, "gate_probability"),
         guard_acceleration=guard_acceleration,
         identity_error_probability=real(identity_error_probability, "identity_error_probability"),

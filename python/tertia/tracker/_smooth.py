@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -20,11 +20,10 @@ from tertia._arrays import (
     integer,
     positive_number,
     samples,
-    sequence_of,
     threads,
 )
 from tertia._result import Result
-from tertia.sensors import Radar
+from tertia.sensors import PositionSensor, Radar
 from tertia.sensors._identities import COLUMNS as IDENTITIES
 from tertia.sensors._identities import (
     NO_CALLSIGN,
@@ -34,17 +33,22 @@ from tertia.sensors._identities import (
     leading,
 )
 from tertia.sensors._sensors import own_biases
+from tertia.tracker._earth import plane_of, positions
 from tertia.tracker._models import CvModel, ImmModel, Motion, core_motion
 from tertia.tracker._plots import Plots
 from tertia.tracker._registrar import is_registrable
+from tertia.tracker._sensors import interval
 from tertia.tracker._table import TrackTable
 from tertia.tracker._tracker import track, tracked
 
+_Sensor: TypeAlias = Radar | PositionSensor
 # tracks of one identity are one target's if no more than this lies between them, in seconds, at
 # speeds of aircraft, in metres per second, with an allowance for the errors of both ends, in metres
 _PAUSE, _FASTEST, _ALLOWANCE = 300.0, 350.0, 3000.0
 # plots wait less for others before they are given to tracks, in seconds
 _WAITING = 60.0
+# usual vertical rate, by which a height becomes uncertain, in metres per second
+_CLIMB = 5.0
 # more states than these are asked for by mistake
 _MOST_STATES = 100_000_000
 
@@ -168,7 +172,7 @@ class SmoothedTracks(Result):
 
 def smooth_tracks(
     plots: Plots,
-    sensors: Sequence[Radar],
+    sensors: Sequence[_Sensor],
     tracks: TrackTable | None = None,
     *,
     motion: Motion = "imm",
@@ -187,8 +191,9 @@ def smooth_tracks(
     ----------
     plots : Plots
         Plots in any order.
-    sensors : sequence of Radar
-        The radars; plots refer to them by their index. Their biases are subtracted.
+    sensors : sequence of Radar or PositionSensor
+        The sensors; plots refer to them by their index. Their biases are subtracted. Velocities of
+        a `PositionSensor` are used, too.
     tracks : TrackTable, optional
         The assignment of plots to tracks; by default `track(plots, sensors)`. Tracks with the same
         identity are joined if the second begins within five minutes after the end of the first, at
@@ -229,10 +234,11 @@ def smooth_tracks(
     -----
     A plot is left out, and the track smoothed again, if the plot is outside the guard gate
     (probability 0.998) about the estimate from all other plots, and farther from that estimate than
-    the adjacent plots are. The cost is O(N) for N plots and times. States at the times of plots do
-    not depend on additional times.
+    the adjacent plots are. The same applies to velocities. The cost is O(N) for N plots and times.
+    States at the times of plots do not depend on additional times.
 
-    The covariances do not include the remaining systematic errors of the radars.
+    The covariances do not include the remaining systematic errors of the radars, nor, if no plot of
+    the recording has a height, those of heights.
 
     Source: Fraser, Potter 1969; Helmick, Blair, Hoffman 1995.
 
@@ -249,7 +255,7 @@ def smooth_tracks(
     True
     """
     instance(plots, "plots", Plots)
-    radars = sequence_of(sensors, Radar, "sensors")
+    radars = _sensors_of(sensors, "sensors")
     if not isinstance(motion, str) and not isinstance(motion, ImmModel | CvModel):
         raise TypeError(f"motion is {motion!r}; it must be 'imm', 'cv', an ImmModel or a CvModel")
     moves = core_motion(motion)
@@ -260,7 +266,7 @@ def smooth_tracks(
     interval = None if every is None else positive_number(every, "every")
     sites = radars
     if registration is not None and registration is not False:
-        sites = sequence_of(getattr(registration, "sensors", None), Radar, "registration.sensors")
+        sites = _sensors_of(getattr(registration, "sensors", None), "registration.sensors")
         if len(sites) != len(radars):
             raise ValueError(
                 f"registration has {len(sites)} sensors; it must have {len(radars)}, as sensors"
@@ -293,9 +299,54 @@ def smooth_tracks(
     return _smoothed(rows, *found)
 
 
+def _levelled(plots: Plots, number: IntArray, time: FloatArray) -> tuple[Plots, FloatArray]:
+    """Return plots with heights between those of their track, and the sigmas of these heights.
+
+    Tracks are given by their numbers. The sigma grows with the time to the nearest height.
+    """
+    height, doubt = plots.height.copy(), np.zeros(len(plots))
+    order = np.lexsort((time, number))
+    order = order[np.isfinite(time[order])]
+    for own in np.split(order, np.flatnonzero(np.diff(number[order])) + 1):
+        known = np.isfinite(height[own])
+        if not known.any() or known.all():
+            continue
+        there, missing = own[known], own[~known]
+        after = np.searchsorted(time[there], time[missing])
+        near = [there[np.clip(after - k, 0, len(there) - 1)] for k in (0, 1)]
+        gap = np.min([np.abs(time[missing] - time[one]) for one in near], axis=0)
+        height[missing] = np.interp(time[missing], time[there], height[there])
+        doubt[missing] = _CLIMB * gap
+    return plots._replaced(height=height), doubt
+
+
+def _placed(
+    plots: Plots, sites: Sequence[Radar], doubt: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return positions, their covariances, and what unknown heights contribute to these.
+
+    A target without any height is at the mean height of the others, and all of its plots are off by
+    the same error of this height.
+    """
+    plane, unknown = plane_of(sites), np.isnan(plots.height)
+    if plane is None:
+        position, covariance = plots.to_cartesian(sites)
+        return position, covariance, np.zeros_like(covariance)
+    position, covariance = positions(plots, sites, plane, doubt)
+    shared = np.zeros_like(covariance)
+    if unknown.any() and not unknown.all():
+        level = np.where(unknown, np.mean(plots.height[~unknown]), plots.height)
+        sure = positions(plots._replaced(height=level), sites, plane, doubt)[1]
+        shared[unknown] = (covariance - sure)[unknown]
+    return position, covariance, shared
+
+
 @dataclass(frozen=True, slots=True)
 class _Rows:
-    """Plots of tracks, sorted by track and time; `first` has the first plot of each track."""
+    """Plots of tracks, sorted by track and time; `first` has the first plot of each track.
+
+    `shared` is the covariance that all plots of a track have in common.
+    """
 
     plot: IntArray
     sensor: IntArray
@@ -303,6 +354,7 @@ class _Rows:
     number: IntArray
     first: IntArray
     columns: FloatArray
+    shared: FloatArray
 
     @classmethod
     def of(
@@ -310,8 +362,8 @@ class _Rows:
         plots: Plots,
         tracks: TrackTable,
         rows: IntArray,
-        radars: Sequence[Radar],
-        sites: Sequence[Radar],
+        radars: Sequence[_Sensor],
+        sites: Sequence[_Sensor],
     ) -> _Rows:
         """Sort the plots of these rows; tracking used `radars`, and smoothing uses `sites`."""
         own = plots[tracks.plot[rows]]
@@ -319,9 +371,11 @@ class _Rows:
         # clocks are continuous in tracks, but plots that waited for others have rows of later times
         clock = tracks.time[rows] - own_biases(radars).correct(own).time
         time = corrected.time + np.where(np.abs(clock) > _WAITING, clock, 0.0)
-        position, covariance = corrected.to_cartesian(sites)
-        known = np.isfinite(position[:, 0]) & np.isfinite(time)
+        velocity, spread = _velocities(corrected, sites)
         number = _joined(replace(tracks[rows], time=time), radars)
+        levelled, doubt = _levelled(corrected, number, time)
+        position, covariance, shared = _places(levelled, sites, doubt)
+        known = np.isfinite(position[:, 0]) & np.isfinite(time)
         order = np.lexsort((tracks.plot[rows], time, number))
         order = order[known[order]]
         numbers, first = np.unique(number[order], return_index=True)
@@ -332,6 +386,10 @@ class _Rows:
                 covariance[:, 0, 0],
                 covariance[:, 0, 1],
                 covariance[:, 1, 1],
+                velocity,
+                spread[:, 0, 0],
+                spread[:, 0, 1],
+                spread[:, 1, 1],
                 corrected.height,
             ]
         )
@@ -342,6 +400,7 @@ class _Rows:
             numbers,
             np.append(first, len(order)),
             np.ascontiguousarray(columns[order]),
+            shared[order],
         )
 
     @property
@@ -351,7 +410,57 @@ class _Rows:
         return time[self.first[1:] - 1] - time[self.first[:-1]]
 
 
-def _joined(tracks: TrackTable, radars: Sequence[Radar]) -> IntArray:
+def _sensors_of(values: Any, name: str) -> Sequence[_Sensor]:
+    """Return radars and position sensors, after a check of their types."""
+    if not isinstance(values, Sequence):
+        raise TypeError(f"{name} is {values!r}; it must be a sequence of Radar or PositionSensor")
+    for i, value in enumerate(values):
+        instance(value, f"{name}[{i}]", Radar, PositionSensor)
+    return values
+
+
+def _places(
+    plots: Plots, sensors: Sequence[_Sensor], doubt: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return positions of plots and reports, (N, 2), and covariances as `_placed` does."""
+    radars = [k for k, one in enumerate(sensors) if isinstance(one, Radar)]
+    position, covariance = _reported(plots.position, plots.covariance, plots, sensors, "position")
+    shared = np.zeros_like(covariance)
+    own = np.isin(plots.sensor, radars)
+    if own.any():
+        polar = plots[own]._replaced(sensor=np.searchsorted(radars, plots.sensor[own]))
+        sites = [one for one in sensors if isinstance(one, Radar)]
+        position[own], covariance[own], shared[own] = _placed(polar, sites, doubt[own])
+    return position, covariance, shared
+
+
+def _velocities(plots: Plots, sensors: Sequence[_Sensor]) -> tuple[FloatArray, FloatArray]:
+    """Return velocities, (N, 2), and covariances, (N, 2, 2); nan if a plot has none."""
+    return _reported(plots.velocity, plots.velocity_covariance, plots, sensors, "velocity")
+
+
+def _reported(
+    values: FloatArray | None,
+    covariance: FloatArray | None,
+    plots: Plots,
+    sensors: Sequence[_Sensor],
+    of: str,
+) -> tuple[FloatArray, FloatArray]:
+    """Return reported values with their covariances, by default those of the sensors."""
+    found, spread = np.full((len(plots), 2), np.nan), np.full((len(plots), 2, 2), np.nan)
+    if values is None:
+        return found, spread
+    stated = [getattr(one, f"{of}_sigma", None) for one in sensors]
+    variance = np.array([np.nan if sigma is None else sigma**2 for sigma in stated])
+    spread = variance[plots.sensor][:, np.newaxis, np.newaxis] * np.eye(2)
+    if covariance is not None:
+        spread = np.where(np.isnan(covariance), spread, covariance)
+    known = np.isfinite(spread).all(axis=(1, 2)) & np.isfinite(values).all(axis=1)
+    found[known], spread[~known] = values[known], np.nan
+    return found, spread
+
+
+def _joined(tracks: TrackTable, radars: Sequence[_Sensor]) -> IntArray:
     """Return the number of the target of each row: the number of the target's first track."""
     if not len(tracks):
         return tracks.track
@@ -374,7 +483,7 @@ def _joined(tracks: TrackTable, radars: Sequence[Radar]) -> IntArray:
     return found[np.searchsorted(numbers, tracks.track)]
 
 
-def _changes(seen: TrackTable, radars: Sequence[Radar]) -> list[tuple[int, int]]:
+def _changes(seen: TrackTable, radars: Sequence[_Sensor]) -> list[tuple[int, int]]:
     """Return pairs of tracks of which the second continues the first; `seen` has one identity.
 
     Two tracks are of two targets if one radar has plots of both in one scan. Two tracks of one
@@ -382,7 +491,7 @@ def _changes(seen: TrackTable, radars: Sequence[Radar]) -> list[tuple[int, int]]
     """
     for sensor in np.unique(seen.sensor):
         own = seen[seen.sensor == sensor]
-        near = np.diff(own.time) < 0.5 * radars[sensor].scan_period
+        near = np.diff(own.time) < 0.5 * interval(radars[sensor])
         if np.any(near & (np.diff(own.track) != 0)):
             return []
     at = np.flatnonzero(np.diff(seen.track))
@@ -410,6 +519,7 @@ def _smoothed(
     last = np.maximum.accumulate(at) if len(at) else at
     found: dict[str, Any] = {"time": one()}
     found |= {"position": one(2), "velocity": one(2), "covariance": one(4, 4)}
+    found["covariance"][:, :2, :2] += rows.shared[last]
     found |= {"innovation": one(2), "innovation_covariance": one(2, 2)}
     for name in (
         "acceleration",

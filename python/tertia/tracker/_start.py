@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from tertia import _core
-from tertia._arrays import FloatArray, IntArray
-from tertia.sensors import Bias
-from tertia.sensors._bias import KINDS
+from tertia._arrays import BoolArray, FloatArray, IntArray
+from tertia.sensors import Bias, PositionSensor
+from tertia.sensors._bias import KINDS, PLACED
 from tertia.sensors._identities import COLUMNS as IDENTITIES
 from tertia.sensors._sensors import own_biases
 from tertia.tracker._sensors import Sensor, core_sensors, interval
@@ -31,8 +31,11 @@ def start(
     can be compared. The function also returns the sigmas after the comparison, (K, 4), and the
     number of targets that each sensor has in common with other sensors, (K,).
     """
-    prior = own_biases(sensors)
+    prior, placed = own_biases(sensors), are_placed(sensors)
     sigma = columns_of(prior, "_sigma")
+    # far too large are only the errors of radars
+    searched = sigma.copy()
+    searched[placed, :3] = 0.0
     tables = [table[table.confirmed] for table in alone]
     ages = [_AGE * interval(one) for one in sensors]
     time = _time_of_most_pairs(tables, ages)
@@ -46,21 +49,39 @@ def start(
     }
     joined["identities"] = tuple(joined.pop(name) for name in IDENTITIES)
     (value, wide, after), paired = _core.register_start(
-        joined, core_sensors(sensors, "cv")[0], sigma
+        joined, core_sensors(sensors, "cv")[0], searched
     )
-    return bias_of(columns_of(prior) + value, wide), after, np.array(paired, dtype=np.int64)
+    wide[placed, :3], after[placed, :3] = sigma[placed, :3], sigma[placed, :3]
+    bias = bias_of(columns_of(prior) + value, wide, placed)
+    return bias, after, np.array(paired, dtype=np.int64)
+
+
+def are_placed(sensors: Sequence[Sensor]) -> BoolArray:
+    """Return which sensors report positions, (K,)."""
+    return np.array([isinstance(one, PositionSensor) for one in sensors], dtype=bool)
 
 
 def columns_of(bias: Bias, suffix: str = "") -> FloatArray:
-    """Return the errors of K radars, or their standard deviations, (K, 4)."""
-    return np.stack([np.asarray(getattr(bias, kind + suffix)) for kind in KINDS], axis=-1)
+    """Return the errors of K sensors, or their standard deviations, (K, 4).
+
+    A sensor that reports positions has errors of east and north in the places of range and azimuth.
+    """
+    columns = np.stack([np.asarray(getattr(bias, kind + suffix)) for kind in KINDS], axis=-1)
+    for j, kind in enumerate(PLACED[:3]):
+        if kind is not None:
+            columns[:, j] += getattr(bias, kind + suffix)
+    return columns
 
 
-def bias_of(value: FloatArray, sigma: FloatArray) -> Bias:
-    """Return the errors of K radars from an array of shape (K, 4)."""
+def bias_of(value: FloatArray, sigma: FloatArray, placed: BoolArray) -> Bias:
+    """Return the errors of K sensors from an array of shape (K, 4), as `columns_of` returns it."""
     columns: dict[str, Any] = {}
-    for j, kind in enumerate(KINDS):
-        columns |= {kind: value[:, j], f"{kind}_sigma": sigma[:, j]}
+    for suffix, array in (("", value), ("_sigma", sigma)):
+        for j, (kind, other) in enumerate(zip(KINDS, PLACED, strict=True)):
+            columns[kind + suffix] = array[:, j]
+            if other not in {None, kind}:
+                columns[kind + suffix] = np.where(placed, 0.0, array[:, j])
+                columns[f"{other}{suffix}"] = np.where(placed, array[:, j], 0.0)
     return Bias(**columns)
 
 

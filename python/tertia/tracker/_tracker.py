@@ -29,7 +29,7 @@ from tertia.tracker._azimuths import placed
 from tertia.tracker._models import Association, Motion, PlanModel, ProfileName
 from tertia.tracker._plots import Plots, continuous
 from tertia.tracker._registrar import Registrar, is_registrable, scans
-from tertia.tracker._sensors import Sensor, core_sensors, sensors_of
+from tertia.tracker._sensors import Sensor, check_velocities, core_sensors, sensors_of
 from tertia.tracker._settings import core_settings
 from tertia.tracker._table import TrackTable, joined
 
@@ -205,7 +205,7 @@ class Tracker:
             raise ValueError(
                 "registration needs plots in time order, but lag allows late plots; give only one"
             )
-        self._registrar = Registrar(self.sensors) if registration else None
+        self._registrar = Registrar(self.sensors, profile) if registration else None
 
     @property
     def bias(self) -> Bias:
@@ -265,6 +265,7 @@ class Tracker:
         """Return the rows of confirmed tracks; for a recording also those before confirmation."""
         if not isinstance(plots, Plots):
             raise TypeError(f"plots is {plots!r}; it must be Plots")
+        check_velocities(plots, self.sensors)
         end = None if time is None else real(time, "time")
         if self.clock_period is not None:
             period, now = self.clock_period, self._core.time
@@ -277,8 +278,9 @@ class Tracker:
             again = None if fresh is None else fresh.knowing(self._core)
             if again is None:
                 return table
-            # the first plots were tracked before the noise was known
-            self._core, self._registrar = again, Registrar(self.sensors)
+            # the first plots were tracked before it was known how they are
+            self._core = again
+            self._registrar = Registrar(self.sensors, self._registrar.profile)
             return self._registered(self._registrar, plots, end, recording)
         rows = "recording" if recording else "confirmed"
         if any(one.bias is not None for one in self.sensors):
@@ -590,7 +592,9 @@ def tracked(plots: Plots, sensors: Sequence[Sensor], **options: Any) -> tuple[Tr
     return tracker._track(plots, None, True), tracker.bias
 
 
-def _alone(plots: Plots, sensor: Radar | PositionSensor, count: int) -> TrackTable:
+def _alone(
+    plots: Plots, sensor: Radar | PositionSensor, count: int, profile: ProfileName
+) -> TrackTable:
     """Return the tracks from the plots of one sensor that have at least `count` plots."""
     own = replace(plots, sensor=np.zeros(len(plots), dtype=np.int64))
-    return track(own, [sensor], motion="cv", confirmation=(count, count + 1))
+    return track(own, [sensor], motion="cv", confirmation=(count, count + 1), profile=profile)

@@ -49,11 +49,13 @@ def group_arrivals(arrivals: Arrivals) -> Arrivals:
     Receivers are added one after the other. The distribution of the differences between all
     arrivals at a receiver and the known emissions of the same identity has a peak at the offset of
     the receiver's clock. The peak is the window with the largest excess of differences over its
-    surroundings. A line of least absolute deviations through the differences in the peak gives the
-    rate of the clock. When all arrivals have been converted to one clock, a new emission begins
-    wherever the gap between successive times is larger than half the width of the widest peak.
-    `reconstruct_arrivals` groups arrivals in the same way, and also uses the travel times of the
-    signal between receivers.
+    surroundings. An identity with a constant interval has a peak at every multiple of it. Of these
+    peaks, the one is used at which each identity has more arrivals than at most of them or, if none
+    of the identities distinguishes them, the one with the smallest offset. A line of least absolute
+    deviations through the differences in the peak gives the rate of the clock. When all arrivals
+    have been converted to one clock, a new emission begins wherever the gap between successive
+    times is larger than half the width of the widest peak. `reconstruct_arrivals` groups arrivals
+    in the same way, and also uses the travel times of the signal between receivers.
 
     The cost is O(N log N), with at most two million differences for each receiver.
 

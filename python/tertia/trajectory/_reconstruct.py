@@ -402,11 +402,11 @@ def _warn_if_degrees(record: dict[str, Any], found: dict[str, Any]) -> None:
     rows = _rows(places, 2), None if axes is None else _rows(axes, 3)
     options: tuple[Any, ...] = (
         *(None, None, None, ("robust", 3), (True, record["correlation"])),
-        *(sigmas.size * [False], False, 1),
+        *(sigmas.size * [False], False, 0.0, 1),
     )
 
     def solve(values: FloatArray, sigmas: FloatArray) -> Sequence[Any]:
-        return _core.locate(*rows, values, sigmas, *options)[:-1]
+        return _core.locate(*rows, values, sigmas, *options)[:-2]
 
     known = sigmas[np.newaxis]
     # fixes without what contradicts the path say little where most of it does

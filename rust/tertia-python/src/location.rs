@@ -10,11 +10,18 @@ use crate::arrays::{Array, Input, Output, Rows, Threads, choice, columns, releas
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::batch::for_each_row;
-use tertia::location::{self, Contradiction, Fix, Instant, Locator, Method, Workspace};
+use tertia::location::{self, Contradiction, Fix, Instant, Locator, Method, Speed, Workspace};
 use tertia::sensors::{KINDS, predict};
 
-type Located<'py> =
-    (Output<'py>, Output<'py>, Output<'py>, Output<'py, bool>, [Array<'py>; 8], [[f64; KINDS]; 4]);
+type Located<'py> = (
+    Output<'py>,
+    Output<'py>,
+    Output<'py>,
+    Output<'py, bool>,
+    [Array<'py>; 8],
+    [[f64; KINDS]; 4],
+    (f64, f64),
+);
 
 /// Cost of an instant per measurement, for the choice of threads.
 const LOCATE_NS: f64 = 500.0;
@@ -70,6 +77,15 @@ struct Batch<'a> {
 }
 
 impl<'a> Batch<'a> {
+    fn new(
+        stations: &'a Rows<'a>,
+        axes: Option<&'a Rows<'a>>,
+        values: &'a Rows<'a>,
+        [surveys, height, initial]: [Option<&'a Rows<'a>>; 3],
+    ) -> Self {
+        Self { stations, axes, values, surveys, height, initial }
+    }
+
     fn instant(&self, sigmas: &'a Rows<'_>, i: usize) -> Instant<'a> {
         Instant {
             stations: self.stations.shared(i),
@@ -110,7 +126,8 @@ pub fn fix_columns<'py>(
 /// Positions, covariances, residuals, marks; and problems, degrees of freedom, chi-square,
 /// p-values, dilutions, estimated standard deviations, emissions and theirs. `robustness` is the
 /// method and the degrees of freedom that it needs; `differences` tells whether late arrivals are
-/// likelier outliers, and how range differences correlate.
+/// likelier outliers, and how range differences correlate. Last come the share by which signals are
+/// faster than stated, and its standard deviation; that before is `speed_sigma`.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)] // the Python signature
 pub fn locate<'py>(
@@ -126,6 +143,7 @@ pub fn locate<'py>(
     differences: (bool, f64),
     free: Vec<bool>,
     pooled: bool,
+    speed_sigma: f64,
     n_threads: Threads,
 ) -> PyResult<Located<'py>> {
     let ((name, redundancy), (multipath, correlation)) = (robustness, differences);
@@ -134,7 +152,7 @@ pub fn locate<'py>(
         .with_correlation(correlation)
         .profiling();
     let (k, d) = size(&stations)?;
-    let (stations, rows) = (stations.blocks("stations", 2)?, values.blocks("values", 2)?);
+    let (stations, mut rows) = (stations.blocks("stations", 2)?, values.blocks("values", 2)?);
     let mut sigmas = sigmas.blocks("sigmas", 2)?;
     let count = rows.count();
     rows.require(KINDS * k, count)?;
@@ -144,14 +162,20 @@ pub fn locate<'py>(
     let height = optional(height.as_ref(), "height", (1, 2), count)?;
     let initial = optional(initial.as_ref(), "initial", (1, d), count)?;
     let axes = optional(axes.as_ref(), "axes", (3, k * d * d), count)?;
-    let batch = Batch {
-        stations: &stations,
-        axes: axes.as_ref(),
-        values: &rows,
-        surveys: surveys.as_ref(),
-        height: height.as_ref(),
-        initial: initial.as_ref(),
-    };
+    let others = [surveys.as_ref(), height.as_ref(), initial.as_ref()];
+    let mut speed = Speed::EXACT;
+    if speed_sigma > 0.0 {
+        speed = {
+            let instants = Batch::new(&stations, axes.as_ref(), &rows, others).instants(&sigmas);
+            release(py, LOCATE_NS * rows.size(), || match d {
+                2 => locator.speed::<2>(&instants, speed_sigma, &mut Workspace::default()),
+                _ => locator.speed::<3>(&instants, speed_sigma, &mut Workspace::default()),
+            })?
+        };
+        speed.apply(rows.values.to_mut(), k);
+        speed.apply(sigmas.values.to_mut(), k);
+    }
+    let batch = Batch::new(&stations, axes.as_ref(), &rows, others);
     let mut position = Output::new(py, rows.batch(), &[d])?;
     let mut covariance = Output::new(py, rows.batch(), &[d, d])?;
     let (mut residual, mut outlier) = (rows.output(py)?, rows.output(py)?);
@@ -176,6 +200,13 @@ pub fn locate<'py>(
             contradiction.apply(sigmas.values.to_mut(), &free);
         }
         locator = locator.with_common(contradiction.common);
+    }
+    if speed_sigma > 0.0 {
+        let measured = rows.values.iter().filter(|v| !v.is_nan()).count();
+        let redundancy = measured.saturating_sub(count * (d + 1)) as f64 / count as f64;
+        let growth = contradiction.lasting(redundancy, count);
+        speed.sigma = (speed.sigma * growth.sqrt()).min(speed_sigma);
+        locator = locator.with_speed_sigma(speed.sigma);
     }
     if count > 1 && name == "robust" {
         let instants = batch.instants(&sigmas);
@@ -228,6 +259,7 @@ pub fn locate<'py>(
         outlier,
         found,
         [growth, factor, degrees_of_freedom, common],
+        (speed.share, speed.sigma),
     ))
 }
 

@@ -121,7 +121,7 @@ impl PlotTracker {
             }
             let fresh = (self.0.tracker().plots() == 0).then(|| self.0.clone());
             self.0.record(&plots, &mut statuses, &mut table, n_threads)?;
-            // the first plots were tracked before the noise was known
+            // the first plots were tracked before it was known how they are
             if let Some(again) = fresh.and_then(|fresh| fresh.knowing(&self.0)) {
                 (self.0, table) = (again, Table::new(true));
                 self.0.record(&plots, &mut statuses, &mut table, n_threads)?;
@@ -138,7 +138,7 @@ impl PlotTracker {
         Self(self.0.clone())
     }
 
-    /// The same with the noise that a later one has found; none where that is as stated.
+    /// The same with what a later one has found of the plots; none where they are as stated.
     fn knowing(&self, later: &Self) -> Option<Self> {
         self.0.clone().knowing(&later.0).map(Self)
     }
@@ -274,6 +274,9 @@ pub struct Columns<'py> {
     /// (N, 2), and their covariances, (N, 2, 2), of sensors that report positions.
     position: Option<Input<'py>>,
     covariance: Option<Input<'py>>,
+    /// The same of their velocities.
+    velocity: Option<Input<'py>>,
+    velocity_covariance: Option<Input<'py>>,
 }
 
 /// The same, as they are in memory.
@@ -287,18 +290,32 @@ pub struct View<'a> {
     detection: &'a [i64],
     position: Option<Cow<'a, [f64]>>,
     covariance: Option<Cow<'a, [f64]>>,
+    velocity: Option<Cow<'a, [f64]>>,
+    velocity_covariance: Option<Cow<'a, [f64]>>,
 }
 
 impl View<'_> {
-    /// The position of a plot, and its covariance.
+    pub fn has_positions(&self) -> bool {
+        self.position.is_some()
+    }
+
+    /// The position of a plot and its velocity, with their covariances.
     fn report(&self, index: usize) -> Option<Report> {
         let position = self.position.as_ref()?.as_chunks::<2>().0[index];
-        let [xx, xy, _, yy] = self
-            .covariance
-            .as_ref()
-            .map_or([f64::NAN; 4], |covariance| covariance.as_chunks::<4>().0[index]);
-        Some(Report { position, covariance: Plane { xx, xy, yy } })
+        let mut report = Report::of(position, spread(self.covariance.as_deref(), index));
+        if let Some(velocity) = &self.velocity {
+            report.velocity = velocity.as_chunks::<2>().0[index];
+            report.velocity_covariance = spread(self.velocity_covariance.as_deref(), index);
+        }
+        Some(report)
     }
+}
+
+/// A covariance; not numbers where there are none.
+fn spread(covariance: Option<&[f64]>, index: usize) -> Plane {
+    let own = covariance.map_or([f64::NAN; 4], |covariance| covariance.as_chunks::<4>().0[index]);
+    let [xx, xy, _, yy] = own;
+    Plane { xx, xy, yy }
 }
 
 impl Plots for View<'_> {
@@ -324,6 +341,10 @@ impl Plots for View<'_> {
 impl Columns<'_> {
     /// The plots, at these times, of so many sensors.
     pub fn read<'a>(&'a self, time: &'a Input<'_>, sensors: usize) -> PyResult<View<'a>> {
+        let values = |column: &'a Option<Input<'_>>, name: &'static str, axes: usize| {
+            let rows = column.as_ref().map(|column| column.rows(name, axes)).transpose();
+            rows.map(|rows| rows.map(|rows| rows.values))
+        };
         let view = View {
             time: time.rows("time", 0)?.values,
             range: self.range.rows("range", 0)?.values,
@@ -332,24 +353,17 @@ impl Columns<'_> {
             sensor: self.sensor.as_slice()?,
             identities: self.identities.read(self.sensor.as_slice()?.len())?,
             detection: self.detection.as_slice()?,
-            position: self
-                .position
-                .as_ref()
-                .map(|p| p.rows("position", 1))
-                .transpose()?
-                .map(|p| p.values),
-            covariance: self
-                .covariance
-                .as_ref()
-                .map(|p| p.rows("covariance", 2))
-                .transpose()?
-                .map(|p| p.values),
+            position: values(&self.position, "position", 1)?,
+            covariance: values(&self.covariance, "covariance", 2)?,
+            velocity: values(&self.velocity, "velocity", 1)?,
+            velocity_covariance: values(&self.velocity_covariance, "velocity_covariance", 2)?,
         };
         let count = view.len();
         let width = |column: &Option<Cow<'_, [f64]>>, of: usize| {
             column.as_ref().is_none_or(|values| values.len() == of * count)
         };
-        if !width(&view.position, 2) || !width(&view.covariance, 4) {
+        let pairs = width(&view.position, 2) && width(&view.velocity, 2);
+        if !pairs || !width(&view.covariance, 4) || !width(&view.velocity_covariance, 4) {
             return Err(PyValueError::new_err("the columns of plots differ in length"));
         }
         let numbers = [&view.time, &view.range, &view.azimuth, &view.height];

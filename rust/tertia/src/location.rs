@@ -27,6 +27,7 @@
 //! | `lenth` | the estimators of Lenth (1981), for azimuths alone |
 //! | `posterior`, `quadtree`, `concentration` | the density of positions of a few bearings |
 //! | `region`, `contour`, `radial` | regions around positions, their outlines, radii |
+//! | `speed` | the speed of the signals, where it is not known exactly |
 //! | `protection` | protection levels |
 
 // indices are those of the formulas
@@ -55,6 +56,7 @@ mod record;
 mod region;
 mod search;
 mod solver;
+mod speed;
 mod starts;
 mod summary;
 mod total;
@@ -67,6 +69,7 @@ pub use posterior::{Bearings, Density, Posterior, Summary, pooled};
 pub use protection::Protection;
 pub use region::{Located, Spread};
 pub use solver::{Locator, Workspace};
+pub use speed::Speed;
 
 /// Instants that are located side by side.
 pub const BLOCK: usize = lane::LANES;

@@ -6,8 +6,8 @@
 //! different times, each once in its scan.
 //!
 //! `estimate <- kinematics, lean; motion <- bank; level, geometry <- plot; mht <- association; geometry, plans,
-//! association, motion <- settings <- plan, curve, prospects <- window <- filter <- resolution, sight; plan <- correlation;
-//! height, identity, beams, filter, correlation, tree, outliers <- track <- cluster, row, claim, extent, clutter, schedule, doubles, ended, azimuths;
+//! association, motion <- settings, velocities <- plan, curve, prospects <- window <- filter <- resolution, sight, moving; plan <- correlation;
+//! height, identity, beams, filter, moving, correlation, tree, outliers <- track <- cluster, row, claim, extent, patches, clutter, schedule, doubles, ended, azimuths;
 //! outliers <- noise <- strays <- resume <- share <- scan <- live <- kept, control, found <- lag`; `kinematics, motion <- smooth` beside them.
 //! A plot costs O(1) while the number of targets within a gate does not grow; memory is O(tracks).
 
@@ -42,8 +42,10 @@ mod level;
 mod live;
 mod mht;
 mod motion;
+mod moving;
 mod noise;
 mod outliers;
+mod patches;
 mod plan;
 mod plans;
 mod plot;
@@ -63,6 +65,7 @@ mod strays;
 mod table;
 mod track;
 mod tree;
+mod velocities;
 mod window;
 
 pub use crate::base::plane::Plane;
@@ -74,6 +77,7 @@ pub use estimate::Estimate;
 pub(crate) use follower::Follower;
 pub use geometry::Geometry;
 pub use lag::LagTracker;
+pub use level::Heights;
 pub use live::Tracker;
 pub use mht::Mht;
 pub use motion::{ImmModel, Motion, WindowModel};

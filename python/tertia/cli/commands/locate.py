@@ -95,6 +95,9 @@ def locate(
     propagation_speed: Annotated[
         float, typer.Option(metavar="M_S", help="Speed of signals in m/s, for times of arrival.")
     ] = LIGHT,
+    propagation_speed_sigma: Annotated[
+        float, typer.Option(metavar="M_S", help="Its sigma; the speed is then estimated.")
+    ] = 0.0,
     multipath: Annotated[
         bool, typer.Option(help="Assume that outliers of arrival times are mostly late.")
     ] = True,
@@ -154,6 +157,7 @@ def locate(
         redundancy=redundancy,
         range_difference_correlation=range_difference_correlation,
         propagation_speed=propagation_speed,
+        propagation_speed_sigma=propagation_speed_sigma,
         multipath=multipath,
         height=height,
         height_sigma=height_sigma,
@@ -167,6 +171,7 @@ def locate(
         positions.say_located(one)
         _say_expected(one)
         _say_sigma(one)
+        _say_speed(one)
         _say_bias(one)
     positions.write_all(
         found,
@@ -215,6 +220,13 @@ def _say_sigma(one: Located[Location]) -> None:
             f"  sigma of {kind} was not stated: estimated at each instant, median "
             f"{np.median(known) / factor:.3g} {unit}"
         )
+
+
+def _say_speed(one: Located[Location]) -> None:
+    """Print the speed of the signals, if it was estimated."""
+    speed, sigma = one.result.propagation_speed, one.result.propagation_speed_sigma
+    if speed is not None:
+        typer.echo(f"  speed of signals: {speed:.6g} ± {sigma:.2g} m/s")
 
 
 def _say_bias(one: Located[Location]) -> None:

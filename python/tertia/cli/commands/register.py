@@ -12,6 +12,7 @@ from tertia.cli.terminal.options import (
     Flat,
     Output,
     PlotFiles,
+    Profile,
     SensorFile,
     Threads,
     column_names,
@@ -39,6 +40,7 @@ def register(
     sensors: SensorFile,
     flat: Flat = False,
     column: ColumnNames = None,
+    profile: Profile = "aircraft",
     clock_period: ClockPeriod = None,
     n_threads: Threads = None,
     output: Output = None,
@@ -57,7 +59,7 @@ def register(
     radars = read.read_radars(sensors, plots, flat=flat)
     recording = recording_of(plots, radars, column_names(column))
     with working(f"Registering {counted(len(radars.items), 'radar')}"):
-        found = registered(recording, n_threads, clock_period=clock_period)
+        found = registered(recording, n_threads, profile=profile, clock_period=clock_period)
     rows = found.rows
     print_table(_shown(found, rows), text=["radar"], limited="radars are shown")
     if not any(seen.any() for seen in found.registration.observable.values()):

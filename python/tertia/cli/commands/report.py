@@ -26,6 +26,7 @@ from tertia.cli.terminal.options import (
     Origin,
     PlanFile,
     PlotFiles,
+    Profile,
     RegistrationSwitch,
     SensorFile,
     UpdateInterval,
@@ -76,6 +77,7 @@ def report(
     flat: Flat = False,
     column: ColumnNames = None,
     motion: Annotated[MotionName, typer.Option(help="Motion model of the targets.")] = "imm",
+    profile: Profile = "aircraft",
     clock_period: ClockPeriod = None,
     registration: RegistrationSwitch = None,
     update_interval: UpdateInterval = None,
@@ -108,7 +110,8 @@ def report(
             raise ValueError(
                 "clock_period can be used only if times are in seconds; these plots have dates"
             )
-        given |= {"motion": motion, "clock_period": clock_period, "limits": read_limits(limits)}
+        given |= {"motion": motion, "profile": profile, "clock_period": clock_period}
+        given["limits"] = read_limits(limits)
         given |= {"max_distance": max_distance, "update_interval": update_interval}
         given["registration"] = switched(registration)
     if bearings is not None:

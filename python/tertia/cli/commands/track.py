@@ -22,6 +22,7 @@ from tertia.cli.terminal.options import (
     PlanFile,
     PlotFile,
     PlotFiles,
+    Profile,
     RegistrationSwitch,
     SensorFile,
     Threads,
@@ -33,7 +34,7 @@ from tertia.cli.terminal.say import WRONG_USAGE, fail, note, print_table, workin
 from tertia.sensors import Bias, Radar
 from tertia.tables import Sensors
 from tertia.tables._track import NO_TRACK, Tracking, recording_of, tracks_of
-from tertia.tracker import AssociationName, MotionName, PlanModel, ProfileName, Tracker
+from tertia.tracker import AssociationName, MotionName, PlanModel, Tracker
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -93,9 +94,7 @@ def track(
         float | None,
         typer.Option(help="False plots per m² and scan; by default estimated from the plots."),
     ] = None,
-    profile: Annotated[
-        ProfileName, typer.Option(help="Kind of targets: sets their motion and largest speed.")
-    ] = "aircraft",
+    profile: Profile = "aircraft",
     max_speed: Annotated[
         float | None,
         typer.Option(
@@ -105,6 +104,10 @@ def track(
     gate_probability: Annotated[
         float, typer.Option(help="Probability that a target's plot is within its gate.")
     ] = 0.998,
+    identity_error_probability: Annotated[
+        float,
+        typer.Option(help="Probability that an identity is wrong; 1e-9 for numbers of ships."),
+    ] = 1e-3,
     lag: Annotated[
         float,
         typer.Option(
@@ -179,6 +182,7 @@ def track(
         "profile": profile,
         "max_speed": max_speed,
         "gate_probability": gate_probability,
+        "identity_error_probability": identity_error_probability,
         "lag": lag,
         "clock_period": clock_period,
         "registration": switched(registration),

@@ -10,6 +10,7 @@ from typing import Annotated, Literal, TypeAlias, TypeVar
 import typer
 
 from tertia.cli.terminal.say import WRONG_USAGE, fail
+from tertia.tracker import ProfileName
 
 Number = TypeVar("Number", int, float)
 _TABLES = ".csv with a header, .parquet, .arrow, .jsonl"
@@ -91,6 +92,10 @@ Flat: TypeAlias = Annotated[
         "--flat",
         help="Place radars with latitudes in the plane tangent to the earth at the origin.",
     ),
+]
+Profile: TypeAlias = Annotated[
+    ProfileName,
+    typer.Option(help="Kind of targets: sets their motion, largest speed and unknown heights."),
 ]
 ClockPeriod: TypeAlias = Annotated[
     float | None, typer.Option(help="Seconds after which times restart from 0, such as 86400.")

@@ -21,10 +21,11 @@ impl Geometry {
         Self(tracker::Geometry::Space)
     }
 
-    /// Positions, of this standard deviation; not a number: each comes with its covariance.
+    /// Positions and velocities, of these standard deviations; not a number: each comes with its
+    /// covariance.
     #[staticmethod]
-    fn position(sigma: f64) -> Self {
-        Self(tracker::Geometry::Position(sigma))
+    fn position(sigmas: [f64; 2]) -> Self {
+        Self(tracker::Geometry::Position(sigmas))
     }
 
     /// Azimuths alone, of this standard deviation.

@@ -35,8 +35,14 @@ impl Registrar {
         Ok(Self(core::Registrar::new(radars, slant, mean, sigma, &drift)))
     }
 
-    /// Times, ranges and azimuths of plots without the errors known, (N,) each.
-    fn correct<'py>(&self, py: Python<'py>, plots: Columns<'py>) -> PyResult<[Array<'py>; 3]> {
+    /// Times, ranges and azimuths of plots without the errors known, (N,) each, and positions, (N, 2),
+    /// if there are any.
+    #[allow(clippy::type_complexity)] // columns
+    fn correct<'py>(
+        &self,
+        py: Python<'py>,
+        plots: Columns<'py>,
+    ) -> PyResult<([Array<'py>; 3], Option<Array<'py>>)> {
         let errors = self.0.taken_out();
         let plots = plots.read(&plots.time, errors.len())?;
         let corrected: Vec<Report> = (0..plots.len())
@@ -45,7 +51,12 @@ impl Registrar {
             .collect();
         let column =
             |read: fn(&Report) -> f64| array(py, &[corrected.len()], corrected.iter().map(read));
-        Ok([column(|one| one.time)?, column(|one| one.range)?, column(|one| one.azimuth)?])
+        let polar = [column(|one| one.time)?, column(|one| one.range)?, column(|one| one.azimuth)?];
+        let place = |one: &Report| one.place.map_or([f64::NAN; 2], |place| place.position);
+        let places = plots
+            .has_positions()
+            .then(|| array(py, &[corrected.len(), 2], corrected.iter().flat_map(place)));
+        Ok((polar, places.transpose()?))
     }
 
     /// Learns from a table of tracks and the plots that it is of, of which the first has this number,

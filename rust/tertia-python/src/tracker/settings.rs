@@ -118,7 +118,7 @@ impl TrackerSettings {
     #[new]
     #[pyo3(signature = (
         *, motion, association, flown_probability, initiation, wind, wind_sigma, confirmation, coasting, clutter_density,
-        max_speed, gate_probability, guard_acceleration, identity_error_probability,
+        max_speed, heights, gate_probability, guard_acceleration, identity_error_probability,
         emergency_codes
     ))]
     #[allow(clippy::too_many_arguments)] // the settings, by name
@@ -133,6 +133,7 @@ impl TrackerSettings {
         coasting: usize,
         clutter_density: Option<f64>,
         max_speed: f64,
+        heights: Option<(f64, f64)>,
         gate_probability: f64,
         guard_acceleration: Option<f64>,
         identity_error_probability: f64,
@@ -149,6 +150,8 @@ impl TrackerSettings {
             coasting,
             clutter_density: clutter_density.unwrap_or(f64::NAN),
             max_speed,
+            heights: heights
+                .map_or(tracker::Heights::Air, |(h, sigma)| tracker::Heights::Above(h, sigma)),
             guard: gate::threshold(gate_probability, 2).map_err(value_error)?,
             guard_acceleration: guard_acceleration.map_or(usual, |a| [a; 2]),
             identity_error_probability,

@@ -32,7 +32,7 @@ pub fn smooth_tracks<'py>(
 ) -> PyResult<(Integers<'py>, Array<'py>, Integers<'py>, Marks<'py>)> {
     let movement = Movement::of(motion.core())
         .ok_or_else(|| PyValueError::new_err("motion must be 'imm' or 'cv', or such a model"))?;
-    let values = plots.points::<7>("plots", 1)?;
+    let values = plots.points::<12>("plots", 1)?;
     let used = used.as_slice()?;
     let in_order = first.is_sorted() && first.last() == Some(&values.len());
     if used.len() != values.len() || !in_order {
@@ -64,9 +64,18 @@ pub fn smooth_tracks<'py>(
     ))
 }
 
-/// A plot of its time, east, north, their variances and covariance, and height.
-fn plot(&[time, x, y, xx, xy, yy, height]: &[f64; 7], used: bool) -> TrackPlot {
-    TrackPlot { time, position: [x, y], covariance: Plane { xx, xy, yy }, height, used }
+/// A plot of its time, east, north, their variances and covariance, the same of its velocity, and height.
+fn plot(values: &[f64; 12], used: bool) -> TrackPlot {
+    let &[time, x, y, xx, xy, yy, vx, vy, uu, uv, vv, height] = values;
+    TrackPlot {
+        time,
+        position: [x, y],
+        covariance: Plane { xx, xy, yy },
+        velocity: [vx, vy],
+        velocity_covariance: Plane { xx: uu, xy: uv, yy: vv },
+        height,
+        used,
+    }
 }
 
 fn push_numbers(numbers: &mut Vec<f64>, row: &SmoothedRow) {

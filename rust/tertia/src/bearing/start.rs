@@ -30,8 +30,7 @@ pub(super) fn start(y: &[f64], rounding: f64, sorted: &mut Vec<f64>) -> Option<S
     sorted.sort_unstable_by(f64::total_cmp);
     let n = sorted.len();
     let spread = sorted[n - 1] - sorted[0];
-    let tolerance = SAME * (sorted[n / 2].abs() + sorted[3 * n / 4] - sorted[n / 4]);
-    let different = |d: f64| d > tolerance;
+    let different = differs(sorted);
     if spread == 0.0 || !different(spread) {
         return None;
     }
@@ -67,6 +66,19 @@ pub(super) fn start(y: &[f64], rounding: f64, sorted: &mut Vec<f64>) -> Option<S
 /// Standard deviation of rounding.
 pub(super) fn rounding_sigma(step: f64) -> f64 {
     step / 12_f64.sqrt()
+}
+
+/// Whether a difference of two readings is more than the rounding of doubles.
+fn differs(sorted: &[f64]) -> impl Fn(f64) -> bool + use<> {
+    let n = sorted.len();
+    let tolerance = SAME * (sorted[n / 2].abs() + sorted[3 * n / 4] - sorted[n / 4]);
+    move |d| d > tolerance
+}
+
+/// Rounding step of sorted readings, if it can be seen and is at most `largest`; else zero.
+pub(super) fn step_within(sorted: &[f64], largest: f64) -> f64 {
+    let step = seen_step(sorted, differs(sorted));
+    if step <= largest { step } else { 0.0 }
 }
 
 /// The smallest difference of two readings, if some readings are equal; else zero.

@@ -9,7 +9,7 @@ use super::estimate::Estimate;
 use super::maxima::{FARTHEST, Fit, Sample};
 use super::robust::rest_of_rounding;
 use super::rules::RobustRule;
-use super::start::{MAD_TO_SIGMA, rounding_sigma};
+use super::start::{MAD_TO_SIGMA, rounding_sigma, step_within};
 use super::workspace::Workspace;
 use crate::base::angle::median;
 use crate::base::autoregression::Autoregression;
@@ -22,6 +22,8 @@ const STATED_FREEDOM: f64 = 5.0;
 /// Degrees of freedom from which the scatter tells a noise factor before outliers are known, and a
 /// correlation.
 const FEWEST: f64 = 4.0;
+/// Largest rounding step that is looked for, in sigmas.
+const LARGEST_STEP: f64 = 4.0;
 /// Of two measurements that contradict each other neither is more probably bad.
 const EVEN: f64 = 0.5 - 1e-6;
 /// Centres and noise factor are found in turn, at most so often, and until the factor changes by less.
@@ -95,7 +97,8 @@ impl Stated {
         groups: Option<&[f64]>,
     ) -> Result<Self> {
         Moments::of("theta", y)?;
-        let rounding = rounding_sigma(rule.rounding);
+        let step = if rule.rounding > 0.0 { rule.rounding } else { seen_step(y, sigma) };
+        let rounding = rounding_sigma(step);
         let noise: Vec<f64> = sigma.iter().map(|s| s.hypot(rounding)).collect();
         let samples = Sample::by_group(y, &noise, groups);
         let (noise_factor, fits) = fit(&samples);
@@ -113,7 +116,7 @@ impl Stated {
             correlation: 0.0,
             rounding: 0.0,
         };
-        found.rounding = rounding * rest_of_rounding(found.sigma, rule.rounding);
+        found.rounding = rounding * rest_of_rounding(found.sigma, step);
         for (sample, fit) in samples.iter().zip(&fits) {
             for (k, &i) in sample.place.iter().enumerate() {
                 (found.good[i], found.influence[i]) = (fit.good[k], fit.influence[k]);
@@ -129,6 +132,14 @@ impl Stated {
         }));
         Ok(found)
     }
+}
+
+/// Rounding step of measurements some of which are equal, 0 if none are: noise of the stated size makes
+/// readings on steps that are larger than a few sigmas all equal, so a larger gap is none.
+fn seen_step(y: &[f64], sigma: &[f64]) -> f64 {
+    let mut sorted = y.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    step_within(&sorted, LARGEST_STEP * harmonic(sigma))
 }
 
 /// Centres and noise factor in turn. A sample of which nearly half is bad must not be mistaken for

@@ -81,6 +81,17 @@ impl Contradiction {
         stretch(sigmas, free, &self.growth);
     }
 
+    /// By how much the variance of what all instants have in common grows: errors that last do not
+    /// average out, so so many instants, with this redundancy, count as those of the degrees of freedom.
+    pub fn lasting(&self, redundancy: f64, count: usize) -> f64 {
+        let all = redundancy * count.min(SAMPLE) as f64;
+        let of = |(growth, own): (&f64, &f64)| match *growth > 1.0 && *own > 0.0 {
+            true => growth * (all / own).max(1.0),
+            false => 1.0,
+        };
+        self.growth.iter().zip(&self.degrees_of_freedom).map(of).fold(1.0, f64::max)
+    }
+
     /// Whether any variance changes.
     pub fn is_any(&self) -> bool {
         self.growth != [1.0; KINDS]

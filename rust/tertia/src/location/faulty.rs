@@ -34,6 +34,12 @@ struct Count {
     outliers: Vec<f64>,
 }
 
+/// Receivers of an emission, and which of their arrivals are outliers.
+struct Heard {
+    heard: Vec<bool>,
+    wrong: Vec<bool>,
+}
+
 impl Locator {
     /// The same, with the share of outliers that the arrivals of these instants show, if it is more
     /// than one in a hundred. O(N M), for at most 256 instants.
@@ -72,27 +78,50 @@ impl Locator {
                 outlier: &mut outlier,
             };
             let fix = self.locate(instant, &mut out, workspace);
-            let receivers = instant.values.len() / KINDS;
-            let arrivals = Kind::Arrival as usize * receivers;
-            let heard = instant.values[arrivals..].iter().map(|v| !v.is_nan());
             let known = matches!(fix.status, Status::None | Status::Ambiguous);
             if !known || fix.degrees_of_freedom < 1 {
                 continue;
             }
-            count.arrivals.resize(receivers, 0.0);
-            count.outliers.resize(receivers, 0.0);
-            let marks = &outlier[arrivals..];
-            for (receiver, (heard, &marked)) in heard.zip(marks).enumerate() {
+            let Heard { heard, wrong } = self.heard(instant, &outlier);
+            count.arrivals.resize(heard.len(), 0.0);
+            count.outliers.resize(heard.len(), 0.0);
+            for (receiver, (&heard, &wrong)) in heard.iter().zip(&wrong).enumerate() {
                 count.arrivals[receiver] += f64::from(u8::from(heard));
-                count.outliers[receiver] += f64::from(u8::from(marked));
+                count.outliers[receiver] += f64::from(u8::from(wrong));
             }
-            let with_outliers = marks.contains(&true);
+            let with_outliers = wrong.contains(&true);
             let is_disturbed = with_outliers || fix.status == Status::Ambiguous;
             count.instants += 1.0;
             count.disturbed += f64::from(u8::from(is_disturbed));
             count.located += f64::from(u8::from(with_outliers));
         }
         count
+    }
+
+    /// Which receivers heard an emission, and which of their arrivals are outliers. Differences are
+    /// those of arrivals: if all of them are outliers, that of the first receiver is one, and of the
+    /// others nothing is known.
+    fn heard(&self, instant: &Instant<'_>, outlier: &[bool]) -> Heard {
+        let receivers = instant.values.len() / KINDS;
+        let of = |kind: Kind| kind as usize * receivers..(kind as usize + 1) * receivers;
+        let is_known = |v: &f64| !v.is_nan();
+        let (arrivals, differences) = (of(Kind::Arrival), of(Kind::RangeDifference));
+        let mut heard: Vec<bool> = instant.values[arrivals.clone()].iter().map(is_known).collect();
+        let mut wrong = outlier[arrivals].to_vec();
+        if instant.common(self.correlation).is_none() {
+            return Heard { heard, wrong };
+        }
+        let known: Vec<bool> = instant.values[differences.clone()].iter().map(is_known).collect();
+        let marks = &outlier[differences];
+        if known.contains(&true) {
+            let is_first = known.iter().zip(marks).all(|(&known, &mark)| mark || !known);
+            (heard[0], wrong[0]) = (true, wrong[0] || is_first);
+            for (receiver, (known, mark)) in known.into_iter().zip(marks).enumerate() {
+                heard[receiver] |= known && !is_first;
+                wrong[receiver] |= *mark && !is_first;
+            }
+        }
+        Heard { heard, wrong }
     }
 }
 

@@ -46,9 +46,11 @@ pub struct Locator {
     /// Odds that an arrival is one, in units of those of one in a hundred.
     odds: f64,
     /// That of range differences.
-    correlation: f64,
+    pub(super) correlation: f64,
     /// Shares of the variances of the kinds that all stations have in common.
     common: [f64; KINDS],
+    /// Standard deviation of the share by which signals may be faster.
+    speed_sigma: f64,
 }
 
 impl Locator {
@@ -62,6 +64,7 @@ impl Locator {
             odds: 1.0,
             correlation: 0.5,
             common: [0.0; KINDS],
+            speed_sigma: 0.0,
         }
     }
 
@@ -98,6 +101,12 @@ impl Locator {
     /// stated variances of each kind.
     pub fn with_common(self, common: [f64; KINDS]) -> Self {
         Self { common, ..self }
+    }
+
+    /// The same, with covariances that include an error of the speed of the signals: a share of this
+    /// standard deviation of the distances that they travel.
+    pub fn with_speed_sigma(self, speed_sigma: f64) -> Self {
+        Self { speed_sigma, ..self }
     }
 
     /// Estimates the positions of instants, [`location::BLOCK`](super::BLOCK) of them side by side
@@ -311,6 +320,10 @@ impl Locator {
         if self.common != [0.0; KINDS] {
             add(&mut covariance, &search.shared(&minimum, &record.rows, &self.common));
         }
+        let stretch = search.stretched(&minimum, &record.rows, self.speed_sigma);
+        for (i, row) in covariance.iter_mut().enumerate() {
+            row.iter_mut().zip(&stretch).for_each(|(v, s)| *v += stretch[i] * s);
+        }
         for (own, row) in out.covariance.chunks_exact_mut(D).zip(&covariance) {
             own.copy_from_slice(row);
         }
@@ -329,7 +342,10 @@ impl Locator {
             record.tell_differences(out);
         }
         let (emission, emission_sigma) = match N > D {
-            true => (minimum.state[D], (growth * summary.covariance[D][D]).sqrt()),
+            true => {
+                let own = (growth * summary.covariance[D][D]).sqrt();
+                (minimum.state[D], own.hypot(stretch[D]))
+            }
             false => (f64::NAN, f64::NAN),
         };
         Fix {

@@ -3,9 +3,9 @@
 use super::descent::{Loss, TUKEY};
 use super::doubt::doubt;
 use super::lenth::{self, Weight};
-use super::search::{Minimum, Search};
-use crate::base::small::{Factor, Matrix, add, undetermined};
-use crate::sensors::{KINDS, Measurement, Row};
+use super::search::{Minimum, Search, position};
+use crate::base::small::{Factor, Matrix, Vector, add, norm, undetermined};
+use crate::sensors::{KINDS, Kind, Measurement, Row};
 
 /// Steps to the σ whose weighted residuals are as large as those found.
 const SPREAD_STEPS: usize = 20;
@@ -100,6 +100,26 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
             }
         }
         sum
+    }
+
+    /// What a share by which signals are faster changes: `(J' W J)^-1 J' W r` with the distances r that
+    /// they travel, times the share. O(M).
+    pub fn stretched(&self, minimum: &Minimum<N>, rows: &[Row<N>], share: f64) -> Vector<N> {
+        let mut pull = [0.0; N];
+        if share == 0.0 {
+            return pull;
+        }
+        let Some(factor) = Factor::try_new(&minimum.normal.matrix, 0.0) else { return pull };
+        let p = position::<D, N>(&minimum.state);
+        let travels = |kind| matches!(kind, Kind::Range | Kind::RangeDifference | Kind::Arrival);
+        for (m, row) in self.problem.measurements.iter().zip(rows).filter(|(m, _)| travels(m.kind))
+        {
+            let (weight, ..) = self.loss.of(m.kind).at(row.residual / minimum.scale);
+            let way: Vector<D> = std::array::from_fn(|i| p[i] - m.station[i]);
+            let error = weight * share * norm(&way) * m.precision;
+            pull.iter_mut().zip(&row.gradient).for_each(|(v, g)| *v += error * g);
+        }
+        factor.solve(&pull)
     }
 
     /// Whether a whitened residual is that of a fault.

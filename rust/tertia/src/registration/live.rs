@@ -18,7 +18,7 @@ use crate::base::state::{restored, saved};
 use crate::sensors::Radar;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 mod learn;
 
@@ -196,27 +196,6 @@ impl Registrar {
 
     fn unknowns(&self) -> Unknowns {
         numbered(&self.sigma)
-    }
-
-    /// Learns from rows without loose plots; returns what the errors add to the covariance of each target of
-    /// these rows, in their order, and by how much all targets move, at the times of their last rows.
-    #[allow(clippy::type_complexity)] // two columns
-    pub(crate) fn learn_last(
-        &mut self,
-        updates: &[Update],
-        time: f64,
-    ) -> (Vec<(i64, [f64; 16])>, Vec<(i64, f64, [f64; 4])>) {
-        let (applied, moved) = self.begin(updates, time);
-        let (unknowns, errors) = (self.unknowns(), self.blocks());
-        for update in updates {
-            self.carry(update, &applied, &unknowns);
-        }
-        let targets: BTreeSet<_> = updates.iter().map(|update| update.plot.target).collect();
-        let added = |target: i64| (target, self.tracks[&target].added(&errors));
-        let added = targets.into_iter().map(added).collect();
-        let moved = self.shift(&moved);
-        self.end(&[], time);
-        (added, moved)
     }
 
     /// Moves the tracks by what the errors are found to be larger: numbers, times, and by how much.

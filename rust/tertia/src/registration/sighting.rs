@@ -18,7 +18,8 @@ const HIGHEST: f64 = 12_000.0;
 const STEEP: f64 = 0.7;
 
 /// Offset of the range (m), gain of the range (1), azimuth (rad), clock (s): what was measured is
-/// `ρ_m = (1 + γ) ρ + δ`, `θ_m = θ + α`, at `t_m = t + τ`.
+/// `ρ_m = (1 + γ) ρ + δ`, `θ_m = θ + α`, at `t_m = t + τ`. A sensor that reports positions has those of
+/// east (m) and north (m) in place of offset and azimuth, and no gain.
 pub type Errors = [f64; ERRORS];
 
 /// A position that a sensor reports, and its covariance: of east, of both, of north.
@@ -61,8 +62,13 @@ impl Report {
     /// The plot without these errors.
     pub fn corrected(&self, errors: &Errors) -> Self {
         let [offset, gain, azimuth, clock] = *errors;
+        let moved = |place: Place| Place {
+            position: [place.position[0] - offset, place.position[1] - azimuth],
+            ..place
+        };
         Self {
             time: self.time - clock,
+            place: self.place.map(moved),
             range: (self.range - offset) / (1.0 + gain),
             azimuth: self.azimuth - azimuth,
             ..*self
@@ -164,8 +170,12 @@ impl Sighting {
 
     /// How far a unit of each error moves the plot along both axes, at this velocity.
     pub fn design(&self, velocity: Vector2<f64>) -> [Errors; 2] {
+        let [a, b] = self.axes;
         let slope = self.range / self.ground;
-        let [along, across] = [-self.axes[0].dot(&velocity), -self.axes[1].dot(&velocity)];
+        let [along, across] = [-a.dot(&velocity), -b.dot(&velocity)];
+        if self.is_placed {
+            return [[a.x, 0.0, a.y, along], [b.x, 0.0, b.y, across]];
+        }
         [[slope, slope * self.range, 0.0, along], [0.0, 0.0, self.ground, across]]
     }
 }
@@ -242,5 +252,15 @@ pub(super) mod tests {
         let stated = Sighting::new(&report([f64::NAN; 3]), f64::NAN, &radar, [1.0; 2]).unwrap();
         close(stated.sigma[0], 30.0);
         close(stated.sigma[1], 30.0);
+        // its errors are those of east and north, and its clock
+        let errors = [120.0, 0.0, -50.0, 0.3];
+        let moved = report([500.0, 200.0, 300.0]).corrected(&errors);
+        assert_eq!(moved.place.map(|place| place.position), Some([3880.0, -1950.0]));
+        close(moved.time, -0.3);
+        let velocity = Vector2::new(200.0, -10.0);
+        let by = seen.design(velocity).map(|row| row.iter().zip(errors).map(|(d, e)| d * e).sum());
+        let [along, across]: [f64; 2] = by;
+        close(along * u[0] + across * v[0], 120.0 - 60.0);
+        close(along * u[1] + across * v[1], -50.0 + 3.0);
     }
 }

@@ -41,12 +41,12 @@ pub(super) fn sensitivity(state: &Vector4<f64>, height: f64, radar: &Radar) -> M
 
 /// What errors of covariance `block` between two sensors do to two states: `J Σ K'`. In plain loops, which
 /// compilers unroll; in the order of sums of a general product.
-#[inline]
+#[inline(always)]
 pub(super) fn propagated(j: &Matrix4<f64>, block: &Matrix4<f64>, k: &Matrix4<f64>) -> Matrix4<f64> {
     product(&product(j, block), &k.transpose())
 }
 
-#[inline]
+#[inline(always)]
 fn product(a: &Matrix4<f64>, b: &Matrix4<f64>) -> Matrix4<f64> {
     let (a, mut product) = (&a.data.0, *b);
     for b in &mut product.data.0 {

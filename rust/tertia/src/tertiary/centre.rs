@@ -1,11 +1,11 @@
 //! The centre, cycle by cycle.
 
-use super::bias::{corrected, sensitivity};
+use super::bias::{corrected, propagated, sensitivity};
 use super::groups::{Group, grouped};
 use super::member::{FORGOTTEN, Member, take};
 use super::pairs::{Known, Manual, Pairs, Sample, density, key};
 use super::row::Row;
-use super::rule::{Part, Rule, correction};
+use super::rule::{Part, Rule};
 use super::share::mapped;
 use super::target::{Target, Tracklet};
 use crate::base::distribution::chi_square_upper;
@@ -135,8 +135,7 @@ impl Centre {
         self.members.retain(|member| {
             time - member.last.time <= FORGOTTEN * radars[member.last.sensor].scan_period
         });
-        let known =
-            Known { errors: self.registrar.errors(), covariance: self.registrar.covariance() };
+        let known = Known::new(self.registrar.errors(), &self.registrar.covariance());
         let (samples, places) = self.samples(time, &known, n_threads)?;
         let density = density(&samples);
         let candidates = self.pairs.look(&samples, &known, &self.manual, density, n_threads)?;
@@ -151,10 +150,10 @@ impl Centre {
         let learnt =
             self.follow(&groups, &numbers, (&samples, &places), &radars, &known, n_threads)?;
         if self.settings.registers {
-            self.learn(learnt, time);
+            self.learn(&learnt, time, n_threads)?;
         }
         mapped(groups.iter().zip(&numbers), SHOWN_NS, n_threads, |(group, &number)| {
-            self.shown(group, number, &samples, &places, &known, time)
+            self.shown(group, number, &samples, &places, time)
         })
     }
 
@@ -182,11 +181,13 @@ impl Centre {
             let radar = &self.settings.radars[row.sensor];
             let estimate = row.at(time, radar);
             let sensitivity = sensitivity(&estimate.mean, row.height, radar);
+            let added = propagated(&sensitivity, known.block(row.sensor, row.sensor), &sensitivity);
             Ok(Sample {
                 id,
                 sensor: row.sensor,
                 mean: corrected(&estimate.mean, &sensitivity, &known.errors[row.sensor]),
                 covariance: estimate.covariance,
+                whole: estimate.covariance + added,
                 sensitivity,
                 height: row.height,
                 age: time - row.time,
@@ -242,8 +243,8 @@ impl Centre {
         found
     }
 
-    /// Filters the plots behind the tracks; what can be learnt of the errors of the sensors, group by
-    /// group.
+    /// Filters the plots behind the tracks; what can be learnt of the errors of the sensors, group by group,
+    /// in order of time.
     fn follow(
         &mut self,
         groups: &[Group],
@@ -252,7 +253,7 @@ impl Centre {
         radars: &[Radar],
         known: &Known,
         n_threads: Option<NonZero<usize>>,
-    ) -> Result<Vec<Update>> {
+    ) -> Result<Vec<Vec<Update>>> {
         let mut targets = std::mem::take(&mut self.targets);
         let mut order: Vec<_> =
             numbers.iter().enumerate().map(|(g, &number)| (number, g)).collect();
@@ -261,7 +262,8 @@ impl Centre {
         let mut work = Vec::with_capacity(groups.len());
         for (&number, target) in &mut targets {
             let Some((_, g)) = order.next_if(|one| one.0 == number) else { continue };
-            let mut tracklets: Vec<Tracklet> = Vec::new();
+            let count = groups[g].members.iter().map(|&i| self.members[places[i]].pending.len());
+            let mut tracklets: Vec<Tracklet> = Vec::with_capacity(count.sum());
             for &i in &groups[g].members {
                 tracklets.append(&mut self.members[places[i]].pending);
             }
@@ -271,24 +273,28 @@ impl Centre {
         let follow = |(g, target, mut tracklets): (usize, &mut Target, Vec<Tracklet>)| {
             let group = &groups[g];
             let best = best(group, samples);
-            let start = (self.members[places[best]].last, samples[best].clone());
+            let start = (&self.members[places[best]].last, &samples[best]);
             tracklets.sort_by(|a, b| {
                 let order = a.report.time.total_cmp(&b.report.time);
                 order.then(a.report.radar.cmp(&b.report.radar))
             });
             target.cycles += 1;
             target.unseen = if self.is_seen(group, samples) { 0 } else { target.unseen + 1 };
-            Ok(target.follow(&tracklets, &start, radars, known))
+            Ok(target.follow(&tracklets, start, radars, known))
         };
         let learnt = mapped(work.into_iter(), FOLLOW_NS, n_threads, follow)?;
         self.targets = targets;
-        Ok(learnt.into_iter().flatten().collect())
+        Ok(learnt)
     }
 
-    /// Learns the errors of the sensors, in order of time.
-    fn learn(&mut self, mut learnt: Vec<Update>, time: f64) {
-        learnt.sort_by(|a, b| a.plot.report.time.total_cmp(&b.plot.report.time));
-        let (added, moved) = self.registrar.learn_last(&learnt, time);
+    /// Learns the errors of the sensors.
+    fn learn(
+        &mut self,
+        learnt: &[Vec<Update>],
+        time: f64,
+        n_threads: Option<NonZero<usize>>,
+    ) -> Result<()> {
+        let (added, moved) = self.registrar.learn_targets(learnt, time, n_threads)?;
         for (number, added) in added {
             if let Some(target) = self.targets.get_mut(&(number as u64)) {
                 target.added = nalgebra::SMatrix::from_row_slice(&added);
@@ -300,6 +306,7 @@ impl Centre {
                 follower.shift(at, by);
             }
         }
+        Ok(())
     }
 
     /// The sensors with the noise that their plots have.
@@ -341,11 +348,9 @@ impl Centre {
         number: u64,
         samples: &[Sample],
         places: &[usize],
-        known: &Known,
         time: f64,
     ) -> Result<SystemTrack> {
         let target = &self.targets[&number];
-        let rows: Vec<_> = group.members.iter().map(|&i| &self.members[places[i]]).collect();
         let estimate = match self.settings.rule {
             Rule::Tracklets => target.at(time, self.period(group, samples)),
             _ => None,
@@ -356,14 +361,15 @@ impl Centre {
                 let parts: Vec<_> = group
                     .members
                     .iter()
-                    .zip(&rows)
-                    .map(|(&i, member)| Part {
+                    .map(|&i| (i, &self.members[places[i]]))
+                    .map(|(i, member)| Part {
                         sensor: samples[i].sensor,
                         estimate: crate::tracker::Estimate {
                             mean: samples[i].mean,
-                            covariance: samples[i].covariance + known.added(&samples[i]),
+                            covariance: samples[i].whole,
                         },
-                        correction: correction(&member.last, member.before[0].as_ref()),
+                        correction: member.before[0]
+                            .map_or([0.0; 4], |past| past.correction(&member.last)),
                     })
                     .collect();
                 let settings = &self.settings;

@@ -13,6 +13,7 @@ pub struct Distance {
 
 impl Distance {
     /// Of a difference d with the covariance T; none where T is not positive definite.
+    #[inline(always)]
     pub fn new(difference: &Vector4<f64>, covariance: Matrix4<f64>) -> Option<Self> {
         // L D L' = T and L z = d in plain loops, which compilers unroll; columns are rows
         let (mut t, mut z) = (covariance.data.0, difference.data.0[0]);

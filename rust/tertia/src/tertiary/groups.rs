@@ -36,8 +36,10 @@ pub(super) fn grouped(samples: &[Sample], candidates: &[Candidate], order: &[usi
     for &sensor in order {
         let own: Vec<usize> = (0..samples.len()).filter(|&i| samples[i].sensor == sensor).collect();
         let (mut pairs, mut offers) = (Vec::new(), Vec::new());
+        let mut of_track = Vec::new();
         for (row, &i) in own.iter().enumerate() {
-            for offer in near.offers(i, &group_of, &groups) {
+            near.offers(i, &group_of, &groups, &mut of_track);
+            for &offer in &of_track {
                 let group = &groups[offer.group];
                 let n = group.members.len() as f64;
                 let gain = 2.0 / (n + 1.0) * (group.sum + offer.gain) - 2.0 / n * group.sum;
@@ -98,8 +100,8 @@ impl Near {
 
     /// What the track would add to groups that have a pair with it in the gate, and none that is out of
     /// the question.
-    fn offers(&self, i: usize, group_of: &[usize], groups: &[Group]) -> Vec<Offer> {
-        let mut offers: Vec<Offer> = Vec::new();
+    fn offers(&self, i: usize, group_of: &[usize], groups: &[Group], offers: &mut Vec<Offer>) {
+        offers.clear();
         for &(other, candidate) in &self.others[self.start[i]..self.start[i + 1]] {
             let group = group_of[other];
             if group == usize::MAX {
@@ -119,6 +121,5 @@ impl Near {
             offer.passes |= candidate.passes;
         }
         offers.retain(|one| one.passes && one.pairs == groups[one.group].members.len());
-        offers
     }
 }

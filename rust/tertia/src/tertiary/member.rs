@@ -4,7 +4,7 @@ use super::row::Row;
 use super::shadow::Shadow;
 use super::share::mapped;
 use super::target::Tracklet;
-use super::tracklet::{Behind, behind};
+use super::tracklet::{Behind, Past, behind, is_doubtful};
 use crate::base::error::Result;
 use crate::sensors::Radar;
 use serde::{Deserialize, Serialize};
@@ -20,7 +20,8 @@ const ROW_NS: f64 = 2000.0;
 pub(super) struct Member {
     pub id: u64,
     pub last: Row,
-    pub before: [Option<Row>; 2],
+    is_doubtful: bool,
+    pub before: [Option<Past>; 2],
     pub pending: Vec<Tracklet>,
     /// The filter that may have made it.
     shadow: Shadow,
@@ -39,20 +40,20 @@ pub(super) fn take(
     radars: &[Radar],
     n_threads: Option<NonZero<usize>>,
 ) -> Result<()> {
-    let mut all = std::mem::take(waiting);
-    all.extend_from_slice(rows);
+    let waited = std::mem::take(waiting);
+    let all: Vec<&Row> = waited.iter().chain(rows).collect();
     let mut order: Vec<_> =
-        all.iter().enumerate().map(|(i, row)| (row.sensor, row.track, row.time, i)).collect();
-    order.sort_unstable_by(|a, b| {
+        all.iter().zip(0..).map(|(row, i)| (row.sensor, row.track, row.time, i)).collect();
+    order.sort_unstable_by(|a: &(_, _, _, u32), b| {
         (a.0, a.1).cmp(&(b.0, b.1)).then(a.2.total_cmp(&b.2)).then(a.3.cmp(&b.3))
     });
     let (known, mut at, mut begun) = (members.len(), 0, None);
     // rows of tracks that go on, those of one track together
-    let mut added: Vec<(usize, Row)> = Vec::with_capacity(order.len());
+    let mut added: Vec<(usize, &Row)> = Vec::with_capacity(order.len());
     for (.., i) in order {
-        let row = all[i];
+        let row = all[i as usize];
         if row.time > time {
-            waiting.push(row);
+            waiting.push(*row);
             continue;
         }
         let place = (row.sensor, row.track);
@@ -63,7 +64,7 @@ pub(super) fn take(
         let radar = &radars[row.sensor];
         let is_known = begun == Some(place) || (at < known && members[at].place() == place);
         if !is_known {
-            members.push(Box::new(Member::new(*next, row, radar)));
+            members.push(Box::new(Member::new(*next, *row, radar)));
             *next += 1;
             begun = Some(place);
             continue;
@@ -73,7 +74,7 @@ pub(super) fn take(
         if row.time - newest > FORGOTTEN * radar.scan_period {
             // the number is used again
             while added.pop_if(|(member, _)| *member == own).is_some() {}
-            *members[own] = Member::new(*next, row, radar);
+            *members[own] = Member::new(*next, *row, radar);
             *next += 1;
         } else if row.time > newest {
             added.push((own, row));
@@ -81,14 +82,14 @@ pub(super) fn take(
     }
     added.sort_by_key(|&(own, _)| own);
     let mut rows = added.chunk_by(|a, b| a.0 == b.0).peekable();
-    let mut work: Vec<(&mut Member, &[(usize, Row)])> = Vec::new();
+    let mut work: Vec<(&mut Member, &[(usize, &Row)])> = Vec::new();
     for (i, member) in members.iter_mut().enumerate() {
         if let Some(own) = rows.next_if(|own| own[0].0 == i) {
             work.push((&mut **member, own));
         }
     }
     mapped(work.into_iter(), ROW_NS, n_threads, |(member, rows)| {
-        rows.iter().for_each(|(_, row)| member.add(*row, &radars[row.sensor]));
+        rows.iter().for_each(|(_, row)| member.add(**row, &radars[row.sensor]));
         Ok(())
     })?;
     if begun.is_some() {
@@ -101,8 +102,15 @@ pub(super) fn take(
 impl Member {
     fn new(id: u64, row: Row, radar: &Radar) -> Self {
         let shadow = Shadow::new(&row, radar);
-        let mut member =
-            Self { id, last: row, before: [None; 2], pending: Vec::new(), shadow, target: None };
+        let mut member = Self {
+            id,
+            last: row,
+            is_doubtful: is_doubtful(&row, radar),
+            before: [None; 2],
+            pending: Vec::new(),
+            shadow,
+            target: None,
+        };
         member.look_behind(None, radar);
         member
     }
@@ -114,15 +122,17 @@ impl Member {
 
     /// Adds a row, and the plot behind it.
     fn add(&mut self, row: Row, radar: &Radar) {
-        self.before = [Some(self.last), self.before[0]];
-        self.last = row;
-        let plot = self.shadow.follow(&row, radar);
+        self.before = [Some(Past::new(&self.last, self.is_doubtful)), self.before[0]];
+        (self.last, self.is_doubtful) = (row, is_doubtful(&row, radar));
+        // in doubt the filter stays where it was, as the sensor's does if the plot was none of the target
+        let plot = if self.is_doubtful { None } else { self.shadow.follow(&row, radar) };
         self.look_behind(plot, radar);
     }
 
     /// Keeps what is behind the last row: this plot, or what can be known without its filter.
     fn look_behind(&mut self, plot: Option<[f64; 2]>, radar: &Radar) {
-        let (place, own) = match behind(plot, &self.last, &self.before, radar) {
+        let found = behind(plot, (&self.last, self.is_doubtful), &self.before, radar);
+        let (place, own) = match found {
             Behind::Plot(place) => (place, None),
             Behind::State(place, covariance) => (place, Some(covariance)),
             Behind::Nothing => return,

@@ -8,9 +8,12 @@ use crate::base::error::Result;
 use crate::registration::{ERRORS, Errors};
 use crate::sensors::Identities;
 use nalgebra::{DMatrix, Matrix4, Vector4};
+use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
+use std::iter::Peekable;
 use std::num::NonZero;
+use std::slice::Iter;
 
 /// χ² of four components: .999, and .999999 for a pair that has been one.
 const GATE: f64 = 18.466_826_952_9;
@@ -54,6 +57,8 @@ pub(super) struct Sample {
     pub sensor: usize,
     pub mean: Vector4<f64>,
     pub covariance: Matrix4<f64>,
+    /// The covariance with what unknown errors of the sensor add.
+    pub whole: Matrix4<f64>,
     /// By the errors of the sensor.
     pub sensitivity: Matrix4<f64>,
     pub height: f64,
@@ -98,22 +103,25 @@ pub(super) struct Pairs {
     known: Vec<((u64, u64), History)>,
 }
 
-/// Covariances of the errors between all sensors, and their values.
+/// Errors of all sensors, and their covariances, sensor by sensor.
 pub(super) struct Known {
     pub errors: Vec<Errors>,
-    pub covariance: DMatrix<f64>,
+    blocks: Vec<Matrix4<f64>>,
 }
 
 impl Known {
-    /// Between two sensors.
-    pub fn block(&self, a: usize, b: usize) -> Matrix4<f64> {
-        self.covariance.fixed_view::<ERRORS, ERRORS>(ERRORS * a, ERRORS * b).into_owned()
+    pub fn new(errors: Vec<Errors>, covariance: &DMatrix<f64>) -> Self {
+        let k = errors.len();
+        let block = |a: usize, b: usize| {
+            covariance.fixed_view::<ERRORS, ERRORS>(ERRORS * a, ERRORS * b).into_owned()
+        };
+        let blocks = (0..k * k).map(|at| block(at / k, at % k)).collect();
+        Self { errors, blocks }
     }
 
-    /// What errors that are not known add to the covariance of a state.
-    pub fn added(&self, sample: &Sample) -> Matrix4<f64> {
-        let j = &sample.sensitivity;
-        propagated(j, &self.block(sample.sensor, sample.sensor), j)
+    /// Between two sensors.
+    pub fn block(&self, a: usize, b: usize) -> &Matrix4<f64> {
+        &self.blocks[a * self.errors.len() + b]
     }
 }
 
@@ -136,24 +144,15 @@ impl Pairs {
         n_threads: Option<NonZero<usize>>,
     ) -> Result<Vec<Candidate>> {
         let places: Vec<_> = samples.iter().map(place_of).collect();
-        let own: Vec<_> = samples.iter().map(|one| one.covariance + known.added(one)).collect();
         // compact, as most of what is near is far in terms of its variance
-        let spots: Vec<_> = samples.iter().zip(&own).map(|(one, p)| Spot::new(one, p)).collect();
-        let largest = spots.iter().flat_map(|spot| spot.variance).fold(0.0, f64::max);
+        let spots: Vec<_> = samples.iter().map(Spot::new).collect();
         let by_hand = !manual.joined.is_empty();
-        let reach = |variance: f64| (FAR * (variance + largest)).sqrt().min(REACH);
-        let grid = Grid::new(&places, reach(largest).max(1.0))?;
-        let blocks = blocks(known);
-        let sensors = known.errors.len();
+        let layers = layers(&spots)?;
         let before = std::mem::take(&mut self.known);
-        let around = |i: usize| {
-            let p = &own[i];
-            if by_hand { [REACH; 2] } else { [0, 1].map(|k| reach(p[(k, k)])) }
-        };
-        let look = |i: usize, found: &mut Vec<_>, near: &mut Vec<usize>| {
-            let (a, p) = (&samples[i], &own[i]);
+        let look = |i: usize, old: &mut Old<'_>, found: &mut Vec<_>, near: &mut Vec<usize>| {
+            let (a, p) = (&samples[i], &samples[i].whole);
             near.clear();
-            grid.within(places[i], around(i), &mut |j| {
+            let mut meet = |j: usize| {
                 if j <= i {
                     return;
                 }
@@ -162,13 +161,22 @@ impl Pairs {
                     let d = places[i][k] - spot.place[k];
                     d * d > FAR * (p[(k, k)] + spot.variance[k])
                 };
-                if spot.sensor != a.sensor && (by_hand || !(is_far(0) || is_far(1))) {
+                // the errors of two sensors may be correlated, which doubles the variance at most
+                let is_faster = |k: usize| {
+                    let d = a.mean[2 + k] - spot.velocity[k];
+                    d * d > 2.0 * FAR * (p[(2 + k, 2 + k)] + spot.spread[k])
+                };
+                let is_other = || is_far(0) || is_far(1) || is_faster(0) || is_faster(1);
+                if spot.sensor != a.sensor && (by_hand || !is_other()) {
                     near.push(j);
                 }
-            });
+            };
+            for layer in &layers {
+                let around = |k: usize| if by_hand { REACH } else { layer.reach(p[(k, k)]) };
+                let own = &layer.places;
+                layer.grid.within(places[i], [around(0), around(1)], &mut |at| meet(own[at]));
+            }
             near.sort_unstable();
-            let mut old =
-                before[before.partition_point(|(key, _)| key.0 < a.id)..].iter().peekable();
             for &j in near.iter() {
                 let pair = (a.id, spots[j].id);
                 while old.next_if(|(key, _)| *key < pair).is_some() {}
@@ -178,11 +186,8 @@ impl Pairs {
                     continue;
                 }
                 let b = &samples[j];
-                let total = own[i] + own[j];
-                let d = a.mean - b.mean;
-                let block = &blocks[a.sensor * sensors + b.sensor];
-                let cross = propagated(&a.sensitivity, block, &b.sensitivity);
-                let distance = Distance::new(&d, total - cross - cross.transpose());
+                let block = known.block(a.sensor, b.sensor);
+                let distance = Arch::new().dispatch(Compared { a, b, block });
                 let Some(distance) = distance else { continue };
                 if distance.squared > FAR && !joined {
                     continue;
@@ -201,7 +206,9 @@ impl Pairs {
         let found = mapped(parts, PART as f64 * PAIRS_NS, n_threads, |start| {
             let (mut found, mut near) = (Vec::with_capacity(2 * PART), Vec::new());
             let end = samples.len().min(start + PART);
-            (start..end).for_each(|i| look(i, &mut found, &mut near));
+            let from = before.partition_point(|(key, _)| key.0 < samples[start].id);
+            let mut old = before[from..].iter().peekable();
+            (start..end).for_each(|i| look(i, &mut old, &mut found, &mut near));
             Ok(found)
         })?;
         self.known = found.iter().flatten().map(|&(_, pair, history)| (pair, history)).collect();
@@ -216,21 +223,63 @@ impl Pairs {
     }
 }
 
+/// What is remembered of pairs, in order of their ids.
+type Old<'a> = Peekable<Iter<'a, ((u64, u64), History)>>;
+
+/// Samples whose variances are of one size: how far others are sought depends on both.
+struct Layer {
+    grid: Grid,
+    /// Places in the list of samples.
+    places: Vec<usize>,
+    /// Largest variance of a position along an axis.
+    largest: f64,
+}
+
+impl Layer {
+    /// How far along an axis the samples are that one with this variance is compared with.
+    fn reach(&self, variance: f64) -> f64 {
+        (FAR * (variance + self.largest)).sqrt().min(REACH)
+    }
+}
+
+/// Samples by powers of four of their variances. Cost O(N).
+fn layers(spots: &[Spot]) -> Result<Vec<Layer>> {
+    let mut sizes: BTreeMap<i32, (Vec<usize>, Vec<[f64; 2]>, f64)> = BTreeMap::new();
+    for (i, spot) in spots.iter().enumerate() {
+        let variance = spot.variance[0].max(spot.variance[1]);
+        let of_size = sizes.entry((0.5 * variance.log2()).floor() as i32).or_default();
+        of_size.0.push(i);
+        of_size.1.push(spot.place);
+        of_size.2 = of_size.2.max(variance);
+    }
+    let layer = |(places, points, largest): (Vec<usize>, Vec<[f64; 2]>, f64)| {
+        let mut layer = Layer { grid: Grid::default(), places, largest };
+        layer.grid.fill(&points, layer.reach(largest).max(1.0))?;
+        Ok(layer)
+    };
+    sizes.into_values().map(layer).collect()
+}
+
 /// What a first look at a track needs.
 struct Spot {
     id: u64,
     sensor: usize,
     place: [f64; 2],
     variance: [f64; 2],
+    velocity: [f64; 2],
+    /// Variances of the velocity.
+    spread: [f64; 2],
     height: f64,
     age: f64,
 }
 
 impl Spot {
-    fn new(one: &Sample, p: &Matrix4<f64>) -> Self {
+    fn new(one: &Sample) -> Self {
+        let p = &one.whole;
         let (place, variance) = (place_of(one), [p[(0, 0)], p[(1, 1)]]);
+        let (velocity, spread) = ([one.mean[2], one.mean[3]], [p[(2, 2)], p[(3, 3)]]);
         let &Sample { id, sensor, height, age, .. } = one;
-        Self { id, sensor, place, variance, height, age }
+        Self { id, sensor, place, variance, velocity, spread, height, age }
     }
 
     /// Whether the heights are those of two targets.
@@ -249,9 +298,23 @@ fn place_of(sample: &Sample) -> [f64; 2] {
     [sample.mean[0], sample.mean[1]]
 }
 
-fn blocks(known: &Known) -> Vec<Matrix4<f64>> {
-    let k = known.errors.len();
-    (0..k * k).map(|at| known.block(at / k, at % k)).collect()
+/// The distance of two samples whose sensors' errors have this covariance.
+struct Compared<'a> {
+    a: &'a Sample,
+    b: &'a Sample,
+    block: &'a Matrix4<f64>,
+}
+
+impl WithSimd for Compared<'_> {
+    type Output = Option<Distance>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Option<Distance> {
+        let Self { a, b, block } = self;
+        let cross = propagated(&a.sensitivity, block, &b.sensitivity);
+        let total = a.whole + b.whole - cross - cross.transpose();
+        Distance::new(&(a.mean - b.mean), total)
+    }
 }
 
 /// The gain of a pair, and what is remembered of it.

@@ -1,8 +1,6 @@
 //! How the tracks of one target are fused.
 
 use super::compare::shared;
-use super::row::Row;
-use super::tracklet::carried;
 use crate::base::error::Result;
 use crate::fusion::{Estimates, FusedEstimate, Weighting, fusing};
 use crate::sensors::Radar;
@@ -98,13 +96,4 @@ impl Rule {
         let covariance = SMatrix::from_row_slice(&covariance);
         Ok(Estimate { mean: SVector::from(mean), covariance })
     }
-}
-
-/// By which the last row moved the state that went straight on from the one before; zero for the first
-/// row of a track.
-pub(super) fn correction(row: &Row, before: Option<&Row>) -> [f64; 4] {
-    let Some(before) = before else { return [0.0; 4] };
-    let [x, y] = carried(before, row.time - before.time, 0.0);
-    let [.., vx, vy] = before.state;
-    [row.state[0] - x, row.state[1] - y, row.state[2] - vx, row.state[3] - vy]
 }

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 const MEMORY: f64 = 0.3;
 const UNLIKE: f64 = 0.03;
 
-/// A filter of straight flight and turns, as Tertia's trackers have it by default. What it predicts is
+/// A filter of straight flight, turns and changes of speed, as Tertia's trackers have it by default. What it predicts is
 /// what the sensor's tracker predicted, if that is such a filter; velocities tell whether it is.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Shadow {
@@ -37,7 +37,7 @@ impl Shadow {
             *self = Self { unlike: 1.0, ..Self::new(row, radar) };
             return None;
         };
-        self.follower.correct(plot, noise);
+        self.follower.correct(&ImmModel::default(), plot, noise);
         let Estimate { mean, covariance } = self.follower.estimate();
         let squared = (mean[2] - vx).powi(2) + (mean[3] - vy).powi(2);
         let square = squared / (covariance[(2, 2)] + covariance[(3, 3)]);
@@ -64,10 +64,10 @@ mod tests {
         ways: None,
     };
 
-    /// Plots of a target that turns after 80 s, with errors of about a sigma, and the rows of a tracker
-    /// whose straight flight and turns are equally likely to begin with.
-    fn flown(model: &ImmModel) -> Vec<([f64; 2], Row)> {
-        let (mut x, mut y, mut course) = (30e3, 40e3, 0.4_f64);
+    /// Plots of a target that turns after 80 s, or brakes, with errors of about a sigma, and the rows of a
+    /// tracker whose straight flight and turns are equally likely to begin with.
+    fn flown(model: &ImmModel, brakes: bool) -> Vec<([f64; 2], Row)> {
+        let (mut x, mut y, mut course, mut speed) = (30e3, 40e3, 0.4_f64, 200.0);
         let start = SVector::from([x, y, 78.0, 184.0]);
         let covariance = SMatrix::from_diagonal(&SVector::from([1e4, 1e4, 400.0, 400.0]));
         let estimate = Estimate { mean: start, covariance };
@@ -75,14 +75,18 @@ mod tests {
         let mut found = Vec::new();
         for scan in 1..60_u32 {
             let time = 4.0 * f64::from(scan);
-            course += if (20..40).contains(&scan) { 0.12 } else { 0.0 };
-            x += 800.0 * course.sin();
-            y += 800.0 * course.cos();
+            if (20..40).contains(&scan) {
+                let (turned, slower) = if brakes { (0.0, 4.0) } else { (0.12, 0.0) };
+                course += turned;
+                speed -= slower;
+            }
+            x += 4.0 * speed * course.sin();
+            y += 4.0 * speed * course.cos();
             let phase = 2.4 * f64::from(scan);
             let plot = [x + 70.0 * phase.sin(), y + 70.0 * (1.7 * phase).cos()];
             follower.predict(model, time, RADAR.scan_period);
             let predicted = follower.estimate().mean;
-            follower.correct(plot, RADAR.noise_at([predicted[0], predicted[1]], 0.0));
+            follower.correct(model, plot, RADAR.noise_at([predicted[0], predicted[1]], 0.0));
             let Estimate { mean, covariance } = follower.estimate();
             let row = Row {
                 sensor: 0,
@@ -101,23 +105,25 @@ mod tests {
 
     #[test]
     fn plots_behind_rows_of_the_same_filter() {
-        let rows = flown(&ImmModel::default());
-        let mut shadow = Shadow::new(&rows[5].1, &RADAR);
-        let mut errors = Vec::new();
-        for (plot, row) in &rows[6..] {
-            let [x, y] = shadow.follow(row, &RADAR).expect("its filter is the same");
-            errors.push((x - plot[0]).hypot(y - plot[1]));
+        for brakes in [false, true] {
+            let rows = flown(&ImmModel::default(), brakes);
+            let mut shadow = Shadow::new(&rows[5].1, &RADAR);
+            let mut errors = Vec::new();
+            for (plot, row) in &rows[6..] {
+                let [x, y] = shadow.follow(row, &RADAR).expect("its filter is the same");
+                errors.push((x - plot[0]).hypot(y - plot[1]));
+            }
+            // it does not know how the mixture began, and forgets that
+            assert!(errors.iter().all(|&error| error < 20.0), "{errors:?}");
+            assert!(errors[30..].iter().all(|&error| error < 0.1), "{errors:?}");
         }
-        // it does not know how the mixture began, and forgets that
-        assert!(errors.iter().all(|&error| error < 20.0), "{errors:?}");
-        assert!(errors[30..].iter().all(|&error| error < 0.1), "{errors:?}");
     }
 
     #[test]
     fn another_filter_is_noticed() {
         // as good as never a turn, and rough: a filter of nearly constant velocity
         let model = ImmModel { straight_sigma: 3.0, straight_time: 1e9, ..ImmModel::default() };
-        let rows = flown(&model);
+        let rows = flown(&model, false);
         let mut shadow = Shadow::new(&rows[5].1, &RADAR);
         let found: Vec<_> = rows[6..].iter().map(|(_, row)| shadow.follow(row, &RADAR)).collect();
         assert!(found[5..].iter().all(Option::is_none), "{found:?}");

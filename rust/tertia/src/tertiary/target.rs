@@ -1,5 +1,6 @@
 //! A target of the picture: its number, its age, and its filter.
 
+use super::bias::propagated;
 use super::pairs::{Known, Sample};
 use super::row::Row;
 use crate::base::plane::Plane;
@@ -66,16 +67,16 @@ impl Target {
     pub fn follow(
         &mut self,
         tracklets: &[Tracklet],
-        start: &(Row, Sample),
+        (row, sample): (&Row, &Sample),
         radars: &[Radar],
         known: &Known,
     ) -> Vec<Update> {
         let model = ImmModel::default();
-        let (row, sample) = start;
-        let (mut learnt, mut begins) = (Vec::new(), None);
+        let (mut learnt, mut begins) = (Vec::with_capacity(tracklets.len()), None);
         if self.follower.is_none() {
             let mut covariance = row.estimate(&radars[row.sensor]).covariance;
-            covariance += known.added(sample);
+            let (block, j) = (known.block(row.sensor, row.sensor), &sample.sensitivity);
+            covariance += propagated(j, block, j);
             let mut mean = sample.mean;
             mean[0] -= sample.age * mean[2];
             mean[1] -= sample.age * mean[3];
@@ -112,7 +113,7 @@ impl Target {
             let square = (0.5 * both.inverse().form(y)).min(SURPRISE);
             self.surprise += MEMORY * (square - self.surprise);
             self.square += MEMORY * (0.5 * (both.xx + both.yy) - self.square);
-            follower.correct(z, noise);
+            follower.correct(&model, z, noise);
             if tracklet.own.is_some() {
                 continue;
             }

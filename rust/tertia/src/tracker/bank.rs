@@ -175,18 +175,18 @@ impl Bank {
         );
     }
 
-    /// Corrects all models by a plot; the probabilities are multiplied by its densities.
+    /// Corrects all models by a position or a velocity; the probabilities are multiplied by its densities.
     #[inline]
-    pub fn correct(&mut self, z: [f64; 2], r: Plane) {
+    pub fn correct<const AT: usize>(&mut self, z: [f64; 2], r: Plane) {
         let [straight, turn, plan] = &mut self.probability;
         if *straight > 0.0 {
-            *straight *= self.straight.correct(z, r);
+            *straight *= self.straight.correct_at::<AT>(z, r);
         }
         if *turn > 0.0 {
-            *turn *= self.turn.correct(z, r);
+            *turn *= self.turn.correct_at::<AT>(z, r);
         }
         if *plan > 0.0 {
-            *plan *= self.plan.correct(z, r);
+            *plan *= self.plan.correct_at::<AT>(z, r);
         }
     }
 

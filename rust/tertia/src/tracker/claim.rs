@@ -39,7 +39,7 @@ impl Spread {
         for plot in plots {
             match plot.source {
                 Source::Polar => {}
-                Source::Placed(Plane { xx, yy, .. }) => {
+                Source::Placed(Plane { xx, yy, .. }) | Source::Moving(Plane { xx, yy, .. }, _) => {
                     spread.variance = spread.variance.max(xx).max(yy);
                 }
                 Source::Slant { prior: [height, _], .. } => {

@@ -1,6 +1,9 @@
 //! The density of plots that belong to no track.
 
+use super::association::Association;
 use super::extent::Extent;
+use super::patches::Patches;
+use super::plot::Measured;
 use super::prospects::There;
 use super::settings::Settings;
 use crate::sensors::{Detection, Radar, Way};
@@ -50,6 +53,8 @@ pub(super) struct Clutter {
     farthest: f64,
     /// Of a sensor of positions.
     extent: Option<Extent>,
+    /// Where they are dense; of radars, if the density is estimated.
+    patches: Option<Patches>,
 }
 
 impl Clutter {
@@ -60,7 +65,10 @@ impl Clutter {
             .is_position()
             .then(|| Extent::new(settings.max_speed, settings.radars[sensor].scan_period));
         let ways = settings.radars[sensor].ways.as_ref().map_or(0, |ways| ways.all().len());
-        Self { extent, by_way: vec![0.0; ways], ..Self::new(settings.clutter_density) }
+        let is_paper = matches!(settings.association, Association::Paper(_));
+        let is_estimated = settings.clutter_density.is_nan() && !is_paper;
+        let patches = (is_estimated && extent.is_none()).then(Patches::default);
+        Self { extent, patches, by_way: vec![0.0; ways], ..Self::new(settings.clutter_density) }
     }
 
     fn new(density: f64) -> Self {
@@ -76,6 +84,7 @@ impl Clutter {
             until,
             farthest,
             extent: None,
+            patches: None,
         }
     }
 
@@ -105,9 +114,15 @@ impl Clutter {
         })
     }
 
-    /// Logarithm of how much likelier targets are detected so than false plots are, by comparison with
-    /// all plots of the radar; 0 where the way is not known.
-    pub fn gain(&self, radar: &Radar, detection: Option<Detection>) -> f64 {
+    /// Logarithm of how much likelier targets are detected so, and here, than false plots are, by
+    /// comparison with all plots of the radar.
+    pub fn gain(&self, radar: &Radar, detection: Option<Detection>, position: [f64; 2]) -> f64 {
+        let Some(patches) = &self.patches else { return self.gain_by_way(radar, detection) };
+        self.gain_by_way(radar, detection) - patches.ratio(position, self.density(radar)).ln()
+    }
+
+    /// The same, wherever they are; 0 where the way is not known.
+    fn gain_by_way(&self, radar: &Radar, detection: Option<Detection>) -> f64 {
         let Some(detection) = detection else { return 0.0 };
         let own = self.each(radar).find(|(way, ..)| way.detection == detection);
         own.map_or(0.0, |(_, share, count)| (share * self.estimated(radar) / count).ln())
@@ -122,8 +137,11 @@ impl Clutter {
         if let Some(extent) = &self.extent {
             return extent.area();
         }
-        let radius = radar.max_range.min(self.farthest);
-        PI * radius * radius
+        PI * self.range(radar).powi(2)
+    }
+
+    fn range(&self, radar: &Radar) -> f64 {
+        radar.max_range.min(self.farthest)
     }
 
     /// Density of such plots where flights are due over the mean, at least 1; none before a first scan.
@@ -163,6 +181,9 @@ impl Clutter {
         if let Some(extent) = &mut self.extent {
             extent.fade(kept);
         }
+        if let Some(patches) = &mut self.patches {
+            patches.fade(scans);
+        }
     }
 
     /// Removes a plot of this time, detection and place that was counted but belongs to a target.
@@ -179,6 +200,27 @@ impl Clutter {
         let all = radar.ways.as_ref().map_or(&[][..], |ways| ways.all());
         if let Some(own) = all.iter().position(|way| Some(way.detection) == detection) {
             self.by_way[own] = (self.by_way[own] - weight).max(0.0);
+        }
+    }
+}
+
+/// Counts the plots before `hold` that confirmed tracks have left where they are, unless second plots of
+/// targets are as dense there as false ones.
+pub(super) fn note(
+    (plots, hold): (&[Measured], f64),
+    (taken, deferred): (&[bool], &[bool]),
+    doubled: &[f64],
+    (clutter, radars): (&mut [Clutter], &[Radar]),
+) {
+    for i in (0..plots.len()).filter(|&i| !taken[i] && !deferred[i] && plots[i].time < hold) {
+        let (plot, radar) = (&plots[i], &radars[plots[i].radar]);
+        let own = &mut clutter[plot.radar];
+        let Some(range) = own.patches.as_ref().map(|_| own.range(radar)) else { continue };
+        if doubled[i] > own.density(radar) {
+            continue;
+        }
+        if let Some(patches) = &mut own.patches {
+            patches.add(plot.position, range);
         }
     }
 }
@@ -228,12 +270,12 @@ mod tests {
         let radar = with_channels(f64::NAN);
         let settings = Settings::new(vec![radar.clone()], Motion::Cv(1.0));
         let mut clutter = Clutter::of(&settings, 0);
-        let gain = |clutter: &Clutter, d| clutter.gain(&radar, Some(d));
+        let gain = |clutter: &Clutter, d| clutter.gain_by_way(&radar, Some(d));
         // without false plots there are new targets alone, which are detected as others are
         for detection in [Detection::Psr, Detection::Ssr, Detection::PsrSsr] {
             assert!(gain(&clutter, detection).abs() < 1e-14);
         }
-        assert_eq!(clutter.gain(&radar, None), 0.0);
+        assert_eq!(clutter.gain_by_way(&radar, None), 0.0);
         let mut counts = Counts::default();
         (0..100).for_each(|_| counts.add(Some(Detection::Psr), There::default()));
         clutter.count(&counts, [0.0, 4.0], &radar);
@@ -259,7 +301,7 @@ mod tests {
         // the shares of a density that is known are the same
         let dense = Clutter::of(&Settings { clutter_density: 1e-9, ..settings }, 0);
         assert_within(1e-12, dense.density(&radar), 1e-9);
-        let gains = [clutter, dense].map(|own| own.gain(&radar, Some(Detection::Psr)));
+        let gains = [clutter, dense].map(|own| own.gain_by_way(&radar, Some(Detection::Psr)));
         assert_within(1e-14, gains[0], gains[1]);
     }
 

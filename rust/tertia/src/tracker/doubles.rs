@@ -38,7 +38,7 @@ impl Doubles {
     }
 
     /// Whether there are many.
-    fn is_often(&self) -> bool {
+    pub fn is_often(&self) -> bool {
         self.seconds > ENOUGH && self.seconds > OFTEN * (self.targets + BEFORE)
     }
 

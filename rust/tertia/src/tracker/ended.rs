@@ -26,7 +26,11 @@ impl Spot {
     pub fn first(track: &Track, settings: &Settings) -> Self {
         let plot = &track.first;
         let r = match plot.source {
-            Source::Placed(noise) if settings.geometry(plot.radar).is_position() => noise,
+            Source::Placed(noise) | Source::Moving(noise, _)
+                if settings.geometry(plot.radar).is_position() =>
+            {
+                noise
+            }
             _ => {
                 let radar = settings.radars[plot.radar].detecting(plot.detection);
                 radar.noise_at(plot.position, f64::NAN)

@@ -14,14 +14,28 @@ pub struct Estimate<const N: usize> {
     pub covariance: SMatrix<f64, N, N>,
 }
 
+/// Places of the position and of the velocity among the states.
+pub(super) const POSITION: usize = 0;
+pub(super) const VELOCITY: usize = 2;
+
 impl<const N: usize> Estimate<N> {
     pub(super) fn position(&self) -> [f64; 2] {
         [self.mean[0], self.mean[1]]
     }
 
     pub(super) fn position_covariance(&self) -> Plane {
+        self.block::<POSITION>()
+    }
+
+    pub(super) fn velocity_covariance(&self) -> Plane {
+        self.block::<VELOCITY>()
+    }
+
+    /// Covariance of two states.
+    #[inline(always)]
+    pub(super) fn block<const AT: usize>(&self) -> Plane {
         let p = &self.covariance;
-        Plane { xx: p[(0, 0)], xy: p[(0, 1)], yy: p[(1, 1)] }
+        Plane { xx: p[(AT, AT)], xy: p[(AT, AT + 1)], yy: p[(AT + 1, AT + 1)] }
     }
 
     /// The covariance's columns, which are its rows as well.
@@ -33,10 +47,16 @@ impl<const N: usize> Estimate<N> {
     /// Updates with a position of covariance `r`; returns the probability density of the plot.
     #[inline]
     pub(super) fn correct(&mut self, z: [f64; 2], r: Plane) -> f64 {
-        let s = self.position_covariance().plus(r);
+        self.correct_at::<POSITION>(z, r)
+    }
+
+    /// Updates with a position or a velocity of covariance `r`; returns its probability density.
+    #[inline(always)]
+    pub(super) fn correct_at<const AT: usize>(&mut self, z: [f64; 2], r: Plane) -> f64 {
+        let s = self.block::<AT>().plus(r);
         let inverse = s.inverse();
-        let y = [z[0] - self.mean[0], z[1] - self.mean[1]];
-        let [first, second] = [self.columns()[0], self.columns()[1]];
+        let y = [z[0] - self.mean[AT], z[1] - self.mean[AT + 1]];
+        let [first, second] = [self.columns()[AT], self.columns()[AT + 1]];
         let mut gain = [[0.0; N]; 2];
         for i in 0..N {
             let (a, b) = (first[i], second[i]);

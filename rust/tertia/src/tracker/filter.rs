@@ -1,7 +1,7 @@
 //! The filter of a track, by the model of its motion.
 
 use super::bank::{Bank, Component, PLAN, SPEED, TURN, changes};
-use super::estimate::{Estimate, Moments};
+use super::estimate::{Estimate, Moments, POSITION};
 use super::kinematics;
 use super::motion::{ImmModel, Motion};
 use super::plan::{Guide, fold_plan};
@@ -66,7 +66,9 @@ impl Filter {
                 multiple.predict(settings, noise, t, period);
             }
             (Self::Window(window), Motion::Window(_)) => window.predict(settings, t, period),
-            (Self::Planned(prospects), Motion::Cv(sigma)) => prospects.predict(*sigma, t, period),
+            (Self::Planned(prospects), Motion::Cv(sigma)) => {
+                prospects.predict([*sigma, settings.motion.largest_sigma()], t, period);
+            }
             _ => unreachable!("a filter is made by its motion"),
         }
     }
@@ -98,7 +100,9 @@ impl Filter {
             (Self::Singer(estimate), _) => {
                 estimate.correct(z, r);
             }
-            (Self::Multiple(multiple), Motion::Imm(noise)) => multiple.correct(noise, z, r),
+            (Self::Multiple(multiple), Motion::Imm(noise)) => {
+                multiple.correct::<POSITION>(noise, z, r);
+            }
             (Self::Window(window), Motion::Window(model)) => window.correct(model, z, r),
             (Self::Planned(prospects), _) => prospects.correct(z, r),
             _ => unreachable!("a filter is made by its motion"),
@@ -310,18 +314,20 @@ impl Multiple {
         }
     }
 
-    fn correct(&mut self, noise: &ImmModel, z: [f64; 2], r: Plane) {
+    /// Corrects all models by a position or a velocity.
+    #[inline]
+    pub(super) fn correct<const AT: usize>(&mut self, noise: &ImmModel, z: [f64; 2], r: Plane) {
         let mut total = 0.0;
         let mut before = [[0.0; 3]; 2];
-        if let Some(guide) = &mut self.guide {
+        if let Some(guide) = self.guide.as_mut().filter(|_| AT == POSITION) {
             guide.compare(&self.bank, z, r);
         }
         if let Some(speed) = &mut self.speed {
-            speed.correct(&self.bank, z, r);
+            speed.correct::<AT>(&self.bank, z, r);
         }
         for (bank, before) in self.banks_mut().zip(&mut before) {
             *before = bank.probability;
-            bank.correct(z, r);
+            bank.correct::<AT>(z, r);
             total += bank.total();
         }
         for (bank, before) in self.banks_mut().zip(before) {

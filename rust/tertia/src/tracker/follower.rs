@@ -1,8 +1,9 @@
 //! The filter of one target whose plots are known.
 
-use super::bank::{Bank, Component, STRAIGHT, TURN, changes};
-use super::estimate::Estimate;
+use super::bank::{Bank, Component, MODELS, SPEED, TURN, changes};
+use super::estimate::{Estimate, POSITION};
 use super::motion::ImmModel;
+use super::speed::SpeedChange;
 use crate::base::plane::Plane;
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
@@ -13,10 +14,12 @@ const LEAST_DENSITY: f64 = 1e-300;
 const STEPS: usize = 20;
 const ARRIVED: f64 = 1e-4;
 
-/// Straight flight and turns of a target, mixed by their probabilities, as the tracker does it.
+/// Straight flight, turns and changes of speed of a target, mixed by their probabilities, as the tracker
+/// does it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Follower {
     bank: Bank,
+    speed: SpeedChange,
     /// Of the estimate, s.
     pub time: f64,
 }
@@ -24,29 +27,31 @@ pub(crate) struct Follower {
 impl Follower {
     /// From a position and velocity, and the probability of a turn.
     pub fn new(model: &ImmModel, start: Estimate<4>, turning: f64, time: f64) -> Self {
-        Self { bank: Bank::new(start, turning, model.turn_rate_sigma.powi(2)), time }
+        let bank = Bank::new(start, turning, model.turn_rate_sigma.powi(2));
+        Self { bank, speed: SpeedChange::new(model), time }
     }
 
     /// Predicts to a later time; `period` is that of the scans.
     pub fn predict(&mut self, model: &ImmModel, time: f64, period: f64) {
         let t = time - self.time;
         if t > 0.0 {
-            self.bank.mix(&changes(model, t), model.turn_rate_sigma.powi(2));
-            self.bank.predict(model, t, period);
+            self.speed.predict(&mut self.bank, model, &changes(model, t), (t, period));
             self.time = time;
         }
     }
 
     /// Corrects by a position of covariance `r`.
-    pub fn correct(&mut self, z: [f64; 2], r: Plane) {
+    pub fn correct(&mut self, model: &ImmModel, z: [f64; 2], r: Plane) {
         let before = self.bank.probability;
-        self.bank.correct(z, r);
+        self.speed.correct::<POSITION>(&self.bank, z, r);
+        self.bank.correct::<POSITION>(z, r);
         let total = self.bank.total();
         if total > LEAST_DENSITY {
             self.bank.scale(total.recip());
         } else {
             self.bank.probability = before;
         }
+        self.speed.decide(&mut self.bank, model);
     }
 
     /// Moves the estimate by what its position and velocity were off at a time.
@@ -58,25 +63,30 @@ impl Follower {
 
     /// Position and velocity.
     pub fn estimate(&self) -> Estimate<4> {
-        self.bank.estimate()
+        self.speed.estimate(&self.bank)
     }
 
+    /// As of the tracks of the tracker.
     pub fn turn_probability(&self) -> f64 {
-        self.bank.probability[TURN]
-            / (self.bank.probability[STRAIGHT] + self.bank.probability[TURN])
+        let turning = self.bank.probability[TURN];
+        if self.bank.probability[SPEED] > 0.0 {
+            return turning;
+        }
+        turning * (1.0 - self.speed.probability(&self.bank))
     }
 
     /// The plot of covariance `r` by which the estimate moves to this position, by Newton's method; none
     /// where no plot does.
     pub fn plot_behind(&self, position: [f64; 2], r: Plane) -> Option<[f64; 2]> {
-        let models = self.bank.models();
-        let two = [STRAIGHT, TURN].map(|model| Expected::new(&models[model], r));
+        let all = self.bank.models().map(|model| Expected::new(&model, r));
+        let count = if all[SPEED].probability > 0.0 { MODELS } else { SPEED };
+        let models = &all[..count];
         let aim = Vector2::from(position);
         // where it was expected the models' weights are known, and one step goes nearly all the way
-        let [a, b] = two.each_ref().map(|model| model.position);
-        let turning = two[1].probability / (two[0].probability + two[1].probability);
-        let mut z = a + (b - a) * turning;
-        let (mut reached, mut slope) = corrected(&two, &z)?;
+        let total: f64 = models.iter().map(|model| model.probability).sum();
+        let weighted = models.iter().map(|model| model.position * model.probability);
+        let mut z = weighted.sum::<Vector2<f64>>() / total;
+        let (mut reached, mut slope) = corrected(models, &z)?;
         for _ in 0..STEPS {
             let missing = aim - reached;
             if missing.norm() < ARRIVED {
@@ -85,7 +95,7 @@ impl Follower {
             let mut step = slope.try_inverse()? * missing;
             // half as far until it is nearer
             loop {
-                let there = corrected(&two, &(z + step))?;
+                let there = corrected(models, &(z + step))?;
                 if (aim - there.0).norm() < missing.norm() {
                     (reached, slope) = there;
                     z += step;
@@ -126,22 +136,26 @@ impl Expected {
 }
 
 /// The mean position after a plot, and its derivative by that; none where all models exclude it.
-fn corrected(models: &[Expected; 2], z: &Vector2<f64>) -> Option<(Vector2<f64>, Matrix2<f64>)> {
-    let parts = models.each_ref().map(|model| {
+fn corrected(models: &[Expected], z: &Vector2<f64>) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+    let (mut total, mut mean, mut pull) = (0.0, Vector2::zeros(), Vector2::zeros());
+    let (mut gain, mut moved) = (Matrix2::zeros(), Matrix2::zeros());
+    for model in models {
         let y = z - model.position;
-        let pull = model.inverse * y;
-        let weight = model.probability * (-0.5 * y.dot(&pull)).exp() / model.root;
-        (weight, model.position + model.gain * y, pull)
-    });
-    let [(first, a, pull), (second, b, other)] = parts;
-    let total = first + second;
+        let own = model.inverse * y;
+        let weight = model.probability * (-0.5 * y.dot(&own)).exp() / model.root;
+        // about the first, where numbers are small
+        let place = model.position - models[0].position + model.gain * y;
+        total += weight;
+        mean += place * weight;
+        pull += own * weight;
+        gain += model.gain * weight;
+        moved += place * own.transpose() * weight;
+    }
     if total.is_nan() || total <= LEAST_DENSITY {
         return None;
     }
-    let share = second / total;
-    let mean = a + (b - a) * share;
-    let gain = models[0].gain * (1.0 - share) + models[1].gain * share;
+    let (mean, pull) = (mean / total, pull / total);
     // weights move with the plot
-    let moved = (b - a) * (pull - other).transpose() * (share * (1.0 - share));
-    Some((mean, gain + moved))
+    let slope = (gain - moved) / total + mean * pull.transpose();
+    Some((models[0].position + mean, slope))
 }

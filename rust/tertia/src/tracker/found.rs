@@ -1,5 +1,6 @@
-//! What a tracker has found of the noise of its sensors.
+//! What a tracker has found of the plots of its sensors.
 
+use super::doubles::Doubles;
 use super::live::Tracker;
 use super::noise::Noise;
 
@@ -16,11 +17,13 @@ impl Tracker {
         self.noise.iter().map(|noise| [noise.used, noise.found()]).collect()
     }
 
-    /// Takes over the noise that another tracker of the same sensors has found; returns whether any differs
-    /// from what is stated.
-    pub(super) fn learn_noise(&mut self, other: &Self) -> bool {
+    /// Takes over what another tracker has found of the plots of the same sensors: their noise, and how many
+    /// are outliers and second plots. Returns whether any differs from what is stated or usual.
+    pub(super) fn learn_plots(&mut self, other: &Self) -> bool {
         self.noise.clone_from(&other.noise);
         self.noise.iter_mut().for_each(Noise::restart);
-        self.noise.iter().any(Noise::differs)
+        self.doubles.clone_from(&other.doubles);
+        self.noise.iter().any(|noise| noise.differs() || noise.outliers.are_many())
+            || self.doubles.iter().any(Doubles::is_often)
     }
 }

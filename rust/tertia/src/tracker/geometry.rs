@@ -22,9 +22,9 @@ pub enum Geometry {
     Space,
     /// The earth, and the largest slant range.
     Earth(View, f64),
-    /// Positions, with this standard deviation where they come without a covariance; not a number
-    /// where there is none.
-    Position(f64),
+    /// Positions, with the first standard deviation where they come without a covariance, and velocities
+    /// with the second; not a number where there is none.
+    Position([f64; 2]),
     /// Azimuths alone, with this standard deviation, from the place that each comes with.
     Azimuth(f64),
 }

@@ -226,10 +226,10 @@ impl LagTracker {
         Ok(())
     }
 
-    /// The same with the noise that a later one has found; none where that is as stated.
+    /// The same with what a later one has found of the plots; none where they are as stated.
     #[must_use]
     pub fn knowing(mut self, later: &Self) -> Option<Self> {
-        let differs = self.tracker.learn_noise(&later.tracker);
+        let differs = self.tracker.learn_plots(&later.tracker);
         self.kept = VecDeque::from([(BEFORE_ALL, self.tracker.keep())]);
         differs.then_some(self)
     }

@@ -49,6 +49,21 @@ impl Lean {
         }
     }
 
+    /// Covariance of the velocity by that of the height.
+    pub fn of_velocity(&self, variance: f64) -> Plane {
+        along([self.0[2], self.0[3]], variance)
+    }
+
+    /// After a velocity of noise `r`: V − K V, as after a plot.
+    pub fn take_velocity(&mut self, after: &Estimate<4>, r: Plane) {
+        let inverse = r.inverse();
+        let [_, _, vx, vy] = self.0;
+        let (a, b) = (inverse.xx * vx + inverse.xy * vy, inverse.xy * vx + inverse.yy * vy);
+        for i in 0..4 {
+            self.0[i] -= after.covariance[(i, 2)] * a + after.covariance[(i, 3)] * b;
+        }
+    }
+
     /// Derivative of what depends so on the state.
     pub fn along(&self, row: &[f64; 4]) -> f64 {
         self.0.iter().zip(row).map(|(v, h)| v * h).sum()

@@ -2,20 +2,36 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Before any height is known it is anywhere from 0 to this, m.
+/// Aircraft are anywhere from 0 to this, m.
 const HIGHEST: f64 = 12_000.0;
 /// Sine of the steepest elevation at which radars usually see targets.
 const STEEP: f64 = 0.7;
 
+/// Where targets are before any height is known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub enum Heights {
+    /// Anywhere in the height of air traffic.
+    #[default]
+    Air,
+    /// So high above the sensor, with this standard deviation, m.
+    Above(f64, f64),
+}
+
 /// Number, mean and squared deviations of the heights so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Level {
+    expected: Heights,
     count: f64,
     mean: f64,
     squares: f64,
 }
 
 impl Level {
+    /// That of targets of which no height is known.
+    pub fn of(expected: Heights) -> Self {
+        Self { expected, ..Self::default() }
+    }
+
     /// Whether any height is known.
     pub fn is_known(&self) -> bool {
         self.count > 0.0
@@ -30,8 +46,12 @@ impl Level {
 
     /// Mean and variance of the height of a target at this range from a sensor of height `site`.
     pub fn prior(&self, site: f64, range: f64) -> [f64; 2] {
-        let mean = if self.is_known() { self.mean } else { 0.5 * HIGHEST };
-        let variance = (HIGHEST * HIGHEST / 12.0 + self.squares) / (1.0 + self.count);
+        let (mean, variance) = match self.expected {
+            Heights::Air => (0.5 * HIGHEST, HIGHEST * HIGHEST / 12.0),
+            Heights::Above(height, sigma) => (site + height, sigma * sigma),
+        };
+        let mean = if self.is_known() { self.mean } else { mean };
+        let variance = (variance + self.squares) / (1.0 + self.count);
         let top = STEEP * range;
         if mean - site < top {
             return [mean, variance];
@@ -45,6 +65,13 @@ impl Level {
 mod tests {
     use super::*;
     use crate::base::checks::assert_within;
+
+    #[test]
+    fn targets_near_the_ground_are_expected_there() {
+        let level = Level::of(Heights::Above(100.0, 60.0));
+        assert_eq!(level.prior(420.0, 2e3), [520.0, 3600.0]);
+        assert_eq!(level.prior(420.0, 100.0), [455.0, 4900.0 / 12.0]);
+    }
 
     #[test]
     fn the_level_is_the_mean_with_the_spread_of_the_heights() {

@@ -72,7 +72,7 @@ impl Tracker {
         let sensors = 0..settings.radars.len();
         let clutter = sensors.map(|sensor| Clutter::of(&settings, sensor)).collect();
         let (time, stray) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
-        let (tracks, waiting, level) = (Vec::new(), Vec::new(), Level::default());
+        let (tracks, waiting, level) = (Vec::new(), Vec::new(), Level::of(settings.heights));
         let doubles = vec![Doubles::default(); settings.radars.len()];
         let noise = settings.radars.iter().map(Noise::new).collect();
         let (clusters, azimuths) = (Clusters::default(), Azimuths::new(&settings));
@@ -197,7 +197,7 @@ impl Tracker {
         self.noise.iter_mut().for_each(Noise::restart);
         self.waiting.clear();
         self.azimuths.clear();
-        self.level = Level::default();
+        self.level = Level::of(self.settings.heights);
         (self.time, self.stray) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
         self.plots = self.plots.saturating_sub(plots);
     }
@@ -272,7 +272,8 @@ impl Tracker {
             let geometry = self.settings.geometry(plot.radar);
             let level = levels.get(i).unwrap_or(&self.level);
             let mut measured = Measured::new(index(i), &plot, (radar, geometry), stretch, level);
-            measured.gain = self.clutter[plot.radar].gain(radar, measured.detection);
+            measured.gain =
+                self.clutter[plot.radar].gain(radar, measured.detection, measured.position);
             measured
         };
         let mut waiting = std::mem::take(&mut self.waiting);

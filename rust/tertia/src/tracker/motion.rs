@@ -61,6 +61,16 @@ impl Motion {
             Self::Singer(_) | Self::Window(_) => Ok(()),
         }
     }
+
+    /// Largest standard deviation of the acceleration in its models, m/s².
+    pub(super) fn largest_sigma(&self) -> f64 {
+        match self {
+            Self::Cv(sigma) => *sigma,
+            Self::Imm(model) => model.straight_sigma.max(model.turn_sigma),
+            Self::Singer(model) => model.acceleration_variance().sqrt(),
+            Self::Window(_) => 1.0,
+        }
+    }
 }
 
 /// Straight flight, turns at a rate that is not known, and changes of speed.

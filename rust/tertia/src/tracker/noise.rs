@@ -285,9 +285,8 @@ pub(super) fn assume(radars: &mut [Radar], sigmas: &[[f64; 2]]) {
 
 /// A direction, and the standard deviations along and across it that are stated.
 fn axes(stated: [f64; 2], plot: &Measured, settings: &Settings) -> ([f64; 2], [f64; 2]) {
-    if let (true, Source::Placed(noise)) =
-        (settings.geometry(plot.radar).is_position(), plot.source)
-    {
+    let placed = plot.source.placed();
+    if let Some(noise) = placed.filter(|_| settings.geometry(plot.radar).is_position()) {
         return ([0.0, 1.0], [noise.yy.sqrt(), noise.xx.sqrt()]);
     }
     let origin = settings.radars[plot.radar].position;

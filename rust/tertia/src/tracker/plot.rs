@@ -21,26 +21,46 @@ pub struct Report {
     pub position: [f64; 2],
     /// Covariance; not numbers where the sensor says what it is.
     pub covariance: Plane,
+    /// East and north, m/s; not numbers where there is none.
+    pub velocity: [f64; 2],
+    /// Its covariance, as that of the position.
+    pub velocity_covariance: Plane,
 }
 
 impl Report {
-    /// Its covariance, or that of its sensor; none where neither is one.
-    fn noise(&self, sigma: f64) -> Option<Plane> {
-        let Plane { xx, xy, yy } = self.covariance;
-        let own = if xx.is_nan() && xy.is_nan() && yy.is_nan() {
-            Plane { xx: sigma * sigma, xy: 0.0, yy: sigma * sigma }
-        } else {
-            self.covariance
-        };
-        let holds = own.xx > 0.0 && own.xx.is_finite() && own.determinant() > 0.0;
-        holds.then_some(own)
+    /// A position alone.
+    pub fn of(position: [f64; 2], covariance: Plane) -> Self {
+        let none = f64::NAN;
+        let velocity_covariance = Plane { xx: none, xy: none, yy: none };
+        Self { position, covariance, velocity: [none; 2], velocity_covariance }
+    }
+
+    /// Its velocity, with its covariance or that of its sensor; none where it has none.
+    fn moving(&self, sigma: f64) -> Option<Moving> {
+        let noise = stated(self.velocity_covariance, sigma)?;
+        let holds = self.velocity.iter().all(|v| v.is_finite());
+        holds.then_some(Moving { velocity: self.velocity, noise })
     }
 
     /// All its numbers.
-    fn numbers(&self) -> [f64; 5] {
+    fn numbers(&self) -> [f64; 10] {
         let ([x, y], Plane { xx, xy, yy }) = (self.position, self.covariance);
-        [x, y, xx, xy, yy]
+        let [vx, vy] = self.velocity;
+        let Plane { xx: uu, xy: uv, yy: vv } = self.velocity_covariance;
+        [x, y, xx, xy, yy, vx, vy, uu, uv, vv]
     }
+}
+
+/// A covariance, or that of this standard deviation where it is not given; none where neither is one.
+fn stated(covariance: Plane, sigma: f64) -> Option<Plane> {
+    let Plane { xx, xy, yy } = covariance;
+    let own = if xx.is_nan() && xy.is_nan() && yy.is_nan() {
+        Plane { xx: sigma * sigma, xy: 0.0, yy: sigma * sigma }
+    } else {
+        covariance
+    };
+    let holds = own.xx > 0.0 && own.xx.is_finite() && own.determinant() > 0.0;
+    holds.then_some(own)
 }
 
 /// A plot of a radar, or a position.
@@ -74,7 +94,7 @@ impl Plot {
 
     /// Why it cannot be used, if so.
     pub(super) fn fault(&self, radar: &Radar, geometry: &Geometry) -> Option<PlotStatus> {
-        if let Geometry::Position(sigma) = geometry {
+        if let Geometry::Position([sigma, _]) = geometry {
             return self.report_fault(*sigma);
         }
         if geometry.is_azimuth() {
@@ -106,7 +126,9 @@ impl Plot {
         match report {
             Some(_) if self.time.is_nan() || self.time.abs() > LATEST => Some(PlotStatus::Invalid),
             Some(_) if self.height.abs() > FARTHEST => Some(PlotStatus::Invalid),
-            Some(report) => report.noise(sigma).is_none().then_some(PlotStatus::NoQuality),
+            Some(report) => {
+                stated(report.covariance, sigma).is_none().then_some(PlotStatus::NoQuality)
+            }
             None => Some(PlotStatus::Invalid),
         }
     }
@@ -123,7 +145,7 @@ impl Plot {
     pub(super) fn by_content(&self, other: &Self) -> Ordering {
         let numbers = |plot: &Self| [plot.range, plot.azimuth, plot.height];
         let times = self.time.total_cmp(&other.time).then(self.radar.cmp(&other.radar));
-        let reported = |plot: &Self| plot.report.map_or([0.0; 5], |report| report.numbers());
+        let reported = |plot: &Self| plot.report.map_or([0.0; 10], |report| report.numbers());
         let pairs = numbers(self).into_iter().zip(numbers(other));
         let more = reported(self).into_iter().zip(reported(other));
         let order = pairs.chain(more).fold(times, |order, (a, b)| order.then(a.total_cmp(&b)));
@@ -208,6 +230,13 @@ impl PlotStatus {
     }
 }
 
+/// The velocity of a target as it was measured, and its covariance.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Moving {
+    pub velocity: [f64; 2],
+    pub noise: Plane,
+}
+
 /// How the position of a plot is known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) enum Source {
@@ -216,9 +245,21 @@ pub(super) enum Source {
     Polar,
     /// With this covariance.
     Placed(Plane),
+    /// With this covariance, and a velocity.
+    Moving(Plane, Moving),
     /// By slant range and azimuth without a height, which has this mean and variance before its track
     /// is known.
     Slant { polar: [f64; 2], prior: [f64; 2] },
+}
+
+impl Source {
+    /// The covariance that the position came with.
+    pub fn placed(&self) -> Option<Plane> {
+        match *self {
+            Self::Placed(noise) | Self::Moving(noise, _) => Some(noise),
+            Self::Polar | Self::Slant { .. } => None,
+        }
+    }
 }
 
 /// A plot in the plane.
@@ -265,9 +306,11 @@ impl Measured {
             None => (radar, stretch),
             Some(_) => (radar.detecting(own.detection), radar.detecting(own.detection).stretch()),
         };
-        if let (Geometry::Position(sigma), Some(report)) = (geometry, report) {
-            let noise = report.noise(*sigma).unwrap_or_default();
-            (own.position, own.source) = (report.position, Source::Placed(noise));
+        if let (Geometry::Position([sigma, of_velocity]), Some(report)) = (geometry, report) {
+            let noise = stated(report.covariance, *sigma).unwrap_or_default();
+            let moving = report.moving(*of_velocity);
+            own.position = report.position;
+            own.source = moving.map_or(Source::Placed(noise), |own| Source::Moving(noise, own));
             return own;
         }
         let on_earth = matches!(geometry, Geometry::Earth(..));

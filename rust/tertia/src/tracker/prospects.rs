@@ -1,8 +1,11 @@
-//! A track that begins where flights are due: it may be one of them, or any other target.
+//! A track that begins where flights are due, or with a velocity: it may be one of them, or any other
+//! target, and the velocity may be wrong.
 
 use super::bank::Component;
-use super::estimate::{Estimate, Moments};
+use super::estimate::{Estimate, Moments, VELOCITY};
 use super::kinematics;
+use super::plot::Moving;
+use super::velocities::Velocities;
 use crate::base::plane::Plane;
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
@@ -64,14 +67,17 @@ pub(super) struct Prospects {
     /// Any target, and its probability.
     unplanned: Estimate<4>,
     probability: f64,
+    /// Any target with the velocity that came with the first plot, and its probability.
+    moving: Option<(f64, Estimate<4>)>,
     flights: Vec<Flight>,
     crowding: f64,
 }
 
 impl Prospects {
-    /// Of a first plot; `unplanned` is the state of any target. None where no flight is likely.
-    pub fn new(expected: Expected, unplanned: Estimate<4>) -> Option<Self> {
-        let likely = expected.flights.into_iter().filter(|flight| flight.1 > LEAST);
+    /// Of a first plot; `unplanned` is the state of any target.
+    pub fn new(expected: Option<Expected>, unplanned: Estimate<4>) -> Self {
+        let (flights, crowding) = expected.map_or((Vec::new(), 1.0), |e| (e.flights, e.crowding));
+        let likely = flights.into_iter().filter(|flight| flight.1 > LEAST);
         let flights: Vec<_> = likely
             .map(|(plan, probability, velocity)| {
                 let estimate = flying(unplanned, velocity);
@@ -79,13 +85,63 @@ impl Prospects {
             })
             .collect();
         let planned: f64 = flights.iter().map(|flight| flight.probability).sum();
-        let (probability, crowding) = (1.0 - planned, expected.crowding);
-        (planned > 0.0).then_some(Self { unplanned, probability, flights, crowding })
+        Self { unplanned, probability: 1.0 - planned, moving: None, flights, crowding }
+    }
+
+    /// Whether it may be anything but any target.
+    pub fn are_any(&self) -> bool {
+        self.moving.is_some() || !self.flights.is_empty()
+    }
+
+    /// Takes the velocity of the first plot.
+    pub fn begin_moving(&mut self, seen: &Moving, velocities: Velocities) {
+        let mut moving = self.unplanned;
+        let density = moving.correct_at::<VELOCITY>(seen.velocity, seen.noise);
+        let [right, wrong] = velocities.either(density);
+        self.moving = Some((self.probability * right, moving));
+        self.probability *= wrong;
+        for flight in &mut self.flights {
+            flight.probability *= taken(&mut flight.estimate, seen, velocities);
+        }
+        self.scale();
+    }
+
+    /// Takes the velocity of a later plot.
+    pub fn take_velocity(&mut self, seen: &Moving, velocities: Velocities) {
+        self.probability *= taken(&mut self.unplanned, seen, velocities);
+        if let Some((probability, moving)) = &mut self.moving {
+            *probability *= taken(moving, seen, velocities);
+        }
+        for flight in &mut self.flights {
+            flight.probability *= taken(&mut flight.estimate, seen, velocities);
+        }
+        self.scale();
+    }
+
+    fn scale(&mut self) {
+        let scale = self.probabilities().sum::<f64>().recip();
+        self.probability *= scale;
+        if let Some((probability, _)) = &mut self.moving {
+            *probability *= scale;
+        }
+        self.flights.iter_mut().for_each(|flight| flight.probability *= scale);
+    }
+
+    fn probabilities(&self) -> impl Iterator<Item = f64> {
+        let moving = self.moving.as_ref().map(|moving| moving.0);
+        let flights = self.flights.iter().map(|flight| flight.probability);
+        std::iter::once(self.probability).chain(moving).chain(flights)
     }
 
     /// The state of any target.
     pub fn unplanned(&self) -> &Estimate<4> {
         &self.unplanned
+    }
+
+    /// The state of any target, whether its velocity is right or wrong.
+    pub fn shown(&self) -> Estimate<4> {
+        let Some((probability, moving)) = &self.moving else { return self.unplanned };
+        self.unplanned.merged(self.probability, moving, *probability)
     }
 
     /// Whether it is likely a flight.
@@ -97,9 +153,21 @@ impl Prospects {
     pub fn decide(&self) -> (Estimate<4>, Option<usize>) {
         let mut moments = Moments::about(self.unplanned.mean);
         moments.add(self.probability, &self.unplanned);
+        if let Some((probability, moving)) = &self.moving {
+            moments.add(*probability, moving);
+        }
         self.flights.iter().for_each(|flight| moments.add(flight.probability, &flight.estimate));
         let sure = self.flights.iter().find(|flight| flight.probability > SURE);
         (moments.estimate(), sure.map(|flight| flight.plan))
+    }
+
+    /// Calls `each` with each state that it may have, and its probability.
+    pub fn each_estimate(&self, mut each: impl FnMut(f64, &Estimate<4>)) {
+        each(self.probability, &self.unplanned);
+        if let Some((probability, moving)) = &self.moving {
+            each(*probability, moving);
+        }
+        self.flights.iter().for_each(|flight| each(flight.probability, &flight.estimate));
     }
 
     /// Calls `each` with the position that each expects, and its probability; where flights are due a plot
@@ -110,14 +178,21 @@ impl Prospects {
             each(Component { probability, position, covariance });
         };
         one(self.probability, &self.unplanned);
+        if let Some((probability, moving)) = &self.moving {
+            one(*probability, moving);
+        }
         for flight in &self.flights {
             one(flight.probability / self.crowding, &flight.estimate);
         }
     }
 
-    /// Predicts over the time `t`; `sigma` is the acceleration of any target.
-    pub fn predict(&mut self, sigma: f64, t: f64, period: f64) {
+    /// Predicts over the time `t`; `sigma` is the acceleration of any target, and of one whose velocity
+    /// is known.
+    pub fn predict(&mut self, [sigma, moving_sigma]: [f64; 2], t: f64, period: f64) {
         kinematics::straight(&mut self.unplanned, t, sigma * sigma * period);
+        if let Some((_, moving)) = &mut self.moving {
+            kinematics::straight(moving, t, moving_sigma * moving_sigma * period);
+        }
         for flight in &mut self.flights {
             let q = STRAIGHT_SIGMA * STRAIGHT_SIGMA * period;
             kinematics::straight(&mut flight.estimate, t, q);
@@ -127,17 +202,22 @@ impl Prospects {
     /// Corrects by a plot.
     pub fn correct(&mut self, z: [f64; 2], r: Plane) {
         let any = self.probability * self.unplanned.correct(z, r);
+        let moving =
+            self.moving.as_mut().map(|(probability, own)| *probability * own.correct(z, r));
         let each: Vec<_> = self
             .flights
             .iter_mut()
             .map(|flight| flight.probability * flight.estimate.correct(z, r) / self.crowding)
             .collect();
-        let total = any + each.iter().sum::<f64>();
+        let total = any + moving.unwrap_or(0.0) + each.iter().sum::<f64>();
         if total == 0.0 {
             // all exclude it, so it says nothing
             return;
         }
         self.probability = any / total;
+        if let (Some((probability, _)), Some(own)) = (&mut self.moving, moving) {
+            *probability = own / total;
+        }
         for (flight, own) in self.flights.iter_mut().zip(each) {
             flight.probability = own / total;
         }
@@ -146,8 +226,22 @@ impl Prospects {
     /// Changes the state of all that it may be.
     pub fn each(&mut self, change: impl Fn(&mut Estimate<4>)) {
         change(&mut self.unplanned);
+        if let Some((_, moving)) = &mut self.moving {
+            change(moving);
+        }
         self.flights.iter_mut().for_each(|flight| change(&mut flight.estimate));
     }
+}
+
+/// Corrects by a velocity, unless it is too far away; returns its density, whether right or wrong.
+fn taken(estimate: &mut Estimate<4>, seen: &Moving, velocities: Velocities) -> f64 {
+    let [distance, density] = estimate.expects(seen);
+    let [right, wrong] = velocities.either(density);
+    if distance > velocities.guard {
+        return wrong;
+    }
+    estimate.correct_at::<VELOCITY>(seen.velocity, seen.noise);
+    right
 }
 
 /// A flight at the same place.
@@ -173,7 +267,7 @@ mod tests {
             Estimate { mean: SVector::zeros(), covariance: SMatrix::from_diagonal(&diagonal) };
         let flights = vec![(4, 0.4, [0.0, 200.0]), (7, 0.1, [200.0, 0.0]), (9, 1e-4, [0.0; 2])];
         let expected = Expected { ratio: 2.0, there: There::default(), crowding, flights };
-        Prospects::new(expected, start).unwrap()
+        Prospects::new(Some(expected), start)
     }
 
     #[test]
@@ -182,7 +276,7 @@ mod tests {
         let mut own = prospects(1.0);
         assert_eq!(own.flights.len(), 2);
         assert!(!own.is_planned());
-        own.predict(1.0, 10.0, 10.0);
+        own.predict([1.0; 2], 10.0, 10.0);
         let mut densities = Vec::new();
         own.components(|one| {
             let (s, [x, y]) = (one.covariance.plus(r), one.position);
@@ -195,7 +289,7 @@ mod tests {
         assert!(own.is_planned() && own.decide().1 == Some(4));
         // where there are ten times as many false plots it is less so
         let mut other = prospects(10.0);
-        other.predict(1.0, 10.0, 10.0);
+        other.predict([1.0; 2], 10.0, 10.0);
         other.correct([0.0, 2000.0], r);
         let odds = |of: &Prospects| of.flights[0].probability / of.probability;
         assert!((odds(&own) / odds(&other) - 10.0).abs() < 1e-9);
@@ -204,7 +298,7 @@ mod tests {
     #[test]
     fn a_target_that_flies_elsewhere_is_any() {
         let mut own = prospects(1.0);
-        own.predict(1.0, 10.0, 10.0);
+        own.predict([1.0; 2], 10.0, 10.0);
         own.correct([-1500.0, -1500.0], Plane { xx: 1e4, xy: 0.0, yy: 1e4 });
         assert!(own.probability > 0.999);
         let (estimate, plan) = own.decide();

@@ -3,7 +3,7 @@
 
 use super::ended::{Ended, REMEMBERED, Spot, Stretch};
 use super::settings::Settings;
-use super::track::Track;
+use super::track::{SOONEST, Track};
 
 /// Largest acceleration of an aircraft, m/s²: 4 g.
 const ACCELERATION: f64 = 40.0;
@@ -49,8 +49,18 @@ pub(super) fn resume(
             found.sort_by(|a, b| b.seen.total_cmp(&a.seen));
             found.truncate(1);
         }
-        let [old] = found[..] else { continue };
-        let old = old.number;
+        let old = match found[..] {
+            [old] => old.number,
+            _ => match twin(new, tracks, begun, settings) {
+                Some(at) => {
+                    renamed.push((number, tracks[at].number));
+                    let past = tracks[at].retire();
+                    tracks[place].go_on(&past, settings);
+                    continue;
+                }
+                None => continue,
+            },
+        };
         renamed.push((number, old));
         let past = match ended.tracks.iter().position(|track| track.number == old) {
             Some(gone) => ended.tracks.remove(gone),
@@ -62,6 +72,39 @@ pub(super) fn resume(
         tracks[place].go_on(&past, settings);
     }
     renamed
+}
+
+/// The track of the same target as a new one, which both have its plots by turns: it turned so sharply that
+/// some of them were outside of all gates.
+fn twin(new: &Track, tracks: &[Track], begun: &[u64], settings: &Settings) -> Option<usize> {
+    let end = Spot::first(new, settings);
+    tracks.iter().position(|old| {
+        // one that has been retired was never seen
+        let is_old = old.is_confirmed() && old.seen.is_finite() && settings.limits().is_none();
+        is_old && !begun.contains(&old.number) && takes_turns((new, &end), old, settings)
+    })
+}
+
+/// Whether two tracks have an identity that targets do not share, are near each other, and no radar has seen
+/// both in one scan.
+fn takes_turns((new, end): (&Track, &Spot), old: &Track, settings: &Settings) -> bool {
+    let is_same = match new.identities().compare(&old.identities()) {
+        Some((kind, is_same)) => is_same && !settings.is_shared(kind),
+        None => false,
+    };
+    let mut apart = (0..settings.radars.len()).filter_map(|radar| {
+        let [a, b] = [new, old].map(|track| track.expected_by(radar));
+        a.zip(b)
+            .map(|(a, b)| (a.seen - b.seen).abs() > SOONEST * settings.radars[radar].scan_period)
+    });
+    // one radar at least has seen both
+    if !is_same || !apart.next().is_some_and(|first| first) || !apart.all(|other| other) {
+        return false;
+    }
+    let (place, p) = old.position_at(end.time);
+    let away = f64::hypot(end.position[0] - place[0], end.position[1] - place[1]);
+    let errors = SIGMAS * (p.xx + p.yy + end.variance).sqrt();
+    away <= settings.max_speed * (new.time - end.time) + errors
 }
 
 /// Numbers and indices of the new tracks, by number, and indices of the confirmed tracks that have not

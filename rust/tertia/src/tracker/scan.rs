@@ -7,7 +7,7 @@
 use super::ahead::Ahead;
 use super::claim::{Claim, Spread};
 use super::cluster::{Cells, Clusters};
-use super::clutter::{Clutter, Counts};
+use super::clutter::{self, Clutter, Counts};
 use super::doubles::{self, Doubles, Near};
 use super::ended::Ended;
 use super::noise::Noise;
@@ -100,10 +100,10 @@ impl Scan {
         for (plot, track) in given {
             report(self.plots[plot].index, PlotStatus::Track(track));
         }
-        let Self { grid, plots: all, left_out, .. } = self;
-        let near = Near { grid, plots: all, left_out };
+        let near = Near { grid: &self.grid, plots: &self.plots, left_out: &self.left_out };
         let used = (&self.taken[..], &self.deferred[..]);
         doubles::find(near, used, sky.doubles, sky.settings, &mut self.doubled);
+        clutter::note((near.plots, hold), used, &self.doubled, (sky.clutter, &sky.settings.radars));
         self.others.clone_from(&self.doubled);
         let tracks = (&mut sky.tracks[..], sky.settings);
         strays::find(near, used, tracks, (sky.noise, sky.clutter), &mut self.others);
@@ -406,7 +406,7 @@ impl Scan {
             let false_plots = false_plots * (1.0 + (self.others[i] - self.doubled[i]) / density);
             let mut track = Track::new(*sky.next_number, plot, false_plots, sky.settings);
             if let Some(expected) = schedule.expected(i, plot, sky.clutter, sky.settings) {
-                track.expect(expected);
+                track.expect(expected, sky.settings);
             }
             if sky.noise[plot.radar].outliers.are_many() {
                 track.require_more();

@@ -2,6 +2,7 @@
 
 use super::association::Association;
 use super::geometry::Geometry;
+use super::level::Heights;
 use super::mht::Mht;
 use super::motion::Motion;
 use super::plans::Plans;
@@ -76,6 +77,8 @@ pub struct Settings {
     pub coasting: usize,
     /// No target is faster, m/s.
     pub max_speed: f64,
+    /// Where targets are whose heights are not known.
+    pub heights: Heights,
     /// False plots per square metre and scan; nan: estimated.
     pub clutter_density: f64,
     /// Probability that an identity is read wrongly.
@@ -110,6 +113,7 @@ impl Settings {
             confirmation: Confirmation::Plots(3, 4),
             coasting: 5,
             max_speed: 350.0,
+            heights: Heights::Air,
             clutter_density: f64::NAN,
             identity_error_probability: 1e-3,
             emergency_codes: Vec::new(),

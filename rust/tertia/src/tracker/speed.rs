@@ -161,17 +161,17 @@ impl SpeedChange {
         self.variance = variance;
     }
 
-    /// Corrects by a plot, before the bank is.
+    /// Corrects by a position or a velocity, before the bank is.
     #[inline]
-    pub fn correct(&mut self, bank: &Bank, z: [f64; 2], r: Plane) {
+    pub fn correct<const AT: usize>(&mut self, bank: &Bank, z: [f64; 2], r: Plane) {
         let estimate = self.basis(bank);
-        let y = [z[0] - estimate.mean[0], z[1] - estimate.mean[1]];
-        let inverse = estimate.position_covariance().plus(r).inverse();
-        let [a, b, ..] = self.response;
+        let y = [z[0] - estimate.mean[AT], z[1] - estimate.mean[AT + 1]];
+        let inverse = estimate.block::<AT>().plus(r).inverse();
+        let (a, b) = (self.response[AT], self.response[AT + 1]);
         let by = [inverse.xx * a + inverse.xy * b, inverse.xy * a + inverse.yy * b];
         let (information, seen) = (a * by[0] + b * by[1], y[0] * by[0] + y[1] * by[1]);
         let columns = &estimate.covariance.data.0;
-        let gains = std::array::from_fn(|i| columns[0][i] * by[0] + columns[1][i] * by[1]);
+        let gains = std::array::from_fn(|i| columns[AT][i] * by[0] + columns[AT + 1][i] * by[1]);
         self.learn(bank, information, seen, &gains);
     }
 
@@ -230,7 +230,7 @@ impl SpeedChange {
 
     /// Position and velocity if the speed changes, from those of straight flight.
     #[inline]
-    fn added_to(&self, straight: &Estimate<4>) -> Estimate<4> {
+    pub fn added_to(&self, straight: &Estimate<4>) -> Estimate<4> {
         let mut with = *straight;
         for (x, v) in with.mean.iter_mut().zip(self.response) {
             *x += self.acceleration * v;
@@ -278,6 +278,7 @@ mod tests {
     use crate::base::random::Random;
     use crate::sensors::radar_of;
     use crate::tracker::bank::changes;
+    use crate::tracker::estimate::{POSITION, VELOCITY};
     use crate::tracker::filter::Filter;
     use crate::tracker::motion::Motion;
     use crate::tracker::settings::Settings;
@@ -292,10 +293,15 @@ mod tests {
     }
 
     /// The filter of five states, corrected; returns the density of the plot.
-    fn correct(x: &mut Vector5<f64>, p: &mut Matrix5<f64>, z: [f64; 2]) -> f64 {
+    fn correct<const AT: usize>(
+        x: &mut Vector5<f64>,
+        p: &mut Matrix5<f64>,
+        z: [f64; 2],
+        r: Plane,
+    ) -> f64 {
         let mut h = Matrix2x5::zeros();
-        (h[(0, 0)], h[(1, 1)]) = (1.0, 1.0);
-        let s = h * *p * h.transpose() + Matrix2::new(R.xx, R.xy, R.xy, R.yy);
+        (h[(0, AT)], h[(1, AT + 1)]) = (1.0, 1.0);
+        let s = h * *p * h.transpose() + Matrix2::new(r.xx, r.xy, r.xy, r.yy);
         let inverse = s.try_inverse().unwrap();
         let y = Vector2::from(z) - h * *x;
         let gain = *p * h.transpose() * inverse;
@@ -351,13 +357,19 @@ mod tests {
                 let tolerance =
                     if is_model { 1e-6 } else { 3e-5 * f64::from((k + 1) * (k + 1) * (k + 1)) };
                 let odds = speed.odds;
-                speed.correct(&bank, z, R);
+                speed.correct::<POSITION>(&bank, z, R);
                 let before = bank.straight;
-                bank.correct(z, R);
-                let density = correct(&mut x, &mut p, z);
+                bank.correct::<POSITION>(z, R);
+                let density = correct::<POSITION>(&mut x, &mut p, z, R);
                 if !is_model {
                     let mut straight = before;
                     assert_within(tolerance, speed.odds / odds, density / straight.correct(z, R));
+                }
+                if k % 4 == 3 {
+                    let (v, r) = ([171.0, 85.0 - 0.4 * t], R.scaled(0.01));
+                    speed.correct::<VELOCITY>(&bank, v, r);
+                    bank.correct::<VELOCITY>(v, r);
+                    correct::<VELOCITY>(&mut x, &mut p, v, r);
                 }
                 let found = if is_model { bank.plan } else { speed.added_to(&bank.straight) };
                 let sigmas = p.diagonal().map(f64::sqrt);

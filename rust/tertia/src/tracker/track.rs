@@ -12,7 +12,7 @@ use super::lean::Lean;
 use super::motion::Motion;
 use super::outliers::Stray;
 use super::plan::Guide;
-use super::plot::Measured;
+use super::plot::{Measured, Source};
 use super::prospects::{Prospects, There};
 use super::settings::{Confirmation, MAX_DELAY, Settings};
 use super::tree::Tree;
@@ -28,6 +28,7 @@ mod levelled;
 mod life;
 mod merged;
 mod missed;
+mod moving;
 mod sharp;
 mod sighted;
 mod states;
@@ -39,7 +40,7 @@ static FIRST_MOTION: Motion = Motion::Cv(1.0);
 /// Emergency codes in a row after which the plan is suspended.
 const EMERGENCY_AFTER: u8 = 2;
 /// Shortest time between plots of the same radar, as a share of a scan.
-const SOONEST: f64 = 0.45;
+pub(super) const SOONEST: f64 = 0.45;
 
 /// Largest acceleration in the noise of the models, m/s².
 const MODEL_ACCELERATION: f64 = 3.0;
@@ -165,6 +166,9 @@ impl Track {
             stray: None,
             there: There::default(),
         };
+        if matches!(plot.source, Source::Moving(..)) {
+            track.begin(None, settings);
+        }
         track.take(plot, settings);
         track
     }
@@ -247,10 +251,11 @@ impl Track {
         if let Association::Paper(q) = settings.association {
             let (z, r) = (here.position, here.covariance());
             let score = paper_score(&self.estimate, z, r, q, settings.guard)?;
-            return Some(score + self.also(plot, settings).ln());
+            return Some(score + self.also_moving(plot, settings).ln());
         }
         let (density, nearest) = self.density(here.position, here.covariance());
-        (nearest <= settings.guard).then(|| odds + (density * self.also(plot, settings)).ln())
+        let is_near = nearest <= settings.guard;
+        is_near.then(|| odds + (density * self.also_moving(plot, settings)).ln())
     }
 
     /// What a plot adds to the evidence, by the `gain` with which it was taken, where there are so many
@@ -262,7 +267,7 @@ impl Track {
         }
         let here = self.brought_here(plot, settings);
         let (density, _) = self.density(here.position, here.covariance());
-        settings.odds(plot.radar, others) + (density * self.also(plot, settings)).ln()
+        settings.odds(plot.radar, others) + (density * self.also_moving(plot, settings)).ln()
     }
 
     /// 2 pi times the density of a plot of this target, and the least normalised distance to a model.
@@ -331,6 +336,9 @@ impl Track {
         self.merged = false;
         self.estimate = self.filter.estimate();
         self.lean_by(plot, &here);
+        if let Source::Moving(_, seen) = plot.source {
+            self.take_velocity(plot, seen, settings);
+        }
         self.seen = self.seen.max(plot.time);
         self.take(plot, settings);
         self.follow(radar.scan_period, settings);

@@ -3,10 +3,11 @@
 
 use super::bank::{entered, without_rate};
 use super::curve::Curve;
-use super::estimate::Estimate;
+use super::estimate::{Estimate, VELOCITY};
 use super::kinematics::{self, Arc};
 use super::motion::{SUMMED, WindowModel};
 use super::plan::Guide;
+use super::plot::Moving;
 use super::settings::Settings;
 use crate::base::plane::Plane;
 use crate::flightplan::{Turn, capture};
@@ -32,6 +33,9 @@ struct Past {
     noise: Plane,
     /// The target was at `p + B v` then, if it is at p and has the velocity v now.
     back: Matrix2<f64>,
+    /// Its velocity, and how the velocity has turned since then.
+    moving: Option<Moving>,
+    turned: Matrix2<f64>,
     /// Whether it was made near a turn of the plan.
     near_turn: bool,
 }
@@ -141,6 +145,7 @@ impl Window {
         for plot in &mut self.plots {
             plot.age += t;
             plot.back = (plot.back - moved) * turned.transpose();
+            plot.turned = turned * plot.turned;
         }
         if let Some((curve, _)) = &mut self.curve {
             curve.advance(t);
@@ -197,8 +202,9 @@ impl Window {
             self.manoeuvre &= self.length <= 2 * model.shortest;
             self.deviates &= self.manoeuvre;
         }
-        let (back, near_turn) = (Matrix2::zeros(), self.near_turn);
-        self.plots.push_back(Past { age: 0.0, position, noise, back, near_turn });
+        let (back, turned, near_turn) = (Matrix2::zeros(), Matrix2::identity(), self.near_turn);
+        let moving = None;
+        self.plots.push_back(Past { age: 0.0, position, noise, back, moving, turned, near_turn });
         self.forget(model);
         if let Some(scans) = curved {
             self.bend(model, scans);
@@ -213,6 +219,21 @@ impl Window {
         self.extra = SMatrix::zeros();
         self.gap = 0.0;
         self.guarded = false;
+    }
+
+    /// Adds the velocity of the last plot. A quadratic is that of positions alone.
+    pub fn take_velocity(&mut self, seen: Moving) {
+        if let Some(last) = self.plots.back_mut() {
+            last.moving = Some(seen);
+        }
+        if self.curve.is_none() {
+            let line = if self.whole { None } else { self.fitted() };
+            self.line = line.unwrap_or_else(|| {
+                let mut line = self.line;
+                line.correct_at::<VELOCITY>(seen.velocity, seen.noise);
+                line
+            });
+        }
     }
 
     /// Fits a quadratic, while its acceleration is significant and not for long; then the line begins with
@@ -275,6 +296,7 @@ impl Window {
         self.curve = None;
         for plot in &mut self.plots {
             plot.back = Matrix2::identity() * -plot.age;
+            plot.turned = Matrix2::identity();
             plot.near_turn = false;
         }
     }
@@ -301,9 +323,8 @@ impl Window {
         let origin = self.plots.back().filter(|_| self.plots.len() > 1)?.position;
         let mut normal = SMatrix::<f64, 4, 4>::zeros();
         let mut right = SVector::<f64, 4>::zeros();
-        for &Past { position, noise, back, .. } in &self.plots {
-            let weight = noise.inverse();
-            let weight = Matrix2::new(weight.xx, weight.xy, weight.xy, weight.yy);
+        for &Past { position, noise, back, moving, turned, .. } in &self.plots {
+            let weight = weight_of(noise);
             let seen = weight * Vector2::new(position[0] - origin[0], position[1] - origin[1]);
             let mixed = weight * back;
             let blocks = [(0, 0, weight), (0, 2, mixed), (2, 0, mixed.transpose())];
@@ -315,6 +336,13 @@ impl Window {
             view += seen;
             let mut view = right.fixed_rows_mut::<2>(2);
             view += back.transpose() * seen;
+            if let Some(Moving { velocity, noise }) = moving {
+                let weight = turned * weight_of(noise) * turned.transpose();
+                let mut view = normal.fixed_view_mut::<2, 2>(2, 2);
+                view += weight;
+                let mut view = right.fixed_rows_mut::<2>(2);
+                view += weight * turned * Vector2::from(velocity);
+            }
         }
         let inverse = normal.cholesky()?.inverse();
         let covariance = 0.5 * (inverse + inverse.transpose());
@@ -323,4 +351,9 @@ impl Window {
         mean[1] += origin[1];
         Some(Estimate { mean, covariance })
     }
+}
+
+fn weight_of(noise: Plane) -> Matrix2<f64> {
+    let Plane { xx, xy, yy } = noise.inverse();
+    Matrix2::new(xx, xy, xy, yy)
 }

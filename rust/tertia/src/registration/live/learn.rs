@@ -1,16 +1,23 @@
 //! What rows of tracks say of the errors of radars, and what the errors add to the rows.
 
 use super::Registrar;
+use crate::base::batch::for_each_row;
+use crate::base::error::Result;
 use crate::registration::block::Unknowns;
-use crate::registration::exchange::{Changed, Given, Learnt, Update};
+use crate::registration::exchange::{Changed, Given, Learnt, Update, Updates};
 use crate::registration::followed::{self, Blocks, Followed};
 use crate::registration::sighting::{Errors, Report, Sighting};
+use crate::sensors::Radar;
 use pulp::{Arch, Simd, WithSimd};
 use std::hint::black_box;
+use std::num::NonZero;
 
 /// Rows whose tracks are read together before they are needed: with thousands of tracks each is a wait for
 /// memory, and waits together take no longer than one.
 const TOGETHER: usize = 16;
+/// Time of a row of a target, ns, and work that is done whatever a caller wants.
+const FOLLOWED_NS: f64 = 300.0;
+const STOPPABLE_NS: f64 = 1e8;
 
 impl Registrar {
     /// Learns from the rows of tracks and from plots that no confirmed track has, until a time. `used` are the
@@ -57,6 +64,57 @@ impl Registrar {
         tracks
     }
 
+    /// Learns from rows without loose plots and without innovations, those of each target together and in
+    /// order of time; returns what the errors add to the covariance of each of these targets, and by how much
+    /// all targets move, at the times of their last rows. The same for any number of threads. Cost that of
+    /// [`Registrar::learn`].
+    ///
+    /// # Errors
+    /// None; the type is that of work on threads.
+    #[allow(clippy::type_complexity)] // two columns
+    pub(crate) fn learn_targets(
+        &mut self,
+        targets: &[Vec<Update>],
+        time: f64,
+        n_threads: Option<NonZero<usize>>,
+    ) -> Result<(Vec<(i64, [f64; 16])>, Vec<(i64, f64, [f64; 4])>)> {
+        let rows = InOrder::new(targets);
+        let cost = FOLLOWED_NS * rows.count() as f64;
+        let (applied, moved) = self.begin(&rows, time);
+        let (unknowns, errors) = (self.unknowns(), self.blocks());
+        let mut runs: Vec<_> =
+            targets.iter().filter_map(|rows| Some((rows.first()?, &rows[..], false))).collect();
+        runs.sort_unstable_by_key(|(first, ..)| first.plot.target);
+        for (first, _, is_new) in &mut runs {
+            self.tracks.entry(first.plot.target).or_insert_with(|| {
+                *is_new = true;
+                Box::new(Followed::new(first.plot.report.time))
+            });
+        }
+        let mut added: Vec<_> =
+            runs.iter().map(|(first, ..)| (first.plot.target, [0.0; 16])).collect();
+        let mut runs = runs.into_iter().peekable();
+        let mut work = Vec::with_capacity(added.len());
+        for (number, track) in &mut self.tracks {
+            if let Some((_, rows, is_new)) =
+                runs.next_if(|(first, ..)| first.plot.target == *number)
+            {
+                work.push((&mut **track, rows, is_new));
+            }
+        }
+        let known = Applied { radars: &self.radars, noise: &applied, unknowns: &unknowns };
+        let follow = |(): &mut (), ((track, rows, is_new), out): (_, &mut (i64, _))| {
+            out.1 = Arch::new().dispatch(OfTarget { track, rows, is_new, known, errors: &errors });
+            Ok(())
+        };
+        let work = work.into_iter().zip(&mut added);
+        for_each_row(work, cost.min(STOPPABLE_NS), n_threads, || (), follow)
+            .map_err(|failed| failed.error)?;
+        let moved = self.shift(&moved);
+        self.end(&[], time);
+        Ok((added, moved))
+    }
+
     /// Forgets tracks that were never confirmed and are not among these numbers, which are in order.
     fn forget_others(&mut self, alive: &[i64]) {
         let mut alive = alive.iter().peekable();
@@ -75,22 +133,49 @@ impl Registrar {
         unknowns: &Unknowns,
     ) -> &Followed {
         let report = &update.plot.report;
-        let radar = &self.radars[report.radar];
-        let seen = Sighting::new(report, report.height, radar, [1.0; 2]);
+        let known = Applied { radars: &self.radars, noise: applied, unknowns };
+        let seen = known.seen(update);
         if let Some(seen) = &seen {
             self.watch(update, seen, applied[report.radar][1]);
         }
-        let mut first = false;
+        let mut is_new = false;
         let track = self.tracks.entry(update.plot.target).or_insert_with(|| {
-            first = true;
+            is_new = true;
             Box::new(Followed::new(report.time))
         });
+        let known = Applied { radars: &self.radars, noise: applied, unknowns };
+        known.follow(track, update, seen, is_new);
+        track
+    }
+}
+
+/// What rows of tracks are followed with.
+#[derive(Clone, Copy)]
+struct Applied<'a> {
+    radars: &'a [Radar],
+    /// Of the plots, with and without what was not known of the errors.
+    noise: &'a [[[f64; 2]; 2]],
+    unknowns: &'a Unknowns,
+}
+
+impl Applied<'_> {
+    /// The plot of a row.
+    #[inline(always)]
+    fn seen(&self, update: &Update) -> Option<Sighting> {
+        let report = &update.plot.report;
+        Sighting::new(report, report.height, &self.radars[report.radar], [1.0; 2])
+    }
+
+    /// Follows a row of a track.
+    #[inline(always)]
+    fn follow(&self, track: &mut Followed, update: &Update, seen: Option<Sighting>, is_new: bool) {
+        let report = &update.plot.report;
         track.advance(report.time);
         if let Some(seen) = seen {
-            let (velocity, own) = (update.velocity, &unknowns[report.radar]);
+            let (velocity, own) = (update.velocity, &self.unknowns[report.radar]);
             // the noise that the gain of the track was made with
-            let sigma = applied[report.radar].map(|noise| seen.noise(noise));
-            if first {
+            let sigma = self.noise[report.radar].map(|noise| seen.noise(noise));
+            if is_new {
                 let stated = (&update.covariance, update.confirmed);
                 track.begin(&seen, sigma, stated, velocity, own);
             } else {
@@ -101,7 +186,55 @@ impl Registrar {
             }
         }
         track.limit(&update.covariance);
-        track
+    }
+}
+
+/// The rows of one target: what the errors add to its covariance.
+struct OfTarget<'a> {
+    track: &'a mut Followed,
+    rows: &'a [Update],
+    is_new: bool,
+    known: Applied<'a>,
+    errors: &'a Blocks,
+}
+
+impl WithSimd for OfTarget<'_> {
+    type Output = [f64; 16];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> [f64; 16] {
+        let Self { track, rows, mut is_new, known, errors } = self;
+        for row in rows {
+            known.follow(track, row, known.seen(row), is_new);
+            is_new = false;
+        }
+        track.added(errors)
+    }
+}
+
+/// Rows of targets in order of time, those of one time in the order in which they are.
+struct InOrder<'a>(Vec<&'a Update>);
+
+impl<'a> InOrder<'a> {
+    fn new(targets: &'a [Vec<Update>]) -> Self {
+        let mut rows: Vec<_> =
+            targets.iter().flatten().map(|row| (row.plot.report.time, row)).collect();
+        rows.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Self(rows.into_iter().map(|(_, row)| row).collect())
+    }
+}
+
+impl Updates for InOrder<'_> {
+    fn count(&self) -> usize {
+        self.0.len()
+    }
+
+    fn target(&self, row: usize) -> i64 {
+        self.0[row].plot.target
+    }
+
+    fn get(&self, row: usize) -> Update {
+        self.0[row].clone()
     }
 }
 

@@ -25,6 +25,10 @@ pub struct TrackPlot {
     pub position: [f64; 2],
     /// Its covariance.
     pub covariance: Plane,
+    /// East and north, m/s; nan where there is none.
+    pub velocity: [f64; 2],
+    /// Its covariance.
+    pub velocity_covariance: Plane,
     /// m; nan where there is none
     pub height: f64,
     /// Whether states are computed by it.
@@ -147,8 +151,10 @@ fn wanted(plots: &[TrackPlot], times: &Times) -> Vec<f64> {
 }
 
 fn fix(plot: &TrackPlot) -> Fix<2> {
-    let Plane { xx, xy, yy } = plot.covariance;
-    Fix { value: plot.position, covariance: [[xx, xy], [xy, yy]] }
+    let matrix = |Plane { xx, xy, yy }: Plane| [[xx, xy], [xy, yy]];
+    let rate = (plot.velocity, matrix(plot.velocity_covariance));
+    let rate = plot.velocity.iter().all(|v| v.is_finite()).then_some(rate);
+    Fix { rate, ..Fix::new(plot.position, matrix(plot.covariance)) }
 }
 
 fn with_plot(row: SmoothedRow, i: usize, found: &Passes<STATES, MODELS, 2>) -> SmoothedRow {
@@ -186,10 +192,7 @@ impl Heights {
         let (step, sigma) = rounding(&heights);
         let mut record = Record {
             time: known.iter().map(|&i| plots[i].time).collect(),
-            fixes: heights
-                .iter()
-                .map(|&h| Fix { value: [h], covariance: [[sigma * sigma]] })
-                .collect(),
+            fixes: heights.iter().map(|&h| Fix::new([h], [[sigma * sigma]])).collect(),
             used: vec![true; known.len()],
         };
         let solutions = record.smooth(&Vertical, wanted, guard).solutions;

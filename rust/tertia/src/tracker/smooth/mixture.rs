@@ -18,6 +18,26 @@ pub struct State<const N: usize> {
 pub(super) struct Fix<const D: usize> {
     pub value: Vector<D>,
     pub covariance: Matrix<D>,
+    /// The same of their rates, which are the next D states.
+    pub rate: Option<(Vector<D>, Matrix<D>)>,
+}
+
+impl<const D: usize> Fix<D> {
+    /// Values alone.
+    pub fn new(value: Vector<D>, covariance: Matrix<D>) -> Self {
+        Self { value, covariance, rate: None }
+    }
+
+    /// The rates, as values of states.
+    fn of_rates(&self) -> Option<Self> {
+        self.rate.map(|(value, covariance)| Self::new(value, covariance))
+    }
+
+    /// As it is where time runs backwards.
+    pub fn reversed(&self) -> Self {
+        let rate = self.rate.map(|(rate, covariance)| (rate.map(|r| -r), covariance));
+        Self { rate, ..*self }
+    }
 }
 
 /// M models of N states, and their probabilities, which sum to one. A model of probability zero is
@@ -87,15 +107,16 @@ impl<const N: usize> State<N> {
         reversed
     }
 
-    /// Updates with a fix; returns its distance squared, and its density but for that and a constant.
-    #[inline]
-    pub fn correct<const D: usize>(&mut self, fix: &Fix<D>) -> Option<(f64, f64)> {
-        let root = Root::new(&self.spread(fix))?;
+    /// Updates with the values of a fix, of the states from one on; returns its distance squared, and its
+    /// density but for that and a constant.
+    #[inline(always)]
+    fn correct<const D: usize>(&mut self, fix: &Fix<D>, from: usize) -> Option<(f64, f64)> {
+        let root = Root::new(&self.spread_at(fix, from))?;
         let mut difference = [[0.0; 1]; D];
         let mut rows = [[0.0; N]; D];
         for d in 0..D {
-            difference[d][0] = fix.value[d] - self.mean[d];
-            rows[d] = self.covariance[d];
+            difference[d][0] = fix.value[d] - self.mean[from + d];
+            rows[d] = self.covariance[from + d];
         }
         root.whiten(&mut difference);
         root.whiten(&mut rows);
@@ -121,15 +142,29 @@ impl<const N: usize> State<N> {
     /// Covariance of fix less state.
     #[inline]
     pub fn spread<const D: usize>(&self, fix: &Fix<D>) -> Matrix<D> {
+        self.spread_at(fix, 0)
+    }
+
+    #[inline(always)]
+    fn spread_at<const D: usize>(&self, fix: &Fix<D>, from: usize) -> Matrix<D> {
         std::array::from_fn(|i| {
-            std::array::from_fn(|j| self.covariance[i][j] + fix.covariance[i][j])
+            std::array::from_fn(|j| self.covariance[from + i][from + j] + fix.covariance[i][j])
         })
     }
 
     /// Distance squared of a fix, in its covariance; none where that is singular.
     pub fn distance<const D: usize>(&self, fix: &Fix<D>) -> Option<f64> {
-        let mut difference = std::array::from_fn(|d| [fix.value[d] - self.mean[d]]);
-        Root::new(&self.spread(fix))?.whiten::<1>(&mut difference);
+        self.distance_at(fix, 0)
+    }
+
+    /// The same of its rates; none where there are none.
+    pub fn distance_of_rate<const D: usize>(&self, fix: &Fix<D>) -> Option<f64> {
+        self.distance_at(&fix.of_rates()?, D)
+    }
+
+    fn distance_at<const D: usize>(&self, fix: &Fix<D>, from: usize) -> Option<f64> {
+        let mut difference = std::array::from_fn(|d| [fix.value[d] - self.mean[from + d]]);
+        Root::new(&self.spread_at(fix, from))?.whiten::<1>(&mut difference);
         Some(difference.iter().map(|[d]| d * d).sum())
     }
 }
@@ -220,12 +255,21 @@ impl<const N: usize, const M: usize> Mixture<N, M> {
 
     /// Corrects all models by a fix, and their probabilities by its densities. A fix by which a
     /// covariance is singular changes nothing.
+    #[inline]
     pub fn correct<const D: usize>(&mut self, fix: &Fix<D>) {
+        self.correct_at(fix, 0);
+        if let Some(rates) = fix.of_rates() {
+            self.correct_at(&rates, D);
+        }
+    }
+
+    #[inline(always)]
+    fn correct_at<const D: usize>(&mut self, fix: &Fix<D>, from: usize) {
         let mut after = *self;
         let mut logarithms = [f64::NEG_INFINITY; M];
         for (j, logarithm) in logarithms.iter_mut().enumerate() {
             if self.probability[j] > 0.0 {
-                let Some((distance, density)) = after.states[j].correct(fix) else {
+                let Some((distance, density)) = after.states[j].correct(fix, from) else {
                     return;
                 };
                 *logarithm = (self.probability[j] * density).ln() - 0.5 * distance;

@@ -19,6 +19,8 @@ pub(super) struct Innovation<const D: usize> {
     pub value: Vector<D>,
     pub covariance: Matrix<D>,
     pub distance: f64,
+    /// The distance squared of the rate, by all others and this value; 0 where there is none.
+    pub distance_of_rate: f64,
 }
 
 /// Measurements of one target, in the order of time, and which of them are used.
@@ -36,43 +38,50 @@ pub(super) struct Passes<const N: usize, const M: usize, const D: usize> {
 }
 
 impl<const D: usize> Record<D> {
-    /// Smooths; measurements farther than `guard` from what the others say are left out, and it is
-    /// done once more. Of neighbours that are all too far the farthest goes: an outlier draws those
-    /// beside it away, and a manoeuvre that no model has is no reason to leave out all its plots.
+    /// Smooths; rates farther than `guard` from what the measurements say are left out, then measurements
+    /// farther from what all others say, and it is done once more. Of neighbours that are all too far the
+    /// farthest goes: an outlier draws those beside it away, and a manoeuvre that no model has is no reason
+    /// to leave out all its plots.
     pub fn smooth<L: Models<N, M>, const N: usize, const M: usize>(
         &mut self,
         models: &L,
         wanted: &[f64],
         guard: f64,
     ) -> Passes<N, M, D> {
-        let passes = self.pass(models, wanted);
+        let has_rates = self.fixes.iter().any(|fix| fix.rate.is_some());
+        let mut passes = self.pass(models, wanted, false);
         let kept: Vec<usize> = (0..self.time.len()).filter(|&i| self.used[i]).collect();
-        let distance = |i: &usize| passes.innovations[*i].map_or(0.0, |one| one.distance);
-        let distances: Vec<f64> = kept.iter().map(distance).collect();
-        let mut left_out = false;
-        for (k, &i) in kept.iter().enumerate() {
-            let beside =
-                |j: Option<usize>| j.and_then(|j| distances.get(j)).copied().unwrap_or(0.0);
-            let neighbours = beside(k.checked_sub(1)).max(beside(Some(k + 1)));
-            if distances[k] > guard && distances[k] > neighbours {
-                self.used[i] = false;
-                left_out = true;
-            }
+        let far = |passes: &Passes<N, M, D>, distance: fn(&Innovation<D>) -> f64, wrong: f64| {
+            let of = |i: &usize| passes.innovations[*i].as_ref().map_or(0.0, distance);
+            farthest(&kept.iter().map(of).collect::<Vec<f64>>(), guard, wrong)
+        };
+        if has_rates {
+            // a wrong rate would draw many states away
+            let rates = far(&passes, |one| one.distance_of_rate, WRONG * guard);
+            rates.iter().for_each(|&k| self.fixes[kept[k]].rate = None);
+            passes = self.pass(models, wanted, true);
         }
-        if left_out { self.pass(models, wanted) } else { passes }
+        let places = far(&passes, |one| one.distance, f64::INFINITY);
+        places.iter().for_each(|&k| self.used[kept[k]] = false);
+        if places.is_empty() { passes } else { self.pass(models, wanted, true) }
     }
 
-    /// One pass forwards and one backwards. `wanted` has the times of all measurements.
+    /// One pass forwards and one backwards, with rates or without. `wanted` has the times of all
+    /// measurements.
     fn pass<L: Models<N, M>, const N: usize, const M: usize>(
         &self,
         models: &L,
         wanted: &[f64],
+        with_rates: bool,
     ) -> Passes<N, M, D> {
         let mut passes = Passes {
             solutions: vec![None; wanted.len()],
             innovations: vec![None; self.time.len()],
         };
-        let plan = Plan::new(self, wanted);
+        let mut plan = Plan::new(self, wanted);
+        if !with_rates {
+            plan.fixes.iter_mut().for_each(|fix| fix.rate = None);
+        }
         let Some(near) = plan.beginning::<N>() else {
             return passes;
         };
@@ -106,13 +115,32 @@ impl<const D: usize> Record<D> {
             let rest = others.clone().filter(|&j| j != i && self.used[j]);
             rest.for_each(|j| state.correct(&self.fixes[j]));
         }
-        let (state, fix) = (state.moments(), &self.fixes[i]);
+        let fix = &self.fixes[i];
+        let distance_of_rate = fix.rate.and_then(|_| {
+            let mut placed = state;
+            placed.correct(&Fix::new(fix.value, fix.covariance));
+            placed.moments().distance_of_rate(fix)
+        });
+        let state = state.moments();
         Some(Innovation {
             value: std::array::from_fn(|d| fix.value[d] - state.mean[d]),
             covariance: state.spread(fix),
             distance: state.distance(fix)?,
+            distance_of_rate: distance_of_rate.unwrap_or(0.0),
         })
     }
+}
+
+/// Distance squared of a rate that is wrong in any case, over that of the guard gate.
+const WRONG: f64 = 30.0;
+
+/// Distances beyond `guard` that are larger than those beside them, or beyond `wrong`.
+fn farthest(distances: &[f64], guard: f64, wrong: f64) -> Vec<usize> {
+    let beside = |k: Option<usize>| k.and_then(|k| distances.get(k)).copied().unwrap_or(0.0);
+    let neighbours = |k: usize| beside(k.checked_sub(1)).max(beside(Some(k + 1)));
+    let is_most = |k: usize| distances[k] > neighbours(k) || distances[k] > wrong;
+    let far = |&k: &usize| distances[k] > guard && is_most(k);
+    (0..distances.len()).filter(far).collect()
 }
 
 /// Instants of the measurements that are used, and where results go.

@@ -95,7 +95,7 @@ impl<L, const D: usize> TwoFilter<'_, L, D> {
         let mut backward = self.models.begin(&near, present);
         let mut waiting = between.len();
         for k in (0..last).rev() {
-            backward = self.corrected(&backward, k + 1);
+            self.fixes_of(k + 1).for_each(|fix| backward.correct(&fix.reversed()));
             let (time, next) = (self.instants[k].time, self.instants[k + 1].time);
             while waiting > 0 && between[waiting - 1] > time {
                 waiting -= 1;
@@ -142,9 +142,13 @@ impl<L, const D: usize> TwoFilter<'_, L, D> {
         k: usize,
     ) -> Mixture<N, M> {
         let mut state = *state;
-        let Instant { first, end, .. } = self.instants[k];
-        self.fixes[first..end].iter().for_each(|fix| state.correct(fix));
+        self.fixes_of(k).for_each(|fix| state.correct(fix));
         state
+    }
+
+    fn fixes_of(&self, k: usize) -> std::slice::Iter<'_, Fix<D>> {
+        let Instant { first, end, .. } = self.instants[k];
+        self.fixes[first..end].iter()
     }
 
     /// The mixture after the time `t`. Backwards, probabilities are the likelihoods of what comes

@@ -24,7 +24,7 @@ fn smoothed(count: usize) -> (Vec<Target>, Target) {
     let models = Movement::default();
     let state = State::new([0.0, 0.0, 200.0, 0.0, 0.0], [2500.0, 4900.0, 400.0, 400.0, 0.0]);
     let start = models.start(state, [0.85, 0.1, 0.05]);
-    let fixes = PLOTS.map(|value| Fix { value, covariance: [[2500.0, 0.0], [0.0, 4900.0]] });
+    let fixes = PLOTS.map(|value| Fix::new(value, [[2500.0, 0.0], [0.0, 4900.0]]));
     let instants: Vec<_> =
         (0..count).map(|k| Instant { time: 4.0 * k as f64, first: k, end: k + 1 }).collect();
     let filter = TwoFilter { models: &models, instants: &instants, fixes: &fixes };
@@ -128,7 +128,7 @@ const HEIGHTS: [f64; 10] =
 #[test]
 fn heights_of_a_climb() {
     let models = Vertical;
-    let fixes = HEIGHTS.map(|h| Fix { value: [h], covariance: [[100.0]] });
+    let fixes = HEIGHTS.map(|h| Fix::new([h], [[100.0]]));
     let instants: Vec<_> =
         (0..10).map(|k| Instant { time: 4.0 * k as f64, first: k, end: k + 1 }).collect();
     let filter = TwoFilter { models: &models, instants: &instants, fixes: &fixes };
@@ -158,7 +158,7 @@ fn flight(count: usize) -> Record<2> {
     for k in 0..count {
         let error = [(2.4 * k as f64).sin() * 60.0, (1.7 * k as f64).cos() * 80.0];
         let value = [position[0] + error[0], position[1] + error[1]];
-        fixes.push(Fix { value, covariance: [[2500.0, 300.0], [300.0, 4900.0]] });
+        fixes.push(Fix::new(value, [[2500.0, 300.0], [300.0, 4900.0]]));
         if k.abs_diff(count / 2) < 8 {
             course += 0.1;
         }

@@ -69,21 +69,34 @@ impl Track {
         if let Association::Paper(q) = settings.association {
             // always widened
             let score = paper_score(&self.estimate, z, r.plus(wide), q, settings.guard)?;
-            return Some(surprise(score + self.also(plot, settings).ln(), 1.0));
+            return Some(surprise(score + self.also_moving(plot, settings).ln(), 1.0));
         }
         let s = self.estimate.position_covariance().plus(r).plus(wide);
         let d = s.inverse().form(y);
-        if d > settings.guard {
+        if d > settings.guard || !self.may_reach(plot, z, settings) {
             return None;
         }
-        let accelerated = UNNOTICED.ln() - 0.5 * (d + s.determinant().ln());
-        let straight = self.density(z, r).0.ln();
+        let [as_before, as_accelerated] = self.velocity_ratios(plot, (sigma, gap), settings);
+        let accelerated = UNNOTICED.ln() - 0.5 * (d + s.determinant().ln()) + as_accelerated.ln();
+        let straight = self.density(z, r).0.ln() + as_before.ln();
         // the window of the paper is always widened
         let always = matches!(settings.motion, Motion::Window(_));
         let ratio = if always { f64::INFINITY } else { (accelerated - straight).exp() };
         let probability = 1.0 - 1.0 / (1.0 + ratio);
         let density = accelerated - probability.ln();
         Some(surprise(odds + density + self.also(plot, settings).ln(), probability))
+    }
+
+    /// Whether the target can have come to the place of a plot since it was seen, if it is no faster than
+    /// targets are, or than it was. Other radars may have seen it where it no longer was.
+    pub(super) fn may_reach(&self, plot: &Measured, place: [f64; 2], settings: &Settings) -> bool {
+        let (x, p) = (&self.estimate.mean, self.estimate.position_covariance());
+        let speed = settings.max_speed.max(f64::hypot(x[2], x[3]));
+        let ahead = self.time - self.seen;
+        let [east, north] = [0, 1].map(|i| place[i] - x[i] + ahead * x[i + 2]);
+        let gap = (plot.time - self.seen).abs().max(settings.radars[plot.radar].scan_period);
+        let errors = (2.0 * settings.guard * (p.xx + p.yy)).sqrt();
+        f64::hypot(east, north) <= speed * gap + errors
     }
 
     /// Corrects by a plot for which the target accelerated.
@@ -123,7 +136,8 @@ impl Track {
         let (z, s) = (here.position, self.estimate.position_covariance().plus(here.covariance()));
         let y = [z[0] - self.estimate.mean[0], z[1] - self.estimate.mean[1]];
         let density = outliers.density(s.inverse().form(y), s.determinant());
-        odds + (density * self.also(plot, settings)).ln() - gain
+        let also = self.also(plot, settings) * self.velocity_ratios(plot, (0.0, 0.0), settings)[0];
+        odds + (density * also).ln() - gain
     }
 
     /// Takes a plot by an acceleration, unless it is more likely that it is one of the outliers of the radar.

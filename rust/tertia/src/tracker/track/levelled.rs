@@ -49,7 +49,7 @@ impl Track {
             Source::Polar => {
                 (radar.noise_at(plot.position, plot.height - radar.position[2]), None, None)
             }
-            Source::Placed(noise) => (noise, None, None),
+            Source::Placed(noise) | Source::Moving(noise, _) => (noise, None, None),
             Source::Slant { polar, prior } => {
                 let placed = settings.geometry(plot.radar).placed(radar, polar, prior[0]);
                 let vertical = Vertical::assumed(plot.time, prior);
@@ -64,7 +64,7 @@ impl Track {
             Some((lean, vertical)) => {
                 lean.widened(&self.estimate, vertical.at(self.time).height_variance())
             }
-            None => self.estimate,
+            None => self.shown(),
         };
         self.fork.as_ref().map_or(own, |fork| fork.widened(&own))
     }
@@ -85,7 +85,7 @@ impl Track {
                     if plot.height.is_finite() { height - radar.position[2] } else { f64::NAN };
                 radar.noise_at(self.estimate.position(), up)
             }
-            Source::Placed(noise) => noise,
+            Source::Placed(noise) | Source::Moving(noise, _) => noise,
             Source::Slant { polar, .. } => {
                 let vertical = self.vertical_for(plot);
                 let placed = settings.geometry(plot.radar).placed(radar, polar, vertical.height);

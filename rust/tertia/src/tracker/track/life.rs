@@ -3,7 +3,7 @@
 use super::super::correlation::contradicts;
 use super::super::filter::Filter;
 use super::super::plot::Measured;
-use super::super::prospects::{Expected, Prospects};
+use super::super::prospects::Expected;
 use super::super::settings::{Confirmation, Settings};
 use super::{Stage, Track};
 use crate::flightplan::Status;
@@ -16,16 +16,14 @@ const SCANS_BEFORE: f64 = 2.5;
 
 impl Track {
     /// Begins where flights are due.
-    pub fn expect(&mut self, expected: Expected) {
+    pub fn expect(&mut self, expected: Expected, settings: &Settings) {
         self.there = expected.there;
         if let Stage::Tentative { evidence, least, .. } = &mut self.stage {
             *evidence += expected.ratio.ln();
             *least *= expected.ratio;
         }
         self.existence.favour(expected.ratio);
-        if let Some(prospects) = Prospects::new(expected, self.estimate) {
-            self.filter = Filter::Planned(Box::new(prospects));
-        }
+        self.begin(Some(expected), settings);
     }
 
     /// Confirms it, with the plan by which it was found, if there is one.

@@ -58,13 +58,18 @@ impl Track {
         let wide = Plane { xx: wide, xy: 0.0, yy: wide };
         let s = self.estimate.position_covariance().plus(r).plus(wide);
         let d = s.inverse().form(y);
-        if d > settings.guard || self.guarded_score(plot, odds, settings).is_some() {
+        let is_possible = d <= settings.guard && self.may_reach(plot, z, settings);
+        if !is_possible || self.guarded_score(plot, odds, settings).is_some() {
             return None;
         }
-        let turned = SHARPLY.ln() - 0.5 * (d + s.determinant().ln());
-        let probability = 1.0 / (1.0 + (self.density(z, r).0.ln() - turned).exp());
+        let [as_before, as_turned] = self.velocity_ratios(plot, (sharp, gap), settings);
+        let turned = SHARPLY.ln() - 0.5 * (d + s.determinant().ln()) + as_turned.ln();
+        let before = self.density(z, r).0.ln() + as_before.ln();
+        let probability = 1.0 / (1.0 + (before - turned).exp());
+        // a target that may have gone makes no plot
+        let also = self.also(plot, settings) * self.existence.probability();
         (probability > SURE).then(|| Surprise {
-            gain: odds + turned - probability.ln() + self.also(plot, settings).ln(),
+            gain: odds + turned - probability.ln() + also.ln(),
             odds,
             probability,
             acceleration: sharp,

@@ -33,12 +33,16 @@ const PAIRS: f64 = 2e6;
 /// than the logarithm of the number of differences.
 const MARGIN: f64 = 6.0;
 /// Windows of each size that are looked at.
-const NARROWEST: usize = 64;
+const NARROWEST: usize = 256;
 /// Neighbourhood of a peak, in widths of it.
 const AROUND: f64 = 10.0;
-/// Scores of peaks that are equal but for the share of the range by which they differ: the smaller
-/// offset is preferred.
-const NEARER: f64 = 1e-3;
+/// Peaks whose scores are at least this share of the best one are compared by identities.
+const RIVAL: f64 = 0.3;
+/// Identities favour a peak if the logarithm of its likelihood ratio is larger by this.
+const TOLD: f64 = 6.0;
+/// Of peaks that identities do not tell apart and that have at least this share of the most matches, the
+/// one with the smallest offset is preferred.
+const ALIKE: f64 = 0.75;
 const LINES: usize = 4;
 const REWEIGHTED: usize = 20;
 
@@ -162,7 +166,7 @@ fn peak_line(known: &[Vec<f64>], own: &[Vec<f64>], span: f64) -> Option<(Line, f
     points.sort_by(|a, b| a.1.total_cmp(&b.1));
     let differences: Vec<f64> = points.iter().map(|point| point.1).collect();
     let most = own.iter().map(Vec::len).sum();
-    let (low, high) = densest(&differences, most, range)?;
+    let (low, high) = told_apart(&peaks(&differences, most, range), known, own)?;
     let resolution = differences[differences.len() - 1].abs().max(span) * f64::EPSILON * 64.0;
     let mut width = (high - low).max(resolution);
     let mut line = Line { offset: 0.5 * (low + high), ..Line::default() };
@@ -181,18 +185,42 @@ fn distance(line: &Line, point: &(f64, f64)) -> f64 {
     (point.1 - line.offset - line.rate * (point.0 - line.origin)).abs()
 }
 
-/// Ends of the window, of at most `most` sorted values, that stands out of its surroundings most.
-fn densest(values: &[f64], most: usize, range: f64) -> Option<(f64, f64)> {
+/// A window of sorted values that stands out of its surroundings.
+#[derive(Clone, Copy, Debug)]
+struct Peak {
+    score: f64,
+    low: f64,
+    high: f64,
+}
+
+impl Peak {
+    fn middle(&self) -> f64 {
+        0.5 * (self.low + self.high)
+    }
+
+    fn width(&self) -> f64 {
+        self.high - self.low
+    }
+}
+
+/// The windows, of at most `most` sorted values, that stand out of their surroundings most: the best,
+/// and those elsewhere whose score is not far below its own.
+fn peaks(values: &[f64], most: usize, range: f64) -> Vec<Peak> {
     let n = values.len();
     let floor = range * f64::EPSILON * 64.0;
-    let mut best = ((n as f64).ln() + MARGIN, None);
+    let (mut least, mut found) = ((n as f64).ln() + MARGIN, Vec::new());
     let mut k = n.min(most);
     let mut narrow: Vec<usize> = Vec::new();
     // no surroundings count for less than 1 / (AROUND - 1)
-    while k >= 3 && k as f64 * ((k as f64 * (AROUND - 1.0)).ln() - 1.0) > best.0 {
+    while k >= 3 && k as f64 * ((k as f64 * (AROUND - 1.0)).ln() - 1.0) > least {
         let width = |i: usize| values[i + k - 1] - values[i];
         narrow.clear();
-        narrow.extend(0..=n - k);
+        // the narrowest of windows that overlap, so that peaks of equal height are all looked at
+        let starts = (0..=n - k).step_by(k).map(|from| from..(from + k).min(n - k + 1));
+        narrow.extend(starts.filter_map(|mut own| {
+            let first = own.next()?;
+            Some(own.fold(first, |best, i| if width(i) < width(best) { i } else { best }))
+        }));
         if narrow.len() > NARROWEST {
             narrow.select_nth_unstable_by(NARROWEST, |&a, &b| width(a).total_cmp(&width(b)));
             narrow.truncate(NARROWEST);
@@ -204,17 +232,69 @@ fn densest(values: &[f64], most: usize, range: f64) -> Option<(f64, f64)> {
             let after = values.partition_point(|&v| v <= middle + half);
             let others = ((after - before - k) as f64).max(1.0) / (AROUND - 1.0);
             let count = k as f64;
-            if count > others {
-                let score = count * (count / others).ln() - count + others;
-                let score = score * (1.0 - NEARER * middle.abs() / range);
-                if score > best.0 {
-                    best = (score, Some((values[i], values[i + k - 1])));
-                }
+            let score = if count > others { excess(count, others) } else { 0.0 };
+            if score > least {
+                found.push(Peak { score, low: values[i], high: values[i + k - 1] });
+                least = least.max(RIVAL * score);
             }
         }
         k = (k - 1).min(k * 4 / 5);
     }
-    best.1
+    found.retain(|peak| peak.score >= least);
+    found.sort_by(|a, b| b.score.total_cmp(&a.score));
+    let mut apart: Vec<Peak> = Vec::new();
+    for peak in found {
+        let is_same = |other: &Peak| {
+            (peak.middle() - other.middle()).abs() <= peak.width().max(other.width())
+        };
+        if !apart.iter().any(is_same) {
+            apart.push(peak);
+        }
+    }
+    apart
+}
+
+/// Logarithm of the likelihood ratio of a count to an expected one.
+fn excess(count: f64, expected: f64) -> f64 {
+    count * (count / expected).ln() - count + expected
+}
+
+/// Ends of the peak at the offset of the clock, if there is a peak. An identity with a constant interval has as many
+/// arrivals at each multiple of it, so what counts is by how many more each identity has than at most
+/// peaks.
+fn told_apart(peaks: &[Peak], known: &[Vec<f64>], own: &[Vec<f64>]) -> Option<(f64, f64)> {
+    if peaks.is_empty() {
+        return None;
+    }
+    let reach = peaks.iter().map(Peak::width).fold(0.0, f64::max);
+    let (mut scores, mut totals) = (vec![0.0; peaks.len()], vec![0.0; peaks.len()]);
+    for (known, own) in known.iter().zip(own) {
+        let counts: Vec<f64> =
+            peaks.iter().map(|peak| matched(known, own, peak.middle(), reach)).collect();
+        let mut sorted = counts.clone();
+        sorted.sort_by(f64::total_cmp);
+        let usual = sorted[(counts.len() - 1) / 2].max(1.0);
+        for (at, &count) in counts.iter().enumerate() {
+            totals[at] += count;
+            scores[at] += if count > usual { excess(count, usual) } else { 0.0 };
+        }
+    }
+    let best = scores.iter().copied().fold(0.0, f64::max);
+    let told = |at: &usize| scores[*at] >= best - TOLD;
+    let most = (0..peaks.len()).filter(told).map(|at| totals[at]).fold(0.0, f64::max);
+    let alike = (0..peaks.len()).filter(told).filter(|&at| totals[at] >= ALIKE * most);
+    let offset = |at: usize| peaks[at].middle().abs();
+    let nearest = alike.min_by(|&a, &b| offset(a).total_cmp(&offset(b)))?;
+    Some((peaks[nearest].low, peaks[nearest].high))
+}
+
+/// How many arrivals are within `reach` of a known emission if the clock has this offset.
+fn matched(known: &[f64], own: &[f64], offset: f64, reach: f64) -> f64 {
+    let is_near = |&&t: &&f64| {
+        let from = known.partition_point(|&other| other < t - offset - reach);
+        known.get(from).is_some_and(|&other| other <= t - offset + reach)
+    };
+    own.iter().filter(is_near).count() as f64
 }
 
 /// Least sum of distances, by least squares with weights.

@@ -1,0 +1,72 @@
+"""The speed of signals that is known with a standard deviation."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import FloatArray, finite, positive, real, require_each, scalar_or_array
+from tertia.sensors import Kind
+
+# what travels at this speed
+_TRAVELS: tuple[Kind, ...] = ("range", "range_difference", "arrival_time")
+# share of the speed, so that three standard deviations leave signals some speed
+_LARGEST = 0.2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Speed:
+    """A stated speed and its standard deviation, as a share of it, before and after the estimate.
+
+    `scale` is the estimated speed divided by the stated one.
+    """
+
+    stated: FloatArray
+    relative: float
+    scale: float = 1.0
+
+    def found(self, share: float, sigma: float) -> Speed:
+        """Return the estimate: by which share signals are faster, and its standard deviation."""
+        return replace(self, relative=sigma, scale=1.0 + share)
+
+    def scaled(self, rows: FloatArray, kinds: Sequence[Kind]) -> FloatArray:
+        """Return measurements of each kind, (..., kinds, K), or their sigmas, at this speed."""
+        if self.scale == 1.0:
+            return rows
+        factors = np.array([[self.scale if kind in _TRAVELS else 1.0] for kind in kinds])
+        scaled: FloatArray = rows * factors
+        return scaled
+
+    @property
+    def value(self) -> float | FloatArray:
+        """The estimated speed in metres per second."""
+        value: float | FloatArray = scalar_or_array(self.stated * self.scale)
+        return value
+
+    @property
+    def sigma(self) -> float | FloatArray:
+        """Its standard deviation."""
+        sigma: float | FloatArray = scalar_or_array(self.stated * self.relative)
+        return sigma
+
+
+def read_speed(speed: npt.ArrayLike, sigma: npt.ArrayLike, kinds: Collection[Kind]) -> Speed:
+    """Return a speed, after checking whether it can be estimated from these kinds."""
+    stated = positive(speed, "propagation_speed")
+    width = finite(real(sigma, "propagation_speed_sigma"), "propagation_speed_sigma")
+    require_each(width, width >= 0, "propagation_speed_sigma", "0 or positive")
+    if width > 0 and not any(kind in _TRAVELS for kind in kinds):
+        raise ValueError(
+            "propagation_speed_sigma is given; it is for times of arrival, ranges and range "
+            "differences"
+        )
+    relative = float(width) / float(np.mean(stated))
+    if relative > _LARGEST:
+        raise ValueError(
+            f"propagation_speed_sigma is {relative:.0%} of propagation_speed; it must be at most "
+            f"{_LARGEST:.0%}"
+        )
+    return Speed(stated, relative)

@@ -1,0 +1,127 @@
+"""Warnings about times, copies and intervals of plots that contradict their sensors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tertia._arrays import BoolArray, FloatArray, IntArray
+from tertia.sensors import PositionSensor, Radar
+from tertia.tables._doubts import doubt
+from tertia.tables._sensors import Sensors
+from tertia.tracker import Plots
+
+# plots of a sensor below which nothing is said of it
+_FEW = 50
+# plots within this share of a scan have about the same azimuth; so many sectors of 30° are too many
+_INSTANT, _SECTOR, _SECTORS = 0.05, np.pi / 6, 5
+# share of the plots, or of the targets, above which a warning is given
+_SHARE = 0.5
+# plots in a row that come again, a share of a scan to which their intervals are equal, scans before
+# they come again, and the share of such plots
+_ROW, _EQUAL, _LATER, _REPEATED = 5, 1e-3, 1.5, 0.05
+# intervals after which a silent target has no track yet, and the quantile of intervals
+_PATIENCE, _QUANTILE = 2.0, 0.75
+
+
+def doubt_plots(plots: Plots, sensors: Sensors[Any]) -> None:
+    """Warn if times cannot be those of a beam, old plots come again, or reports are rare."""
+    for k, (name, sensor) in enumerate(zip(sensors.names, sensors.items, strict=True)):
+        rows = np.flatnonzero((plots.sensor == k) & np.isfinite(plots.time))
+        rows = rows[np.argsort(plots.time[rows], kind="stable")]
+        if len(rows) < _FEW:
+            continue
+        if isinstance(sensor, Radar):
+            _doubt_times(name, sensor, plots.time[rows], plots.azimuth[rows])
+            _doubt_copies(name, sensor, plots.time[rows], plots.range[rows], plots.azimuth[rows])
+        elif isinstance(sensor, PositionSensor):
+            _doubt_interval(name, sensor, plots.time[rows], _targets(plots, rows))
+
+
+def _doubt_times(name: str, radar: Radar, time: FloatArray, azimuth: FloatArray) -> None:
+    """Warn if plots at all azimuths have the same times, such as those of north marks."""
+    instant = np.floor(time / (_INSTANT * radar.scan_period)).astype(np.int64)
+    sector = np.floor(np.mod(azimuth, 2.0 * np.pi) / _SECTOR).astype(np.int64)
+    _, place, count = np.unique(instant, return_inverse=True, return_counts=True)
+    pairs = np.unique(np.column_stack([place, sector]), axis=0)
+    sectors = np.bincount(pairs[:, 0], minlength=len(count))
+    share = np.sum(count[sectors >= _SECTORS]) / len(time)
+    if share > _SHARE:
+        doubt(
+            f"plots of {name} at all azimuths have the same times: are these the times of north "
+            "marks or of messages? Each plot of a rotating radar needs the time at which the beam "
+            f"passed its target; otherwise tracks are up to {radar.scan_period:g} s off"
+        )
+
+
+def _doubt_copies(
+    name: str, radar: Radar, time: FloatArray, distance: FloatArray, azimuth: FloatArray
+) -> None:
+    """Warn if sequences of plots come again later."""
+    _, key = np.unique(np.column_stack([distance, azimuth]), axis=0, return_inverse=True)
+    key = np.ravel(key)
+    order = np.lexsort([np.arange(len(key)), key])
+    before = np.full(len(key), -1)
+    same = key[order][1:] == key[order][:-1]
+    before[order[1:][same]] = order[:-1][same]
+    known = before >= 0
+    later = np.where(known, time - time[before], np.nan)
+    again = known & (later > _LATER * radar.scan_period)
+    # of the plots in a row, all come again after the same time
+    follows = again[1:] & again[:-1] & (np.diff(before) == 1)
+    follows &= np.abs(np.diff(later)) < _EQUAL * radar.scan_period
+    count = int(np.sum(_in_rows(follows)))
+    if count > _REPEATED * len(time):
+        doubt(
+            f"{count} of {len(time)} plots of {name} are copies of earlier plots with later times, "
+            "in the same order: does the sensor or the recorder send old plots again? They look "
+            "like other targets"
+        )
+
+
+def _in_rows(follows: BoolArray) -> BoolArray:
+    """Return which plots are in rows of enough plots, each of which follows the one before."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], follows, [False]]).astype(np.int8)))
+    found = np.zeros(len(follows) + 1, dtype=bool)
+    for begin, end in edges.reshape(-1, 2):
+        found[begin : end + 1] = end - begin >= _ROW
+    return found
+
+
+def _doubt_interval(
+    name: str, sensor: PositionSensor, time: FloatArray, target: IntArray | None
+) -> None:
+    """Warn if targets report much less often than the sensor states."""
+    if target is None:
+        return
+    order = np.lexsort([time, target])
+    own = target[order]
+    inside = (own[1:] == own[:-1]) & (own[1:] >= 0)
+    gap, number = np.diff(time[order])[inside], own[1:][inside]
+    if not len(gap):
+        return
+    numbers = np.unique(number)
+    usual = np.array([np.quantile(gap[number == one], _QUANTILE) for one in numbers])
+    most = _PATIENCE * sensor.update_interval
+    rare = usual > most
+    if np.any(rare) and np.sum(rare) >= 0.1 * len(numbers):
+        doubt(
+            f"{np.sum(rare)} of {len(numbers)} targets report to {name} only every "
+            f"{np.median(usual[rare]):.3g} s, and its update_interval is "
+            f"{sensor.update_interval:g} s: targets that report less often than every {most:g} s "
+            "have no tracks. State a longer update_interval"
+        )
+
+
+def _targets(plots: Plots, rows: IntArray) -> IntArray | None:
+    """Return a number per target for each report, negative if unknown; None without identities."""
+    for column in (plots.icao_address, plots.identity, plots.callsign):
+        if column is None:
+            continue
+        values: Any = np.asarray(column)[rows]
+        known = values != "" if values.dtype.kind == "U" else values >= 0
+        if np.any(known):
+            numbers = np.unique(values, return_inverse=True)[1].astype(np.int64)
+            return np.where(known, np.ravel(numbers), -1)
+    return None

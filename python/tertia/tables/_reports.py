@@ -1,0 +1,108 @@
+"""Reports of positions and velocities, and moving stations, in tables of plots."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from tertia._arrays import BoolArray, FloatArray
+from tertia.geo import LocalFrame, SystemPlane
+from tertia.location._height import in_the_plane
+from tertia.sensors import Station
+from tertia.tables._records import Field, Schema, number
+from tertia.tables._sensors import Sensors
+from tertia.tables._velocities import COURSE, of_speed, to_plane
+from tertia.tracker._azimuths import north_of
+
+REPORTED: Schema = {
+    "east": number("east_m"),
+    "north": number("north_m"),
+    "latitude": Field("number", {"latitude_deg": 1.0}, most=90.0),
+    "longitude": Field("number", {"longitude_deg": 1.0}, most=360.0),
+    "east_sigma": number("east_sigma_m", positive=True),
+    "north_sigma": number("north_sigma_m", positive=True),
+    "east_north": number("covariance_east_north_m2"),
+    "velocity_east": number("velocity_east_m_s"),
+    "velocity_north": number("velocity_north_m_s"),
+    **COURSE,
+    "velocity_east_sigma": number("velocity_east_sigma_m_s", positive=True),
+    "velocity_north_sigma": number("velocity_north_sigma_m_s", positive=True),
+    "velocity_east_north": number("covariance_velocity_east_velocity_north_m2_s2"),
+    "sensor_east": number("sensor_east_m"),
+    "sensor_north": number("sensor_north_m"),
+    "sensor_latitude": Field("number", {"sensor_latitude_deg": 1.0}, most=90.0),
+    "sensor_longitude": Field("number", {"sensor_longitude_deg": 1.0}, most=360.0),
+    "sensor_heading": Field("number", {"sensor_heading_deg": np.pi / 180}, most=720.0),
+}
+
+
+def reported_of(
+    rows: pl.DataFrame, sensors: Sensors[Any], reports: BoolArray
+) -> dict[str, FloatArray]:
+    """Return the columns of `Plots` for reports; nan in other rows."""
+    column = {name: rows[name].to_numpy() for name in REPORTED if name in rows.columns}
+    place = np.column_stack([column["east"], column["north"]])
+    is_local = np.isfinite(place).all(axis=1)
+    if sensors.frame is not None:
+        height = np.nan_to_num(rows["height"].to_numpy())
+        found = sensors.frame.to_local(column["latitude"], column["longitude"], height)[:, :2]
+        place = np.where(np.isnan(place), found, place)
+    place[~reports] = np.nan
+    columns = {"position": place, "covariance": _spread(column, "", reports)}
+    velocity = np.column_stack([column["velocity_east"], column["velocity_north"]])
+    velocity = np.where(np.isnan(velocity), of_speed(column["speed"], column["course"]), velocity)
+    velocity[~reports] = np.nan
+    if np.isnan(velocity).all():
+        return columns
+    spread = _spread(column, "velocity_", reports)
+    if isinstance(sensors.frame, SystemPlane):
+        # velocities beside latitudes and longitudes are relative to true north
+        turn = to_plane(sensors.frame, np.nan_to_num(place))
+        turn[is_local] = np.eye(2)
+        velocity = np.einsum("nij,nj->ni", turn, velocity)
+        spread = turn @ spread @ turn.swapaxes(1, 2)
+        spread = 0.5 * (spread + spread.swapaxes(1, 2))
+    return {**columns, "velocity": velocity, "velocity_covariance": spread}
+
+
+def moving_of(rows: pl.DataFrame, sensors: Sensors[Any]) -> dict[str, FloatArray]:
+    """Return the columns of `Plots` for stations that move; nan in other rows."""
+    names = [name for name in REPORTED if name.startswith("sensor_")]
+    column = {name: rows[name].to_numpy() for name in names}
+    if all(np.isnan(values).all() for values in column.values()):
+        return {}
+    stations = np.array([isinstance(one, Station) for one in sensors.items])
+    own = stations[rows["sensor"].to_numpy()]
+    place = np.column_stack([column["sensor_east"], column["sensor_north"]])
+    heading = column["sensor_heading"].copy()
+    geodetic = np.column_stack([column["sensor_latitude"], column["sensor_longitude"]])
+    far = own & np.isnan(place).any(axis=1) & np.isfinite(geodetic).all(axis=1)
+    if far.any() and sensors.frame is not None:
+        place[far], north = _places(sensors.frame, geodetic[far])
+        # the direction of north where the station is, instead of where it was described
+        given = np.array([north_of(one) for one in sensors.items])[rows["sensor"].to_numpy()[far]]
+        heading[far] = np.nan_to_num(heading[far]) - given + north
+    place[~own], heading[~own] = np.nan, np.nan
+    return {"sensor_position": place, "sensor_heading": heading}
+
+
+def _places(frame: LocalFrame | SystemPlane, geodetic: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return east and north of places, (N, 2), and the directions of their north in the plane."""
+    if isinstance(frame, SystemPlane):
+        local = frame.to_local(*geodetic.T)
+        return local[:, :2], np.asarray(frame.scale_and_convergence(local)[1])
+    there = frame.station(*geodetic.T)
+    return there.position[:, :2], np.arctan2(*in_the_plane(np.asarray(there.axes))[:, 1].T)
+
+
+def _spread(column: dict[str, FloatArray], of: str, reports: BoolArray) -> FloatArray:
+    """Return covariances, (N, 2, 2); nan where a sigma is missing."""
+    east, north = column[f"{of}east_sigma"], column[f"{of}north_sigma"]
+    spread = np.empty((len(east), 2, 2))
+    spread[:, 0, 0], spread[:, 1, 1] = east**2, north**2
+    spread[:, 0, 1] = spread[:, 1, 0] = np.nan_to_num(column[f"{of}east_north"])
+    whole = reports & np.isfinite(spread).all(axis=(1, 2))
+    spread[~whole] = np.nan
+    return spread

@@ -1,0 +1,189 @@
+//! The speed of the signals, where it is known with a standard deviation.
+//!
+//! A share γ by which the signals are faster makes all distances they travel longer by it. All instants
+//! of a batch have the speed in common. Of the share, the posterior is taken about its mode: the prior
+//! is normal, and a measurement that does not fit costs no more than a fault does.
+
+use super::fix::{Fix, Instant, Output, Status};
+use super::solver::{Locator, Workspace};
+use crate::sensors::{KINDS, Kind};
+
+/// So many instants, evenly spread, tell enough of a batch; so many show where the mode is.
+const SAMPLE: usize = 256;
+const FEW: usize = 32;
+/// Shares are looked at up to so many standard deviations, in so many steps on either side.
+const FARTHEST: f64 = 3.0;
+const STEPS: i32 = 20;
+/// Narrowings of the interval about the mode, each by the golden section.
+const NARROWINGS: usize = 24;
+const GOLDEN: f64 = 0.618_033_988_749_894_9;
+/// Cost of a fault: that of a residual from which on a measurement is more probably one.
+const FAULT: f64 = 8.28;
+/// The cost, above that of the mode, up to which it is taken for a parabola.
+const PARABOLA: f64 = 2.0;
+const HALVINGS: usize = 40;
+
+/// By which share signals are faster than stated, and its standard deviation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Speed {
+    /// 0.01 for one in a hundred.
+    pub share: f64,
+    /// In the same unit.
+    pub sigma: f64,
+}
+
+impl Speed {
+    /// The speed is as stated.
+    pub const EXACT: Self = Self { share: 0.0, sigma: 0.0 };
+
+    /// Converts what travelled, and its standard deviations, 5 K numbers of each instant.
+    pub fn apply(&self, numbers: &mut [f64], receivers: usize) {
+        for instant in numbers.chunks_mut(KINDS * receivers) {
+            for kind in [Kind::Range, Kind::RangeDifference, Kind::Arrival] {
+                let from = kind as usize * receivers;
+                instant[from..from + receivers].iter_mut().for_each(|v| *v *= 1.0 + self.share);
+            }
+        }
+    }
+}
+
+/// An instant at some speed.
+struct Trial {
+    cost: f64,
+    position: Option<Vec<f64>>,
+}
+
+impl Locator {
+    /// The speed of the signals, of which a share of this standard deviation is not known. O(N M), for at
+    /// most 256 instants.
+    pub fn speed<const D: usize>(
+        &self,
+        instants: &[Instant<'_>],
+        sigma: f64,
+        workspace: &mut Workspace<D>,
+    ) -> Speed {
+        let spread = |most: usize| {
+            let count = instants.len().min(most);
+            (0..count).map(move |i| instants[i * instants.len() / count])
+        };
+        let few: Vec<_> = spread(FEW).collect();
+        let prior = |share: f64| 0.5 * (share / sigma).powi(2);
+        let mut best = (f64::INFINITY, 0.0);
+        for step in -STEPS..=STEPS {
+            let share = FARTHEST * sigma * f64::from(step) / f64::from(STEPS);
+            let each = few.iter().map(|instant| self.trial(instant, share, None, workspace).cost);
+            let cost = prior(share) + each.sum::<f64>();
+            if cost < best.0 {
+                best = (cost, share);
+            }
+        }
+        // from here on each instant is followed from where it is at this speed
+        let followed: Vec<_> = spread(SAMPLE)
+            .filter_map(|instant| {
+                let position = self.trial(&instant, best.1, None, workspace).position?;
+                Some((instant, position))
+            })
+            .collect();
+        let mut cost = |share: f64| {
+            let each = followed.iter().map(|(instant, position)| {
+                self.trial(instant, share, Some(position), workspace).cost
+            });
+            prior(share) + each.sum::<f64>()
+        };
+        let step = FARTHEST * sigma / f64::from(STEPS);
+        let share = lowest(&mut cost, best.1 - step, best.1 + step);
+        Speed { share, sigma: width(&mut cost, share, sigma) }
+    }
+
+    /// What the residuals of an instant cost if the signals are faster by this share.
+    fn trial<const D: usize>(
+        &self,
+        instant: &Instant<'_>,
+        share: f64,
+        initial: Option<&Vec<f64>>,
+        workspace: &mut Workspace<D>,
+    ) -> Trial {
+        let receivers = instant.values.len() / KINDS;
+        let (mut values, mut sigmas) = (instant.values.to_vec(), instant.sigmas.to_vec());
+        let speed = Speed { share, sigma: 0.0 };
+        speed.apply(&mut values, receivers);
+        speed.apply(&mut sigmas, receivers);
+        let (mut position, mut covariance) = ([0.0; D], vec![0.0; D * D]);
+        let mut residual = vec![f64::NAN; values.len()];
+        let mut outlier = vec![false; values.len()];
+        let mut out = Output {
+            position: &mut position,
+            covariance: &mut covariance,
+            residual: &mut residual,
+            outlier: &mut outlier,
+        };
+        let at = Instant {
+            values: &values,
+            sigmas: &sigmas,
+            initial: initial.map(Vec::as_slice).or(instant.initial),
+            ..*instant
+        };
+        let fix: Fix = self.locate(&at, &mut out, workspace);
+        if fix.status != Status::None {
+            return Trial { cost: FAULT * fix.degrees_of_freedom.max(0) as f64, position: None };
+        }
+        let known = || residual.iter().zip(&outlier).filter(|(u, _)| !u.is_nan());
+        let squares: f64 = known().map(|(u, _)| u * u).sum();
+        let cost = |(u, wrong): (&f64, &bool)| if *wrong { FAULT } else { FAULT.min(0.5 * u * u) };
+        // what is left is the residual of a height
+        let rest = 0.5 * (fix.statistic - squares).max(0.0);
+        Trial { cost: known().map(cost).sum::<f64>() + rest, position: Some(position.to_vec()) }
+    }
+}
+
+/// Where a cost is lowest, by the golden section.
+fn lowest(cost: &mut impl FnMut(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
+    let (mut left, mut right) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
+    let (mut of_left, mut of_right) = (cost(left), cost(right));
+    for _ in 0..NARROWINGS {
+        if of_left <= of_right {
+            (high, right, of_right) = (right, left, of_left);
+            left = high - GOLDEN * (high - low);
+            of_left = cost(left);
+        } else {
+            (low, left, of_left) = (left, right, of_right);
+            right = low + GOLDEN * (high - low);
+            of_right = cost(right);
+        }
+    }
+    0.5 * (low + high)
+}
+
+/// The standard deviation of a share by the curvature of the cost about its mode.
+fn width(cost: &mut impl FnMut(f64) -> f64, mode: f64, prior: f64) -> f64 {
+    let least = cost(mode);
+    let mut step = prior;
+    let mut rise = f64::NAN;
+    for _ in 0..HALVINGS {
+        rise = cost(mode - step) + cost(mode + step) - 2.0 * least;
+        if rise <= 2.0 * PARABOLA {
+            break;
+        }
+        step *= 0.5;
+    }
+    // where the cost hardly rises, faults hide it: the prior is the least that is known
+    if rise > 0.0 { (step / rise.sqrt()).min(prior) } else { prior }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::checks::{assert_close, assert_within};
+
+    #[test]
+    fn a_parabola_has_its_mode_and_width() {
+        let mut cost = |x: f64| 0.5 * ((x - 0.3) / 0.02).powi(2);
+        assert_within(1e-4, lowest(&mut cost, 0.0, 1.0), 0.3);
+        assert_close(width(&mut cost, 0.3, 1.0), 0.02);
+    }
+
+    #[test]
+    fn a_flat_cost_leaves_the_prior() {
+        assert_eq!(width(&mut |_| 1.0, 0.0, 0.5), 0.5);
+    }
+}

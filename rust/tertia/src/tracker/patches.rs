@@ -1,0 +1,116 @@
+//! Where false plots are denser than elsewhere: weather, wind farms, quays.
+
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Scans over which plots are counted.
+const MEMORY: f64 = 30.0;
+/// Squares from the radar to its largest range.
+const SQUARES: f64 = 64.0;
+/// Plots that every square is thought to have had, as dense as on average.
+const BEFOREHAND: f64 = 1.0;
+/// Squares from which those without plots lately are forgotten.
+const MANY: usize = 20_000;
+const NONE_LATELY: f64 = 1e-3;
+
+/// Plots that confirmed tracks have left, by square, with fading weights.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Patches {
+    /// Side of a square, m; 0 before any plot.
+    side: f64,
+    /// Scans so far, and as many as count.
+    now: f64,
+    scans: f64,
+    /// The plots of each square, and until when they have faded.
+    plots: BTreeMap<(i32, i32), (f64, f64)>,
+}
+
+impl Patches {
+    fn square(&self, position: [f64; 2]) -> (i32, i32) {
+        let [x, y] = position.map(|at| (at / self.side).floor() as i32);
+        (x, y)
+    }
+
+    /// Plots in the square of a place, as they count now.
+    fn at(&self, position: [f64; 2]) -> f64 {
+        let own = self.plots.get(&self.square(position));
+        own.map_or(0.0, |&(plots, until)| plots * ((until - self.now) / MEMORY).exp())
+    }
+
+    /// Density of false plots at a place over their `mean`, at least 1. Cost O(log squares).
+    pub fn ratio(&self, position: [f64; 2], mean: f64) -> f64 {
+        if self.plots.is_empty() {
+            return 1.0;
+        }
+        let expected = mean * self.side * self.side * self.scans;
+        ((BEFOREHAND + self.at(position)) / (BEFOREHAND + expected)).max(1.0)
+    }
+
+    /// Counts a plot of a radar whose largest range this is.
+    pub fn add(&mut self, position: [f64; 2], range: f64) {
+        if self.side == 0.0 {
+            self.side = range / SQUARES;
+        }
+        while range > 2.0 * SQUARES * self.side {
+            self.join();
+        }
+        let all = 1.0 + self.at(position);
+        self.plots.insert(self.square(position), (all, self.now));
+    }
+
+    /// Twice as large squares.
+    fn join(&mut self) {
+        self.side *= 2.0;
+        let now = self.now;
+        for ((x, y), (plots, until)) in std::mem::take(&mut self.plots) {
+            let own = self.plots.entry((x >> 1, y >> 1)).or_insert((0.0, now));
+            own.0 += plots * ((until - now) / MEMORY).exp();
+        }
+    }
+
+    /// Lets so many scans pass.
+    pub fn fade(&mut self, scans: f64) {
+        self.now += scans;
+        self.scans = (-scans / MEMORY).exp() * self.scans + scans;
+        if self.plots.len() > MANY {
+            let now = self.now;
+            let weight = |plots: f64, until: f64| plots * ((until - now) / MEMORY).exp();
+            self.plots.retain(|_, &mut (plots, until)| weight(plots, until) > NONE_LATELY);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::checks::assert_within;
+
+    #[test]
+    fn the_density_is_high_where_plots_are_and_fades() {
+        let mut patches = Patches::default();
+        let (range, mean) = (64e3, 1e-9);
+        assert_eq!(patches.ratio([500.0, 500.0], mean), 1.0);
+        for _ in 0..10 {
+            (0..3).for_each(|_| patches.add([500.0, -500.0], range));
+            patches.fade(1.0);
+        }
+        let kept = |scan: i32| (-f64::from(scan) / MEMORY).exp();
+        let weights: f64 = (1..=10).map(kept).sum();
+        let scans: f64 = (0..10).map(kept).sum();
+        let expected = (1.0 + 3.0 * weights) / (1.0 + mean * 1e6 * scans);
+        assert_within(1e-12, patches.ratio([999.0, -1.0], mean), expected);
+        assert_eq!(patches.ratio([1001.0, -1.0], mean), 1.0);
+        patches.fade(300.0);
+        assert!(patches.ratio([999.0, -1.0], mean) < 1.01);
+    }
+
+    #[test]
+    fn squares_grow_with_the_range() {
+        let mut patches = Patches::default();
+        patches.add([10.0, 10.0], 64.0 * 100.0);
+        patches.add([-10.0, 10.0], 64.0 * 100.0);
+        patches.add([150.0, 150.0], 64.0 * 201.0);
+        assert_within(1e-15, patches.at([199.0, 0.0]), 2.0);
+        assert_within(1e-15, patches.at([-199.0, 0.0]), 1.0);
+    }
+}

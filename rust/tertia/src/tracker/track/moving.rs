@@ -1,0 +1,105 @@
+//! A track and the velocities that come with plots.
+
+use super::Track;
+use crate::tracker::estimate::Estimate;
+use crate::tracker::filter::Filter;
+use crate::tracker::kinematics;
+use crate::tracker::plot::{Measured, Moving, Source};
+use crate::tracker::prospects::{Expected, Prospects};
+use crate::tracker::settings::Settings;
+use crate::tracker::velocities::Velocities;
+
+impl Settings {
+    fn velocities(&self) -> Velocities {
+        Velocities { guard: self.guard, max_speed: self.max_speed }
+    }
+}
+
+impl Track {
+    /// Begins where flights are due, or with a velocity.
+    pub(super) fn begin(&mut self, expected: Option<Expected>, settings: &Settings) {
+        let mut prospects = Prospects::new(expected, self.estimate);
+        if let Source::Moving(_, seen) = &self.first.source {
+            prospects.begin_moving(seen, settings.velocities());
+        }
+        if prospects.are_any() {
+            self.filter = Filter::Planned(Box::new(prospects));
+        }
+    }
+
+    /// Likelihood ratio of all but the position of a plot, of this target against any other.
+    #[inline]
+    pub(super) fn also_moving(&self, plot: &Measured, settings: &Settings) -> f64 {
+        let also = self.also(plot, settings);
+        match plot.source {
+            Source::Moving(_, seen) => also * self.ratio_of(plot, seen, settings),
+            _ => also,
+        }
+    }
+
+    #[cold]
+    fn ratio_of(&self, plot: &Measured, seen: Moving, settings: &Settings) -> f64 {
+        let here = self.brought_here(plot, settings);
+        let seen = self.moving_here(plot, seen, settings);
+        let (mut total, mut density) = (0.0, 0.0);
+        self.filter.each_estimate(|probability, estimate| {
+            let mut after = *estimate;
+            let weight = probability * after.correct(here.position, here.covariance());
+            total += weight;
+            density += weight * after.expects(&seen)[1];
+        });
+        settings.velocities().ratio(if total > 0.0 { density / total } else { 0.0 })
+    }
+
+    /// The same of a plot far from where the target was expected: if it goes on as before, and if it has
+    /// had an acceleration of this standard deviation for so long.
+    pub(super) fn velocity_ratios(
+        &self,
+        plot: &Measured,
+        (sigma, gap): (f64, f64),
+        settings: &Settings,
+    ) -> [f64; 2] {
+        let Source::Moving(_, seen) = plot.source else { return [1.0; 2] };
+        let here = self.brought_here(plot, settings);
+        let seen = self.moving_here(plot, seen, settings);
+        let mut accelerated = self.estimate;
+        accelerated.covariance += kinematics::unnoticed(sigma, gap);
+        accelerated.correct(here.position, here.covariance());
+        [self.estimate, accelerated].map(|own| settings.velocities().ratio(own.expects(&seen)[1]))
+    }
+
+    /// Corrects by the velocity of a plot, after its position, unless no model expects it.
+    #[cold]
+    pub(super) fn take_velocity(&mut self, plot: &Measured, seen: Moving, settings: &Settings) {
+        let velocities = settings.velocities();
+        let seen = self.moving_here(plot, seen, settings);
+        let leaning = self
+            .lean
+            .as_ref()
+            .zip(self.vertical)
+            .map(|(lean, vertical)| lean.of_velocity(vertical.at(self.time).height_variance()));
+        if !self.filter.expects(&seen.wider(leaning.unwrap_or_default()), velocities) {
+            return;
+        }
+        let motion = self.motion(settings);
+        self.filter.take_velocity(motion, &seen, velocities);
+        self.estimate = self.filter.estimate();
+        if let Some(lean) = &mut self.lean {
+            lean.take_velocity(&self.estimate, seen.noise);
+        }
+    }
+
+    /// A velocity as of the time of the estimate.
+    fn moving_here(&self, plot: &Measured, seen: Moving, settings: &Settings) -> Moving {
+        let late = (self.time - plot.time).max(0.0);
+        seen.since(late, self.motion(settings), settings.pace(plot.radar))
+    }
+
+    /// The estimate that is shown: before it is confirmed, of all that it may be.
+    pub(super) fn shown(&self) -> Estimate<4> {
+        match &self.filter {
+            Filter::Planned(prospects) => prospects.shown(),
+            _ => self.estimate,
+        }
+    }
+}

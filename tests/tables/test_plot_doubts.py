@@ -1,0 +1,83 @@
+"""Warnings about plots that contradict the description of their sensor."""
+
+import warnings
+
+import numpy as np
+import polars as pl
+import pytest
+
+from tertia import tables
+from tertia.sensors import PositionSensor, Radar
+
+PERIOD = 4.0
+RADAR = Radar(range_sigma=50.0, azimuth_sigma=0.001, scan_period=PERIOD, name="hill")
+TARGETS, SCANS = 24, 20
+
+
+def _scene() -> pl.DataFrame:
+    """Return plots of aircraft at all azimuths, at the times of the beam."""
+    rng = np.random.default_rng(7)
+    number, scan = np.meshgrid(np.arange(TARGETS), np.arange(SCANS))
+    azimuth = 2 * np.pi * (number + 0.5) / TARGETS
+    time = PERIOD * (scan + azimuth / (2 * np.pi))
+    distance = 30e3 + 1e3 * number + 150.0 * time + rng.normal(0.0, 50.0, time.shape)
+    azimuth = azimuth + rng.normal(0.0, 0.001, time.shape)
+    columns = {"time_s": time, "range_m": distance, "azimuth_deg": np.degrees(azimuth)}
+    return pl.DataFrame({name: column.ravel() for name, column in columns.items()})
+
+
+def _told(plots: pl.DataFrame, sensor: Radar | PositionSensor) -> list[str]:
+    """Return the warnings of `track`."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", tables.RecordWarning)
+        tables.track(plots, sensors=[sensor])
+    return [str(one.message) for one in caught]
+
+
+def test_nothing_is_said_of_plots_as_they_should_be() -> None:
+    assert _told(_scene(), RADAR) == []
+
+
+@pytest.mark.parametrize("late", [0.0, 1.0])
+def test_times_of_north_marks_are_noticed(late: float) -> None:
+    scan = (pl.col("time_s") / PERIOD).floor() + late
+    (told,) = _told(_scene().with_columns(time_s=scan * PERIOD), RADAR)
+    assert told.startswith("plots of hill at all azimuths have the same times")
+    assert "up to 4 s off" in told
+
+
+def test_sectors_and_rounded_times_are_no_blocks() -> None:
+    sector = (pl.col("time_s") / (PERIOD / 32)).ceil() * PERIOD / 32
+    assert _told(_scene().with_columns(time_s=sector), RADAR) == []
+
+
+def test_old_plots_that_come_again_are_noticed() -> None:
+    scene = _scene()
+    old = scene.filter(pl.col("time_s") < 5 * PERIOD)
+    again = [old.with_columns(pl.col("time_s") + 5 * n * PERIOD) for n in range(4)]
+    (told,) = _told(pl.concat(again), RADAR)
+    assert told.startswith("360 of 480 plots of hill are copies of earlier plots")
+
+
+def test_anchored_ships_and_plots_sent_twice_are_no_copies() -> None:
+    scene = _scene()
+    still = scene.with_columns(range_m=9e3, azimuth_deg=(pl.col("azimuth_deg") / 15).round() * 15)
+    assert _told(still, RADAR) == []
+    assert _told(pl.concat([scene, scene[::5]]), RADAR) == []
+
+
+def test_reports_that_are_rarer_than_stated_are_noticed() -> None:
+    number, step = np.meshgrid(np.arange(10), np.arange(60))
+    time = 6.0 * step + 0.5 * number
+    plots = pl.DataFrame(
+        {
+            "time_s": time.ravel(),
+            "east_m": (100.0 * time + 2e3 * number).ravel(),
+            "north_m": 0.0,
+            "identity": number.ravel(),
+        }
+    )
+    told = _told(plots, PositionSensor(position_sigma=20.0, name="ships"))
+    assert told[0].startswith("10 of 10 targets report to ships only every 6 s")
+    assert "update_interval is 1 s" in told[0]
+    assert _told(plots, PositionSensor(position_sigma=20.0, update_interval=6.0)) == []

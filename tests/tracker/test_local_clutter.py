@@ -1,0 +1,86 @@
+"""False plots that are denser in some places, and gaps in which only they are seen."""
+
+import numpy as np
+
+from tertia.tracker import Plots, Radar, track
+
+PERIOD, SCANS = 4.0, 150
+ECHOES = Radar(
+    range_sigma=80.0,
+    azimuth_sigma=0.0026,
+    scan_period=PERIOD,
+    max_range=100e3,
+    detection_probability=0.7,
+)
+
+
+def _plots(place: np.ndarray, scan: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return times, ranges and azimuths of plots at these places, (N, 3)."""
+    azimuth = np.arctan2(*place.T) % (2.0 * np.pi)
+    time = PERIOD * (scan + azimuth / (2.0 * np.pi))
+    noise = rng.standard_normal((len(place), 2)) * [ECHOES.range_sigma, ECHOES.azimuth_sigma]
+    return np.column_stack([time, np.hypot(*place.T) + noise[:, 0], azimuth + noise[:, 1]])
+
+
+def _aircraft(rng: np.random.Generator, count: int) -> list[np.ndarray]:
+    """Return the plots of aircraft in straight flight."""
+    parts = []
+    for _ in range(count):
+        course = rng.uniform(0.0, 2.0 * np.pi)
+        scan = np.flatnonzero(rng.random(SCANS) < 0.7)
+        way = 150.0 * PERIOD * (scan - SCANS / 2)[:, np.newaxis]
+        place = rng.uniform(-25e3, 25e3, 2) + way * [np.sin(course), np.cos(course)]
+        parts.append(_plots(place, scan, rng))
+    return parts
+
+
+def _uniform(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Return false plots anywhere."""
+    scan = np.repeat(np.arange(SCANS), count)
+    radius, angle = 1e5 * np.sqrt(rng.random(len(scan))), rng.uniform(0, 2 * np.pi, len(scan))
+    return _plots(radius[:, np.newaxis] * np.c_[np.sin(angle), np.cos(angle)], scan, rng)
+
+
+def _rain(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Return the echoes of a shower that drifts."""
+    scan = np.repeat(np.arange(SCANS), count)
+    drift = 12.0 * PERIOD * scan[:, np.newaxis] * [1.0, 0.0]
+    place = np.array([30e3, 40e3]) + drift + rng.normal(0.0, 5e3, (len(scan), 2))
+    return _plots(place, scan, rng)
+
+
+def test_rain_makes_few_tracks():
+    """With the mean density, each recording has 30 to 60 false tracks."""
+    for seed in (1, 2):
+        rng = np.random.default_rng(seed)
+        aircraft = _aircraft(rng, 8)
+        parts = [*aircraft, _uniform(rng, 40), _rain(rng, 25)]
+        is_aircraft = np.repeat([True, False], [sum(map(len, aircraft)), SCANS * 65])
+        table = track(Plots(*np.concatenate(parts).T), [ECHOES])
+        tracks, share = np.unique(table.track), []
+        for number in tracks:
+            own = table.plot[(table.track == number) & (table.plot >= 0)]
+            share.append(np.mean(is_aircraft[own]))
+        assert np.sum(np.array(share) < 0.5) <= 6
+        # aircraft are seen as before
+        assert 8 <= np.sum(np.array(share) >= 0.5) <= 11
+
+
+def test_no_track_flies_faster_than_targets_to_a_false_plot():
+    """A sector is blanked for some scans; then a false plot is far away."""
+    radar = Radar(range_sigma=70.0, azimuth_sigma=0.0014, scan_period=10.0, max_range=350e3)
+    time = 10.0 * np.arange(20)
+    for away in (9e3, 14e3, 20e3):
+        distance = np.append(50e3 + 250.0 * time, 50e3 + 250.0 * 220.0 + away)
+        when = np.append(time, 220.0)
+        address = np.append(np.full(20, 0x4007F1), -1)
+        far = Plots([0.0, 250.0], [300e3, 300e3], [3.0, 3.0])
+        plots = Plots(
+            np.append(when, far.time),
+            np.append(distance, far.range),
+            np.append(np.full(21, 1.0), far.azimuth),
+            icao_address=np.append(address, [-1, -1]),
+        )
+        table = track(plots, [radar])
+        assert 20 not in table.plot
+        assert np.max(np.hypot(*table.velocity[table.confirmed].T)) < 350.0
