@@ -36,7 +36,7 @@ pub use failure::Failure;
 pub use fixes::Fixes;
 pub use lasting::LastingErrors;
 pub use measured::Record;
-pub use prior::Prior;
+pub use prior::{Prior, Systematic};
 pub use result::{Smoothed, Trajectory};
 pub use series::Polynomials;
 pub use spatial::by_polynomials;
@@ -56,26 +56,6 @@ use std::rc::Rc;
 const BESIDE: usize = 3;
 /// Rounds of estimating biases.
 const ROUNDS: usize = 10;
-
-/// What is assumed of the systematic errors.
-#[derive(Clone, Debug)]
-pub enum Systematic {
-    /// Nothing is known of constant biases of these kinds, in the order of an instant's rows; of the
-    /// others there are none.
-    Flat(Vec<usize>),
-    /// Errors that last, of which something is known, or can be found.
-    Lasting(Prior),
-}
-
-impl Systematic {
-    /// Whether a number of an instant has no systematic error, of so many stations.
-    fn is_trusted(&self, column: usize, k: usize) -> bool {
-        match self {
-            Self::Flat(kinds) => !kinds.contains(&(column / k)),
-            Self::Lasting(prior) => prior.sigma[column] == 0.0,
-        }
-    }
-}
 
 /// Locates every instant, then smooths the positions, without systematic errors as far as they can
 /// be found. N is 3 D.

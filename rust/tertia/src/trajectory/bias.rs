@@ -21,10 +21,6 @@ const SETTLED: f64 = 0.01;
 const UNOBSERVABLE: f64 = 1e-9;
 /// Share of the information that may come from errors of the positions.
 const SPURIOUS: f64 = 0.1;
-/// Size of a normal variable that a quarter exceeds.
-const UPPER_QUARTER: f64 = 1.150_349_380_376_008;
-/// Standard deviation of a number of an instant, over that of all, that is wrong for long.
-const GROSS: f64 = 4.0;
 /// Share of an unobservable direction from which a bias is named.
 const NAMED: f64 = 0.1;
 
@@ -169,35 +165,17 @@ pub(super) fn weights<const D: usize, const N: usize>(
     let mut sizes: Vec<f64> = residual.iter().filter(|r| !r.is_nan()).map(|r| r.abs()).collect();
     let robust = record.robust && !sizes.is_empty();
     let scale = if robust { scale(&mut sizes) } else { f64::INFINITY };
-    let scales = scales(&residual, &measured.column, record.width(), scale);
     let (mut slope, mut total) = (0.0, 0.0);
-    let mut weight = vec![0.0; measured.len()];
-    for (m, r) in residual.iter().enumerate().filter(|(_, r)| !r.is_nan()) {
-        let own = r / scales[measured.column[m]];
-        let square = (own / TUKEY).powi(2).min(1.0);
+    for r in &sizes {
+        let square = (r / scale / TUKEY).powi(2).min(1.0);
         slope += (1.0 - square) * (1.0 - 5.0 * square);
         total += (1.0 - square) * (1.0 - square);
-        weight[m] = tukey(own) * measured.precision(m).powi(2);
+    }
+    let mut weight = vec![0.0; measured.len()];
+    for (m, r) in residual.iter().enumerate().filter(|(_, r)| !r.is_nan()) {
+        weight[m] = tukey(r / scale) * measured.precision(m).powi(2);
     }
     (weight, slope / total)
-}
-
-/// Standard deviations of the residuals of each number of an instant: those of all, but its own where it is
-/// wrong for a good part of the record, or its error would have no weight.
-fn scales(residual: &[f64], column: &[usize], width: usize, scale: f64) -> Vec<f64> {
-    let mut own = vec![Vec::new(); width];
-    for (r, column) in residual.iter().zip(column).filter(|(r, _)| !r.is_nan()) {
-        own[*column].push(r.abs());
-    }
-    let of = |sizes: &mut Vec<f64>| {
-        let at = sizes.len() * 3 / 4;
-        if sizes.is_empty() {
-            return scale;
-        }
-        let upper = *sizes.select_nth_unstable_by(at, f64::total_cmp).1 / UPPER_QUARTER;
-        if upper > GROSS * scale { upper } else { scale }
-    };
-    own.iter_mut().map(of).collect()
 }
 
 /// The information that errors of the positions alone make.

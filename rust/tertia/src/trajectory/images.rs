@@ -1,11 +1,11 @@
 //! Which of two paths that are mirror images is taken.
 
-use super::Systematic;
 use super::failure::Failure;
 use super::fixes::Fixes;
 use super::found::{Found, Setting};
 use super::measured::{Measured, Record};
 use super::mirror::Mirror;
+use super::prior::Systematic;
 use crate::base::angle::median;
 use crate::location::Status;
 use crate::sensors::KINDS;

@@ -30,3 +30,23 @@ impl Prior {
             .collect()
     }
 }
+
+/// What is assumed of the systematic errors.
+#[derive(Clone, Debug)]
+pub enum Systematic {
+    /// Nothing is known of constant biases of these kinds, in the order of an instant's rows; of the
+    /// others there are none.
+    Flat(Vec<usize>),
+    /// Errors that last, of which something is known, or can be found.
+    Lasting(Prior),
+}
+
+impl Systematic {
+    /// Whether a number of an instant has no systematic error, of so many stations.
+    pub(super) fn is_trusted(&self, column: usize, k: usize) -> bool {
+        match self {
+            Self::Flat(kinds) => !kinds.contains(&(column / k)),
+            Self::Lasting(prior) => prior.sigma[column] == 0.0,
+        }
+    }
+}
