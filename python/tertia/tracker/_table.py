@@ -219,7 +219,7 @@ def joined(tables: Iterable[TrackTable], order: IntArray, first: int) -> TrackTa
     `order` has, for each plot of the parts in their order, its index in the whole recording.
     `first` is the number of the first plot of the recording.
     """
-    whole, tracks, done = _core.TrackColumns(), np.empty(len(order), dtype=np.int64), 0
+    whole, tracks, done = _core.TrackColumns(len(order)), np.empty(len(order), dtype=np.int64), 0
     for table in tables:
         whole.append(table._columns, order, first)
         tracks[order[done : done + len(table.track_of_plot)]] = table.track_of_plot

@@ -114,7 +114,9 @@ impl PlotTracker {
         n_threads: Threads,
     ) -> PyResult<(TrackColumns, Output<'py, i64>)> {
         let plots = plots.read(&time, self.0.tracker().radars())?;
-        let (mut statuses, mut table) = (Vec::new(), Table::new(rows != "confirmed"));
+        // each plot makes a row of a track
+        let room = if rows == "confirmed" { 0 } else { plots.len() };
+        let (mut statuses, mut table) = (Vec::new(), Table::new(rows != "confirmed", room));
         release(py, plots.len() as f64 * PLOT_NS, || {
             if rows != "recording" {
                 return self.0.track(&plots, end, &mut statuses, &mut table, n_threads);
@@ -123,7 +125,7 @@ impl PlotTracker {
             self.0.record(&plots, &mut statuses, &mut table, n_threads)?;
             // the first plots were tracked before it was known how they are
             if let Some(again) = fresh.and_then(|fresh| fresh.knowing(&self.0)) {
-                (self.0, table) = (again, Table::new(true));
+                (self.0, table) = (again, Table::new(true, room));
                 self.0.record(&plots, &mut statuses, &mut table, n_threads)?;
             }
             table.keep_confirmed(n_threads);
@@ -161,7 +163,7 @@ impl PlotTracker {
         py: Python<'py>,
         n_threads: Threads,
     ) -> PyResult<(TrackColumns, Output<'py, i64>)> {
-        let mut table = Table::new(false);
+        let mut table = Table::new(false, 0);
         release(py, f64::INFINITY, || self.0.finish(&mut table, n_threads))?;
         Ok((TrackColumns::new(table), codes(py, &[])?))
     }

@@ -26,5 +26,6 @@ pub mod score;
 
 pub use assignment::Assigner;
 pub use grid::Grid;
+pub(crate) use grid::is_inside;
 pub use pair::Pair;
 pub use scan::{Association, Scoring, associate};

@@ -10,7 +10,8 @@
 //! | `recording` | the errors of the radars from all blocks of a recording | O(N log N + N K²) |
 //! | `live` | the errors scan by scan, from a few dozen targets | O(K³) a scan |
 //! | `gaussian` | what is known of the errors, and how it ages | O(K³) |
-//! | `followed` | the tracks, and what the errors add to their covariances | O(R²) a row of R radars |
+//! | `roster` | the tracks by number | O(1) a row |
+//! | `followed` | a track, and what the errors add to their covariances | O(R²) a row of R radars |
 //! | `vote` | sudden changes that are larger than the gates, by the tracks that miss their plots | O(V²) |
 //! | `alarm` | radars whose last plots do not fit their tracks | O(1) a plot |
 //! | `watch` | noise that has grown suddenly, by the last innovations | O(1) a plot |
@@ -30,6 +31,7 @@ mod lines;
 mod live;
 mod noise;
 mod recording;
+mod roster;
 mod row;
 mod sighting;
 mod start;

@@ -37,10 +37,10 @@ pub struct TrackColumns(Mutex<Vec<Kept>>);
 
 #[pymethods]
 impl TrackColumns {
-    /// A table without rows.
+    /// A table without rows, with room for so many.
     #[new]
-    fn empty() -> Self {
-        Self::new(Table::new(true))
+    fn empty(rows: usize) -> Self {
+        Self::new(Table::new(true, rows))
     }
 
     /// Adds the rows of the next part of plots, whose table is empty then. `order` is where the plots

@@ -11,11 +11,14 @@ const BUCKETS_PER_POINT: usize = 2;
 pub(super) const FINITE: &str = "every coordinate must be a finite number";
 
 /// A point and its place in the caller's list.
-#[derive(Clone, Copy, Debug)]
-struct Entry {
-    x: f64,
-    y: f64,
-    index: u32,
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Entry {
+    /// Its coordinates.
+    pub point: [f64; 2],
+    /// Its index.
+    pub index: u32,
+    /// A number of the caller's, by which points can be left out without reading what they belong to.
+    pub tag: u32,
 }
 
 /// An index of points in the plane, for one scan.
@@ -47,6 +50,19 @@ impl Grid {
     /// # Errors
     /// As [`Grid::new`].
     pub fn fill(&mut self, points: &[[f64; 2]], cell: f64) -> Result<()> {
+        self.fill_tagged(points, |_| 0, cell)
+    }
+
+    /// The same, with a tag of each point by its index.
+    ///
+    /// # Errors
+    /// As [`Grid::new`].
+    pub fn fill_tagged(
+        &mut self,
+        points: &[[f64; 2]],
+        tag: impl Fn(usize) -> u32,
+        cell: f64,
+    ) -> Result<()> {
         *self = Self {
             entries: std::mem::take(&mut self.entries),
             start: std::mem::take(&mut self.start),
@@ -61,12 +77,12 @@ impl Grid {
         require_elements("points", points.as_flattened(), 2, f64::is_finite, FINITE)?;
         let side = side(points.len());
         (self.mask, self.density) = (side - 1, 1.0 / cell);
-        self.sort(points, side * side);
+        self.sort(points, tag, side * side);
         Ok(())
     }
 
     /// Sorts the points by bucket, by counting.
-    fn sort(&mut self, points: &[[f64; 2]], buckets: usize) {
+    fn sort(&mut self, points: &[[f64; 2]], tag: impl Fn(usize) -> u32, buckets: usize) {
         self.start.resize(buckets + 1, 0);
         for &point in points {
             let bucket = self.bucket(point);
@@ -77,11 +93,12 @@ impl Grid {
             end += *start;
             *start = end;
         }
-        self.entries.resize(points.len(), Entry { x: 0.0, y: 0.0, index: 0 });
-        for (i, &[x, y]) in points.iter().enumerate().rev() {
-            let bucket = self.bucket([x, y]);
+        self.entries.resize(points.len(), Entry::default());
+        for (i, &point) in points.iter().enumerate().rev() {
+            let bucket = self.bucket(point);
             self.start[bucket] -= 1;
-            self.entries[self.start[bucket] as usize] = Entry { x, y, index: i as u32 };
+            self.entries[self.start[bucket] as usize] =
+                Entry { point, index: i as u32, tag: tag(i) };
         }
     }
 
@@ -110,6 +127,12 @@ impl Grid {
     /// As [`Grid::within`], from one corner to the other.
     #[inline]
     pub fn between(&self, low: [f64; 2], high: [f64; 2], visit: &mut impl FnMut(usize)) {
+        self.entries(low, high, &mut |entry| visit(entry.index as usize));
+    }
+
+    /// As [`Grid::between`], with the points and their tags.
+    #[inline]
+    pub fn entries(&self, low: [f64; 2], high: [f64; 2], visit: &mut impl FnMut(&Entry)) {
         if self.is_empty() {
             return;
         }
@@ -123,12 +146,8 @@ impl Grid {
                 let from = self.start[of_row + first] as usize;
                 let to = self.start[of_row + end] as usize;
                 for entry in &self.entries[from..to] {
-                    let inside = entry.x >= low[0]
-                        && entry.x <= high[0]
-                        && entry.y >= low[1]
-                        && entry.y <= high[1];
-                    if inside {
-                        visit(entry.index as usize);
+                    if is_inside(entry.point, low, high) {
+                        visit(entry);
                     }
                 }
                 if beyond == 0 {
@@ -162,6 +181,12 @@ impl Grid {
         let count = usize::try_from(count).map_or(0, |count| count.min(all));
         Stretch { first: first as usize & self.mask, count }
     }
+}
+
+/// Whether a point is between two corners, the edges included.
+#[inline]
+pub(crate) fn is_inside([x, y]: [f64; 2], low: [f64; 2], high: [f64; 2]) -> bool {
+    x >= low[0] && x <= high[0] && y >= low[1] && y <= high[1]
 }
 
 /// Neighbouring cells of a row or column that is wound around the torus.
@@ -224,6 +249,22 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn entries_have_their_points_and_tags() {
+        let points = [[0.0, 0.0], [900.0, 0.0], [20.0, -30.0], [25.0, 10.0]];
+        let mut grid = Grid::default();
+        grid.fill_tagged(&points, |i| 7 * i as u32, 50.0).unwrap();
+        let mut found = Vec::new();
+        grid.entries([-1.0, -40.0], [30.0, 5.0], &mut |entry| {
+            found.push((entry.index, entry.tag, entry.point));
+        });
+        found.sort_by_key(|entry| entry.0);
+        assert_eq!(found, [(0, 0, points[0]), (2, 14, points[2])]);
+        // without tags they are zero
+        grid.fill(&points, 50.0).unwrap();
+        grid.entries([-1e3; 2], [1e3; 2], &mut |entry| assert_eq!(entry.tag, 0));
     }
 
     #[test]

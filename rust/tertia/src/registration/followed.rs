@@ -117,11 +117,12 @@ impl Followed {
         }
     }
 
-    /// A number of each of its parts, so that they are in the cache.
+    /// Numbers all over it, so that it is in the cache.
     #[inline(always)]
     pub fn touched(&self) -> f64 {
-        let parts: f64 = self.parts.iter().map(|(_, time, part)| time + part[2][3]).sum();
-        self.row_time + self.excess[2][3] + parts
+        let part = |(_, time, part): &(usize, f64, Part)| time + part[1][2] + part[3][2];
+        let parts: f64 = self.parts.iter().map(part).sum();
+        self.row_time + self.position[0] + self.excess[0][3] + self.excess[3][3] + parts
     }
 
     /// Whether it was confirmed when a radar saw it.

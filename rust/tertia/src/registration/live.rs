@@ -11,6 +11,7 @@ use super::exchange::{Update, Updates};
 use super::followed::{Blocks, Followed};
 use super::gaussian::Gaussian;
 use super::recording::{STATED, Sums, TargetPlot, Ways, for_each, numbered, scans};
+use super::roster::Roster;
 use super::sighting::{CLOCK, ERRORS, Errors, Report, Sighting};
 use super::vote::{suspects, vote};
 use super::watch::Watch;
@@ -65,7 +66,7 @@ pub struct Registrar {
     alarms: Vec<Alarm>,
     time: f64,
     open: BTreeMap<i64, Vec<TargetPlot>>,
-    tracks: BTreeMap<i64, Box<Followed>>,
+    tracks: Roster,
     /// Plots that no confirmed track has, of the last scans.
     loose: Vec<Report>,
     recent: Vec<Scan>,
@@ -104,7 +105,7 @@ impl Registrar {
             alarms: vec![Alarm::default(); k],
             time: f64::NEG_INFINITY,
             open: BTreeMap::new(),
-            tracks: BTreeMap::new(),
+            tracks: Roster::default(),
             loose: Vec::new(),
             recent: Vec::new(),
             changes: Vec::new(),
@@ -200,16 +201,15 @@ impl Registrar {
 
     /// Moves the tracks by what the errors are found to be larger: numbers, times, and by how much.
     fn shift(&mut self, by: &[Errors]) -> Vec<(i64, f64, [f64; 4])> {
-        let mut tracks = Vec::with_capacity(self.tracks.len());
-        for (number, track) in &mut self.tracks {
+        let shift = |(number, track): (i64, &mut Followed)| {
             let by = track.moved(by);
-            tracks.push((*number, track.row_time, by));
             for i in 0..2 {
                 track.position[i] += by[i];
                 track.velocity[i] += by[2 + i];
             }
-        }
-        tracks
+            (number, track.row_time, by)
+        };
+        self.tracks.all_mut().map(shift).collect()
     }
 
     /// Learns from blocks that end by a time; returns the noise that was applied before, with and
@@ -258,10 +258,6 @@ impl Registrar {
             let most = CLOCK_STEP * radar.scan_period;
             *clock += (known[CLOCK] - *clock).clamp(-most, most);
         }
-    }
-
-    fn followed(&self) -> impl Iterator<Item = &Followed> {
-        self.tracks.values().map(|track| &**track)
     }
 
     /// The blocks that end by a time.
@@ -327,9 +323,9 @@ impl Registrar {
     /// Moves the errors of a radar where most of its tracks miss their plots in the same way.
     fn vote(&mut self, time: f64) {
         let unknowns = self.unknowns();
-        let suspects = suspects(self.followed(), &self.radars, time);
+        let suspects = suspects(self.tracks.all(), &self.radars, time);
         for (k, own) in unknowns.iter().enumerate().filter(|(k, _)| suspects[*k]) {
-            let found = vote(self.followed(), &self.loose, (k, &self.radars[k]), time);
+            let found = vote(self.tracks.all(), &self.loose, (k, &self.radars[k]), time);
             let (Some(moved), [Some(range), _, Some(azimuth), _]) = (found, *own) else {
                 continue;
             };

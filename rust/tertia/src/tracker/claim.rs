@@ -58,6 +58,12 @@ impl Claim {
         let [track, start, end] = [track, start, end].map(|i| i as u32);
         Self { track, rank: 0, root: 0, component: 0, start, end }
     }
+
+    /// Its plots, of those of all claims.
+    #[inline]
+    pub fn plots<'a>(&self, claimed: &'a [u32]) -> std::slice::Iter<'a, u32> {
+        claimed[self.start as usize..self.end as usize].iter()
+    }
 }
 
 /// Centre and half widths of the box of possible plots from `begin` to `end`; none where the radar

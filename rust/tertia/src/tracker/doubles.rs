@@ -105,10 +105,10 @@ impl<'a> Pairs<'a> {
         let half = [r.xx, r.yy].map(|variance| (NEAR * variance).sqrt());
         let low = [plot.position[0] - half[0], plot.position[1] - half[1]];
         let high = [plot.position[0] + half[0], plot.position[1] + half[1]];
-        grid.between(low, high, &mut |k| {
-            let other = &plots[k];
-            if other.radar == plot.radar && (other.time - plot.time).abs() < *soon {
-                let y = [0, 1].map(|axis| plot.position[axis] - other.position[axis]);
+        grid.entries(low, high, &mut |other| {
+            let k = other.index as usize;
+            if other.tag as usize == plot.radar && (plots[k].time - plot.time).abs() < *soon {
+                let y = [0, 1].map(|axis| plot.position[axis] - other.point[axis]);
                 look(k, inverse.form(y));
             }
         });

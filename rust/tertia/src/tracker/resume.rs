@@ -4,6 +4,7 @@
 use super::ended::{Ended, REMEMBERED, Spot, Stretch};
 use super::settings::Settings;
 use super::track::{SOONEST, Track};
+use std::cell::OnceCell;
 
 /// Largest acceleration of an aircraft, m/s²: 4 g.
 const ACCELERATION: f64 = 40.0;
@@ -26,13 +27,16 @@ pub(super) fn resume(
     settings: &Settings,
 ) -> Vec<(u64, u64)> {
     let mut renamed = Vec::new();
-    let (places, mut silent) = candidates(tracks, begun, settings);
-    let paths = Paths::of(tracks, ended, begun, settings);
+    let Candidates { places, mut silent, mut others } = Candidates::of(tracks, begun, settings);
+    // those that are not confirmed stay as they are
+    let tentative = OnceCell::new();
     for &number in begun {
         let Ok(at) = places.binary_search_by_key(&number, |(number, _)| *number) else { continue };
         let place = places[at].1;
         let new = &tracks[place];
         let end = Spot::first(new, settings);
+        let (stretches, tentative) = (&ended.stretches, &tentative);
+        let paths = Paths { ended: stretches, tracks, tentative, settings };
         let may = |old: &&Track| continues((new, &end), old, &paths);
         let same = |old: &Track| old.identities().same(&new.identities()) == Some(true);
         let live = silent.iter().map(|&i| &tracks[i]).filter(may);
@@ -49,40 +53,36 @@ pub(super) fn resume(
             found.sort_by(|a, b| b.seen.total_cmp(&a.seen));
             found.truncate(1);
         }
-        let old = match found[..] {
-            [old] => old.number,
-            _ => match twin(new, tracks, begun, settings) {
-                Some(at) => {
-                    renamed.push((number, tracks[at].number));
-                    let past = tracks[at].retire();
-                    tracks[place].go_on(&past, settings);
-                    continue;
+        let old = if let [old] = found[..] { Some(old.number) } else { None };
+        let past = match old {
+            Some(old) => match ended.tracks.iter().position(|track| track.number == old) {
+                Some(gone) => ended.tracks.remove(gone),
+                None => {
+                    let at = silent.iter().position(|&i| tracks[i].number == old);
+                    tracks[silent.remove(at.expect("it is one"))].retire()
                 }
+            },
+            None => match twin(new, tracks, &others, settings) {
+                Some(at) => tracks[at].retire(),
                 None => continue,
             },
         };
-        renamed.push((number, old));
-        let past = match ended.tracks.iter().position(|track| track.number == old) {
-            Some(gone) => ended.tracks.remove(gone),
-            None => {
-                let at = silent.iter().position(|&i| tracks[i].number == old).expect("it is one");
-                tracks[silent.remove(at)].retire()
-            }
-        };
+        renamed.push((number, past.number));
         tracks[place].go_on(&past, settings);
+        others.insert(others.partition_point(|&i| i < place), place);
     }
     renamed
 }
 
 /// The track of the same target as a new one, which both have its plots by turns: it turned so sharply that
 /// some of them were outside of all gates.
-fn twin(new: &Track, tracks: &[Track], begun: &[u64], settings: &Settings) -> Option<usize> {
+fn twin(new: &Track, tracks: &[Track], others: &[usize], settings: &Settings) -> Option<usize> {
     let end = Spot::first(new, settings);
-    tracks.iter().position(|old| {
-        // one that has been retired was never seen
-        let is_old = old.is_confirmed() && old.seen.is_finite() && settings.limits().is_none();
-        is_old && !begun.contains(&old.number) && takes_turns((new, &end), old, settings)
-    })
+    // one that has been retired was never seen; hypotheses know the tracks that are in doubt
+    let may = settings.limits().is_none();
+    let is_twin =
+        |old: &Track| may && old.seen.is_finite() && takes_turns((new, &end), old, settings);
+    others.iter().copied().find(|&at| is_twin(&tracks[at]))
 }
 
 /// Whether two tracks have an identity that targets do not share, are near each other, and no radar has seen
@@ -107,29 +107,42 @@ fn takes_turns((new, end): (&Track, &Spot), old: &Track, settings: &Settings) ->
     away <= settings.max_speed * (new.time - end.time) + errors
 }
 
-/// Numbers and indices of the new tracks, by number, and indices of the confirmed tracks that have not
-/// been seen since the last of them began.
-fn candidates(
-    tracks: &[Track],
-    begun: &[u64],
-    settings: &Settings,
-) -> (Vec<(u64, usize)>, Vec<usize>) {
-    if begun.is_empty() {
-        return (Vec::new(), Vec::new());
+/// Tracks that may be of one target.
+#[derive(Default)]
+struct Candidates {
+    /// Numbers and indices of the new tracks, by number.
+    places: Vec<(u64, usize)>,
+    /// Indices of the confirmed tracks that have not been seen since the last of them began.
+    silent: Vec<usize>,
+    /// Indices of all confirmed tracks under a number that they had before.
+    others: Vec<usize>,
+}
+
+impl Candidates {
+    fn of(tracks: &[Track], begun: &[u64], settings: &Settings) -> Self {
+        let mut found = Self::default();
+        if begun.is_empty() {
+            return found;
+        }
+        let mut sorted = begun.to_vec();
+        sorted.sort_unstable();
+        for (i, track) in tracks.iter().enumerate().filter(|(_, track)| track.is_confirmed()) {
+            match sorted.binary_search(&track.number) {
+                Ok(_) => found.places.push((track.number, i)),
+                Err(_) => found.others.push(i),
+            }
+        }
+        found.places.sort_unstable();
+        // hypotheses know the tracks that are in doubt
+        if settings.limits().is_some() {
+            found.others.clear();
+        }
+        let began = found.places.iter().map(|&(_, i)| tracks[i].first.time);
+        let last = began.fold(f64::NEG_INFINITY, f64::max);
+        let is_silent = |i: &usize| tracks[*i].seen < last;
+        found.silent = found.others.iter().copied().filter(is_silent).collect();
+        found
     }
-    let mut sorted = begun.to_vec();
-    sorted.sort_unstable();
-    let is_new = |track: &Track| sorted.binary_search(&track.number).is_ok();
-    let all = || tracks.iter().enumerate();
-    let mut places: Vec<(u64, usize)> =
-        all().filter(|(_, track)| is_new(track)).map(|(i, track)| (track.number, i)).collect();
-    places.sort_unstable();
-    let last = places.iter().map(|&(_, i)| tracks[i].first.time).fold(f64::NEG_INFINITY, f64::max);
-    // hypotheses know the tracks that are in doubt
-    let is_sure = settings.limits().is_none();
-    let is_silent =
-        |track: &Track| is_sure && track.is_confirmed() && track.seen < last && !is_new(track);
-    (places, all().filter(|(_, track)| is_silent(track)).map(|(i, _)| i).collect())
 }
 
 /// Whether a new track may be the same target as an older one.
@@ -184,19 +197,20 @@ fn turned(new: &Track, old: &Track) -> bool {
 
 /// Plots by which an aircraft may have come from one track to another.
 struct Paths<'a> {
-    stretches: Vec<Stretch>,
+    /// Those of tracks that have ended.
+    ended: &'a [Stretch],
+    tracks: &'a [Track],
+    /// Those of tracks that are not confirmed, once they are needed.
+    tentative: &'a OnceCell<Vec<Stretch>>,
     settings: &'a Settings,
 }
 
-impl<'a> Paths<'a> {
-    fn of(tracks: &[Track], ended: &Ended, begun: &[u64], settings: &'a Settings) -> Self {
-        let mut stretches = Vec::new();
-        if !begun.is_empty() {
-            stretches.extend_from_slice(&ended.stretches);
-            let others = tracks.iter().filter(|track| !track.is_confirmed());
-            stretches.extend(others.map(|track| Stretch::of(track, settings)));
-        }
-        Self { stretches, settings }
+impl Paths<'_> {
+    fn tentative(&self) -> &[Stretch] {
+        self.tentative.get_or_init(|| {
+            let others = self.tracks.iter().filter(|track| !track.is_confirmed());
+            others.map(|track| Stretch::of(track, self.settings)).collect()
+        })
     }
 
     /// Whether a way leads from where a track was seen last to where another begins, with a plot about
@@ -231,21 +245,21 @@ impl<'a> Paths<'a> {
             }
         };
         let mut reached = Vec::new();
-        let mut now: Vec<Option<usize>> = vec![None];
+        let mut now: Vec<Option<Spot>> = vec![None];
         while let Some(from) = now.pop() {
-            let goes = |b: &Spot| match from {
+            let goes = |b: &Spot| match &from {
                 None => straight(b),
-                Some(at) => hop(&self.stretches[at].last, b),
+                Some(last) => hop(last, b),
             };
             if goes(end) {
                 return true;
             }
-            for (i, one) in self.stretches.iter().enumerate() {
+            for (i, one) in self.ended.iter().chain(self.tentative()).enumerate() {
                 let is_same = one.identities.same(&old.identities());
                 let mine = is_same.unwrap_or(!one.identities.is_some());
                 if mine && one.last.time < end.time && !reached.contains(&i) && goes(&one.first) {
                     reached.push(i);
-                    now.push(Some(i));
+                    now.push(Some(one.last));
                 }
             }
         }

@@ -88,6 +88,14 @@ impl Row {
         }
     }
 
+    /// Numbers all over it, so that it is in the cache.
+    #[inline(always)]
+    pub(super) fn touched(&self) -> f64 {
+        let Self { time, estimate, innovation, existence_probability, height, .. } = self;
+        let (middle, last) = (estimate.covariance[(0, 1)], estimate.covariance[(3, 3)]);
+        time + middle + last + innovation[0] + existence_probability + height
+    }
+
     /// The order of time, then of track and radar.
     pub(super) fn by_time(&self, other: &Self) -> Ordering {
         let own = (self.track, self.radar);

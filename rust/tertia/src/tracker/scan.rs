@@ -165,7 +165,9 @@ impl Scan {
             let far = radar.azimuth_sigma * radar.max_range.min(1e5);
             7.0 * (radar.range_sigma + far) + 500.0
         });
-        self.grid.fill(&self.points, cell.fold(0.0, f64::max)).expect("plots are finite");
+        let radar = |i: usize| plots[i].radar as u32;
+        let cell = cell.fold(0.0, f64::max);
+        self.grid.fill_tagged(&self.points, radar, cell).expect("plots are finite");
     }
 
     /// Leaves out second plots of targets, of radars that make many.
@@ -186,22 +188,12 @@ impl Scan {
         let (Some(first), Some(last)) = (plots.first(), plots.last()) else { return };
         let (begin, end) = (first.time, last.time);
         let settings = sky.settings;
+        let around = (&*grid, &plots[..]);
+        let free = |&plot: &u32| !taken[plot as usize] && !deferred[plot as usize];
         let look = |share: &mut Share, first: usize, tracks: &[Track]| {
-            for (index, track) in tracks.iter().enumerate() {
+            for (index, track) in (first..).zip(tracks) {
                 if track.is_confirmed() == confirmed {
-                    let free = |&plot: &u32| {
-                        let i = plot as usize;
-                        !taken[i] && !deferred[i]
-                    };
-                    let (times, around) = ((begin, end), (&*grid, &plots[..]));
-                    share.find(track, times, settings, around, spread, free);
-                    for leaf in track.alternatives() {
-                        share.find_more(&leaf.track, times, settings, around, spread, free);
-                    }
-                    if let Some(state) = track.forked() {
-                        share.find_more(state, times, settings, around, spread, free);
-                    }
-                    share.claim(first + index, plots);
+                    share.look((index, track), (begin, end), settings, around, spread, free);
                 }
             }
         };
@@ -315,7 +307,7 @@ impl Scan {
         shares.settle(sky.threads, claims, &mut tracks, same, |share, claims, tracks| {
             let mut ahead = Ahead::default();
             for component in claims.chunk_by(same) {
-                ahead.read(component.len(), claims, tracks);
+                ahead.read(component.len(), claims, tracks, (plots, claimed));
                 for group in component.chunk_by(|a, b| a.root == b.root) {
                     share.group(group, tracks, view);
                     let doubts = limits.map(|limits| share.doubt(group, tracks, view, limits));

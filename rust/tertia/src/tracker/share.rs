@@ -1,5 +1,6 @@
 //! The part of a scan that one thread processes, and its results.
 
+use super::ahead::TOGETHER;
 use super::claim::{Claim, Spread, reach};
 use super::cluster::{Cells, Cluster};
 use super::clutter::Clutter;
@@ -10,9 +11,10 @@ use super::prospects::There;
 use super::row::Row;
 use super::settings::Settings;
 use super::track::Track;
-use crate::association::{Assigner, Grid, Pair};
+use crate::association::{Assigner, Grid, Pair, is_inside};
 use crate::base::batch::for_each_row;
 use crate::sensors::Detection;
+use std::hint::black_box;
 use std::num::NonZero;
 
 mod columns;
@@ -69,7 +71,7 @@ pub(super) struct Share {
     claimed: Vec<u32>,
     /// Plots near a track.
     near: Vec<u32>,
-    /// Where each radar may have seen a track.
+    /// Where each radar may have seen a track: lower left and upper right corner.
     boxes: Vec<Option<([f64; 2], [f64; 2])>>,
     pairs: Vec<Pair>,
     columns: Columns,
@@ -88,22 +90,29 @@ pub(super) struct Share {
 }
 
 impl Share {
-    /// Finds the free plots near a track, by radar and index.
-    pub fn find(
+    /// Claims the free plots near a track, in any of its states.
+    pub fn look(
         &mut self,
-        track: &Track,
+        (index, track): (usize, &Track),
         times: (f64, f64),
         settings: &Settings,
-        (grid, plots): (&Grid, &[Measured]),
+        around: (&Grid, &[Measured]),
         spread: &Spread,
         free: impl Fn(&u32) -> bool,
     ) {
         self.near.clear();
-        self.find_more(track, times, settings, (grid, plots), spread, free);
+        self.find(track, times, settings, around, spread, &free);
+        for leaf in track.alternatives() {
+            self.find(&leaf.track, times, settings, around, spread, &free);
+        }
+        if let Some(state) = track.forked() {
+            self.find(state, times, settings, around, spread, &free);
+        }
+        self.claim(index, around.1);
     }
 
-    /// Adds the free plots near another state of the same track.
-    pub fn find_more(
+    /// Adds the free plots near a state of a track, by radar and index.
+    fn find(
         &mut self,
         track: &Track,
         times: (f64, f64),
@@ -118,32 +127,30 @@ impl Share {
         let unseen = track.unseen(settings);
         for radar in 0..settings.radars.len() {
             let found = reach(track, radar, times, unseen, settings, spread);
-            if let Some((centre, half)) = found {
-                for i in 0..2 {
-                    low[i] = f64::min(low[i], centre[i] - half[i]);
-                    high[i] = f64::max(high[i], centre[i] + half[i]);
-                }
+            let corners = found.map(|(centre, half)| {
+                ([0, 1].map(|i| centre[i] - half[i]), [0, 1].map(|i| centre[i] + half[i]))
+            });
+            if let Some((own_low, own_high)) = corners {
+                low = [0, 1].map(|i| f64::min(low[i], own_low[i]));
+                high = [0, 1].map(|i| f64::max(high[i], own_high[i]));
             }
-            boxes.push(found);
+            boxes.push(corners);
         }
         if low[0] > high[0] {
             return;
         }
         let radars = &settings.radars;
-        grid.between(low, high, &mut |i| {
-            let plot = &plots[i];
-            let Some((centre, half)) = boxes[plot.radar] else { return };
-            let [x, y] = plot.position;
-            let inside = x >= centre[0] - half[0]
-                && x <= centre[0] + half[0]
-                && y >= centre[1] - half[1]
-                && y <= centre[1] + half[1];
-            let is_due = || {
-                settings.geometry(plot.radar).is_position()
-                    || track.is_due(plot, &radars[plot.radar])
-            };
-            if inside && free(&(i as u32)) && is_due() && !track.refuses(plot, settings) {
-                near.push(i as u32);
+        grid.entries(low, high, &mut |entry| {
+            // most are outside: their plots are not read
+            let Some((low, high)) = boxes[entry.tag as usize] else { return };
+            if !is_inside(entry.point, low, high) || !free(&entry.index) {
+                return;
+            }
+            let plot = &plots[entry.index as usize];
+            let is_due = settings.geometry(plot.radar).is_position()
+                || track.is_due(plot, &radars[plot.radar]);
+            if is_due && !track.refuses(plot, settings) {
+                near.push(entry.index);
             }
         });
         if near.len() > 1 {
@@ -153,7 +160,7 @@ impl Share {
     }
 
     /// Claims the plots that were found near a track, separately for each radar.
-    pub fn claim(&mut self, track: usize, plots: &[Measured]) {
+    fn claim(&mut self, track: usize, plots: &[Measured]) {
         let radar = |i: u32| plots[i as usize].radar;
         for own in self.near.chunk_by(|&a, &b| radar(a) == radar(b)) {
             let start = self.claimed.len();
@@ -175,7 +182,7 @@ impl Share {
         let station = &settings.radars[radar];
         let odds = settings.odds(radar, clutter[radar].density(station));
         for (row, claim) in group.iter().enumerate() {
-            let wanted = plots_of(claim, claimed).filter(|&&i| !deferred[i as usize]);
+            let wanted = claim.plots(claimed).filter(|&&i| !deferred[i as usize]);
             let track = &mut *tracks[claim.track as usize];
             let expected = track.expected_by(radar).map_or(f64::NEG_INFINITY, |e| e.time);
             let off = |&&i: &&u32| (plots[i as usize].time - expected).abs();
@@ -284,7 +291,7 @@ impl Share {
             let density = clutter[radar].density(&settings.radars[radar]);
             let odds = settings.odds(radar, density);
             let free = |&&plot: &&u32| !deferred[plot as usize] && !self.columns.is_taken(plot);
-            let scores = plots_of(claim, claimed).filter(free).filter_map(|&plot| {
+            let scores = claim.plots(claimed).filter(free).filter_map(|&plot| {
                 let measured = &plots[plot as usize];
                 track.guarded_score(measured, odds, settings).map(|surprise| (surprise, plot))
             });
@@ -331,10 +338,6 @@ impl Share {
         self.rows.clear();
         self.closed.clear();
     }
-}
-
-fn plots_of<'a>(claim: &Claim, claimed: &'a [u32]) -> std::slice::Iter<'a, u32> {
-    claimed[claim.start as usize..claim.end as usize].iter()
 }
 
 /// All shares.
@@ -437,12 +440,20 @@ impl Shares {
                 self.places[given.place as usize] = (index as u32, i as u32);
             }
         }
-        for &(index, i) in self.places.iter().filter(|(index, _)| *index != NOTHING) {
-            let share = &self.shares[index as usize];
-            let given = &share.given[i as usize];
-            let row = (given.row != NOTHING).then(|| &share.rows[given.row as usize]);
-            report(given, row);
+        for places in self.places.chunks(TOGETHER) {
+            let found = || places.iter().filter_map(|&(index, i)| self.at(index, i));
+            // rows are in the order of components: each is a wait for memory, and waits together take no
+            // longer than one
+            found().for_each(|(_, row)| _ = black_box(row.map(Row::touched)));
+            found().for_each(|(given, row)| report(given, row));
         }
+    }
+
+    /// A result, and its row.
+    fn at(&self, share: u32, index: u32) -> Option<(&Given, Option<&Row>)> {
+        let share = self.shares.get(share as usize)?;
+        let given = &share.given[index as usize];
+        Some((given, share.rows.get(given.row as usize)))
     }
 }
 

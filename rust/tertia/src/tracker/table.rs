@@ -8,6 +8,8 @@ use std::ops::Range;
 
 /// Rows that are read column by column while they are in the cache.
 const AT_ONCE: usize = 64;
+/// Numbers of the widest column.
+const WIDEST: usize = 10;
 /// Cost of leaving out the others of so many numbers, each.
 const KEEP_NS: f64 = 1.0;
 
@@ -62,14 +64,17 @@ impl Rows for Table {
 }
 
 impl Table {
-    /// A table for rows of confirmed tracks, or of all.
-    pub fn new(tentative: bool) -> Self {
-        let empty = |values: &Values| match values {
-            Values::Numbers(_) | Values::Symmetric(_) => Data::Numbers(Vec::new()),
-            Values::Integers(_) | Values::Callsigns(_) => Data::Integers(Vec::new()),
-            Values::Flags(_) => Data::Flags(Vec::new()),
+    /// A table for rows of confirmed tracks, or of all, with room for so many, as far as there is that
+    /// much memory: what is not used of it takes none.
+    pub fn new(tentative: bool, rows: usize) -> Self {
+        let empty = |column: &Column| match column.values {
+            Values::Numbers(_) | Values::Symmetric(_) => {
+                Data::Numbers(room(rows * column.stored()))
+            }
+            Values::Integers(_) | Values::Callsigns(_) => Data::Integers(room(rows)),
+            Values::Flags(_) => Data::Flags(room(rows)),
         };
-        let columns = COLUMNS.iter().map(|column| empty(&column.values)).collect();
+        let columns = COLUMNS.iter().map(empty).collect();
         Self { columns, last: Vec::new(), tentative }
     }
 
@@ -83,10 +88,12 @@ impl Table {
         for (data, column) in self.columns.iter_mut().zip(&COLUMNS) {
             match (data, column.values) {
                 (Data::Numbers(kept), Values::Numbers(write) | Values::Symmetric(write)) => {
-                    let (start, width) = (kept.len(), column.stored());
-                    kept.resize(start + width * self.last.len(), 0.0);
-                    let room = kept[start..].chunks_exact_mut(width);
-                    self.last.iter().zip(room).for_each(|(row, room)| write(row, room));
+                    let mut room = [0.0; WIDEST];
+                    let room = &mut room[..column.stored()];
+                    for row in &self.last {
+                        write(row, room);
+                        kept.extend_from_slice(room);
+                    }
                 }
                 (Data::Integers(kept), Values::Integers(read) | Values::Callsigns(read)) => {
                     kept.extend(self.last.iter().map(read));
@@ -157,6 +164,14 @@ impl Column {
             (data, _) => data,
         }
     }
+}
+
+/// Room for so many values, if there is.
+fn room<T>(values: usize) -> Vec<T> {
+    let mut room = Vec::new();
+    // without it, the room grows as it is needed
+    let _ = room.try_reserve_exact(values);
+    room
 }
 
 /// The ranges of successive rows that are kept.

@@ -41,7 +41,6 @@ static FIRST_MOTION: Motion = Motion::Cv(1.0);
 const EMERGENCY_AFTER: u8 = 2;
 /// Shortest time between plots of the same radar, as a share of a scan.
 pub(super) const SOONEST: f64 = 0.45;
-
 /// Largest acceleration in the noise of the models, m/s².
 const MODEL_ACCELERATION: f64 = 3.0;
 /// Scans in which at most one false track is confirmed.
@@ -78,6 +77,10 @@ pub(super) struct Track {
     /// Scans of the slowest radar that sees the target, s.
     pub period: f64,
     pub number: u64,
+    /// The states that it may have instead.
+    pub tree: Option<Box<Tree<Self>>>,
+    /// The one that it may have instead, until the next plot.
+    fork: Option<Box<Fork>>,
     /// Position and velocity of the filter.
     pub estimate: Estimate<4>,
     pub filter: Filter,
@@ -98,10 +101,6 @@ pub(super) struct Track {
     /// Emergency codes in a row, and the last one of mode 3/A; negative where there was none.
     emergencies: u8,
     emergency: i16,
-    /// The states that it may have instead.
-    pub tree: Option<Box<Tree<Self>>>,
-    /// The one that it may have instead, until the next plot.
-    fork: Option<Box<Fork>>,
     /// A plot that may have been of the target, since its last one.
     pub stray: Option<Stray>,
     /// What plans say of where its first plot was.
@@ -180,8 +179,9 @@ impl Track {
         }
     }
 
+    #[inline]
     pub fn is_confirmed(&self) -> bool {
-        self.stage == Stage::Confirmed
+        matches!(self.stage, Stage::Confirmed)
     }
 
     /// The identities by the transponder.

@@ -48,6 +48,7 @@ impl Registrar {
         let (mut applied, moved) = self.begin(updates, time);
         followed::use_noise(&mut applied, used);
         let (unknowns, errors) = (self.unknowns(), self.blocks());
+        self.tracks.open();
         Arch::new().dispatch(Rows {
             registrar: self,
             updates,
@@ -56,6 +57,7 @@ impl Registrar {
             moved: &moved,
             errors: &errors,
         });
+        self.tracks.close();
         if let Some(alive) = alive {
             self.forget_others(alive);
         }
@@ -85,21 +87,19 @@ impl Registrar {
         let mut runs: Vec<_> =
             targets.iter().filter_map(|rows| Some((rows.first()?, &rows[..], false))).collect();
         runs.sort_unstable_by_key(|(first, ..)| first.plot.target);
+        self.tracks.open();
         for (first, _, is_new) in &mut runs {
-            self.tracks.entry(first.plot.target).or_insert_with(|| {
-                *is_new = true;
-                Box::new(Followed::new(first.plot.report.time))
-            });
+            *is_new = self.place(first.plot.target, || first.plot.report.time).1;
         }
+        self.tracks.close();
         let mut added: Vec<_> =
             runs.iter().map(|(first, ..)| (first.plot.target, [0.0; 16])).collect();
         let mut runs = runs.into_iter().peekable();
         let mut work = Vec::with_capacity(added.len());
-        for (number, track) in &mut self.tracks {
-            if let Some((_, rows, is_new)) =
-                runs.next_if(|(first, ..)| first.plot.target == *number)
+        for (number, track) in self.tracks.all_mut() {
+            if let Some((_, rows, is_new)) = runs.next_if(|(first, ..)| first.plot.target == number)
             {
-                work.push((&mut **track, rows, is_new));
+                work.push((track, rows, is_new));
             }
         }
         let known = Applied { radars: &self.radars, noise: &applied, unknowns: &unknowns };
@@ -119,9 +119,15 @@ impl Registrar {
     fn forget_others(&mut self, alive: &[i64]) {
         let mut alive = alive.iter().peekable();
         self.tracks.retain(|number, track| {
-            while alive.next_if(|own| *own < number).is_some() {}
-            track.was_confirmed() || alive.peek() == Some(&number)
+            while alive.next_if(|own| **own < number).is_some() {}
+            track.was_confirmed() || alive.peek() == Some(&&number)
         });
+    }
+
+    /// The place of a track that rows are of, the first of them at this time, and whether it is new.
+    #[inline(always)]
+    pub(super) fn place(&mut self, target: i64, time: impl FnOnce() -> f64) -> (usize, bool) {
+        self.tracks.place(target, || Followed::new(time()))
     }
 
     /// Follows a row of a track: its gains carry the errors of the radars on.
@@ -129,6 +135,7 @@ impl Registrar {
     pub(super) fn carry(
         &mut self,
         update: &Update,
+        (place, is_new): (usize, bool),
         applied: &[[[f64; 2]; 2]],
         unknowns: &Unknowns,
     ) -> &Followed {
@@ -138,11 +145,7 @@ impl Registrar {
         if let Some(seen) = &seen {
             self.watch(update, seen, applied[report.radar][1]);
         }
-        let mut is_new = false;
-        let track = self.tracks.entry(update.plot.target).or_insert_with(|| {
-            is_new = true;
-            Box::new(Followed::new(report.time))
-        });
+        let track = self.tracks.at(place);
         let known = Applied { radars: &self.radars, noise: applied, unknowns };
         known.follow(track, update, seen, is_new);
         track
@@ -253,17 +256,21 @@ impl<U: Changed> WithSimd for Rows<'_, U> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let count = self.updates.count();
+        let Self { registrar, updates, .. } = self;
+        let count = updates.count();
+        let mut places = [(0, false); TOGETHER];
         for first in (0..count).step_by(TOGETHER) {
             let rows = first..count.min(first + TOGETHER);
-            for row in rows.clone() {
-                let track = self.registrar.tracks.get(&self.updates.target(row));
-                black_box(track.map(|track| track.touched()));
+            for (place, row) in places.iter_mut().zip(rows.clone()) {
+                *place = registrar.place(updates.target(row), || updates.get(row).plot.report.time);
             }
-            for row in rows {
-                let update = self.updates.get(row);
-                let track = self.registrar.carry(&update, self.applied, self.unknowns);
-                self.updates.change(row, &track.moved(self.moved), &track.added(self.errors));
+            for &(place, _) in &places[..rows.len()] {
+                black_box(registrar.tracks.at(place).touched());
+            }
+            for (place, row) in places.into_iter().zip(rows) {
+                let update = updates.get(row);
+                let track = registrar.carry(&update, place, self.applied, self.unknowns);
+                updates.change(row, &track.moved(self.moved), &track.added(self.errors));
             }
         }
     }

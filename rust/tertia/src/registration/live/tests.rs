@@ -30,7 +30,8 @@ fn what_the_errors_add_to_a_track() {
     });
     let mut track = Followed::new(0.0);
     track.update(0, &[[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]], &half);
-    registrar.tracks.insert(1, Box::new(track));
+    registrar.tracks.open();
+    let place = registrar.tracks.place(1, || track);
     // the predicted covariance, corrected by the plot
     let mut p = Matrix4::from_diagonal(&[900.0, 1600.0, 25.0, 25.0].into());
     for axis in 0..2 {
@@ -58,7 +59,7 @@ fn what_the_errors_add_to_a_track() {
         innovation_covariance,
     };
     let (unknowns, errors) = (registrar.unknowns(), registrar.blocks());
-    let added = registrar.carry(&update, &stated, &unknowns).added(&errors);
+    let added = registrar.carry(&update, (place.0, false), &stated, &unknowns).added(&errors);
     close(added[0] + corrected[(0, 0)], 1020.719237257);
     close(added[1] + corrected[(0, 1)], 20.87698829836);
     close(added[5] + corrected[(1, 1)], 1455.49754268);
@@ -70,7 +71,7 @@ fn what_the_errors_add_to_a_track() {
     ];
     for (i, row) in expected.iter().enumerate() {
         for (j, value) in row.iter().enumerate() {
-            close(registrar.tracks[&1].parts[0].2[j][i], *value);
+            close(registrar.tracks.at(place.0).parts[0].2[j][i], *value);
         }
     }
 }
@@ -108,7 +109,7 @@ fn a_vote_throws_open_blocks_away() {
         track.see(35.0, radar, position, velocity);
         let plot =
             TargetPlot { report: report(35.0, azimuth), target: i.into(), turn_probability: 0.0 };
-        registrar.tracks.insert(i.into(), Box::new(track));
+        registrar.tracks.place(i.into(), || track);
         registrar.open.insert(i.into(), vec![plot]);
         registrar.loose.push(report(39.5, azimuth + 0.5_f64.to_radians()));
     }
@@ -173,7 +174,7 @@ fn the_first_block_teaches_and_moves_the_track() {
     let mut registrar = two();
     registrar.learn(&rows(), &[], &[[[0.0; 2]; 2]; 2], 8.0);
     assert_eq!(registrar.known.mean.amax(), 0.0);
-    let before = registrar.tracks[&1].clone();
+    let before = registrar.tracks.get(1).unwrap().clone();
     let learnt = registrar.learn(&[], &[], &[[[0.0; 2]; 2]; 2], 60.0);
     let offset = registrar.errors()[1][0];
     assert!((50.0..150.0).contains(&offset), "{offset}");
@@ -182,7 +183,9 @@ fn the_first_block_teaches_and_moves_the_track() {
     let (number, _, moved) = learnt.tracks[0];
     assert_eq!((number, moved), (1, before.moved(&by)));
     assert!(moved[0].hypot(moved[1]) > 5.0, "{moved:?}");
-    assert!((registrar.tracks[&1].position[0] - before.position[0] - moved[0]).abs() < 1e-9);
+    assert!(
+        (registrar.tracks.get(1).unwrap().position[0] - before.position[0] - moved[0]).abs() < 1e-9
+    );
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Groups whose plots are not certain: joint events, and the states that follow from them.
 
-use super::{Share, View, plots_of};
+use super::{Share, View};
 use crate::association::Pair;
 use crate::association::event::{Event, Limits, Unresolved};
 use crate::association::events::events;
@@ -124,7 +124,7 @@ impl Share {
             for Leaf { branch, track: leaf, .. } in track.alternatives_mut() {
                 leaf.predict(time, settings.pace(radar), settings);
                 let mut gains = Vec::new();
-                for &plot in plots_of(claim, claimed).filter(|&&i| !deferred[i as usize]) {
+                for &plot in claim.plots(claimed).filter(|&&i| !deferred[i as usize]) {
                     let measured = &plots[plot as usize];
                     if !leaf.is_due(measured, station) {
                         continue;
@@ -305,7 +305,7 @@ impl Share {
                     let gain = a.shared_score(b, measured, odds, settings).filter(|_| due)?;
                     Some((column, gain))
                 };
-                let wanted = plots_of(&group[row], claimed).filter(|&&i| !deferred[i as usize]);
+                let wanted = group[row].plots(claimed).filter(|&&i| !deferred[i as usize]);
                 found.push(Unresolved {
                     first: first as u32,
                     second: second as u32,
@@ -405,7 +405,7 @@ impl Share {
                         && !is_gated(plot)
                         && state.is_due(&plots[plot as usize], station)
                 };
-                let candidates = plots_of(&group[row], claimed).filter(free);
+                let candidates = group[row].plots(claimed).filter(free);
                 let scores = candidates.filter_map(|&plot| {
                     let measured = &plots[plot as usize];
                     let surprise = state.guarded_score(measured, odds, settings)?;

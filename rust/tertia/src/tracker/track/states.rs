@@ -21,10 +21,12 @@ impl Track {
     }
 
     /// The states that are not shown.
+    #[inline]
     pub fn alternatives(&self) -> &[Leaf<Self>] {
         self.tree.as_deref().map_or(&[], |tree| &tree.others)
     }
 
+    #[inline]
     pub fn alternatives_mut(&mut self) -> &mut [Leaf<Self>] {
         self.tree.as_deref_mut().map_or(&mut [], |tree| &mut tree.others)
     }
