@@ -244,15 +244,14 @@ impl Layer {
 
 /// Samples by powers of four of their variances. Cost O(N).
 fn layers(spots: &[Spot]) -> Result<Vec<Layer>> {
-    let mut sizes: BTreeMap<i32, (Vec<usize>, Vec<[f64; 2]>, f64)> = BTreeMap::new();
+    let mut sizes: BTreeMap<i32, Vec<usize>> = BTreeMap::new();
+    let variance = |spot: &Spot| spot.variance[0].max(spot.variance[1]);
     for (i, spot) in spots.iter().enumerate() {
-        let variance = spot.variance[0].max(spot.variance[1]);
-        let of_size = sizes.entry((0.5 * variance.log2()).floor() as i32).or_default();
-        of_size.0.push(i);
-        of_size.1.push(spot.place);
-        of_size.2 = of_size.2.max(variance);
+        sizes.entry((0.5 * variance(spot).log2()).floor() as i32).or_default().push(i);
     }
-    let layer = |(places, points, largest): (Vec<usize>, Vec<[f64; 2]>, f64)| {
+    let layer = |places: Vec<usize>| {
+        let points: Vec<_> = places.iter().map(|&i| spots[i].place).collect();
+        let largest = places.iter().map(|&i| variance(&spots[i])).fold(0.0, f64::max);
         let mut layer = Layer { grid: Grid::default(), places, largest };
         layer.grid.fill(&points, layer.reach(largest).max(1.0))?;
         Ok(layer)

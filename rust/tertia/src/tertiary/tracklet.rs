@@ -199,13 +199,14 @@ mod tests {
         let none = Row { covariance: [f64::NAN; 16], ..doubtful };
         assert!(!is_doubtful(&none, &radar));
         let past = |row| Some(Past::new(row, is_doubtful(row, &radar)));
-        let behind =
-            |row: &Row, before| behind(None, (row, is_doubtful(row, &radar)), before, &radar);
-        let found = behind(&doubtful, &[past(&sure), None]);
+        let behind = |row: &Row, before: [Option<Past>; 2]| {
+            behind(None, (row, is_doubtful(row, &radar)), &before, &radar)
+        };
+        let found = behind(&doubtful, [past(&sure), None]);
         assert!(matches!(found, Behind::State(_, own) if own.xx == 4e4));
-        let found = behind(&row(8.0, 1e3), &[past(&doubtful), past(&sure)]);
+        let found = behind(&row(8.0, 1e3), [past(&doubtful), past(&sure)]);
         assert!(matches!(found, Behind::State(_, own) if own.xx == 1e3));
-        let found = behind(&row(4.0, 1e3), &[past(&sure), None]);
+        let found = behind(&row(4.0, 1e3), [past(&sure), None]);
         assert!(matches!(found, Behind::Plot(_)));
     }
 }
