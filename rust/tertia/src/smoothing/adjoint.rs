@@ -461,37 +461,9 @@ fn move_back<const N: usize>(t: f64, l: &mut [f64; N], mut big: Option<&mut Squa
     if t == 0.0 {
         return;
     }
-    turn_back(N / 3, t, l, big.as_deref_mut());
+    motion::turn_back(N / 3, t, l, big.as_deref_mut());
     if let Some(big) = big {
         symmetrise(big);
-    }
-}
-
-/// The same of D axes, but for the rounding that makes the matrix symmetric; other components stay.
-#[inline(always)]
-pub(super) fn turn_back<const N: usize>(
-    d: usize,
-    t: f64,
-    l: &mut [f64; N],
-    big: Option<&mut Square<N>>,
-) {
-    let half = 0.5 * t * t;
-    let turn = |row: &mut [f64; N]| {
-        for i in 0..d {
-            let (p, v) = (row[i], row[d + i]);
-            row[2 * d + i] += t * v + half * p;
-            row[d + i] += t * p;
-        }
-    };
-    turn(l);
-    let Some(big) = big else { return };
-    big.iter_mut().for_each(turn);
-    for i in 0..d {
-        for c in 0..N {
-            let (p, v) = (big[i][c], big[d + i][c]);
-            big[2 * d + i][c] += t * v + half * p;
-            big[d + i][c] += t * p;
-        }
     }
 }
 

@@ -7,7 +7,7 @@
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
-use super::adjoint::{self, Adjoint, turn_back};
+use super::adjoint::{self, Adjoint};
 use super::diffuse;
 use super::model::{Faults, Model};
 use super::motion::{self, ProcessNoise};
@@ -447,7 +447,7 @@ fn back<const N: usize>(t: f64, phi: f64, l: &mut [f64; N], big: &mut Square<N>)
     let fade = |row: &mut [f64]| row.iter_mut().for_each(|value| *value *= phi);
     fade(&mut l[3 * d..]);
     big.iter_mut().for_each(|row| fade(&mut row[3 * d..]));
-    turn_back(d, t, l, Some(big));
+    motion::turn_back(d, t, l, Some(big));
     big[3 * d..].iter_mut().for_each(|row| fade(row));
     symmetrise(big);
 }

@@ -119,6 +119,34 @@ pub(super) fn advance_row<const N: usize>(d: usize, row: &mut [f64; N], t: f64, 
     }
 }
 
+/// `F' λ` and `F' Λ F` of D axes, not yet made symmetric; other components stay as they are.
+#[inline(always)]
+pub(super) fn turn_back<const N: usize>(
+    d: usize,
+    t: f64,
+    l: &mut [f64; N],
+    big: Option<&mut Square<N>>,
+) {
+    let half = 0.5 * t * t;
+    let turn = |row: &mut [f64; N]| {
+        for i in 0..d {
+            let (p, v) = (row[i], row[d + i]);
+            row[2 * d + i] += t * v + half * p;
+            row[d + i] += t * p;
+        }
+    };
+    turn(l);
+    let Some(big) = big else { return };
+    big.iter_mut().for_each(turn);
+    for i in 0..d {
+        for c in 0..N {
+            let (p, v) = (big[i][c], big[d + i][c]);
+            big[2 * d + i][c] += t * v + half * p;
+            big[d + i][c] += t * p;
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
