@@ -399,12 +399,12 @@ def stated(y, s, correlation):
         return density / (density + ratio), z, np.sum(np.log(density + ratio))
 
     def maximum(centre, f):
-        for _ in range(100):
+        for _ in range(10_000):
             weight = good(centre, f)[0] / s**2
             step = weight @ (y - centre) / weight.sum()
             centre += step
             weight = good(centre, f)[0] / (f * s) ** 2
-            if abs(step) * np.sqrt(weight.sum()) < 1e-4:
+            if abs(step) * np.sqrt(weight.sum()) < 1e-13:
                 break
         g, z, log = good(centre, f)
         all_of = np.sum(g / (f * s) ** 2)
