@@ -4,6 +4,7 @@
 use super::ended::{Ended, REMEMBERED, Spot, Stretch};
 use super::settings::Settings;
 use super::track::{SOONEST, Track};
+use crate::sensors::IdentityKind;
 use std::cell::OnceCell;
 
 /// Largest acceleration of an aircraft, m/s²: 4 g.
@@ -27,7 +28,8 @@ pub(super) fn resume(
     settings: &Settings,
 ) -> Vec<(u64, u64)> {
     let mut renamed = Vec::new();
-    let Candidates { places, mut silent, mut others } = Candidates::of(tracks, begun, settings);
+    let Candidates { places, mut silent, others } = Candidates::of(tracks, begun, settings);
+    let mut named = Named { others, ..Named::default() };
     // those that are not confirmed stay as they are
     let tentative = OnceCell::new();
     for &number in begun {
@@ -62,27 +64,70 @@ pub(super) fn resume(
                     tracks[silent.remove(at.expect("it is one"))].retire()
                 }
             },
-            None => match twin(new, tracks, &others, settings) {
+            None => match named.twin(new, tracks, settings) {
                 Some(at) => tracks[at].retire(),
                 None => continue,
             },
         };
         renamed.push((number, past.number));
         tracks[place].go_on(&past, settings);
-        others.insert(others.partition_point(|&i| i < place), place);
+        named.renamed.push(place);
     }
     renamed
 }
 
-/// The track of the same target as a new one, which both have its plots by turns: it turned so sharply that
-/// some of them were outside of all gates.
-fn twin(new: &Track, tracks: &[Track], others: &[usize], settings: &Settings) -> Option<usize> {
-    let end = Spot::first(new, settings);
-    // one that has been retired was never seen; hypotheses know the tracks that are in doubt
-    let may = settings.limits().is_none();
-    let is_twin =
-        |old: &Track| may && old.seen.is_finite() && takes_turns((new, &end), old, settings);
-    others.iter().copied().find(|&at| is_twin(&tracks[at]))
+/// Confirmed tracks by identities that targets do not share.
+#[derive(Default)]
+struct Named {
+    /// Those under a number that they had before, and those that have gone on under another since.
+    others: Vec<usize>,
+    renamed: Vec<usize>,
+    /// Identities of the former, in order, once they are needed.
+    sorted: OnceCell<Vec<((usize, i64), usize)>>,
+}
+
+impl Named {
+    /// The track of the same target as a new one, which both have its plots by turns: it turned so sharply
+    /// that some of them were outside of all gates. Cost O(log tracks), after O(tracks log tracks) once.
+    fn twin(&self, new: &Track, tracks: &[Track], settings: &Settings) -> Option<usize> {
+        // hypotheses know the tracks that are in doubt
+        if settings.limits().is_some() || names(new, settings).next().is_none() {
+            return None;
+        }
+        let sorted = self.sorted.get_or_init(|| {
+            let each = |&at: &usize| names(&tracks[at], settings).map(move |name| (name, at));
+            let mut sorted: Vec<_> = self.others.iter().flat_map(each).collect();
+            sorted.sort_unstable();
+            sorted
+        });
+        let mut found = self.renamed.clone();
+        for name in names(new, settings) {
+            let first = sorted.partition_point(|(other, _)| *other < name);
+            let same = sorted[first..].iter().take_while(|(other, _)| *other == name);
+            found.extend(same.map(|(_, at)| *at));
+        }
+        found.sort_unstable();
+        let end = Spot::first(new, settings);
+        // one that has been retired was never seen
+        let is_twin = |old: &Track| old.seen.is_finite() && takes_turns((new, &end), old, settings);
+        found.into_iter().find(|&at| is_twin(&tracks[at]))
+    }
+}
+
+/// Kinds and numbers of the identities of a track that targets do not share.
+fn names(track: &Track, settings: &Settings) -> impl Iterator<Item = (usize, i64)> {
+    let own = track.identities();
+    let kinds = [
+        (IdentityKind::Address, own.icao_address.into()),
+        (IdentityKind::Number, own.identity),
+        (IdentityKind::Callsign, own.callsign),
+    ];
+    let is_own = |(kind, number): (IdentityKind, i64)| number >= 0 && !settings.is_shared(kind);
+    kinds
+        .map(|one| is_own(one).then_some(one.1))
+        .into_iter()
+        .enumerate()
+        .filter_map(|(kind, number)| Some((kind, number?)))
 }
 
 /// Whether two tracks have an identity that targets do not share, are near each other, and no radar has seen
