@@ -50,8 +50,9 @@ RANGE, AZIMUTH = np.linalg.norm(OFFSET, axis=-1), np.arctan2(OFFSET[..., 0], OFF
 PLOTS = tracker.Plots(TIME, RANGE[:, 0], AZIMUTH[:, 0])
 TRACKS = tracker.track(PLOTS, RADARS)
 TRUTH = metrics.Truth(TIME, np.zeros(N, dtype=int), PATH)
+# emissions are further apart than a signal travels, so that they can be told apart
 HEARD = {
-    "time": (TIME[:, np.newaxis] + RANGE / 1500.0).ravel(),
+    "time": (5.0 * TIME[:, np.newaxis] + RANGE / 1500.0).ravel(),
     "sensor": np.tile(np.arange(4), N),
     "identity": np.ones(4 * N, dtype=int),
 }

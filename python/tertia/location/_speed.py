@@ -63,7 +63,7 @@ def read_speed(speed: npt.ArrayLike, sigma: npt.ArrayLike, kinds: Collection[Kin
             "propagation_speed_sigma is given; it is for times of arrival, ranges and range "
             "differences"
         )
-    relative = float(width) / float(np.mean(stated))
+    relative = float(width) / float(np.mean(stated)) if width > 0 else 0.0
     if relative > _LARGEST:
         raise ValueError(
             f"propagation_speed_sigma is {relative:.0%} of propagation_speed; it must be at most "
