@@ -14,6 +14,7 @@ from tertia._arrays import (
     FloatArray,
     finite,
     instance,
+    instants_of,
     radians,
     real,
     samples,
@@ -255,7 +256,7 @@ def reconstruct(
         jerk=jerk,
         bias=bias,
     )
-    instants = _instants(time)
+    instants = instants_of(time)
     places, axes, sigmas = _places(stations, len(instants))
     k = places.shape[-2]
     stated = (range_sigma, azimuth_sigma, elevation_sigma, range_difference_sigma)
@@ -468,16 +469,6 @@ def _initial(initial: npt.ArrayLike | None, d: int, *, flat: bool) -> list[float
     if start.shape != (given,):
         raise ValueError(f"initial has shape {start.shape}; it must be ({given},)")
     return [float(v) for v in start[:d]]
-
-
-def _instants(time: npt.ArrayLike) -> FloatArray:
-    instants = finite(time, "time")
-    if instants.ndim != 1 or instants.size == 0:
-        raise ValueError(f"time has shape {instants.shape}; it must be (N,)")
-    back = np.flatnonzero(np.diff(instants) < 0)
-    if back.size:
-        raise ValueError(f"time[{back[0] + 1}] is before the previous time; time must not decrease")
-    return instants
 
 
 def _places(
