@@ -38,6 +38,18 @@ def test_nothing_is_said_of_plots_as_they_should_be() -> None:
     assert _told(_scene(), RADAR) == []
 
 
+def test_plots_without_azimuths_are_left_out() -> None:
+    """All of them have the same times, and the same lack of an azimuth."""
+    scene = _scene()
+    blind = scene.with_columns(
+        time_s=(pl.col("time_s") / PERIOD).floor() * PERIOD, azimuth_deg=None
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        told = _told(pl.concat([scene, blind.cast(scene.schema)]), RADAR)
+    assert told == []
+
+
 @pytest.mark.parametrize("late", [0.0, 1.0])
 def test_times_of_north_marks_are_noticed(late: float) -> None:
     scan = (pl.col("time_s") / PERIOD).floor() + late

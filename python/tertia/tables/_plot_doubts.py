@@ -33,6 +33,7 @@ def doubt_plots(plots: Plots, sensors: Sensors[Any]) -> None:
         if len(rows) < _FEW:
             continue
         if isinstance(sensor, Radar):
+            rows = rows[np.isfinite(plots.azimuth[rows])]
             _doubt_times(name, sensor, plots.time[rows], plots.azimuth[rows])
             _doubt_copies(name, sensor, plots.time[rows], plots.range[rows], plots.azimuth[rows])
         elif isinstance(sensor, PositionSensor):
@@ -44,10 +45,10 @@ def _doubt_times(name: str, radar: Radar, time: FloatArray, azimuth: FloatArray)
     instant = np.floor(time / (_INSTANT * radar.scan_period)).astype(np.int64)
     sector = np.floor(np.mod(azimuth, 2.0 * np.pi) / _SECTOR).astype(np.int64)
     _, place, count = np.unique(instant, return_inverse=True, return_counts=True)
-    pairs = np.unique(np.column_stack([place, sector]), axis=0)
-    sectors = np.bincount(pairs[:, 0], minlength=len(count))
-    share = np.sum(count[sectors >= _SECTORS]) / len(time)
-    if share > _SHARE:
+    all_sectors = round(2.0 * np.pi / _SECTOR)
+    pairs = np.unique(np.ravel(place) * all_sectors + sector)
+    sectors = np.bincount(pairs // all_sectors, minlength=len(count))
+    if np.sum(count[sectors >= _SECTORS]) > _SHARE * len(time):
         doubt(
             f"plots of {name} at all azimuths have the same times: are these the times of north "
             "marks or of messages? Each plot of a rotating radar needs the time at which the beam "
@@ -59,11 +60,9 @@ def _doubt_copies(
     name: str, radar: Radar, time: FloatArray, distance: FloatArray, azimuth: FloatArray
 ) -> None:
     """Warn if sequences of plots come again later."""
-    _, key = np.unique(np.column_stack([distance, azimuth]), axis=0, return_inverse=True)
-    key = np.ravel(key)
-    order = np.lexsort([np.arange(len(key)), key])
-    before = np.full(len(key), -1)
-    same = key[order][1:] == key[order][:-1]
+    order = np.lexsort([azimuth, distance])
+    before = np.full(len(time), -1)
+    same = (np.diff(distance[order]) == 0) & (np.diff(azimuth[order]) == 0)
     before[order[1:][same]] = order[:-1][same]
     known = before >= 0
     later = np.where(known, time - time[before], np.nan)
@@ -101,8 +100,9 @@ def _doubt_interval(
     gap, number = np.diff(time[order])[inside], own[1:][inside]
     if not len(gap):
         return
-    numbers = np.unique(number)
-    usual = np.array([np.quantile(gap[number == one], _QUANTILE) for one in numbers])
+    numbers, first, count = np.unique(number, return_index=True, return_counts=True)
+    sorted_gap = gap[np.lexsort([gap, number])]
+    usual = sorted_gap[first + np.ceil(_QUANTILE * (count - 1)).astype(np.int64)]
     most = _PATIENCE * sensor.update_interval
     rare = usual > most
     if np.any(rare) and np.sum(rare) >= 0.1 * len(numbers):

@@ -84,7 +84,7 @@ class Plots(Result):
         position is.
     velocity_covariance : ndarray of shape (N, 2, 2) or None
         Covariances of the velocities; nan for plots to which the `velocity_sigma` of the sensor
-        applies.
+        applies. A velocity is not used if its covariance is not positive definite.
     sensor_position : ndarray of shape (N, 2) or None
         East and north in metres of a moving `Station` at the time of each plot; nan for plots to
         which the position stored in the station applies.
