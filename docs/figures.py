@@ -47,6 +47,7 @@ from studies import (
     registration,
     registration_bound,
     registration_demo,
+    registration_history,
     registration_recordings,
     registration_start,
     reported_velocities,
@@ -172,6 +173,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "drift": registration_bound.drift,
         "grid": registration_start.grid,
         "changes": registration_start.changes,
+        "history": registration_history.table,
         "recordings": registration_recordings.table,
     },
     "fusion.md": {

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.pages import DATA, markdown, table_of
+from studies.pages import DATA, markdown, repetitions, table_of
 from studies.recordings import SHIP_SIGMAS
 from tertia._arrays import FloatArray, IntArray
 from tertia.metrics import gospa
@@ -90,7 +90,8 @@ def recording() -> Recording:
             each.append([np.interp(t, times, places[:, axis]) for axis in (0, 1)])
         return np.array(each)
 
-    return Recording(plots, truth, np.arange(SETTLED, np.max(table[:, 0]), STEP))
+    instants = np.arange(SETTLED, np.max(table[:, 0]), STEP)
+    return Recording(plots, truth, instants[: repetitions(len(instants), 30)])
 
 
 def _measured(measured: Any, is_position: bool) -> Iterator[list[float]]:

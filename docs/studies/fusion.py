@@ -630,7 +630,7 @@ def smoothing() -> str:
 
 def fit_coverage() -> str:
     """How good the estimates of the noise are, and whether their errors are true."""
-    runs = 200
+    runs = repetitions(200, 10)
     usual = SingerModel(5.0, 1 / 20, 0.003, exact=True)
     cases: dict[str, tuple[SingerModel, int, float]] = {
         "usual, 60 plots": (usual, 60, 1.0),

@@ -609,10 +609,10 @@ def register_errors(
     plots: dict[str, Any],
     radars: list[Radar],
     slant: list[bool],
-    mean: FloatArray,
-    sigma: FloatArray,
+    prior: list[FloatArray],
+    edges: FloatArray,
     start: FloatArray,
-) -> tuple[list[FloatArray], list[int]]: ...
+) -> tuple[list[FloatArray], list[tuple[int, int]], list[int]]: ...
 
 @final
 class Registrar:

@@ -68,3 +68,17 @@ def test_no_files(scene: Path) -> None:
     done = run("register", "--sensors", scene / "sensors.toml")
     assert done.code == 2
     assert "give files of plots" in done.err
+
+
+def test_a_sudden_change_is_named(scene: Path, tmp_path: Path) -> None:
+    plots = pl.read_csv(scene / "plots.csv")
+    later = (pl.col("sensor") == "radar-2") & (pl.col("time_s") > 250.0)
+    moved = tmp_path / "moved.csv"
+    azimuth = pl.col("azimuth_deg") + 0.5 * later
+    plots.with_columns(azimuth_deg=azimuth % 360.0).write_csv(moved)
+    done = run("register", moved, "--sensors", scene / "sensors.toml", "--json")
+    assert done.code == 0
+    (change,) = json.loads(done.out)["changes"]
+    assert change["radar"] == "radar-2"
+    assert abs(change["time"] - 250.0) < 20.0
+    assert "the errors of radar-2 changed suddenly at" in done.err

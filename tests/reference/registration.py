@@ -4,7 +4,7 @@ import numpy as np
 from scipy import stats
 
 STRAIGHT, TURN, TURNING = 0.3, 4.0, 0.3
-SIGNIFICANCE, OUTLIER, STATED, ROUNDS, HEIGHT = 1e-3, 3.5, 10.0, 4, 15.0
+SIGNIFICANCE, OUTLIER, STATED, ROUNDS, HEIGHT, FIRST = 1e-3, 3.5, 10.0, 4, 15.0, 10.0
 
 
 def sighting(place, sigma, range_, azimuth, height, factor=(1.0, 1.0)):
@@ -65,7 +65,7 @@ def windows(target, time, longest):
 def errors(plots, places, sigmas, longest, prior):
     """Errors (K, 4), their covariance, and noise factors (K, 2), of plots by column."""
     count = len(places)
-    b, factor, covariance = np.zeros((count, 4)), np.ones((count, 2)), np.eye(4 * count)
+    b, factor, covariance = np.zeros((count, 4)), np.ones((count, 2)), FIRST**2 * np.eye(4 * count)
     blocks = windows(plots["target"], plots["time"], longest)
     for _ in range(ROUNDS):
         information, score = np.eye(4 * count), -(b / prior).ravel()

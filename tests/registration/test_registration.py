@@ -13,9 +13,9 @@ from tolerances import CHANCE
 
 from tertia import simulate
 from tertia.registration import register
-from tertia.registration._errors import errors
-from tertia.sensors import Bias, Radar
+from tertia.sensors import RADAR_LIMITS, Bias, Radar
 from tertia.tracker import Plots, track
+from tertia.tracker._errors import errors
 
 STATED = np.array([50.0, 0.0014])
 PLACES = np.array([[-5e4, 0.0], [5e4, 1e4], [0.0, 6e4]])
@@ -32,6 +32,12 @@ def radars(factor=ONES, order=(0, 1, 2)):
         Radar(PLACES[k], range_sigma=sigma[k, 0], azimuth_sigma=sigma[k, 1], scan_period=4.0 + k)
         for k in order
     ]
+
+
+def constant():
+    """The same radars, whose errors do not drift."""
+    bias = replace(RADAR_LIMITS, drift_share=0.0)
+    return [replace(one, bias=bias) for one in radars()]
 
 
 def recording(seed, factor=ONES, bias=None, **options):
@@ -69,10 +75,11 @@ def test_the_same_by_plain_formulas():
     bias = Bias(range=[0.0, 150.0, -90.0], azimuth=[0.0, 0.002, 0.0], time=[0.0, 0.0, 0.1])
     plots = recording(1, bias=bias, height_missing_probability=0.1)
     tracks = track(plots, [replace(one, bias=bias[k]) for k, one in enumerate(radars())])
-    prior = Bias(**{f"{kind}_sigma": np.full(3, LIMITS[j]) for j, kind in enumerate(ERRORS)})
-    found = errors(plots, tracks, radars(), prior, prior)
+    found = errors(plots, tracks, constant())
+    assert found.changes == ()
     rows = np.flatnonzero((tracks.plot >= 0) & tracks.confirmed)
-    own = plots[tracks.plot[rows]]
+    # a plot without a height has that of its track
+    own = replace(plots, height=tracks._columns.heights(plots.height, 0))[tracks.plot[rows]]
     seen = {name: getattr(own, name) for name in ("time", "range", "azimuth", "height", "sensor")}
     seen |= {"target": tracks.track[rows], "turn_probability": tracks.turn_probability[rows]}
     places = np.column_stack([PLACES, np.zeros(3)])
@@ -101,11 +108,11 @@ def test_errors_far_beyond_the_limits_are_found(azimuth, offset):
 
 
 def test_a_trusted_radar_has_no_errors():
-    trusted = [replace(radars()[0], bias=Bias()), *radars()[1:]]
+    trusted = [replace(radars()[0], bias=Bias()), *constant()[1:]]
     found = register(recording(3, bias=Bias(range=[0.0, 120.0, 0.0])), trusted)
     assert found.bias.range[0] == found.bias.range_sigma[0] == 0.0
     assert abs(found.bias.range[1] - 120.0) < 3 * found.bias.range_sigma[1]
-    free = register(recording(3, bias=Bias(range=[0.0, 120.0, 0.0])), radars())
+    free = register(recording(3, bias=Bias(range=[0.0, 120.0, 0.0])), constant())
     assert np.all(columns(found.bias, "_sigma")[1:] < columns(free.bias, "_sigma")[1:])
 
 
@@ -124,7 +131,7 @@ def test_noise_that_changes_is_seen_in_its_time():
         name: np.concatenate([getattr(before, name)[early], getattr(after, name)[late]])
         for name in ("time", "range", "azimuth", "sensor", "height", "identity")
     }
-    history = register(Plots(**columns), radars()).history
+    history = register(Plots(**columns), radars()).noise_history
     middle = (history.edges[:-1] + history.edges[1:]) / 2
     away = np.abs(middle - 150.0) > 30.0
     for kind, k, level in (("range", 1, 3.0), ("azimuth", 2, 2.0), ("range", 0, 1.0)):
@@ -160,7 +167,7 @@ def test_tracks_threads_and_pickle_change_nothing():
     plots = recording(5)
     found = register(plots, radars())
     assert_result(found.bias)
-    assert_result(found.history)
+    assert_result(found.noise_history)
     given = register(plots, radars(), tracks=track(plots, radars()))
     off = columns(given.bias) - columns(found.bias)
     assert np.all(np.abs(off) < 0.3 * columns(found.bias, "_sigma"))
@@ -170,7 +177,7 @@ def test_tracks_threads_and_pickle_change_nothing():
     ):
         assert_same(again.bias, found.bias)
         assert_same(again.noise_factor, found.noise_factor)
-        assert_same(again.history.factor, found.history.factor)
+        assert_same(again.noise_history.factor, found.noise_history.factor)
 
 
 def test_radars_in_another_order():

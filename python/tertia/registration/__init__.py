@@ -14,5 +14,6 @@ tracks that the kernels need.
 from tertia.registration._calibrate import calibrate
 from tertia.registration._register import register
 from tertia.registration._registration import NoiseHistory, Registration
+from tertia.tracker._errors import BiasHistory
 
-__all__ = ["NoiseHistory", "Registration", "calibrate", "register"]
+__all__ = ["BiasHistory", "NoiseHistory", "Registration", "calibrate", "register"]

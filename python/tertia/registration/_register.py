@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 
 from tertia import _core
-from tertia._arrays import FloatArray, IntArray, instance
-from tertia.registration._errors import Errors, errors
+from tertia._arrays import FloatArray, instance
 from tertia.registration._registration import NoiseHistory, Registration
 from tertia.registration._states import Common, Run, alone
-from tertia.sensors import Bias, ByKind, PositionSensor, Radar, Station
+from tertia.sensors import ByKind, PositionSensor, Radar, Station
 from tertia.sensors._channels import WIDEST_BEAM
 from tertia.tracker import Plots, TrackTable, track
-from tertia.tracker._earth import in_plane
+from tertia.tracker._errors import Errors, equal_periods, errors, in_periods, with_bias
 from tertia.tracker._models import with_heights
 from tertia.tracker._sensors import interval, sensors_of
 from tertia.tracker._start import columns_of, start
@@ -149,7 +148,7 @@ def rounds(
     joint: TrackTable | None = None,
 ) -> Rounds:
     """Register radars; return the registration and the tracks of each sensor alone."""
-    count, edges = len(given), _edges(plots, max(map(interval, given)))
+    count, edges = len(given), _stretches(plots, given)
     stated, found, sensors = [], [], list(given)
     levels = np.full((2, count, 2), np.nan)
     histories = np.full((2, count, len(edges) - 1, 2), np.nan)
@@ -173,25 +172,26 @@ def rounds(
     registration = Registration(
         bias=known.bias,
         covariance=known.covariance,
+        changes=known.changes,
         prior=known.prior,
         noise_factor=_by_kind(factor),
         noise_factor_sigma=_by_kind(factor_sigma),
-        history=NoiseHistory(edges, _by_kind(history), _by_kind(history_sigma)),
+        noise_history=NoiseHistory(edges, _by_kind(history), _by_kind(history_sigma)),
+        bias_history=known.history,
         sensors=tuple(
-            replace(with_noise(one, levels[0, k] * own[k]), bias=known.bias[k])
-            if isinstance(one, Radar)
-            else _without_error(one, known.bias[k])
+            with_bias(
+                with_noise(one, levels[0, k] * own[k]) if isinstance(one, Radar) else one,
+                known.bias[k],
+            )
             for k, one in enumerate(given)
         ),
     )
     return Rounds(registration, stated, found)
 
 
-def _without_error(sensor: PositionSensor, found: Bias) -> PositionSensor:
-    """Return a sensor with the bias that was found, if its positions are not exact."""
-    bias = sensor.bias
-    exact = bias is None or (bias.east_sigma == 0.0 and bias.north_sigma == 0.0)
-    return sensor if exact else replace(sensor, bias=found)
+def _stretches(plots: Plots, sensors: Sequence[Radar | PositionSensor]) -> FloatArray:
+    """Return the edges of the periods in which the noise is estimated."""
+    return equal_periods(plots.time, _SCANS * max(map(interval, sensors)), _STRETCHES)
 
 
 def _stated(sensors: Sequence[Radar | PositionSensor]) -> FloatArray:
@@ -215,29 +215,21 @@ def _systematic(
 
     If errors are large, the plots of one target are assigned to several tracks, and no block
     contains plots of two radars. Therefore plots are tracked again with the estimated errors
-    removed, until the estimates no longer change.
+    removed, until the estimates no longer change. The first tracks are made while the errors are
+    estimated scan by scan, as they may change suddenly.
     """
-    prior = bias = start(alone, sensors)[0]
+    begin = start(alone, sensors)[0]
+    sigma, found = columns_of(begin, "_sigma"), columns_of(begin)
     noise = _stated(sensors)
-    for _ in range(_ROUNDS):
-        if joint is None:
-            placed = [
-                replace(one, bias=bias[k])
-                if isinstance(one, Radar)
-                else _without_error(one, bias[k])
-                for k, one in enumerate(sensors)
-            ]
-            joint = run(plots, placed)
-        # a plot without a height is at the height of its track
-        height = joint._columns.heights(plots.height, 0)
-        known = errors(
-            in_plane(plots._replaced(height=height), sensors), joint, sensors, prior, bias
-        )
-        moved = columns_of(known.bias)[:, [0, 2]] - columns_of(bias)[:, [0, 2]]
-        bias = known.bias
+    joint = run(plots, sensors, registration=None) if joint is None else joint
+    known = errors(plots, joint, sensors, sigma=sigma, start=found)
+    for _ in range(_ROUNDS - 1):
+        before, found = found, known.values
+        moved = (found - before)[..., [0, 2]]
         if np.all(np.abs(moved) < _STAYS * noise):
             break
-        joint = None
+        joint = run(*known.removed(plots, sensors))
+        known = errors(plots, joint, sensors, sigma=sigma, start=found)
     return known
 
 
@@ -259,17 +251,17 @@ def corrected(states: Common, registration: Registration, radars: Sequence[Radar
     The states come from tracks that were made with the noise of the whole recording. Their standard
     deviations along and across the range are scaled to the noise of each period.
     """
-    history, whole = registration.history, registration.noise_factor
-    which = in_stretches(states.time, history.edges)
+    history, whole = registration.noise_history, registration.noise_factor
+    which = in_periods(states.time, history.edges)
     factors = np.empty((len(which), len(radars), 2))
     for axis, kind in enumerate(("range", "azimuth")):
         over_time, level = getattr(history.factor, kind), getattr(whole, kind)
         factors[..., axis] = (over_time / level[:, np.newaxis])[:, which].T
     factors[~np.isfinite(factors)] = 1.0
     places = np.array([radar.position[:2] for radar in radars])
-    state, covariance = _core.correct_states(
-        states.columns(), places, columns_of(registration.bias), factors
-    )
+    found = registration.bias_history
+    bias = np.stack([columns_of(one) for one in found.bias])[in_periods(states.time, found.edges)]
+    state, covariance = _core.correct_states(states.columns(), places, bias, factors)
     return Common(
         states.time,
         states.track,
@@ -280,25 +272,10 @@ def corrected(states: Common, registration: Registration, radars: Sequence[Radar
     )
 
 
-def in_stretches(time: FloatArray, edges: FloatArray) -> IntArray:
-    """Return the index of the period that contains each time."""
-    return np.clip(np.searchsorted(edges, time, side="right") - 1, 0, len(edges) - 2)
-
-
 def _by_kind(columns: FloatArray) -> ByKind:
     """Return an array (..., 2) of range and azimuth as a `ByKind`."""
     range_, azimuth = (np.ascontiguousarray(columns[..., axis]) for axis in range(2))
     return ByKind(range=range_, azimuth=azimuth)
-
-
-def _edges(plots: Plots, period: float) -> FloatArray:
-    """Return the edges of the periods, each of which covers several scans."""
-    known = plots.time[np.isfinite(plots.time)]
-    if not len(known):
-        return np.array([0.0, 1.0])
-    first, last = float(np.min(known)), float(np.max(known))
-    count = int(np.clip((last - first) // (_SCANS * period), 1, _STRETCHES))
-    return np.linspace(first, last, count + 1)
 
 
 def _noise(

@@ -11,6 +11,8 @@ from tertia._arrays import BoolArray, FloatArray
 from tertia._result import Result
 from tertia.sensors import Bias, ByKind, PositionSensor, Radar
 from tertia.sensors._bias import KINDS
+from tertia.tracker import Plots
+from tertia.tracker._errors import BiasHistory, without_values
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,11 +42,13 @@ class Registration(Result):
     Attributes
     ----------
     bias : Bias
-        Biases of the range, of its gain, of the azimuth and of the time, each of shape (K,), with
-        their standard deviations. A bias that the plots do not determine keeps its value and sigma
-        from before the registration.
+        Biases of the range, of its gain, of the azimuth and of the time at the end of the
+        recording, each of shape (K,), with their standard deviations. A bias that the plots do not
+        determine keeps its value and sigma from before the registration.
     covariance : ndarray of shape (4 * K, 4 * K)
-        Covariance of the biases of range, gain, azimuth and time, radar by radar.
+        Covariance of the biases of range, gain, azimuth and time at the end, radar by radar.
+    changes : tuple of (float, int)
+        Times in seconds at which biases changed suddenly, and the indices of the sensors.
     prior : Bias
         Biases and standard deviations as known before the registration.
     noise_factor : ByKind
@@ -52,22 +56,30 @@ class Registration(Result):
         there are too few straight tracks.
     noise_factor_sigma : ByKind
         Standard deviations of the factors, in the same arrangement.
-    history : NoiseHistory
+    noise_history : NoiseHistory
         Noise over time.
+    bias_history : BiasHistory
+        Biases over time.
     sensors : tuple of K Radar or PositionSensor
-        The sensors; the radars have the estimated noise and bias.
+        The sensors; the radars have the estimated noise, and the bias at the end of the recording.
     """
 
     _rows: ClassVar = "bias_range", 0
-    _omitted: ClassVar = ("covariance", "history", "sensors")
+    _omitted: ClassVar = ("covariance", "changes", "noise_history", "bias_history", "sensors")
 
     bias: Bias
     covariance: FloatArray
+    changes: tuple[tuple[float, int], ...]
     prior: Bias
     noise_factor: ByKind
     noise_factor_sigma: ByKind
-    history: NoiseHistory
+    noise_history: NoiseHistory
+    bias_history: BiasHistory
     sensors: tuple[Radar | PositionSensor, ...]
+
+    def _removed(self, plots: Plots) -> tuple[Plots, list[Radar | PositionSensor]]:
+        """Return plots without biases, and sensors with the estimated noise and without biases."""
+        return self.bias_history.correct(plots), without_values(self.sensors, self.bias)
 
     @property
     def observable(self) -> dict[str, BoolArray]:

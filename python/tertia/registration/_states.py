@@ -13,7 +13,7 @@ from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.sensors import PositionSensor, Radar
 from tertia.tracker import Plots, PlotStatus, TrackTable
 
-Run = Callable[[Plots, Sequence[Any]], TrackTable]
+Run = Callable[..., TrackTable]
 
 
 def alone(plots: Plots, sensors: Sequence[Radar | PositionSensor], k: int, run: Run) -> TrackTable:

@@ -13,7 +13,7 @@ from tertia.flightplan import FlightPlan
 from tertia.metrics import Audit, Truth
 from tertia.metrics._evaluation import MOST_NEES, Judged, judge, usual_periods
 from tertia.registration import Registration
-from tertia.registration._register import corrected, in_stretches, rounds
+from tertia.registration._register import corrected, rounds
 from tertia.registration._states import Common, Run, common
 from tertia.report._plans import Followed, followed
 from tertia.report._radars import Innovations, Updates, innovations, updates
@@ -21,6 +21,7 @@ from tertia.report._reference import Referenced, versus_others
 from tertia.report._tracks import Combined, combine, confirmed_rows
 from tertia.sensors import Radar
 from tertia.tracker import Motion, Plots, TrackTable
+from tertia.tracker._errors import in_periods
 
 Progress = Callable[[str, float], None]
 
@@ -77,7 +78,7 @@ class Analysis:
     @property
     def edges(self) -> FloatArray:
         """Times in seconds at which the periods begin and end, (T + 1,)."""
-        return self.registration.history.edges
+        return self.registration.noise_history.edges
 
     @property
     def middle(self) -> FloatArray:
@@ -118,7 +119,7 @@ def analyse(
     # plots that are in the gates, so that the bias would be underestimated
     made = rounds(plots, radars, run)
     registration = made.registration
-    joint_found = run(plots, registration.sensors)
+    joint_found = run(*registration._removed(plots))
     begin("fusion")
     fused = None
     stated = common(joint, made.stated, radars)
@@ -128,7 +129,8 @@ def analyse(
     begin("plots")
     seen = [innovations(joint, k) for k in range(len(radars))]
     counts = [
-        updates(joint, plots, k, seen[k], registration.history.edges) for k in range(len(radars))
+        updates(joint, plots, k, seen[k], registration.noise_history.edges)
+        for k in range(len(radars))
     ]
     begin("plans")
     slowest = max(radar.scan_period for radar in radars)
@@ -275,7 +277,7 @@ def _followed(
 def means(time: FloatArray, values: FloatArray, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the mean and the number of the known values in each period."""
     known = np.isfinite(values)
-    which = in_stretches(time[known], edges)
+    which = in_periods(time[known], edges)
     count = np.bincount(which, minlength=len(edges) - 1)
     total = np.bincount(which, values[known], minlength=len(edges) - 1)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan), count.astype(np.float64)

@@ -33,6 +33,13 @@ _ELLIPSE = 5.991465
 _DIGITS = 5
 # largest number of tracks with their own colour in the picture of plans
 _COLOURED = 8
+# kinds of biases, their scales and the titles of their axes
+_BIASES = (
+    ("range", 1.0, "range bias (m)"),
+    ("range_gain", 1e4, "range gain (10⁻⁴)"),
+    ("azimuth", 180.0 / np.pi, "azimuth bias (°)"),
+    ("time", 1.0, "time bias (s)"),
+)
 # numbers of points of an ellipse, and of a line over time
 _CORNERS, POINTS = 41, 2000
 
@@ -99,13 +106,18 @@ def _axis(i: int, stem: str = "y") -> str:
 
 
 def radar_panels(analysis: Analysis, time: str) -> list[Panel]:
-    """Return panels that show noise, updates and outliers of the radars over time."""
-    return [_noise(analysis, time), _update_probability(analysis, time), _outliers(analysis, time)]
+    """Return panels that show errors, updates and outliers of the radars over time."""
+    return [
+        _noise(analysis, time),
+        *_biases(analysis, time),
+        _update_probability(analysis, time),
+        _outliers(analysis, time),
+    ]
 
 
 def _noise(analysis: Analysis, time: str) -> Panel:
     data = []
-    history = analysis.registration.history
+    history = analysis.registration.noise_history
     for i, (kind, unit) in enumerate((("range", 1.0), ("azimuth", 180.0 / np.pi))):
         for k, (name, radar) in enumerate(zip(analysis.names, analysis.radars, strict=True)):
             stated = getattr(radar, f"{kind}_sigma") * unit
@@ -123,6 +135,39 @@ def _noise(analysis: Analysis, time: str) -> Panel:
         "with 95 % error bars. Dotted: sigma as stated."
     )
     return Panel("noise", "Noise over time", caption, {"data": data, "layout": layout})
+
+
+def _biases(analysis: Analysis, time: str) -> list[Panel]:
+    """Return a panel that shows those biases of the radars that the plots determine."""
+    history, seen = analysis.registration.bias_history, analysis.registration.observable
+    middle = (history.edges[:-1] + history.edges[1:]) / 2
+    data: list[Figure] = []
+    titles: list[str] = []
+    for kind, scale, title in _BIASES:
+        if not np.any(seen[kind]):
+            continue
+        for k in np.flatnonzero(seen[kind]).tolist():
+            value, sigma = (
+                np.array([np.asarray(getattr(bias, name))[k] for bias in history.bias])
+                for name in (kind, f"{kind}_sigma")
+            )
+            bars = {"type": "data", "array": numbers(sigma * scale * SIDES, 3)}
+            more = {"error_y": bars | {"thickness": 1, "width": 2}, "line": {"dash": "solid"}}
+            name = analysis.names[k]
+            data.append(
+                _marked(name, middle, value * scale, k, **more, **_panel(name, len(titles)))
+            )
+        titles.append(title)
+    if not titles:
+        return []
+    layout = rows_of(len(titles), time, titles)
+    for i in range(len(titles)):
+        layout[_axis(i, "yaxis")]["rangemode"] = "normal"
+    caption = (
+        "Systematic errors of the radars that the plots of targets seen by several radars "
+        "determine, with 95 % error bars."
+    )
+    return [Panel("bias", "Bias over time", caption, {"data": data, "layout": layout})]
 
 
 def _update_probability(analysis: Analysis, time: str) -> Panel:

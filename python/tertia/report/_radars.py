@@ -8,9 +8,9 @@ import numpy as np
 
 from tertia import metrics
 from tertia._arrays import BoolArray, FloatArray, IntArray
-from tertia.registration._register import in_stretches
 from tertia.sensors._identities import is_known, leading
 from tertia.tracker import Plots, TrackTable
+from tertia.tracker._errors import in_periods
 
 # quantile of chi-squared with two degrees of freedom that is exceeded with probability 1e-4
 _OUTLIER = 18.420681
@@ -83,7 +83,7 @@ def updates(
     unassociated = idle & np.isin(getattr(plots, kind), known)
 
     def counted(time: FloatArray) -> IntArray:
-        which = in_stretches(time, edges)
+        which = in_periods(time, edges)
         return np.bincount(which, minlength=len(edges) - 1).astype(np.int64)
 
     return Updates(

@@ -9,7 +9,6 @@ import numpy as np
 
 from tertia import metrics, tracker
 from tertia.registration import Registration
-from tertia.sensors import Radar
 from tertia.tracker import CvModel, ImmModel, Motion, Plots, TrackTable
 
 # longest time in seconds without plots of other radars for which there is a reference
@@ -47,7 +46,7 @@ def versus_others(
     smooth: Motion = "imm"
     if motion == "cv" or isinstance(motion, ImmModel | CvModel):
         smooth = motion
-    sensors = [one for one in registration.sensors if isinstance(one, Radar)]
+    plots, sensors = registration._removed(plots)
     found = []
     for k, name in enumerate(radars):
         others = tracker.smooth_tracks(plots, sensors, joint, motion=smooth, exclude=k)

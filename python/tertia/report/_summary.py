@@ -91,6 +91,8 @@ def _radar_findings(analysis: Analysis, scale: Times) -> list[str]:
     for row in radar_rows(analysis):
         biases += (own := _bias_findings(row))
         found += _noise_findings(row) + own
+    for time, k in analysis.registration.changes:
+        found.append(f"{analysis.names[k]}: bias changed suddenly at {scale.at(time)}.")
     if biases:
         found += _cost(analysis)
     left = [one for one in analysis.followed if np.isfinite(one.left)]

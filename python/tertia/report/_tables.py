@@ -335,7 +335,8 @@ def _radar_table(analysis: Analysis) -> Table:
     }
     caption = (
         "Noise as stated for the radars and as estimated from their plots, and systematic errors "
-        "estimated from targets that several radars see (–: not determined by the plots). The "
+        "at the end, estimated from targets that several radars see (–: not determined by the "
+        "plots). The "
         "mean normalised squared innovation is 1 per axis if the stated noise and the motion "
         "model are correct."
     )

@@ -30,6 +30,14 @@ class Registered:
     registration: Registration
 
     @property
+    def changes(self) -> list[tuple[str, Any]]:
+        """The radars whose errors changed suddenly, and when, to a tenth of a second."""
+        names, clock = self.recording.sensors.names, self.recording.clock
+        found = self.registration.changes
+        times = clock.moments(np.round([time for time, _ in found], 1))
+        return [(names[k], at) for (_, k), at in zip(found, times, strict=True)]
+
+    @property
     def rows(self) -> pl.DataFrame:
         """One row per radar, in the form in which files describe radars."""
         found = self.registration
@@ -73,7 +81,8 @@ def register(
         and `azimuth_sigma_deg`, and `range_bias_m`, `range_gain`, `azimuth_bias_deg` and
         `time_bias_s` with their sigmas. Further columns are `range_noise_factor` and
         `azimuth_noise_factor`, the ratios of the estimated to the stated noise, and for each error
-        whether the plots determine it, such as `time_observable`.
+        whether the plots determine it, such as `time_observable`. Errors are those at the end of the
+        recording.
 
     Raises
     ------

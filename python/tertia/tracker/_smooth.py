@@ -34,12 +34,13 @@ from tertia.sensors._identities import (
 )
 from tertia.sensors._sensors import own_biases
 from tertia.tracker._earth import plane_of, positions
+from tertia.tracker._errors import errors
 from tertia.tracker._models import CvModel, ImmModel, Motion, core_motion
 from tertia.tracker._plots import Plots
 from tertia.tracker._registrar import is_registrable
 from tertia.tracker._sensors import interval
 from tertia.tracker._table import TrackTable
-from tertia.tracker._tracker import track, tracked
+from tertia.tracker._tracker import track
 
 _Sensor: TypeAlias = Radar | PositionSensor
 # tracks of one identity are one target's if no more than this lies between them, in seconds, at
@@ -203,9 +204,9 @@ def smooth_tracks(
         described by the model, or change their speed. With "cv" or a `CvModel`, they only fly
         straight.
     registration : tertia.registration.Registration or False, optional
-        A registration whose radars, with estimated biases and noise, replace `sensors`. By default,
-        if `tracks` is not given either, the biases are those that the tracker has estimated at the
-        end of the recording. If it is False, biases are not estimated.
+        A registration whose radars, with estimated noise, replace `sensors`, and whose biases over
+        time are removed. By default, if `tracks` is not given either, biases are estimated from the
+        plots as by `tertia.registration.register`. If it is False, biases are not estimated.
     time : array_like of shape (T,), optional
         Additional times in seconds at which states are returned.
     every : float, optional
@@ -264,26 +265,28 @@ def smooth_tracks(
         raise ValueError(f"exclude is {excluded}; it must be less than {len(radars)}, the sensors")
     instants = np.unique(finite(samples(time, "time"), "time"))
     interval = None if every is None else positive_number(every, "every")
-    sites = radars
+    sites: Sequence[_Sensor] = radars
+    better = plots
     if registration is not None and registration is not False:
         sites = _sensors_of(getattr(registration, "sensors", None), "registration.sensors")
         if len(sites) != len(radars):
             raise ValueError(
                 f"registration has {len(sites)} sensors; it must have {len(radars)}, as sensors"
             )
+        better, sites = registration._removed(plots)
     if tracks is None:
         if registration is None and is_registrable(sites):
-            _, bias = tracked(plots, sites, motion=motion)
-            sites = tuple(replace(one, bias=bias[k]) for k, one in enumerate(sites))
-        tracks = track(plots, sites, motion=motion, registration=False)
-        radars = sites
+            known = errors(plots, track(plots, sites, motion=motion), sites)
+            better, sites = known.removed(plots, sites)
+        plots, radars = better, sites
+        tracks = track(plots, radars, motion=motion, registration=False)
     instance(tracks, "tracks", TrackTable)
-    known = np.flatnonzero(tracks.plot >= 0)
-    if len(known) and np.max(tracks.plot[known]) >= len(plots):
+    updates = np.flatnonzero(tracks.plot >= 0)
+    if len(updates) and np.max(tracks.plot[updates]) >= len(plots):
         raise ValueError(
-            f"tracks has plot {np.max(tracks.plot[known])}; there are {len(plots)} plots"
+            f"tracks has plot {np.max(tracks.plot[updates])}; there are {len(plots)} plots"
         )
-    rows = _Rows.of(plots, tracks, known, radars, sites)
+    rows = _Rows.of(tracks, updates, (plots, radars), (better, sites))
     if interval is not None and np.sum(rows.spans) / interval > _MOST_STATES:
         raise ValueError(f"every is {interval}; that is more than {_MOST_STATES:,} states")
     used = np.ones(len(rows.plot), bool) if excluded is None else rows.sensor != excluded
@@ -359,15 +362,15 @@ class _Rows:
     @classmethod
     def of(
         cls,
-        plots: Plots,
         tracks: TrackTable,
         rows: IntArray,
-        radars: Sequence[_Sensor],
-        sites: Sequence[_Sensor],
+        tracked: tuple[Plots, Sequence[_Sensor]],
+        smoothed: tuple[Plots, Sequence[_Sensor]],
     ) -> _Rows:
-        """Sort the plots of these rows; tracking used `radars`, and smoothing uses `sites`."""
+        """Sort the plots of these rows, as they were tracked and as they are smoothed."""
+        (plots, radars), (better, sites) = tracked, smoothed
         own = plots[tracks.plot[rows]]
-        corrected = own_biases(sites).correct(own)
+        corrected = own_biases(sites).correct(better[tracks.plot[rows]])
         # clocks are continuous in tracks, but plots that waited for others have rows of later times
         clock = tracks.time[rows] - own_biases(radars).correct(own).time
         time = corrected.time + np.where(np.abs(clock) > _WAITING, clock, 0.0)

@@ -264,8 +264,11 @@ pub fn common_states<'py>(
     ))
 }
 
-/// Errors (K, 4) of radars, their covariance (4 K, 4 K), noise over what is stated and the redundant
-/// measurements that it is of, (K, 2), and the blocks that were used and that fit no motion.
+/// Errors (T, K, 4) of radars in periods and their standard deviations, covariance of the last ones
+/// (4 K, 4 K), noise over what is stated and the redundant measurements that it is of, (K, 2); the
+/// first period after each sudden change and the radar; and the blocks that were used and that fit no
+/// motion. `prior` are means, standard deviations and rates of the drift, (K, 4); the errors are sought
+/// from `start` (T K, 4) on.
 #[pyfunction]
 #[allow(clippy::type_complexity)] // what Python unpacks
 pub fn register_errors<'py>(
@@ -273,29 +276,43 @@ pub fn register_errors<'py>(
     plots: TargetPlots<'py>,
     radars: Vec<PyRef<'py, Radar>>,
     slant: Vec<bool>,
-    mean: Input<'py>,
-    sigma: Input<'py>,
+    prior: [Input<'py>; 3],
+    edges: Input<'py>,
     start: Input<'py>,
-) -> PyResult<([Array<'py>; 4], [usize; 2])> {
+) -> PyResult<([Array<'py>; 5], Vec<(usize, usize)>, [usize; 2])> {
     let radars: Vec<_> = radars.iter().map(|radar| radar.0.clone()).collect();
     let plots = plots.read(radars.len())?;
-    let [mean, sigma, start] = [(mean, "mean"), (sigma, "sigma"), (start, "start")]
-        .map(|(input, name)| input.points::<ERRORS>(name, 1));
-    let (mean, sigma, start) = (mean?, sigma?, start?);
-    let k = radars.len();
-    same_length(k, &[slant.len(), mean.len(), sigma.len(), start.len()])?;
+    let points = |input: Input<'py>, name| input.points::<ERRORS>(name, 1);
+    let [mean, sigma, rate] = prior;
+    let (mean, sigma) = (points(mean, "mean")?, points(sigma, "sigma")?);
+    let (rate, start) = (points(rate, "rate")?, points(start, "start")?);
+    let (k, edges) = (radars.len(), edges.numbers("edges")?);
+    let periods = edges.len().saturating_sub(1);
+    same_length(k, &[slant.len(), mean.len(), sigma.len(), rate.len()])?;
+    same_length(periods * k, &[start.len()])?;
+    let start: Vec<_> = start.chunks(k.max(1)).map(<[_]>::to_vec).collect();
+    let prior = core::Prior { mean: &mean, sigma: &sigma, rate: &rate };
     let found = release(py, BLOCK_NS * plots.len() as f64, || {
-        core::register(&plots, &radars, &slant, [&mean, &sigma], &start)
+        core::register(
+            &plots,
+            &radars,
+            &slant,
+            prior,
+            core::Periods { edges: &edges, start: &start },
+        )
     })?;
+    let flat = |errors: Vec<Vec<core::Errors>>| errors.into_iter().flatten().flatten();
     let order = ERRORS * k;
     Ok((
         [
-            array(py, &[k, ERRORS], found.errors.into_flattened())?,
+            array(py, &[periods, k, ERRORS], flat(found.errors))?,
+            array(py, &[periods, k, ERRORS], flat(found.sigmas))?,
             // symmetric: columns are rows
             array(py, &[order, order], found.covariance.as_slice().to_vec())?,
             array(py, &[k, 2], found.factor.into_flattened())?,
             array(py, &[k, 2], found.redundancy.into_flattened())?,
         ],
+        found.changes,
         found.blocks,
     ))
 }
@@ -373,8 +390,7 @@ pub fn correct_states<'py>(
     let errors = errors.points::<ERRORS>("errors", 1)?;
     let k = positions.len();
     let mut common = states.read(k)?;
-    same_length(k, &[errors.len()])?;
-    same_length(common.state.len(), &[factors.len()])?;
+    same_length(common.state.len(), &[errors.len(), factors.len()])?;
     let m = common.time.len();
     release(py, ROW_NS * factors.len() as f64, || {
         core::correct(&mut common, &positions, &errors, &factors);

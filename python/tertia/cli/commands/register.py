@@ -48,8 +48,8 @@ def register(
     """Estimate range, gain, azimuth and clock errors of radars from common targets.
 
     The plots are read as by tertia track. The output is a file of sensors with the estimated errors
-    and noise; if it is given to tertia track as --sensors, the errors are subtracted from the
-    plots. For an error that the plots do not determine, the sigma of the sensors file or of
+    and noise at the end of the recording; if it is given to tertia track as --sensors, the errors
+    are subtracted from the plots. For an error that the plots do not determine, the sigma of the sensors file or of
     EUROCONTROL's standard is written.
     """
     if not files:
@@ -64,9 +64,12 @@ def register(
     print_table(_shown(found, rows), text=["radar"], limited="radars are shown")
     if not any(seen.any() for seen in found.registration.observable.values()):
         note("no error can be estimated: at least two radars must see the same targets")
+    for name, time in found.changes:
+        note(f"the errors of {name} changed suddenly at {time}; those at the end are written")
     if output is not None:
         write.write(rows, output)
-    return {"radars": rows.to_dicts()}
+    changes = [{"radar": name, "time": time} for name, time in found.changes]
+    return {"radars": rows.to_dicts(), "changes": changes}
 
 
 def _shown(found: Registered, rows: pl.DataFrame) -> pl.DataFrame:

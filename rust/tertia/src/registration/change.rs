@@ -1,10 +1,10 @@
-//! Errors of a radar that have changed suddenly, by the likelihood of the last scans.
+//! Errors of a radar that have changed suddenly, by likelihoods.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 /// Odds that a change needs.
-const ODDS: f64 = 1e6;
+pub(super) const ODDS: f64 = 1e6;
 
 /// What one scan said of the errors, and what was known before it.
 #[derive(Clone, Debug, Serialize, Deserialize, PartialEq)]
@@ -17,6 +17,41 @@ pub(super) struct Scan {
     pub covariance: DMatrix<f64>,
 }
 
+/// How far what is said of the errors is from what was known before.
+pub(super) struct Surprise {
+    score: DVector<f64>,
+    information: DMatrix<f64>,
+}
+
+impl Surprise {
+    /// Of errors with this mean and covariance, and of information and score about errors of zero. None
+    /// where they cannot be compared.
+    pub fn new(
+        (mean, covariance): (&DVector<f64>, &DMatrix<f64>),
+        (information, score): (&DMatrix<f64>, &DVector<f64>),
+    ) -> Option<Self> {
+        let order = mean.len();
+        let off = score - information * mean;
+        let sum = DMatrix::identity(order, order) + information * covariance;
+        let inverse = sum.try_inverse()?;
+        Some(Self { score: &inverse * off, information: inverse * information })
+    }
+
+    /// Logarithm of the odds that the errors in these columns have changed in between, by so many
+    /// standard deviations of the prior.
+    pub fn odds(&self, columns: &[usize], size: f64) -> f64 {
+        if columns.is_empty() {
+            return f64::NEG_INFINITY;
+        }
+        let g = DVector::from_iterator(columns.len(), columns.iter().map(|&c| self.score[c]));
+        let t = self.information.select_rows(columns).select_columns(columns);
+        let jump = size * size;
+        let m = DMatrix::identity(columns.len(), columns.len()) + jump * t;
+        let Some(inverse) = m.clone().try_inverse() else { return f64::NEG_INFINITY };
+        0.5 * jump * g.dot(&(inverse * &g)) - 0.5 * m.determinant().ln()
+    }
+}
+
 /// The first scan after a change of the errors of a radar, by so many standard deviations of the
 /// prior, and this radar; `own` are its columns.
 pub(super) fn changed(recent: &[Scan], own: &[Vec<usize>], size: f64) -> Option<(usize, usize)> {
@@ -26,17 +61,10 @@ pub(super) fn changed(recent: &[Scan], own: &[Vec<usize>], size: f64) -> Option<
     for (i, scan) in recent.iter().enumerate().rev() {
         information += &scan.information;
         score += &scan.score;
-        let off = &score - &information * &scan.mean;
-        let sum = DMatrix::identity(order, order) + &information * &scan.covariance;
-        let Some(inverse) = sum.try_inverse() else { continue };
-        let (g, t) = (&inverse * off, &inverse * &information);
-        for (k, columns) in own.iter().enumerate().filter(|(_, columns)| !columns.is_empty()) {
-            let g = DVector::from_iterator(columns.len(), columns.iter().map(|&c| g[c]));
-            let t = t.select_rows(columns).select_columns(columns);
-            let jump = size * size;
-            let m = DMatrix::identity(columns.len(), columns.len()) + jump * t;
-            let Some(inverse) = m.clone().try_inverse() else { continue };
-            let odds = 0.5 * jump * g.dot(&(inverse * &g)) - 0.5 * m.determinant().ln();
+        let said = (&information, &score);
+        let Some(surprise) = Surprise::new((&scan.mean, &scan.covariance), said) else { continue };
+        for (k, columns) in own.iter().enumerate() {
+            let odds = surprise.odds(columns, size);
             if odds > ODDS.ln() && best.is_none_or(|(most, ..)| odds > most) {
                 best = Some((odds, i, k));
             }

@@ -4,8 +4,9 @@ use super::common::Common;
 use super::sighting::Errors;
 use nalgebra::{Matrix2, Matrix4, Vector2};
 
-/// Removes the errors of the radars at these positions from the states, and scales the covariances along the range and across it by `factors`, (M, K) pairs of standard
-/// deviations as they are over those that the tracks were made with.
+/// Removes the `errors` (M, K) of the radars at these positions from the states, and scales the
+/// covariances along the range and across it by `factors`, (M, K) pairs of standard deviations as they
+/// are over those that the tracks were made with.
 ///
 /// # Panics
 /// If the lengths do not match.
@@ -16,15 +17,16 @@ pub fn correct(
     factors: &[[f64; 2]],
 ) {
     let count = positions.len();
-    assert!(errors.len() == count && factors.len() == common.state.len());
-    let states = common.state.iter_mut().zip(&mut common.covariance).zip(factors);
-    for (at, ((state, covariance), factor)) in states.enumerate() {
+    assert!(errors.len() == common.state.len() && factors.len() == errors.len());
+    let states =
+        common.state.iter_mut().zip(&mut common.covariance).zip(errors.iter().zip(factors));
+    for (at, ((state, covariance), (errors, factor))) in states.enumerate() {
         let k = at % count;
         let offset = Vector2::new(state[0] - positions[k][0], state[1] - positions[k][1]);
         let distance = offset.norm().max(1.0);
         let along = offset / distance;
         let across = Vector2::new(along[1], -along[0]);
-        let [offset, gain, azimuth, clock] = errors[k];
+        let [offset, gain, azimuth, clock] = *errors;
         let shift = (offset + gain * distance) * along + azimuth * distance * across;
         state[0] += clock * state[2] - shift[0];
         state[1] += clock * state[3] - shift[1];

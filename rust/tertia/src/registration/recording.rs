@@ -1,7 +1,9 @@
 //! The systematic errors of radars from a whole recording.
 
 use super::block::{Block, Known, Unknowns};
-use super::sighting::{Errors, Report, Sighting};
+use super::history::{Course, History, Said};
+use super::noise::stretch_of;
+use super::sighting::{ERRORS, Errors, Report, Sighting};
 use crate::base::distribution::chi_square_upper;
 use crate::base::interrupt::poll;
 use crate::sensors::Radar;
@@ -27,6 +29,8 @@ const MEAN_SQUARE: f64 = 1.0 / 3.0;
 /// Redundant measurements that the stated noise is worth.
 pub(super) const STATED: f64 = 10.0;
 const ROUNDS: usize = 4;
+/// Sudden changes that the first round allows for, in standard deviations of the prior.
+const FIRST: f64 = 10.0;
 
 /// A plot of a target.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -42,16 +46,40 @@ pub struct TargetPlot {
 /// What is known of the errors of radars.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Registered {
-    /// The errors of each radar.
-    pub errors: Vec<Errors>,
-    /// Their covariance, (4 K, 4 K).
+    /// The errors of each radar in each period.
+    pub errors: Vec<Vec<Errors>>,
+    /// Their standard deviations.
+    pub sigmas: Vec<Vec<Errors>>,
+    /// Covariance of the errors of the last period, (4 K, 4 K).
     pub covariance: DMatrix<f64>,
+    /// The period in which each sudden change begins, in order of time, and the radar.
+    pub changes: Vec<(usize, usize)>,
     /// Noise over what is stated, of range and azimuth.
     pub factor: Vec<[f64; 2]>,
     /// The redundant measurements that these are of.
     pub redundancy: Vec<[f64; 2]>,
     /// Blocks of several radars that were used, and those that fit no motion.
     pub blocks: [usize; 2],
+}
+
+/// What is known of the errors of radars before a recording.
+#[derive(Clone, Copy, Debug)]
+pub struct Prior<'a> {
+    /// Means.
+    pub mean: &'a [Errors],
+    /// Standard deviations; 0 is a trusted radar.
+    pub sigma: &'a [Errors],
+    /// Rates at which they drift back to the means, 1/s; 0 is constant.
+    pub rate: &'a [Errors],
+}
+
+/// The periods of a recording in which errors are constant.
+#[derive(Clone, Copy, Debug)]
+pub struct Periods<'a> {
+    /// Where they begin, and where the last one ends, s.
+    pub edges: &'a [f64],
+    /// The errors in each, from which on they are sought.
+    pub start: &'a [Vec<Errors>],
 }
 
 /// How radars measure.
@@ -61,7 +89,8 @@ pub(super) struct Ways<'a> {
     pub slant: &'a [bool],
 }
 
-/// Sums over the blocks of a round.
+/// Sums over blocks.
+#[derive(Clone)]
 pub(super) struct Sums {
     pub information: DMatrix<f64>,
     pub score: DVector<f64>,
@@ -71,58 +100,75 @@ pub(super) struct Sums {
     pub blocks: [usize; 2],
 }
 
-/// Errors of radars by blocks of the plots of one target. Before, they have the means and standard
-/// deviations of `prior`, of which 0 is a trusted radar; they are sought from `start` on. Ranges of a
-/// radar may be `slant` where no height is known. What no
-/// block depends on keeps its prior. Cost O(N log N + N K²) in plots.
+/// Errors of radars by blocks of the plots of one target. Ranges of a radar may be `slant` where no
+/// height is known. What no block depends on keeps its prior. Cost O(N log N + N K² + T K³) for N plots
+/// and T periods.
 ///
 /// # Panics
-/// If a plot is of no radar, or the lengths differ.
+/// If there is no period, a plot is of no radar, or the lengths differ.
 pub fn register(
     plots: &[TargetPlot],
     radars: &[Radar],
     slant: &[bool],
-    [mean, sigma]: [&[Errors]; 2],
-    start: &[Errors],
+    prior: Prior<'_>,
+    Periods { edges, start }: Periods<'_>,
 ) -> Registered {
-    assert!([mean, sigma, start].iter().all(|own| own.len() == radars.len()));
-    assert_eq!(slant.len(), radars.len());
-    let unknowns = numbered(sigma);
+    assert_eq!(start.len() + 1, edges.len());
+    assert!(!start.is_empty() && start.iter().all(|own| own.len() == radars.len()));
+    let lengths = [prior.mean.len(), prior.sigma.len(), prior.rate.len(), slant.len()];
+    assert_eq!(lengths, [radars.len(); 4]);
+    let unknowns = numbered(prior.sigma);
     let order = unknowns.iter().flatten().flatten().count();
+    let middles: Vec<f64> = edges.windows(2).map(|own| f64::midpoint(own[0], own[1])).collect();
+    let (mut rates, mut own) = (vec![0.0; order], vec![Vec::new(); radars.len()]);
+    for_each(&unknowns, |k, j, column, _| {
+        rates[column] = prior.rate[k][j];
+        own[k].push(column);
+    });
+    let course = Course { middles: &middles, rates: &rates, own: &own };
     let blocks = windows(plots, radars);
     let ways = Ways { radars, slant };
     let mut errors = start.to_vec();
     let mut factor = vec![[1.0; 2]; radars.len()];
-    let mut covariance = DMatrix::<f64>::identity(order, order);
-    let mut sums = Sums::new(order, radars.len());
+    // at first, blocks that show sudden changes are taken as well
+    let wide = DMatrix::from_diagonal_element(order, order, FIRST * FIRST);
+    let mut covariances = vec![wide; errors.len()];
+    let (mut changes, mut all) = (Vec::new(), Sums::new(order, radars.len()));
     for _ in 0..ROUNDS {
-        sums = Sums::new(order, radars.len());
-        let mut known = Known::new(&covariance);
+        let mut sums = vec![Sums::new(order, radars.len()); errors.len()];
+        let mut known: Vec<Known<'_>> = covariances.iter().map(Known::new).collect();
         for block in &blocks {
             poll();
-            sums.add(block, &ways, &unknowns, &errors, &factor, &mut known);
+            let time = f64::midpoint(block[0].report.time, block[block.len() - 1].report.time);
+            let t = stretch_of(time, edges);
+            sums[t].add(block, &ways, &unknowns, &errors[t], &factor, &mut known[t]);
         }
-        let Some(cholesky) = sums.information.clone().cholesky() else { break };
-        covariance = cholesky.inverse();
-        let mut off = sums.score.clone();
-        for_each(&unknowns, |k, j, column, sigma| {
-            off[column] -= (errors[k][j] - mean[k][j]) / sigma;
-        });
-        let step = &covariance * off;
-        for_each(&unknowns, |k, j, column, sigma| errors[k][j] += step[column] * sigma);
+        all = Sums::total(&sums, radars.len());
+        let said = sums.into_iter().zip(&errors);
+        let said: Vec<Said> =
+            said.map(|(sums, errors)| sums.said(errors, &unknowns, prior.mean)).collect();
+        let history = History::new(&said, &course);
+        for (own, (mean, _)) in errors.iter_mut().zip(&history.known) {
+            for_each(&unknowns, |k, j, column, sigma| {
+                own[k][j] = prior.mean[k][j] + mean[column] * sigma;
+            });
+        }
+        covariances = history.known.into_iter().map(|(_, covariance)| covariance).collect();
+        changes = history.changes;
         for (k, factor) in factor.iter_mut().enumerate() {
             for (axis, factor) in factor.iter_mut().enumerate() {
-                let (square, free) = (sums.square[k][axis], sums.redundancy[k][axis]);
-                *factor *= self::factor(square, free);
+                *factor *= self::factor(all.square[k][axis], all.redundancy[k][axis]);
             }
         }
     }
     Registered {
+        sigmas: covariances.iter().map(|own| sigmas(own, &unknowns)).collect(),
+        covariance: spread(&covariances[errors.len() - 1], &unknowns),
         errors,
-        covariance: spread(&covariance, &unknowns),
+        changes: apart(changes),
         factor,
-        redundancy: sums.redundancy,
-        blocks: sums.blocks,
+        redundancy: all.redundancy,
+        blocks: all.blocks,
     }
 }
 
@@ -135,6 +181,32 @@ impl Sums {
             redundancy: vec![[0.0; 2]; radars],
             blocks: [0; 2],
         }
+    }
+
+    /// Squares, redundancy and numbers of blocks of several sums.
+    fn total(sums: &[Self], radars: usize) -> Self {
+        let mut total = Self::new(0, radars);
+        for own in sums {
+            for k in 0..radars {
+                for axis in 0..2 {
+                    total.square[k][axis] += own.square[k][axis];
+                    total.redundancy[k][axis] += own.redundancy[k][axis];
+                }
+            }
+            (0..2).for_each(|i| total.blocks[i] += own.blocks[i]);
+        }
+        total
+    }
+
+    /// What blocks that were corrected for these errors say of the errors, about those of the prior.
+    fn said(self, errors: &[Errors], unknowns: &Unknowns, mean: &[Errors]) -> Said {
+        let order = self.score.len();
+        let mut removed = DVector::zeros(order);
+        for_each(unknowns, |k, j, column, sigma| {
+            removed[column] = (errors[k][j] - mean[k][j]) / sigma;
+        });
+        let information = self.information - DMatrix::identity(order, order);
+        Said { score: self.score + &information * removed, information }
     }
 
     /// Adds a block without what does not fit.
@@ -314,6 +386,14 @@ fn keep_middle(sightings: &mut Vec<Sighting>, radars: &[Radar]) {
     sightings.sort_by(|a, b| a.time.total_cmp(&b.time));
 }
 
+/// Changes in order of time. Those of a radar in successive periods are one, in the middle of a period.
+fn apart(mut changes: Vec<(usize, usize)>) -> Vec<(usize, usize)> {
+    changes.sort_unstable();
+    let all = changes.clone();
+    changes.retain(|(t, k)| !all.iter().any(|(other, own)| own == k && other + 1 == *t));
+    changes
+}
+
 /// The covariance of the errors of all radars, in their units.
 fn spread(covariance: &DMatrix<f64>, unknowns: &Unknowns) -> DMatrix<f64> {
     let all: Vec<Option<(usize, f64)>> = unknowns.iter().flatten().copied().collect();
@@ -321,6 +401,15 @@ fn spread(covariance: &DMatrix<f64>, unknowns: &Unknowns) -> DMatrix<f64> {
         (Some((row, own)), Some((column, other))) => own * other * covariance[(row, column)],
         _ => 0.0,
     })
+}
+
+/// The standard deviations of the errors of each radar.
+fn sigmas(covariance: &DMatrix<f64>, unknowns: &Unknowns) -> Vec<Errors> {
+    let mut found = vec![[0.0; ERRORS]; unknowns.len()];
+    for_each(unknowns, |k, j, column, sigma| {
+        found[k][j] = covariance[(column, column)].max(0.0).sqrt() * sigma;
+    });
+    found
 }
 
 #[cfg(test)]
