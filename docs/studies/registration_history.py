@@ -59,38 +59,31 @@ def off(found: Registration, one: Scene) -> tuple[FloatArray, FloatArray]:
     return error / sigma, error / LIMITS
 
 
+def row(name: simulate.SetUpName, course: str) -> list[str]:
+    """Return how many errors are within two sigmas, their size, and the numbers of changes."""
+    each, found, others = [], 0, 0
+    for seed in range(SCENES):
+        one = recording(name, course, seed)
+        registration = register(one.plots, one.stated)
+        each.append(off(registration, one))
+        edges = registration.bias_history.edges
+        near = sum(
+            course in STEPS and sensor == 1 and abs(time - CHANGE) < 2 * (edges[1] - edges[0])
+            for time, sensor in registration.changes
+        )
+        found += near > 0
+        others += len(registration.changes) - near
+    normalised, size = (np.concatenate(one) for one in zip(*each, strict=True))
+    inside = np.mean(np.abs(normalised) < 2.0, axis=(0, 1))
+    rms = np.sqrt(np.mean(size**2, axis=(0, 1)))
+    cells = [*(f"{share:.0%}" for share in inside), *(f"{one:.2f}" for one in rms)]
+    changes = f"{found} of {SCENES}" if course in STEPS else "-"
+    return [name, course, *cells, changes, f"{others}"]
+
+
 def table() -> str:
     """Tabulate how many errors are within two sigmas, their size, and changes."""
-    rows = []
-    for name in SET_UPS:
-        for course in COURSES:
-            normalised, sizes, found, others = [], [], 0, 0
-            for seed in range(SCENES):
-                one = recording(name, course, seed)
-                registration = register(one.plots, one.stated)
-                for array, own in zip((normalised, sizes), off(registration, one), strict=True):
-                    array.append(own)
-                edges = registration.bias_history.edges
-                near = [
-                    sensor == 1 and abs(time - CHANGE) < 2 * (edges[1] - edges[0])
-                    for time, sensor in registration.changes
-                ]
-                is_change = course in STEPS
-                found += any(near) and is_change
-                others += len(near) - (sum(near) if is_change else 0)
-            inside = np.mean(np.abs(np.concatenate(normalised)) < 2.0, axis=(0, 1))
-            size = np.sqrt(np.mean(np.concatenate(sizes) ** 2, axis=(0, 1)))
-            rows.append(
-                [
-                    name,
-                    course,
-                    *(f"{share:.0%}" for share in inside),
-                    *(f"{one:.2f}" for one in size),
-                    f"{found} of {SCENES}" if course in STEPS else "-",
-                    f"{others}",
-                ]
-            )
     kinds = ("range", "gain", "azimuth", "time")
     head = ["", "errors", *(f"within 2σ: {kind}" for kind in kinds)]
-    head += [f"{kind}, in limits" for kind in kinds]
-    return markdown([*head, "changes found", "false changes"], rows)
+    head += [*(f"{kind}, in limits" for kind in kinds), "changes found", "false changes"]
+    return markdown(head, [row(name, course) for name in SET_UPS for course in COURSES])

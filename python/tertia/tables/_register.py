@@ -81,8 +81,8 @@ def register(
         and `azimuth_sigma_deg`, and `range_bias_m`, `range_gain`, `azimuth_bias_deg` and
         `time_bias_s` with their sigmas. Further columns are `range_noise_factor` and
         `azimuth_noise_factor`, the ratios of the estimated to the stated noise, and for each error
-        whether the plots determine it, such as `time_observable`. Errors are those at the end of the
-        recording.
+        whether the plots determine it, such as `time_observable`. Errors are those at the end of
+        the recording.
 
     Raises
     ------

@@ -49,8 +49,8 @@ def register(
 
     The plots are read as by tertia track. The output is a file of sensors with the estimated errors
     and noise at the end of the recording; if it is given to tertia track as --sensors, the errors
-    are subtracted from the plots. For an error that the plots do not determine, the sigma of the sensors file or of
-    EUROCONTROL's standard is written.
+    are subtracted from the plots. For an error that the plots do not determine, the sigma of the
+    sensors file or of EUROCONTROL's standard is written.
     """
     if not files:
         fail("give files of plots", WRONG_USAGE)

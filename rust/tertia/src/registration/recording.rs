@@ -126,50 +126,92 @@ pub fn register(
         own[k].push(column);
     });
     let course = Course { middles: &middles, rates: &rates, own: &own };
-    let blocks = windows(plots, radars);
-    let ways = Ways { radars, slant };
-    let mut errors = start.to_vec();
-    let mut factor = vec![[1.0; 2]; radars.len()];
-    // at first, blocks that show sudden changes are taken as well
-    let wide = DMatrix::from_diagonal_element(order, order, FIRST * FIRST);
-    let mut covariances = vec![wide; errors.len()];
-    let (mut changes, mut all) = (Vec::new(), Sums::new(order, radars.len()));
+    let (ways, blocks) = (Ways { radars, slant }, windows(plots, radars));
+    let blocks: Vec<(usize, &[TargetPlot])> =
+        blocks.iter().map(|block| (stretch_of(middle_of(block), edges), &block[..])).collect();
+    let mut known = Rounds::new(start, order);
     for _ in 0..ROUNDS {
-        let mut sums = vec![Sums::new(order, radars.len()); errors.len()];
-        let mut known: Vec<Known<'_>> = covariances.iter().map(Known::new).collect();
-        for block in &blocks {
-            poll();
-            let time = f64::midpoint(block[0].report.time, block[block.len() - 1].report.time);
-            let t = stretch_of(time, edges);
-            sums[t].add(block, &ways, &unknowns, &errors[t], &factor, &mut known[t]);
-        }
-        all = Sums::total(&sums, radars.len());
-        let said = sums.into_iter().zip(&errors);
-        let said: Vec<Said> =
-            said.map(|(sums, errors)| sums.said(errors, &unknowns, prior.mean)).collect();
-        let history = History::new(&said, &course);
-        for (own, (mean, _)) in errors.iter_mut().zip(&history.known) {
-            for_each(&unknowns, |k, j, column, sigma| {
-                own[k][j] = prior.mean[k][j] + mean[column] * sigma;
-            });
-        }
-        covariances = history.known.into_iter().map(|(_, covariance)| covariance).collect();
-        changes = history.changes;
-        for (k, factor) in factor.iter_mut().enumerate() {
-            for (axis, factor) in factor.iter_mut().enumerate() {
-                *factor *= self::factor(all.square[k][axis], all.redundancy[k][axis]);
-            }
-        }
+        known.improve(&blocks, &ways, (&unknowns, prior.mean), &course);
     }
+    let Rounds { errors, covariances, changes, factor, sums } = known;
     Registered {
         sigmas: covariances.iter().map(|own| sigmas(own, &unknowns)).collect(),
         covariance: spread(&covariances[errors.len() - 1], &unknowns),
         errors,
         changes: apart(changes),
         factor,
-        redundancy: all.redundancy,
-        blocks: all.blocks,
+        redundancy: sums.redundancy,
+        blocks: sums.blocks,
     }
+}
+
+/// What is known after some rounds.
+struct Rounds {
+    /// The errors of each period, and their covariance in units of the prior.
+    errors: Vec<Vec<Errors>>,
+    covariances: Vec<DMatrix<f64>>,
+    changes: Vec<(usize, usize)>,
+    factor: Vec<[f64; 2]>,
+    /// Of the last round.
+    sums: Sums,
+}
+
+impl Rounds {
+    fn new(start: &[Vec<Errors>], order: usize) -> Self {
+        let radars = start[0].len();
+        // at first, blocks that show sudden changes are taken as well
+        let wide = DMatrix::from_diagonal_element(order, order, FIRST * FIRST);
+        Self {
+            errors: start.to_vec(),
+            covariances: vec![wide; start.len()],
+            changes: Vec::new(),
+            factor: vec![[1.0; 2]; radars],
+            sums: Sums::new(order, radars),
+        }
+    }
+
+    /// Adds up all blocks, corrected for the errors so far, and estimates the errors from them.
+    fn improve(
+        &mut self,
+        blocks: &[(usize, &[TargetPlot])],
+        ways: &Ways<'_>,
+        (unknowns, mean): (&Unknowns, &[Errors]),
+        course: &Course<'_>,
+    ) {
+        let radars = ways.radars.len();
+        let mut sums = vec![Sums::new(course.rates.len(), radars); self.errors.len()];
+        let mut known: Vec<Known<'_>> = self.covariances.iter().map(Known::new).collect();
+        for (t, block) in blocks {
+            poll();
+            let errors = &self.errors[*t];
+            sums[*t].add(block, ways, unknowns, errors, &self.factor, &mut known[*t]);
+        }
+        self.sums = Sums::total(&sums, radars);
+        let said: Vec<Said> = sums
+            .into_iter()
+            .zip(&self.errors)
+            .map(|(sums, errors)| sums.said(errors, unknowns, mean))
+            .collect();
+        let History { known, changes } = History::new(&said, course);
+        for (own, (value, _)) in self.errors.iter_mut().zip(&known) {
+            for_each(unknowns, |k, j, column, sigma| {
+                own[k][j] = mean[k][j] + value[column] * sigma
+            });
+        }
+        self.covariances = known.into_iter().map(|(_, covariance)| covariance).collect();
+        self.changes = changes;
+        for (k, factor) in self.factor.iter_mut().enumerate() {
+            for (axis, factor) in factor.iter_mut().enumerate() {
+                let Sums { square, redundancy, .. } = &self.sums;
+                *factor *= self::factor(square[k][axis], redundancy[k][axis]);
+            }
+        }
+    }
+}
+
+/// The time in the middle of the plots of a block.
+fn middle_of(block: &[TargetPlot]) -> f64 {
+    f64::midpoint(block[0].report.time, block[block.len() - 1].report.time)
 }
 
 impl Sums {
