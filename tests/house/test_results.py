@@ -163,8 +163,8 @@ NO_RESULTS = {
     "SystemPlane", "Station", "Radar", "ImmModel", "CvModel", "SingerModel", "WindowModel", "Mht",
     "PaperScore", "PlanModel", "Truth", "Turns", "JacobianOperator", "AsterixRecording",
     "Indicator",
-    "NoiseHistory", "Traffic", "Scene", "SetUp", "RadarPlots", "StationRecord", "PassiveLocation",
-    "PositionSensor", "Channel",
+    "BiasHistory", "NoiseHistory", "Traffic", "Scene", "SetUp", "RadarPlots", "StationRecord",
+    "PassiveLocation", "PositionSensor", "Channel",
 }  # fmt: skip
 
 
