@@ -11,6 +11,7 @@ from tracker.flights import RADAR, line, noisy, turning_flight
 
 from tertia import metrics
 from tertia.sensors import Bias
+from tertia.sensors._sensors import own_biases
 from tertia.tracker import (
     CvModel,
     Longitudinal,
@@ -22,6 +23,7 @@ from tertia.tracker import (
     smooth_tracks,
     track,
 )
+from tertia.tracker._errors import without_values
 
 SECOND = Radar(
     position=(30e3, 10e3), range_sigma=75.0, azimuth_sigma=np.radians(0.1), scan_period=6.0
@@ -325,6 +327,10 @@ class Registered:
 
     def __init__(self, sensors):
         self.sensors = sensors
+
+    def _removed(self, plots):
+        bias = own_biases(self.sensors)
+        return bias.correct(plots), without_values(self.sensors, bias)
 
 
 def test_plots_of_one_time_have_one_state():
