@@ -1,15 +1,16 @@
 """Biases that drift or change suddenly in a recording."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from checks import assert_result, rng
+from checks import assert_refused, assert_result, rng
 
 from tertia import simulate
 from tertia.registration import BiasHistory, register
 from tertia.sensors import RADAR_LIMITS, Bias, Radar
-from tertia.tracker import Plots, smooth_tracks
+from tertia.tracker import Plots, Tracker, smooth_tracks, track
 
 KINDS = ("range", "range_gain", "azimuth", "time")
 LIMITS = np.array([getattr(RADAR_LIMITS, f"{kind}_sigma") for kind in KINDS])
@@ -139,3 +140,38 @@ def test_plots_are_corrected_by_the_bias_of_their_period():
 
 def test_result():
     assert_result(register(recording(1, constant(1))[0], radars()).bias_history)
+
+
+def test_a_tracker_goes_on_from_a_registration():
+    course = constant(7)
+    course[:, 1, 2] += np.radians(0.3)
+    plots, exact = recording(7, course)
+    first = plots.time < 450.0
+    found = register(plots[first], radars())
+    later = plots[~first]
+    tracker = Tracker(radars(), registration=found)
+    for name in KINDS:
+        np.testing.assert_allclose(getattr(tracker.bias, name), getattr(found.bias, name))
+        sigma = getattr(found.bias, f"{name}_sigma")
+        np.testing.assert_allclose(getattr(tracker.bias, f"{name}_sigma"), sigma, rtol=1e-9)
+    again = pickle.loads(pickle.dumps(tracker))
+    known = track(later, radars(), registration=found)
+    unknown = track(later, radars())
+    best = track(exact[~first], [replace(one, bias=Bias()) for one in radars()])
+
+    def rmse(table):
+        table = table[(table.plot >= 0) & (table.time < 500.0)]
+        _, here, there = np.intersect1d(table.plot, best.plot, return_indices=True)
+        return np.sqrt(np.mean((table.position[here] - best.position[there]) ** 2))
+
+    assert rmse(known) < 0.7 * rmse(unknown)
+    same = [one.update(later[:500]) for one in (tracker, again)]
+    np.testing.assert_array_equal(same[0].position, same[1].position)
+
+
+def test_registrations_that_a_tracker_cannot_take():
+    found = register(recording(1, constant(1))[0], radars())
+    assert_refused(lambda: Tracker(radars(2), registration=found), ValueError, "registration")
+    assert_refused(lambda: Tracker(radars(), registration="on"), TypeError, "registration")
+    with pytest.raises(ValueError, match="lag"):
+        Tracker(radars(), registration=found, lag=5.0)

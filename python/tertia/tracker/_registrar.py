@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -74,6 +75,25 @@ def is_registrable(sensors: Sequence[Sensor]) -> bool:
     return placing > 1 and not deviates and bool(np.any(radar) and np.any(unknown))
 
 
+def begun(
+    sensors: tuple[Sensor, ...], registration: Any
+) -> tuple[tuple[Sensor, ...], tuple[FloatArray, FloatArray] | None]:
+    """Return sensors with the noise of a registration, if one is given, and its errors."""
+    if registration is None or isinstance(registration, bool):
+        return sensors, None
+    found = getattr(registration, "sensors", None)
+    if found is None:
+        raise TypeError(f"registration is {registration!r}; it must be a bool or a Registration")
+    if len(found) != len(sensors):
+        raise ValueError(
+            f"registration has {len(found)} sensors; it must have {len(sensors)}, as sensors"
+        )
+    # the prior of the errors is that of the sensors
+    pairs = zip(found, sensors, strict=True)
+    placed = tuple(replace(own, bias=one.bias) for own, one in pairs)
+    return placed, (columns_of(registration.bias), registration.covariance)
+
+
 class Registrar:
     """Systematic errors of radars as known after each scan.
 
@@ -86,11 +106,18 @@ class Registrar:
         The sensors.
     profile : str
         Kind of targets, for the tracks of single sensors.
+    known : tuple of ndarray of shape (K, 4) and ndarray of shape (4 * K, 4 * K), or None
+        Errors that are known at the beginning, and their covariance.
     kept : list of Plots
         Plots of the last scans; they are kept as long as the search for large errors goes on.
     """
 
-    def __init__(self, sensors: Sequence[Sensor], profile: ProfileName) -> None:
+    def __init__(
+        self,
+        sensors: Sequence[Sensor],
+        profile: ProfileName,
+        known: tuple[FloatArray, FloatArray] | None = None,
+    ) -> None:
         if not any(isinstance(one, Radar) for one in sensors):
             raise ValueError("registration needs a Radar, and sensors has none")
         self.sensors, self.profile = tuple(sensors), profile
@@ -99,7 +126,16 @@ class Registrar:
         # a station has no tracks of its own
         self._paired: BoolArray = np.array([isinstance(one, Station) for one in sensors])
         self._compared = False
+        self.known = known
         self._start_from(own_biases(sensors))
+        if known is not None:
+            self._core.know(*known)
+            # nothing is far from what is known
+            self._paired[:] = True
+
+    def anew(self) -> Registrar:
+        """Return the registrar as it was at the beginning."""
+        return Registrar(self.sensors, self.profile, self.known)
 
     @property
     def period(self) -> float:

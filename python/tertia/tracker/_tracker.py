@@ -28,7 +28,7 @@ from tertia.sensors._sensors import own_biases
 from tertia.tracker._azimuths import placed
 from tertia.tracker._models import Association, Motion, PlanModel, ProfileName
 from tertia.tracker._plots import Plots, continuous
-from tertia.tracker._registrar import Registrar, is_registrable, scans
+from tertia.tracker._registrar import Registrar, begun, is_registrable, scans
 from tertia.tracker._sensors import Sensor, check_velocities, core_sensors, sensors_of
 from tertia.tracker._settings import core_settings
 from tertia.tracker._table import TrackTable, joined
@@ -100,7 +100,7 @@ class Tracker:
         and plots may be up to one scan late.
     clock_period : float, optional
         Period of the clock of the plots in seconds, for example 86400 for the time of day.
-    registration : bool, optional
+    registration : bool or tertia.registration.Registration, optional
         Whether to estimate the systematic errors of the radars while tracking, and to correct the
         plots. This needs targets that other radars or position sensors see as well. By default they
         are estimated if there are such sensors and at least one radar may have errors (its `bias`
@@ -108,7 +108,8 @@ class Tracker:
         except a delay. `Tracker.bias` contains the current estimate; the covariances of the tracks
         include its uncertainty. Errors that are several times as large as their limits are found
         from the first three scans, during which no rows are returned, or from the first seven
-        scans; the tracks then start anew, with new numbers.
+        scans; the tracks then start anew, with new numbers. With the `Registration` of an earlier
+        recording, its noise is used, and the estimation goes on from the errors at its end.
     n_threads : int, optional
         Number of threads for scans with over a thousand plots per thread; by default all cores.
 
@@ -165,12 +166,12 @@ class Tracker:
         emergency_codes: Sequence[int] = (),
         lag: float = 0.0,
         clock_period: float | None = None,
-        registration: bool | None = None,
+        registration: Any = None,
         n_threads: int | None = None,
     ) -> None:
         self.n_threads = threads(n_threads)
         self.lag = real(lag, "lag")
-        self.sensors = sensors_of(sensors)
+        self.sensors, known = begun(sensors_of(sensors), registration)
         self._plans: list[FlightPlan | None] = [*sequence_of(plans, FlightPlan, "plans")]
         self.clock_period = None
         if clock_period is not None:
@@ -200,12 +201,11 @@ class Tracker:
         )
         if registration is None:
             registration = not self.lag and is_registrable(self.sensors)
-        instance(registration, "registration", bool)
         if registration and lag:
             raise ValueError(
                 "registration needs plots in time order, but lag allows late plots; give only one"
             )
-        self._registrar = Registrar(self.sensors, profile) if registration else None
+        self._registrar = Registrar(self.sensors, profile, known) if registration else None
 
     @property
     def bias(self) -> Bias:
@@ -280,7 +280,7 @@ class Tracker:
                 return table
             # the first plots were tracked before it was known how they are
             self._core = again
-            self._registrar = Registrar(self.sensors, self._registrar.profile)
+            self._registrar = self._registrar.anew()
             return self._registered(self._registrar, plots, end, recording)
         rows = "recording" if recording else "confirmed"
         if any(one.bias is not None for one in self.sensors):

@@ -35,6 +35,17 @@ impl Registrar {
         Ok(Self(core::Registrar::new(radars, slant, mean, sigma, &drift)))
     }
 
+    /// Begins with known errors (K, 4) and their covariance (4 K, 4 K).
+    fn know(&mut self, errors: Input<'_>, covariance: Input<'_>) -> PyResult<()> {
+        let errors = errors.points::<ERRORS>("errors", 1)?;
+        let covariance = covariance.numbers("covariance")?;
+        let (radars, order) = (self.0.held().len(), ERRORS * errors.len());
+        same_length(radars, &[errors.len()])?;
+        same_length(order * order, &[covariance.len()])?;
+        self.0.know(&errors, &covariance);
+        Ok(())
+    }
+
     /// Times, ranges and azimuths of plots without the errors known, (N,) each, and positions, (N, 2),
     /// if there are any.
     #[allow(clippy::type_complexity)] // columns

@@ -112,6 +112,26 @@ impl Registrar {
         }
     }
 
+    /// Begins with errors that are known already, and their covariance, (4 K, 4 K).
+    ///
+    /// # Panics
+    /// If the lengths differ.
+    pub fn know(&mut self, errors: &[Errors], covariance: &[f64]) {
+        let order = ERRORS * self.radars.len();
+        assert_eq!([errors.len(), covariance.len()], [self.radars.len(), order * order]);
+        let unknowns = self.unknowns();
+        for_each(&unknowns, |k, j, row, sigma| {
+            self.known.mean[row] = (errors[k][j] - self.start[k][j]) / sigma;
+            for_each(&unknowns, |l, i, column, other| {
+                let place = order * (ERRORS * k + j) + ERRORS * l + i;
+                self.known.covariance[(row, column)] = covariance[place] / (sigma * other);
+            });
+        });
+        for (clock, own) in self.clocks.iter_mut().zip(errors) {
+            *clock = own[CLOCK];
+        }
+    }
+
     /// The errors of each radar.
     pub fn errors(&self) -> Vec<Errors> {
         let mut errors = self.start.clone();
