@@ -12,6 +12,10 @@ const BEFOREHAND: f64 = 1.0;
 /// Squares from which those without plots lately are forgotten.
 const MANY: usize = 20_000;
 const NONE_LATELY: f64 = 1e-3;
+/// Log-odds of an even density before any plot, and by how much plots change them at most: a shower may come at
+/// any time.
+const EVEN: f64 = 2.0;
+const MOST: f64 = 5.0;
 
 /// Plots that confirmed tracks have left, by square, with fading weights.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -23,6 +27,8 @@ pub(super) struct Patches {
     scans: f64,
     /// The plots of each square, and until when they have faded.
     plots: BTreeMap<(i32, i32), (f64, f64)>,
+    /// What the places of first plots add to the log-odds that the density differs from place to place.
+    uneven: f64,
 }
 
 impl Patches {
@@ -37,13 +43,25 @@ impl Patches {
         own.map_or(0.0, |&(plots, until)| plots * ((until - self.now) / MEMORY).exp())
     }
 
+    /// How dense false plots are where there were so many, over their `mean`.
+    fn local(&self, plots: f64, mean: f64) -> f64 {
+        let expected = mean * self.side * self.side * self.scans;
+        (BEFOREHAND + plots) / (BEFOREHAND + expected)
+    }
+
     /// Density of false plots at a place over their `mean`, at least 1. Cost O(log squares).
     pub fn ratio(&self, position: [f64; 2], mean: f64) -> f64 {
         if self.plots.is_empty() {
             return 1.0;
         }
-        let expected = mean * self.side * self.side * self.scans;
-        ((BEFOREHAND + self.at(position)) / (BEFOREHAND + expected)).max(1.0)
+        let local = self.local(self.at(position), mean).max(1.0);
+        1.0 + (local - 1.0) / (1.0 + (EVEN - self.uneven).exp())
+    }
+
+    /// Takes a plot that was counted just now as evidence for or against an even density.
+    pub fn weigh(&mut self, position: [f64; 2], mean: f64) {
+        let others = (self.at(position) - 1.0).max(0.0);
+        self.uneven = (self.uneven + self.local(others, mean).ln()).clamp(-MOST, MOST);
     }
 
     /// Counts a plot of a radar whose largest range this is.
@@ -71,7 +89,9 @@ impl Patches {
     /// Lets so many scans pass.
     pub fn fade(&mut self, scans: f64) {
         self.now += scans;
-        self.scans = (-scans / MEMORY).exp() * self.scans + scans;
+        let kept = (-scans / MEMORY).exp();
+        self.scans = kept * self.scans + scans;
+        self.uneven *= kept;
         if self.plots.len() > MANY {
             let now = self.now;
             let weight = |plots: f64, until: f64| plots * ((until - now) / MEMORY).exp();
@@ -97,11 +117,33 @@ mod tests {
         let kept = |scan: i32| (-f64::from(scan) / MEMORY).exp();
         let weights: f64 = (1..=10).map(kept).sum();
         let scans: f64 = (0..10).map(kept).sum();
-        let expected = (1.0 + 3.0 * weights) / (1.0 + mean * 1e6 * scans);
+        let local = (1.0 + 3.0 * weights) / (1.0 + mean * 1e6 * scans);
+        // an even density is e² times as likely
+        let expected = 1.0 + (local - 1.0) / (1.0 + EVEN.exp());
         assert_within(1e-12, patches.ratio([999.0, -1.0], mean), expected);
         assert_eq!(patches.ratio([1001.0, -1.0], mean), 1.0);
         patches.fade(300.0);
         assert!(patches.ratio([999.0, -1.0], mean) < 1.01);
+    }
+
+    #[test]
+    fn places_are_all_alike_where_the_density_is_even() {
+        let ratio = |side: usize| {
+            let mut patches = Patches::default();
+            let mean = 2e-8;
+            // 1 plot in each of 50 squares, or 5 in each of ten of them
+            for i in 0..50 {
+                let place = [500.0 + 1e3 * f64::from(i % side as i32), 500.0];
+                patches.add(place, 64e3);
+                patches.weigh(place, mean);
+                if i % 10 == 9 {
+                    patches.fade(1.0);
+                }
+            }
+            patches.ratio([500.0, 500.0], mean)
+        };
+        assert!(ratio(50) < 1.03);
+        assert!(ratio(10) > 4.0);
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //! gate has followed.
 
 use super::ended::{Ended, REMEMBERED, Spot, Stretch};
+use super::noise::Noise;
 use super::settings::Settings;
 use super::track::{SOONEST, Track};
 use crate::sensors::IdentityKind;
@@ -9,10 +10,14 @@ use std::cell::OnceCell;
 
 /// Largest acceleration of an aircraft, m/s²: 4 g.
 const ACCELERATION: f64 = 40.0;
-/// Scans after which a track without identity is not resumed.
+/// Scans after which a track without identity is not resumed, and the same where many plots are outliers: several
+/// in a row end tracks, most of all in turns.
 const SCANS: f64 = 5.5;
+const SCANS_OF_OUTLIERS: f64 = 13.0;
 /// Longest time without any plot of the aircraft, in scans.
 const LINK: f64 = 2.5;
+/// Scans within which a track is lost by a wrong plot among its first ones.
+const SCANS_OF_YOUNG: f64 = 3.5;
 /// Largest change of speed, as a share.
 const FASTER: f64 = 1.2;
 /// Margin for errors of positions and velocities, in standard deviations.
@@ -25,7 +30,7 @@ pub(super) fn resume(
     tracks: &mut [Track],
     ended: &mut Ended,
     begun: &[u64],
-    settings: &Settings,
+    (settings, noise): (&Settings, &[Noise]),
 ) -> Vec<(u64, u64)> {
     let mut renamed = Vec::new();
     let Candidates { places, mut silent, others } = Candidates::of(tracks, begun, settings);
@@ -38,7 +43,7 @@ pub(super) fn resume(
         let new = &tracks[place];
         let end = Spot::first(new, settings);
         let (stretches, tentative) = (&ended.stretches, &tentative);
-        let paths = Paths { ended: stretches, tracks, tentative, settings };
+        let paths = Paths { ended: stretches, tracks, tentative, settings, noise };
         let may = |old: &&Track| continues((new, &end), old, &paths);
         let same = |old: &Track| old.identities().same(&new.identities()) == Some(true);
         let live = silent.iter().map(|&i| &tracks[i]).filter(may);
@@ -184,7 +189,8 @@ impl Candidates {
         }
         let began = found.places.iter().map(|&(_, i)| tracks[i].first.time);
         let last = began.fold(f64::NEG_INFINITY, f64::max);
-        let is_silent = |i: &usize| tracks[*i].seen < last;
+        let seen = |track: &Track| track.forked().map_or(track.seen, |other| other.seen);
+        let is_silent = |i: &usize| seen(&tracks[*i]).min(tracks[*i].seen) < last;
         found.silent = found.others.iter().copied().filter(is_silent).collect();
         found
     }
@@ -193,20 +199,31 @@ impl Candidates {
 /// Whether a new track may be the same target as an older one.
 fn continues((new, end): (&Track, &Spot), old: &Track, paths: &Paths<'_>) -> bool {
     let settings = paths.settings;
-    let gap = end.time - old.seen;
-    if gap <= 0.0 {
-        return false;
-    }
     let kind = match new.identities().compare(&old.identities()) {
         Some((_, false)) => return false,
         Some((kind, true)) => kind,
         None => {
-            return gap <= SCANS * old.period()
-                && is_near(old, end, gap)
-                && turned(new, old)
-                && paths.lead(old, &Spot::last(old), end);
+            if leads_back(new, old, end, settings) {
+                return true;
+            }
+            // where many are, its last plot may have been an outlier
+            let [longest, _] = paths.longest(old);
+            let other = old.forked().filter(|_| longest > SCANS * old.period());
+            return std::iter::once(old).chain(other).any(|state| {
+                let gap = end.time - state.seen;
+                gap > 0.0
+                    && gap <= longest
+                    && is_near(state, end, gap)
+                    && turned(new, state)
+                    && paths.lead(state, &Spot::last(state), end)
+                    && (gap <= SCANS * old.period() || paths.are_alone(new, old, (end, gap)))
+            });
         }
     };
+    let gap = end.time - old.seen;
+    if gap <= 0.0 {
+        return false;
+    }
     let longest = match settings.is_shared(kind) {
         true => 2.0 * settings.coasting as f64 * old.period(),
         false => REMEMBERED,
@@ -215,6 +232,18 @@ fn continues((new, end): (&Track, &Spot), old: &Track, paths: &Paths<'_>) -> boo
     let away = f64::hypot(end.position[0] - place[0], end.position[1] - place[1]);
     let errors = SIGMAS * (p.xx + p.yy + end.variance).sqrt();
     gap <= longest && away <= 2.0 * settings.max_speed * gap + errors
+}
+
+/// Whether the way of a new track leads back to where an old one began, which was lost soon after: one of its
+/// few plots was an outlier or a false plot.
+fn leads_back(new: &Track, old: &Track, end: &Spot, settings: &Settings) -> bool {
+    let begin = Spot::first(old, settings);
+    let is_soon = |from: f64, to: f64, scans: f64| to > from && to - from <= scans * old.period();
+    is_soon(begin.time, old.seen, SCANS_OF_YOUNG) && is_soon(old.seen, end.time, SCANS) && {
+        let (place, p) = new.position_at(begin.time);
+        let away = f64::hypot(begin.position[0] - place[0], begin.position[1] - place[1]);
+        away <= SIGMAS * (p.xx + p.yy + begin.variance).sqrt()
+    }
 }
 
 /// Whether an aircraft may be so far from an old track after a time: any way there is longer. Most
@@ -248,9 +277,32 @@ struct Paths<'a> {
     /// Those of tracks that are not confirmed, once they are needed.
     tentative: &'a OnceCell<Vec<Stretch>>,
     settings: &'a Settings,
+    noise: &'a [Noise],
 }
 
 impl Paths<'_> {
+    /// Longest times since a track was seen, and without any plot of its aircraft, s.
+    fn longest(&self, old: &Track) -> [f64; 2] {
+        let is_many = |(radar, noise): (usize, &Noise)| {
+            old.expected_by(radar).is_some() && noise.outliers.are_many()
+        };
+        let many = self.noise.iter().enumerate().any(is_many);
+        let scans = if many { [SCANS_OF_OUTLIERS; 2] } else { [SCANS, LINK] };
+        scans.map(|scans| scans * old.period())
+    }
+
+    /// Whether no other track is so near that it may be that of the aircraft instead.
+    fn are_alone(&self, new: &Track, old: &Track, (end, gap): (&Spot, f64)) -> bool {
+        let speed = f64::hypot(old.estimate.mean[2], old.estimate.mean[3]);
+        let is_other = |track: &&Track| {
+            track.is_confirmed() && track.number != new.number && track.number != old.number
+        };
+        self.tracks.iter().filter(is_other).all(|track| {
+            let [x, y] = track.position_at(end.time).0;
+            f64::hypot(x - end.position[0], y - end.position[1]) > FASTER * speed * gap
+        })
+    }
+
     fn tentative(&self) -> &[Stretch] {
         self.tentative.get_or_init(|| {
             let others = self.tracks.iter().filter(|track| !track.is_confirmed());
@@ -261,7 +313,7 @@ impl Paths<'_> {
     /// Whether a way leads from where a track was seen last to where another begins, with a plot about
     /// as often as a radar sees an aircraft. Cost O(stretches²) at most.
     fn lead(&self, old: &Track, begin: &Spot, end: &Spot) -> bool {
-        let longest = LINK * old.period();
+        let longest = self.longest(old)[1];
         let speed = f64::hypot(old.estimate.mean[2], old.estimate.mean[3]);
         let hop = |a: &Spot, b: &Spot| {
             let time = b.time - a.time;

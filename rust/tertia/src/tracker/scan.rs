@@ -5,10 +5,10 @@
 //! the order of the groups: tracks that compete for plots of one radar.
 
 use super::ahead::Ahead;
-use super::claim::{Claim, Spread};
+use super::claim::{Claim, Spread, is_near};
 use super::cluster::{Cells, Clusters};
 use super::clutter::{self, Clutter, Counts};
-use super::doubles::{self, Doubles, Near};
+use super::doubles::{self, Doubles, Near, Seconds};
 use super::ended::Ended;
 use super::noise::Noise;
 use super::plot::{Measured, PlotStatus};
@@ -36,8 +36,8 @@ pub(super) struct Scan {
     spread: Spread,
     /// Second plots of targets, of radars that make many.
     left_out: Vec<bool>,
-    /// Whether there are positions among them.
-    reports: bool,
+    /// The least number of a track that is looked at.
+    first: u64,
     /// Plots of each radar that belonged to no track.
     unused: Vec<Counts>,
     /// The plots of all radars.
@@ -57,9 +57,9 @@ pub(super) struct Scan {
     order: Vec<u32>,
     /// Where each track is among those that claim plots.
     places: Vec<u32>,
-    /// The density of second plots of targets where each plot is.
-    doubled: Vec<f64>,
-    /// The same with outliers.
+    /// Where second plots of targets may be.
+    seconds: Seconds,
+    /// The density where each plot is of second plots and outliers of confirmed tracks.
     others: Vec<f64>,
     shares: Shares,
 }
@@ -92,6 +92,7 @@ impl Scan {
     ) {
         self.load(sky, plots);
         self.leave_out(sky, &mut report);
+        self.first = 0;
         self.take(sky, true, [oldest, hold], &mut report);
         let known = Known { settings: sky.settings, clutter: sky.clutter, noise: sky.noise };
         let sought = (known, &mut sky.tracks[..], &mut *sky.rows);
@@ -102,15 +103,19 @@ impl Scan {
         }
         let near = Near { grid: &self.grid, plots: &self.plots, left_out: &self.left_out };
         let used = (&self.taken[..], &self.deferred[..]);
-        doubles::find(near, used, sky.doubles, sky.settings, &mut self.doubled);
-        clutter::note((near.plots, hold), used, &self.doubled, (sky.clutter, &sky.settings.radars));
-        self.others.clone_from(&self.doubled);
+        self.seconds.find(near, used, sky.doubles, sky.settings);
+        let radars = &sky.settings.radars;
+        clutter::note((near.plots, hold), used, &self.seconds, (sky.clutter, radars));
+        self.others.clear();
+        self.others.extend_from_slice(self.seconds.of_confirmed());
         let tracks = (&mut sky.tracks[..], sky.settings);
         strays::find(near, used, tracks, (sky.noise, sky.clutter), &mut self.others);
         let mut schedule = Schedule::at(self.plots.first(), sky.tracks, sky.settings);
         schedule.crowd((&self.plots, used.0), (sky.clutter, sky.settings), &mut self.others);
         loop {
             self.take(sky, false, [oldest, hold], &mut report);
+            // those that were there before have had their choice
+            self.first = *sky.next_number;
             if !self.begin(sky, &schedule, hold, &mut report) {
                 break;
             }
@@ -152,7 +157,6 @@ impl Scan {
         self.deferred.resize(plots.len(), false);
         self.spread = Spread::of(plots);
         let settings = sky.settings;
-        self.reports = plots.iter().any(|plot| settings.geometry(plot.radar).is_position());
         self.unused.clear();
         self.unused.resize(settings.radars.len(), Counts::default());
         let radars = &sky.settings.radars;
@@ -183,6 +187,7 @@ impl Scan {
     /// Finds the plots near each track.
     fn claim<R>(&mut self, sky: &Sky<'_, R>, confirmed: bool) {
         let Self { plots, taken, deferred, spread, grid, claims, claimed, shares, .. } = self;
+        let oldest = self.first;
         claims.clear();
         claimed.clear();
         let (Some(first), Some(last)) = (plots.first(), plots.last()) else { return };
@@ -192,7 +197,7 @@ impl Scan {
         let free = |&plot: &u32| !taken[plot as usize] && !deferred[plot as usize];
         let look = |share: &mut Share, first: usize, tracks: &[Track]| {
             for (index, track) in (first..).zip(tracks) {
-                if track.is_confirmed() == confirmed {
+                if track.is_confirmed() == confirmed && track.number >= oldest {
                     share.look((index, track), (begin, end), settings, around, spread, free);
                 }
             }
@@ -279,7 +284,8 @@ impl Scan {
         if self.claims.is_empty() {
             return false;
         }
-        let Self { plots, taken, deferred, claims, claimed, places, others, shares, .. } = self;
+        let Self { plots, taken, deferred, claims, claimed, places, shares, .. } = self;
+        let (others, seconds) = (&self.others[..], &self.seconds);
         // tracks by component
         places.clear();
         places.resize(sky.tracks.len(), NOWHERE);
@@ -300,7 +306,8 @@ impl Scan {
         }
         let mut tracks: Vec<&mut Track> = tracks.into_iter().flatten().collect();
         let (settings, clutter, noise) = (sky.settings, &*sky.clutter, &*sky.noise);
-        let view = View { plots, claimed, deferred, others, settings, clutter, noise, cells };
+        let view =
+            View { plots, claimed, deferred, others, seconds, settings, clutter, noise, cells };
         let limits = settings.limits().filter(|_| confirmed);
         let with_rows = sky.rows.wants(confirmed);
         let same = |a: &Claim, b: &Claim| a.component == b.component;
@@ -327,7 +334,7 @@ impl Scan {
             }
         });
         let begun = if confirmed { Vec::new() } else { shares.confirmed() };
-        let renamed = resume(sky.tracks, sky.ended, &begun, settings);
+        let renamed = resume(sky.tracks, sky.ended, &begun, (settings, noise));
         let number =
             |own: u64| renamed.iter().find(|(new, _)| *new == own).map_or(own, |(_, old)| *old);
         let mut advanced = false;
@@ -375,7 +382,7 @@ impl Scan {
         report: &mut impl FnMut(usize, PlotStatus),
     ) -> bool {
         let mut left = false;
-        let mut now = vec![false; if self.reports { self.plots.len() } else { 0 }];
+        let mut now = vec![false; self.plots.len()];
         for (i, plot) in self.plots.iter().enumerate() {
             self.deferred[i] |= !self.taken[i] && plot.time >= hold;
             if self.taken[i] || self.deferred[i] {
@@ -385,17 +392,15 @@ impl Scan {
             let clutter = &sky.clutter[plot.radar];
             let [density, false_plots] =
                 [clutter.density(radar), clutter.plots(radar)].map(|all| plot.rivals(all));
-            let reports = self.reports && sky.settings.geometry(plot.radar).is_position();
-            if reports && self.is_near(plot, &now, sky.settings) {
+            let begun = |i: usize| now[i];
+            if is_near(plot, (&self.grid, &self.plots), begun, &self.spread, sky.settings) {
                 left = true;
                 continue;
             }
-            if reports {
-                now[i] = true;
-            }
-            self.taken[i] = true;
+            (self.taken[i], now[i]) = (true, true);
             // where there are more of other plots, more false tracks begin
-            let false_plots = false_plots * (1.0 + (self.others[i] - self.doubled[i]) / density);
+            let second = self.seconds.of_others(i, |other| self.taken[other]);
+            let false_plots = false_plots * (1.0 + (self.others[i] + second) / density);
             let mut track = Track::new(*sky.next_number, plot, false_plots, sky.settings);
             if let Some(expected) = schedule.expected(i, plot, sky.clutter, sky.settings) {
                 track.expect(expected, sky.settings);
@@ -404,9 +409,10 @@ impl Scan {
                 track.require_more();
             }
             *sky.next_number += 1;
-            let is_double = self.doubled[i] > density;
+            let is_double = self.seconds.of_confirmed()[i] + second > density;
             if !is_double {
                 self.unused[plot.radar].add(plot.detection, track.there);
+                sky.clutter[plot.radar].weigh(radar, plot.position);
             }
             let track_or_not = PlotStatus::Track(track.number);
             report(plot.index, if is_double { PlotStatus::Duplicate } else { track_or_not });
@@ -416,25 +422,6 @@ impl Scan {
             sky.tracks.push(track);
         }
         left
-    }
-
-    /// Whether a report may be of the same target as one that has begun a track now.
-    fn is_near(&self, plot: &Measured, now: &[bool], settings: &Settings) -> bool {
-        let longest = self.plots.last().map_or(0.0, |last| last.time - self.plots[0].time);
-        let half =
-            settings.max_speed * longest + 2.0 * (settings.guard * self.spread.variance).sqrt();
-        let [x, y] = plot.position;
-        let mut near = false;
-        self.grid.between([x - half, y - half], [x + half, y + half], &mut |i| {
-            let other = &self.plots[i];
-            if now[i] && other.radar == plot.radar {
-                let apart = (x - other.position[0]).hypot(y - other.position[1]);
-                let flown = settings.max_speed * (plot.time - other.time).abs();
-                let noise = 2.0 * (settings.guard * self.spread.variance).sqrt();
-                near |= apart <= flown + noise;
-            }
-        });
-        near
     }
 
     /// Counts the plots that belonged to no track.

@@ -4,6 +4,7 @@ use super::ahead::TOGETHER;
 use super::claim::{Claim, Spread, reach};
 use super::cluster::{Cells, Cluster};
 use super::clutter::Clutter;
+use super::doubles::Seconds;
 use super::noise::Noise;
 use super::outliers::Stray;
 use super::plot::Measured;
@@ -55,8 +56,10 @@ pub(super) struct View<'a> {
     pub claimed: &'a [u32],
     /// Which plots wait.
     pub deferred: &'a [bool],
-    /// The density of second plots of targets, and of outliers, where each plot is.
+    /// The density of second plots and outliers of confirmed tracks where each plot is.
     pub others: &'a [f64],
+    /// Where those of others may be.
+    pub seconds: &'a Seconds,
     pub settings: &'a Settings,
     pub clutter: &'a [Clutter],
     pub noise: &'a [Noise],
@@ -242,7 +245,7 @@ impl Share {
         &mut self,
         group: &[Claim],
         tracks: &mut [&mut Track],
-        View { plots, settings, others, clutter, .. }: View<'_>,
+        View { plots, settings, others, seconds, clutter, .. }: View<'_>,
         (confirmed, with_rows): (bool, bool),
     ) {
         let mut own = 0;
@@ -253,6 +256,13 @@ impl Share {
             own += end;
             let Some(plot) = self.choice[row].filter(|_| !self.settled[row]) else { continue };
             let measured = &plots[plot as usize];
+            let number = |row: usize| tracks[group[row].track as usize].number;
+            let is_older = |other: &usize| number(*other) < number(row);
+            let is_first = |plot: usize| {
+                let taker = self.choice.iter().position(|c| *c == Some(plot as u32));
+                taker.as_ref().is_some_and(is_older)
+            };
+            let second = if confirmed { 0.0 } else { seconds.of_others(plot as usize, is_first) };
             let track = &mut *tracks[claim.track as usize];
             let radar = &settings.radars[measured.radar];
             let stray = track.gone_on(measured, settings);
@@ -261,7 +271,7 @@ impl Share {
                 let taken = |pair: &&Pair| self.columns.plot(pair.column) == plot;
                 let gain = pairs[..end].iter().find(taken).map_or(0.0, |pair| pair.gain);
                 let density = clutter[measured.radar].density(radar);
-                let other = || others[plot as usize] / measured.rivals(density);
+                let other = || (others[plot as usize] + second) / measured.rivals(density);
                 let others = if confirmed { 0.0 } else { (1.0 + other()).ln() };
                 let gain = track.evidence_of(measured, gain, density, settings);
                 track.credit(gain, others, measured.radar, settings);

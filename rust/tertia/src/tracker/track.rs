@@ -172,13 +172,6 @@ impl Track {
         track
     }
 
-    /// Requires one more plot: one of them may be far from the target.
-    pub fn require_more(&mut self) {
-        if let Stage::Tentative { plots, .. } = &mut self.stage {
-            *plots += 1;
-        }
-    }
-
     #[inline]
     pub fn is_confirmed(&self) -> bool {
         matches!(self.stage, Stage::Confirmed)
@@ -304,6 +297,14 @@ impl Track {
     /// Likelihood ratio of height, identity and detection.
     #[inline]
     pub fn also(&self, plot: &Measured, settings: &Settings) -> f64 {
+        // by what it was detected
+        let detection = if plot.gain == 0.0 { 1.0 } else { exp(plot.gain) };
+        self.named(plot, settings) * detection
+    }
+
+    /// Likelihood ratio of height and identity.
+    #[inline]
+    pub fn named(&self, plot: &Measured, settings: &Settings) -> f64 {
         let height = match self.vertical {
             Some(vertical) if plot.height.is_finite() => vertical.ratio(plot.time, plot.height),
             _ => 1.0,
@@ -312,9 +313,7 @@ impl Track {
             true => self.known.ratio(&settings.identities(plot).0, settings),
             false => 1.0,
         };
-        // by what it was detected
-        let detection = if plot.gain == 0.0 { 1.0 } else { exp(plot.gain) };
-        height * identity * detection
+        height * identity
     }
 
     /// Corrects by a plot.
@@ -453,28 +452,21 @@ impl Track {
             None => self.beams.push(Expected { radar: plot.radar, time: next, seen: plot.time }),
         }
         self.set_due(settings);
-        let plots_less = usize::from(self.filter.prospects().is_some_and(Prospects::is_planned));
+        let allowance = self.filter.prospects().and_then(Prospects::allowance);
         if let Stage::Tentative { hits, plots, evidence, .. } = &mut self.stage {
             *hits += usize::from(counts);
+            // after two plots
+            let less = if *hits == 2 { allowance.unwrap_or(0.0) } else { 0.0 };
             let is_likely = match settings.confirmation {
                 _ if matches!(settings.association, Association::Paper(_)) => true,
-                Confirmation::Plots(..) => *evidence >= 0.0,
+                Confirmation::Plots(..) => *evidence >= -less,
                 Confirmation::Existence(least) => self.existence.probability() >= least,
             };
             let held = |e: &Expected| settings.held.get(e.radar) == Some(&true);
-            let enough = *hits + plots_less >= *plots;
+            let enough = *hits + usize::from(allowance.is_some()) >= *plots;
             if enough && is_likely && !self.beams.all().iter().any(held) {
                 self.confirm(settings);
             }
-        }
-    }
-
-    /// Suspends its plan, or resumes it.
-    pub fn suspend_plan(&mut self, suspended: bool) {
-        self.suspended = suspended;
-        self.filter.suspend_plan(suspended);
-        for leaf in self.alternatives_mut() {
-            leaf.track.suspend_plan(suspended);
         }
     }
 

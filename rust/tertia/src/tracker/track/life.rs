@@ -26,6 +26,13 @@ impl Track {
         self.begin(Some(expected), settings);
     }
 
+    /// Requires one more plot: one of them may be far from the target.
+    pub fn require_more(&mut self) {
+        if let Stage::Tentative { plots, .. } = &mut self.stage {
+            *plots += 1;
+        }
+    }
+
     /// Confirms it, with the plan by which it was found, if there is one.
     pub(super) fn confirm(&mut self, settings: &Settings) {
         self.stage = Stage::Confirmed;
@@ -79,6 +86,15 @@ impl Track {
     /// Scans of the slowest radar that sees the target, s.
     pub fn period(&self) -> f64 {
         self.period
+    }
+
+    /// Suspends its plan, or resumes it.
+    pub fn suspend_plan(&mut self, suspended: bool) {
+        self.suspended = suspended;
+        self.filter.suspend_plan(suspended);
+        for leaf in self.alternatives_mut() {
+            leaf.track.suspend_plan(suspended);
+        }
     }
 
     /// Whether its plan is suspended.
