@@ -1,0 +1,60 @@
+"""Targets that manoeuvre more than airliners do: the tracker learns it, their velocities show it."""
+
+import numpy as np
+import pytest
+from tracker.flights import RADAR, noisy
+
+from tertia.tracker import Plots, track
+
+STEP = 0.1
+# 95 % of a chi-square of two degrees of freedom
+LIMIT = 5.991
+
+
+def flown(seed, speed, sideways, manoeuvre, between, duration=600.0):
+    """Positions and velocities each `STEP` of a target that turns at times."""
+    rng = np.random.default_rng([88, seed])
+    rate, k = np.zeros(int(duration / STEP)), 0
+    while k < len(rate):
+        k += int(between * rng.uniform(0.5, 1.5) / STEP)
+        end = k + int(manoeuvre * rng.uniform(0.5, 1.5) / STEP)
+        rate[k:end] = rng.choice([-1.0, 1.0]) * sideways * rng.uniform(0.3, 1.0) / speed
+        k = end
+    course = rng.uniform(0.0, 2 * np.pi) + np.cumsum(rate) * STEP
+    velocity = speed * np.stack([np.sin(course), np.cos(course)], axis=-1)
+    return np.array([20e3, 30e3]) + np.cumsum(velocity, axis=0) * STEP, velocity
+
+
+def velocities(several, period=4.0):
+    """Errors of velocities and whether they are in their regions, half a minute after the start."""
+    errors, inside = [], []
+    for seed, (position, velocity) in enumerate(several):
+        time = np.arange(0.0, len(position) * STEP - STEP, period)
+        at = (time / STEP).astype(int)
+        plots = Plots(time, *noisy(position[at], RADAR, np.random.default_rng([89, seed])))
+        found = track(plots, [RADAR])
+        found = found[(found.plot >= 0) & (found.time > 30.0)]
+        off = found.velocity - velocity[at][found.plot]
+        spread = found.covariance[:, 2:, 2:]
+        squares = np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[..., np.newaxis])[..., 0])
+        errors.append(off)
+        inside.append(squares < LIMIT)
+    return np.concatenate(errors), np.mean(np.concatenate(inside))
+
+
+@pytest.mark.parametrize(
+    ("speed", "sideways", "manoeuvre", "between"),
+    [(50.0, 4.0, 12.0, 30.0), (110.0, 5.5, 60.0, 60.0)],
+    ids=["helicopter", "holding"],
+)
+def test_velocities_of_lively_targets_are_in_their_regions(speed, sideways, manoeuvre, between):
+    """With the models of airliners alone, 76 and 87 %."""
+    _, inside = velocities([flown(k, speed, sideways, manoeuvre, between) for k in range(30)])
+    assert 0.90 < inside < 0.98
+
+
+def test_straight_flight_does_not_pay_for_it():
+    """Errors of 1.9 m/s: as with the models of airliners alone."""
+    error, inside = velocities([flown(k, 150.0, 1.0, 1.0, 1e4) for k in range(30)])
+    assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 2.0
+    assert inside > 0.98
