@@ -1,9 +1,8 @@
 """One target without clutter: every model of motion, in plain NumPy.
 
 Singer 1970; Mehra 1970 (correlated innovations); Bar-Shalom, Li, Kirubarajan 2001: sections 11.6
-(mixing) and 11.7 (coordinated turn);
-Friedland 1969 (the acceleration along the course); Glagovskii, Lavina, Rudelson 2014 (least squares
-over a window, arcs of a flight plan).
+(mixing) and 11.7 (coordinated turn); Friedland 1969 (the acceleration along the course);
+Glagovskii, Lavina, Rudelson 2014 (least squares over a window, arcs of a flight plan).
 """
 
 from __future__ import annotations
@@ -196,8 +195,8 @@ class Multiple:
         """Return the estimate, with the velocity by a manoeuvre not noticed yet."""
         mean, covariance, turns = self.estimate()
         more = np.exp(max(self.level - self.SHARP, 0.0)) - 1.0
-        time = self.interval * self.radar.scan_period * min(self.scatter, 1.0) ** 2
-        variance = 1.3 * more * self.settings.turn_sigma**2 * time
+        square = self.interval * self.radar.scan_period * min(self.scatter, 1.0) ** 2
+        variance = 1.3 * more * self.settings.turn_sigma**2 * square
         covariance[2:, 2:] += variance * np.eye(2)
         return mean, covariance, turns
 

@@ -1,4 +1,4 @@
-"""Targets that manoeuvre more than airliners do: the tracker learns it, their velocities show it."""
+"""Targets that manoeuvre more than airliners do: the tracker learns it."""
 
 import numpy as np
 import pytest
