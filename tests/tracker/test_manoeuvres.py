@@ -1,7 +1,6 @@
 """Targets that manoeuvre more than airliners do: the tracker learns it."""
 
 import numpy as np
-import pytest
 from tracker.flights import RADAR, noisy
 
 from tertia.tracker import Plots, track
@@ -42,19 +41,15 @@ def velocities(several, period=4.0):
     return np.concatenate(errors), np.mean(np.concatenate(inside))
 
 
-@pytest.mark.parametrize(
-    ("speed", "sideways", "manoeuvre", "between"),
-    [(50.0, 4.0, 12.0, 30.0), (110.0, 5.5, 60.0, 60.0)],
-    ids=["helicopter", "holding"],
-)
-def test_velocities_of_lively_targets_are_in_their_regions(speed, sideways, manoeuvre, between):
-    """With the models of airliners alone, 76 and 87 %."""
-    _, inside = velocities([flown(k, speed, sideways, manoeuvre, between) for k in range(30)])
-    assert 0.90 < inside < 0.98
+def test_velocities_of_a_helicopter_are_in_their_regions():
+    """With the models of airliners alone, 73 %, and errors of 12.1 m/s."""
+    error, inside = velocities([flown(k, 50.0, 4.0, 12.0, 30.0) for k in range(30)])
+    assert 0.88 < inside < 0.98
+    assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 11.7
 
 
 def test_straight_flight_does_not_pay_for_it():
-    """Errors of 1.9 m/s: as with the models of airliners alone."""
+    """Errors of 1.76 m/s: as with the models of airliners alone."""
     error, inside = velocities([flown(k, 150.0, 1.0, 1.0, 1e4) for k in range(30)])
-    assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 2.0
+    assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 1.8
     assert inside > 0.98
