@@ -13,8 +13,6 @@ use serde::{Deserialize, Serialize};
 /// Share of the newest plot in the running mean of innovations, and the most that one counts.
 const MEMORY: f64 = 0.3;
 const SURPRISE: f64 = 20.0;
-/// Running means up to this one are likely by chance: noise alone makes their standard deviation .4.
-const CHANCE: f64 = 1.5;
 
 /// A plot behind a row of a track, as its sensor measured it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -147,8 +145,7 @@ impl Target {
         let mut follower = self.follower?;
         follower.predict(&ImmModel::default(), time, period);
         let mut estimate = follower.estimate();
-        let beyond = (2.0 * (self.surprise - CHANCE)).min(self.surprise - 1.0).max(0.0);
-        let surprise = 1.0 + beyond;
+        let surprise = self.surprise.max(1.0);
         estimate.covariance = estimate.covariance * surprise + self.added;
         // a turn that is not noticed yet moves plots by half of what it adds to the velocity over time
         let velocity = (surprise - 1.0) * self.square / (period * period);
