@@ -76,7 +76,12 @@ def paths(scene: Scene, count: int, seed: int) -> FloatArray:
 
 def traffic(scene: Scene, count: int, seed: int) -> simulate.Traffic:
     """Return these targets as traffic without identities and heights."""
-    position = paths(scene, count, seed)
+    return as_traffic(paths(scene, count, seed))
+
+
+def as_traffic(position: FloatArray) -> simulate.Traffic:
+    """Return paths, sampled every `STEP`, as traffic without identities and heights."""
+    count = len(position)
     velocity = np.gradient(position, STEP, axis=1)
     nothing, none = np.zeros(position.shape[:2]), np.full(count, np.nan)
     return simulate.Traffic(

@@ -1,11 +1,13 @@
 """One target without clutter: every model of motion, in plain NumPy.
 
-Singer 1970; Bar-Shalom, Li, Kirubarajan 2001: sections 11.6 (mixing) and 11.7 (coordinated turn);
-Friedland 1969 (the acceleration along the course); Glagovskii, Lavina, Rudelson 2014 (least squares
-over a window, arcs of a flight plan).
+Singer 1970; Mehra 1970 (correlated innovations); Bar-Shalom, Li, Kirubarajan 2001: sections 11.6
+(mixing) and 11.7 (coordinated turn); Friedland 1969 (the acceleration along the course);
+Glagovskii, Lavina, Rudelson 2014 (least squares over a window, arcs of a flight plan).
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -118,8 +120,14 @@ class Straight:
     def watch(self):
         """Plans have no say."""
 
+    def saw(self, y, s):
+        """All targets are alike."""
+
     def estimate(self):
         return self.x[:4], self.p[:4, :4], 0.0
+
+    def shown(self):
+        return self.estimate()
 
 
 class Singer(Straight):
@@ -145,13 +153,52 @@ class Multiple:
     """
 
     LIKELY, UNLIKELY, FADING, OTHER = 0.2, 0.05, 5000.0, 1000.0
+    # levels from which manoeuvres are more frequent and sharper
+    FREQUENT, SHARP = 1.0, 2.0
 
     def __init__(self, x, p, radar, manoeuvres):
         self.settings, self.radar = manoeuvres, radar
         turning = manoeuvres.turn_time / (manoeuvres.turn_time + manoeuvres.straight_time)
         self.probability = np.array([1 - turning, turning, 0.0])
         self.straight, self.turn = (x, p), self._entering(x, p, manoeuvres.turn_rate_sigma)
+        self.level, self.lag, self.scatter = 0.0, np.zeros(2), 1.0
+        self.interval, self.since = 0.0, 0.0
         self._forget()
+
+    def _adapted(self, t):
+        """Return the settings for a target that manoeuvres so much more than usual."""
+        settings = self.settings
+        self.since += t
+        often = np.exp(0.5 * max(self.level - self.FREQUENT, 0.0))
+        shorter = (settings.straight_time / often, settings.steady_time / often)
+        return replace(
+            settings,
+            straight_time=max(shorter[0], min(settings.straight_time, settings.turn_time)),
+            steady_time=max(shorter[1], min(settings.steady_time, settings.speed_change_time)),
+            turn_rate_sigma=settings.turn_rate_sigma * np.sqrt(often),
+            turn_sigma=settings.turn_sigma * np.exp(0.5 * max(self.level - self.SHARP, 0.0)),
+        )
+
+    def saw(self, y, s):
+        """Compare an innovation of covariance s with those before."""
+        share = min(self.since / self.radar.scan_period, 1.0)
+        product = 0.5 * y @ np.linalg.solve(s, self.lag)
+        self.level = np.clip(
+            self.level + 0.6 * share * (np.clip(product, -4.0, 4.0) - 0.02), 0.0, 6.6
+        )
+        self.lag = 0.5 * (self.lag + y)
+        self.scatter += 0.1 * (min(0.5 * y @ np.linalg.solve(s, y), 8.0) - self.scatter)
+        self.interval = 0.5 * (self.interval + self.since)
+        self.since = 0.0
+
+    def shown(self):
+        """Return the estimate, with the velocity by a manoeuvre not noticed yet."""
+        mean, covariance, turns = self.estimate()
+        more = np.exp(max(self.level - self.SHARP, 0.0)) - 1.0
+        square = self.interval * self.radar.scan_period * min(self.scatter, 1.0) ** 2
+        variance = 1.3 * more * self.settings.turn_sigma**2 * square
+        covariance[2:, 2:] += variance * np.eye(2)
+        return mean, covariance, turns
 
     def _forget(self):
         """Nothing is known of the acceleration."""
@@ -173,7 +220,7 @@ class Multiple:
         return np.append(self.probability[:2], odds) / (1 + odds)
 
     def predict(self, t):
-        settings, period = self.settings, self.radar.scan_period
+        settings, period = self._adapted(t), self.radar.scan_period
         begins, ends, sped, steady, other = 1 - np.exp(
             -t
             / np.array(
@@ -443,6 +490,12 @@ class Window:
             self.plan = None
         self.zone = self.plan is not None and -(0.7 * planned["lead"] + room) < s < end
 
+    def saw(self, y, s):
+        """All targets are alike."""
+
+    def shown(self):
+        return self.estimate()
+
     def estimate(self):
         return self.x, self.p + self.extra, float(self.manoeuvre or self.on_arc)
 
@@ -468,14 +521,18 @@ def followed(times, positions, radar, begin, guard_acceleration, *, speed_max=35
         model.predict(gap - missed * radar.scan_period)
         is_beyond = distance(model, positions[k], radar) > GATES[0.998]
         extra = unnoticed(guard_acceleration, gap)
+        _, before, _ = model.estimate()
         if is_beyond:
             probability = accelerated(model, positions[k], radar, extra)
             model.widen(probability * extra, probability >= 0.5)
-        model.correct(positions[k], noise(model.estimate()[0][:2], radar))
+        mean, _, _ = model.estimate()
+        r = noise(mean[:2], radar)
+        model.correct(positions[k], r)
+        model.saw(positions[k] - mean[:2], before[:2, :2] + r)
         model.watch()
         if k == 2:
             model = begin(model.x, model.p, radar)
-        found.append((*model.estimate(), is_beyond))
+        found.append((*model.shown(), is_beyond))
     return tuple(np.array(column) for column in zip(*found, strict=True))
 
 

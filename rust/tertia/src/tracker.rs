@@ -40,6 +40,7 @@ mod lag;
 mod lean;
 mod level;
 mod live;
+mod liveliness;
 mod mht;
 mod motion;
 mod moving;

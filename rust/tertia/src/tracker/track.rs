@@ -26,6 +26,7 @@ use serde::{Deserialize, Serialize};
 pub(super) mod fork;
 mod levelled;
 mod life;
+mod lively;
 mod merged;
 mod missed;
 mod moving;
@@ -41,7 +42,7 @@ static FIRST_MOTION: Motion = Motion::Cv(1.0);
 const EMERGENCY_AFTER: u8 = 2;
 /// Shortest time between plots of the same radar, as a share of a scan.
 pub(super) const SOONEST: f64 = 0.45;
-/// Largest acceleration in the noise of the models, m/s².
+/// Largest acceleration in the noise of the usual models, m/s².
 const MODEL_ACCELERATION: f64 = 3.0;
 /// Scans in which at most one false track is confirmed.
 const SCANS_PER_FALSE_TRACK: f64 = 1000.0;
@@ -316,16 +317,15 @@ impl Track {
         height * identity
     }
 
-    /// Corrects by a plot.
-    pub fn correct(&mut self, plot: &Measured, settings: &Settings) {
-        let radar = &settings.radars[plot.radar];
+    /// Corrects by a plot, whatever that says of how lively the target is.
+    fn correct_by(&mut self, plot: &Measured, settings: &Settings) {
         self.predict(plot.time, settings.pace(plot.radar), settings);
         if self.lean.is_some() {
             self.take_height(plot);
         }
         let mut here = self.brought_here(plot, settings);
-        let z = here.position;
-        let y = [z[0] - self.estimate.mean[0], z[1] - self.estimate.mean[1]];
+        let [east, north] = here.position;
+        let y = [east - self.estimate.mean[0], north - self.estimate.mean[1]];
         self.innovation = (y, self.estimate.position_covariance().plus(here.covariance()));
         if self.infer_height(plot, &here, y) {
             here = self.brought_here(plot, settings);
@@ -340,7 +340,7 @@ impl Track {
         }
         self.seen = self.seen.max(plot.time);
         self.take(plot, settings);
-        self.follow(radar.scan_period, settings);
+        self.follow(settings.radars[plot.radar].scan_period, settings);
     }
 
     /// Follows the plan, or searches one.

@@ -102,12 +102,13 @@ impl Track {
     /// Corrects by a plot for which the target accelerated.
     pub fn take_guarded(&mut self, plot: &Measured, surprise: &Surprise, settings: &Settings) {
         let Surprise { acceleration, gap, probability, is_sharp, .. } = *surprise;
+        let before = self.estimate;
         self.filter.widen(acceleration, gap, probability);
         if is_sharp {
             self.filter.free_turns();
         }
         self.estimate = self.filter.estimate();
-        self.correct(plot, settings);
+        self.correct_widened(plot, &before, settings);
     }
 
     /// Whether a choice may be left to the next plot. Hypotheses do that by themselves, the methods of the

@@ -60,12 +60,15 @@ impl Track {
 
     /// The estimate, with what is uncertain in it because the height is, or what the target does.
     pub fn widened(&self) -> Estimate<4> {
-        let own = match self.lean.as_ref().zip(self.vertical) {
+        let mut own = match self.lean.as_ref().zip(self.vertical) {
             Some((lean, vertical)) => {
                 lean.widened(&self.estimate, vertical.at(self.time).height_variance())
             }
             None => self.shown(),
         };
+        let unnoticed = self.filter.unnoticed();
+        own.covariance[(2, 2)] += unnoticed;
+        own.covariance[(3, 3)] += unnoticed;
         self.fork.as_ref().map_or(own, |fork| fork.widened(&own))
     }
 

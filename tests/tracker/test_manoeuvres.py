@@ -1,0 +1,55 @@
+"""Targets that manoeuvre more than airliners do: the tracker learns it."""
+
+import numpy as np
+from tracker.flights import RADAR, noisy
+
+from tertia.tracker import Plots, track
+
+STEP = 0.1
+# 95 % of a chi-square of two degrees of freedom
+LIMIT = 5.991
+
+
+def flown(seed, speed, sideways, manoeuvre, between, duration=600.0):
+    """Positions and velocities each `STEP` of a target that turns at times."""
+    rng = np.random.default_rng([88, seed])
+    rate, k = np.zeros(int(duration / STEP)), 0
+    while k < len(rate):
+        k += int(between * rng.uniform(0.5, 1.5) / STEP)
+        end = k + int(manoeuvre * rng.uniform(0.5, 1.5) / STEP)
+        rate[k:end] = rng.choice([-1.0, 1.0]) * sideways * rng.uniform(0.3, 1.0) / speed
+        k = end
+    course = rng.uniform(0.0, 2 * np.pi) + np.cumsum(rate) * STEP
+    velocity = speed * np.stack([np.sin(course), np.cos(course)], axis=-1)
+    return np.array([20e3, 30e3]) + np.cumsum(velocity, axis=0) * STEP, velocity
+
+
+def velocities(several, period=4.0):
+    """Errors of velocities and whether they are in their regions, half a minute after the start."""
+    errors, inside = [], []
+    for seed, (position, velocity) in enumerate(several):
+        time = np.arange(0.0, len(position) * STEP - STEP, period)
+        at = (time / STEP).astype(int)
+        plots = Plots(time, *noisy(position[at], RADAR, np.random.default_rng([89, seed])))
+        found = track(plots, [RADAR])
+        found = found[(found.plot >= 0) & (found.time > 30.0)]
+        off = found.velocity - velocity[at][found.plot]
+        spread = found.covariance[:, 2:, 2:]
+        squares = np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[..., np.newaxis])[..., 0])
+        errors.append(off)
+        inside.append(squares < LIMIT)
+    return np.concatenate(errors), np.mean(np.concatenate(inside))
+
+
+def test_velocities_of_a_helicopter_are_in_their_regions():
+    """With the models of airliners alone, 73 %, and errors of 12.1 m/s."""
+    error, inside = velocities([flown(k, 50.0, 4.0, 12.0, 30.0) for k in range(30)])
+    assert 0.88 < inside < 0.98
+    assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 11.7
+
+
+def test_straight_flight_does_not_pay_for_it():
+    """Errors of 1.76 m/s: as with the models of airliners alone."""
+    error, inside = velocities([flown(k, 150.0, 1.0, 1.0, 1e4) for k in range(30)])
+    assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 1.8
+    assert inside > 0.98
