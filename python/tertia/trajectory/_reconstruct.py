@@ -181,7 +181,8 @@ def reconstruct(
     -----
     UserWarning
         If most angles contradict each other when read as radians, but agree when read as degrees.
-        If the path and its mirror image below the stations fit the measurements equally well.
+        If the path and its mirror image below the stations fit the measurements equally well, if no
+        path above the stations fits, or if a path that crosses their plane would be smoother.
 
     Notes
     -----
