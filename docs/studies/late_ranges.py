@@ -53,4 +53,6 @@ def _one(count: int, share: float, delay: float, rng: np.random.Generator) -> Fl
     error, outlier = track.position - way, np.asarray(track.outlier.range)
     inside = np.asarray(metrics.nees(error, track.covariance[:, :2, :2])) < INSIDE
     left = outlier[is_late].mean() if share else 0.0
-    return np.array([np.mean(np.sum(error**2, axis=1)), inside.mean(), left, outlier[~is_late].mean()])
+    return np.array(
+        [np.mean(np.sum(error**2, axis=1)), inside.mean(), left, outlier[~is_late].mean()]
+    )
