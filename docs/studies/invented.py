@@ -20,7 +20,7 @@ LOW, HIGH = 0.85, 0.99
 INSTANTS, STEP = 60, 2.0
 RUNS = 40
 SOUND = 340.0
-KNOWN_SPEED = {"propagation_speed": SOUND, "propagation_speed_sigma": 0.01 * SOUND}
+KNOWN_SPEED: dict[str, Any] = {"propagation_speed": SOUND, "propagation_speed_sigma": 0.01 * SOUND}
 
 
 @dataclass
@@ -165,7 +165,7 @@ def _instants(recording: Recording, stated: float) -> tuple[float, str]:
 
 
 def _track(
-    recording: Recording, stated: float, bias: Bias | None = None, **speed: float
+    recording: Recording, stated: float, bias: Bias | None = None, **speed: Any
 ) -> tuple[float, str]:
     options = _differences(recording, stated) | speed
     time = STEP * np.arange(INSTANTS)

@@ -33,7 +33,7 @@ from tertia.location._height import (
 )
 from tertia.location._readers import checked, correlation_of, deviations, require_kinds
 from tertia.location._result import location_of
-from tertia.location._speed import read_speed
+from tertia.location._speed import Speed, read_speed
 from tertia.sensors import Bias, Kind, Station
 from tertia.sensors._kinds import ANGLES, KINDS, STATION_KINDS
 from tertia.sensors._sensors import by_kind, stack_stations, survey_sigmas
@@ -49,13 +49,13 @@ Smoother: TypeAlias = Literal["rts", "local-polynomial"]
 # share of instants with outliers from which angles may be in degrees
 _CONTRADICTED = 0.25
 _BEHIND = (
-    "no path above the stations fits the measurements: the path is below them; give initial to choose "
-    "the side"
+    "no path above the stations fits the measurements: the path is below them; give initial to "
+    "choose the side"
 )
 _MAY_CROSS = (
-    "the path turns back at the plane of the stations, although one that crosses it would be much "
-    "smoother: what is measured is the same on both sides of the plane; measure elevations, or add a "
-    "station outside the plane"
+    "the path turns back at the plane of the stations, although one that crosses it would be "
+    "smoother: what is measured is the same on both sides of the plane; measure elevations, or add "
+    "a station outside the plane"
 )
 _MIRRORED = (
     "two paths explain the measurements (almost) equally well: this one, above the stations, and "
@@ -303,9 +303,7 @@ def reconstruct(
     )
     surveys = survey_sigmas(stations)
     speed = read_speed(propagation_speed, propagation_speed_sigma, measured)
-    _require_order((order, smoother), axes, surveys, is_timed=arrivals is not None)
-    if speed.relative > 0 and (order, smoother) != ("spatial-first", "rts"):
-        raise ValueError("propagation_speed_sigma needs order 'spatial-first' and smoother 'rts'")
+    _require_order((order, smoother), axes, surveys, speed, is_timed=arrivals is not None)
     curves, sources, bias = without_deviations(stations, bias, measured.get("azimuth"))
     given = given_biases(bias, sources, k)
     prior = prior_of(given, bias, sources, measured, arrivals)
@@ -349,8 +347,9 @@ def reconstruct(
         "jerk": jerk,
         **prior,
     }
-    record, speed = at_found_speed(record, speed, prior["bias_sigma"], threads(n_threads))
-    arrivals = None if arrivals is None else arrivals.at(speed.scale)
+    record, speed, arrivals = at_found_speed(
+        record, speed, arrivals, prior["bias_sigma"], threads(n_threads)
+    )
     found = _core.reconstruct(record, steps, threads(n_threads))
     if not degrees and any(kind in measured for kind in ANGLES):
         _warn_if_degrees(record, found)
@@ -359,18 +358,16 @@ def reconstruct(
     found = _in_space(found) if flat else found
     mean, smoothed, kinds = found["mean"], found["smoothed"], tuple(measured)
     d = mean.shape[1] // 3
-    fixes = location_of(found["fixes"], kinds, estimated=False, arrivals=arrivals)
-    remarks = (found["image"] is not None, _MIRRORED), (found["is_behind"], _BEHIND)
-    for applies, remark in (*remarks, (found["may_cross"], _MAY_CROSS)):
-        if applies:
-            warnings.warn(remark, UserWarning, stacklevel=2)
+    _warn_of_sides(found)
     return Trajectory(
         times,
         mean[:, :d],
         mean[:, d : 2 * d],
         mean[:, 2 * d :],
         covariance=found["covariance"],
-        fixes=_with_heights(fixes, found, values),
+        fixes=_with_heights(
+            location_of(found["fixes"], kinds, estimated=False, arrivals=arrivals), found, values
+        ),
         outlier=by_kind(found["outlier"], kinds),
         residual=by_kind(found["residual"], kinds),
         systematic=said(np.isnan(given.sigma), tells=bool(found["bias"] and found["bias"][-1])),
@@ -380,6 +377,14 @@ def reconstruct(
         propagation_speed=speed.value if speed.relative > 0 else None,
         propagation_speed_sigma=speed.sigma if speed.relative > 0 else None,
     )
+
+
+def _warn_of_sides(found: dict[str, Any]) -> None:
+    """Warn if it is not certain on which side of the plane of the stations the path is."""
+    remarks = (found["image"] is not None, _MIRRORED), (found["is_behind"], _BEHIND)
+    for applies, remark in (*remarks, (found["may_cross"], _MAY_CROSS)):
+        if applies:
+            warnings.warn(remark, UserWarning, stacklevel=3)
 
 
 def _in_space(found: dict[str, Any]) -> dict[str, Any]:
@@ -569,6 +574,7 @@ def _require_order(
     way: tuple[Order, Smoother],
     axes: FloatArray | None,
     surveys: FloatArray | None,
+    speed: Speed,
     *,
     is_timed: bool,
 ) -> None:
@@ -581,3 +587,5 @@ def _require_order(
         raise ValueError(
             "position_sigma of stations needs order 'spatial-first' and smoother 'rts'"
         )
+    if speed.relative > 0 and way != ("spatial-first", "rts"):
+        raise ValueError("propagation_speed_sigma needs order 'spatial-first' and smoother 'rts'")

@@ -7,19 +7,24 @@ from typing import Any
 import numpy as np
 
 from tertia import _core
+from tertia.location._arrivals import Arrivals
 from tertia.location._speed import Speed
 from tertia.sensors._kinds import KINDS
 
 
 def at_found_speed(
-    record: dict[str, Any], speed: Speed, bias_sigma: list[float], n_threads: int | None
-) -> tuple[dict[str, Any], Speed]:
-    """Return the record of a path at the speed that its instants tell, and that speed.
+    record: dict[str, Any],
+    speed: Speed,
+    arrivals: Arrivals | None,
+    bias_sigma: list[float],
+    n_threads: int | None,
+) -> tuple[dict[str, Any], Speed, Arrivals | None]:
+    """Return the record of a path at the speed that its instants tell, that speed, and arrivals.
 
     `bias_sigma` has nan for each number of an instant whose systematic error is estimated.
     """
     if speed.relative == 0.0:
-        return record, speed
+        return record, speed, arrivals
     own = record["own_sigmas"]
     *_, found = _core.locate(
         *instants(record),
@@ -40,7 +45,8 @@ def at_found_speed(
         name: None if record[name] is None else speed.scaled(record[name], KINDS)
         for name in ("values", "sigmas", "own_sigmas")
     }
-    return record | scaled | {"speed_sigma": speed.relative}, speed
+    found_arrivals = None if arrivals is None else arrivals.at(speed.scale)
+    return record | scaled | {"speed_sigma": speed.relative}, speed, found_arrivals
 
 
 def instants(record: dict[str, Any]) -> tuple[Any, Any]:
