@@ -20,6 +20,7 @@ LOW, HIGH = 0.85, 0.99
 INSTANTS, STEP = 60, 2.0
 RUNS = 40
 SOUND = 340.0
+KNOWN_SPEED: dict[str, Any] = {"propagation_speed": SOUND, "propagation_speed_sigma": 0.01 * SOUND}
 
 
 @dataclass
@@ -45,7 +46,7 @@ def table() -> str:
     rows = []
     for at, (name, draw) in enumerate(RECORDINGS.items()):
         for called, solve in WAYS.items():
-            if called in {ARRIVALS, SPEED} and draw not in {_sounds, _shots}:
+            if called in {ARRIVALS, SPEED, SPEED_OF_PATH} and draw not in {_sounds, _shots}:
                 continue
             cells, said = [], set()
             for stated in STATED:
@@ -163,8 +164,10 @@ def _instants(recording: Recording, stated: float) -> tuple[float, str]:
     return _inside(fix.position, fix.covariance, recording.truth), fix.systematic
 
 
-def _track(recording: Recording, stated: float, bias: Bias | None = None) -> tuple[float, str]:
-    options = _differences(recording, stated)
+def _track(
+    recording: Recording, stated: float, bias: Bias | None = None, **speed: Any
+) -> tuple[float, str]:
+    options = _differences(recording, stated) | speed
     time = STEP * np.arange(INSTANTS)
     path = reconstruct(recording.sensors(stated, bias), time, **recording.measured, **options)
     return _inside(path.position, path.covariance, recording.truth), path.systematic
@@ -172,10 +175,13 @@ def _track(recording: Recording, stated: float, bias: Bias | None = None) -> tup
 
 def _stretched(recording: Recording, stated: float) -> tuple[float, str]:
     """State how well the speed of sound is known."""
-    options = _differences(recording, stated)
-    options |= {"propagation_speed": SOUND, "propagation_speed_sigma": 0.01 * SOUND}
+    options = _differences(recording, stated) | KNOWN_SPEED
     fix = locate(recording.sensors(stated), **recording.measured, **options)
     return _inside(fix.position, fix.covariance, recording.truth), fix.systematic
+
+
+def _stretched_track(recording: Recording, stated: float) -> tuple[float, str]:
+    return _track(recording, stated, **KNOWN_SPEED)
 
 
 def _known(recording: Recording, stated: float) -> tuple[float, str]:
@@ -206,10 +212,12 @@ RECORDINGS: dict[str, Callable[[np.random.Generator], Recording]] = {
 }
 KNOWN, ARRIVALS = "`reconstruct`, `bias` stated", "`reconstruct_arrivals`, no beacon"
 SPEED = "`locate`, `propagation_speed_sigma` stated"
+SPEED_OF_PATH = "`reconstruct`, `propagation_speed_sigma` stated"
 WAYS: dict[str, Callable[[Recording, float], tuple[float, str]]] = {
     "`locate`": _instants,
     SPEED: _stretched,
     "`reconstruct`": _track,
+    SPEED_OF_PATH: _stretched_track,
     KNOWN: _known,
     ARRIVALS: _arrivals,
 }

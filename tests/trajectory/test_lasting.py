@@ -339,3 +339,33 @@ def test_three_bearings_of_one_place_exclude_no_lasting_errors():
         four = reconstruct(finders(), TIMES, azimuth=measured)
         said.append((three.systematic, four.systematic))
     assert said.count(("not included", "estimated")) >= 3
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.1])
+def test_four_healthy_ranges_in_space_are_trusted(missing):
+    """One redundant range says little, so that the priors of lasting errors must not."""
+    places = np.array([[2500.0, 0, 0], [0, -2600, 150], [-2400, 100, 400], [300, 2500, 600]])
+    stations = [Station(place, range_sigma=10.0) for place in places]
+    time = np.arange(60.0)
+    removed, ratios, squares = [], [], []
+    for seed in range(16):
+        rng = np.random.default_rng([41, seed])
+        course = rng.uniform(0, 2 * np.pi) + 0.01 * time
+        path = np.cumsum(20.0 * np.column_stack([np.sin(course), np.cos(course), 0 * time]), axis=0)
+        path += np.append(rng.uniform(-600, 600, 2), 2000.0) - path.mean(axis=0)
+        ranges = np.linalg.norm(path[:, np.newaxis] - places, axis=-1)
+        ranges += 10.0 * rng.standard_normal(ranges.shape)
+        ranges[rng.random(ranges.shape) < missing] = np.nan
+        track, trusted = (
+            reconstruct(stations, time, range=ranges, **options)
+            for options in ({}, {"bias": Bias()})
+        )
+        removed.append(np.any(track.bias.range != 0))
+        ratios.append(np.mean(track.sigma) / np.mean(trusted.sigma))
+        error = track.position - path
+        inverse = np.linalg.inv(track.covariance[:, :3, :3])
+        squares.append(np.einsum("ni,nij,nj->n", error, inverse, error) / 3)
+    # 12 % were removed, sigma was up to 1.6 times that of trusted stations, and NEES .6
+    assert np.mean(removed) < 0.1
+    assert np.mean(ratios) < 1.15
+    assert np.mean(squares) > 0.65

@@ -209,3 +209,32 @@ def test_tables_pass_the_initial_position():
     stations = [Station(p, name=f"{k}", range_sigma=SIGMA) for k, p in enumerate(places)]
     found = tables.reconstruct(table, sensors=stations, initial=[0.0, 0.0, -1.0])
     assert found["up_m"].max() < 0
+
+
+def warnings_of(places, path, seed, **options):
+    """Return the path and the warnings about it."""
+    measured = seen(places, path, np.random.default_rng(seed))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        track = reconstruct([Station(place) for place in places], TIME, **measured, **options)
+    return track, " ".join(str(one.message) for one in caught)
+
+
+def test_a_path_that_would_cross_the_plane_is_reported():
+    places = ring(5)
+    for height in (0.0, 60.0, 3000.0):
+        _, said = warnings_of(places, flight(height), 5)
+        assert "turns back" not in said
+    falling = flight(0.0)
+    falling[:, 2] = np.linspace(1000.0, -1000.0, len(TIME))
+    track, said = warnings_of(places, falling, 5)
+    assert "turns back at the plane of the stations" in said
+    assert "reflected" in said
+    assert np.all(track.position[:, 2] > -50.0)
+
+
+def test_a_path_below_that_has_none_above_is_reported():
+    places = ring(6, relief=250.0, rng=np.random.default_rng(0))
+    track, said = warnings_of(places, flight(-1500.0), 0)
+    assert np.all(track.position[:, 2] < 0)
+    assert "no path above the stations fits" in said

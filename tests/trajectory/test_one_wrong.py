@@ -11,10 +11,10 @@ SIGMA, COUNT = 10.0, 6
 TIME = np.arange(60.0)
 
 
-def run(seed, error=0.0, begin=0):
+def run(seed, error=0.0, begin=0, count=COUNT):
     """Return a path, and its errors, of which one station is wrong from an instant on."""
     rng = np.random.default_rng([12, seed])
-    turn = 2 * np.pi * (np.arange(COUNT) + rng.uniform(-0.3, 0.3, COUNT)) / COUNT
+    turn = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
     places = 2500.0 * np.column_stack([np.sin(turn), np.cos(turn)])
     course = rng.uniform(0, 2 * np.pi) + 0.01 * TIME
     path = np.cumsum(20.0 * np.column_stack([np.sin(course), np.cos(course)]), axis=0)
@@ -55,6 +55,21 @@ def test_regions_hold_where_a_station_is_wrong_from_some_time_on():
         errors.append(error)
     assert np.mean(share) > 0.85
     assert np.sqrt(np.mean(np.sum(np.square(errors), axis=-1))) < 9.0
+
+
+@pytest.mark.parametrize("count", [5, 6, 8])
+@pytest.mark.parametrize("begin", [18, 30])
+def test_regions_hold_where_a_large_error_begins_in_the_record(begin, count):
+    share, errors, left = [], [], []
+    for seed in range(8):
+        track, error = run(seed, 200.0, begin, count)
+        share.append(inside(track, error))
+        errors.append(error)
+        left.append(track.outlier.range[begin:, 0].all())
+    # the error was taken for a motion: half of the positions inside, and 50 m
+    assert np.mean(share) > 0.9
+    assert np.mean(left) >= 0.75
+    assert np.sqrt(np.median(np.sum(np.square(errors), axis=-1))) < 4.0
 
 
 def test_nothing_is_left_out_where_all_are_right():

@@ -43,7 +43,10 @@ _BIASED: dict[Kind, str] = {
 _MOTION = (("velocity_", "m_s"), ("acceleration_", "m_s2"))
 
 # options that do not depend on each other
-_OF_THE_CALL = ("initial", "n_threads", "propagation_speed", "range_difference_correlation")
+_OF_THE_CALL = (
+    *("initial", "n_threads", "range_difference_correlation"),
+    *("propagation_speed", "propagation_speed_sigma"),
+)
 
 
 def reconstruct(
@@ -75,7 +78,8 @@ def reconstruct(
         Length of time in seconds within which measurements belong to one instant; the time of the
         instant is the mean of their times.
     **options
-        Options of `tertia.trajectory.reconstruct`; `propagation_speed` must be a single number.
+        Options of `tertia.trajectory.reconstruct`; `propagation_speed` must be a single
+        number.
 
     Returns
     -------

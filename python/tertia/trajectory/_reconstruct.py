@@ -33,11 +33,13 @@ from tertia.location._height import (
 )
 from tertia.location._readers import checked, correlation_of, deviations, require_kinds
 from tertia.location._result import location_of
+from tertia.location._speed import Speed, read_speed
 from tertia.sensors import Bias, Kind, Station
 from tertia.sensors._kinds import ANGLES, KINDS, STATION_KINDS
 from tertia.sensors._sensors import by_kind, stack_stations, survey_sigmas
 from tertia.smoothing import SmoothedPositions, local_polynomial
 from tertia.trajectory._result import Trajectory
+from tertia.trajectory._speed import at_found_speed, instants
 from tertia.trajectory._systematic import bias_of, prior_of, unit_of, without_deviations
 
 Order: TypeAlias = Literal["spatial-first", "temporal-first"]
@@ -46,9 +48,19 @@ Smoother: TypeAlias = Literal["rts", "local-polynomial"]
 
 # share of instants with outliers from which angles may be in degrees
 _CONTRADICTED = 0.25
+_BEHIND = (
+    "no path above the stations fits the measurements: the path is below them; give initial to "
+    "choose the side"
+)
+_MAY_CROSS = (
+    "the path turns back at the plane of the stations, although one that crosses it would be "
+    "smoother: what is measured is the same on both sides of the plane; measure elevations, or add "
+    "a station outside the plane"
+)
 _MIRRORED = (
     "two paths explain the measurements (almost) equally well: this one, above the stations, and "
-    "its mirror image below them (mirror_image); give initial to choose"
+    "its mirror image below them (mirror_image); give initial to choose. A path that crosses the "
+    "plane of the stations would be reflected at it"
 )
 
 
@@ -68,6 +80,7 @@ def reconstruct(
     arrival_time_sigma: npt.ArrayLike | None = None,
     range_difference_correlation: float = 0.5,
     propagation_speed: npt.ArrayLike = LIGHT,
+    propagation_speed_sigma: float = 0.0,
     order: Order = "spatial-first",
     spatial: Spatial = "robust",
     smoother: Smoother = "rts",
@@ -114,6 +127,11 @@ def reconstruct(
         As for `tertia.location.locate`.
     propagation_speed : array_like of shape () or (N,)
         Speed of the signal in m/s; by default the speed of light.
+    propagation_speed_sigma : float
+        Standard deviation of the speed, whose error is the same at all instants. The speed is then
+        estimated from the positions of the single instants, as in `tertia.location.locate`, and the
+        covariance includes the error of the estimate. It requires the order "spatial-first" and the
+        smoother "rts".
     order : {"spatial-first", "temporal-first"}
         "spatial-first": instants are located, then the positions are smoothed over time.
         "temporal-first": each series of measurements is smoothed over time, and missing values
@@ -163,7 +181,8 @@ def reconstruct(
     -----
     UserWarning
         If most angles contradict each other when read as radians, but agree when read as degrees.
-        If the path and its mirror image below the stations fit the measurements equally well.
+        If the path and its mirror image below the stations fit the measurements equally well, if no
+        path above the stations fits, or if a path that crosses their plane would be smoother.
 
     Notes
     -----
@@ -256,8 +275,8 @@ def reconstruct(
         jerk=jerk,
         bias=bias,
     )
-    instants = instants_of(time)
-    places, axes, sigmas = _places(stations, len(instants))
+    times = instants_of(time)
+    places, axes, sigmas = _places(stations, len(times))
     k = places.shape[-2]
     stated = (range_sigma, azimuth_sigma, elevation_sigma, range_difference_sigma)
     sigmas |= {
@@ -272,7 +291,7 @@ def reconstruct(
         sigmas["arrival_time"] = arrivals.sigma
     heard = (arrivals.value,) if arrivals is not None else (None,)
     measured = {
-        kind: _checked(values, sigmas.get(kind), kind, (len(instants), k), degrees=degrees)
+        kind: _checked(values, sigmas.get(kind), kind, (len(times), k), degrees=degrees)
         for kind, values in zip(
             KINDS, (range, azimuth, elevation, range_difference, *heard), strict=True
         )
@@ -283,7 +302,8 @@ def reconstruct(
         measured, places.shape[-1], shared="range_difference" in measured and correlation > 0
     )
     surveys = survey_sigmas(stations)
-    _require_order((order, smoother), axes, surveys, is_timed=arrivals is not None)
+    speed = read_speed(propagation_speed, propagation_speed_sigma, measured)
+    _require_order((order, smoother), axes, surveys, speed, is_timed=arrivals is not None)
     curves, sources, bias = without_deviations(stations, bias, measured.get("azimuth"))
     given = given_biases(bias, sources, k)
     prior = prior_of(given, bias, sources, measured, arrivals)
@@ -292,7 +312,7 @@ def reconstruct(
         raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
     if curves is not None:
         prior["deviation"] = curves[1].ravel().tolist()
-    values, own = np.full((2, len(instants), len(KINDS), k), np.nan)
+    values, own = np.full((2, len(times), len(KINDS), k), np.nan)
     for kind, array in measured.items():
         at, first = KINDS.index(kind), int(kind == "range_difference")
         known = given.subtracted(kind, array, unit_of(kind, arrivals))
@@ -308,11 +328,12 @@ def reconstruct(
         "stations": places,
         "axes": axes,
         "surveys": None if surveys is None else surveys.tolist(),
-        "time": instants,
+        "time": times,
         "values": values,
         "sigmas": usual,
         "own_sigmas": np.where(np.isnan(values), usual, own) if differ else None,
         "correlation": correlation,
+        "speed_sigma": 0.0,
         "robust": spatial == "robust",
         "initial": _initial(initial, places.shape[-1], flat=flat),
     }
@@ -326,6 +347,9 @@ def reconstruct(
         "jerk": jerk,
         **prior,
     }
+    record, speed, arrivals = at_found_speed(
+        record, speed, arrivals, prior["bias_sigma"], threads(n_threads)
+    )
     found = _core.reconstruct(record, steps, threads(n_threads))
     if not degrees and any(kind in measured for kind in ANGLES):
         _warn_if_degrees(record, found)
@@ -334,23 +358,33 @@ def reconstruct(
     found = _in_space(found) if flat else found
     mean, smoothed, kinds = found["mean"], found["smoothed"], tuple(measured)
     d = mean.shape[1] // 3
-    fixes = location_of(found["fixes"], kinds, estimated=False, arrivals=arrivals)
-    if found["image"] is not None:
-        warnings.warn(_MIRRORED, UserWarning, stacklevel=2)
+    _warn_of_sides(found)
     return Trajectory(
-        instants,
+        times,
         mean[:, :d],
         mean[:, d : 2 * d],
         mean[:, 2 * d :],
         covariance=found["covariance"],
-        fixes=_with_heights(fixes, found, values),
+        fixes=_with_heights(
+            location_of(found["fixes"], kinds, estimated=False, arrivals=arrivals), found, values
+        ),
         outlier=by_kind(found["outlier"], kinds),
         residual=by_kind(found["residual"], kinds),
         systematic=said(np.isnan(given.sigma), tells=bool(found["bias"] and found["bias"][-1])),
         bias=bias_of(given, found["bias"], arrivals),
         smoothed=None if smoothed is None else _smoothed(mean, smoothed),
         mirror_image=found["image"],
+        propagation_speed=speed.value if speed.relative > 0 else None,
+        propagation_speed_sigma=speed.sigma if speed.relative > 0 else None,
     )
+
+
+def _warn_of_sides(found: dict[str, Any]) -> None:
+    """Warn if it is not certain on which side of the plane of the stations the path is."""
+    remarks = (found["image"] is not None, _MIRRORED), (found["is_behind"], _BEHIND)
+    for applies, remark in (*remarks, (found["may_cross"], _MAY_CROSS)):
+        if applies:
+            warnings.warn(remark, UserWarning, stacklevel=3)
 
 
 def _in_space(found: dict[str, Any]) -> dict[str, Any]:
@@ -364,9 +398,7 @@ def _in_space(found: dict[str, Any]) -> dict[str, Any]:
         smoothed = spread, innovation, *others
     position, accuracy, *others = found["fixes"]
     fixes = *lifted(position, accuracy), *others
-    return {"mean": mean, "covariance": covariance, "smoothed": smoothed, "fixes": fixes} | {
-        name: found[name] for name in ("outlier", "residual", "bias", "image")
-    }
+    return found | {"mean": mean, "covariance": covariance, "smoothed": smoothed, "fixes": fixes}
 
 
 def _with_heights(fixes: Location, found: dict[str, Any], values: FloatArray) -> Location:
@@ -399,8 +431,7 @@ def _usual(sigmas: FloatArray, values: FloatArray) -> FloatArray:
 
 def _warn_if_degrees(record: dict[str, Any], found: dict[str, Any]) -> None:
     """Warn if the angles of single instants do not fit as radians, but would fit as degrees."""
-    places, axes, values, sigmas = (record[n] for n in ("stations", "axes", "values", "sigmas"))
-    rows = _rows(places, 2), None if axes is None else _rows(axes, 3)
+    values, sigmas, rows = record["values"], record["sigmas"], instants(record)
     options: tuple[Any, ...] = (
         *(None, None, None, ("robust", 3), (True, record["correlation"])),
         *(sigmas.size * [False], False, 0.0, 1),
@@ -415,11 +446,6 @@ def _warn_if_degrees(record: dict[str, Any], found: dict[str, Any]) -> None:
     if fixes is None or np.mean(found["outlier"].any(axis=(-2, -1))) > _CONTRADICTED:
         fixes = solve(values, known)
     warn_if_degrees(fixes, values, known, solve)
-
-
-def _rows(array: FloatArray, axes: int) -> FloatArray:
-    """Return one row for each instant, or a single row for all of them."""
-    return array if array.ndim > axes else array[np.newaxis]
 
 
 def _smoothed(mean: FloatArray, found: Sequence[Any]) -> SmoothedPositions:
@@ -548,6 +574,7 @@ def _require_order(
     way: tuple[Order, Smoother],
     axes: FloatArray | None,
     surveys: FloatArray | None,
+    speed: Speed,
     *,
     is_timed: bool,
 ) -> None:
@@ -560,3 +587,5 @@ def _require_order(
         raise ValueError(
             "position_sigma of stations needs order 'spatial-first' and smoother 'rts'"
         )
+    if speed.relative > 0 and way != ("spatial-first", "rts"):
+        raise ValueError("propagation_speed_sigma needs order 'spatial-first' and smoother 'rts'")

@@ -57,10 +57,16 @@ class Trajectory(Result):
     mirror_image : ndarray of shape (N, D) or None
         Mirror image of the path on the other side of the stations, if it explains the measurements
         (almost) equally well; None if it does not, or if `initial` told the side.
+    propagation_speed, propagation_speed_sigma : float, ndarray of shape (N,) or None
+        Estimated speed of the signals in m/s and its standard deviation; None if no
+        `propagation_speed_sigma` was given.
     """
 
     _rows: ClassVar = "time", 0
-    _omitted: ClassVar = ("bias", "smoothed", "fixes", "mirror_image")
+    _omitted: ClassVar = (
+        *("bias", "smoothed", "fixes", "mirror_image"),
+        *("propagation_speed", "propagation_speed_sigma"),
+    )
 
     time: FloatArray
     position: FloatArray
@@ -74,6 +80,8 @@ class Trajectory(Result):
     bias: Bias | None
     smoothed: SmoothedPositions | None
     mirror_image: FloatArray | None = None
+    propagation_speed: float | FloatArray | None = None
+    propagation_speed_sigma: float | FloatArray | None = None
 
     @property
     def sigma(self) -> FloatArray:

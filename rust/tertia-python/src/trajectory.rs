@@ -32,10 +32,13 @@ pub struct Reconstructed<'py> {
     residual: Option<Array<'py>>,
     bias: Option<Lasting>,
     image: Option<Array<'py>>,
+    is_behind: bool,
+    may_cross: bool,
 }
 
 /// What stations measured: positions (K, D) or (N, K, D), axes, standard deviations of the
-/// positions (K), times, values (N, 5, K) and standard deviations (5, K), or of each (N, 5, K).
+/// positions (K), times, values (N, 5, K) and standard deviations (5, K), or of each (N, 5, K), and of the
+/// speed of the signals, as a share.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Measured<'py> {
@@ -47,6 +50,7 @@ pub struct Measured<'py> {
     sigmas: Input<'py>,
     own_sigmas: Option<Input<'py>>,
     correlation: f64,
+    speed_sigma: f64,
     robust: bool,
     initial: Option<Vec<f64>>,
 }
@@ -96,6 +100,7 @@ pub fn reconstruct<'py>(
         sigmas: &sigmas.values,
         own_sigmas: own.as_ref().map(|own| &*own.values),
         correlation: measured.correlation,
+        speed_sigma: measured.speed_sigma,
         robust: measured.robust,
         initial: measured.initial.as_deref(),
         n_threads,
@@ -190,6 +195,8 @@ impl<'py> Reconstructed<'py> {
         });
         Ok(Self {
             failure: None,
+            is_behind: found.is_behind,
+            may_cross: found.may_cross,
             image: found.image.map(|image| array(py, &[n, d], image)).transpose()?,
             mean: Some(array(py, &[n, states], found.mean)?),
             covariance: Some(array(py, &[n, states, states], found.covariance)?),

@@ -28,6 +28,7 @@ mod prior;
 mod result;
 mod series;
 mod spatial;
+mod speed;
 mod survey;
 mod temporal;
 mod tukey;
@@ -46,6 +47,7 @@ use crate::sensors::KINDS;
 use crate::smoothing::ProcessNoise;
 use bias::Biases;
 use found::{Found, Setting};
+use images::Side;
 use lasting::Lasting;
 use measured::{Measured, seen};
 use path::Path;
@@ -70,7 +72,7 @@ pub fn reconstruct<const D: usize, const N: usize>(
     let motion = jerk.map(ProcessNoise::with_jerk);
     let mut setting = Setting { record, motion, smoother: Default::default() };
     let measured = Rc::new(Measured::<D>::new(record, record.values.to_vec()));
-    let (found, is_one_of_two) = images::begin::<D, N>(&mut setting, &measured, systematic)?;
+    let (found, side) = images::begin::<D, N>(&mut setting, &measured, systematic)?;
     let (mut found, effect) = match systematic {
         Systematic::Flat(kinds) => {
             let columns = seen(record, kinds);
@@ -96,7 +98,9 @@ pub fn reconstruct<const D: usize, const N: usize>(
     if let Some(sides) = &found.sides {
         sides.add_doubt(&best.mean, &mut covariance, N);
     }
-    let image = images::image(&found, &best.mean, is_one_of_two)?;
+    let may_cross =
+        found.sides.as_ref().is_some_and(|own| own.may_cross && own.is_apart(&best.mean, N));
+    let image = images::image(&found, &best.mean, side)?;
     let left_out = |at: usize| found.measured.values[at].is_nan() && !record.values[at].is_nan();
     let outlier: Vec<bool> =
         (0..found.trust.len()).map(|at| found.is_outlier(at) || left_out(at)).collect();
@@ -118,6 +122,8 @@ pub fn reconstruct<const D: usize, const N: usize>(
         residual,
         bias: effect.map(|effect| effect.by_station(record)),
         image,
+        is_behind: side == Side::Behind,
+        may_cross,
         fixes,
     })
 }
@@ -146,6 +152,7 @@ impl States {
             found.relinearise(setting, setting.motion, scale)?;
             found.settle(true);
         }
+        found.is_last = true;
         found.relinearise(setting, setting.motion, scale)?;
         let track = found.plots.track(record.time, D)?;
         let fit = setting.smoother.with_error(&track, found.path.fit);
@@ -164,6 +171,9 @@ impl States {
         }
         if let Some(sigma) = record.surveys {
             survey::add_errors(setting, found, sigma, motion, &mut covariance)?;
+        }
+        if record.speed_sigma > 0.0 {
+            speed::add_error(setting, found, record.speed_sigma, motion, &mut covariance)?;
         }
         Ok(Self { best, innovation, random, covariance })
     }

@@ -171,7 +171,7 @@ def locate(
         positions.say_located(one)
         _say_expected(one)
         _say_sigma(one)
-        _say_speed(one)
+        positions.say_speed(one)
         _say_bias(one)
     positions.write_all(
         found,
@@ -220,13 +220,6 @@ def _say_sigma(one: Located[Location]) -> None:
             f"  sigma of {kind} was not stated: estimated at each instant, median "
             f"{np.median(known) / factor:.3g} {unit}"
         )
-
-
-def _say_speed(one: Located[Location]) -> None:
-    """Print the speed of the signals, if it was estimated."""
-    speed, sigma = one.result.propagation_speed, one.result.propagation_speed_sigma
-    if speed is not None:
-        typer.echo(f"  speed of signals: {speed:.6g} ± {sigma:.2g} m/s")
 
 
 def _say_bias(one: Located[Location]) -> None:

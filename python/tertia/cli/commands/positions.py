@@ -72,6 +72,13 @@ def say_located(one: Located[Any]) -> None:
         )
 
 
+def say_speed(one: Located[Any]) -> None:
+    """Print the speed of the signals, if it was estimated."""
+    speed, sigma = one.result.propagation_speed, one.result.propagation_speed_sigma
+    if speed is not None:
+        typer.echo(f"  speed of signals: {speed:.6g} ± {sigma:.2g} m/s")
+
+
 def _reason(status: int, count: int, there: int) -> str:
     """Return why instants were not located; so many of them are still part of a path."""
     instants = counted(count, "instant")

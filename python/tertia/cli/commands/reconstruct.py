@@ -74,6 +74,9 @@ def reconstruct(
     propagation_speed: Annotated[
         float, typer.Option(metavar="M_S", help="Speed of signals in m/s, for times of arrival.")
     ] = LIGHT,
+    propagation_speed_sigma: Annotated[
+        float, typer.Option(metavar="M_S", help="Its sigma; the speed is then estimated.")
+    ] = 0.0,
     initial: Annotated[
         str | None,
         typer.Option(
@@ -108,6 +111,7 @@ def reconstruct(
         window=window,
         jerk=jerk,
         propagation_speed=propagation_speed,
+        propagation_speed_sigma=propagation_speed_sigma,
         initial=positions.start(initial, stations.dimension),
         n_threads=n_threads,
         progress=progress("Reconstructing"),
@@ -116,6 +120,7 @@ def reconstruct(
     positions.print_all(found, by or [])
     for one in found.targets:
         positions.say_located(one)
+        positions.say_speed(one)
         _say_motion(one.result)
     positions.write_all(
         found, output, measurements, lambda: [_line(one) for one in found.targets], "line"

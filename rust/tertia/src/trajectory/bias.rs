@@ -44,7 +44,7 @@ impl Biases {
         found: &Found<D, N>,
         columns: &[usize],
     ) -> Result<Self, Failure> {
-        let (weight, slope) = weights(record, found);
+        let (weight, slope) = weights(record, found, &vec![0.0; record.width()]);
         let instants: Vec<Instant<D>> =
             (0..record.len()).map(|t| found.instant(t, &weight, columns)).collect();
         let p = columns.len();
@@ -148,17 +148,20 @@ pub(super) fn add_covariance<const N: usize>(
 }
 
 /// Weights over σ², 0 for what is not used, and the mean slope of Tukey's scores over their mean
-/// weight.
+/// weight. Numbers of an instant may have errors that last, with these variances in the stated ones:
+/// residuals that they make are none that contradict.
 pub(super) fn weights<const D: usize, const N: usize>(
     record: &Record<'_>,
     found: &Found<D, N>,
+    lasting: &[f64],
 ) -> (Vec<f64>, f64) {
     let measured = &found.measured;
     let mut residual = vec![f64::NAN; measured.len()];
     for t in 0..record.len() {
         for (m, row, _) in found.rows(t) {
-            if !found.is_outlier(t * record.width() + measured.column[m]) {
-                residual[m] = row.residual;
+            let column = measured.column[m];
+            if !found.is_outlier(t * record.width() + column) {
+                residual[m] = row.residual / (1.0 + lasting[column]).sqrt();
             }
         }
     }

@@ -73,6 +73,11 @@ pub(super) struct Filtered {
 }
 
 impl Point {
+    /// Whether nothing lasts.
+    pub fn is_nothing(&self) -> bool {
+        self.constant.iter().chain(&self.drift).all(|v| *v == 0.0)
+    }
+
     /// What is known of the drifts after a time.
     fn advance(&self, step: f64, x: &mut [f64], p: &mut [f64]) {
         let (n, c) = (x.len(), self.drift.len());

@@ -9,7 +9,7 @@ use super::instant::{Instant, LEAST_ANCHOR};
 use super::measured::{Measured, Place, Record};
 use super::mirror::{Mirror, Sides};
 use super::path::{Path, Plots, Smoother};
-use crate::base::small::{Factor, Matrix, Vector};
+use crate::base::small::{Factor, Matrix, Vector, dot};
 use crate::sensors::{Kind, Row};
 use crate::smoothing::{ProcessNoise, ProcessNoiseFit};
 use std::ops::Range;
@@ -19,6 +19,9 @@ use std::rc::Rc;
 /// is none, and with which it stays where it is.
 const UNDETERMINED: f64 = 1e4;
 const ANCHOR: f64 = 1e6;
+
+/// Weight of the doubt which measurements are outliers.
+const DOUBT: f64 = 2.0;
 
 /// What has been found so far.
 #[derive(Clone, Debug)]
@@ -35,6 +38,8 @@ pub(super) struct Found<const D: usize, const N: usize> {
     pub sides: Option<Sides<D>>,
     /// Standard deviation of the noise over what is stated, at least 1.
     pub scale: f64,
+    /// Whether the path is the last one: its covariance has the doubt which measurements are outliers.
+    pub is_last: bool,
 }
 
 /// How a path is smoothed: the motion, if it is given, and buffers.
@@ -72,29 +77,38 @@ const CROSSINGS: usize = 8;
 
 impl<const D: usize, const N: usize> Setting<'_, D, N> {
     /// The sides of a plane without an upper one, of positions that were located on one side: a path crosses
-    /// the plane if that is likelier than that it turns back there.
+    /// the plane if that is likelier than that it turns back there. Above a plane it stays above.
     fn crossed(&mut self, mut sides: Sides<D>, one_sided: &Plots) -> Result<Sides<D>, Failure> {
+        let mut path = self.smoothed(one_sided, self.motion, None)?;
         if sides.mirror.is_level {
+            sides.may_cross = self.crossing(&sides, one_sided, &path)?.is_some();
             return Ok(sides);
         }
-        let mut path = self.smoothed(one_sided, self.motion, None)?;
         for _ in 0..CROSSINGS {
-            let mut best: Option<(f64, Sides<D>, Path)> = None;
-            for after in sides.nearest(&path) {
-                let crossing = sides.crossing(after);
-                let other = self.smoothed(&crossing.sided(one_sided), self.motion, None)?;
-                let value = other.summary.log_likelihood;
-                if best.as_ref().is_none_or(|(top, ..)| value > *top) {
-                    best = Some((value, crossing, other));
-                }
-            }
-            let least = path.summary.log_likelihood + LIKELIER;
-            let Some((_, crossing, other)) = best.filter(|(value, ..)| *value > least) else {
-                break;
-            };
-            (sides, path) = (crossing, other);
+            let Some(crossed) = self.crossing(&sides, one_sided, &path)? else { break };
+            (sides, path) = crossed;
         }
         Ok(sides)
+    }
+
+    /// The likeliest path that crosses the plane once more, if it is likelier.
+    fn crossing(
+        &mut self,
+        sides: &Sides<D>,
+        one_sided: &Plots,
+        path: &Path,
+    ) -> Result<Option<(Sides<D>, Path)>, Failure> {
+        let mut best = None;
+        let mut top = path.summary.log_likelihood + LIKELIER;
+        for after in sides.nearest(path) {
+            let crossing = sides.crossing(after);
+            let other = self.smoothed(&crossing.sided(one_sided), self.motion, None)?;
+            if other.summary.log_likelihood > top {
+                top = other.summary.log_likelihood;
+                best = Some((crossing, other));
+            }
+        }
+        Ok(best)
     }
 }
 
@@ -118,7 +132,8 @@ impl<const D: usize, const N: usize> Found<D, N> {
         let path = setting.smoothed(&plots, setting.motion, None)?;
         let measured = Rc::clone(measured);
         let anchor = vec![0.0; record.len()];
-        let mut found = Self { measured, trust, fixes, plots, path, anchor, sides, scale: 1.0 };
+        let mut found =
+            Self { measured, trust, fixes, plots, path, anchor, sides, scale: 1.0, is_last: false };
         found.stay_beside();
         if !record.robust {
             for _ in 0..2 {
@@ -204,7 +219,9 @@ impl<const D: usize, const N: usize> Found<D, N> {
             let widest: f64 = (0..D).map(|i| inverse[i][i]).sum();
             if widest < UNDETERMINED * spread && widest * largest < 1.0 / LEAST_ANCHOR {
                 self.anchor[t] = 0.0;
-                return Some((inverse, factor.solve(&right)));
+                let step = factor.solve(&right);
+                let doubted = if self.is_last { self.doubted(t, inverse) } else { inverse };
+                return Some((doubted, step));
             }
         }
         let anchor = (1.0 / (ANCHOR * spread)).max(LEAST_ANCHOR * largest);
@@ -212,6 +229,27 @@ impl<const D: usize, const N: usize> Found<D, N> {
         (0..D).for_each(|i| normal[i][i] += anchor);
         let factor = Factor::try_new(&normal, 0.0)?;
         Some((factor.inverse(), factor.solve(&right)))
+    }
+
+    /// The covariance of an instant's position with the doubt which measurements are outliers: with the
+    /// probability q of one, and the shift d by it, `q (1 − q) d d'` is added, twice as q is estimated.
+    fn doubted(&self, t: usize, inverse: Matrix<D>) -> Matrix<D> {
+        let width = self.measured.width();
+        let mut whole = inverse;
+        for (m, row, _) in self.rows(t) {
+            let trust = self.trust[t * width + self.measured.column[m]];
+            let pull = row.residual / (self.scale * self.scale);
+            let size = DOUBT * trust * (1.0 - trust) * pull * pull;
+            if size > 0.0 {
+                let shift: Vector<D> = std::array::from_fn(|i| dot(&inverse[i], &row.gradient));
+                for i in 0..D {
+                    for j in 0..D {
+                        whole[i][j] += size * shift[i] * shift[j];
+                    }
+                }
+            }
+        }
+        whole
     }
 
     /// What an instant says of its position, and of the way to it from the path.

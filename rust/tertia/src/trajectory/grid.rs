@@ -29,7 +29,15 @@ const ALONE: f64 = 0.2;
 const ALONE_SCALES: [f64; 3] = [4.0, 16.0, 64.0];
 const OTHER_SCALES: [f64; 2] = [0.0, 0.5];
 /// Standard deviation of the logarithms of scales of different kinds.
-const ALIKE: f64 = 0.6;
+const ALIKE: f64 = 1.2;
+/// Probability of no lasting errors from which none are removed.
+pub(super) const CERTAIN: f64 = 0.5;
+/// Probability below which a point of the grid does not count, over that of the best: many together
+/// may.
+const UNLIKELY: f64 = 3e-4;
+/// Probability of the largest errors that do not count where none are removed: a region of 95 % need not
+/// hold what is as unlikely, and it would be most of the variance.
+const LARGEST: f64 = 0.05;
 /// ln of the likelihood ratio below which a point does not count.
 const FALL: f64 = 6.0;
 
@@ -108,8 +116,34 @@ impl<'a> Grid<'a> {
         point
     }
 
+    /// Points that count, with their probabilities and the growth of the noise.
+    pub fn weighed(&self) -> Vec<(Point, f64, f64)> {
+        let mut points = self.searched();
+        let top = points.iter().map(|one| one.1).fold(f64::NEG_INFINITY, f64::max);
+        points.iter_mut().for_each(|one| one.1 = (one.1 - top).exp());
+        points.retain(|one| one.1 > UNLIKELY);
+        let total: f64 = points.iter().map(|one| one.1).sum();
+        points.iter_mut().for_each(|one| one.1 /= total);
+        let nothing: f64 = points.iter().filter(|one| one.0.is_nothing()).map(|one| one.1).sum();
+        if nothing < CERTAIN {
+            return points;
+        }
+        let size = |point: &Point| -> f64 {
+            let each = point.constant.iter().zip(&point.drift).zip(&self.sigma);
+            each.map(|((constant, drift), sigma)| (constant + drift) / (sigma * sigma)).sum()
+        };
+        points.sort_by(|a, b| size(&a.0).total_cmp(&size(&b.0)));
+        let mut left = 0.0;
+        while let Some((_, share, _)) = points.last().filter(|one| left + one.1 <= LARGEST) {
+            left += share;
+            points.pop();
+        }
+        points.iter_mut().for_each(|one| one.1 /= 1.0 - left);
+        points
+    }
+
     /// Points that may count, with ln of their probabilities and the growth of the noise.
-    pub fn searched(&self) -> Vec<(Point, f64, f64)> {
+    fn searched(&self) -> Vec<(Point, f64, f64)> {
         let mut own = Vec::new();
         for kernel in [Kernel::Markov, Kernel::Smooth] {
             for &share in &self.shares {

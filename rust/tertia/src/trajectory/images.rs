@@ -18,6 +18,17 @@ const ABOVE: f64 = 6.907_755_278_982_137;
 /// What counts of a residual at most.
 const MOST: f64 = 4.0;
 
+/// What is known of the side of a path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Side {
+    /// It is on the right one.
+    Known,
+    /// Its mirror image explains what was measured as well.
+    OneOfTwo,
+    /// It is on the other one than wanted, where there is none.
+    Behind,
+}
+
 /// The side on which instants are located that are not compared with a path.
 pub(super) struct Choice<const D: usize> {
     pub mirror: Option<Mirror<D>>,
@@ -38,35 +49,36 @@ impl<const D: usize> Choice<D> {
     }
 }
 
-/// The path without what contradicts it, on one side of the plane of the stations if they are in one; and
-/// whether its mirror image may be the path as well.
+/// The path without what contradicts it, on one side of the plane of the stations if they are in one.
 pub(super) fn begin<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     measured: &Rc<Measured<D>>,
     systematic: &Systematic,
-) -> Result<(Found<D, N>, bool), Failure> {
+) -> Result<(Found<D, N>, Side), Failure> {
     let record = setting.record;
     let mut on = |mirror: Option<Mirror<D>>| {
         Found::first(setting, measured, mirror)?.without_outliers(setting, measured)
     };
-    let Some(mirror) = Mirror::chosen(record) else { return Ok((on(None)?, false)) };
+    let Some(mirror) = Mirror::chosen(record) else { return Ok((on(None)?, Side::Known)) };
     if record.initial.is_some() {
-        return Ok((on(Some(mirror))?, false));
+        return Ok((on(Some(mirror))?, Side::Known));
     }
     let path = on(Some(mirror.clone()));
     if mirror.is_exact {
-        return Ok((path?, true));
+        return Ok((path?, Side::OneOfTwo));
     }
     let (path, image) = match (path, on(Some(mirror.flipped()))) {
         (Ok(path), Ok(image)) => (path, image),
-        (path, image) => return Ok((path.or(image)?, false)),
+        (Ok(path), Err(_)) => return Ok((path, Side::Known)),
+        (Err(_), image) if mirror.is_level => return Ok((image?, Side::Behind)),
+        (Err(_), image) => return Ok((image?, Side::Known)),
     };
     let more = cost(record, &image, systematic) - cost(record, &path, systematic);
     let odds = if mirror.is_level { ABOVE } else { 0.0 };
     if more < -AMBIGUOUS - odds {
-        return Ok((image, false));
+        return Ok((image, Side::Known));
     }
-    Ok((path, more < AMBIGUOUS))
+    Ok((path, if more < AMBIGUOUS { Side::OneOfTwo } else { Side::Known }))
 }
 
 /// Half the sum of the squared residuals, with constant errors of the stated size of what is not trusted.
@@ -96,9 +108,10 @@ fn cost<const D: usize, const N: usize>(
 pub(super) fn image<const D: usize, const N: usize>(
     found: &Found<D, N>,
     mean: &[f64],
-    is_one_of_two: bool,
+    side: Side,
 ) -> Result<Option<Vec<f64>>, Failure> {
-    let Some(sides) = found.sides.as_ref().filter(|sides| is_one_of_two && sides.is_apart(mean, N))
+    let Some(sides) =
+        found.sides.as_ref().filter(|own| side == Side::OneOfTwo && own.is_apart(mean, N))
     else {
         return Ok(None);
     };

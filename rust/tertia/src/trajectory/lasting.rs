@@ -13,7 +13,7 @@ use super::bias::{add_covariance, smoothed, weights};
 use super::contradictions::Blocks;
 use super::failure::Failure;
 use super::found::{Found, Setting};
-use super::grid::Grid;
+use super::grid::{CERTAIN, Grid};
 use super::instant::{Instant, responses};
 use super::measured::{Measured, Record, in_domain};
 use super::prior::Prior;
@@ -23,15 +23,10 @@ use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 use std::rc::Rc;
 
-/// Probability of no lasting errors from which none are removed.
-const CERTAIN: f64 = 0.8;
 /// Ways in which errors may contradict of which none does, if there are no errors.
 const TELLING: usize = 2;
 /// Variance of lasting errors, over what the smoother leaves of the noise, that is none.
 const NEGLIGIBLE: f64 = 0.1;
-/// Probability below which a point of the grid does not count, over that of the best: many together
-/// may.
-const UNLIKELY: f64 = 3e-4;
 /// Blocks of instants in the memory of the smoother, at least in the record, and at most times the
 /// columns.
 const IN_MEMORY: f64 = 4.0;
@@ -106,7 +101,7 @@ impl Lasting {
         columns: &[usize],
         before: &DVector<f64>,
     ) -> Self {
-        let (weight, slope) = weights(record, found);
+        let (weight, slope) = weights(record, found, &found.lasting(record));
         let memory = memory(record, found);
         let together = together(record, found, memory);
         let parts: Vec<Range<usize>> = (0..record.len())
@@ -151,10 +146,6 @@ impl Lasting {
         };
         let sigmas: Vec<f64> = columns.iter().map(stated).collect();
         let grid = Grid::new(record, blocks, prior, columns);
-        let points = grid.searched();
-        let top = points.iter().map(|one| one.1).fold(f64::NEG_INFINITY, f64::max);
-        let share: Vec<f64> = points.iter().map(|one| (one.1 - top).exp()).collect();
-        let total: f64 = share.iter().filter(|v| **v > UNLIKELY).sum();
         let mut lasting = Self {
             columns: columns.to_vec(),
             values: DVector::zeros(c),
@@ -174,13 +165,10 @@ impl Lasting {
         };
         let mut parts = Vec::new();
         let (mut whole, mut drifting, mut times) = (0.0, 0.0, 0.0);
-        for ((point, _, growth), share) in points.iter().zip(share).filter(|(_, w)| *w > UNLIKELY) {
-            let w = share / total;
+        for (point, w, growth) in &grid.weighed() {
             let filtered = blocks.filter(point);
             lasting.growth += w * growth;
-            if point.constant.iter().chain(&point.drift).all(|v| *v == 0.0) {
-                lasting.nothing += w;
-            }
+            lasting.nothing += if point.is_nothing() { *w } else { 0.0 };
             if let Some(at) = point.alone {
                 lasting.alone[at] += w;
             }
@@ -191,14 +179,14 @@ impl Lasting {
             let weighted = point.drift.iter().zip(&point.time).filter(|(v, _)| **v > 0.0);
             times += w * weighted.map(|(v, time)| v * time).sum::<f64>();
             let mean = DVector::from_vec(filtered.mean);
-            lasting.values += &mean * w;
+            lasting.values += &mean * *w;
             lasting.constant += filtered.covariance * (w * growth);
             for (at, own) in point.drift.iter().enumerate() {
                 lasting.drift[at] += w * growth * own;
                 let left = point.kernel.averaged(times_of_memory / point.time[at]);
                 lasting.smooth[at] += w * growth * own * left;
             }
-            parts.push((w, mean));
+            parts.push((*w, mean));
         }
         for (w, mean) in parts {
             let off = mean - &lasting.values;
@@ -384,7 +372,7 @@ fn answers<const D: usize, const N: usize>(
     found: &Found<D, N>,
     columns: &[usize],
 ) -> (Vec<Vec<f64>>, Vec<f64>) {
-    let (weight, _) = weights(record, found);
+    let (weight, _) = weights(record, found, &found.lasting(record));
     let of = |t| found.instant(t, &weight, columns);
     let instants: Vec<Instant<D>> = (0..record.len()).map(of).collect();
     responses(&instants, columns.len())

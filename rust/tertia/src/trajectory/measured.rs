@@ -36,6 +36,8 @@ pub struct Record<'a> {
     pub own_sigmas: Option<&'a [f64]>,
     /// Correlation of the errors of range differences of an instant.
     pub correlation: f64,
+    /// Standard deviation of the speed of the signals, as a share of it, the same error at all instants.
+    pub speed_sigma: f64,
     /// Whether instants are located robustly.
     pub robust: bool,
     /// A position near the target at the first instant, D numbers: of two paths that are mirror images

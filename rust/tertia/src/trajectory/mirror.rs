@@ -166,6 +166,8 @@ pub(super) struct Sides<const D: usize> {
     /// Whether a path has been found about which derivatives have been averaged; else they would lead too
     /// far.
     pub is_settled: bool,
+    /// Whether a path that crosses the plane would be much likelier than one that turns back there.
+    pub may_cross: bool,
     /// Which instants are behind the plane: 1 before it, -1 behind.
     side: Vec<f64>,
 }
@@ -173,7 +175,8 @@ pub(super) struct Sides<const D: usize> {
 impl<const D: usize> Sides<D> {
     pub fn new(mirror: Mirror<D>, n: usize) -> Self {
         let [variance, systematic] = [(); 2].map(|()| vec![0.0; n]);
-        Self { mirror, variance, systematic, is_settled: false, side: vec![1.0; n] }
+        let side = vec![1.0; n];
+        Self { mirror, variance, systematic, is_settled: false, may_cross: false, side }
     }
 
     /// Distance from the plane at which derivatives are taken.

@@ -12,6 +12,8 @@ const WORTH: f64 = 2.0;
 const SHARE: f64 = 0.1;
 const LARGEST_SHARE: f64 = 0.5;
 const LEAST_NUMBER: f64 = 0.5;
+/// Outliers of either side that are expected besides: what is seen of a few says little of others.
+const EITHER: f64 = 5.0;
 /// Share of the residuals by whose size the noise is first taken, and the largest that it is.
 const LARGE: f64 = 0.9;
 const LARGEST: f64 = 1000.0;
@@ -33,6 +35,8 @@ pub(super) struct Mixture {
     /// Standard deviations of the noise and of what outliers have besides.
     pub noise: f64,
     width: f64,
+    /// Share of the outliers of what travels that are late: detours are never shorter.
+    late: f64,
     /// ln of the likelihood of the residuals, less, if there are outliers, 1/2 ln N for each of their
     /// parameters (Schwarz 1978), and 1 for each that the path has: it follows those that agree with it.
     pub log_evidence: f64,
@@ -47,6 +51,8 @@ pub(super) struct Compared {
     pub variance: f64,
     /// What it contributes to the number of parameters of the path.
     pub held: f64,
+    /// Whether a signal travelled: by a detour it is late.
+    pub travels: bool,
 }
 
 impl Mixture {
@@ -61,7 +67,7 @@ impl Mixture {
                 if noise < LARGER { 1.0 } else { noise.min(LARGEST) }
             }
         };
-        Self { share: SHARE, noise, width: WIDTH * noise, log_evidence: 0.0 }
+        Self { share: SHARE, noise, width: WIDTH * noise, late: 0.5, log_evidence: 0.0 }
     }
 
     /// With a smaller noise, if it is larger than stated.
@@ -70,12 +76,17 @@ impl Mixture {
     }
 
     /// Densities of a residual of the noise, and of an outlier, each with its probability.
-    pub fn densities(&self, residual: f64, variance: f64) -> [f64; 2] {
-        let inside = self.noise.powi(2) + variance;
+    pub fn densities(&self, one: &Compared) -> [f64; 2] {
+        let inside = self.noise.powi(2) + one.variance;
         let outside = inside + self.width.powi(2);
         let density =
-            |variance: f64| (-0.5 * residual * residual / variance).exp() / variance.sqrt();
-        [(1.0 - self.share) * density(inside), self.share * density(outside)]
+            |variance: f64| (-0.5 * one.residual * one.residual / variance).exp() / variance.sqrt();
+        let side = match one.travels {
+            true if one.residual > 0.0 => 2.0 * self.late,
+            true => 2.0 * (1.0 - self.late),
+            false => 1.0,
+        };
+        [(1.0 - self.share) * density(inside), side * self.share * density(outside)]
     }
 
     /// The likeliest share and size of outliers, and size of the noise unless it is held, by
@@ -92,11 +103,16 @@ impl Mixture {
 
     fn step(&mut self, residuals: &[Compared], is_held: bool) {
         let (mut total, mut squares, mut outside, mut log) = (0.0, 0.0, 0.0, 0.0);
-        for Compared { residual, variance, .. } in residuals {
+        let (mut late, mut either) = (EITHER, 2.0 * EITHER);
+        for one @ Compared { residual, variance, .. } in residuals {
             let square = residual * residual;
-            let densities = self.densities(*residual, *variance);
+            let densities = self.densities(one);
             let trust = trust_of(densities);
             total += trust;
+            if one.travels {
+                either += 1.0 - trust;
+                late += if *residual > 0.0 { 1.0 - trust } else { 0.0 };
+            }
             squares += trust * square / (1.0 + variance / self.noise.powi(2));
             outside += (1.0 - trust) * (square - variance).max(0.0);
             log += (densities[0] + densities[1]).max(f64::MIN_POSITIVE).ln();
@@ -110,6 +126,8 @@ impl Mixture {
         }
         self.share = (1.0 - total / count).max(LEAST_NUMBER / count).min(LARGEST_SHARE);
         if !is_held {
+            // the first paths may be wrong, and then it is others that are late
+            self.late = late / either;
             let growth = squares / total;
             let by_chance = 1.0 + SURELY * (2.0 / total).sqrt();
             self.noise = if growth > by_chance { growth.sqrt() } else { 1.0 };

@@ -10,6 +10,7 @@ use super::measured::{Measured, REDUNDANCY, Record};
 use super::mixture::{Compared, Mixture, trust_of};
 use super::tukey::{MEDIAN_ERROR, chance};
 use crate::base::distribution::normal_two_sided_quantile;
+use crate::sensors::Kind;
 use std::rc::Rc;
 
 /// Most rounds of weights with the noise as large as it is.
@@ -133,8 +134,8 @@ impl<const D: usize, const N: usize> Found<D, N> {
                 trust[t * record.width() + at] = 1.0;
             }
         }
-        for Compared { at, residual, variance, .. } in residuals {
-            trust[at] = trust_of(mixture.densities(residual, variance));
+        for one in residuals {
+            trust[one.at] = trust_of(mixture.densities(&one));
         }
         let limit = mixture.noise * normal_two_sided_quantile(DOUBTED);
         for t in 0..record.len() {
@@ -171,7 +172,9 @@ impl<const D: usize, const N: usize> Found<D, N> {
                     let held = self.trust[at] * g / (self.scale * self.scale);
                     let rest = (1.0 - held).max(REDUNDANT);
                     let variance = g / rest + lasting[self.measured.column[m]];
-                    residuals.push(Compared { at, residual: row.residual / rest, variance, held });
+                    let travels = matches!(self.measured.one(m).kind, Kind::Range | Kind::Arrival);
+                    let residual = row.residual / rest;
+                    residuals.push(Compared { at, residual, variance, held, travels });
                 }
             }
         }
@@ -201,7 +204,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
 
     /// Variances of errors that last, of each number of an instant, in the stated ones: what lasts is
     /// no outlier. From running medians of the residuals, of all where one station has few.
-    fn lasting(&self, record: &Record<'_>) -> Vec<f64> {
+    pub fn lasting(&self, record: &Record<'_>) -> Vec<f64> {
         let mut series = vec![Vec::new(); record.width()];
         for t in 0..record.len() {
             for (m, row, _) in self.rows(t) {

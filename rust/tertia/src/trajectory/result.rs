@@ -24,6 +24,11 @@ pub struct Trajectory {
     pub bias: Option<LastingErrors>,
     /// Positions (N, D) of the mirror image of the path, if that explains what was measured as well.
     pub image: Option<Vec<f64>>,
+    /// Whether the path is below the stations because none above them fits.
+    pub is_behind: bool,
+    /// Whether a path that crosses the plane of the stations would be much likelier than one that turns
+    /// back there.
+    pub may_cross: bool,
 }
 
 /// What the smoother found.
@@ -49,7 +54,18 @@ impl Trajectory {
     ) -> Self {
         let outlier = fixes.outlier.clone();
         let residual = residuals::<D, N>(record, record.values.to_vec(), &mean, &outlier);
-        Self { mean, covariance, smoothed: None, fixes, outlier, residual, bias: None, image: None }
+        Self {
+            mean,
+            covariance,
+            smoothed: None,
+            fixes,
+            outlier,
+            residual,
+            bias: None,
+            image: None,
+            is_behind: false,
+            may_cross: false,
+        }
     }
 }
 

@@ -20,7 +20,7 @@ pub(super) fn add_errors<const D: usize, const N: usize>(
 ) -> Result<(), Failure> {
     let record = setting.record;
     let k = record.width() / KINDS;
-    let (weight, _) = weights(record, found);
+    let (weight, _) = weights(record, found, &found.lasting(record));
     let mut moves = Vec::new();
     let mut spread = Vec::new();
     for station in (0..k).filter(|&station| sigma[station] > 0.0) {
@@ -46,9 +46,9 @@ fn moved<const D: usize>(record: &Record<'_>, coordinate: usize, by: f64) -> Vec
     own
 }
 
-/// By how much positions move (N, D) if the stations are where `measured` has them, and the
+/// By how much positions move (N, D) if `measured` is what was measured, and where, and the
 /// covariances of the positions (N, D, D).
-fn shifts<const D: usize, const N: usize>(
+pub(super) fn shifts<const D: usize, const N: usize>(
     record: &Record<'_>,
     found: &Found<D, N>,
     measured: &Measured<D>,

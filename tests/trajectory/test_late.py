@@ -1,0 +1,51 @@
+"""Paths from ranges of which many are too long, because signals came by detours."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from tertia.location import Station
+from tertia.trajectory import reconstruct
+
+SIGMA = 10.0
+TIME = np.arange(60.0)
+
+
+def run(seed, share, count, sign=1.0):
+    """Return a path and its errors, with this share of late ranges, and which are late."""
+    rng = np.random.default_rng([31, seed])
+    turn = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
+    places = 2500.0 * np.column_stack([np.sin(turn), np.cos(turn)])
+    course = rng.uniform(0, 2 * np.pi) + 0.01 * TIME
+    path = np.cumsum(20.0 * np.column_stack([np.sin(course), np.cos(course)]), axis=0)
+    path += rng.uniform(-600, 600, 2) - path.mean(axis=0)
+    ranges = np.linalg.norm(path[:, np.newaxis] - places, axis=-1)
+    ranges += SIGMA * rng.standard_normal(ranges.shape)
+    late = rng.random(ranges.shape) < share
+    ranges += sign * late * rng.exponential(20 * SIGMA, ranges.shape)
+    track = reconstruct([Station(p, range_sigma=SIGMA) for p in places], TIME, range=ranges)
+    return track, track.position - path, late
+
+
+def squares(track, error):
+    return np.einsum("ni,nij,nj->n", error, np.linalg.inv(track.covariance[:, :2, :2]), error)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("count", [5, 8])
+def test_regions_hold_where_half_of_the_ranges_are_late(count, sign):
+    inside, errors = [], []
+    for seed in range(10):
+        track, error, _ = run(seed, 0.5, count, sign)
+        inside.append(np.mean(squares(track, error) < stats.chi2.ppf(0.95, 2)))
+        errors.append(error)
+    # with outliers of either side 64 % and 66 %, and 19 m and 8 m
+    assert np.mean(inside) > 0.85
+    assert np.sqrt(np.mean(np.sum(np.square(errors), axis=-1))) < 6.0
+
+
+def test_late_ranges_are_left_out():
+    for seed in range(4):
+        track, _, late = run(seed, 0.3, 6)
+        assert np.mean(track.outlier.range[late]) > 0.8
+        assert np.mean(track.outlier.range[~late]) < 0.03

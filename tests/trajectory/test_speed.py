@@ -1,0 +1,94 @@
+"""Paths from signals whose speed is known with a standard deviation."""
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy import stats
+
+from tertia import tables
+from tertia.location import Station
+from tertia.trajectory import reconstruct
+
+SOUND, ERROR, SIGMA = 340.0, 0.015, 0.005
+TIME = np.arange(60.0)
+KINDS = ("arrival_time", "range")
+
+
+def scene(seed):
+    """Return stations, a path, the travel times, and the speed of sound."""
+    rng = np.random.default_rng([77, seed])
+    turn = 2 * np.pi * (np.arange(6) + rng.uniform(-0.3, 0.3, 6)) / 6
+    places = 400.0 * np.column_stack([np.sin(turn), np.cos(turn)])
+    course = rng.uniform(0, 2 * np.pi) + 0.01 * TIME
+    path = np.cumsum(3.0 * np.column_stack([np.sin(course), np.cos(course)]), axis=0)
+    path += rng.uniform(-150, 150, 2) - path.mean(axis=0)
+    speed = SOUND * (1 + ERROR * rng.standard_normal())
+    travel = np.linalg.norm(path[:, np.newaxis] - places, axis=-1) / speed
+    return places, path, travel + SIGMA * rng.standard_normal(travel.shape), speed
+
+
+def path_of(places, travel, kind, **options):
+    sigmas = {"range_sigma": SIGMA * SOUND, "arrival_time_sigma": SIGMA}
+    stations = [Station(place, **{f"{kind}_sigma": sigmas[f"{kind}_sigma"]}) for place in places]
+    measured = {"range": SOUND * travel} if kind == "range" else {"arrival_time": travel}
+    return reconstruct(stations, TIME, **measured, propagation_speed=SOUND, **options)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_regions_hold_with_an_unknown_speed(kind):
+    inside, pulls, errors, others = [], [], [], []
+    for seed in range(12):
+        places, path, travel, speed = scene(seed)
+        track = path_of(places, travel, kind, propagation_speed_sigma=ERROR * SOUND)
+        error = track.position - path
+        inverse = np.linalg.inv(track.covariance[:, :2, :2])
+        square = np.einsum("ni,nij,nj->n", error, inverse, error)
+        inside.append(np.mean(square < stats.chi2.ppf(0.95, 2)))
+        pulls.append((track.propagation_speed - speed) / track.propagation_speed_sigma)
+        errors.append(np.mean(np.sum(error**2, axis=1)))
+        other = path_of(places, travel, kind).position - path
+        others.append(np.mean(np.sum(other**2, axis=1)))
+    # with the speed as stated: 30 %, and some ranges do not meet
+    assert np.mean(inside) > 0.9
+    assert np.median(errors) < {"arrival_time": 1.1, "range": 0.2}[kind] * np.nanmedian(others)
+    assert stats.chi2.cdf(np.sum(np.square(pulls)), len(pulls)) < 0.999
+
+
+def test_the_speed_is_as_stated_by_default():
+    places, _, travel, _ = scene(0)
+    track = path_of(places, travel, "range")
+    assert track.propagation_speed is None
+    assert track.propagation_speed_sigma is None
+    same = path_of(places, travel, "range", propagation_speed_sigma=0.0)
+    np.testing.assert_array_equal(track.covariance, same.covariance)
+
+
+def test_speeds_that_cannot_be_estimated_are_refused():
+    places, _, travel, _ = scene(0)
+    with pytest.raises(ValueError, match="propagation_speed_sigma is given; it is for times"):
+        reconstruct(
+            [Station(place, azimuth_sigma=0.01) for place in places],
+            TIME,
+            azimuth=np.zeros(travel.shape),
+            propagation_speed_sigma=5.0,
+        )
+    for options in ({"order": "temporal-first"}, {"smoother": "local-polynomial"}):
+        with pytest.raises(ValueError, match="propagation_speed_sigma needs order"):
+            path_of(places, travel, "range", propagation_speed_sigma=5.0, **options)
+
+
+def test_tables_pass_the_speed_on():
+    places, _, travel, _ = scene(1)
+    stations = [
+        Station(place, name=f"S{k}", arrival_time_sigma=SIGMA) for k, place in enumerate(places)
+    ]
+    table = pl.concat(
+        pl.DataFrame({"time_s": TIME, "arrival_time_s": TIME + travel[:, k]}).with_columns(
+            sensor=pl.lit(f"S{k}")
+        )
+        for k in range(len(places))
+    )
+    known = {"sensors": stations, "propagation_speed": SOUND}
+    exact = tables.reconstruct(table, **known)
+    found = tables.reconstruct(table, **known, propagation_speed_sigma=5.0)
+    assert not np.allclose(exact["east_m"], found["east_m"], atol=1e-3)
