@@ -6,6 +6,7 @@ use super::kinematics;
 use super::motion::ImmModel;
 use crate::base::plane::Plane;
 use nalgebra::{SMatrix, SVector};
+use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 
 /// Models of a bank.
@@ -60,20 +61,29 @@ impl Bank {
 
     /// Mixes the estimates for possible changes of the model. A turn begins with a rate of zero and
     /// the variance `rate_variance`.
+    #[inline(always)]
     pub fn mix(&mut self, transition: &Transition, rate_variance: f64) {
         let before = self.probability;
         let mut after = [0.0; MODELS];
         for (j, sum) in after.iter_mut().enumerate() {
             *sum = (0..MODELS).map(|i| transition[i][j] * before[i]).sum();
         }
-        let weight = |i: usize, j: usize| transition[i][j] * before[i] / after[j];
-        if before[PLAN] == 0.0 && after[PLAN] == 0.0 && after[STRAIGHT] > 0.0 && after[TURN] > 0.0 {
+        let is_usual = before[PLAN] == 0.0 && after[PLAN] == 0.0;
+        if is_usual && after[STRAIGHT] > 0.0 && after[TURN] > 0.0 {
+            let weight = |i: usize, j: usize| transition[i][j] * before[i] / after[j];
             let straight = self.straight.blended(weight(TURN, STRAIGHT), &self.turn);
             self.begin_turn(weight(STRAIGHT, TURN), rate_variance);
             (self.straight, self.probability) = (straight, after);
             return;
         }
+        self.mix_all(transition, after, rate_variance);
+    }
+
+    /// The same of any models, whose probabilities are these then.
+    #[inline(never)]
+    fn mix_all(&mut self, transition: &Transition, after: [f64; MODELS], rate_variance: f64) {
         let old = *self;
+        let weight = |i: usize, j: usize| transition[i][j] * old.probability[i] / after[j];
         if after[STRAIGHT] > 0.0 {
             self.straight = old.mixed_straight(STRAIGHT, |i| weight(i, STRAIGHT));
         }
@@ -164,7 +174,7 @@ impl Bank {
     }
 
     /// Predicts straight flight and turn.
-    #[inline]
+    #[inline(always)]
     pub fn predict(&mut self, model: &ImmModel, t: f64, period: f64) {
         kinematics::straight(&mut self.straight, t, model.straight_sigma.powi(2) * period);
         kinematics::turn(
@@ -178,16 +188,7 @@ impl Bank {
     /// Corrects all models by a position or a velocity; the probabilities are multiplied by its densities.
     #[inline]
     pub fn correct<const AT: usize>(&mut self, z: [f64; 2], r: Plane) {
-        let [straight, turn, plan] = &mut self.probability;
-        if *straight > 0.0 {
-            *straight *= self.straight.correct_at::<AT>(z, r);
-        }
-        if *turn > 0.0 {
-            *turn *= self.turn.correct_at::<AT>(z, r);
-        }
-        if *plan > 0.0 {
-            *plan *= self.plan.correct_at::<AT>(z, r);
-        }
+        Arch::new().dispatch(Correction::<AT> { bank: self, z, r });
     }
 
     /// Position and velocity, where the probabilities sum to one.
@@ -246,6 +247,32 @@ impl Bank {
         self.plan.covariance += extra;
         let mut block = self.turn.covariance.fixed_view_mut::<4, 4>(0, 0);
         block += extra;
+    }
+}
+
+/// A correction of all models, in vectors as wide as the processor has.
+struct Correction<'a, const AT: usize> {
+    bank: &'a mut Bank,
+    z: [f64; 2],
+    r: Plane,
+}
+
+impl<const AT: usize> WithSimd for Correction<'_, AT> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { bank, z, r } = self;
+        let [straight, turn, plan] = &mut bank.probability;
+        if *straight > 0.0 {
+            *straight *= bank.straight.correct_at::<AT>(z, r);
+        }
+        if *turn > 0.0 {
+            *turn *= bank.turn.correct_at::<AT>(z, r);
+        }
+        if *plan > 0.0 {
+            *plan *= bank.plan.correct_at::<AT>(z, r);
+        }
     }
 }
 

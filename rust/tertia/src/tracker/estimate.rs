@@ -108,7 +108,7 @@ impl<const N: usize> Estimate<N> {
     }
 
     /// Adds white acceleration of a spectral density (m²/s³) over the time `t`.
-    #[inline]
+    #[inline(always)]
     pub(super) fn accelerate(&mut self, noise: Plane, t: f64) {
         let p = &mut self.covariance.data.0;
         let (position, both) = (t * t * t / 3.0, t * t / 2.0);

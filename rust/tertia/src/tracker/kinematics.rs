@@ -8,14 +8,14 @@ use nalgebra::SMatrix;
 const SMALL_ANGLE: f64 = 1e-3;
 
 /// Straight and uniform, with white acceleration of the density `q`, m²/s³.
-#[inline]
+#[inline(always)]
 pub fn straight(estimate: &mut Estimate<4>, t: f64, q: f64) {
     coast(estimate, t);
     estimate.accelerate(Plane { xx: q, xy: 0.0, yy: q }, t);
 }
 
 /// Straight and uniform, without noise.
-#[inline]
+#[inline(always)]
 pub fn coast(estimate: &mut Estimate<4>, t: f64) {
     let x = &mut estimate.mean.data.0[0];
     x[0] += t * x[2];
@@ -38,7 +38,7 @@ pub fn coast(estimate: &mut Estimate<4>, t: f64) {
 }
 
 /// A turn at the rate of the fifth state, linearised; the rate walks.
-#[inline]
+#[inline(always)]
 pub fn turn(estimate: &mut Estimate<5>, t: f64, q: f64, walk: f64) {
     let [vx, vy, w] = [estimate.mean[2], estimate.mean[3], estimate.mean[4]];
     let arc = Arc::new(w, t);
@@ -96,7 +96,7 @@ pub struct Arc {
 }
 
 impl Arc {
-    #[inline]
+    #[inline(always)]
     pub fn new(w: f64, t: f64) -> Self {
         let a = w * t;
         let (sine, cosine) = a.sin_cos();
@@ -123,7 +123,7 @@ impl Arc {
     }
 
     /// Derivatives of the way by the rate, at this velocity.
-    #[inline]
+    #[inline(always)]
     pub fn by_rate(&self, [vx, vy]: [f64; 2]) -> [f64; 2] {
         let Self { along_rate, across_rate, .. } = self;
         [along_rate * vx - across_rate * vy, across_rate * vx + along_rate * vy]

@@ -10,6 +10,7 @@ use super::kinematics;
 use super::motion::ImmModel;
 use crate::base::exponential::exp;
 use crate::base::plane::Plane;
+use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 
 /// From the first probability on it is a model of the bank, below the second it no longer is. Where
@@ -67,6 +68,17 @@ impl SpeedChange {
         bank: &mut Bank,
         model: &ImmModel,
         changes: &Transition,
+        over: (f64, f64),
+    ) {
+        Arch::new().dispatch(Prediction { speed: self, bank, model, changes, over });
+    }
+
+    #[inline(always)]
+    fn predict_all(
+        &mut self,
+        bank: &mut Bank,
+        model: &ImmModel,
+        changes: &Transition,
         (t, period): (f64, f64),
     ) {
         let is_model = bank.probability[SPEED] > 0.0;
@@ -90,7 +102,7 @@ impl SpeedChange {
     }
 
     /// Lets the speed begin to change, or be steady again, while that is no model of the bank.
-    #[inline]
+    #[inline(always)]
     fn begin(&mut self, bank: &Bank, model: &ImmModel, changes: &Transition, t: f64) {
         let (begins, ends) = rates(model, t);
         let odds = self.odds * (1.0 - ends) + begins;
@@ -110,6 +122,7 @@ impl SpeedChange {
     }
 
     /// The same, and mixes the models of the bank, of which it is one.
+    #[inline(never)]
     fn mix(&mut self, bank: &mut Bank, model: &ImmModel, changes: &Transition, t: f64) {
         let (begins, ends) = rates(model, t);
         let other = -(-t / OTHER_TIME).exp_m1();
@@ -150,7 +163,7 @@ impl SpeedChange {
     }
 
     /// Lets the acceleration fade towards its distribution at the beginning of a change.
-    #[inline]
+    #[inline(always)]
     fn fade(&mut self, model: &ImmModel, t: f64) {
         let left = exp(-t / FADING);
         let stays = left * left * self.variance;
@@ -181,7 +194,7 @@ impl SpeedChange {
     }
 
     /// The estimate to which the response belongs.
-    #[inline]
+    #[inline(always)]
     pub fn basis<'a>(&self, bank: &'a Bank) -> &'a Estimate<4> {
         if bank.probability[SPEED] > 0.0 { &bank.plan } else { &bank.straight }
     }
@@ -265,8 +278,27 @@ impl SpeedChange {
     }
 }
 
+/// A prediction of all models, in vectors as wide as the processor has.
+struct Prediction<'a> {
+    speed: &'a mut SpeedChange,
+    bank: &'a mut Bank,
+    model: &'a ImmModel,
+    changes: &'a Transition,
+    over: (f64, f64),
+}
+
+impl WithSimd for Prediction<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { speed, bank, model, changes, over } = self;
+        speed.predict_all(bank, model, changes, over);
+    }
+}
+
 /// Probabilities that the speed begins to change in the time `t`, and that it is steady again.
-#[inline]
+#[inline(always)]
 fn rates(model: &ImmModel, t: f64) -> (f64, f64) {
     (1.0 - exp(-t / model.steady_time), 1.0 - exp(-t / model.speed_change_time))
 }
