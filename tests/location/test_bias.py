@@ -164,6 +164,21 @@ class TestGiven:
         c = locate(stations, azimuth=azimuth, bias=Bias())
         np.testing.assert_array_equal(c.bias.azimuth, 0.0)
 
+    def test_one_that_deviates_with_the_direction(self):
+        """The deviation is that of the true azimuth; its sigma adds to that of the noise."""
+        card = Bias(azimuth=0.1, deviation_order=1, deviation=[0.15, -0.05], deviation_sigma=SIGMA)
+        deviation = 0.1 + 0.15 * np.sin(TOWARDS[0]) - 0.05 * np.cos(TOWARDS[0])
+        azimuth = np.stack([TOWARDS, TOWARDS])
+        azimuth[:, 0] += deviation
+        stations = [Station(place, bias=Bias()) for place in SQUARE]
+        stations[0] = Station(SQUARE[0], bias=card)
+        fix = locate(stations, azimuth=azimuth[:, :4] % (2 * np.pi), **STATED)
+        np.testing.assert_allclose(fix.position, [TARGET, TARGET], atol=1e-6)
+        sigma = SIGMA * np.array([np.sqrt(2), 1, 1, 1])
+        wider = locate(SQUARE, azimuth=TOWARDS[:4], azimuth_sigma=sigma, bias=Bias())
+        np.testing.assert_allclose(fix.covariance[0], wider.covariance, rtol=1e-6)
+        assert fix.systematic == "given"
+
     def test_a_bias_that_is_unknown_is_no_measurement(self):
         azimuth = draw(1, seed=2)[0]
         unknown = np.array([np.inf, 0, 0, 0, 0, 0, 0, 0])

@@ -100,8 +100,9 @@ def locate(
         Standard deviations of the times of arrival in seconds.
     bias : Bias, optional
         Systematic errors that replace those of the stations: the same for all stations, or one for
-        each of K. Their values are subtracted, and their sigmas are part of the covariance. With
-        `Bias()` there are no systematic errors. If neither the call nor the stations state a bias,
+        each of K. Their values are subtracted, and their sigmas are part of the covariance; if an
+        azimuth bias deviates with the direction, as after `registration.calibrate`, those at the
+        measured azimuths. With `Bias()` there are no systematic errors. If neither the call nor the stations state a bias,
         sigmas are increased as much as inconsistencies between the stations require; without
         inconsistencies they are not increased (see Notes).
     range_difference_correlation : float
@@ -257,14 +258,12 @@ def locate(
         "range_difference": (range_difference, range_difference_sigma),
     }
     correlation = correlation_of(range_difference_correlation)
-    measured = {
-        kind: (
-            own.corrected(kind, checked(value, kind, k, degrees=degrees)),
-            own.widened(kind, deviations(sigma, sigmas.get(kind), kind, k, degrees=degrees)),
-        )
-        for kind, (value, sigma) in given.items()
-        if value is not None
-    }
+    measured: _Measured = {}
+    for kind, (value, sigma) in given.items():
+        if value is not None:
+            seen = checked(value, kind, k, degrees=degrees)
+            random = deviations(sigma, sigmas.get(kind), kind, k, degrees=degrees)
+            measured[kind] = own.corrected(kind, seen), own.widened(kind, random, measured=seen)
     arrivals = None
     if arrival_time is not None:
         known = sigmas.get("arrival_time")
