@@ -10,7 +10,7 @@ measurements is stated, one measurement is enough.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal, TypeAlias
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -240,7 +240,7 @@ def estimate_bearing(
 
     **Repeated values.** A stuck instrument, or rows that were recorded several times, give the same
     number again and again. Let m be the median difference of successive different measurements, in
-    units of `rounding` or of the smallest difference. A measurement is equal to the one before it
+    units of `rounding` or of the smallest difference of any two. A measurement is equal to the one before it
     by chance in at most one of 2 m cases. If there are significantly more such repetitions, only
     the first of equal successive measurements counts. If m is below 4, repetitions are attributed
     to rounding.
@@ -295,7 +295,7 @@ def estimate_bearing(
         if given is not None and method != "robust":
             verb = "need" if name == "groups" else "needs"
             raise ValueError(f"{name} {verb} method='robust'; method is {method!r}")
-    options = {
+    options: dict[str, Any] = {
         "period": None if period is None else real(period, "period"),
         "method": str(method),
         "block_size": integer(block_size, "block_size", 2),
@@ -308,7 +308,8 @@ def estimate_bearing(
     }
     omitted, repeated = omits(nan_policy), None
     if method == "robust":
-        repeated = _repeated(theta, period, rounding, _FEWEST if stated is None else 1)
+        fewest = _FEWEST if stated is None else 1
+        repeated = _repeated(theta, options["period"], options["rounding"], fewest)
     if repeated is not None and (omitted or not np.isnan(theta).any()):
         theta, omitted = np.where(repeated, np.nan, theta), True
     numbers, outlier, blocks = _core.estimate_bearing(
@@ -347,22 +348,25 @@ def _repeated(
     """
     if theta.ndim == 0 or theta.shape[-1] <= _FEW_REPEATS:
         return None
-    equal = theta[..., 1:] == theta[..., :-1]
+    rows = theta.reshape(-1, theta.shape[-1])
+    equal = rows[:, 1:] == rows[:, :-1]
     count = np.count_nonzero(equal, axis=-1)
-    if not np.any(count > _FEW_REPEATS):
-        return None
-    found = np.zeros(theta.shape, dtype=bool)
-    for row in zip(*np.nonzero(count > _FEW_REPEATS), strict=True):
-        steps = np.abs(np.diff(theta[row])[~equal[row]])
-        steps = steps if period is None else np.minimum(steps % period, -steps % period)
-        steps = steps[steps > _NO_STEP * np.max(np.abs(theta[row]))]
-        if len(steps) + 1 < fewest:
+    found = np.zeros(rows.shape, dtype=bool)
+    for row in np.flatnonzero(count > _FEW_REPEATS):
+        steps = np.abs(np.diff(rows[row])[~equal[row]])
+        steps = steps[np.isfinite(steps)]
+        if period is not None and period > 0:
+            steps = np.minimum(steps % period, -steps % period)
+        none = _NO_STEP * np.nanmax(np.abs(rows[row]))
+        steps, gaps = steps[steps > none], np.diff(np.unique(rows[row]))
+        if len(steps) + 1 < max(fewest, 2):
             continue
-        typical = np.median(steps) / max(rounding, float(np.min(steps)))
-        chance = (theta.shape[-1] - 1) / (2.0 * typical)
+        step = np.min(gaps, where=gaps > none, initial=np.inf)
+        typical = np.median(steps) / max(rounding, float(step))
+        chance = equal.shape[-1] / (2.0 * typical)
         if typical >= _COARSE and count[row] > chance + 4.0 * np.sqrt(chance) + _FEW_REPEATS:
-            found[row][1:] = equal[row]
-    return found if found.any() else None
+            found[row, 1:] = equal[row]
+    return found.reshape(theta.shape) if found.any() else None
 
 
 def _of_each(sigma: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:

@@ -59,6 +59,26 @@ class TestContradictions:
             shares.append(inside(locate(places, azimuth=azimuth, **STATED, pooled=False), truth))
         assert 0.88 < np.mean(shares) < 0.985
 
+    @pytest.mark.parametrize("times", [10, 30, 100])
+    @pytest.mark.parametrize("kind", ["azimuth", "range", "arrival_time"])
+    def test_sigmas_that_are_far_too_small(self, kind, times):
+        """Most instants have a position, and its sigma is that of the errors."""
+        found, held = [], []
+        for seed in range(6):
+            rng = np.random.default_rng([seed, times])
+            truth = rng.uniform(-600, 600, (100, 2)) + 1000
+            offset = truth[:, np.newaxis] - PLANE
+            far = np.linalg.norm(offset, axis=-1)
+            towards = np.arctan2(offset[..., 0], offset[..., 1])
+            true, unit = {"azimuth": (towards, 5e-4), "range": (far, 0.2)}.get(kind, (far, 0.2))
+            measured = true + times * unit * rng.standard_normal(far.shape)
+            options = {"propagation_speed": 1.0} if kind == "arrival_time" else {}
+            fix = locate(PLANE, **{kind: measured, f"{kind}_sigma": unit}, **options)
+            found.append(np.mean(fix.success))
+            held.append(inside(fix, truth))
+        assert np.mean(found) > 0.9
+        assert 0.88 < np.mean(held) < 0.99
+
     def test_nothing_is_added_where_nothing_contradicts(self):
         azimuth = draw(20_000, seed=3)
         trusted, free = (

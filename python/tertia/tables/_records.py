@@ -460,16 +460,14 @@ class Reader:
         if values.dtype.is_float():
             values = values.fill_nan(None)
         bad = values.is_not_null() & ~found.is_finite().fill_null(False)
-        must = "a finite number"
         if values.dtype == pl.String and bad.any():
             text = values.str.replace("−", "-", literal=True)
             others = text.cast(pl.Float64, strict=False)
             if degrees:
-                must += " of degrees, or degrees, minutes and seconds"
                 others = others.fill_null(degrees_of_text(text))
             found = found.fill_null(others)
             bad &= ~found.is_finite().fill_null(False)
-        self.refuse(bad, f"{values.name} is {{!r}}; it must be {must}", values)
+        self.refuse(bad, f"{values.name} is {{!r}}; it must be a finite number", values)
         if positive:
             self.refuse(found <= 0, f"{values.name} is {{:g}}; it must be positive", found)
         return found.fill_null(math.nan)
