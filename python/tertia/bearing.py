@@ -36,8 +36,8 @@ from tertia._result import Result
 
 __all__ = ["BearingEstimate", "Method", "estimate_bearing"]
 
-# without a stated sigma, fewest measurements; repetitions that always may be chance; median step, in
-# roundings, below which rounding makes measurements equal; steps that are only errors of arithmetic
+# fewest measurements without a stated sigma; repetitions that may always be chance; median step, in
+# roundings, below which rounding makes measurements equal; steps that are errors of arithmetic
 _FEWEST, _FEW_REPEATS, _COARSE, _NO_STEP = 5, 2, 4.0, 1e-12
 
 Method: TypeAlias = Literal["robust", "corrected", "paper", "k-sigma", "mean"]
@@ -240,10 +240,10 @@ def estimate_bearing(
 
     **Repeated values.** A stuck instrument, or rows that were recorded several times, give the same
     number again and again. Let m be the median difference of successive different measurements, in
-    units of `rounding` or of the smallest difference of any two. A measurement is equal to the one before it
-    by chance in at most one of 2 m cases. If there are significantly more such repetitions, only
-    the first of equal successive measurements counts. If m is below 4, repetitions are attributed
-    to rounding.
+    units of `rounding` or of the smallest difference of any two. A measurement is equal to the one
+    before it by chance in at most one of 2 m cases. If there are significantly more such
+    repetitions, only the first of equal successive measurements counts. If m is below 4,
+    repetitions are attributed to rounding.
 
     **Correlation.** For each hypothesis, the posterior of the lag-one correlation of the good
     measurements is computed exactly. In the prior, the correlation is zero with a probability of

@@ -102,9 +102,9 @@ def locate(
         Systematic errors that replace those of the stations: the same for all stations, or one for
         each of K. Their values are subtracted, and their sigmas are part of the covariance; if an
         azimuth bias deviates with the direction, as after `registration.calibrate`, those at the
-        measured azimuths. With `Bias()` there are no systematic errors. If neither the call nor the stations state a bias,
-        sigmas are increased as much as inconsistencies between the stations require; without
-        inconsistencies they are not increased (see Notes).
+        measured azimuths. With `Bias()` there are no systematic errors. If neither the call nor the
+        stations state a bias, sigmas are increased as much as inconsistencies between the stations
+        require; without inconsistencies they are not increased (see Notes).
     range_difference_correlation : float
         Correlation of the errors of range differences. Use 0.5 if all range differences contain the
         error of the first station, and this error has the same variance as the errors of the other

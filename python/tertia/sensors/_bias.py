@@ -30,7 +30,7 @@ PLACED = ("east", None, "north", "time")
 ERRORS = tuple(f"{kind}{suffix}" for suffix in ("", "_sigma") for kind in (*KINDS, "east", "north"))
 # correlation time of the slow part of systematic errors that is assumed, in seconds
 DRIFT_TIME = 30_000.0
-# steps to the azimuth in which a deviation was read, and a step in radians that is too small to count
+# most steps to the azimuth without a deviation, and a step in radians that ends them
 _MOST_STEPS, _STILL = 30, 1e-12
 # of a bias, the same for all sensors
 _ALIKE = (

@@ -9,7 +9,7 @@
 //! other, so that nothing is left that contradicts. So the rounds start once more from the factors
 //! of least squares, and where that leads elsewhere, the larger restricted likelihood counts, of
 //! normal errors and a share of outliers. Sigmas that are far too small leave many instants without
-//! a position: there, all that is redundant counts as outliers.
+//! a position: if there are many, all that is redundant there counts as outliers.
 //!
 //! What is stated of a variance but does not scatter is an error that all stations share: position
 //! and stations do not tell it apart from none, so it is part of the covariance.
@@ -45,6 +45,8 @@ const SURELY: f64 = 2.326;
 const LEAST_SCATTER: f64 = 1e-6;
 /// Share of outliers from which on they may be sigmas that are too small.
 const MANY: f64 = 0.03;
+/// Share of instants without a position from which on they count: a few are lost to outliers alone.
+const LOST: f64 = 0.3;
 /// Shares of outliers. Their density over that of a normal number at 0: even over 30 σ, and falling
 /// with the distance beyond, so that errors of any size are no cheaper as outliers than as noise.
 const SHARES: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
@@ -402,10 +404,10 @@ impl Sums {
         let mut sums = [[0.0; SHARES.len()]; 2];
         for at in 0..self.likelihood.len() {
             let [mut own, mut others] = [self.likelihood[at], other.likelihood[at]];
-            if own[0].is_nan() {
+            if own[0].is_nan() && self.loses_many() {
                 own = other.none[at];
             }
-            if others[0].is_nan() {
+            if others[0].is_nan() && other.loses_many() {
                 others = self.none[at];
             }
             // of what has no position with either, nothing is known
@@ -419,6 +421,11 @@ impl Sums {
         }
         let [own, others] = sums.map(|sum| sum.into_iter().fold(f64::NEG_INFINITY, f64::max));
         own > others
+    }
+
+    /// Whether many instants have no position.
+    fn loses_many(&self) -> bool {
+        self.lost > LOST * (self.lost + self.found)
     }
 
     /// The share of so many instants that counts, of one kind.
