@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, TypeAlias
@@ -42,6 +42,8 @@ _LENTH = {"lenth-mle", "lenth-huber", "lenth-andrews"}
 _REDUNDANCY = 3
 # odds of faults are part of their loss, and two of five arrivals tell a fault mostly
 _REDUNDANCY_OF_ARRIVALS = 2
+# of variances, with which angles that are taken for degrees still fit
+_MOST_GROWTH = 25.0
 
 
 def locate(
@@ -317,7 +319,7 @@ def locate(
     )
     *result, (growth, factor, _, common), found = solve(*rows[2:4])
     if not degrees and any(kind in measured for kind in ANGLES):
-        warn_if_degrees(result, *rows[2:4], lambda *others: solve(*others)[:-2])
+        warn_if_degrees(result, *rows[2:4], partial(_nearly_as_stated, solve, pools or unknown))
     speed, arrivals = _at_speed(speed.found(*found), arrivals)
     unit = 1.0 if arrivals is None else arrivals.speed
     location = location_of(
@@ -361,6 +363,14 @@ def _solved(
     """Return the result of the core for measurements and sigmas other than those of `rows`."""
     places, axes, _, _, surveys, height = rows
     return _core.locate(places, axes, values, sigmas, surveys, height, *options)
+
+
+def _nearly_as_stated(
+    solve: Callable[..., Any], relative: bool, values: FloatArray, sigmas: FloatArray
+) -> Any:
+    """Return the result of the core, None if it needs much larger sigmas than those stated."""
+    *result, (growth, *_), _ = solve(values, sigmas)
+    return result if relative or max(growth) < _MOST_GROWTH else None
 
 
 _Measured: TypeAlias = dict[Kind, tuple[FloatArray, FloatArray]]
