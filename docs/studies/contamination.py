@@ -147,6 +147,26 @@ def correlation() -> str:
     return markdown(["φ", *(f"N = {n}" for n in sizes)], rows)
 
 
+def repeated() -> str:
+    """Tell what becomes of records with values that an instrument or a recorder repeats."""
+    rows = []
+    for share, times in ((0.0, 1), (0.3, 1), (0.6, 1), (0.0, 2), (0.0, 10)):
+        cells = []
+        for n in (40, 200):
+            rng, count = generator(36, round(10 * share), times, n), repetitions(400)
+            y = np.round(rng.standard_normal((count, n)), 2)
+            length = round(share * n)
+            for row in y if length else ():
+                first = int(rng.integers(n - length))
+                row[first : first + length] = row[first]
+            found = estimate_bearing(np.repeat(y, times, axis=-1), period=None)
+            inside = np.mean(np.abs(found.value) < 2 * np.asarray(found.sigma))
+            cells.append(f"{np.sqrt(np.mean(np.square(found.value))):.2f}; {inside:.2f}")
+        said = f"{share:.0%} of the record is stuck" if share else f"each recorded {times} times"
+        rows.append(["all recorded once" if share == 0 and times == 1 else said, *cells])
+    return markdown(["record", "N = 40", "N = 200"], rows)
+
+
 def groups() -> str:
     """Coverage and size of sigma with a systematic error per group."""
     rows = []

@@ -162,6 +162,32 @@ def biases() -> str:
     return markdown(head, rows)
 
 
+def far_too_small() -> str:
+    """Tell what becomes of positions if the stated sigmas are smaller by large factors."""
+    factors, sigmas = (3, 10, 30, 100), {"azimuth": 5e-4, "range": 0.2}
+    rows = []
+    for at, (kind, count) in enumerate((("azimuth", 8), ("range", 5), ("range", 8))):
+        places = np.array(FINDERS[:count] if count == 8 else FINDERS, float)[:count]
+        cells = []
+        for factor in factors:
+            figures = []
+            for run in range(repetitions(100)):
+                rng = generator(49, at, factor, run)
+                truth = path(100, 2)
+                true, sigma = directions(truth, places)[kind], sigmas[kind]
+                measured = true + factor * sigma * rng.standard_normal(true.shape)
+                fix = locate(places, **{kind: measured, f"{kind}_sigma": sigma})
+                located = np.asarray(fix.success)
+                off = (fix.position - truth)[located]
+                square = np.asarray(metrics.nees(off, fix.covariance[located]))
+                figures.append((np.mean(located), np.mean(square < LIMITS[2])))
+            located_share, held = np.nanmean(figures, axis=0)
+            cells.append(f"{located_share:.0%}, {held:.0%}")
+        rows.append([f"{count} {kind}s", *cells])
+    head = ["measurements", *(f"sigma × 1/{factor}" for factor in factors)]
+    return markdown(head, rows)
+
+
 def coverage() -> str:
     """Tell how often 95 % ellipses hold the target, with errors as they are in the field."""
     sights: tuple[Kind, ...] = ("azimuth",)

@@ -10,7 +10,7 @@ measurements is stated, one measurement is enough.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal, TypeAlias
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -36,6 +36,10 @@ from tertia._result import Result
 
 __all__ = ["BearingEstimate", "Method", "estimate_bearing"]
 
+# fewest measurements without a stated sigma; repetitions that may always be chance; median step, in
+# roundings, below which rounding makes measurements equal; steps that are errors of arithmetic
+_FEWEST, _FEW_REPEATS, _COARSE, _NO_STEP = 5, 2, 4.0, 1e-12
+
 Method: TypeAlias = Literal["robust", "corrected", "paper", "k-sigma", "mean"]
 
 
@@ -58,7 +62,8 @@ class BearingEstimate(Result):
         Standard deviation of the systematic error of a group; nan if it is not included in `sigma`.
     outlier : ndarray of bool, shape (..., N)
         True for outliers, including all measurements of a rejected block. With method "robust", a
-        measurement is an outlier if it is more probably bad than good.
+        measurement is an outlier if it is more probably bad than good, or if it repeats the one
+        before it and such repetitions are too many to be due to rounding.
     polarity : float or ndarray of shape (...)
         `(N+ - N-) / N`, where N+ is the number of outliers above the bearing and N- the number of
         outliers below it.
@@ -233,6 +238,13 @@ def estimate_bearing(
     the variance of the results between the hypotheses. For the latter, the weights have half that
     penalty, because hypotheses that are too doubtful to contribute to the mean may still be true.
 
+    **Repeated values.** A stuck instrument, or rows that were recorded several times, give the same
+    number again and again. Let m be the median difference of successive different measurements, in
+    units of `rounding` or of the smallest difference of any two. A measurement is equal to the one
+    before it by chance in at most one of 2 m cases. If there are significantly more such
+    repetitions, only the first of equal successive measurements counts. If m is below 4,
+    repetitions are attributed to rounding.
+
     **Correlation.** For each hypothesis, the posterior of the lag-one correlation of the good
     measurements is computed exactly. In the prior, the correlation is zero with a probability of
     one half, and otherwise uniform between -0.5 and 0.99.
@@ -283,7 +295,7 @@ def estimate_bearing(
         if given is not None and method != "robust":
             verb = "need" if name == "groups" else "needs"
             raise ValueError(f"{name} {verb} method='robust'; method is {method!r}")
-    options = {
+    options: dict[str, Any] = {
         "period": None if period is None else real(period, "period"),
         "method": str(method),
         "block_size": integer(block_size, "block_size", 2),
@@ -294,9 +306,17 @@ def estimate_bearing(
         "rounding": real(rounding, "rounding"),
         "bias_sigma": None if bias_sigma is None else _bias(bias_sigma),
     }
+    omitted, repeated = omits(nan_policy), None
+    if method == "robust":
+        fewest = _FEWEST if stated is None else 1
+        repeated = _repeated(theta, options["period"], options["rounding"], fewest)
+    if repeated is not None and (omitted or not np.isnan(theta).any()):
+        theta, omitted = np.where(repeated, np.nan, theta), True
     numbers, outlier, blocks = _core.estimate_bearing(
-        theta, stated, labels, options, omits(nan_policy), threads(n_threads)
+        theta, stated, labels, options, omitted, threads(n_threads)
     )
+    if repeated is not None:
+        outlier |= repeated
     value, width, polarity, pvalue, correlations, effective, bias, factor = map(
         scalar_or_array, numbers
     )
@@ -317,6 +337,36 @@ def estimate_bearing(
         factor,
         *(blocks or (None, None, None)),
     )
+
+
+def _repeated(
+    theta: FloatArray, period: float | None, rounding: float, fewest: int
+) -> BoolArray | None:
+    """Return which measurements repeat the one before them, if rounding does not explain it.
+
+    None: there are none. `fewest` different measurements must be left.
+    """
+    if theta.ndim == 0 or theta.shape[-1] <= _FEW_REPEATS:
+        return None
+    rows = theta.reshape(-1, theta.shape[-1])
+    equal = rows[:, 1:] == rows[:, :-1]
+    count = np.count_nonzero(equal, axis=-1)
+    found = np.zeros(rows.shape, dtype=bool)
+    for row in np.flatnonzero(count > _FEW_REPEATS):
+        steps = np.abs(np.diff(rows[row])[~equal[row]])
+        steps = steps[np.isfinite(steps)]
+        if period is not None and period > 0:
+            steps = np.minimum(steps % period, -steps % period)
+        none = _NO_STEP * np.nanmax(np.abs(rows[row]))
+        steps, gaps = steps[steps > none], np.diff(np.unique(rows[row]))
+        if len(steps) + 1 < max(fewest, 2):
+            continue
+        step = np.min(gaps, where=gaps > none, initial=np.inf)
+        typical = np.median(steps) / max(rounding, float(step))
+        chance = equal.shape[-1] / (2.0 * typical)
+        if typical >= _COARSE and count[row] > chance + 4.0 * np.sqrt(chance) + _FEW_REPEATS:
+            found[row, 1:] = equal[row]
+    return found.reshape(theta.shape) if found.any() else None
 
 
 def _of_each(sigma: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:

@@ -33,3 +33,31 @@ def test_a_thousand_of_which_many_are_off_to_one_side(share, size, burst):
 def test_a_stuck_instrument(count):
     """It was 123 ± 0. What never changes does not tell how far it is off."""
     assert estimate_bearing(np.full(count, 123.0)).sigma == np.inf
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6])
+def test_an_instrument_that_is_stuck_for_a_while(share):
+    errors = []
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        theta = np.round(rng.standard_normal(40), 2)
+        first = rng.integers(0, 40 - int(40 * share))
+        theta[first : first + int(40 * share)] = theta[first]
+        estimate = estimate_bearing(theta)
+        errors.append(((estimate.value + 180) % 360 - 180) / estimate.sigma)
+        assert estimate.outlier[first + 1 : first + int(40 * share)].all()
+    assert np.mean(np.abs(errors) < 2) > 0.88
+
+
+def test_rows_that_were_recorded_several_times():
+    theta = 100 + np.round(2 * np.random.default_rng(3).standard_normal((5, 30)), 1)
+    once, often = (estimate_bearing(np.repeat(theta, times, -1)) for times in (1, 10))
+    assert np.all(np.abs(often.value - 100) < 3 * often.sigma)
+    assert np.all(often.sigma > 0.8 * once.sigma)
+
+
+@pytest.mark.parametrize(("noise", "step"), [(0.2, 1.0), (1.0, 1.0), (3.0, 1.0), (1.0, 0.1)])
+def test_what_rounding_makes_equal_is_not_repeated(noise, step):
+    rng = np.random.default_rng(4)
+    theta = np.round(noise * rng.standard_normal((200, 100)) / step) * step % 360
+    assert np.mean(estimate_bearing(theta, period=360.0).outlier) < 0.01

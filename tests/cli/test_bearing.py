@@ -107,6 +107,28 @@ def test_period_of_another_unit(write: Callable[..., Path], tmp_path: Path) -> N
     assert row["mil"].item() == pytest.approx(1.0, rel=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("name", "theta", "expected"),
+    [
+        ("range_m", [500.0, 900.0, 700.0, 720.0, 680.0], 700.0),
+        ("azimuth_rad", [6.2, 0.1, 0.0, 6.3, 6.25], 0.0001),
+        ("heading", [359.0, 1.0, 0.0, 2.0, 358.0], 0.0),
+    ],
+)
+def test_the_period_is_that_of_the_unit(
+    name: str, theta: list[float], expected: float, write: Callable[..., Path], tmp_path: Path
+) -> None:
+    path = write(column(theta, header=name))
+    found = results(path, tmp_path, "--value", name, "--method", "mean")[name].item()
+    assert found == pytest.approx(expected, abs=1e-4)
+
+
+def test_values_without_a_unit_that_are_no_degrees(write: Callable[..., Path]) -> None:
+    done = run("bearing", write(column([2185.0, 2190.0], header="mil")), "--value", "mil")
+    assert done.code == 1
+    assert "mil is 2185; it must be between -720 and 720" in done.err
+
+
 def test_groups_in_order_of_first_appearance(write: Callable[..., Path], tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     keys = [("z", "2"), ("a", "10"), ("z", "10"), ("a", "007")]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import polars as pl
 import pytest
-from terminal import run
+from terminal import result, run
 
 STATIONS = """
 [[station]]
@@ -55,6 +55,7 @@ FORMS: dict[str, bytes] = {
     "names padded": text(header=" time_s , sensor,azimuth_deg ").encode(),
     "names of another case": text(header="Time_S,SENSOR,Azimuth_Deg").encode(),
     "units in brackets": text(header="Time [s],Sensor,Azimuth (deg)").encode(),
+    "a sign for degrees": text(header="Time [s],Sensor,Azimuth [°]").encode(),
     "times of day": PLAIN.replace("0.5,", "00:00:00.5,").replace("1.5,", "0:00:01.5,").encode(),
 }
 
@@ -198,3 +199,28 @@ def test_swapped_latitude_and_longitude_are_suspected(write: Callable[..., Path]
     truth = write(lines, "truth.csv")
     done = run("evaluate", tracks, "--truth", truth, "--origin", "52,11", "--update-interval", 4)
     assert "are latitude_deg and longitude_deg swapped?" in done.err
+
+
+@pytest.mark.parametrize(
+    ("form", "value"),
+    [
+        ("45°15'00\"", 45.25), ("45° 15′ 00,0″", 45.25), ("45°15'", 45.25), ("45.25°", 45.25),
+        ("45-15-00", 45.25), ("45 15 00.0", 45.25), ("45:15:00", 45.25), ("45d15m0s", 45.25),
+        ("-0°30'36\"", -0.51), ("−0.51", -0.51), ("0°30'36\"W", -0.51), ("N45°15'", 45.25),
+    ],
+)  # fmt: skip
+def test_degrees_minutes_and_seconds(
+    form: str, value: float, write: Callable[..., Path], tmp_path: Path
+) -> None:
+    plain, sexagesimal = (
+        result("bearing", write(["azimuth_deg", cell, *"12345"]), folder=tmp_path)
+        for cell in (str(value), '"{}"'.format(form.replace('"', '""')))
+    )
+    assert sexagesimal.equals(plain)
+
+
+@pytest.mark.parametrize("form", ["N45°E", "-45°W", "45°75'", "30-35", "north"])
+def test_what_is_no_angle(form: str, write: Callable[..., Path]) -> None:
+    done = run("bearing", write(["azimuth_deg", *5 * [form]]))
+    assert done.code == 1
+    assert "it must be a finite number" in done.err

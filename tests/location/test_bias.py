@@ -59,6 +59,26 @@ class TestContradictions:
             shares.append(inside(locate(places, azimuth=azimuth, **STATED, pooled=False), truth))
         assert 0.88 < np.mean(shares) < 0.985
 
+    @pytest.mark.parametrize("times", [10, 30, 100])
+    @pytest.mark.parametrize("kind", ["azimuth", "range", "arrival_time"])
+    def test_sigmas_that_are_far_too_small(self, kind, times):
+        """Most instants have a position, and its sigma is that of the errors."""
+        found, held = [], []
+        for seed in range(6):
+            rng = np.random.default_rng([seed, times])
+            truth = rng.uniform(-600, 600, (100, 2)) + 1000
+            offset = truth[:, np.newaxis] - PLANE
+            far = np.linalg.norm(offset, axis=-1)
+            towards = np.arctan2(offset[..., 0], offset[..., 1])
+            true, unit = {"azimuth": (towards, 5e-4), "range": (far, 0.2)}.get(kind, (far, 0.2))
+            measured = true + times * unit * rng.standard_normal(far.shape)
+            options = {"propagation_speed": 1.0} if kind == "arrival_time" else {}
+            fix = locate(PLANE, **{kind: measured, f"{kind}_sigma": unit}, **options)
+            found.append(np.mean(fix.success))
+            held.append(inside(fix, truth))
+        assert np.mean(found) > 0.9
+        assert 0.88 < np.mean(held) < 0.99
+
     def test_nothing_is_added_where_nothing_contradicts(self):
         azimuth = draw(20_000, seed=3)
         trusted, free = (
@@ -163,6 +183,21 @@ class TestGiven:
         # what the call gives replaces it
         c = locate(stations, azimuth=azimuth, bias=Bias())
         np.testing.assert_array_equal(c.bias.azimuth, 0.0)
+
+    def test_one_that_deviates_with_the_direction(self):
+        """The deviation is that of the true azimuth; its sigma adds to that of the noise."""
+        card = Bias(azimuth=0.1, deviation_order=1, deviation=[0.15, -0.05], deviation_sigma=SIGMA)
+        deviation = 0.1 + 0.15 * np.sin(TOWARDS[0]) - 0.05 * np.cos(TOWARDS[0])
+        azimuth = np.stack([TOWARDS, TOWARDS])
+        azimuth[:, 0] += deviation
+        stations = [Station(place, bias=Bias()) for place in SQUARE]
+        stations[0] = Station(SQUARE[0], bias=card)
+        fix = locate(stations, azimuth=azimuth[:, :4] % (2 * np.pi), **STATED)
+        np.testing.assert_allclose(fix.position, [TARGET, TARGET], atol=1e-6)
+        sigma = SIGMA * np.array([np.sqrt(2), 1, 1, 1])
+        wider = locate(SQUARE, azimuth=TOWARDS[:4], azimuth_sigma=sigma, bias=Bias())
+        np.testing.assert_allclose(fix.covariance[0], wider.covariance, rtol=1e-6)
+        assert fix.systematic == "given"
 
     def test_a_bias_that_is_unknown_is_no_measurement(self):
         azimuth = draw(1, seed=2)[0]

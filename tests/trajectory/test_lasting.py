@@ -213,6 +213,16 @@ def test_a_calibrated_deviation_is_used():
     assert inside(track, truth) > 0.8
 
 
+def test_a_large_deviation_is_that_of_the_true_azimuth():
+    truth = way(np.random.default_rng(47))
+    azimuth = directions(truth)
+    card = Bias(azimuth=0.1, deviation_order=2, deviation=[0.15, -0.05, 0.05, 0.0])
+    curve = 0.1 + 0.15 * np.sin(azimuth) - 0.05 * np.cos(azimuth) + 0.05 * np.sin(2 * azimuth)
+    track = reconstruct(finders(), TIMES, azimuth=azimuth + curve, bias=card)
+    plain = reconstruct(finders(), TIMES, azimuth=azimuth, bias=Bias())
+    np.testing.assert_allclose(track.position, plain.position, rtol=0, atol=1e-4)
+
+
 def test_a_calibration_is_uncertain_where_it_has_not_been():
     rng = np.random.default_rng(45)
     direction = np.linspace(0.0, np.deg2rad(150.0), 150)

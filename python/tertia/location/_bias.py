@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -40,6 +40,8 @@ class Given:
     sigma: FloatArray
     # whether anything was
     known: bool
+    # biases of the stations whose azimuth error depends on the direction
+    deviating: Mapping[int, Bias] = field(default_factory=dict)
 
     def corrected(
         self, kind: Kind, value: FloatArray, unit: FloatArray | float = 1.0
@@ -48,7 +50,8 @@ class Given:
         if kind not in ERRORS or not self.known:
             return value
         at = _ROWS[kind]
-        if not np.any(self.value[at]) and not np.any(np.isinf(self.sigma[at])):
+        plain = not self.deviating and not np.any(self.value[at])
+        if plain and not np.any(np.isinf(self.sigma[at])):
             return value
         return self.usable(kind, self.subtracted(kind, value, unit))
 
@@ -56,6 +59,8 @@ class Given:
         self, kind: Kind, value: FloatArray, unit: FloatArray | float = 1.0
     ) -> FloatArray:
         """Return measurements minus the stated biases."""
+        if kind == "azimuth" and self.deviating:
+            return value - self._by_direction(value)[0]
         return value - self.value[_ROWS[kind]] * unit if kind in ERRORS else value
 
     def usable(self, kind: Kind, value: FloatArray) -> FloatArray:
@@ -64,11 +69,28 @@ class Given:
             return value
         return np.where(np.isinf(self.sigma[_ROWS[kind]]), np.nan, value)
 
-    def widened(self, kind: Kind, sigma: FloatArray, unit: FloatArray | float = 1.0) -> FloatArray:
-        """Return standard deviations of random and systematic errors combined."""
+    def widened(
+        self,
+        kind: Kind,
+        sigma: FloatArray,
+        unit: FloatArray | float = 1.0,
+        measured: FloatArray | None = None,
+    ) -> FloatArray:
+        """Return standard deviations of random and systematic errors combined.
+
+        Those of errors that depend on the direction are those of the `measured` azimuths.
+        """
         if kind not in ERRORS or not self.known:
             return sigma
-        own = np.nan_to_num(self.sigma[_ROWS[kind]], nan=0.0, posinf=0.0)
+        systematic = self.sigma[_ROWS[kind]]
+        if kind == "azimuth" and self.deviating:
+            if measured is None:
+                station = next(iter(self.deviating))
+                raise ValueError(
+                    f"the bias of station {station} deviates with the azimuth; it must be constant"
+                )
+            systematic = self._by_direction(measured)[1]
+        own = np.nan_to_num(systematic, nan=0.0, posinf=0.0)
         if not np.any(own):
             return sigma
         if np.any(np.isnan(sigma) & (own > 0)):
@@ -76,6 +98,15 @@ class Given:
             raise ValueError(f"bias has a {name}; then {kind}_sigma is needed, too")
         total: FloatArray = np.hypot(sigma, own * unit)
         return total
+
+    def _by_direction(self, azimuth: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the biases of measured azimuths and their sigmas, (..., K)."""
+        constant = self.value[_ROWS["azimuth"]], self.sigma[_ROWS["azimuth"]]
+        value, sigma = (np.array(np.broadcast_to(one, azimuth.shape)) for one in constant)
+        for k, bias in self.deviating.items():
+            towards = bias._without(np.nan_to_num(azimuth[..., k]))
+            value[..., k], sigma[..., k] = bias.at(towards)
+        return value, sigma
 
     def free(self, kinds: Sequence[Kind]) -> BoolArray:
         """Return for which measurements (kinds, K) no systematic errors were stated."""
@@ -126,17 +157,14 @@ def given_biases(bias: Bias | None, stations: Sequence[Station] | npt.ArrayLike,
     for j, one in enumerate(own):
         if one is None:
             continue
-        if one.deviation_order > 0:
-            raise ValueError(
-                f"the bias of station {j} deviates with the azimuth; it must be constant"
-            )
         if one.range_gain or one.range_gain_sigma:
             raise ValueError(f"the bias of station {j} has a range_gain; that is for radars")
         for at, error in enumerate(ERRORS.values()):
             value[at, j] = getattr(one, error)
             known = getattr(one, f"{error}_sigma")
             sigma[at, j] = np.nan if known is None else known
-    return Given(value, sigma, known=True)
+    deviating = {j: one for j, one in enumerate(own) if one is not None and one.deviation_order > 0}
+    return Given(value, sigma, known=True, deviating=deviating)
 
 
 @lru_cache

@@ -32,14 +32,14 @@ def warn_if_degrees(
     found: Found,
     values: FloatArray,
     sigmas: FloatArray,
-    solve: Callable[[FloatArray, FloatArray], Found],
+    solve: Callable[[FloatArray, FloatArray], Found | None],
 ) -> None:
     """Warn if the angles do not fit as radians, but would fit as degrees.
 
     `found` is the solution for `values` of shape (..., 5, K) and `sigmas`, with angles in radians;
-    `solve` computes the solution for other values. Because this is slow, a record is solved again
-    only if the angles of most instants do not fit as radians. An instant still fits if a few of its
-    measurements are outliers.
+    `solve` computes the solution for other values, None if it needs much larger sigmas. Because
+    this is slow, a record is solved again only if the angles of most instants do not fit as
+    radians. An instant still fits if a few of its measurements are outliers.
     """
     if found[-1][0].ndim == 0 and _is_usual(found[-1]):
         return
@@ -55,7 +55,10 @@ def warn_if_degrees(
     small[..., angles, :] = np.radians(sigmas[..., angles, :])
     diffuse = bool((sigmas[..., angles, :] > _DIFFUSE).any())
     for scale in (sigmas, small) if diffuse else (sigmas,):
-        columns = solve(turned, scale)[-1]
+        other = solve(turned, scale)
+        if other is None:
+            continue
+        columns = other[-1]
         tried, agrees = _agreement(columns, _CHANCES[1])
         if agrees >= _SHARES[1] * tried and _evidence(columns, _CHANCES[1]) >= _EVIDENCE:
             warnings.warn(

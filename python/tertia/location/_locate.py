@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, TypeAlias
@@ -42,6 +42,8 @@ _LENTH = {"lenth-mle", "lenth-huber", "lenth-andrews"}
 _REDUNDANCY = 3
 # odds of faults are part of their loss, and two of five arrivals tell a fault mostly
 _REDUNDANCY_OF_ARRIVALS = 2
+# of variances, with which angles that are taken for degrees still fit
+_MOST_GROWTH = 25.0
 
 
 def locate(
@@ -100,10 +102,11 @@ def locate(
         Standard deviations of the times of arrival in seconds.
     bias : Bias, optional
         Systematic errors that replace those of the stations: the same for all stations, or one for
-        each of K. Their values are subtracted, and their sigmas are part of the covariance. With
-        `Bias()` there are no systematic errors. If neither the call nor the stations state a bias,
-        sigmas are increased as much as inconsistencies between the stations require; without
-        inconsistencies they are not increased (see Notes).
+        each of K. Their values are subtracted, and their sigmas are part of the covariance; if an
+        azimuth bias deviates with the direction, as after `registration.calibrate`, those at the
+        measured azimuths. With `Bias()` there are no systematic errors. If neither the call nor the
+        stations state a bias, sigmas are increased as much as inconsistencies between the stations
+        require; without inconsistencies they are not increased (see Notes).
     range_difference_correlation : float
         Correlation of the errors of range differences. Use 0.5 if all range differences contain the
         error of the first station, and this error has the same variance as the errors of the other
@@ -257,14 +260,12 @@ def locate(
         "range_difference": (range_difference, range_difference_sigma),
     }
     correlation = correlation_of(range_difference_correlation)
-    measured = {
-        kind: (
-            own.corrected(kind, checked(value, kind, k, degrees=degrees)),
-            own.widened(kind, deviations(sigma, sigmas.get(kind), kind, k, degrees=degrees)),
-        )
-        for kind, (value, sigma) in given.items()
-        if value is not None
-    }
+    measured: _Measured = {}
+    for kind, (value, sigma) in given.items():
+        if value is not None:
+            seen = checked(value, kind, k, degrees=degrees)
+            random = deviations(sigma, sigmas.get(kind), kind, k, degrees=degrees)
+            measured[kind] = own.corrected(kind, seen), own.widened(kind, random, measured=seen)
     arrivals = None
     if arrival_time is not None:
         known = sigmas.get("arrival_time")
@@ -318,7 +319,7 @@ def locate(
     )
     *result, (growth, factor, _, common), found = solve(*rows[2:4])
     if not degrees and any(kind in measured for kind in ANGLES):
-        warn_if_degrees(result, *rows[2:4], lambda *others: solve(*others)[:-2])
+        warn_if_degrees(result, *rows[2:4], partial(_nearly_as_stated, solve, pools or unknown))
     speed, arrivals = _at_speed(speed.found(*found), arrivals)
     unit = 1.0 if arrivals is None else arrivals.speed
     location = location_of(
@@ -362,6 +363,14 @@ def _solved(
     """Return the result of the core for measurements and sigmas other than those of `rows`."""
     places, axes, _, _, surveys, height = rows
     return _core.locate(places, axes, values, sigmas, surveys, height, *options)
+
+
+def _nearly_as_stated(
+    solve: Callable[..., Any], relative: bool, values: FloatArray, sigmas: FloatArray
+) -> Any:
+    """Return the result of the core, None if it needs much larger sigmas than those stated."""
+    *result, (growth, *_), _ = solve(values, sigmas)
+    return result if relative or max(growth) < _MOST_GROWTH else None
 
 
 _Measured: TypeAlias = dict[Kind, tuple[FloatArray, FloatArray]]

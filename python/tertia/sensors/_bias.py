@@ -30,6 +30,8 @@ PLACED = ("east", None, "north", "time")
 ERRORS = tuple(f"{kind}{suffix}" for suffix in ("", "_sigma") for kind in (*KINDS, "east", "north"))
 # correlation time of the slow part of systematic errors that is assumed, in seconds
 DRIFT_TIME = 30_000.0
+# most steps to the azimuth without a deviation, and a step in radians that ends them
+_MOST_STEPS, _STILL = 30, 1e-12
 # of a bias, the same for all sensors
 _ALIKE = (
     "drift_share",
@@ -320,9 +322,7 @@ class Bias(Result):
 
         azimuth = plots.azimuth - own("azimuth")
         if self.deviation_order > 0:
-            # the direction in which a deviation is read is that without it
-            for _ in range(2):
-                azimuth = plots.azimuth - self.at(azimuth)[0]
+            azimuth = self._without(plots.azimuth)
         position = plots.position
         if position is not None and (np.any(self.east) or np.any(self.north)):
             position = position - np.stack(np.broadcast_arrays(own("east"), own("north")), axis=-1)
@@ -333,6 +333,15 @@ class Bias(Result):
             range=(plots.range - own("range")) / (1.0 + own("range_gain")),
             azimuth=azimuth,
         )
+
+    def _without(self, measured: FloatArray) -> FloatArray:
+        """Return measured azimuths minus the bias, which depends on the azimuth without it."""
+        azimuth = measured - self.azimuth
+        for _ in range(_MOST_STEPS):
+            last, azimuth = azimuth, measured - self.at(azimuth)[0]
+            if not np.any(np.abs(azimuth - last) > _STILL):
+                break
+        return azimuth
 
     def save(self, path: str | Path) -> None:
         """Write the bias to a JSON file."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,11 +13,22 @@ import polars as pl
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.bearing import BearingEstimate, estimate_bearing
 from tertia.tables._frames import Table, result
-from tertia.tables._groups import Layout, as_names, by_length, column_name, group_name, layout
+from tertia.tables._groups import (
+    Layout,
+    as_names,
+    by_length,
+    column_name,
+    group_name,
+    layout,
+    split_unit,
+    usual_period,
+)
 from tertia.tables._records import Schema, Source, number, read, source_of
 
 # an empty batch of measurements, with which the library checks only the options
 _NONE = np.empty((0, 5))
+# two turns, in degrees
+_MOST = 720.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +84,9 @@ def bearing(
         Column of labels. Measurements with the same label have a common systematic error, for
         example measurements at one stop, in one hour, or in one sector.
     **options
-        Parameters of `tertia.bearing.estimate_bearing`, except `nan_policy`.
+        Parameters of `tertia.bearing.estimate_bearing`, except `nan_policy`. By default, `period`
+        is that of the unit at the end of the name of the column: 360 for degrees (`_deg`), 2 pi for
+        radians (`_rad`), None for other units. Without a unit, the values must be degrees.
 
     Returns
     -------
@@ -125,6 +138,8 @@ def bearings_of(
     **options: Any,
 ) -> Bearings:
     """Return the estimates of all groups with their measurements, as described in `bearing`."""
+    by_unit = "period" not in options
+    options.setdefault("period", usual_period(values))
     estimate_bearing(_NONE, **options)
     keys = as_names(by)
     fields = {values: "value", column_name(values, "sigma"): "sigma"}
@@ -134,7 +149,11 @@ def bearings_of(
     fields["polarity"] = "polarity"
     # the measurements may be in any unit, so the name of their column is not checked
     standard = values == "azimuth_deg"
-    schema: Schema = {"theta": number(values, required=True, standard=standard)}
+    theta_of = number(values, required=True, standard=standard)
+    if by_unit and not split_unit(values)[1]:
+        # a column without a unit is taken for degrees
+        theta_of = replace(theta_of, most=_MOST)
+    schema: Schema = {"theta": theta_of}
     if options.get("sigma") is None and options.get("method", "robust") == "robust":
         schema = {**schema, "sigma": number(column_name(values, "sigma"), positive=True)}
     shared = [groups] if groups is not None and groups not in keys else []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias, TypeVar
@@ -18,7 +19,7 @@ T = TypeVar("T")
 # function that shows progress to the user while it returns the items of a sequence
 Progress: TypeAlias = Callable[[Sequence[T]], Iterable[T]]
 # units in which names of columns end, the longer ones first
-_UNITS = ("m_s2", "deg_s2", "nm_s2", "deg_s", "nm_s", "m_s", "deg", "nm", "m", "s")
+_UNITS = ("m_s2", "deg_s2", "nm_s2", "deg_s", "nm_s", "m_s", "deg", "rad", "nm", "m", "s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +128,14 @@ def split_unit(column: str) -> tuple[str, str]:
     """Return the name of a column without its unit, and the unit, which may be empty."""
     unit = next((unit for unit in _UNITS if column.endswith(f"_{unit}")), "")
     return column.removesuffix(f"_{unit}") if unit else column, unit
+
+
+def usual_period(column: str) -> float | None:
+    """Return the period of angles in the unit of a column, or of degrees if it has no unit.
+
+    None: the unit is not that of angles.
+    """
+    return {"": 360.0, "deg": 360.0, "rad": 2 * math.pi}.get(split_unit(column)[1])
 
 
 def by_length(

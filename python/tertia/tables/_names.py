@@ -14,8 +14,9 @@ _UNIT = re.compile(r"_(m_s2|m_s|deg_s|m2|km|nm|ft|kt|m|deg|rad|ms|s)$")
 
 @lru_cache(maxsize=1024)
 def plain_name(name: object) -> str:
-    """Return a name in standard spelling; for example, `Azimuth [deg]` becomes azimuth_deg."""
-    return re.sub(r"[\W_]+", "_", str(name)).strip("_").casefold() or str(name)
+    """Return a name in standard spelling; for example, `Azimuth [°]` becomes azimuth_deg."""
+    plain = re.sub(r"[\W_]+", "_", str(name).replace("°", " deg")).strip("_").casefold()
+    return plain or str(name)
 
 
 def hint(columns: Iterable[str], there: Sequence[object], near: float = NEAR) -> str:

@@ -22,6 +22,7 @@ from tertia.tables._doubts import doubt, doubt_time, doubt_unit
 from tertia.tables._frames import height, names, series
 from tertia.tables._marks import names_without_marks, unmarked, without_marks
 from tertia.tables._names import assignment, hint, misspelt, plain_name
+from tertia.tables._sexagesimal import degrees_of_text
 from tertia.tables._times import (
     in_format,
     kind_of_times,
@@ -392,7 +393,7 @@ class Reader:
         elif one.kind == "identity":
             found = self.identities(values, name)
         else:
-            found = self.numbers(values, positive=one.positive)
+            found = self.numbers(values, positive=one.positive, degrees=name.endswith("_deg"))
             if one.most < math.inf:
                 allowed = f"it must be between {-one.most:g} and {one.most:g}"
                 beyond = (found.abs() > one.most) & found.is_finite()
@@ -441,8 +442,10 @@ class Reader:
         more = f" ({len(rows)} such rows)" if len(rows) > 1 and "{" in reason else ""
         raise self.part.error(said(rows[0]) + more, rows[0], column)
 
-    def numbers(self, values: pl.Series, *, positive: bool = False) -> pl.Series:
-        """Return numbers; nan where missing."""
+    def numbers(
+        self, values: pl.Series, *, positive: bool = False, degrees: bool = False
+    ) -> pl.Series:
+        """Return numbers, or angles that may have minutes and seconds; nan where missing."""
         if values.dtype == pl.String:
             values = without_marks(values)
         elif not (values.dtype.is_numeric() or values.dtype == pl.Null):
@@ -457,6 +460,13 @@ class Reader:
         if values.dtype.is_float():
             values = values.fill_nan(None)
         bad = values.is_not_null() & ~found.is_finite().fill_null(False)
+        if values.dtype == pl.String and bad.any():
+            text = values.str.replace("−", "-", literal=True)
+            others = text.cast(pl.Float64, strict=False)
+            if degrees:
+                others = others.fill_null(degrees_of_text(text))
+            found = found.fill_null(others)
+            bad &= ~found.is_finite().fill_null(False)
         self.refuse(bad, f"{values.name} is {{!r}}; it must be a finite number", values)
         if positive:
             self.refuse(found <= 0, f"{values.name} is {{:g}}; it must be positive", found)

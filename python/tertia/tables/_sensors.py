@@ -20,6 +20,7 @@ from tertia.tables._groups import known
 from tertia.tables._marks import is_mark
 from tertia.tables._names import VERY_NEAR, all_misspelt, hint, plain_name
 from tertia.tables._records import RecordError
+from tertia.tables._sexagesimal import angle_of_text
 
 if TYPE_CHECKING:
     import polars as pl
@@ -354,7 +355,8 @@ class _Cells:
         try:
             found = math.nan if isinstance(value, bool) else float(value)
         except (TypeError, ValueError):
-            found = math.nan
+            angle = column.endswith("_deg") and isinstance(value, str)
+            found = angle_of_text(value) if angle else math.nan
         if not math.isfinite(found):
             raise self.error(f"{column} of {self.name} is {value!r}; it must be a finite number")
         low, high = _DOMAINS.get(column, (-math.inf, math.inf))

@@ -36,7 +36,7 @@ def without_deviations(
     for k, (station, one) in enumerate(zip(stations, own, strict=True)):
         rest = one
         if one is not None and one.deviation_order > 0:
-            value, total = one.at(np.nan_to_num(azimuth[:, k]))
+            value, total = one.at(one._without(np.nan_to_num(azimuth[:, k])))
             # what is constant stays with the others, what drifts is not in the covariance
             constant = float(one.at()[1]) ** 2
             drift = (

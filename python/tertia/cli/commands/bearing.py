@@ -19,7 +19,6 @@ from tertia.cli.terminal.options import (
     By,
     ColumnNames,
     Output,
-    Period,
     PlotFile,
     Recording,
     Threads,
@@ -29,7 +28,7 @@ from tertia.cli.terminal.options import (
 from tertia.cli.terminal.say import FAILED, as_text, note, print_table, working
 from tertia.tables import RecordWarning
 from tertia.tables._bearing import bearings_of
-from tertia.tables._groups import column_name
+from tertia.tables._groups import column_name, usual_period
 from tertia.tables._records import Part, Reader
 
 if TYPE_CHECKING:
@@ -41,7 +40,7 @@ EXAMPLES = (
     "tertia bearing recording.csv --column azimuth_deg=az --by sensor --by target",
     "tertia bearing recording.csv --by sensor --groups stop",
     "tertia bearing recording.csv --by target --output out.parquet --plot out.png",
-    "tertia bearing ranges.csv --value range_m --period 0 --method corrected",
+    "tertia bearing ranges.csv --value range_m --method corrected",
 )
 _MAX_PANELS = 16
 
@@ -68,7 +67,13 @@ def bearing(
         typer.Option(help="Stated sigma of the measurements; by default from azimuth_sigma_deg."),
     ] = None,
     method: Annotated[Method, typer.Option(help="Method of estimation.")] = "robust",
-    period: Period = 360.0,
+    period: Annotated[
+        float | None,
+        typer.Option(
+            help="Period of the measurements; 0: none. By default 360 for degrees, 2 pi for "
+            "columns that end in _rad, none for other units."
+        ),
+    ] = None,
     block_size: Annotated[int, typer.Option(help="Number of measurements per block.")] = 10,
     k: Annotated[
         float, typer.Option(help="Threshold of the methods corrected, paper and k-sigma.")
@@ -83,6 +88,7 @@ def bearing(
     -) are left out and counted.
     """
     write.check_suffixes(output, plot_file)
+    wrap = usual_period(value) if period is None else period or None
     options: dict[str, Any] = {
         "columns": column_names(column),
         "values": value,
@@ -90,12 +96,13 @@ def bearing(
         "groups": groups,
         "bias_sigma": bias_sigma,
         "sigma": sigma,
-        "period": period or None,
         "method": method,
         "block_size": block_size,
         "k": k,
         "n_threads": n_threads,
     }
+    if period is not None:
+        options["period"] = wrap
     with working("Estimating"):
         # a picture needs all measurements in memory
         rows = None if plot_file else _in_batches(file, **options)
@@ -117,7 +124,7 @@ def bearing(
         drawn = list(found.estimates(_MAX_PANELS))
         down, across = _panels(len(drawn))
         size = max(8, 4.5 * across), max(4.5, 3 * down)
-        write.save(plot_file, size, partial(_draw, drawn, value, period or None, block_size))
+        write.save(plot_file, size, partial(_draw, drawn, value, wrap, block_size))
     missing, present = (sum(rows[name]) for name in ("missing", "count"))
     if missing:
         note(f"{missing} of {counted(missing + present, 'measurement')} missing")

@@ -8,7 +8,8 @@
 //! Where outliers are rejected, few measurements of a kind may be taken for outliers one after the
 //! other, so that nothing is left that contradicts. So the rounds start once more from the factors
 //! of least squares, and where that leads elsewhere, the larger restricted likelihood counts, of
-//! normal errors and a share of outliers.
+//! normal errors and a share of outliers. Sigmas that are far too small leave many instants without
+//! a position: if there are many, all that is redundant there counts as outliers.
 //!
 //! What is stated of a variance but does not scatter is an error that all stations share: position
 //! and stations do not tell it apart from none, so it is part of the covariance.
@@ -44,9 +45,13 @@ const SURELY: f64 = 2.326;
 const LEAST_SCATTER: f64 = 1e-6;
 /// Share of outliers from which on they may be sigmas that are too small.
 const MANY: f64 = 0.03;
-/// Shares of outliers, spread evenly over 30 σ: their density over that of a normal number at 0.
+/// Share of instants without a position from which on they count: a few are lost to outliers alone.
+const LOST: f64 = 0.3;
+/// Shares of outliers. Their density over that of a normal number at 0: even over 30 σ, and falling
+/// with the distance beyond, so that errors of any size are no cheaper as outliers than as noise.
 const SHARES: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 const FLAT: f64 = 2.506_628_274_631_000_5 / 30.0;
+const EVEN: f64 = 15.0;
 /// A measurement counts if its residual from the others is of at most so many sigmas, and the
 /// variance of normal numbers of that size. With a wider limit, one fault of five sigmas in each
 /// instant would widen it, and then be kept.
@@ -125,9 +130,14 @@ struct Sums {
     /// Restricted log likelihood of each instant, by the share of outliers; nan where there is no
     /// position.
     likelihood: Vec<[f64; SHARES.len()]>,
+    /// The same if all that is redundant were outliers.
+    none: Vec<[f64; SHARES.len()]>,
     /// Measurements without and with weight.
     rejected: f64,
     kept: f64,
+    /// Instants with redundant measurements that have no position, and that have one.
+    lost: f64,
+    found: f64,
 }
 
 impl Locator {
@@ -152,7 +162,8 @@ impl Locator {
         }
         let problem = Problem { sample: &sample, free, pooled };
         let (mut factor, mut sums) = self.settled(&problem, start, workspace);
-        let doubtful = factor != start || sums.rejected > MANY * sums.kept;
+        let many = sums.rejected > MANY * sums.kept || sums.lost > MANY * sums.found;
+        let doubtful = factor != start || many;
         if doubtful && self.is_robust() {
             // few measurements of a kind may all be taken for outliers, one after the other
             let (above, _) = self.plain().settled(&problem, start, workspace);
@@ -305,10 +316,16 @@ impl Locator {
         let at = sums.residual.len();
         sums.residual.resize(at + free.len(), 0.0);
         sums.likelihood.push([f64::NAN; SHARES.len()]);
+        sums.none.push([f64::NAN; SHARES.len()]);
         let fix = self.finished(instant, lane, workspace);
-        if fix.status != Status::None || fix.degrees_of_freedom < 1 {
+        if fix.degrees_of_freedom < 1 {
             return;
         }
+        if fix.status != Status::None {
+            sums.lost += 1.0;
+            return;
+        }
+        sums.found += 1.0;
         let Workspace { own, plane, space } = &*workspace;
         let of_arrivals = self.has_arrivals(instant);
         let loss = self.loss(fix.degrees_of_freedom as usize, of_arrivals);
@@ -349,13 +366,19 @@ impl Sums {
         let variance = if loss == Loss::Square { 1.0 } else { KEPT_VARIANCE };
         let stations = free.len() / KINDS;
         let mut likelihood = [-0.5 * lower.ln_determinant(); SHARES.len()];
+        let mut none = likelihood;
+        let redundant = 1.0 - N as f64 / rows.len() as f64;
         for ((row, &place), &kept) in rows.iter().zip(places).zip(&keeps) {
             let is_free = place != NOWHERE && free[place];
             let residual = row.residual - dot(&row.gradient, &step);
             let unit = if is_free { factor[place / stations] } else { 1.0 };
             let normal = (-0.5 * residual * residual).exp() / unit.sqrt();
-            for (sum, share) in likelihood.iter_mut().zip(SHARES) {
-                *sum += ((1.0 - share) * normal + share * FLAT).ln();
+            let flat = FLAT * (EVEN / (residual.abs() * unit.sqrt())).min(1.0);
+            for (i, share) in SHARES.into_iter().enumerate() {
+                likelihood[i] += ((1.0 - share) * normal + share * flat).ln();
+                // what is not redundant fits, with a determinant of the sigmas as stated
+                none[i] += redundant * (share * flat).ln()
+                    + (1.0 - redundant) * ((1.0 - share).ln() - 0.5 * unit.ln());
             }
             *if kept { &mut self.kept } else { &mut self.rejected } += 1.0;
             if kept && is_free {
@@ -366,8 +389,8 @@ impl Sums {
                 self.residual[at + place] = residual;
             }
         }
-        if let Some(last) = self.likelihood.last_mut() {
-            *last = likelihood;
+        if let (Some(own), Some(other)) = (self.likelihood.last_mut(), self.none.last_mut()) {
+            (*own, *other) = (likelihood, none);
         }
     }
 
@@ -376,10 +399,18 @@ impl Sums {
         self.square.iter().sum::<f64>() / self.freedom.iter().sum::<f64>()
     }
 
-    /// Whether instants that are located with both are likelier, with the better share of outliers.
+    /// Whether instants that are located with either are likelier, with the better share of outliers.
     fn explains_better_than(&self, other: &Self) -> bool {
         let mut sums = [[0.0; SHARES.len()]; 2];
-        for (own, others) in self.likelihood.iter().zip(&other.likelihood) {
+        for at in 0..self.likelihood.len() {
+            let [mut own, mut others] = [self.likelihood[at], other.likelihood[at]];
+            if own[0].is_nan() && self.loses_many() {
+                own = other.none[at];
+            }
+            if others[0].is_nan() && other.loses_many() {
+                others = self.none[at];
+            }
+            // of what has no position with either, nothing is known
             if own[0].is_nan() || others[0].is_nan() {
                 continue;
             }
@@ -390,6 +421,11 @@ impl Sums {
         }
         let [own, others] = sums.map(|sum| sum.into_iter().fold(f64::NEG_INFINITY, f64::max));
         own > others
+    }
+
+    /// Whether many instants have no position.
+    fn loses_many(&self) -> bool {
+        self.lost > LOST * (self.lost + self.found)
     }
 
     /// The share of so many instants that counts, of one kind.
