@@ -109,9 +109,18 @@ pub fn is_due(route: &Route, time: f64) -> bool {
     (first - FARTHEST * TIME_SIGMA..=last + FARTHEST * TIME_SIGMA).contains(&time)
 }
 
-/// Where a flight is expected at a time: the density (1/m²) at a position, of 700 m across its route and
-/// 120 s along it, and the velocity of the flight there; none far from it. O(legs).
-pub fn expected(route: &Route, time: f64, position: Vector) -> Option<(f64, Vector)> {
+/// A flight where it is expected.
+pub struct Due {
+    /// Of its positions there, 1/m².
+    pub density: f64,
+    /// Half the square of the distance from the middle, in standard deviations.
+    pub square: f64,
+    pub velocity: Vector,
+}
+
+/// A flight at a time and a position, where it is expected with 700 m across its route and 120 s along it;
+/// none far from it. O(legs).
+pub fn expected(route: &Route, time: f64, position: Vector) -> Option<Due> {
     let due = route.distance(time);
     let (place, _) = route.path(due);
     let along_sigma = TIME_SIGMA * route.speeds()[route.leg_at(due)];
@@ -126,9 +135,9 @@ pub fn expected(route: &Route, time: f64, position: Vector) -> Option<(f64, Vect
         return None;
     }
     let speed = route.speeds()[near.leg];
-    let density = (-0.5 * (along * along + aside * aside)).exp();
-    let velocity = near.course.map(|part| speed * part);
-    Some((density / (2.0 * PI * along_sigma * OFFSET_SIGMA), velocity))
+    let square = 0.5 * (along * along + aside * aside);
+    let density = (-square).exp() / (2.0 * PI * along_sigma * OFFSET_SIGMA);
+    Some(Due { density, square, velocity: near.course.map(|part| speed * part) })
 }
 
 /// Density (1/m²) at a position of places that are anywhere along a route, and 700 m across it. O(legs).

@@ -1,8 +1,9 @@
 //! The density of plots that belong to no track.
 
 use super::association::Association;
+use super::doubles::Seconds;
 use super::extent::Extent;
-use super::patches::Patches;
+use super::patches::{Counted, Patches};
 use super::plot::Measured;
 use super::prospects::There;
 use super::settings::Settings;
@@ -10,8 +11,9 @@ use crate::sensors::{Detection, Radar, Way};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// Scans over which the mean is taken.
+/// Scans over which the mean is taken, and over which it is found whether plots are along routes.
 const MEMORY: f64 = 10.0;
+const ON_ROUTES: f64 = 30.0;
 /// False plots and new targets in a scan, at least.
 const FEWEST: f64 = 1.0;
 /// Plots on routes, and elsewhere, before any was seen.
@@ -46,8 +48,9 @@ pub(super) struct Clutter {
     scans: f64,
     /// The plots by way of detection, where the radar has several.
     by_way: Vec<f64>,
-    /// Sums of what plans say of where these plots are.
+    /// Sums of what plans say of where these plots are, and their number, with weights that fade later.
     there: There,
+    placed: f64,
     /// Until when they are counted, s.
     until: f64,
     farthest: f64,
@@ -81,6 +84,7 @@ impl Clutter {
             scans: 0.0,
             by_way: Vec::new(),
             there: There::default(),
+            placed: 0.0,
             until,
             farthest,
             extent: None,
@@ -118,7 +122,39 @@ impl Clutter {
     /// comparison with all plots of the radar.
     pub fn gain(&self, radar: &Radar, detection: Option<Detection>, position: [f64; 2]) -> f64 {
         let Some(patches) = &self.patches else { return self.gain_by_way(radar, detection) };
-        self.gain_by_way(radar, detection) - patches.ratio(position, self.density(radar)).ln()
+        let ratio = patches.ratio(position, self.density(radar), [].iter());
+        self.gain_by_way(radar, detection) - ratio.ln()
+    }
+
+    /// Logarithm of how much denser false plots seem to be where a plot is by the earlier plots of its track.
+    pub fn own(&self, radar: &Radar, plot: &Measured, own: &[Counted]) -> f64 {
+        let Some(patches) = self.patches.as_ref().filter(|_| !own.is_empty()) else { return 0.0 };
+        let this = patches.counted(plot.radar, plot.position);
+        let ratio = |own: &[Counted]| {
+            let of_radar = own.iter().filter(|one| one.radar == plot.radar);
+            patches.ratio(plot.position, self.density(radar), of_radar.chain([&this]))
+        };
+        (ratio(&[]) / ratio(own)).ln()
+    }
+
+    /// The plot as it was counted where it is.
+    pub fn counted(&self, plot: &Measured) -> Option<Counted> {
+        self.patches.as_ref().map(|patches| patches.counted(plot.radar, plot.position))
+    }
+
+    /// Finds by a first plot whether the density is even.
+    pub fn weigh(&mut self, radar: &Radar, position: [f64; 2]) {
+        let mean = self.density(radar);
+        if let Some(patches) = &mut self.patches {
+            patches.weigh(position, mean);
+        }
+    }
+
+    /// Removes a plot that was counted where it is but belongs to a target.
+    pub fn discount_place(&mut self, one: &Counted) {
+        if let Some(patches) = &mut self.patches {
+            patches.discount(one);
+        }
     }
 
     /// The same, wherever they are; 0 where the way is not known.
@@ -146,13 +182,13 @@ impl Clutter {
 
     /// Density of such plots where flights are due over the mean, at least 1; none before a first scan.
     pub fn crowding(&self) -> Option<f64> {
-        let mean = self.there.due / self.plots.max(f64::MIN_POSITIVE);
+        let mean = self.there.due / self.placed.max(f64::MIN_POSITIVE);
         (self.scans > 0.0).then(|| mean.max(1.0))
     }
 
     /// Share of such plots that are along routes, beyond those that are everywhere.
     pub fn on_routes(&self) -> f64 {
-        (self.there.routed + BEFOREHAND) / (self.plots + 2.0 * BEFOREHAND)
+        (self.there.routed + BEFOREHAND) / (self.placed + 2.0 * BEFOREHAND)
     }
 
     pub fn saw(&mut self, radar: &Radar, position: [f64; 2]) {
@@ -170,8 +206,10 @@ impl Clutter {
         self.until = self.until.max(end);
         let kept = (-scans / MEMORY).exp();
         self.plots = kept * self.plots + counts.all as f64;
-        self.there.fade(kept);
+        let kept_places = (-scans / ON_ROUTES).exp();
+        self.there.fade(kept_places);
         self.there.add(counts.there, 1.0);
+        self.placed = kept_places * self.placed + counts.all as f64;
         self.scans = kept * self.scans + scans;
         if let Some(ways) = &radar.ways {
             for (plots, way) in self.by_way.iter_mut().zip(ways.all()) {
@@ -196,7 +234,9 @@ impl Clutter {
         let age = (self.until - time).max(0.0) / radar.scan_period;
         let weight = (-age / MEMORY).exp();
         self.plots = (self.plots - weight).max(0.0);
-        self.there.add(there, -weight);
+        let weight_of_place = (-age / ON_ROUTES).exp();
+        self.placed = (self.placed - weight_of_place).max(0.0);
+        self.there.add(there, -weight_of_place);
         let all = radar.ways.as_ref().map_or(&[][..], |ways| ways.all());
         if let Some(own) = all.iter().position(|way| Some(way.detection) == detection) {
             self.by_way[own] = (self.by_way[own] - weight).max(0.0);
@@ -209,14 +249,14 @@ impl Clutter {
 pub(super) fn note(
     (plots, hold): (&[Measured], f64),
     (taken, deferred): (&[bool], &[bool]),
-    doubled: &[f64],
+    seconds: &Seconds,
     (clutter, radars): (&mut [Clutter], &[Radar]),
 ) {
     for i in (0..plots.len()).filter(|&i| !taken[i] && !deferred[i] && plots[i].time < hold) {
         let (plot, radar) = (&plots[i], &radars[plots[i].radar]);
         let own = &mut clutter[plot.radar];
         let Some(range) = own.patches.as_ref().map(|_| own.range(radar)) else { continue };
-        if doubled[i] > own.density(radar) {
+        if seconds.density(i) > own.density(radar) {
             continue;
         }
         if let Some(patches) = &mut own.patches {

@@ -1,5 +1,7 @@
 //! Plots that radars make twice of one target in a scan: duplicates and split plots.
 
+use super::height::SPAN;
+use super::identity::IDENTITIES;
 use super::plot::Measured;
 use super::settings::Settings;
 use crate::association::Grid;
@@ -19,8 +21,9 @@ const OFTEN: f64 = 0.05;
 const ENOUGH: f64 = 15.0;
 /// Distance squared of two plots of one target, in 99 % of all cases.
 const NEAR: f64 = 9.21;
-/// Difference of the heights of two plots of one target, m.
+/// Difference of the heights of two plots of one target, m, and how much likelier it is than for others.
 const ROUNDED: f64 = 100.0;
+const ONE_HEIGHT: f64 = 0.5 * SPAN / ROUNDED;
 /// Seconds between two plots of one target, as a share of a scan.
 const SOON: f64 = 0.1;
 
@@ -70,17 +73,27 @@ pub(super) fn leave_out(
     for (i, plot) in plots.iter().enumerate().filter(|(_, plot)| often[plot.radar]) {
         let mut is_second = false;
         Pairs::of(plot, settings).each(grid, plots, |k, distance| {
-            is_second |= k < i && !left_out[k] && distance < NEAR && is_alike(plot, &plots[k]);
+            is_second |= k < i && !left_out[k] && distance < NEAR && likeness(plot, &plots[k]) > 0.0;
         });
         left_out[i] = is_second;
     }
 }
 
-/// Whether two plots may be of one target, by its identities and its height.
-fn is_alike(a: &Measured, b: &Measured) -> bool {
-    let one_code = a.identities.same(&b.identities) != Some(false);
+/// How much likelier the identities and heights of two plots are if they are of one target, than if they are
+/// not; 0 where they are of two.
+fn likeness(a: &Measured, b: &Measured) -> f64 {
     let apart = (a.height - b.height).abs();
-    one_code && (apart.is_nan() || apart <= ROUNDED)
+    let height = match () {
+        () if apart.is_nan() => 1.0,
+        () if apart <= ROUNDED => ONE_HEIGHT,
+        () => 0.0,
+    };
+    height
+        * match a.identities.same(&b.identities) {
+            None => 1.0,
+            Some(true) => IDENTITIES,
+            Some(false) => 0.0,
+        }
 }
 
 /// The plots that its radar may have made of the target of one plot at the same time.
@@ -115,48 +128,87 @@ impl<'a> Pairs<'a> {
     }
 }
 
-/// For each plot that confirmed tracks have left, the density of second plots there, per square metre and
-/// scan: of the plots of those tracks, and of earlier ones that have none. Cost O(plots).
-pub(super) fn find(
-    Near { grid, plots, left_out }: Near<'_>,
-    (taken, deferred): (&[bool], &[bool]),
-    doubles: &mut [Doubles],
-    settings: &Settings,
-    found: &mut Vec<f64>,
-) {
-    found.clear();
-    found.resize(plots.len(), 0.0);
-    let mut counts = vec![(0.0, 0.0); doubles.len()];
-    let is_taken = |i: usize| taken[i] && !left_out[i];
-    // a target may report its position as often as it likes
-    let polar = |plot: &Measured| !settings.geometry(plot.radar).is_position();
-    for (i, plot) in plots.iter().enumerate().filter(|(_, plot)| polar(plot)) {
-        let count = &mut counts[plot.radar];
-        if is_taken(i) {
-            count.0 += 1.0;
-            continue;
-        }
-        if deferred[i] {
-            continue;
-        }
-        let pairs = Pairs::of(plot, settings);
-        let scale = TAU * pairs.r.determinant().sqrt();
-        let (mut density, mut nearest) = (0.0, f64::INFINITY);
-        pairs.each(grid, plots, |k, d| {
-            if is_taken(k) {
-                nearest = f64::min(nearest, d);
-            }
-            if d < NEAR && (is_taken(k) || k < i && !taken[k] && !deferred[k]) {
-                density += (-0.5 * d).exp() / scale;
-            }
-        });
-        count.1 += f64::from(u8::from(nearest < NEAR));
-        found[i] = density;
+/// Where second plots of the targets of a scan may be.
+#[derive(Default)]
+pub(super) struct Seconds {
+    /// Of the plots of confirmed tracks: the density where each plot is, per square metre and scan, as if
+    /// false plots had the same heights and identities.
+    of_confirmed: Vec<f64>,
+    /// Plots that no confirmed track has, in order, others near them, and the density of second plots of
+    /// these there.
+    pairs: Vec<(usize, usize, f64)>,
+}
+
+impl Seconds {
+    /// The density of second plots of those of confirmed tracks, where each plot is.
+    pub fn of_confirmed(&self) -> &[f64] {
+        &self.of_confirmed
     }
-    for (doubles, (targets, seconds)) in doubles.iter_mut().zip(counts) {
-        doubles.count(targets, seconds);
+
+    /// The density where a plot is of second plots of others that no confirmed track has, of those that are
+    /// the first of their targets. Cost O(log pairs).
+    pub fn of_others(&self, plot: usize, mut is_first: impl FnMut(usize) -> bool) -> f64 {
+        let near = &self.pairs[self.pairs.partition_point(|pair| pair.0 < plot)..];
+        let own = near.iter().take_while(|pair| pair.0 == plot);
+        own.filter(|pair| is_first(pair.1)).map(|pair| pair.2).sum()
     }
-    for (found, plot) in found.iter_mut().zip(plots) {
-        *found *= doubles[plot.radar].share();
+
+    /// The density of second plots where a plot is, if the first of any comes first.
+    pub fn density(&self, plot: usize) -> f64 {
+        self.of_confirmed[plot] + self.of_others(plot, |other| other < plot)
+    }
+
+    /// Looks at the plots of a scan, some of which confirmed tracks have. Cost O(plots).
+    pub fn find(
+        &mut self,
+        Near { grid, plots, left_out }: Near<'_>,
+        (taken, deferred): (&[bool], &[bool]),
+        doubles: &mut [Doubles],
+        settings: &Settings,
+    ) {
+        self.pairs.clear();
+        self.of_confirmed.clear();
+        self.of_confirmed.resize(plots.len(), 0.0);
+        let mut counts = vec![(0.0, 0.0); doubles.len()];
+        let is_taken = |i: usize| taken[i] && !left_out[i];
+        let is_free = |i: usize| !taken[i] && !deferred[i];
+        // a target may report its position as often as it likes
+        let polar = |plot: &Measured| !settings.geometry(plot.radar).is_position();
+        for (i, plot) in plots.iter().enumerate().filter(|(_, plot)| polar(plot)) {
+            let count = &mut counts[plot.radar];
+            if is_taken(i) {
+                count.0 += 1.0;
+            }
+            if is_taken(i) || deferred[i] {
+                continue;
+            }
+            let near = Pairs::of(plot, settings);
+            let scale = TAU * near.r.determinant().sqrt();
+            let (mut is_second, first) = (false, self.pairs.len());
+            near.each(grid, plots, |k, d| {
+                let density = likeness(plot, &plots[k]) * (-0.5 * d).exp() / scale;
+                if d > NEAR || density == 0.0 {
+                    return;
+                }
+                if is_taken(k) {
+                    is_second = true;
+                    self.of_confirmed[i] += density;
+                } else if k != i && is_free(i) && is_free(k) {
+                    self.pairs.push((i, k, density));
+                }
+            });
+            // in an order that does not depend on the grid
+            self.pairs[first..].sort_unstable_by_key(|pair| pair.1);
+            count.1 += f64::from(u8::from(is_second));
+        }
+        for (doubles, (targets, seconds)) in doubles.iter_mut().zip(counts) {
+            doubles.count(targets, seconds);
+        }
+        for (density, plot) in self.of_confirmed.iter_mut().zip(plots) {
+            *density *= doubles[plot.radar].share();
+        }
+        for (i, _, density) in &mut self.pairs {
+            *density *= doubles[plots[*i].radar].share();
+        }
     }
 }

@@ -11,7 +11,7 @@ const CLIMB: f64 = 10.0;
 /// Variance of a height of which nothing is known: anywhere in 12 km.
 const UNKNOWN: f64 = 1.2e7;
 /// Range of wrong heights, m.
-const SPAN: f64 = 12_000.0;
+pub(super) const SPAN: f64 = 12_000.0;
 /// Probability that a height is wrong.
 const WRONG: f64 = 1e-3;
 

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 /// Equal replies in a row after which a track has another identity.
 const CHANGED_AFTER: u8 = 3;
 /// Likelihood ratio of an identity: its own target against any other.
-const IDENTITIES: f64 = 4096.0;
+pub(super) const IDENTITIES: f64 = 4096.0;
 /// Probability that a reply has a wrong address, which has parity; a wrong callsign, which has parity, but
 /// is set by the crew; and a wrong code, which may be garbled, and is changed by air traffic control.
 pub(super) const ADDRESS_ERROR: f64 = 1e-9;

@@ -49,8 +49,16 @@ pub(super) struct Expected {
     pub there: There,
     /// Density of false plots where flights are due over its mean.
     pub crowding: f64,
-    /// Plans, probabilities and velocities.
-    pub flights: Vec<(usize, f64, [f64; 2])>,
+    pub flights: Vec<Flying>,
+}
+
+/// A flight that a first plot may be of.
+pub(super) struct Flying {
+    pub plan: usize,
+    pub probability: f64,
+    /// Half the square of the distance from where it is due, in standard deviations.
+    pub square: f64,
+    pub velocity: [f64; 2],
 }
 
 /// A flight that the target may be.
@@ -58,6 +66,8 @@ pub(super) struct Expected {
 struct Flight {
     plan: usize,
     probability: f64,
+    /// Half the sum of the squares of the distances of its plots from where they were expected.
+    squares: f64,
     estimate: Estimate<4>,
 }
 
@@ -77,11 +87,11 @@ impl Prospects {
     /// Of a first plot; `unplanned` is the state of any target.
     pub fn new(expected: Option<Expected>, unplanned: Estimate<4>) -> Self {
         let (flights, crowding) = expected.map_or((Vec::new(), 1.0), |e| (e.flights, e.crowding));
-        let likely = flights.into_iter().filter(|flight| flight.1 > LEAST);
+        let likely = flights.into_iter().filter(|flight| flight.probability > LEAST);
         let flights: Vec<_> = likely
-            .map(|(plan, probability, velocity)| {
+            .map(|Flying { plan, probability, square, velocity }| {
                 let estimate = flying(unplanned, velocity);
-                Flight { plan, probability, estimate }
+                Flight { plan, probability, squares: square, estimate }
             })
             .collect();
         let planned: f64 = flights.iter().map(|flight| flight.probability).sum();
@@ -145,8 +155,18 @@ impl Prospects {
     }
 
     /// Whether it is likely a flight.
-    pub fn is_planned(&self) -> bool {
+    fn is_planned(&self) -> bool {
         self.flights.iter().map(|flight| flight.probability).sum::<f64>() > PLANNED
+    }
+
+    /// Evidence that two plots may lack, if they are likely of a flight: the probability of false plots at
+    /// least as near to where it is expected, `e^(s - M) s²/2` with half the sum s of the squares of the
+    /// distances and the largest evidence M that there is, is less than the bound `e^(s - M)`.
+    pub fn allowance(&self) -> Option<f64> {
+        let best = |a: &&Flight, b: &&Flight| a.probability.total_cmp(&b.probability);
+        let flight = self.flights.iter().max_by(best).filter(|_| self.is_planned())?;
+        let s = flight.squares;
+        Some(if self.moving.is_some() { 0.0 } else { s - (0.5 * s * s).ln() })
     }
 
     /// The mean of all that it may be, and the plan of which it is for sure.
@@ -207,7 +227,12 @@ impl Prospects {
         let each: Vec<_> = self
             .flights
             .iter_mut()
-            .map(|flight| flight.probability * flight.estimate.correct(z, r) / self.crowding)
+            .map(|flight| {
+                let s = flight.estimate.position_covariance().plus(r);
+                let y = [0, 1].map(|i| z[i] - flight.estimate.mean[i]);
+                flight.squares += 0.5 * s.inverse().form(y);
+                flight.probability * flight.estimate.correct(z, r) / self.crowding
+            })
             .collect();
         let total = any + moving.unwrap_or(0.0) + each.iter().sum::<f64>();
         if total == 0.0 {
@@ -259,13 +284,21 @@ fn flying(mut estimate: Estimate<4>, velocity: [f64; 2]) -> Estimate<4> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::checks::assert_within;
     use nalgebra::{SMatrix, SVector};
 
     fn prospects(crowding: f64) -> Prospects {
         let diagonal = SVector::from([1e4, 1e4, 175.0 * 175.0, 175.0 * 175.0]);
         let start =
             Estimate { mean: SVector::zeros(), covariance: SMatrix::from_diagonal(&diagonal) };
-        let flights = vec![(4, 0.4, [0.0, 200.0]), (7, 0.1, [200.0, 0.0]), (9, 1e-4, [0.0; 2])];
+        let due = [(4, 0.4, [0.0, 200.0]), (7, 0.1, [200.0, 0.0]), (9, 1e-4, [0.0; 2])];
+        let flights = due.map(|(plan, probability, velocity)| Flying {
+            plan,
+            probability,
+            square: 0.5,
+            velocity,
+        });
+        let flights = flights.into();
         let expected = Expected { ratio: 2.0, there: There::default(), crowding, flights };
         Prospects::new(Some(expected), start)
     }
@@ -275,7 +308,7 @@ mod tests {
         let r = Plane { xx: 1e4, xy: 0.0, yy: 1e4 };
         let mut own = prospects(1.0);
         assert_eq!(own.flights.len(), 2);
-        assert!(!own.is_planned());
+        assert!(own.allowance().is_none());
         own.predict([1.0; 2], 10.0, 10.0);
         let mut densities = Vec::new();
         own.components(|one| {
@@ -287,6 +320,8 @@ mod tests {
         let total: f64 = densities.iter().sum();
         assert!((own.flights[0].probability - densities[1] / total).abs() < 1e-12);
         assert!(own.is_planned() && own.decide().1 == Some(4));
+        // 0.5 from where it was due, and exactly where it was expected then
+        assert_within(1e-9, own.allowance().unwrap(), 0.5 - 0.125_f64.ln());
         // where there are ten times as many false plots it is less so
         let mut other = prospects(10.0);
         other.predict([1.0; 2], 10.0, 10.0);

@@ -2,6 +2,7 @@
 //! gate has followed.
 
 use super::ended::{Ended, REMEMBERED, Spot, Stretch};
+use super::noise::Noise;
 use super::settings::Settings;
 use super::track::{SOONEST, Track};
 use crate::sensors::IdentityKind;
@@ -9,8 +10,10 @@ use std::cell::OnceCell;
 
 /// Largest acceleration of an aircraft, m/s²: 4 g.
 const ACCELERATION: f64 = 40.0;
-/// Scans after which a track without identity is not resumed.
+/// Scans after which a track without identity is not resumed, and the same where many plots are outliers: several
+/// in a row end tracks, most of all in turns.
 const SCANS: f64 = 5.5;
+const SCANS_OF_OUTLIERS: f64 = 13.0;
 /// Longest time without any plot of the aircraft, in scans.
 const LINK: f64 = 2.5;
 /// Largest change of speed, as a share.
@@ -25,7 +28,7 @@ pub(super) fn resume(
     tracks: &mut [Track],
     ended: &mut Ended,
     begun: &[u64],
-    settings: &Settings,
+    (settings, noise): (&Settings, &[Noise]),
 ) -> Vec<(u64, u64)> {
     let mut renamed = Vec::new();
     let Candidates { places, mut silent, others } = Candidates::of(tracks, begun, settings);
@@ -38,7 +41,7 @@ pub(super) fn resume(
         let new = &tracks[place];
         let end = Spot::first(new, settings);
         let (stretches, tentative) = (&ended.stretches, &tentative);
-        let paths = Paths { ended: stretches, tracks, tentative, settings };
+        let paths = Paths { ended: stretches, tracks, tentative, settings, noise };
         let may = |old: &&Track| continues((new, &end), old, &paths);
         let same = |old: &Track| old.identities().same(&new.identities()) == Some(true);
         let live = silent.iter().map(|&i| &tracks[i]).filter(may);
@@ -184,7 +187,8 @@ impl Candidates {
         }
         let began = found.places.iter().map(|&(_, i)| tracks[i].first.time);
         let last = began.fold(f64::NEG_INFINITY, f64::max);
-        let is_silent = |i: &usize| tracks[*i].seen < last;
+        let seen = |track: &Track| track.forked().map_or(track.seen, |other| other.seen);
+        let is_silent = |i: &usize| seen(&tracks[*i]).min(tracks[*i].seen) < last;
         found.silent = found.others.iter().copied().filter(is_silent).collect();
         found
     }
@@ -193,20 +197,26 @@ impl Candidates {
 /// Whether a new track may be the same target as an older one.
 fn continues((new, end): (&Track, &Spot), old: &Track, paths: &Paths<'_>) -> bool {
     let settings = paths.settings;
+    let kind = match new.identities().compare(&old.identities()) {
+        Some((_, false)) => return false,
+        Some((kind, true)) => kind,
+        // its last plot may have been an outlier
+        None => {
+            let mut states = std::iter::once(old).chain(old.forked());
+            return states.any(|old| {
+                let gap = end.time - old.seen;
+                gap > 0.0
+                    && gap <= paths.longest(old)[0]
+                    && is_near(old, end, gap)
+                    && turned(new, old)
+                    && paths.lead(old, &Spot::last(old), end)
+            });
+        }
+    };
     let gap = end.time - old.seen;
     if gap <= 0.0 {
         return false;
     }
-    let kind = match new.identities().compare(&old.identities()) {
-        Some((_, false)) => return false,
-        Some((kind, true)) => kind,
-        None => {
-            return gap <= SCANS * old.period()
-                && is_near(old, end, gap)
-                && turned(new, old)
-                && paths.lead(old, &Spot::last(old), end);
-        }
-    };
     let longest = match settings.is_shared(kind) {
         true => 2.0 * settings.coasting as f64 * old.period(),
         false => REMEMBERED,
@@ -248,9 +258,20 @@ struct Paths<'a> {
     /// Those of tracks that are not confirmed, once they are needed.
     tentative: &'a OnceCell<Vec<Stretch>>,
     settings: &'a Settings,
+    noise: &'a [Noise],
 }
 
 impl Paths<'_> {
+    /// Longest times since a track was seen, and without any plot of its aircraft, s.
+    fn longest(&self, old: &Track) -> [f64; 2] {
+        let is_many = |(radar, noise): (usize, &Noise)| {
+            old.expected_by(radar).is_some() && noise.outliers.are_many()
+        };
+        let many = self.noise.iter().enumerate().any(is_many);
+        let scans = if many { [SCANS_OF_OUTLIERS; 2] } else { [SCANS, LINK] };
+        scans.map(|scans| scans * old.period())
+    }
+
     fn tentative(&self) -> &[Stretch] {
         self.tentative.get_or_init(|| {
             let others = self.tracks.iter().filter(|track| !track.is_confirmed());
@@ -261,7 +282,7 @@ impl Paths<'_> {
     /// Whether a way leads from where a track was seen last to where another begins, with a plot about
     /// as often as a radar sees an aircraft. Cost O(stretches²) at most.
     fn lead(&self, old: &Track, begin: &Spot, end: &Spot) -> bool {
-        let longest = LINK * old.period();
+        let longest = self.longest(old)[1];
         let speed = f64::hypot(old.estimate.mean[2], old.estimate.mean[3]);
         let hop = |a: &Spot, b: &Spot| {
             let time = b.time - a.time;

@@ -8,7 +8,7 @@ use super::ahead::Ahead;
 use super::claim::{Claim, Spread};
 use super::cluster::{Cells, Clusters};
 use super::clutter::{self, Clutter, Counts};
-use super::doubles::{self, Doubles, Near};
+use super::doubles::{self, Doubles, Near, Seconds};
 use super::ended::Ended;
 use super::noise::Noise;
 use super::plot::{Measured, PlotStatus};
@@ -16,7 +16,7 @@ use super::resume::resume;
 use super::row::{Row, Rows};
 use super::schedule::Schedule;
 use super::settings::Settings;
-use super::share::{Share, Shares, View};
+use super::share::{Begun, Share, Shares, View};
 use super::sharp::{self, Known};
 use super::strays;
 use super::track::Track;
@@ -57,9 +57,9 @@ pub(super) struct Scan {
     order: Vec<u32>,
     /// Where each track is among those that claim plots.
     places: Vec<u32>,
-    /// The density of second plots of targets where each plot is.
-    doubled: Vec<f64>,
-    /// The same with outliers.
+    /// Where second plots of targets may be.
+    seconds: Seconds,
+    /// The density where each plot is of second plots and outliers of confirmed tracks.
     others: Vec<f64>,
     shares: Shares,
 }
@@ -102,9 +102,11 @@ impl Scan {
         }
         let near = Near { grid: &self.grid, plots: &self.plots, left_out: &self.left_out };
         let used = (&self.taken[..], &self.deferred[..]);
-        doubles::find(near, used, sky.doubles, sky.settings, &mut self.doubled);
-        clutter::note((near.plots, hold), used, &self.doubled, (sky.clutter, &sky.settings.radars));
-        self.others.clone_from(&self.doubled);
+        self.seconds.find(near, used, sky.doubles, sky.settings);
+        let radars = &sky.settings.radars;
+        clutter::note((near.plots, hold), used, &self.seconds, (sky.clutter, radars));
+        self.others.clear();
+        self.others.extend_from_slice(self.seconds.of_confirmed());
         let tracks = (&mut sky.tracks[..], sky.settings);
         strays::find(near, used, tracks, (sky.noise, sky.clutter), &mut self.others);
         let mut schedule = Schedule::at(self.plots.first(), sky.tracks, sky.settings);
@@ -279,7 +281,8 @@ impl Scan {
         if self.claims.is_empty() {
             return false;
         }
-        let Self { plots, taken, deferred, claims, claimed, places, others, shares, .. } = self;
+        let Self { plots, taken, deferred, claims, claimed, places, shares, .. } = self;
+        let (others, seconds) = (&self.others[..], &self.seconds);
         // tracks by component
         places.clear();
         places.resize(sky.tracks.len(), NOWHERE);
@@ -300,7 +303,8 @@ impl Scan {
         }
         let mut tracks: Vec<&mut Track> = tracks.into_iter().flatten().collect();
         let (settings, clutter, noise) = (sky.settings, &*sky.clutter, &*sky.noise);
-        let view = View { plots, claimed, deferred, others, settings, clutter, noise, cells };
+        let view =
+            View { plots, claimed, deferred, others, seconds, settings, clutter, noise, cells };
         let limits = settings.limits().filter(|_| confirmed);
         let with_rows = sky.rows.wants(confirmed);
         let same = |a: &Claim, b: &Claim| a.component == b.component;
@@ -327,7 +331,7 @@ impl Scan {
             }
         });
         let begun = if confirmed { Vec::new() } else { shares.confirmed() };
-        let renamed = resume(sky.tracks, sky.ended, &begun, settings);
+        let renamed = resume(sky.tracks, sky.ended, &begun, (settings, noise));
         let number =
             |own: u64| renamed.iter().find(|(new, _)| *new == own).map_or(own, |(_, old)| *old);
         let mut advanced = false;
@@ -344,8 +348,9 @@ impl Scan {
             if let Some(stray) = given.stray {
                 sky.noise[stray.radar].outliers.strayed(&stray);
             }
-            if let Some((radar, time, place)) = given.begun {
-                sky.clutter[radar].discount(time, &settings.radars[radar], place);
+            if let Some(Begun { radar, time, place, counted }) = given.begun.as_deref() {
+                sky.clutter[*radar].discount(*time, &settings.radars[*radar], *place);
+                counted.iter().for_each(|one| sky.clutter[one.radar].discount_place(one));
             }
             if row.is_some_and(|row| row.confirmed) {
                 let plot = &plots[given.plot as usize];
@@ -395,7 +400,8 @@ impl Scan {
             }
             self.taken[i] = true;
             // where there are more of other plots, more false tracks begin
-            let false_plots = false_plots * (1.0 + (self.others[i] - self.doubled[i]) / density);
+            let second = self.seconds.of_others(i, |other| self.taken[other]);
+            let false_plots = false_plots * (1.0 + (self.others[i] + second) / density);
             let mut track = Track::new(*sky.next_number, plot, false_plots, sky.settings);
             if let Some(expected) = schedule.expected(i, plot, sky.clutter, sky.settings) {
                 track.expect(expected, sky.settings);
@@ -404,9 +410,11 @@ impl Scan {
                 track.require_more();
             }
             *sky.next_number += 1;
-            let is_double = self.doubled[i] > density;
+            let is_double = self.seconds.of_confirmed()[i] + second > density;
+            track.counted.extend(clutter.counted(plot));
             if !is_double {
                 self.unused[plot.radar].add(plot.detection, track.there);
+                sky.clutter[plot.radar].weigh(radar, plot.position);
             }
             let track_or_not = PlotStatus::Track(track.number);
             report(plot.index, if is_double { PlotStatus::Duplicate } else { track_or_not });

@@ -4,7 +4,7 @@ use super::association::Association;
 use super::clutter::Clutter;
 use super::correlation::contradicts;
 use super::plot::Measured;
-use super::prospects::{Expected, There};
+use super::prospects::{Expected, Flying, There};
 use super::settings::Settings;
 use super::track::Track;
 use crate::flightplan::{along, expected, is_due};
@@ -88,12 +88,11 @@ impl Schedule {
         let mut flights = Vec::new();
         for &number in &self.free {
             let Some(plan) = settings.plans.get(number) else { continue };
-            let Some((density, velocity)) = expected(&plan.route, plot.time, plot.position) else {
-                continue;
-            };
-            due += each * density / crowd;
+            let Some(own) = expected(&plan.route, plot.time, plot.position) else { continue };
+            due += each * own.density / crowd;
             if !contradicts(plan, &plot.identities) {
-                flights.push((number, each * density, velocity));
+                let (probability, square) = (each * own.density, own.square);
+                flights.push(Flying { plan: number, probability, square, velocity: own.velocity });
             }
         }
         let there = There { due, routed };
@@ -101,9 +100,9 @@ impl Schedule {
             return Some(Expected { ratio: 1.0, there, crowding: 1.0, flights: Vec::new() });
         };
         let weight = SHARE / crowding;
-        let planned: f64 = flights.iter().map(|flight| weight * flight.1).sum();
+        let planned: f64 = flights.iter().map(|flight| weight * flight.probability).sum();
         let ratio = 1.0 - SHARE + planned;
-        flights.iter_mut().for_each(|flight| flight.1 *= weight / ratio);
+        flights.iter_mut().for_each(|flight| flight.probability *= weight / ratio);
         Some(Expected { ratio, there, crowding, flights })
     }
 }

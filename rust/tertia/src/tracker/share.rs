@@ -4,8 +4,10 @@ use super::ahead::TOGETHER;
 use super::claim::{Claim, Spread, reach};
 use super::cluster::{Cells, Cluster};
 use super::clutter::Clutter;
+use super::doubles::Seconds;
 use super::noise::Noise;
 use super::outliers::Stray;
+use super::patches::Counted;
 use super::plot::Measured;
 use super::prospects::There;
 use super::row::Row;
@@ -27,18 +29,25 @@ pub(super) const SHARES_PER_THREAD: usize = 8;
 /// Nothing was given to a claim.
 const NOTHING: u32 = u32::MAX;
 
-/// Radar and time of a plot; by what it was detected, and what plans say of the place.
-type Begun = (usize, f64, (Option<Detection>, There));
+/// What is no false plot, now that a track is confirmed: radar and time of its first plot, by what that was
+/// detected, what plans say of the place; all its plots as they were counted where they are.
+#[derive(Clone, Debug)]
+pub(super) struct Begun {
+    pub radar: usize,
+    pub time: f64,
+    pub place: (Option<Detection>, There),
+    pub counted: Vec<Counted>,
+}
 
 /// A plot that was given to a track.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Given {
     /// Its place: the claim's rank, those of the guard gate after all others of the group.
     place: u32,
     pub plot: u32,
     pub track: u64,
     /// The first plot of a track that is confirmed by this one.
-    pub begun: Option<Begun>,
+    pub begun: Option<Box<Begun>>,
     /// Radar of a plot before that was an outlier, as this one shows.
     pub outlier: Option<usize>,
     /// Another one that was no plot of the track.
@@ -55,8 +64,10 @@ pub(super) struct View<'a> {
     pub claimed: &'a [u32],
     /// Which plots wait.
     pub deferred: &'a [bool],
-    /// The density of second plots of targets, and of outliers, where each plot is.
+    /// The density of second plots and outliers of confirmed tracks where each plot is.
     pub others: &'a [f64],
+    /// Where those of others may be.
+    pub seconds: &'a Seconds,
     pub settings: &'a Settings,
     pub clutter: &'a [Clutter],
     pub noise: &'a [Noise],
@@ -242,7 +253,7 @@ impl Share {
         &mut self,
         group: &[Claim],
         tracks: &mut [&mut Track],
-        View { plots, settings, others, clutter, .. }: View<'_>,
+        View { plots, settings, others, seconds, clutter, .. }: View<'_>,
         (confirmed, with_rows): (bool, bool),
     ) {
         let mut own = 0;
@@ -253,6 +264,13 @@ impl Share {
             own += end;
             let Some(plot) = self.choice[row].filter(|_| !self.settled[row]) else { continue };
             let measured = &plots[plot as usize];
+            let number = |row: usize| tracks[group[row].track as usize].number;
+            let is_older = |other: &usize| number(*other) < number(row);
+            let is_first = |plot: usize| {
+                let taker = self.choice.iter().position(|c| *c == Some(plot as u32));
+                taker.as_ref().is_some_and(is_older)
+            };
+            let second = if confirmed { 0.0 } else { seconds.of_others(plot as usize, is_first) };
             let track = &mut *tracks[claim.track as usize];
             let radar = &settings.radars[measured.radar];
             let stray = track.gone_on(measured, settings);
@@ -261,18 +279,18 @@ impl Share {
                 let taken = |pair: &&Pair| self.columns.plot(pair.column) == plot;
                 let gain = pairs[..end].iter().find(taken).map_or(0.0, |pair| pair.gain);
                 let density = clutter[measured.radar].density(radar);
-                let other = || others[plot as usize] / measured.rivals(density);
+                let other = || (others[plot as usize] + second) / measured.rivals(density);
                 let others = if confirmed { 0.0 } else { (1.0 + other()).ln() };
                 let gain = track.evidence_of(measured, gain, density, settings);
-                track.credit(gain, others, measured.radar, settings);
+                let own = clutter[measured.radar].own(radar, measured, &track.counted);
+                track.credit(gain + own, others, measured.radar, settings);
             }
             track.correct(measured, settings);
             let with_row = with_rows || track.is_confirmed();
-            let begun = (!confirmed && track.is_confirmed()).then_some((
-                track.first.radar,
-                track.first.time,
-                (track.first.detection, track.there),
-            ));
+            if !confirmed {
+                track.counted.extend(clutter[measured.radar].counted(measured));
+            }
+            let begun = (!confirmed && track.is_confirmed()).then(|| track.begun());
             let place = group[0].rank + claim.rank;
             self.give(place, plot, track, measured, with_row, (begun, outlier, stray));
         }
@@ -320,7 +338,7 @@ impl Share {
         track: &Track,
         measured: &Measured,
         with_row: bool,
-        (begun, outlier, stray): (Option<Begun>, Option<usize>, Option<Stray>),
+        (begun, outlier, stray): (Option<Box<Begun>>, Option<usize>, Option<Stray>),
     ) {
         let row = if with_row { self.rows.len() as u32 } else { NOTHING };
         if with_row {

@@ -61,7 +61,8 @@ pub(super) fn find(
                 let d = s.inverse().form([x - place[0], y - place[1]]);
                 if d < FARTHEST {
                     nearest = if d < nearest.0 { (d, confirmed[k]) } else { nearest };
-                    sum += known.spread(d, s.determinant()) / TAU;
+                    let likeness = track.named(plot, settings);
+                    sum += likeness * known.spread(d, s.determinant()) / TAU;
                 }
             }
         });

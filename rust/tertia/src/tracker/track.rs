@@ -11,6 +11,7 @@ use super::identity::Known;
 use super::lean::Lean;
 use super::motion::Motion;
 use super::outliers::Stray;
+use super::patches::Counted;
 use super::plan::Guide;
 use super::plot::{Measured, Source};
 use super::prospects::{Prospects, There};
@@ -105,6 +106,8 @@ pub(super) struct Track {
     pub stray: Option<Stray>,
     /// What plans say of where its first plot was.
     pub there: There,
+    /// Its plots as they were counted where false ones are, until it is confirmed.
+    pub counted: Vec<Counted>,
 }
 
 /// What the target does if it is not what is shown.
@@ -164,19 +167,13 @@ impl Track {
             fork: None,
             stray: None,
             there: There::default(),
+            counted: Vec::new(),
         };
         if matches!(plot.source, Source::Moving(..)) {
             track.begin(None, settings);
         }
         track.take(plot, settings);
         track
-    }
-
-    /// Requires one more plot: one of them may be far from the target.
-    pub fn require_more(&mut self) {
-        if let Stage::Tentative { plots, .. } = &mut self.stage {
-            *plots += 1;
-        }
     }
 
     #[inline]
@@ -304,6 +301,14 @@ impl Track {
     /// Likelihood ratio of height, identity and detection.
     #[inline]
     pub fn also(&self, plot: &Measured, settings: &Settings) -> f64 {
+        // by what it was detected
+        let detection = if plot.gain == 0.0 { 1.0 } else { exp(plot.gain) };
+        self.named(plot, settings) * detection
+    }
+
+    /// Likelihood ratio of height and identity.
+    #[inline]
+    pub fn named(&self, plot: &Measured, settings: &Settings) -> f64 {
         let height = match self.vertical {
             Some(vertical) if plot.height.is_finite() => vertical.ratio(plot.time, plot.height),
             _ => 1.0,
@@ -312,9 +317,7 @@ impl Track {
             true => self.known.ratio(&settings.identities(plot).0, settings),
             false => 1.0,
         };
-        // by what it was detected
-        let detection = if plot.gain == 0.0 { 1.0 } else { exp(plot.gain) };
-        height * identity * detection
+        height * identity
     }
 
     /// Corrects by a plot.
@@ -453,16 +456,18 @@ impl Track {
             None => self.beams.push(Expected { radar: plot.radar, time: next, seen: plot.time }),
         }
         self.set_due(settings);
-        let plots_less = usize::from(self.filter.prospects().is_some_and(Prospects::is_planned));
+        let allowance = self.filter.prospects().and_then(Prospects::allowance);
         if let Stage::Tentative { hits, plots, evidence, .. } = &mut self.stage {
             *hits += usize::from(counts);
+            // after two plots
+            let less = if *hits == 2 { allowance.unwrap_or(0.0) } else { 0.0 };
             let is_likely = match settings.confirmation {
                 _ if matches!(settings.association, Association::Paper(_)) => true,
-                Confirmation::Plots(..) => *evidence >= 0.0,
+                Confirmation::Plots(..) => *evidence >= -less,
                 Confirmation::Existence(least) => self.existence.probability() >= least,
             };
             let held = |e: &Expected| settings.held.get(e.radar) == Some(&true);
-            let enough = *hits + plots_less >= *plots;
+            let enough = *hits + usize::from(allowance.is_some()) >= *plots;
             if enough && is_likely && !self.beams.all().iter().any(held) {
                 self.confirm(settings);
             }

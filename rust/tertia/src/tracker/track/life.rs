@@ -5,6 +5,7 @@ use super::super::filter::Filter;
 use super::super::plot::Measured;
 use super::super::prospects::Expected;
 use super::super::settings::{Confirmation, Settings};
+use super::super::share::Begun;
 use super::{Stage, Track};
 use crate::flightplan::Status;
 use crate::tracker::tree::Leaf;
@@ -26,6 +27,13 @@ impl Track {
         self.begin(Some(expected), settings);
     }
 
+    /// Requires one more plot: one of them may be far from the target.
+    pub fn require_more(&mut self) {
+        if let Stage::Tentative { plots, .. } = &mut self.stage {
+            *plots += 1;
+        }
+    }
+
     /// Confirms it, with the plan by which it was found, if there is one.
     pub(super) fn confirm(&mut self, settings: &Settings) {
         self.stage = Stage::Confirmed;
@@ -43,6 +51,13 @@ impl Track {
             self.correlation.accept();
             self.correlate(plan, settings, false);
         }
+    }
+
+    /// What was counted as false plots before it was confirmed.
+    pub fn begun(&mut self) -> Box<Begun> {
+        let counted = std::mem::take(&mut self.counted);
+        let Measured { radar, time, detection, .. } = self.first;
+        Box::new(Begun { radar, time, place: (detection, self.there), counted })
     }
 
     /// Whether the track goes on: plots enough at the beginning, and not too long without one.

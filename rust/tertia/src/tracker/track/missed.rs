@@ -1,6 +1,7 @@
 //! Scans in which radars should have seen a target and did not.
 
 use super::{Stage, Track};
+use crate::sensors::Radar;
 use crate::tracker::beams::Expected;
 use crate::tracker::settings::{MAX_DELAY, Settings};
 
@@ -25,7 +26,7 @@ impl Track {
                 }
                 self.beams.all_mut()[i].time += station.scan_period;
                 self.predict(time, settings.pace(radar), settings);
-                if station.covers(self.estimate.position()) {
+                if self.is_missed(station, settings) {
                     self.existence.miss(radar, settings);
                     if let Stage::Tentative { misses, evidence, .. } = &mut self.stage {
                         *misses += 1;
@@ -36,5 +37,13 @@ impl Track {
                 }
             }
         }
+    }
+
+    /// Whether a scan without a plot counts: not where the target has left the range of this radar, unless no
+    /// radar has confirmed it before it left that of all.
+    fn is_missed(&self, station: &Radar, settings: &Settings) -> bool {
+        let place = self.estimate.position();
+        let is_seen = |e: &Expected| settings.radars[e.radar].covers(place);
+        station.covers(place) || !self.is_confirmed() && !self.beams.all().iter().any(is_seen)
     }
 }
