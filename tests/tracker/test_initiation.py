@@ -76,6 +76,14 @@ def test_two_plots_are_enough_where_a_flight_is_due():
     assert aided <= 2.3
 
 
+def test_two_plots_are_enough_unless_false_ones_are_as_near_to_a_flight_as_often():
+    """12 to 24 km behind, where flights are due with a standard deviation of 24 km."""
+    late = [means((FIRST, 30e3, 200.0, behind)) for behind in (6e3, 18e3)]
+    aided, plain = np.mean(late, axis=0)
+    assert plain >= 3.0
+    assert aided <= 2.1
+
+
 def test_two_plots_are_enough_where_a_radar_has_channels():
     channels = {"psr": Channel(0.8), "ssr": Channel(0.7)}
     radar = replace(RADAR, detection_probability=None, channels=channels)

@@ -1,8 +1,10 @@
 """False plots that are denser in some places, and gaps in which only they are seen."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from tertia.tracker import Plots, Radar, track
+from tertia.tracker import Plots, Radar, Tracker, track
 
 PERIOD, SCANS = 4.0, 150
 ECHOES = Radar(
@@ -64,6 +66,36 @@ def test_rain_makes_few_tracks():
         assert np.sum(np.array(share) < 0.5) <= 6
         # aircraft are seen as before
         assert 8 <= np.sum(np.array(share) >= 0.5) <= 11
+
+
+def test_even_false_plots_delay_tracks_no_more_than_a_known_density():
+    """Before, targets' own first plots made their places dense, and each cost half a scan."""
+    waits = []
+    for seed in range(3, 6):
+        rng = np.random.default_rng(seed)
+        aircraft = _aircraft(rng, 40)
+        plots = Plots(*np.concatenate([*aircraft, _uniform(rng, 100)]).T)
+        of = np.append(np.repeat(np.arange(40), list(map(len, aircraft))), np.full(15_000, -1))
+        known = 100.0 / (np.pi * 1e10)
+        for density in (None, known):
+            table = track(plots, [ECHOES], clutter_density=density)
+            shown = table.plot[table.confirmed & (table.plot >= 0)]
+            first = [np.min(plots.time[of == k]) for k in range(40)]
+            begun = [np.min(plots.time[shown[of[shown] == k]], initial=600.0) for k in range(40)]
+            waits.append(np.mean(np.subtract(begun, first)) / PERIOD)
+    estimated, known = np.mean(np.reshape(waits, (3, 2)), axis=0)
+    assert estimated <= known + 0.4
+
+
+def test_a_target_that_leaves_before_it_is_confirmed_is_given_up():
+    """Two plots at the limit of the range, and one twenty seconds later."""
+    time = np.array([0.0, 4.0, 24.0])
+    plots = Plots(time, [99.0e3, 99.9e3, 99.5e3], [1.0, 1.0, 1.01])
+    far = Tracker([replace(ECHOES, detection_probability=0.9)], clutter_density=1e-11)
+    assert not len(far.update(plots, time=40.0).track)
+    # within the range it is given up as well
+    near = replace(plots, range=plots.range - 20e3)
+    assert not len(track(near, [ECHOES], clutter_density=1e-11).track)
 
 
 def test_no_track_flies_faster_than_targets_to_a_false_plot():

@@ -3,6 +3,7 @@
 use super::plot::{Measured, Source};
 use super::settings::{MAX_DELAY, Settings};
 use super::track::Track;
+use crate::association::Grid;
 use crate::base::plane::Plane;
 use std::f64::consts::PI;
 
@@ -126,4 +127,40 @@ pub(super) fn reach(
     let half = [half(covariance.xx, noise.xx), half(covariance.yy, noise.yy)];
     let nearest = station.about(centre) - half[0] - half[1];
     (nearest <= station.max_range).then_some((centre, half))
+}
+
+/// Whether a plot may be of the same target as one of those that have `begun` tracks now: of another sensor, or
+/// of the same sensor of positions.
+pub(super) fn is_near(
+    plot: &Measured,
+    (grid, plots): (&Grid, &[Measured]),
+    begun: impl Fn(usize) -> bool,
+    spread: &Spread,
+    settings: &Settings,
+) -> bool {
+    let is_position = |radar: usize| settings.geometry(radar).is_position();
+    let repeats = is_position(plot.radar);
+    if !repeats && settings.radars.len() == 1 {
+        return false;
+    }
+    let noise = |plot: &Measured| {
+        let radar = settings.radars[plot.radar].detecting(plot.detection);
+        let r = radar.noise_at(plot.position, f64::NAN);
+        let variance = if is_position(plot.radar) { spread.variance } else { r.xx.max(r.yy) };
+        (settings.guard * variance).sqrt()
+    };
+    let longest = plots.last().map_or(0.0, |last| last.time - plots[0].time);
+    let own = noise(plot);
+    let half = settings.max_speed * longest + 2.0 * own;
+    let [x, y] = plot.position;
+    let mut near = false;
+    grid.between([x - half, y - half], [x + half, y + half], &mut |i| {
+        let other = &plots[i];
+        if begun(i) && (repeats || other.radar != plot.radar) {
+            let apart = f64::hypot(x - other.position[0], y - other.position[1]);
+            let flown = settings.max_speed * (plot.time - other.time).abs();
+            near |= apart <= flown + own + noise(other);
+        }
+    });
+    near
 }

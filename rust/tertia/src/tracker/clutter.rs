@@ -3,7 +3,7 @@
 use super::association::Association;
 use super::doubles::Seconds;
 use super::extent::Extent;
-use super::patches::{Counted, Patches};
+use super::patches::Patches;
 use super::plot::Measured;
 use super::prospects::There;
 use super::settings::Settings;
@@ -122,24 +122,7 @@ impl Clutter {
     /// comparison with all plots of the radar.
     pub fn gain(&self, radar: &Radar, detection: Option<Detection>, position: [f64; 2]) -> f64 {
         let Some(patches) = &self.patches else { return self.gain_by_way(radar, detection) };
-        let ratio = patches.ratio(position, self.density(radar), [].iter());
-        self.gain_by_way(radar, detection) - ratio.ln()
-    }
-
-    /// Logarithm of how much denser false plots seem to be where a plot is by the earlier plots of its track.
-    pub fn own(&self, radar: &Radar, plot: &Measured, own: &[Counted]) -> f64 {
-        let Some(patches) = self.patches.as_ref().filter(|_| !own.is_empty()) else { return 0.0 };
-        let this = patches.counted(plot.radar, plot.position);
-        let ratio = |own: &[Counted]| {
-            let of_radar = own.iter().filter(|one| one.radar == plot.radar);
-            patches.ratio(plot.position, self.density(radar), of_radar.chain([&this]))
-        };
-        (ratio(&[]) / ratio(own)).ln()
-    }
-
-    /// The plot as it was counted where it is.
-    pub fn counted(&self, plot: &Measured) -> Option<Counted> {
-        self.patches.as_ref().map(|patches| patches.counted(plot.radar, plot.position))
+        self.gain_by_way(radar, detection) - patches.ratio(position, self.density(radar)).ln()
     }
 
     /// Finds by a first plot whether the density is even.
@@ -147,13 +130,6 @@ impl Clutter {
         let mean = self.density(radar);
         if let Some(patches) = &mut self.patches {
             patches.weigh(position, mean);
-        }
-    }
-
-    /// Removes a plot that was counted where it is but belongs to a target.
-    pub fn discount_place(&mut self, one: &Counted) {
-        if let Some(patches) = &mut self.patches {
-            patches.discount(one);
         }
     }
 

@@ -73,7 +73,8 @@ pub(super) fn leave_out(
     for (i, plot) in plots.iter().enumerate().filter(|(_, plot)| often[plot.radar]) {
         let mut is_second = false;
         Pairs::of(plot, settings).each(grid, plots, |k, distance| {
-            is_second |= k < i && !left_out[k] && distance < NEAR && likeness(plot, &plots[k]) > 0.0;
+            is_second |=
+                k < i && !left_out[k] && distance < NEAR && likeness(plot, &plots[k]) > 0.0;
         });
         left_out[i] = is_second;
     }

@@ -12,17 +12,10 @@ const BEFOREHAND: f64 = 1.0;
 /// Squares from which those without plots lately are forgotten.
 const MANY: usize = 20_000;
 const NONE_LATELY: f64 = 1e-3;
-/// Largest log-odds that the density differs from place to place: a shower may come at any time.
-const SURE: f64 = 5.0;
-
-/// A plot that was counted.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Counted {
-    pub radar: usize,
-    /// In scans of the radar.
-    at: f64,
-    position: [f64; 2],
-}
+/// Log-odds of an even density before any plot, and by how much plots change them at most: a shower may come at
+/// any time.
+const EVEN: f64 = 2.0;
+const MOST: f64 = 5.0;
 
 /// Plots that confirmed tracks have left, by square, with fading weights.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -34,7 +27,7 @@ pub(super) struct Patches {
     scans: f64,
     /// The plots of each square, and until when they have faded.
     plots: BTreeMap<(i32, i32), (f64, f64)>,
-    /// Log-odds that the density differs from place to place, by the places of first plots.
+    /// What the places of first plots add to the log-odds that the density differs from place to place.
     uneven: f64,
 }
 
@@ -56,42 +49,19 @@ impl Patches {
         (BEFOREHAND + plots) / (BEFOREHAND + expected)
     }
 
-    /// Density of false plots at a place over their `mean`, at least 1, as it is known without a target's
-    /// `own` plots. Cost O(log squares).
-    pub fn ratio<'a>(
-        &self,
-        position: [f64; 2],
-        mean: f64,
-        own: impl Iterator<Item = &'a Counted>,
-    ) -> f64 {
-        let all = self.at(position);
-        if all == 0.0 {
+    /// Density of false plots at a place over their `mean`, at least 1. Cost O(log squares).
+    pub fn ratio(&self, position: [f64; 2], mean: f64) -> f64 {
+        if self.plots.is_empty() {
             return 1.0;
         }
-        let square = self.square(position);
-        let weight = |one: &Counted| ((one.at - self.now) / MEMORY).exp();
-        let own: f64 = own.filter(|one| self.square(one.position) == square).map(weight).sum();
-        let local = self.local((all - own).max(0.0), mean).max(1.0);
-        1.0 + (local - 1.0) / (1.0 + (-self.uneven).exp())
+        let local = self.local(self.at(position), mean).max(1.0);
+        1.0 + (local - 1.0) / (1.0 + (EVEN - self.uneven).exp())
     }
 
     /// Takes a plot that was counted just now as evidence for or against an even density.
     pub fn weigh(&mut self, position: [f64; 2], mean: f64) {
         let others = (self.at(position) - 1.0).max(0.0);
-        self.uneven = (self.uneven + self.local(others, mean).ln()).clamp(-SURE, SURE);
-    }
-
-    /// The plot at this place, which was counted just now.
-    pub fn counted(&self, radar: usize, position: [f64; 2]) -> Counted {
-        Counted { radar, at: self.now, position }
-    }
-
-    /// A plot that was counted is none of the false ones.
-    pub fn discount(&mut self, one: &Counted) {
-        let (square, weight) = (self.square(one.position), one.at);
-        if let Some((plots, until)) = self.plots.get_mut(&square) {
-            *plots = (*plots - ((weight - *until) / MEMORY).exp()).max(0.0);
-        }
+        self.uneven = (self.uneven + self.local(others, mean).ln()).clamp(-MOST, MOST);
     }
 
     /// Counts a plot of a radar whose largest range this is.
@@ -135,13 +105,11 @@ mod tests {
     use super::*;
     use crate::base::checks::assert_within;
 
-    const NONE: [Counted; 0] = [];
-
     #[test]
     fn the_density_is_high_where_plots_are_and_fades() {
         let mut patches = Patches::default();
         let (range, mean) = (64e3, 1e-9);
-        assert_eq!(patches.ratio([500.0, 500.0], mean, NONE.iter()), 1.0);
+        assert_eq!(patches.ratio([500.0, 500.0], mean), 1.0);
         for _ in 0..10 {
             (0..3).for_each(|_| patches.add([500.0, -500.0], range));
             patches.fade(1.0);
@@ -150,32 +118,12 @@ mod tests {
         let weights: f64 = (1..=10).map(kept).sum();
         let scans: f64 = (0..10).map(kept).sum();
         let local = (1.0 + 3.0 * weights) / (1.0 + mean * 1e6 * scans);
-        // that it is even is as likely as not
-        let expected = 0.5 + 0.5 * local;
-        assert_within(1e-12, patches.ratio([999.0, -1.0], mean, NONE.iter()), expected);
-        assert_eq!(patches.ratio([1001.0, -1.0], mean, NONE.iter()), 1.0);
+        // an even density is e² times as likely
+        let expected = 1.0 + (local - 1.0) / (1.0 + EVEN.exp());
+        assert_within(1e-12, patches.ratio([999.0, -1.0], mean), expected);
+        assert_eq!(patches.ratio([1001.0, -1.0], mean), 1.0);
         patches.fade(300.0);
-        assert!(patches.ratio([999.0, -1.0], mean, NONE.iter()) < 1.01);
-    }
-
-    #[test]
-    fn plots_of_a_track_do_not_make_its_own_place_dense() {
-        let mut patches = Patches::default();
-        let (range, mean, place) = (64e3, 1e-9, [300.0, 300.0]);
-        patches.add(place, range);
-        patches.fade(1.0);
-        let mut own = Vec::new();
-        let before = patches.ratio(place, mean, NONE.iter());
-        for _ in 0..2 {
-            patches.add(place, range);
-            own.push(patches.counted(0, place));
-        }
-        assert!(patches.ratio(place, mean, NONE.iter()) > 1.4 * before);
-        assert_within(1e-14, patches.ratio(place, mean, own.iter()), before);
-        patches.fade(2.0);
-        let others = patches.ratio(place, mean, own.iter());
-        own.iter().for_each(|one| patches.discount(one));
-        assert_within(1e-14, patches.ratio(place, mean, NONE.iter()), others);
+        assert!(patches.ratio([999.0, -1.0], mean) < 1.01);
     }
 
     #[test]
@@ -192,9 +140,9 @@ mod tests {
                     patches.fade(1.0);
                 }
             }
-            patches.ratio([500.0, 500.0], mean, NONE.iter())
+            patches.ratio([500.0, 500.0], mean)
         };
-        assert!(ratio(50) < 1.5);
+        assert!(ratio(50) < 1.03);
         assert!(ratio(10) > 4.0);
     }
 

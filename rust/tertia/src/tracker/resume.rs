@@ -200,13 +200,14 @@ fn continues((new, end): (&Track, &Spot), old: &Track, paths: &Paths<'_>) -> boo
     let kind = match new.identities().compare(&old.identities()) {
         Some((_, false)) => return false,
         Some((kind, true)) => kind,
-        // its last plot may have been an outlier
         None => {
-            let mut states = std::iter::once(old).chain(old.forked());
-            return states.any(|old| {
+            // where many are, its last plot may have been an outlier
+            let [longest, _] = paths.longest(old);
+            let other = old.forked().filter(|_| longest > SCANS * old.period());
+            return std::iter::once(old).chain(other).any(|old| {
                 let gap = end.time - old.seen;
                 gap > 0.0
-                    && gap <= paths.longest(old)[0]
+                    && gap <= longest
                     && is_near(old, end, gap)
                     && turned(new, old)
                     && paths.lead(old, &Spot::last(old), end)

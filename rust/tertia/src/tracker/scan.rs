@@ -5,7 +5,7 @@
 //! the order of the groups: tracks that compete for plots of one radar.
 
 use super::ahead::Ahead;
-use super::claim::{Claim, Spread};
+use super::claim::{Claim, Spread, is_near};
 use super::cluster::{Cells, Clusters};
 use super::clutter::{self, Clutter, Counts};
 use super::doubles::{self, Doubles, Near, Seconds};
@@ -16,7 +16,7 @@ use super::resume::resume;
 use super::row::{Row, Rows};
 use super::schedule::Schedule;
 use super::settings::Settings;
-use super::share::{Begun, Share, Shares, View};
+use super::share::{Share, Shares, View};
 use super::sharp::{self, Known};
 use super::strays;
 use super::track::Track;
@@ -36,8 +36,8 @@ pub(super) struct Scan {
     spread: Spread,
     /// Second plots of targets, of radars that make many.
     left_out: Vec<bool>,
-    /// Whether there are positions among them.
-    reports: bool,
+    /// The least number of a track that is looked at.
+    first: u64,
     /// Plots of each radar that belonged to no track.
     unused: Vec<Counts>,
     /// The plots of all radars.
@@ -92,6 +92,7 @@ impl Scan {
     ) {
         self.load(sky, plots);
         self.leave_out(sky, &mut report);
+        self.first = 0;
         self.take(sky, true, [oldest, hold], &mut report);
         let known = Known { settings: sky.settings, clutter: sky.clutter, noise: sky.noise };
         let sought = (known, &mut sky.tracks[..], &mut *sky.rows);
@@ -113,6 +114,8 @@ impl Scan {
         schedule.crowd((&self.plots, used.0), (sky.clutter, sky.settings), &mut self.others);
         loop {
             self.take(sky, false, [oldest, hold], &mut report);
+            // those that were there before have had their choice
+            self.first = *sky.next_number;
             if !self.begin(sky, &schedule, hold, &mut report) {
                 break;
             }
@@ -154,7 +157,6 @@ impl Scan {
         self.deferred.resize(plots.len(), false);
         self.spread = Spread::of(plots);
         let settings = sky.settings;
-        self.reports = plots.iter().any(|plot| settings.geometry(plot.radar).is_position());
         self.unused.clear();
         self.unused.resize(settings.radars.len(), Counts::default());
         let radars = &sky.settings.radars;
@@ -185,6 +187,7 @@ impl Scan {
     /// Finds the plots near each track.
     fn claim<R>(&mut self, sky: &Sky<'_, R>, confirmed: bool) {
         let Self { plots, taken, deferred, spread, grid, claims, claimed, shares, .. } = self;
+        let oldest = self.first;
         claims.clear();
         claimed.clear();
         let (Some(first), Some(last)) = (plots.first(), plots.last()) else { return };
@@ -194,7 +197,7 @@ impl Scan {
         let free = |&plot: &u32| !taken[plot as usize] && !deferred[plot as usize];
         let look = |share: &mut Share, first: usize, tracks: &[Track]| {
             for (index, track) in (first..).zip(tracks) {
-                if track.is_confirmed() == confirmed {
+                if track.is_confirmed() == confirmed && track.number >= oldest {
                     share.look((index, track), (begin, end), settings, around, spread, free);
                 }
             }
@@ -348,9 +351,8 @@ impl Scan {
             if let Some(stray) = given.stray {
                 sky.noise[stray.radar].outliers.strayed(&stray);
             }
-            if let Some(Begun { radar, time, place, counted }) = given.begun.as_deref() {
-                sky.clutter[*radar].discount(*time, &settings.radars[*radar], *place);
-                counted.iter().for_each(|one| sky.clutter[one.radar].discount_place(one));
+            if let Some((radar, time, place)) = given.begun {
+                sky.clutter[radar].discount(time, &settings.radars[radar], place);
             }
             if row.is_some_and(|row| row.confirmed) {
                 let plot = &plots[given.plot as usize];
@@ -380,7 +382,7 @@ impl Scan {
         report: &mut impl FnMut(usize, PlotStatus),
     ) -> bool {
         let mut left = false;
-        let mut now = vec![false; if self.reports { self.plots.len() } else { 0 }];
+        let mut now = vec![false; self.plots.len()];
         for (i, plot) in self.plots.iter().enumerate() {
             self.deferred[i] |= !self.taken[i] && plot.time >= hold;
             if self.taken[i] || self.deferred[i] {
@@ -390,15 +392,12 @@ impl Scan {
             let clutter = &sky.clutter[plot.radar];
             let [density, false_plots] =
                 [clutter.density(radar), clutter.plots(radar)].map(|all| plot.rivals(all));
-            let reports = self.reports && sky.settings.geometry(plot.radar).is_position();
-            if reports && self.is_near(plot, &now, sky.settings) {
+            let begun = |i: usize| now[i];
+            if is_near(plot, (&self.grid, &self.plots), begun, &self.spread, sky.settings) {
                 left = true;
                 continue;
             }
-            if reports {
-                now[i] = true;
-            }
-            self.taken[i] = true;
+            (self.taken[i], now[i]) = (true, true);
             // where there are more of other plots, more false tracks begin
             let second = self.seconds.of_others(i, |other| self.taken[other]);
             let false_plots = false_plots * (1.0 + (self.others[i] + second) / density);
@@ -411,7 +410,6 @@ impl Scan {
             }
             *sky.next_number += 1;
             let is_double = self.seconds.of_confirmed()[i] + second > density;
-            track.counted.extend(clutter.counted(plot));
             if !is_double {
                 self.unused[plot.radar].add(plot.detection, track.there);
                 sky.clutter[plot.radar].weigh(radar, plot.position);
@@ -424,25 +422,6 @@ impl Scan {
             sky.tracks.push(track);
         }
         left
-    }
-
-    /// Whether a report may be of the same target as one that has begun a track now.
-    fn is_near(&self, plot: &Measured, now: &[bool], settings: &Settings) -> bool {
-        let longest = self.plots.last().map_or(0.0, |last| last.time - self.plots[0].time);
-        let half =
-            settings.max_speed * longest + 2.0 * (settings.guard * self.spread.variance).sqrt();
-        let [x, y] = plot.position;
-        let mut near = false;
-        self.grid.between([x - half, y - half], [x + half, y + half], &mut |i| {
-            let other = &self.plots[i];
-            if now[i] && other.radar == plot.radar {
-                let apart = (x - other.position[0]).hypot(y - other.position[1]);
-                let flown = settings.max_speed * (plot.time - other.time).abs();
-                let noise = 2.0 * (settings.guard * self.spread.variance).sqrt();
-                near |= apart <= flown + noise;
-            }
-        });
-        near
     }
 
     /// Counts the plots that belonged to no track.

@@ -7,7 +7,6 @@ use super::clutter::Clutter;
 use super::doubles::Seconds;
 use super::noise::Noise;
 use super::outliers::Stray;
-use super::patches::Counted;
 use super::plot::Measured;
 use super::prospects::There;
 use super::row::Row;
@@ -29,25 +28,18 @@ pub(super) const SHARES_PER_THREAD: usize = 8;
 /// Nothing was given to a claim.
 const NOTHING: u32 = u32::MAX;
 
-/// What is no false plot, now that a track is confirmed: radar and time of its first plot, by what that was
-/// detected, what plans say of the place; all its plots as they were counted where they are.
-#[derive(Clone, Debug)]
-pub(super) struct Begun {
-    pub radar: usize,
-    pub time: f64,
-    pub place: (Option<Detection>, There),
-    pub counted: Vec<Counted>,
-}
+/// Radar and time of a plot; by what it was detected, and what plans say of the place.
+type Begun = (usize, f64, (Option<Detection>, There));
 
 /// A plot that was given to a track.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Given {
     /// Its place: the claim's rank, those of the guard gate after all others of the group.
     place: u32,
     pub plot: u32,
     pub track: u64,
     /// The first plot of a track that is confirmed by this one.
-    pub begun: Option<Box<Begun>>,
+    pub begun: Option<Begun>,
     /// Radar of a plot before that was an outlier, as this one shows.
     pub outlier: Option<usize>,
     /// Another one that was no plot of the track.
@@ -282,15 +274,15 @@ impl Share {
                 let other = || (others[plot as usize] + second) / measured.rivals(density);
                 let others = if confirmed { 0.0 } else { (1.0 + other()).ln() };
                 let gain = track.evidence_of(measured, gain, density, settings);
-                let own = clutter[measured.radar].own(radar, measured, &track.counted);
-                track.credit(gain + own, others, measured.radar, settings);
+                track.credit(gain, others, measured.radar, settings);
             }
             track.correct(measured, settings);
             let with_row = with_rows || track.is_confirmed();
-            if !confirmed {
-                track.counted.extend(clutter[measured.radar].counted(measured));
-            }
-            let begun = (!confirmed && track.is_confirmed()).then(|| track.begun());
+            let begun = (!confirmed && track.is_confirmed()).then_some((
+                track.first.radar,
+                track.first.time,
+                (track.first.detection, track.there),
+            ));
             let place = group[0].rank + claim.rank;
             self.give(place, plot, track, measured, with_row, (begun, outlier, stray));
         }
@@ -338,7 +330,7 @@ impl Share {
         track: &Track,
         measured: &Measured,
         with_row: bool,
-        (begun, outlier, stray): (Option<Box<Begun>>, Option<usize>, Option<Stray>),
+        (begun, outlier, stray): (Option<Begun>, Option<usize>, Option<Stray>),
     ) {
         let row = if with_row { self.rows.len() as u32 } else { NOTHING };
         if with_row {

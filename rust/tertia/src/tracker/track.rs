@@ -11,7 +11,6 @@ use super::identity::Known;
 use super::lean::Lean;
 use super::motion::Motion;
 use super::outliers::Stray;
-use super::patches::Counted;
 use super::plan::Guide;
 use super::plot::{Measured, Source};
 use super::prospects::{Prospects, There};
@@ -106,8 +105,6 @@ pub(super) struct Track {
     pub stray: Option<Stray>,
     /// What plans say of where its first plot was.
     pub there: There,
-    /// Its plots as they were counted where false ones are, until it is confirmed.
-    pub counted: Vec<Counted>,
 }
 
 /// What the target does if it is not what is shown.
@@ -167,7 +164,6 @@ impl Track {
             fork: None,
             stray: None,
             there: There::default(),
-            counted: Vec::new(),
         };
         if matches!(plot.source, Source::Moving(..)) {
             track.begin(None, settings);
@@ -471,15 +467,6 @@ impl Track {
             if enough && is_likely && !self.beams.all().iter().any(held) {
                 self.confirm(settings);
             }
-        }
-    }
-
-    /// Suspends its plan, or resumes it.
-    pub fn suspend_plan(&mut self, suspended: bool) {
-        self.suspended = suspended;
-        self.filter.suspend_plan(suspended);
-        for leaf in self.alternatives_mut() {
-            leaf.track.suspend_plan(suspended);
         }
     }
 

@@ -5,7 +5,6 @@ use super::super::filter::Filter;
 use super::super::plot::Measured;
 use super::super::prospects::Expected;
 use super::super::settings::{Confirmation, Settings};
-use super::super::share::Begun;
 use super::{Stage, Track};
 use crate::flightplan::Status;
 use crate::tracker::tree::Leaf;
@@ -53,13 +52,6 @@ impl Track {
         }
     }
 
-    /// What was counted as false plots before it was confirmed.
-    pub fn begun(&mut self) -> Box<Begun> {
-        let counted = std::mem::take(&mut self.counted);
-        let Measured { radar, time, detection, .. } = self.first;
-        Box::new(Begun { radar, time, place: (detection, self.there), counted })
-    }
-
     /// Whether the track goes on: plots enough at the beginning, and not too long without one.
     pub fn is_alive(&self, settings: &Settings) -> bool {
         let silence = self.time - self.seen;
@@ -94,6 +86,15 @@ impl Track {
     /// Scans of the slowest radar that sees the target, s.
     pub fn period(&self) -> f64 {
         self.period
+    }
+
+    /// Suspends its plan, or resumes it.
+    pub fn suspend_plan(&mut self, suspended: bool) {
+        self.suspended = suspended;
+        self.filter.suspend_plan(suspended);
+        for leaf in self.alternatives_mut() {
+            leaf.track.suspend_plan(suspended);
+        }
     }
 
     /// Whether its plan is suspended.
