@@ -158,7 +158,7 @@ def calibration() -> str:
         for k, pairs in enumerate(columns):
             own = pairs[(pairs[:, 0] > low) & (pairs[:, 0] <= high)]
             mean, share = np.mean(own, axis=0) if len(own) else (np.nan, np.nan)
-            known = [f"{len(own)}", f"{mean:.3f}", f"{share:.3f}"]
+            known = [f"{len(own)}", *(f"{x:.3f}" if len(own) else "–" for x in (mean, share))]
             cells += known if k < 2 else known[::2]
         rows.append([f"{low:g} to {high:g}", *cells])
     head = ["stated"]

@@ -119,36 +119,38 @@ def scene(false_plots: float, scans: int, targets: int, routed: bool, seed: list
     return Scene(plans, plots[order], target_of[inside][order])
 
 
-def delays(found: TrackTable, scene: Scene) -> Iterator[tuple[int, float]]:
-    """Yield targets, and the scans from the first plot to confirmation, both counted."""
+def delays(found: TrackTable, scene: Scene) -> Iterator[tuple[int, int, int]]:
+    """Yield targets, and scans and plots from the first plot to confirmation, both counted."""
     confirmed = found.plot[found.confirmed & (found.plot >= 0)]
     for target in range(2 * TARGETS):
         own = np.flatnonzero(scene.target == target)
         tracked = own[np.isin(own, confirmed)]
         if own.size and tracked.size:
-            yield (
-                target,
-                1 + round((scene.plots.time[tracked[0]] - scene.plots.time[own[0]]) / PERIOD),
-            )
+            wait = scene.plots.time[tracked[0]] - scene.plots.time[own[0]]
+            plots = int(np.searchsorted(own, tracked[0]))
+            yield target, 1 + round(wait / PERIOD), 1 + plots
 
 
 def initiation() -> str:
     """Return scans to confirmation, of targets with plans and without."""
     rows = []
     for false_plots in (20, 100, 500):
-        scans: list[list[list[float]]] = [[[], []], [[], []]]
+        scans: list[list[list[int]]] = [[[], []], [[], []]]
+        plots: list[int] = []
         for trial in range(repetitions(10, 1)):
             one = scene(false_plots, SCANS, TARGETS, False, [false_plots, trial])
             for model, own in zip(MODELS, scans, strict=True):
                 found = track(one.plots, [RADAR], plans=one.plans, plan_model=model)
-                for target, delay in delays(found, one):
+                for target, delay, count in delays(found, one):
                     own[int(target >= TARGETS)].append(delay)
+                    if target < TARGETS and model.initiation:
+                        plots.append(count)
         (planned, others), (soon, others_soon) = scans
         rows.append(
             [
                 f"{false_plots}",
                 f"{np.mean(planned):.2f} → {np.mean(soon):.2f}",
-                f"{np.mean(np.array(soon) <= 2):.0%}",
+                f"{np.mean(np.array(plots) <= 2):.0%}",
                 f"{np.mean(others):.2f} → {np.mean(others_soon):.2f}",
             ]
         )

@@ -16,6 +16,8 @@ const SCANS: f64 = 5.5;
 const SCANS_OF_OUTLIERS: f64 = 13.0;
 /// Longest time without any plot of the aircraft, in scans.
 const LINK: f64 = 2.5;
+/// Scans within which a track is lost by a wrong plot among its first ones.
+const SCANS_OF_YOUNG: f64 = 3.5;
 /// Largest change of speed, as a share.
 const FASTER: f64 = 1.2;
 /// Margin for errors of positions and velocities, in standard deviations.
@@ -201,16 +203,20 @@ fn continues((new, end): (&Track, &Spot), old: &Track, paths: &Paths<'_>) -> boo
         Some((_, false)) => return false,
         Some((kind, true)) => kind,
         None => {
+            if leads_back(new, old, end, settings) {
+                return true;
+            }
             // where many are, its last plot may have been an outlier
             let [longest, _] = paths.longest(old);
             let other = old.forked().filter(|_| longest > SCANS * old.period());
-            return std::iter::once(old).chain(other).any(|old| {
-                let gap = end.time - old.seen;
+            return std::iter::once(old).chain(other).any(|state| {
+                let gap = end.time - state.seen;
                 gap > 0.0
                     && gap <= longest
-                    && is_near(old, end, gap)
-                    && turned(new, old)
-                    && paths.lead(old, &Spot::last(old), end)
+                    && is_near(state, end, gap)
+                    && turned(new, state)
+                    && paths.lead(state, &Spot::last(state), end)
+                    && (gap <= SCANS * old.period() || paths.are_alone(new, old, (end, gap)))
             });
         }
     };
@@ -226,6 +232,18 @@ fn continues((new, end): (&Track, &Spot), old: &Track, paths: &Paths<'_>) -> boo
     let away = f64::hypot(end.position[0] - place[0], end.position[1] - place[1]);
     let errors = SIGMAS * (p.xx + p.yy + end.variance).sqrt();
     gap <= longest && away <= 2.0 * settings.max_speed * gap + errors
+}
+
+/// Whether the way of a new track leads back to where an old one began, which was lost soon after: one of its
+/// few plots was an outlier or a false plot.
+fn leads_back(new: &Track, old: &Track, end: &Spot, settings: &Settings) -> bool {
+    let begin = Spot::first(old, settings);
+    let is_soon = |from: f64, to: f64, scans: f64| to > from && to - from <= scans * old.period();
+    is_soon(begin.time, old.seen, SCANS_OF_YOUNG) && is_soon(old.seen, end.time, SCANS) && {
+        let (place, p) = new.position_at(begin.time);
+        let away = f64::hypot(begin.position[0] - place[0], begin.position[1] - place[1]);
+        away <= SIGMAS * (p.xx + p.yy + begin.variance).sqrt()
+    }
 }
 
 /// Whether an aircraft may be so far from an old track after a time: any way there is longer. Most
@@ -271,6 +289,18 @@ impl Paths<'_> {
         let many = self.noise.iter().enumerate().any(is_many);
         let scans = if many { [SCANS_OF_OUTLIERS; 2] } else { [SCANS, LINK] };
         scans.map(|scans| scans * old.period())
+    }
+
+    /// Whether no other track is so near that it may be that of the aircraft instead.
+    fn are_alone(&self, new: &Track, old: &Track, (end, gap): (&Spot, f64)) -> bool {
+        let speed = f64::hypot(old.estimate.mean[2], old.estimate.mean[3]);
+        let is_other = |track: &&Track| {
+            track.is_confirmed() && track.number != new.number && track.number != old.number
+        };
+        self.tracks.iter().filter(is_other).all(|track| {
+            let [x, y] = track.position_at(end.time).0;
+            f64::hypot(x - end.position[0], y - end.position[1]) > FASTER * speed * gap
+        })
     }
 
     fn tentative(&self) -> &[Stretch] {
