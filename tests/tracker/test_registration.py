@@ -196,8 +196,9 @@ def test_large_errors_make_no_second_tracks(beyond, offset):
     assert 20 <= len(later) <= 21
     whole = track(plots, RADARS)
     assert 20 <= len(np.unique(whole.track)) <= 21
+    # errors of 0.3 degrees or 300 m alone do not always make second tracks
     assert len(np.unique(track(plots, RADARS, registration=False).track)) > (
-        30 if beyond > 0.2 or offset else 19
+        30 if beyond > 0.3 or (beyond > 0.2 and offset) else 19
     )
 
 

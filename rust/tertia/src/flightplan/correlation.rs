@@ -252,7 +252,9 @@ mod tests {
     #[test]
     fn a_flight_is_expected_about_where_it_is_due() {
         let route = route(0.0);
-        let (density, velocity) = expected(&route, 100.0, [2e4 + 24e3, -700.0]).unwrap();
+        let Due { density, square, velocity } =
+            expected(&route, 100.0, [2e4 + 24e3, -700.0]).unwrap();
+        assert!((square - 1.0).abs() < 1e-12);
         assert!((velocity[0] - 200.0).abs() < 1e-9 && velocity[1].abs() < 1e-9);
         let highest = 1.0 / (2.0 * PI * 700.0 * 24e3);
         assert!((density / highest - (-1.0_f64).exp()).abs() < 1e-12);
@@ -262,7 +264,7 @@ mod tests {
         let total: f64 = steps(50, 2000.0)
             .flat_map(|x| steps(60, 50.0).map(move |y| [5e4 + x, y]))
             .filter_map(|z| expected(&route, 250.0, z))
-            .map(|(density, _)| density * 1e5)
+            .map(|due| due.density * 1e5)
             .sum();
         assert!((total - 1.0).abs() < 1e-3, "{total}");
         let total: f64 = steps(60, 2000.0)
