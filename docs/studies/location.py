@@ -176,7 +176,8 @@ def far_too_small() -> str:
                 truth = path(100, 2)
                 true, sigma = directions(truth, places)[kind], sigmas[kind]
                 measured = true + factor * sigma * rng.standard_normal(true.shape)
-                fix = locate(places, **{kind: measured, f"{kind}_sigma": sigma})
+                options: dict[str, Any] = {kind: measured, f"{kind}_sigma": sigma}
+                fix = locate(places, **options)
                 located = np.asarray(fix.success)
                 off = (fix.position - truth)[located]
                 square = np.asarray(metrics.nees(off, fix.covariance[located]))
