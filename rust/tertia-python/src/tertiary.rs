@@ -28,13 +28,14 @@ impl TrackRows<'_> {
         let columns = [&self.time, &self.height, &self.turn_probability];
         let [time, height, turning] = columns.map(|column| column.numbers("tracks"));
         let (time, height, turning) = (time?, height?, turning?);
-        let state = self.state.points::<4>("state", 1)?;
-        let covariance = self.covariance.points::<16>("covariance", 2)?;
-        let (sensor, track) = (self.sensor.as_slice()?, self.track.as_slice()?);
-        let n = time.len();
+        let (sensor, track, n) = (self.sensor.as_slice()?, self.track.as_slice()?, time.len());
+        let (states, covariances) =
+            (self.state.blocks("state", 1)?, self.covariance.blocks("covariance", 2)?);
+        states.require(4, n)?;
+        covariances.require(16, n)?;
+        let (state, covariance) = (states.values.as_chunks().0, covariances.values.as_chunks().0);
         let identities = self.identities.read(n)?;
-        let counts = [height.len(), turning.len(), state.len(), covariance.len()];
-        if counts.iter().chain(&[sensor.len(), track.len()]).any(|&k| k != n) {
+        if [height.len(), turning.len(), sensor.len(), track.len()].iter().any(|&k| k != n) {
             return Err(PyValueError::new_err("the columns differ in length"));
         }
         let row = |i: usize| {

@@ -23,6 +23,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::borrow::Cow;
 use table::codes;
+use tertia::registration;
 use tertia::sensors::Detection;
 use tertia::tracker::{self, Command, Plane, Plot, Plots, Report, Table};
 
@@ -301,7 +302,26 @@ impl View<'_> {
         self.position.is_some()
     }
 
+    /// What registration needs of a plot.
+    #[inline(always)]
+    fn measured(&self, index: usize) -> registration::Report {
+        // nan where the sensor is a radar
+        let place = self.report(index).filter(|report| report.position[0].is_finite()).map(|own| {
+            let Plane { xx, xy, yy } = own.covariance;
+            registration::Place { position: own.position, covariance: [xx, xy, yy] }
+        });
+        registration::Report {
+            radar: self.sensor[index] as usize,
+            time: self.time[index],
+            range: self.range[index],
+            azimuth: self.azimuth[index],
+            height: self.height[index],
+            place,
+        }
+    }
+
     /// The position of a plot and its velocity, with their covariances.
+    #[inline]
     fn report(&self, index: usize) -> Option<Report> {
         let position = self.position.as_ref()?.as_chunks::<2>().0[index];
         let mut report = Report::of(position, spread(self.covariance.as_deref(), index));

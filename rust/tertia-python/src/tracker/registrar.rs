@@ -1,6 +1,6 @@
 //! The errors of radars, learned from tables of tracks.
 
-use super::{Columns, TrackColumns};
+use super::{Columns, TrackColumns, View};
 use crate::arrays::{Array, Input, Integers, array, release};
 use crate::registration::same_length;
 use crate::sensors::Radar;
@@ -8,10 +8,8 @@ use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use tertia::registration::{
-    self as core, Changed, ERRORS, Place, Report, TargetPlot, Update, Updates,
-};
-use tertia::tracker::{Data, Plane, Plot, Plots};
+use tertia::registration::{self as core, Changed, ERRORS, Report, TargetPlot, Update, Updates};
+use tertia::tracker::{Data, Plots};
 
 /// The errors of radars, scan by scan.
 #[pyclass(module = "tertia._core")]
@@ -56,18 +54,22 @@ impl Registrar {
     ) -> PyResult<([Array<'py>; 3], Option<Array<'py>>)> {
         let errors = self.0.taken_out();
         let plots = plots.read(&plots.time, errors.len())?;
-        let corrected: Vec<Report> = (0..plots.len())
-            .map(|i| plots.get(i))
-            .map(|plot| report(&plot).corrected(&errors[plot.radar]))
-            .collect();
-        let column =
-            |read: fn(&Report) -> f64| array(py, &[corrected.len()], corrected.iter().map(read));
-        let polar = [column(|one| one.time)?, column(|one| one.range)?, column(|one| one.azimuth)?];
-        let place = |one: &Report| one.place.map_or([f64::NAN; 2], |place| place.position);
-        let places = plots
-            .has_positions()
-            .then(|| array(py, &[corrected.len(), 2], corrected.iter().flat_map(place)));
-        Ok((polar, places.transpose()?))
+        let count = plots.len();
+        let corrected = |i: usize| {
+            let report = plots.measured(i);
+            report.corrected(&errors[report.radar])
+        };
+        let mut polar = [(); 3].map(|()| Vec::with_capacity(count));
+        for report in (0..count).map(corrected) {
+            polar[0].push(report.time);
+            polar[1].push(report.range);
+            polar[2].push(report.azimuth);
+        }
+        let [time, range, azimuth] = polar.map(|column| array(py, &[count], column));
+        let place = |i: usize| corrected(i).place.map_or([f64::NAN; 2], |place| place.position);
+        let places =
+            plots.has_positions().then(|| array(py, &[count, 2], (0..count).flat_map(place)));
+        Ok(([time?, range?, azimuth?], places.transpose()?))
     }
 
     /// Learns from a table of tracks and the plots that it is of, of which the first has this number,
@@ -145,8 +147,8 @@ impl Registrar {
 }
 
 /// The columns of a table of tracks, with their plots, of which the first has this number.
-struct Told<'a, P> {
-    plots: &'a P,
+struct Told<'a> {
+    plots: &'a View<'a>,
     first: i64,
     track: Vec<i64>,
     plot: Vec<i64>,
@@ -161,9 +163,14 @@ struct Told<'a, P> {
     spread: Vec<f64>,
 }
 
-impl<'a, P: Plots> Told<'a, P> {
+impl<'a> Told<'a> {
     /// Takes the columns out of a table.
-    fn take(py: Python<'_>, table: &TrackColumns, plots: &'a P, first: i64) -> PyResult<Self> {
+    fn take(
+        py: Python<'_>,
+        table: &TrackColumns,
+        plots: &'a View<'a>,
+        first: i64,
+    ) -> PyResult<Self> {
         Ok(Self {
             plots,
             first,
@@ -211,17 +218,16 @@ impl<'a, P: Plots> Told<'a, P> {
     fn loose(&self, track_of_plot: &[i64]) -> Vec<Report> {
         let mut loose: Vec<bool> = track_of_plot.iter().map(|&track| track >= 0).collect();
         for row in (0..self.count()).filter(|row| self.confirmed[*row]) {
-            let seen = |own: &usize| report(&self.plots.get(*own)).is_seen();
-            if let Some(own) = self.plot_of(row).filter(seen) {
+            if let Some(own) = self.plot_of(row) {
                 loose[own] = false;
             }
         }
         let loose = loose.iter().enumerate().filter(|(_, loose)| **loose);
-        loose.map(|(i, _)| report(&self.plots.get(i))).collect()
+        loose.map(|(i, _)| self.plots.measured(i)).collect()
     }
 }
 
-impl<P: Plots> Updates for Told<'_, P> {
+impl Updates for Told<'_> {
     fn count(&self) -> usize {
         self.track.len()
     }
@@ -234,7 +240,7 @@ impl<P: Plots> Updates for Told<'_, P> {
     fn get(&self, row: usize) -> Update {
         let radar = self.sensor[row] as usize;
         let missed = || Report { time: self.time[row], ..missed(radar) };
-        let report = self.plot_of(row).map_or_else(missed, |own| report(&self.plots.get(own)));
+        let report = self.plot_of(row).map_or_else(missed, |own| self.plots.measured(own));
         let pair = |values: &[f64]| [values[2 * row], values[2 * row + 1]];
         let upper = &self.covariance[10 * row..][..10];
         let [xx, xy, yy] = self.spread.as_chunks::<3>().0[row];
@@ -254,7 +260,7 @@ impl<P: Plots> Updates for Told<'_, P> {
     }
 }
 
-impl<P: Plots> Changed for Told<'_, P> {
+impl Changed for Told<'_> {
     #[inline(always)]
     fn change(&mut self, row: usize, moved: &[f64; 4], added: &[f64; 16]) {
         for i in 0..2 {
@@ -276,14 +282,4 @@ const UPPER: [usize; 10] = [0, 1, 2, 3, 5, 6, 7, 10, 11, 15];
 fn missed(radar: usize) -> Report {
     let none = f64::NAN;
     Report { radar, time: none, range: none, azimuth: none, height: none, place: None }
-}
-
-fn report(plot: &Plot) -> Report {
-    let Plot { time, range, azimuth, radar, height, report, .. } = *plot;
-    // nan where the sensor is a radar
-    let place = report.filter(|report| report.position[0].is_finite()).map(|report| {
-        let Plane { xx, xy, yy } = report.covariance;
-        Place { position: report.position, covariance: [xx, xy, yy] }
-    });
-    Report { radar, time, range, azimuth, height, place }
 }

@@ -262,13 +262,12 @@ impl Registrar {
         (applied, moved)
     }
 
-    /// Forgets old tracks and plots, and looks for radars whose errors are new.
+    /// Forgets old plots, and looks for radars whose errors are new.
     fn end(&mut self, loose: &[Report], time: f64) {
         for (alarm, radar) in self.alarms.iter_mut().zip(&self.radars) {
             alarm.look(time, radar.scan_period);
         }
         let longest = scans(&self.radars);
-        self.tracks.retain(|_, track| time - track.row_time <= FORGOTTEN * longest);
         let errors = self.errors();
         self.loose.retain(|plot| time - plot.time <= longest);
         self.loose.extend(loose.iter().map(|plot| plot.corrected(&errors[plot.radar])));

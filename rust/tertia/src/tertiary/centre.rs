@@ -14,8 +14,9 @@ use crate::base::state::{restored, saved};
 use crate::registration::{Errors, Registrar, Update};
 use crate::sensors::{Identities, Radar};
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::collections::{BTreeSet, HashSet};
 use std::num::NonZero;
+use std::ops::Deref;
 
 /// Scans after which a track is old.
 const OLD: f64 = 2.5;
@@ -77,7 +78,9 @@ pub struct Centre {
     #[expect(clippy::vec_box, reason = "they are a kilobyte each, and change their places")]
     members: Vec<Box<Member>>,
     waiting: Vec<Row>,
-    targets: BTreeMap<u64, Target>,
+    /// In the order of their numbers.
+    #[expect(clippy::vec_box, reason = "they are a kilobyte each, and change their places")]
+    targets: Vec<Box<Target>>,
     pairs: Pairs,
     manual: Manual,
     next: [u64; 2],
@@ -95,7 +98,7 @@ impl Centre {
             settings,
             members: Vec::new(),
             waiting: Vec::new(),
-            targets: BTreeMap::new(),
+            targets: Vec::new(),
             pairs: Pairs::default(),
             manual: Manual::default(),
             next: [1; 2],
@@ -152,8 +155,10 @@ impl Centre {
         if self.settings.registers {
             self.learn(&learnt, time, n_threads)?;
         }
-        mapped(groups.iter().zip(&numbers), SHOWN_NS, n_threads, |(group, &number)| {
-            self.shown(group, number, &samples, &places, time)
+        let mut shown: Vec<_> = matched(self.targets.iter(), in_order(&numbers)).collect();
+        shown.sort_unstable_by_key(|&(_, g)| g);
+        mapped(shown.into_iter(), SHOWN_NS, n_threads, |(target, g)| {
+            self.shown(&groups[g], target, &samples, &places, time)
         })
     }
 
@@ -230,16 +235,16 @@ impl Centre {
         for (group, number) in groups.iter().zip(numbers) {
             let number = number.unwrap_or_else(|| {
                 self.next[1] += 1;
+                self.targets.push(Box::new(Target::new(self.next[1] - 1)));
                 self.next[1] - 1
             });
-            self.targets.entry(number).or_insert_with(|| Target::new(number));
             for &i in &group.members {
                 self.members[places[i]].target = Some(number);
             }
             found.push(number);
         }
         let kept: HashSet<_> = self.members.iter().filter_map(|one| one.target).collect();
-        self.targets.retain(|number, _| kept.contains(number));
+        self.targets.retain(|target| kept.contains(&target.number));
         found
     }
 
@@ -255,19 +260,14 @@ impl Centre {
         n_threads: Option<NonZero<usize>>,
     ) -> Result<Vec<Vec<Update>>> {
         let mut targets = std::mem::take(&mut self.targets);
-        let mut order: Vec<_> =
-            numbers.iter().enumerate().map(|(g, &number)| (number, g)).collect();
-        order.sort_unstable();
-        let mut order = order.into_iter().peekable();
         let mut work = Vec::with_capacity(groups.len());
-        for (&number, target) in &mut targets {
-            let Some((_, g)) = order.next_if(|one| one.0 == number) else { continue };
+        for (target, g) in matched(targets.iter_mut(), in_order(numbers)) {
             let count = groups[g].members.iter().map(|&i| self.members[places[i]].pending.len());
             let mut tracklets: Vec<Tracklet> = Vec::with_capacity(count.sum());
             for &i in &groups[g].members {
                 tracklets.append(&mut self.members[places[i]].pending);
             }
-            work.push((g, target, tracklets));
+            work.push((g, &mut **target, tracklets));
         }
         work.sort_unstable_by_key(|&(g, ..)| g);
         let follow = |(g, target, mut tracklets): (usize, &mut Target, Vec<Tracklet>)| {
@@ -295,14 +295,13 @@ impl Centre {
         n_threads: Option<NonZero<usize>>,
     ) -> Result<()> {
         let (added, moved) = self.registrar.learn_targets(learnt, time, n_threads)?;
-        for (number, added) in added {
-            if let Some(target) = self.targets.get_mut(&(number as u64)) {
-                target.added = nalgebra::SMatrix::from_row_slice(&added);
-            }
+        let added = added.into_iter().map(|(number, added)| (number as u64, added));
+        for (target, added) in matched(self.targets.iter_mut(), added) {
+            target.added = nalgebra::SMatrix::from_row_slice(&added);
         }
-        for (number, at, by) in moved {
-            let target = self.targets.get_mut(&(number as u64));
-            if let Some(follower) = target.and_then(|target| target.follower.as_mut()) {
+        let moved = moved.into_iter().map(|(number, at, by)| (number as u64, (at, by)));
+        for (target, (at, by)) in matched(self.targets.iter_mut(), moved) {
+            if let Some(follower) = &mut target.follower {
                 follower.shift(at, by);
             }
         }
@@ -345,12 +344,11 @@ impl Centre {
     fn shown(
         &self,
         group: &Group,
-        number: u64,
+        target: &Target,
         samples: &[Sample],
         places: &[usize],
         time: f64,
     ) -> Result<SystemTrack> {
-        let target = &self.targets[&number];
         let estimate = match self.settings.rule {
             Rule::Tracklets => target.at(time, self.period(group, samples)),
             _ => None,
@@ -396,7 +394,7 @@ impl Centre {
         heard.sort_by(|a, b| b.0.total_cmp(&a.0));
         let identities = heard.iter().fold(Identities::NONE, |known, (_, own)| known.or(own));
         Ok(SystemTrack {
-            number,
+            number: target.number,
             state: estimate.mean.into(),
             covariance: std::array::from_fn(|i| estimate.covariance[(i / 4, i % 4)]),
             members,
@@ -445,6 +443,26 @@ impl Centre {
         self.manual.separate.retain(kept);
         !ids.is_empty()
     }
+}
+
+/// Numbers of targets in order, with the places of their groups.
+fn in_order(numbers: &[u64]) -> impl Iterator<Item = (u64, usize)> {
+    let mut order: Vec<_> = numbers.iter().copied().zip(0..).collect();
+    order.sort_unstable();
+    order.into_iter()
+}
+
+/// The targets that something is known of, by their numbers; both are in order.
+fn matched<O: Deref<Target = Box<Target>>, T>(
+    targets: impl Iterator<Item = O>,
+    known: impl Iterator<Item = (u64, T)>,
+) -> impl Iterator<Item = (O, T)> {
+    let mut known = known.peekable();
+    targets.filter_map(move |target| {
+        while known.next_if(|(number, _)| *number < target.number).is_some() {}
+        let (_, own) = known.next_if(|(number, _)| *number == target.number)?;
+        Some((target, own))
+    })
 }
 
 /// The track of a group with the least uncertainty of its position.

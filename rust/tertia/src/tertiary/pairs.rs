@@ -152,10 +152,8 @@ impl Pairs {
         let look = |i: usize, old: &mut Old<'_>, found: &mut Vec<_>, near: &mut Vec<usize>| {
             let (a, p) = (&samples[i], &samples[i].whole);
             near.clear();
+            // all tests of a sample at once: each alone is as good as random, which processors cannot guess
             let mut meet = |j: usize| {
-                if j <= i {
-                    return;
-                }
                 let spot = &spots[j];
                 let is_far = |k: usize| {
                     let d = places[i][k] - spot.place[k];
@@ -166,15 +164,15 @@ impl Pairs {
                     let d = a.mean[2 + k] - spot.velocity[k];
                     d * d > 2.0 * FAR * (p[(2 + k, 2 + k)] + spot.spread[k])
                 };
-                let is_other = || is_far(0) || is_far(1) || is_faster(0) || is_faster(1);
-                if spot.sensor != a.sensor && (by_hand || !is_other()) {
+                let is_other = is_far(0) | is_far(1) | is_faster(0) | is_faster(1);
+                if (j > i) & (spot.sensor != a.sensor) & (by_hand | !is_other) {
                     near.push(j);
                 }
             };
             for layer in &layers {
                 let around = |k: usize| if by_hand { REACH } else { layer.reach(p[(k, k)]) };
-                let own = &layer.places;
-                layer.grid.within(places[i], [around(0), around(1)], &mut |at| meet(own[at]));
+                let corner = |sign: f64| std::array::from_fn(|k| places[i][k] + sign * around(k));
+                layer.grid.entries(corner(-1.0), corner(1.0), &mut |own| meet(own.tag as usize));
             }
             near.sort_unstable();
             for &j in near.iter() {
@@ -228,9 +226,8 @@ type Old<'a> = Peekable<Iter<'a, ((u64, u64), History)>>;
 
 /// Samples whose variances are of one size: how far others are sought depends on both.
 struct Layer {
+    /// Tags are places in the list of samples.
     grid: Grid,
-    /// Places in the list of samples.
-    places: Vec<usize>,
     /// Largest variance of a position along an axis.
     largest: f64,
 }
@@ -252,8 +249,9 @@ fn layers(spots: &[Spot]) -> Result<Vec<Layer>> {
     let layer = |places: Vec<usize>| {
         let points: Vec<_> = places.iter().map(|&i| spots[i].place).collect();
         let largest = places.iter().map(|&i| variance(&spots[i])).fold(0.0, f64::max);
-        let mut layer = Layer { grid: Grid::default(), places, largest };
-        layer.grid.fill(&points, layer.reach(largest).max(1.0))?;
+        let mut layer = Layer { grid: Grid::default(), largest };
+        let cell = layer.reach(largest).max(1.0);
+        layer.grid.fill_tagged(&points, |at| places[at] as u32, cell)?;
         Ok(layer)
     };
     sizes.into_values().map(layer).collect()

@@ -18,6 +18,9 @@ pub(super) fn mapped<I: Send, T: Send>(
     n_threads: Option<NonZero<usize>>,
     work: impl Fn(I) -> Result<T> + Sync,
 ) -> Result<Vec<T>> {
+    if n_threads == NonZero::new(1) {
+        return items.map(work).collect();
+    }
     let cost = (nanoseconds * items.len() as f64).min(STOPPABLE_NS);
     let mut found: Vec<Option<T>> = Vec::new();
     found.resize_with(items.len(), || None);

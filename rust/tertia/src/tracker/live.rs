@@ -178,10 +178,17 @@ impl Tracker {
 
     /// Moves tracks, in order of their numbers, by position and velocity as they are at a time.
     pub fn shift(&mut self, moved: &[(u64, f64, [f64; 4])]) {
+        // tracks are in this order, but for those that go on under an older number
+        let mut next: usize = 0;
         for track in &mut self.tracks {
-            if let Ok(at) = moved.binary_search_by_key(&track.number, |(number, ..)| *number) {
-                let (_, time, by) = moved[at];
+            let before = next.checked_sub(1).map_or(0, |at| moved[at].0);
+            let later = moved.get(next).map_or(u64::MAX, |own| own.0);
+            if track.number <= before || track.number > later {
+                next = moved.partition_point(|own| own.0 < track.number);
+            }
+            if let Some(&(_, time, by)) = moved.get(next).filter(|own| own.0 == track.number) {
                 track.shift(time, by);
+                next += 1;
             }
         }
     }
@@ -470,3 +477,6 @@ fn threads(n_threads: Option<NonZero<usize>>, plots: usize) -> usize {
     let available = || std::thread::available_parallelism().map_or(1, NonZero::get);
     n_threads.map_or_else(available, NonZero::get).min(most)
 }
+
+#[cfg(test)]
+mod tests;

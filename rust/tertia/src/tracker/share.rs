@@ -139,19 +139,25 @@ impl Share {
         if low[0] > high[0] {
             return;
         }
-        let radars = &settings.radars;
+        let found = near.len();
         grid.entries(low, high, &mut |entry| {
             // most are outside: their plots are not read
             let Some((low, high)) = boxes[entry.tag as usize] else { return };
-            if !is_inside(entry.point, low, high) || !free(&entry.index) {
-                return;
-            }
-            let plot = &plots[entry.index as usize];
-            let is_due = settings.geometry(plot.radar).is_position()
-                || track.is_due(plot, &radars[plot.radar]);
-            if is_due && !track.refuses(plot, settings) {
+            if is_inside(entry.point, low, high) && free(&entry.index) {
                 near.push(entry.index);
             }
+        });
+        // each plot is a wait for memory, and waits together take no longer than one
+        near[found..].iter().for_each(|&i| _ = black_box(plots[i as usize].touched()));
+        let mut index = 0;
+        near.retain(|&i| {
+            index += 1;
+            let plot = &plots[i as usize];
+            let is_due = || {
+                settings.geometry(plot.radar).is_position()
+                    || track.is_due(plot, &settings.radars[plot.radar])
+            };
+            index <= found || is_due() && !track.refuses(plot, settings)
         });
         if near.len() > 1 {
             near.sort_unstable_by_key(|&i| (plots[i as usize].radar, i));

@@ -1,11 +1,12 @@
 //! What rows of tracks say of the errors of radars, and what the errors add to the rows.
 
-use super::Registrar;
+use super::{FORGOTTEN, Registrar};
 use crate::base::batch::for_each_row;
 use crate::base::error::Result;
 use crate::registration::block::Unknowns;
 use crate::registration::exchange::{Changed, Given, Learnt, Update, Updates};
 use crate::registration::followed::{self, Blocks, Followed};
+use crate::registration::recording::scans;
 use crate::registration::sighting::{Errors, Report, Sighting};
 use crate::sensors::Radar;
 use pulp::{Arch, Simd, WithSimd};
@@ -58,9 +59,7 @@ impl Registrar {
             errors: &errors,
         });
         self.tracks.close();
-        if let Some(alive) = alive {
-            self.forget_others(alive);
-        }
+        self.forget(time, alive);
         let tracks = self.shift(&moved);
         self.end(loose, time);
         tracks
@@ -110,17 +109,22 @@ impl Registrar {
         let work = work.into_iter().zip(&mut added);
         for_each_row(work, cost.min(STOPPABLE_NS), n_threads, || (), follow)
             .map_err(|failed| failed.error)?;
+        self.forget(time, None);
         let moved = self.shift(&moved);
         self.end(&[], time);
         Ok((added, moved))
     }
 
-    /// Forgets tracks that were never confirmed and are not among these numbers, which are in order.
-    fn forget_others(&mut self, alive: &[i64]) {
-        let mut alive = alive.iter().peekable();
+    /// Forgets tracks that no row has been of for long, and those that were never confirmed and are not
+    /// among the numbers `alive`, which are in order.
+    fn forget(&mut self, time: f64, alive: Option<&[i64]>) {
+        let longest = FORGOTTEN * scans(&self.radars);
+        let mut numbers = alive.unwrap_or_default().iter().peekable();
         self.tracks.retain(|number, track| {
-            while alive.next_if(|own| **own < number).is_some() {}
-            track.was_confirmed() || alive.peek() == Some(&&number)
+            while numbers.next_if(|own| **own < number).is_some() {}
+            let is_alive =
+                alive.is_none() || track.was_confirmed() || numbers.peek() == Some(&&number);
+            is_alive && time - track.row_time <= longest
         });
     }
 
