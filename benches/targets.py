@@ -24,7 +24,7 @@ class Target:
 DIVISIONS = "each step waits for the division of the step before"
 WRITING = "each step writes eleven numbers, and the results do not fit into the caches"
 TRACKER = (
-    "registration takes about half of the time; the prototype had no registration, existence "
+    "registration takes about 30 % of the time; the prototype had no registration, existence "
     "probabilities, outliers, noise estimates or resumed tracks"
 )
 CALL = "checks and results in Python take more time than the kernel"

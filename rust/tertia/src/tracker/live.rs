@@ -477,3 +477,6 @@ fn threads(n_threads: Option<NonZero<usize>>, plots: usize) -> usize {
     let available = || std::thread::available_parallelism().map_or(1, NonZero::get);
     n_threads.map_or_else(available, NonZero::get).min(most)
 }
+
+#[cfg(test)]
+mod tests;
