@@ -12,7 +12,7 @@ use tertia::bearing::{BlockOutput, Estimator, Known, Method, RobustRule};
 use tertia::fusion::{Beliefs, Centre, RadarReport, Rule};
 use tertia::kalman::{Batch, End, Filter, PerStep, Row, Series, Singer, Steps, Table, smooth};
 use tertia::location::{Instant, Locator, Output};
-use tertia::registration::{Errors, Report, TargetPlot, register};
+use tertia::registration::{Errors, Periods, Prior, Report, TargetPlot, register};
 use tertia::screening::mask;
 use tertia::sensors::{Identities, KINDS};
 use tertia::smoothing::{self, Noise, Options, ProcessNoise, Smoothed, Track};
@@ -397,8 +397,11 @@ fn registered() -> Kernel {
         .map(|(target, scan, radar)| plot(target, scan, radar))
         .collect();
     let (zero, sigma) = (vec![[0.0; 4]; 4], vec![UNKNOWN; 4]);
+    let (edges, start) = ([0.0, 4.0 * SCANS as f64], vec![zero.clone()]);
     Box::new(move || {
-        black_box(register(black_box(&plots), &radars, &[false; 4], [&zero, &sigma], &zero));
+        let prior = Prior { mean: &zero, sigma: &sigma, rate: &zero };
+        let periods = Periods { edges: &edges, start: &start };
+        black_box(register(black_box(&plots), &radars, &[false; 4], prior, periods));
     })
 }
 

@@ -78,8 +78,8 @@ fn drifting_errors_are_followed_within_their_uncertainty() {
         let mut path = Vec::new();
         for t in 0..60 {
             let at = 1000 * seed + 4 * t;
-            for j in 0..2 {
-                truth[j] += step * noise(at + j);
+            for (j, own) in truth.iter_mut().enumerate() {
+                *own += step * noise(at + j);
             }
             path.push(truth);
         }

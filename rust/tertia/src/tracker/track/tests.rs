@@ -76,15 +76,19 @@ fn a_miss_is_counted_once_per_scan_of_a_radar_that_covers_the_target() {
 #[test]
 fn what_a_radar_does_not_cover_it_does_not_miss() {
     let settings = settings();
-    let seen_at = |x: f64, vx: f64| {
+    let seen_at = |x: f64, vx: f64, is_confirmed: bool| {
         let first = Measured { radar: 1, ..plot(0.0, [x, 0.0]) };
         let mut track = Track::new(1, &first, 0.0, &settings);
         track.correct(&Measured { radar: 1, ..plot(4.0, [x + 4.0 * vx, 0.0]) }, &settings);
+        if is_confirmed {
+            track.confirm(&settings);
+        }
         let mut missed = 0;
         track.miss(9.1, &settings, |_, _| missed += 1);
         missed
     };
-    assert_eq!(seen_at(5e3, 200.0), 1);
-    // it has left the range of the radar by then
-    assert_eq!(seen_at(8.7e3, 300.0), 0);
+    assert_eq!(seen_at(5e3, 200.0, true), 1);
+    // it has left the range of the radar by then: that ends a track which no radar has confirmed
+    assert_eq!(seen_at(8.7e3, 300.0, true), 0);
+    assert_eq!(seen_at(8.7e3, 300.0, false), 1);
 }
