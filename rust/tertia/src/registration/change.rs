@@ -38,17 +38,17 @@ impl Surprise {
     }
 
     /// Logarithm of the odds that the errors in these columns have changed in between, by so many
-    /// standard deviations of the prior.
-    pub fn odds(&self, columns: &[usize], size: f64) -> f64 {
+    /// standard deviations of the prior, and the largest change of one of them that is expected then.
+    pub fn odds(&self, columns: &[usize], size: f64) -> Option<(f64, f64)> {
         if columns.is_empty() {
-            return f64::NEG_INFINITY;
+            return None;
         }
         let g = DVector::from_iterator(columns.len(), columns.iter().map(|&c| self.score[c]));
         let t = self.information.select_rows(columns).select_columns(columns);
         let jump = size * size;
         let m = DMatrix::identity(columns.len(), columns.len()) + jump * t;
-        let Some(inverse) = m.clone().try_inverse() else { return f64::NEG_INFINITY };
-        0.5 * jump * g.dot(&(inverse * &g)) - 0.5 * m.determinant().ln()
+        let expected = jump * (m.clone().try_inverse()? * &g);
+        Some((0.5 * g.dot(&expected) - 0.5 * m.determinant().ln(), expected.amax()))
     }
 }
 
@@ -64,7 +64,7 @@ pub(super) fn changed(recent: &[Scan], own: &[Vec<usize>], size: f64) -> Option<
         let said = (&information, &score);
         let Some(surprise) = Surprise::new((&scan.mean, &scan.covariance), said) else { continue };
         for (k, columns) in own.iter().enumerate() {
-            let odds = surprise.odds(columns, size);
+            let Some((odds, _)) = surprise.odds(columns, size) else { continue };
             if odds > ODDS.ln() && best.is_none_or(|(most, ..)| odds > most) {
                 best = Some((odds, i, k));
             }

@@ -13,6 +13,8 @@ use nalgebra::{DMatrix, DVector};
 const RATES: [f64; 5] = [0.0, 0.25, 1.0, 4.0, 16.0];
 /// Size of a change in standard deviations of the prior.
 const CHANGE: f64 = 3.0;
+/// Smaller changes, in standard deviations of the prior, are drift, or the errors of blocks.
+const LEAST: f64 = 0.1;
 /// Changes at most.
 const MOST: usize = 64;
 
@@ -134,8 +136,8 @@ impl Passes {
                 continue;
             };
             for (k, columns) in course.own.iter().enumerate() {
-                let odds = surprise.odds(columns, CHANGE);
-                let is_new = !changes.contains(&(t, k));
+                let Some((odds, size)) = surprise.odds(columns, CHANGE) else { continue };
+                let is_new = !changes.contains(&(t, k)) && size > LEAST;
                 if odds > ODDS.ln() && is_new && best.is_none_or(|(most, _)| odds > most) {
                     best = Some((odds, (t, k)));
                 }

@@ -127,3 +127,13 @@ fn the_likelihood_is_that_of_all_measurements_together() {
         .sum();
     assert!((found - expected).abs() < 1e-10, "{found} {expected}");
 }
+
+#[test]
+fn what_hardly_changes_has_not_changed_suddenly() {
+    let value = |t: usize, j: usize| if t >= 13 && j == 2 { 0.05 } else { 0.0 };
+    let values: Vec<Vec<f64>> = (0..30).map(|t| (0..4).map(|j| value(t, j)).collect()).collect();
+    assert!(history(&values, 0.005, 0.0).changes.is_empty());
+    let larger: Vec<Vec<f64>> =
+        values.iter().map(|own| own.iter().map(|x| 4.0 * x).collect()).collect();
+    assert_eq!(history(&larger, 0.005, 0.0).changes, [(13, 1)]);
+}
