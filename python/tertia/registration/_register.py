@@ -72,7 +72,8 @@ def register(
     Returns
     -------
     Registration
-        The estimated biases and noise factors with their standard deviations.
+        The estimated biases, over time and at the end, and noise factors, with their standard
+        deviations.
 
     Raises
     ------
@@ -106,8 +107,17 @@ def register(
     explains, the noise is multiplied by the ratio. This happens if a radar smooths its plots,
     because their scatter about a line is then smaller than their errors.
 
-    Errors are assumed to be constant. If the radars have no `frame`, the curvature of the earth
-    appears as a gain of the range. The cost is O(N log N + N K^2) for N plots.
+    **Errors over time.** A recording has up to 360 periods of equal length, of four scans of the
+    slowest radar or more. From period to period, errors drift at one of five rates (none, and a
+    quarter, 1, 4 and 16 times the rate stated by `drift_share` and `drift_time`); the estimates are
+    averaged by the likelihoods of the rates. The errors of a radar change suddenly if this is a
+    million times as likely as no change, and if the change is larger than a tenth of their prior
+    sigmas. The first tracks are made with registration while tracking, so that changes larger than
+    the gates are also found.
+
+    If the radars have no `frame`, the curvature of the earth appears as a gain of the range. Radars
+    at the same place determine only differences of their errors. The cost is O(N log N + N K^2 +
+    T K^3) for N plots and T periods.
 
     Examples
     --------
