@@ -130,8 +130,9 @@ def register(
     >>> traffic = dense_traffic(30, area=(1e5, 1e5), rng=1)
     >>> record = radar_plots(traffic, radars, bias=Bias(range=[0.0, 200.0]), rng=2)
     >>> found = register(record.plots, radars)
-    >>> round(float(found.bias.range[1])), round(float(found.bias.range_sigma[1]))
-    (198, 7)
+    >>> off = found.bias.range[1] - 200.0
+    >>> bool(abs(off) < 3 * found.bias.range_sigma[1]), found.changes
+    (True, ())
     """
     instance(plots, "plots", Plots)
     sites = [one for one in sensors_of(sensors) if not isinstance(one, Station)]
