@@ -3,14 +3,13 @@
 import numpy as np
 
 from studies.montecarlo import FloatArray, generator
+from studies.one_wrong import SIGMA, TIMES, healthy
 from studies.pages import markdown, repetitions
 from tertia import metrics
 from tertia.sensors import Station
 from tertia.trajectory import reconstruct
 
 RUNS = repetitions(40)
-TIME = np.arange(60.0)
-SIGMA, REACH = 10.0, 3000.0
 SHARES = (0.0, 0.1, 0.3, 0.5)
 # means of the exponential delays, in sigmas
 DELAYS = (3.0, 20.0)
@@ -39,17 +38,12 @@ def late() -> str:
 
 def _one(count: int, share: float, delay: float, rng: np.random.Generator) -> FloatArray:
     """Return the squared error, the share inside, and the shares of late and others left out."""
-    turn = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
-    distance = REACH * rng.uniform(0.6, 1.0, count)
-    places = np.column_stack([distance * np.sin(turn), distance * np.cos(turn)])
-    course = rng.uniform(0, 2 * np.pi) + rng.uniform(-0.02, 0.02) * (TIME - TIME.mean())
-    way = np.cumsum(20.0 * np.column_stack([np.sin(course), np.cos(course)]), axis=0)
-    way += rng.uniform(-800, 800, 2) - way.mean(axis=0)
-    ranges = np.linalg.norm(way[:, np.newaxis] - places, axis=-1)
-    ranges += SIGMA * rng.standard_normal(ranges.shape)
+    places, way, ranges = healthy(count, rng)
     is_late = rng.random(ranges.shape) < share
     ranges += is_late * rng.exponential(delay * SIGMA, ranges.shape)
-    track = reconstruct([Station(place, range_sigma=SIGMA) for place in places], TIME, range=ranges)
+    track = reconstruct(
+        [Station(place, range_sigma=SIGMA) for place in places], TIMES, range=ranges
+    )
     error, outlier = track.position - way, np.asarray(track.outlier.range)
     inside = np.asarray(metrics.nees(error, track.covariance[:, :2, :2])) < INSIDE
     left = outlier[is_late].mean() if share else 0.0

@@ -22,8 +22,8 @@ FAULTS = {
 }
 
 
-def run(count: int, fault: tuple[float, float], rng: np.random.Generator) -> tuple[FloatArray, ...]:
-    """Return errors, covariances, and which ranges of the first and of the others are left out."""
+def healthy(count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return places of stations around a path, the path, and ranges with noise."""
     turn = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
     distance = REACH * rng.uniform(0.6, 1.0, count)
     places = np.column_stack([distance * np.sin(turn), distance * np.cos(turn)])
@@ -31,7 +31,12 @@ def run(count: int, fault: tuple[float, float], rng: np.random.Generator) -> tup
     way = np.cumsum(20.0 * np.column_stack([np.sin(course), np.cos(course)]), axis=0)
     way += rng.uniform(-800, 800, 2) - way.mean(axis=0)
     ranges = np.linalg.norm(way[:, np.newaxis] - places, axis=-1)
-    ranges += SIGMA * rng.standard_normal(ranges.shape)
+    return places, way, ranges + SIGMA * rng.standard_normal(ranges.shape)
+
+
+def run(count: int, fault: tuple[float, float], rng: np.random.Generator) -> tuple[FloatArray, ...]:
+    """Return errors, covariances, and which ranges of the first and of the others are left out."""
+    places, way, ranges = healthy(count, rng)
     size, share = fault
     is_faulty = len(TIMES) - share * len(TIMES) <= TIMES
     ranges[is_faulty, 0] += size

@@ -225,9 +225,7 @@ class TestRobust:
         azimuth = rng.uniform(0, 2 * np.pi, (500, 8))
         fixes = locate(PLANE, azimuth=azimuth, azimuth_sigma=0.005)
         located = fixes.success
-        large = np.max(fixes.sigma, axis=-1) > 1000.0  # as far as the stations are apart
-        assert np.all(large[located] | (fixes.pvalue[located] < 1e-6))
-        assert np.all(fixes.bias.azimuth_sigma > 100 * 0.005)
+        assert np.max(fixes.pvalue[located], initial=0.0) < 1e-6
 
 
 OPTIONS = {"xatol": 1e-10, "fatol": 1e-14, "maxiter": 2000, "maxfev": 4000}

@@ -138,6 +138,17 @@ def test_plots_are_corrected_by_the_bias_of_their_period():
         history.correct(Plots([70.0], 1000.0, 0.5, sensor=2))
 
 
+def test_positions_of_the_caller_stay_as_they_are():
+    bias = (Bias(east=[0.0, 0.0]), Bias(east=[0.0, 25.0]))
+    history = BiasHistory(np.array([0.0, 60.0, 120.0]), bias)
+    given = np.array([[100.0, 5.0], [200.0, 6.0]])
+    plots = Plots([10.0, 90.0], sensor=[1, 1], position=given)
+    corrected = history.correct(plots)
+    np.testing.assert_allclose(corrected.position, [[100.0, 5.0], [175.0, 6.0]])
+    np.testing.assert_array_equal(plots.position, [[100.0, 5.0], [200.0, 6.0]])
+    np.testing.assert_array_equal(given, [[100.0, 5.0], [200.0, 6.0]])
+
+
 def test_result():
     assert_result(register(recording(1, constant(1))[0], radars()).bias_history)
 

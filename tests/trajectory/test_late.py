@@ -3,24 +3,16 @@
 import numpy as np
 import pytest
 from scipy import stats
+from trajectory.test_one_wrong import SIGMA, TIME, ring
 
 from tertia.location import Station
 from tertia.trajectory import reconstruct
-
-SIGMA = 10.0
-TIME = np.arange(60.0)
 
 
 def run(seed, share, count, sign=1.0):
     """Return a path and its errors, with this share of late ranges, and which are late."""
     rng = np.random.default_rng([31, seed])
-    turn = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
-    places = 2500.0 * np.column_stack([np.sin(turn), np.cos(turn)])
-    course = rng.uniform(0, 2 * np.pi) + 0.01 * TIME
-    path = np.cumsum(20.0 * np.column_stack([np.sin(course), np.cos(course)]), axis=0)
-    path += rng.uniform(-600, 600, 2) - path.mean(axis=0)
-    ranges = np.linalg.norm(path[:, np.newaxis] - places, axis=-1)
-    ranges += SIGMA * rng.standard_normal(ranges.shape)
+    places, path, ranges = ring(rng, count)
     late = rng.random(ranges.shape) < share
     ranges += sign * late * rng.exponential(20 * SIGMA, ranges.shape)
     track = reconstruct([Station(p, range_sigma=SIGMA) for p in places], TIME, range=ranges)

@@ -70,15 +70,15 @@ class BiasHistory:
         array([9150., 9000.])
         """
         corrected: Plots = self.bias[0].correct(plots)
+        names = ("time", "range", "azimuth", *(["position"] if plots.position is not None else []))
+        columns = {name: np.array(getattr(corrected, name)) for name in names}
         period = in_periods(plots.time, np.asarray(self.edges))
         for t, bias in enumerate(self.bias[1:], start=1):
             own = np.flatnonzero(period == t)
             part = bias.correct(plots[own])
-            for name in ("time", "range", "azimuth", "position"):
-                column = getattr(corrected, name)
-                if column is not None:
-                    column[own] = getattr(part, name)
-        return corrected
+            for name, column in columns.items():
+                column[own] = getattr(part, name)
+        return replace(corrected, **columns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

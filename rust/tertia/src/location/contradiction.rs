@@ -27,7 +27,7 @@ use super::solver::{Locator, Workspace};
 use crate::base::angle::median;
 use crate::base::distribution::{chi_square_upper_quantile, fisher_upper_quantile};
 use crate::base::small::{Factor, Matrix, Vector, dot};
-use crate::sensors::{KINDS, Row};
+use crate::sensors::{KINDS, Kind, Row};
 
 /// So many instants, evenly spread, tell enough of a batch.
 const SAMPLE: usize = 256;
@@ -52,6 +52,9 @@ const LOST: f64 = 0.3;
 const SHARES: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 const FLAT: f64 = 2.506_628_274_631_000_5 / 30.0;
 const EVEN: f64 = 15.0;
+/// Largest standard deviation of the errors of angles, in radians: with larger ones, they show no direction, and
+/// their errors are not normal.
+const WIDEST: f64 = 0.5;
 /// A measurement counts if its residual from the others is of at most so many sigmas, and the
 /// variance of normal numbers of that size. With a wider limit, one fault of five sigmas in each
 /// instant would widen it, and then be kept.
@@ -120,6 +123,20 @@ struct Problem<'a> {
     pooled: bool,
 }
 
+impl Problem<'_> {
+    /// Whether angles still have a direction, with these factors of their variances.
+    fn has_directions(&self, factor: &[f64; KINDS]) -> bool {
+        let stations = self.free.len() / KINDS;
+        let is_direction = |instant: &Instant<'_>, place: usize| {
+            let kind = place / stations;
+            let sigma = instant.sigmas[place] * factor[kind].sqrt();
+            let counts = self.free[place] && Kind::ALL[kind].is_angle() && !self.pooled;
+            !counts || instant.values[place].is_nan() || sigma <= WIDEST
+        };
+        self.sample.iter().all(|own| (0..self.free.len()).all(|place| is_direction(own, place)))
+    }
+}
+
 /// What the residuals of all instants add up to.
 #[derive(Default)]
 struct Sums {
@@ -168,7 +185,7 @@ impl Locator {
             // few measurements of a kind may all be taken for outliers, one after the other
             let (above, _) = self.plain().settled(&problem, start, workspace);
             let (other, others) = self.settled(&problem, above, workspace);
-            if others.explains_better_than(&sums) {
+            if problem.has_directions(&other) && others.explains_better_than(&sums) {
                 (factor, sums) = (other, others);
             }
         }
