@@ -18,7 +18,7 @@ SCENES, TARGETS = repetitions(4, least=1), 30
 # rows of the first part of a track are left out, s
 SETTLED = 40.0
 # how fast and how sharply: with the noise and the scan period of an airport's radar, or a small one
-LIVELY: dict[str, Scene] = {
+AGILE: dict[str, Scene] = {
     "helicopters": Scene((5.0, 75.0), 2.0, 5.0, 12.0, 30.0, 600.0, 30e3, 50.0, 0.08, 4.0),
     "fighters": Scene((150.0, 330.0), 10.0, 8.0, 12.0, 40.0, 400.0, 50e3, 50.0, 0.08, 4.0),
     "small drones": Scene((0.0, 20.0), 2.5, 20.0, 4.0, 15.0, 240.0, 1500.0, 3.0, 0.5, 1.0),
@@ -55,13 +55,13 @@ def flown(kind: str, seed: int) -> simulate.Traffic:
         random, setting = generator(13, 1, seed), simulate.set_up("middle")
         routes = simulate.routes("middle", TARGETS, rng=random)
         return simulate.flights(routes, wind=setting.wind, rng=random)
-    return traffic(LIVELY[kind], TARGETS, seed + 100)
+    return traffic(AGILE[kind], TARGETS, seed + 100)
 
 
 @cache
 def errors(kind: str, seed: int) -> tuple[FloatArray, FloatArray]:
     """Return errors of positions and velocities at plots, and their covariances."""
-    scene = LIVELY.get(kind, LIVELY["helicopters"])
+    scene = AGILE.get(kind, AGILE["helicopters"])
     radar = Radar(
         range_sigma=scene.range_sigma,
         azimuth_sigma=np.radians(scene.azimuth_sigma),
@@ -85,7 +85,7 @@ def errors(kind: str, seed: int) -> tuple[FloatArray, FloatArray]:
 def table() -> str:
     """Tabulate errors of velocities and how many are in their regions."""
     rows = []
-    for kind in (AIRLINERS, HOLDING, *LIVELY):
+    for kind in (AIRLINERS, HOLDING, *AGILE):
         several = [errors(kind, seed) for seed in range(SCENES)]
         error, covariance = (np.concatenate(column) for column in zip(*several, strict=True))
         cells = []

@@ -11,6 +11,7 @@
 //! outliers <- noise <- strays <- resume <- share <- scan <- live <- kept, control, found <- lag`; `kinematics, motion <- smooth` beside them.
 //! A plot costs O(1) while the number of targets within a gate does not grow; memory is O(tracks).
 
+mod agility;
 mod ahead;
 mod association;
 mod azimuths;
@@ -40,7 +41,6 @@ mod lag;
 mod lean;
 mod level;
 mod live;
-mod liveliness;
 mod mht;
 mod motion;
 mod moving;

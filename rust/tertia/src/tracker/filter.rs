@@ -1,9 +1,9 @@
 //! The filter of a track, by the model of its motion.
 
+use super::agility::Agility;
 use super::bank::{Bank, Component, PLAN, SPEED, TURN, changes};
 use super::estimate::{Estimate, Moments, POSITION};
 use super::kinematics;
-use super::liveliness::Liveliness;
 use super::motion::{ImmModel, Motion};
 use super::plan::{Guide, fold_plan};
 use super::prospects::Prospects;
@@ -27,7 +27,7 @@ pub(super) struct Multiple {
     pub guide: Option<Guide>,
     /// None while the target follows the plan.
     pub speed: Option<SpeedChange>,
-    liveliness: Liveliness,
+    agility: Agility,
 }
 
 /// State of a target, by the model of its motion.
@@ -51,8 +51,8 @@ impl Filter {
                 let turning = noise.turn_time / (noise.turn_time + noise.straight_time);
                 let bank = Bank::new(start, turning, noise.turn_rate_sigma.powi(2));
                 let speed = Some(SpeedChange::new(noise));
-                let liveliness = Liveliness::default();
-                Self::Multiple(Box::new(Multiple { bank, guide: None, speed, liveliness }))
+                let agility = Agility::default();
+                Self::Multiple(Box::new(Multiple { bank, guide: None, speed, agility }))
             }
             Motion::Window(_) => Self::Window(Box::new(Window::new(start))),
         }
@@ -112,18 +112,18 @@ impl Filter {
         }
     }
 
-    /// Learns from an innovation of covariance `s` how lively the target is.
+    /// Learns from an innovation of covariance `s` how agile the target is.
     #[inline]
     pub fn saw(&mut self, innovation: [f64; 2], s: Plane) {
         if let Self::Multiple(multiple) = self {
-            multiple.liveliness.saw(innovation, s);
+            multiple.agility.saw(innovation, s);
         }
     }
 
     /// Variance of the velocity, along any axis, by a manoeuvre that has not been noticed yet.
     pub fn unnoticed(&self) -> f64 {
         let Self::Multiple(multiple) = self else { return 0.0 };
-        multiple.liveliness.unnoticed()
+        multiple.agility.unnoticed()
     }
 
     /// Position and velocity, whatever the model.
@@ -305,8 +305,8 @@ impl Multiple {
 
     fn predict(&mut self, settings: &Settings, noise: &ImmModel, t: f64, period: f64) {
         let estimate = self.guide.is_some().then(|| self.estimate());
-        let Self { bank, guide, speed, liveliness } = self;
-        let lively = liveliness.adapted(noise, t, period);
+        let Self { bank, guide, speed, agility } = self;
+        let agile = agility.adapted(noise, t, period);
         if let (Some(guide), Some(estimate)) = (guide, estimate)
             && guide.takes_part(settings)
         {
@@ -315,7 +315,7 @@ impl Multiple {
             }
             return guide.predict(bank, &estimate, settings, noise, t, period);
         }
-        let noise = &lively;
+        let noise = &agile;
         let speed = speed.get_or_insert_with(|| {
             fold_plan(bank);
             SpeedChange::new(noise)

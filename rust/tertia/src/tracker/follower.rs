@@ -1,8 +1,8 @@
 //! The filter of one target whose plots are known.
 
+use super::agility::Agility;
 use super::bank::{Bank, Component, MODELS, SPEED, TURN, changes};
 use super::estimate::{Estimate, POSITION};
-use super::liveliness::Liveliness;
 use super::motion::ImmModel;
 use super::speed::SpeedChange;
 use crate::base::plane::Plane;
@@ -21,7 +21,7 @@ const ARRIVED: f64 = 1e-4;
 pub(crate) struct Follower {
     bank: Bank,
     speed: SpeedChange,
-    liveliness: Liveliness,
+    agility: Agility,
     /// Of the estimate, s.
     pub time: f64,
 }
@@ -30,14 +30,14 @@ impl Follower {
     /// From a position and velocity, and the probability of a turn.
     pub fn new(model: &ImmModel, start: Estimate<4>, turning: f64, time: f64) -> Self {
         let bank = Bank::new(start, turning, model.turn_rate_sigma.powi(2));
-        Self { bank, speed: SpeedChange::new(model), liveliness: Liveliness::default(), time }
+        Self { bank, speed: SpeedChange::new(model), agility: Agility::default(), time }
     }
 
     /// Predicts to a later time; `period` is that of the scans.
     pub fn predict(&mut self, model: &ImmModel, time: f64, period: f64) {
         let t = time - self.time;
         if t > 0.0 {
-            let model = &self.liveliness.adapted(model, t, period);
+            let model = &self.agility.adapted(model, t, period);
             self.speed.predict(&mut self.bank, model, &changes(model, t), (t, period));
             self.time = time;
         }
@@ -47,7 +47,7 @@ impl Follower {
     pub fn correct(&mut self, model: &ImmModel, z: [f64; 2], r: Plane) {
         let (before, expected) = (self.bank.probability, self.estimate());
         let innovation = [z[0] - expected.mean[0], z[1] - expected.mean[1]];
-        self.liveliness.saw(innovation, expected.position_covariance().plus(r));
+        self.agility.saw(innovation, expected.position_covariance().plus(r));
         self.speed.correct::<POSITION>(&self.bank, z, r);
         self.bank.correct::<POSITION>(z, r);
         let total = self.bank.total();

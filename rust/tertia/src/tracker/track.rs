@@ -23,10 +23,10 @@ use crate::sensors::{Identities, Radar};
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
+mod agile;
 pub(super) mod fork;
 mod levelled;
 mod life;
-mod lively;
 mod merged;
 mod missed;
 mod moving;
@@ -317,7 +317,7 @@ impl Track {
         height * identity
     }
 
-    /// Corrects by a plot, whatever that says of how lively the target is.
+    /// Corrects by a plot, whatever that says of how agile the target is.
     fn correct_by(&mut self, plot: &Measured, settings: &Settings) {
         self.predict(plot.time, settings.pace(plot.radar), settings);
         if self.lean.is_some() {

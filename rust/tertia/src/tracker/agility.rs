@@ -30,7 +30,7 @@ const HIGHEST: f64 = 6.6;
 const UNNOTICED: f64 = 1.3;
 /// The level of a target: 0 where it manoeuvres no more than usual.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Liveliness {
+pub(super) struct Agility {
     level: f64,
     /// Running mean of innovations, m.
     lag: [f64; 2],
@@ -44,14 +44,14 @@ pub(super) struct Liveliness {
     sigma: f64,
 }
 
-impl Default for Liveliness {
+impl Default for Agility {
     fn default() -> Self {
         let [since, interval] = [[0.0; 2]; 2];
         Self { level: 0.0, lag: [0.0; 2], scatter: 1.0, since, interval, sigma: 0.0 }
     }
 }
 
-impl Liveliness {
+impl Agility {
     /// Sees an innovation of covariance `s`. Cost O(1).
     #[inline]
     pub fn saw(&mut self, [x, y]: [f64; 2], s: Plane) {
@@ -114,7 +114,7 @@ mod tests {
     const S: Plane = Plane { xx: 9000.0, xy: 2000.0, yy: 6000.0 };
 
     /// After plots whose innovations have this mean and so many times the stated noise.
-    fn after(start: Liveliness, plots: usize, mean: [f64; 2], noise: f64) -> Liveliness {
+    fn after(start: Agility, plots: usize, mean: [f64; 2], noise: f64) -> Agility {
         let (mut found, mut random) = (start, Random::new(3));
         let usual = ImmModel::default();
         for _ in 0..plots {
@@ -131,29 +131,25 @@ mod tests {
     #[test]
     fn noise_is_no_manoeuvre() {
         let usual = ImmModel::default();
-        let found = after(Liveliness::default(), 400, [0.0; 2], 0.5);
+        let found = after(Agility::default(), 400, [0.0; 2], 0.5);
         assert!(found.level < FREQUENT, "{found:?}");
-        let mut quiet = Liveliness {
-            level: FREQUENT,
-            sigma: 0.8,
-            interval: [4.0, 1.0],
-            ..Liveliness::default()
-        };
+        let mut quiet =
+            Agility { level: FREQUENT, sigma: 0.8, interval: [4.0, 1.0], ..Agility::default() };
         assert_eq!((quiet.adapted(&usual, 4.0, 4.0), quiet.unnoticed()), (usual, 0.0));
     }
 
     #[test]
     fn innovations_that_point_the_same_way_are_manoeuvres() {
         let usual = ImmModel::default();
-        let mut lively = after(Liveliness::default(), 12, [200.0, -100.0], 0.5);
-        assert!(lively.level > SHARP, "{lively:?}");
-        let found = lively.adapted(&usual, 4.0, 4.0);
+        let mut agile = after(Agility::default(), 12, [200.0, -100.0], 0.5);
+        assert!(agile.level > SHARP, "{agile:?}");
+        let found = agile.adapted(&usual, 4.0, 4.0);
         assert!(
             found.turn_sigma > usual.turn_sigma && found.turn_rate_sigma > usual.turn_rate_sigma
         );
         assert!(found.straight_time < usual.straight_time && found.steady_time < usual.steady_time);
         // but no shorter than manoeuvres are
-        let mut most = Liveliness { level: HIGHEST, ..lively };
+        let mut most = Agility { level: HIGHEST, ..agile };
         let found = most.adapted(&ImmModel { straight_time: 60.0, ..usual }, 4.0, 4.0);
         assert_eq!(found.straight_time, usual.turn_time);
         assert_eq!(found.steady_time, usual.speed_change_time);
@@ -165,9 +161,9 @@ mod tests {
         // each innovation against the one before: the models expect more than happens
         for k in 0..40 {
             let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
-            lively.adapted(&usual, 4.0, 4.0);
-            lively.saw([180.0 * sign, 120.0 * sign], S);
+            agile.adapted(&usual, 4.0, 4.0);
+            agile.saw([180.0 * sign, 120.0 * sign], S);
         }
-        assert_eq!(lively.level, 0.0);
+        assert_eq!(agile.level, 0.0);
     }
 }

@@ -1,4 +1,4 @@
-//! What the plots of a track say of how lively its target is.
+//! What the plots of a track say of how agile its target is.
 
 use super::Track;
 use crate::base::plane::Plane;
