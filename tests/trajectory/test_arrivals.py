@@ -97,6 +97,38 @@ def solved(scene: Net, **options: Any) -> ArrivalTrajectory:
     return reconstruct_arrivals(scene.stations, scene.arrivals, beacons=scene.beacons, **given)
 
 
+def calls(
+    seed: int, *, speed: float, fast: float = 3.0, rate: float = 0.0, beacon: bool = False
+) -> Net:
+    """Simulate one source that walks straight past clocks that are off and at different rates."""
+    rng = np.random.default_rng(seed)
+    place = 600.0 * np.array([[-1.0, -1.0], [1, -1], [1, 1], [-1, 1], [0, 1.5], [-1.6, 0]])
+    time = np.cumsum(rng.uniform(1.0, 3.0, 60))
+    course = rng.uniform(0.0, 2 * np.pi) + np.cumsum(rng.normal(0.0, 0.03, 60))
+    steps = fast * np.diff(time, prepend=0.0)[:, np.newaxis]
+    source = rng.uniform(-200, 200, 2) + np.cumsum(
+        steps * np.column_stack([np.sin(course), np.cos(course)]), axis=0
+    )
+    names = np.where(beacon & (np.arange(60) % 3 == 0), BEACON, TAG)
+    source[names == BEACON] = place[2]
+    clock = rng.uniform(-5, 5, 6) + (rate + 1e-5) * rng.standard_normal(6) * time[:, np.newaxis]
+    clock[:, 0] = 0.0
+    reading = time[:, np.newaxis] + clock
+    reading += np.linalg.norm(source[:, np.newaxis] - place, axis=-1) / speed
+    reading += 1.0 / speed * rng.standard_normal(reading.shape)
+    row, sensor = np.nonzero(np.ones(reading.shape, dtype=bool))
+    return Net(
+        [Station(p) for p in place],
+        Arrivals(reading[row, sensor], sensor, names[row], row),
+        {BEACON: 2} if beacon else {},
+        time,
+        source,
+        names,
+        clock,
+        row,
+    )
+
+
 def truth_of(scene: Net, track: ArrivalTrajectory) -> npt.NDArray[np.float64]:
     """Return where the emissions really came from."""
     found = np.empty_like(track.position)
@@ -488,3 +520,23 @@ def test_the_hydrophones_of_ssu1() -> None:
     nees = np.mean(np.einsum("ni,nij,nj->n", off, np.linalg.inv(both), off)) / 2
     assert len(a) > 80
     assert nees < 1.3
+
+
+def test_a_walk_is_not_taken_for_the_rates_of_clocks() -> None:
+    """At 3 m/s, sound is shifted by a hundred times as much as clocks differ in their rates."""
+    inside = []
+    for seed in range(8):
+        scene = calls(seed, speed=340.0)
+        track = solved(scene, propagation_speed=340.0, propagation_speed_sigma=3.4)
+        error = np.linalg.norm(track.position - truth_of(scene, track), axis=1)
+        assert np.median(error) < 60.0
+        inside.append(np.mean(distances(scene, track) < 5.99))
+    assert np.mean(inside) > 0.8
+
+
+def test_clocks_of_bad_rates_are_found_with_a_beacon() -> None:
+    scene = calls(3, speed=340.0, rate=1e-3, beacon=True)
+    track = solved(scene, propagation_speed=340.0, propagation_speed_sigma=0.0)
+    clock, sigma = track.bias.at(time=scene.time[[10, 50]])
+    assert clock == pytest.approx(scene.clock[[10, 50]].T, abs=0.01)
+    assert np.all(sigma[1:] > 0)

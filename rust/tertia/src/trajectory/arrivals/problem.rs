@@ -10,7 +10,7 @@ use super::scene::Scene;
 
 /// Degrees of freedom of Student's distribution of the errors.
 pub(super) const NU: f64 = 3.0;
-/// Rate of a quartz clock after the rough alignment, relative.
+/// Rate of a quartz clock, relative.
 const RATE: f64 = 1e-4;
 /// Arrivals of each receiver between two nodes, and the most nodes.
 const PER_NODE: usize = 16;
@@ -60,7 +60,7 @@ pub(super) struct Problem<'a, const D: usize> {
     /// Emission before, of the same moving identity.
     pub previous: Vec<Option<usize>>,
     pub extent: f64,
-    middle: [f64; D],
+    pub middle: [f64; D],
 }
 
 impl<'a, const D: usize> Problem<'a, D> {
@@ -275,8 +275,9 @@ impl<'a, const D: usize> Problem<'a, D> {
     fn clock_priors(&self, state: &State<D>, rows: &mut Vec<(Row, Group)>) {
         let (k, m) = (self.scene.is_base.len(), self.nodes.len());
         let offset = OFFSET * self.extent;
-        let mut push = |terms: &[(usize, f64)], group: Group| {
-            let mut row = Row::new(-terms.iter().map(|&(at, v)| v * state.clock[at]).sum::<f64>());
+        let mut push = |terms: &[(usize, f64)], known: f64, group: Group| {
+            let off = terms.iter().map(|&(at, v)| v * state.clock[at]).sum::<f64>();
+            let mut row = Row::new(-off - known);
             for &(at, value) in terms {
                 row.push(self.layout.clock[at], value);
             }
@@ -284,17 +285,19 @@ impl<'a, const D: usize> Problem<'a, D> {
         };
         for sensor in (0..k).filter(|&sensor| !self.scene.is_base[sensor]) {
             let at = |node: usize| node * k + sensor;
-            push(&[(at(0), 1.0 / offset)], Group::Unit);
+            push(&[(at(0), 1.0 / offset)], 0.0, Group::Unit);
             if m > 1 {
                 let v = 1.0 / ((self.nodes[1] - self.nodes[0]) * RATE * self.scene.speed);
-                push(&[(at(0), -v), (at(1), v)], Group::Unit);
+                let aligned = self.scene.lines[sensor].rate / RATE;
+                push(&[(at(0), -v), (at(1), v)], aligned, Group::Unit);
             }
             for node in 2..m {
                 let before = self.nodes[node - 1] - self.nodes[node - 2];
                 let after = self.nodes[node] - self.nodes[node - 1];
                 let s = (0.5 * (before + after)).sqrt();
                 let (a, b) = (1.0 / (before * s), 1.0 / (after * s));
-                push(&[(at(node - 2), a), (at(node - 1), -a - b), (at(node), b)], Group::Drift);
+                let terms = [(at(node - 2), a), (at(node - 1), -a - b), (at(node), b)];
+                push(&terms, 0.0, Group::Drift);
             }
         }
     }

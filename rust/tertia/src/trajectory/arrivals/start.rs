@@ -52,6 +52,7 @@ impl<const D: usize> Problem<'_, D> {
     /// The first point, and the scale of the errors there.
     pub fn start(&self) -> Result<(State<D>, f64), usize> {
         let mut state = self.origin();
+        state.clock = self.steady(&self.middle);
         let mut scale = FINEST * self.extent;
         let mut is_known = vec![true; self.scene.is_base.len()];
         if let Some(scene) = beacons_alone(self.scene) {
@@ -74,6 +75,24 @@ impl<const D: usize> Problem<'_, D> {
         }
         let rows = self.rows(&state);
         Ok((state, self.spread(&rows)))
+    }
+
+    /// Clocks without rates, if emissions come from about this place.
+    fn steady(&self, place: &[f64; D]) -> Vec<f64> {
+        let scene = self.scene;
+        let k = scene.is_base.len();
+        let distance = |sensor: usize| {
+            let square = |i: usize| (place[i] - scene.sites[sensor][i]).powi(2);
+            (0..D).map(square).sum::<f64>().sqrt()
+        };
+        let base = scene.is_base.iter().position(|&is_base| is_base).map_or(0.0, distance);
+        let at = |node: usize| {
+            let (sensor, line) = (node % k, &scene.lines[node % k]);
+            let rate = line.rate * (self.nodes[node / k] - line.corrected(line.origin));
+            let own = base - distance(sensor) - rate * scene.speed;
+            if scene.is_base[sensor] { 0.0 } else { own }
+        };
+        (0..k * self.nodes.len()).map(at).collect()
     }
 
     /// Locates emissions of moving identities anew, each by itself with clocks as they are, unless it
