@@ -540,3 +540,10 @@ def test_clocks_of_bad_rates_are_found_with_a_beacon() -> None:
     clock, sigma = track.bias.at(time=scene.time[[10, 50]])
     assert clock == pytest.approx(scene.clock[[10, 50]].T, abs=0.01)
     assert np.all(sigma[1:] > 0)
+
+
+@pytest.mark.parametrize("seed", [2, 8, 14])
+def test_wrong_places_of_few_arrivals_do_not_stay(seed: int) -> None:
+    """Four receivers leave two solutions, of which the motion tells which one is right."""
+    scene = net(seed, k=5, tags=2, emissions=60, heard=0.85)
+    assert np.max(distances(scene, solved(scene))) < 60.0

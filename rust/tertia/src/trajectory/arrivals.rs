@@ -10,6 +10,7 @@ mod arrange;
 mod group;
 mod layout;
 mod linear;
+mod mend;
 mod normal;
 mod problem;
 mod scene;

@@ -13,6 +13,8 @@ const FIRST: usize = 2;
 const FEWEST: usize = 10;
 /// Steps before which positions are looked for anew: a wrong one, of few arrivals, may be a minimum.
 const RELOCATED: [usize; 2] = [4, 8];
+/// How often emissions that tear a motion apart are moved, at most.
+const MENDED: usize = 3;
 /// Halvings of a step that does not lower the cost.
 const HALVINGS: usize = 8;
 /// Share of a step that is taken: with Student's errors, small residuals pull up to twice as hard as
@@ -127,6 +129,7 @@ impl<const D: usize> Search<'_, '_, D> {
         let mut envelope = problem.envelope(&rows, &priors);
         let mut iterations = 0;
         let (mut is_converged, mut change) = (false, f64::INFINITY);
+        let mut mended = 0;
         while iterations < ITERATIONS && !is_converged {
             if RELOCATED.contains(&iterations) {
                 self.relocate();
@@ -144,6 +147,12 @@ impl<const D: usize> Search<'_, '_, D> {
             envelope = normal.matrix;
             iterations += 1;
             is_converged = iterations >= FEWEST && decrement < DECREMENT && change < CHANGE;
+            let may_be_torn = (is_converged || iterations == ITERATIONS / 2) && mended < MENDED;
+            if may_be_torn && problem.mend(&mut self.state, &mut self.model, &priors) {
+                (rows, priors) = (problem.rows(&self.state), problem.priors(&self.state));
+                (is_converged, change, mended) = (false, f64::INFINITY, mended + 1);
+                self.last.clear();
+            }
         }
         let mut weights = Weights::new(problem, &rows, self.model.scale, self.free);
         weights.thin(problem, &rows);

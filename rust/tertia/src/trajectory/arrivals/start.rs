@@ -67,14 +67,19 @@ impl<const D: usize> Problem<'_, D> {
             is_known = counts.iter().map(|&count| count >= ENOUGH).collect();
         }
         self.relocate(&mut state, &is_known, scale.max(FINEST * self.extent));
-        for emission in (0..self.identity.len()).filter(|&e| self.layout.motion[e].is_none()) {
-            let rows = self.rows(&state);
+        self.emit(&mut state, |emission| self.layout.motion[emission].is_none());
+        let rows = self.rows(&state);
+        Ok((state, self.spread(&rows)))
+    }
+
+    /// Emission times that suit where such emissions come from.
+    pub fn emit(&self, state: &mut State<D>, is_meant: impl Fn(usize) -> bool) {
+        let rows = self.rows(state);
+        for emission in (0..self.identity.len()).filter(|&e| is_meant(e)) {
             let own = self.first[emission]..self.first[emission + 1];
             let mut off: Vec<f64> = rows[own].iter().map(|row| row.residual).collect();
             state.emission[emission] += median(&mut off);
         }
-        let rows = self.rows(&state);
-        Ok((state, self.spread(&rows)))
     }
 
     /// Clocks without rates, if emissions come from about this place.
@@ -307,7 +312,7 @@ fn beacons_alone<const D: usize>(scene: &Scene<D>) -> Option<Scene<D>> {
 }
 
 /// Of the values; 0 if there are none.
-fn median(values: &mut [f64]) -> f64 {
+pub(super) fn median(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }

@@ -1,0 +1,91 @@
+//! Emissions of few arrivals that were located in a wrong place, where they fit as well.
+//!
+//! Such a place tears the motion apart, and the jerk that the motion then seems to have lets it stay
+//! there. These emissions are moved to where those before and after them say; if they had been right,
+//! their arrivals take them back.
+
+use super::linear::{Group, Row};
+use super::problem::{Model, Problem, State};
+use super::start::median;
+
+/// A motion is torn where the squared change of its acceleration is so many times the median.
+const TORN: f64 = 30.0;
+/// Steps next to a torn one are suspect from so many times the median on.
+const SUSPECT: f64 = 10.0;
+/// Share of the emissions of a motion up to which they are moved.
+const MOST: f64 = 0.3;
+
+impl<const D: usize> Problem<'_, D> {
+    /// Moves emissions that tear their motions apart, and lowers the jerk; whether there are any. O(N).
+    pub fn mend(&self, state: &mut State<D>, model: &mut Model, priors: &[(Row, Group)]) -> bool {
+        if self.scene.jerk.is_some() {
+            return false;
+        }
+        let steps = self.steps(priors);
+        let mut is_torn = false;
+        for identity in 0..self.unit.len() {
+            let own: Vec<usize> = (0..self.identity.len())
+                .filter(|&e| self.identity[e] == identity && self.layout.motion[e].is_some())
+                .collect();
+            let mut sizes: Vec<f64> = own.iter().filter_map(|&e| steps[e]).collect();
+            let usual = median(&mut sizes);
+            let most = sizes.last().copied().unwrap_or(0.0);
+            if most <= TORN * usual {
+                continue;
+            }
+            // a step that there is not is as suspect as the one on the other side
+            let is_suspect =
+                |at: usize| own.get(at).and_then(|&e| steps[e]).is_none_or(|s| s > SUSPECT * usual);
+            let wrong: Vec<bool> =
+                (0..own.len()).map(|at| is_suspect(at) && is_suspect(at + 1)).collect();
+            let count = wrong.iter().filter(|&&one| one).count();
+            if count == 0 || count as f64 > MOST * own.len() as f64 {
+                continue;
+            }
+            for at in (0..own.len()).filter(|&at| wrong[at]) {
+                let before = own[..at].iter().zip(&wrong).filter(|one| !one.1).map(|one| *one.0);
+                let after = own[at..].iter().zip(&wrong[at..]).find(|one| !one.1);
+                self.bridge(state, own[at], before.last(), after.map(|one| *one.0));
+            }
+            let mean = sizes.iter().sum::<f64>() / sizes.len() as f64;
+            model.jerk[identity] *= (usual / mean).powi(2).min(1.0);
+            is_torn = true;
+        }
+        is_torn
+    }
+
+    /// Squared change of the acceleration since the emission before, of each emission.
+    fn steps(&self, priors: &[(Row, Group)]) -> Vec<Option<f64>> {
+        let mut rows = priors.iter().filter(|row| matches!(row.1, Group::Jerk(_)));
+        let mut step = |e: usize| {
+            self.layout.motion[e].and(self.previous[e])?;
+            Some(rows.by_ref().take(3 * D).map(|(row, _)| row.residual * row.residual).sum())
+        };
+        (0..self.identity.len()).map(&mut step).collect()
+    }
+
+    /// Moves an emission to the straight line between others, or on from the only one.
+    fn bridge(
+        &self,
+        state: &mut State<D>,
+        emission: usize,
+        before: Option<usize>,
+        after: Option<usize>,
+    ) {
+        let unit = self.unit[self.identity[emission]] * self.scene.speed;
+        let time = |e: usize| state.emission[e] / unit;
+        let place = |e: usize| state.motion[e][0];
+        let (from, velocity) = match (before, after) {
+            (Some(a), Some(b)) => {
+                let dt = time(b) - time(a);
+                (a, std::array::from_fn(|i| (place(b)[i] - place(a)[i]) / dt))
+            }
+            (Some(one), None) | (None, Some(one)) => (one, state.motion[one][1]),
+            (None, None) => return,
+        };
+        let dt = time(emission) - time(from);
+        let position = std::array::from_fn(|i| place(from)[i] + velocity[i] * dt);
+        state.motion[emission] = [position, velocity, [0.0; D]];
+        self.emit(state, |e| e == emission);
+    }
+}
