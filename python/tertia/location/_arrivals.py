@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -82,5 +83,19 @@ def read_arrivals(
             f"propagation_speed has shape {speeds.shape}; it must be one number, or one for each "
             f"instant, of shape {first.shape}"
         ) from None
+    if time.dtype.kind == "f":
+        _warn_if_coarse(first, spread)
     each = speeds[..., np.newaxis]
     return Arrivals(first, speeds, seconds * each, spread * each)
+
+
+def _warn_if_coarse(first: FloatArray, sigma: FloatArray) -> None:
+    """Warn if times are so large that double precision rounds them by more than their sigma."""
+    largest = float(np.fmax.reduce(np.abs(first), axis=None, initial=0.0))
+    if np.any(sigma < np.spacing(largest)):
+        warnings.warn(
+            f"arrival_time is about {largest:.6g} s, and a float64 has steps of "
+            f"{np.spacing(largest):.2g} s there, which is more than its sigma: count from the "
+            "start of the recording, or give dates in nanoseconds",
+            stacklevel=4,
+        )

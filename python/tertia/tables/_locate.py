@@ -35,6 +35,7 @@ from tertia.tables._positions import (
 )
 from tertia.tables._records import RecordError, Source, source_of
 from tertia.tables._sensors import Sensors
+from tertia.tables._times import Clock
 
 # at a constant height, the coordinate up changes by a few metres per kilometre, so each iteration
 # reduces the error to about a hundredth
@@ -72,12 +73,13 @@ def locate(
         minus the range from the first sensor) and `arrival_time_s`; and their sigmas, such as
         `range_sigma_m`, if they differ from those of the sensor. Alternatively, there is one row
         per measurement, with `kind`, `value` and `sigma`. Without `time_s`, all rows of a target
-        belong to one instant with the time 0. Times of arrival may be counted from any origin,
-        preferably from `time_s`, because floating-point seconds since 1970 have a resolution of
-        only 0.2 µs. The position of a moving sensor is in `sensor_east_m`, `sensor_north_m` and, in
-        three dimensions, `sensor_up_m`; or, on the earth, in `sensor_latitude_deg`,
-        `sensor_longitude_deg` and `sensor_height_m`. Measurements form an instant if their times
-        are equal or differ by at most `tolerance`.
+        belong to one instant with the time 0. Times of arrival are seconds from any origin, or
+        datetimes, which are read with nanoseconds. Floating-point seconds since 1970 have a
+        resolution of only 0.2 µs; as text, they too are read with nanoseconds. The position of a
+        moving sensor is in `sensor_east_m`, `sensor_north_m` and, in three dimensions,
+        `sensor_up_m`; or, on the earth, in `sensor_latitude_deg`, `sensor_longitude_deg` and
+        `sensor_height_m`. Measurements form an instant if their times are equal or differ by at
+        most `tolerance`.
     sensors : sequence of Station, DataFrame, or str or Path
         The stations, with the names that the table uses: objects, a table with one row per station
         and the columns of sensors files, or the path of a sensors file in TOML.
@@ -246,7 +248,7 @@ def _locate(
         **coordinates(found.position, found.covariance),
         **target.sensors.geodetic(found.position),
         **covariances(found.covariance),
-        **_emission(found),
+        **_emission(found, target.arrivals),
         **regions,
         **of_instants(target, measured, found, np.atleast_1d(found.success)),
     }
@@ -278,12 +280,15 @@ def _at_height(
     return found
 
 
-def _emission(found: Location) -> dict[str, pl.Series]:
+def _emission(found: Location, clock: Clock) -> dict[str, pl.Series]:
     """Return the columns of the emission times if times of arrival were measured."""
-    if found.emission_time is None:
+    if found.emission_time is None or found.emission_time_sigma is None:
         return {}
-    each = found.emission_time, found.emission_time_sigma
-    return {name: known(np.asarray(one)) for name, one in zip(EMISSION, each, strict=True)}
+    moments = clock.moments(np.asarray(found.emission_time))
+    if not clock.dated:
+        moments = moments.fill_nan(None)
+    sigma = known(np.asarray(found.emission_time_sigma))
+    return dict(zip(EMISSION, (moments, sigma), strict=True))
 
 
 def _regions(

@@ -47,6 +47,7 @@ SCHEMA: Schema = {
     "sensor": Field("name", SENSOR.columns, required=True, whole=True),
     # whether ranges are in metres is judged by the distances between the sensors
     **{str(kind): number(name, judged=kind != "range") for kind, name in VALUES.items()},
+    "arrival_time": Field("arrival", {VALUES["arrival_time"]: 1.0}),
     **{f"{kind}_sigma": number(name, positive=True) for kind, name in SIGMAS.items()},
     "kind": Field("name", {"kind": 1.0}),
     "value": number("value"),
@@ -61,8 +62,9 @@ class Target:
 
     `rows` has one measurement per row, in the units of the columns, with `step` and `site`.
     `values` and `sigmas` are (N, K) for each kind, nan where there is no measurement. `sensors` are
-    the stations; moving stations have their positions at the N times. If the measurements of each
-    sensor are combined, `singles` has all of them, with `outlier`.
+    the stations; moving stations have their positions at the N times. `arrivals` is the clock of
+    the times of arrival. If the measurements of each sensor are combined, `singles` has all of
+    them, with `outlier`.
     """
 
     name: str
@@ -73,6 +75,7 @@ class Target:
     values: dict[Kind, FloatArray]
     sigmas: dict[Kind, FloatArray]
     sensors: Sensors[Station]
+    arrivals: Clock
     singles: pl.DataFrame | None = None
 
     def by_kind(self) -> Iterator[tuple[Kind, IntArray, IntArray, BoolArray]]:
@@ -149,6 +152,7 @@ def read_targets(
     if "time" not in records.column:
         # all rows belong to one instant
         records = replace(records, rows=records.rows.with_columns(time=pl.lit(0.0)))
+    records, arrivals = _with_arrivals(records)
     placed = names_of_places(records, sensors)
     measured = _one_by_one(records, placed)
     if not measured["kind"].count():
@@ -172,9 +176,17 @@ def read_targets(
     group[groups.order] = groups.group
     measured = measured.with_columns(group=group[measured["record"].to_numpy()])
     return [
-        _target(rows, groups.keys[k : k + 1], sensors, clock, tolerance, records)
+        _target(rows, groups.keys[k : k + 1], sensors, (clock, arrivals), tolerance, records)
         for k, rows in enumerate(measured.partition_by("group", maintain_order=True))
     ]
+
+
+def _with_arrivals(records: Records) -> tuple[Records, Clock]:
+    """Return the records with times of arrival in seconds, nan where missing, and their clock."""
+    heard = records.rows["arrival_time"]
+    clock = Clock.of(heard, midnight=True)
+    seconds = pl.Series("arrival_time", clock.seconds(heard)).fill_null(math.nan)
+    return replace(records, rows=records.rows.with_columns(seconds)), clock
 
 
 def doubt_instants(target: Target) -> None:
@@ -267,10 +279,11 @@ def _target(  # noqa: PLR0917
     rows: pl.DataFrame,
     keys: pl.DataFrame,
     sensors: Sensors[Station],
-    clock: Clock,
+    clocks: tuple[Clock, Clock],
     tolerance: float,
     records: Records,
 ) -> Target:
+    clock, arrivals = clocks
     moves = "place_0" in rows.columns
     like = np.zeros(0, dtype=np.int64)
     singles = None
@@ -305,4 +318,6 @@ def _target(  # noqa: PLR0917
         for found, name in ((values, "value"), (sigmas, "sigma")):
             found[kind] = np.full((times.size, count), np.nan)
             found[kind][at] = own[name].to_numpy() * unit
-    return Target(group_name(keys), keys, moments, times, rows, values, sigmas, sensors, singles)
+    return Target(
+        group_name(keys), keys, moments, times, rows, values, sigmas, sensors, arrivals, singles
+    )

@@ -24,6 +24,8 @@ from tertia.tables._marks import names_without_marks, unmarked, without_marks
 from tertia.tables._names import assignment, hint, misspelt, plain_name
 from tertia.tables._sexagesimal import degrees_of_text
 from tertia.tables._times import (
+    Unit,
+    exact_seconds,
     in_format,
     kind_of_times,
     moments,
@@ -35,6 +37,8 @@ _LOG = logging.getLogger("tertia.tables")
 # bases of identities: decimal numbers, mode 3/A codes in octal, 24-bit addresses in hexadecimal
 IDENTITIES = {"icao_address": 16, "mode_3a": 8, "identity": 10}
 _HALF_DAY = 43_200.0
+# in seconds; double precision resolves larger numbers less finely than by a nanosecond
+_COARSE = 2.0**22
 # if a column is missing, at most this many columns of the table are listed
 _LISTED = 16
 _SPELLING = {16: "hexadecimal digits", 8: "octal digits", 10: "a whole number, 0 or more"}
@@ -45,7 +49,8 @@ _SAY_FORMAT = "; or give --time-format, for example %d.%m.%Y %H:%M:%S"
 # suffix that Polars adds to a name that occurs twice in a header
 AGAIN = "_duplicated_0"
 
-Kind: TypeAlias = Literal["number", "time", "name", "identity", "callsign", "flag"]
+# an arrival is a time with nanoseconds
+Kind: TypeAlias = Literal["number", "time", "arrival", "name", "identity", "callsign", "flag"]
 
 
 class RecordError(ValueError):
@@ -289,10 +294,17 @@ def _called(
 def _require_alike(first: Reader, other: Reader) -> None:
     """Refuse files whose times, or identities, are of different kinds."""
     one, two = first.part.called, other.part.called
-    if first.times_are != other.times_are:
-        name = first.taken.get("time", "time_s")
-        found = f"{name} holds {first.times_are} in {one} and {other.times_are} in {two}"
-        raise RecordError(f"{found}; all must be of one kind", column=name)
+    for quantity in first.times_are | other.times_are:
+        kinds = [each.times_are.get(quantity) for each in (first, other)]
+        # times of arrival may be in one of the files only
+        if kinds[0] != kinds[1] and (quantity == "time" or None not in kinds):
+            name = first.taken.get(quantity, "time_s")
+            found = " and ".join(
+                f"{kind or 'no times'} in {file}"
+                for kind, file in zip(kinds, (one, two), strict=True)
+            )
+            reason = f"{name} holds {found}; all must be of one kind"
+            raise RecordError(reason, column=name)
     several = "identity" in first.schema and len(first.schema["identity"].columns) > 1
     kinds = [each.taken.get("identity") for each in (first, other)]
     if several and kinds[0] != kinds[1]:
@@ -328,7 +340,8 @@ class Reader:
         self.part, self.schema, self.called, self.sensors = part, schema, called, sensors
         self.like, self.problems = like, problems
         self.taken: dict[str, str] = {}
-        self.times_are = "no times"
+        # kinds of the times, by quantity
+        self.times_are: dict[str, str] = {}
 
     def rows(self, number: int = 0) -> pl.DataFrame:
         """Return the quantities of all rows, with the numbers of the part and of the row."""
@@ -376,12 +389,12 @@ class Reader:
         column = self.part.column(self.called.get(name, name))
         self.taken[quantity] = name if one.kind == "identity" else column
         values = series(self.part.table, column).alias(column)
-        return self._values(values, one, name)
+        return self._values(quantity, values, one, name)
 
-    def _values(self, values: pl.Series, one: Field, name: str) -> pl.Series:
-        if one.kind == "time":
-            found = self.times(values)
-            self.times_are = kind_of_times(found)
+    def _values(self, quantity: str, values: pl.Series, one: Field, name: str) -> pl.Series:
+        if one.kind in {"time", "arrival"}:
+            found = self.times(values, "us" if one.kind == "time" else "ns")
+            self.times_are[quantity] = kind_of_times(found)
             if self.problems is None:
                 doubt_time(name, found)
         elif one.kind == "name":
@@ -472,11 +485,16 @@ class Reader:
             self.refuse(found <= 0, f"{values.name} is {{:g}}; it must be positive", found)
         return found.fill_null(math.nan)
 
-    def times(self, values: pl.Series) -> pl.Series:
-        """Return times as numbers or as datetimes; null where missing."""
-        name = values.name
+    def times(self, values: pl.Series, unit: Unit = "us") -> pl.Series:
+        """Return times as numbers or as datetimes; null where missing.
+
+        If the unit is ns, datetimes have this unit, and large numbers in text become durations.
+        """
+        name, fine = values.name, unit == "ns"
         if isinstance(values.dtype, (pl.Date, pl.Datetime)):
-            dates = values.cast(pl.Datetime("us")) if values.dtype == pl.Date else values
+            dates = values
+            if fine or values.dtype == pl.Date:
+                dates = values.cast(pl.Datetime(unit, getattr(values.dtype, "time_zone", None)))
             # time zones of several files may differ
             if self.part.file is None or kind_of_times(dates) == "dates":
                 return dates
@@ -494,29 +512,32 @@ class Reader:
             self.refuse(bad, f"{name} is {{!r}}; it must be a finite number", found)
             return found.cast(pl.Float64) if found.dtype == pl.Null else found
         values = without_marks(values)
-        if self.part.time_format is not None:
-            return self._formatted(values, self.part.time_format)
         first = values.drop_nulls().head(1)
         numeric = not seconds_of_text(first).null_count()
+        if self.part.time_format is not None and not (fine and numeric):
+            return self._formatted(values, self.part.time_format, unit)
         if self.like is not None:
             numeric = not isinstance(self.like, pl.Datetime)
         if numeric:
             found = seconds_of_text(values)
             known = found.is_finite()
             self._doubt_midnight(first, found)
+            if fine and (found.abs() > _COARSE).any():
+                found = exact_seconds(values)
+                known = found.is_not_null()
         else:
             zoned = self.like.time_zone is not None if isinstance(self.like, pl.Datetime) else None
-            found = moments(values, first.item(), zoned)
+            found = moments(values, first.item(), zoned, unit)
             known = found.is_not_null()
         bad = values.is_not_null() & ~known.fill_null(False)
         hint = "" if known.any() or self.part.file is None else _SAY_FORMAT
         self.refuse(bad, f"{name} is {{!r}}; it must be {_AS_OTHERS}{hint}", values)
         return found
 
-    def _formatted(self, values: pl.Series, form: str) -> pl.Series:
+    def _formatted(self, values: pl.Series, form: str, unit: Unit) -> pl.Series:
         """Return times that are in the format `form`."""
         try:
-            found = in_format(values, form)
+            found = in_format(values, form, unit)
         except pl.exceptions.PolarsError as error:
             raise self.part.error(f"the time format {form!r}: {error}") from None
         bad = values.is_not_null() & found.is_null()
@@ -565,8 +586,8 @@ def _absent(kind: Kind, count: int) -> pl.Series:
     """Return the cells of a missing column."""
     if kind == "number":
         return pl.repeat(math.nan, count, dtype=pl.Float64, eager=True)
-    if kind == "time":
-        return pl.repeat(None, count, dtype=pl.Float64, eager=True)
+    if kind in {"time", "arrival"}:
+        return pl.repeat(None, count, dtype=pl.Float64 if kind == "time" else pl.Null, eager=True)
     if kind == "identity":
         return pl.repeat(NO_IDENTITY, count, dtype=pl.Int64, eager=True)
     return pl.repeat(None, count, dtype=pl.Boolean if kind == "flag" else pl.String, eager=True)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import polars as pl
 
 from tertia._arrays import FloatArray
+
+Unit: TypeAlias = Literal["us", "ns"]
 
 PER_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 _DAY = 86_400
@@ -47,11 +49,20 @@ def seconds_of_text(column: pl.Series) -> pl.Series:
 def seconds_of_day(column: pl.Series) -> pl.Series:
     """Return times of day or durations as seconds."""
     ticks = column.cast(pl.Duration("ns")) if column.dtype == pl.Time else column
-    seconds: pl.Series = ticks.dt.total_microseconds() / PER_SECOND["us"]
+    seconds: pl.Series = ticks.dt.total_nanoseconds() / PER_SECOND["ns"]
     return seconds
 
 
-def moments(column: pl.Series, first: str | None, zoned: bool | None) -> pl.Series:
+def exact_seconds(column: pl.Series) -> pl.Series:
+    """Return numbers of seconds as text, with up to nine decimals, as exact durations."""
+    ticks = column.cast(pl.Decimal(38, 9), strict=False).to_physical()
+    exact: pl.Series = ticks.cast(pl.Int64, strict=False).cast(pl.Duration("ns"))
+    return exact
+
+
+def moments(
+    column: pl.Series, first: str | None, zoned: bool | None, unit: Unit = "us"
+) -> pl.Series:
     """Return ISO 8601 datetimes of the same kind as the first one; null elsewhere."""
     column, begin = (
         one.str.replace(r"\s*(UTC|GMT|Z)$", "Z")
@@ -64,13 +75,13 @@ def moments(column: pl.Series, first: str | None, zoned: bool | None) -> pl.Seri
         zoned = begin.str.contains(_OFFSET)[0]
     column = column.set((column.str.contains(_OFFSET) != zoned).fill_null(False), None)
     tried = [
-        column.str.to_datetime(form, time_unit="us", strict=False)
+        column.str.to_datetime(form, time_unit=unit, strict=False)
         for form in (_ZONED_TIMES if zoned else _LOCAL_TIMES)
     ]
     return pl.select(pl.coalesce(tried)).to_series().rename(column.name)
 
 
-def in_format(column: pl.Series, form: str) -> pl.Series:
+def in_format(column: pl.Series, form: str, unit: Unit = "us") -> pl.Series:
     """Return times in a format of strftime; without a date, as seconds of the day.
 
     Null if a text does not have this format.
@@ -79,13 +90,13 @@ def in_format(column: pl.Series, form: str) -> pl.Series:
     form = form.replace(".%f", "%.f")
     if not any(mark in form for mark in ("%Y", "%y", "%D", "%F", "%s", "%c", "%j")):
         return seconds_of_day(column.str.to_time(form, strict=False))
-    found: pl.Series = column.str.to_datetime(form, time_unit="us", strict=False)
+    found: pl.Series = column.str.to_datetime(form, time_unit=unit, strict=False)
     return found
 
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Conversion of the times of records to seconds; if they are datetimes, since `origin`."""
+    """Conversion of the times of records to seconds; since `origin`, unless they are numbers."""
 
     dtype: Any
     origin: int = 0
@@ -98,25 +109,30 @@ class Clock:
 
     @classmethod
     def of(cls, moments: pl.Series, *, midnight: bool = False) -> Clock:
-        """Return the clock that starts at the first of some datetimes, or at midnight before it."""
-        if not isinstance(moments.dtype, pl.Datetime) or moments.is_empty():
+        """Return the clock that starts at the first of some datetimes, or at midnight before it.
+
+        Times may also be durations; null is not a time.
+        """
+        known = moments.drop_nulls()
+        if not isinstance(moments.dtype, (pl.Datetime, pl.Duration)) or known.is_empty():
             return cls(moments.dtype)
         ticks = PER_SECOND[moments.dtype.time_unit]
-        first, day = int(moments.to_physical().to_numpy().min()), int(_DAY * ticks)
+        first, day = int(known.to_physical().to_numpy().min()), int(_DAY * ticks)
         return cls(moments.dtype, first // day * day if midnight else first, ticks)
 
     def seconds(self, moments: pl.Series) -> FloatArray:
-        """Return times as seconds."""
-        if not self.dated:
+        """Return times as seconds; nan where null."""
+        if not isinstance(self.dtype, (pl.Datetime, pl.Duration)):
             return np.asarray(moments.to_numpy(), dtype=np.float64)
         same = moments if moments.dtype == self.dtype else moments.cast(self.dtype)
-        since: FloatArray = (same.to_physical().to_numpy() - self.origin) / self.ticks
-        return since
+        since = (same.to_physical() - self.origin) / self.ticks
+        return np.asarray(since.to_numpy(), dtype=np.float64)
 
     def moments(self, seconds: FloatArray) -> pl.Series:
-        """Return seconds as times."""
+        """Return seconds as times; dates are null where the seconds are nan."""
         if not self.dated:
-            return pl.Series(seconds)
-        ticks = self.origin + np.rint(seconds * self.ticks).astype(np.int64)
-        moments: pl.Series = pl.Series(ticks).cast(self.dtype)
-        return moments
+            return pl.Series(self.origin / self.ticks + seconds)
+        there = np.isfinite(seconds)
+        after = np.rint(np.where(there, seconds, 0.0) * self.ticks).astype(np.int64)
+        moments: pl.Series = pl.Series(self.origin + after).cast(self.dtype)
+        return moments if there.all() else moments.set(pl.Series(~there), None)
