@@ -438,3 +438,51 @@ def test_tracks_of_a_real_recording_and_their_figures(tmp_path: Path) -> None:
     assert values["targets"] == len(figures.matching.targets)
     assert values["probability of update"] == figures.probability_of_update.value > 0.9
     assert values["RMSE"] == figures.rmse.value < 100.0
+
+
+def test_each_file_has_names_of_its_own(tmp_path: Path) -> None:
+    """A file without a named column has the usual one, and may have the name of its sensor."""
+    time = np.arange(0.0, 60.0, 4.0)
+    east, north = 20e3 + 100.0 * time, np.full(time.shape, 30e3)
+    radar = pl.DataFrame(
+        {
+            "Time [s]": time,
+            "range_m": np.hypot(east, north),
+            "azimuth_deg": np.degrees(np.arctan2(east, north)),
+        }
+    )
+    radar.write_csv(tmp_path / "radar.csv")
+    pl.DataFrame({"t": time + 1.0, "x": east + 100.0, "north_m": north}).write_csv(
+        tmp_path / "adsb.csv"
+    )
+    sensors = tmp_path / "sensors.toml"
+    sensors.write_text(
+        "[[radar]]\nname='radar'\neast_m=0.0\nnorth_m=0.0\nrange_sigma_m=20.0\n"
+        "azimuth_sigma_deg=0.1\nscan_period_s=4.0\n"
+        "[[position_sensor]]\nname='adsb'\nposition_sigma_m=20.0\nupdate_interval_s=4.0\n"
+    )
+    files = tmp_path / "radar.csv", tmp_path / "adsb.csv"
+    how = "--sensors", sensors, "--column", "time_s=t", "--column", "east_m=x"
+    done = run("track", *files, *how, "--output", tmp_path / "tracks.csv")
+    assert done.code == 0, done.err
+    tracks = pl.read_csv(tmp_path / "tracks.csv")
+    assert tracks["track"].unique().to_list() == [1]
+    assert set(tracks["sensor"].unique()) == {"radar", "adsb"}
+    # a name that no file has is an error
+    wrong = run("track", *files, *how[:2], "--column", "time_s=nothing")
+    assert wrong.code == 2
+    assert "has no column nothing" in wrong.err
+
+
+def test_warnings_of_the_library_are_notes(tmp_path: Path) -> None:
+    pl.DataFrame(
+        {"sensor": ["A", "B", "A", "B"], "fox": [1, 1, 2, 2], "azimuth_deg": [30.0, 20, 30, 20]}
+    ).write_csv(tmp_path / "bearings.csv")
+    pl.DataFrame({"name": ["A", "B"], "east_m": [0.0, 200.0], "north_m": 0.0}).write_csv(
+        tmp_path / "towers.csv"
+    )
+    how = "--sensors", tmp_path / "towers.csv", "--by", "fox", "--method", "posterior"
+    done = run("locate", tmp_path / "bearings.csv", *how, "--max-range", 500)
+    assert done.code == 0, done.err
+    [line] = done.err.splitlines()
+    assert line.startswith("1 of 1 positions have more than 5%")

@@ -8,7 +8,7 @@ import pytest
 
 from tertia import tables
 from tertia.geo import SystemPlane
-from tertia.sensors import PositionSensor, Station
+from tertia.sensors import PositionSensor, Radar, Station
 from tertia.tracker import Plots, track
 
 TIME = np.arange(0.0, 120.0, 4.0)
@@ -199,3 +199,25 @@ def test_errors_of_positions_in_a_sensors_file(tmp_path: Path) -> None:
                     encoding="utf-8")  # fmt: skip
     with pytest.raises(tables.RecordError, match="only a PositionSensor has such errors"):
         tables.track(pl.DataFrame(rows | {"range_m": 1e4, "azimuth_deg": 3.0}), sensors=path)
+
+
+def test_a_radar_must_not_move() -> None:
+    """Its places in the rows were not used, and all tracks were wrong."""
+    east, north = TRUTH.T
+    radar = Radar([-20e3, 0.0], name="ship", range_sigma=20.0, azimuth_sigma=2e-3, scan_period=4.0)
+    rows = pl.DataFrame(
+        {
+            "time_s": TIME,
+            "range_m": np.hypot(east + 20e3, north),
+            "azimuth_deg": np.degrees(np.arctan2(east + 20e3, north)),
+        }
+    )
+    expected = tables.track(rows, sensors=[radar])
+    fixed = rows.with_columns(sensor_east_m=-20e3, sensor_north_m=0.0)
+    assert tables.track(fixed, sensors=[radar]).equals(expected)
+    for moved in (
+        rows.with_columns(sensor_east_m=-20e3 + 5.0 * TIME, sensor_north_m=0.0),
+        rows.with_columns(sensor_heading_deg=10.0),
+    ):
+        with pytest.raises(tables.RecordError, match="radar ship moves"):
+            tables.track(moved, sensors=[radar])

@@ -16,6 +16,7 @@ from tertia.tables._doubts import doubt, doubt_differences, doubt_ranges, doubt_
 from tertia.tables._groups import as_names, column_name, group_name, layout
 from tertia.tables._instants import instants
 from tertia.tables._moving import PLACES, apart, local_places, names_of_places, stations_of
+from tertia.tables._names import own_names
 from tertia.tables._records import (
     SENSOR,
     TIME,
@@ -145,7 +146,7 @@ def read_targets(
     """
     schema = SCHEMA if timed else {**SCHEMA, "time": replace(TIME, required=False)}
     for part in source:
-        _require_kinds(part, columns or {})
+        _require_kinds(part, own_names(part, source, columns or {}))
     records = read(
         source, schema, columns=columns, by=as_names(by), sensors=sensors.names, results=results
     )

@@ -6,6 +6,10 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import SequenceMatcher
 from functools import lru_cache
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tertia.tables._records import Part, Source
 
 # least similarity of a misspelt name: of a required column, and of an optional column
 NEAR, VERY_NEAR = 0.75, 0.85
@@ -48,6 +52,16 @@ def _nearest(columns: Iterable[str], there: Sequence[object]) -> tuple[float, st
     """Return the similarity of the most similar name, this name, and the column it resembles."""
     found = [(_alike(column, name), str(name), column) for column in columns for name in there]
     return max(found, key=lambda one: one[:2], default=(0.0, "", ""))
+
+
+def own_names(part: Part, source: Source, columns: Mapping[str, str]) -> dict[str, str]:
+    """Return the names of columns that apply to a part: not those that only other parts have."""
+    others = [one for one in source if one is not part]
+    return {
+        name: column
+        for name, column in columns.items()
+        if part.has(column) or not any(other.has(column) for other in others)
+    }
 
 
 def misspelt(

@@ -21,7 +21,7 @@ from tertia.sensors._identities import NO_IDENTITY
 from tertia.tables._doubts import doubt, doubt_time, doubt_unit
 from tertia.tables._frames import height, names, series
 from tertia.tables._marks import names_without_marks, unmarked, without_marks
-from tertia.tables._names import assignment, hint, misspelt, plain_name
+from tertia.tables._names import assignment, hint, misspelt, own_names, plain_name
 from tertia.tables._sexagesimal import degrees_of_text
 from tertia.tables._times import (
     Unit,
@@ -249,7 +249,7 @@ def read(
     `by` must not have names that are in `results`.
     """
     called = _called(schema, columns, by, results)
-    readers = [Reader(part, schema, called, sensors) for part in source]
+    readers = [Reader(part, schema, own_names(part, source, called), sensors) for part in source]
     frames = [reader.rows(number) for number, reader in enumerate(readers)]
     for reader, frame in zip(readers, frames, strict=True):
         taken = ", ".join(f"{what} from {name}" for what, name in reader.taken.items())
@@ -421,12 +421,13 @@ class Reader:
         return found
 
     def _sensors(self, name: str | None, count: int) -> pl.Series:
-        """Return the indices of sensors; if there is only one, no column is needed."""
+        """Return the indices of sensors; one sensor, or a file of its name, needs no column."""
         known = list(self.sensors or ())
         if name is None:
-            if len(known) != 1:
+            one = [k for k, other in enumerate(known) if self.part.name == other or len(known) == 1]
+            if not one:
                 self.part.require(*SENSOR.columns, standard=True)
-            return pl.repeat(0, count, dtype=pl.Int64, eager=True)
+            return pl.repeat(one[0], count, dtype=pl.Int64, eager=True)
         column = self.part.column(self.called.get(name, name))
         found = names_without_marks(series(self.part.table, column).cast(pl.String))
         self.refuse(found.is_null(), f"{column} is missing", column)

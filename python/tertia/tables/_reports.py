@@ -7,15 +7,23 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from tertia._arrays import BoolArray, FloatArray
+from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.geo import LocalFrame, SystemPlane
 from tertia.location._height import in_the_plane
-from tertia.sensors import Station
+from tertia.sensors import Radar, Station
 from tertia.tables._records import Field, Schema, number
 from tertia.tables._sensors import Sensors
 from tertia.tables._velocities import COURSE, of_speed, to_plane
 from tertia.tracker._azimuths import north_of
 
+# places and headings of sensors that move
+MOVING: Schema = {
+    "sensor_east": number("sensor_east_m"),
+    "sensor_north": number("sensor_north_m"),
+    "sensor_latitude": Field("number", {"sensor_latitude_deg": 1.0}, most=90.0),
+    "sensor_longitude": Field("number", {"sensor_longitude_deg": 1.0}, most=360.0),
+    "sensor_heading": Field("number", {"sensor_heading_deg": np.pi / 180}, most=720.0),
+}
 REPORTED: Schema = {
     "east": number("east_m"),
     "north": number("north_m"),
@@ -30,11 +38,7 @@ REPORTED: Schema = {
     "velocity_east_sigma": number("velocity_east_sigma_m_s", positive=True),
     "velocity_north_sigma": number("velocity_north_sigma_m_s", positive=True),
     "velocity_east_north": number("covariance_velocity_east_velocity_north_m2_s2"),
-    "sensor_east": number("sensor_east_m"),
-    "sensor_north": number("sensor_north_m"),
-    "sensor_latitude": Field("number", {"sensor_latitude_deg": 1.0}, most=90.0),
-    "sensor_longitude": Field("number", {"sensor_longitude_deg": 1.0}, most=360.0),
-    "sensor_heading": Field("number", {"sensor_heading_deg": np.pi / 180}, most=720.0),
+    **MOVING,
 }
 
 
@@ -68,9 +72,11 @@ def reported_of(
 
 
 def moving_of(rows: pl.DataFrame, sensors: Sensors[Any]) -> dict[str, FloatArray]:
-    """Return the columns of `Plots` for stations that move; nan in other rows."""
-    names = [name for name in REPORTED if name.startswith("sensor_")]
-    column = {name: rows[name].to_numpy() for name in names}
+    """Return the columns of `Plots` for stations that move; nan in other rows.
+
+    Radars that move are refused.
+    """
+    column = {name: rows[name].to_numpy() for name in MOVING}
     if all(np.isnan(values).all() for values in column.values()):
         return {}
     stations = np.array([isinstance(one, Station) for one in sensors.items])
@@ -84,8 +90,34 @@ def moving_of(rows: pl.DataFrame, sensors: Sensors[Any]) -> dict[str, FloatArray
         # the direction of north where the station is, instead of where it was described
         given = np.array([north_of(one) for one in sensors.items])[rows["sensor"].to_numpy()[far]]
         heading[far] = np.nan_to_num(heading[far]) - given + north
+    _refuse_radars(rows["sensor"].to_numpy(), place, geodetic, column["sensor_heading"], sensors)
     place[~own], heading[~own] = np.nan, np.nan
     return {"sensor_position": place, "sensor_heading": heading}
+
+
+def _refuse_radars(
+    sensor: IntArray,
+    place: FloatArray,
+    geodetic: FloatArray,
+    heading: FloatArray,
+    sensors: Sensors[Any],
+) -> None:
+    """Refuse radars that move or turn, according to the places or headings in their rows."""
+    for k, one in enumerate(sensors.items):
+        own = sensor == k
+        if not isinstance(one, Radar) or not own.any():
+            continue
+        where = place[own]
+        if sensors.frame is not None and np.isnan(where).all():
+            where = sensors.frame.to_local(*geodetic[own].T)[:, :2]
+        away = np.linalg.norm(where - one.position[:2], axis=1)
+        turned = 2 * np.abs(np.sin(heading[own] / 2))
+        if np.any(away > one.range_sigma) or np.any(turned > one.azimuth_sigma):
+            raise sensors.error(
+                f"radar {sensors.names[k]} moves or is turned, according to its rows, but radars "
+                "must not: describe it as a position sensor, and give east and north of its plots "
+                "with their sigmas and covariance"
+            )
 
 
 def _places(frame: LocalFrame | SystemPlane, geodetic: FloatArray) -> tuple[FloatArray, FloatArray]:

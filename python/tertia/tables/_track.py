@@ -40,7 +40,7 @@ from tertia.tables._records import (
     read,
     source_of,
 )
-from tertia.tables._reports import REPORTED, moving_of, reported_of
+from tertia.tables._reports import MOVING, REPORTED, moving_of, reported_of
 from tertia.tables._sensors import Sensors, lifted
 from tertia.tables._times import Clock
 from tertia.tertiary import SystemTracks
@@ -311,7 +311,8 @@ def _numbers(records: Records) -> IntArray:
 
 def schema_of(sensors: Sensors[Any]) -> Schema:
     """Return the schema of rows of plots of these sensors."""
-    schema = PLOTS if all(isinstance(one, Radar) for one in sensors.items) else REPORTS
+    alone = all(isinstance(one, Radar) for one in sensors.items)
+    schema = {**PLOTS, **MOVING} if alone else REPORTS
     has_channels = any(getattr(one, "channels", None) is not None for one in sensors.items)
     return {**schema, **DETECTION} if has_channels else schema
 

@@ -116,14 +116,18 @@ def _mistakes() -> Iterator[None]:
     The records have been checked at this point, so an error of the library is due to an option.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("always", RecordWarning)
-        show = warnings.showwarning
+        warnings.simplefilter("always", UserWarning)
+        show, said = warnings.showwarning, set[str]()
 
         def say(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
             if issubclass(category, RecordWarning):
                 note(str(message))
-            else:
+            elif category is not UserWarning:
                 show(message, category, *where, **more)
+            elif str(message) not in said:
+                # a warning of the library, perhaps about each of many targets
+                said.add(str(message))
+                note(str(message))
 
         warnings.showwarning = say
         try:
