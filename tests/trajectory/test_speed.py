@@ -92,3 +92,37 @@ def test_tables_pass_the_speed_on():
     exact = tables.reconstruct(table, **known)
     found = tables.reconstruct(table, **known, propagation_speed_sigma=5.0)
     assert not np.allclose(exact["east_m"], found["east_m"], atol=1e-3)
+
+
+def test_two_positions_do_not_decide_about_the_speed():
+    """At some speeds, ranges fit above and below the sea floor, at others on one side only."""
+    inside, pulls = [], []
+    for seed in range(6):
+        rng = np.random.default_rng([12, seed])
+        floor = np.array([[0, 0, -300], [800, 0, -310], [800, 700, -305], [0, 700, -295.0]])
+        time = np.arange(0.0, 600.0, 10.0)
+        turn = 2 * np.pi * time / 600
+        dive = -200 - 30 * np.sin(time / 100)
+        path = np.column_stack([400 + 250 * np.cos(turn), 350 + 250 * np.sin(turn), dive])
+        ranges = np.linalg.norm(path[:, np.newaxis] - floor, axis=-1)
+        ranges *= 1500.0 / rng.normal(1500.0, 5.0)
+        ranges += rng.normal(0.0, 0.3, ranges.shape)
+        track = reconstruct(
+            [Station(place, range_sigma=0.3) for place in floor],
+            time,
+            range=ranges,
+            initial=[400.0, 350.0, -200.0],
+            propagation_speed=1500.0,
+            propagation_speed_sigma=5.0,
+        )
+        error = track.position - path
+        square = np.einsum(
+            "ni,ni->n",
+            error,
+            np.linalg.solve(track.covariance[:, :3, :3], error[..., np.newaxis])[..., 0],
+        )
+        inside.append(np.mean(square < stats.chi2.ppf(0.95, 3)))
+        pulls.append((track.propagation_speed - 1500.0) / 5.0)
+    # before, 20 %
+    assert np.mean(inside) > 0.9
+    assert np.max(np.abs(pulls)) < 2.0

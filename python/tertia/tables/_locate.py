@@ -15,6 +15,7 @@ from tertia.location import locate as locate_instants
 from tertia.sensors import Station
 from tertia.tables._described import SensorsLike, stations_of
 from tertia.tables._earth import up_at
+from tertia.tables._ellipsoid import on_the_earth
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import Progress, as_names, beside, known, prefixed
 from tertia.tables._instants import check_tolerance
@@ -234,10 +235,15 @@ def _locate(
         )
         for one in target.sensors.items
     ]
-    options: dict[str, Any] = target.measured()
-    options |= {f"{kind}_sigma": taken(kind, sigma) for kind, sigma in sigmas.items()}
+    stated = {str(kind): taken(kind, sigma) for kind, sigma in sigmas.items()}
+
+    def solve(measured: dict[str, Any], sigmas: dict[str, Any]) -> Location:
+        options = measured | {f"{kind}_sigma": sigma for kind, sigma in sigmas.items()}
+        return _at_height(stations.frame, bare, **options, initial=start, **how)
+
     try:
-        found = _at_height(stations.frame, bare, **options, initial=start, **how)
+        speed = how["propagation_speed"]
+        found = on_the_earth(solve, target.measured(), stated, target.sensors, speed)
         regions = _regions(found, *asked)
     except ValueError as error:
         raise RecordError(prefixed(target.name, error)) from error

@@ -10,12 +10,14 @@ import numpy as np
 import polars as pl
 
 from tertia._arrays import BoolArray, FloatArray
+from tertia.location._arrivals import LIGHT
 from tertia.sensors import Kind, Station
 from tertia.tables._described import SensorsLike, stations_of
+from tertia.tables._ellipsoid import on_the_earth
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import Progress, as_names, beside, prefixed
 from tertia.tables._instants import check_tolerance
-from tertia.tables._measurements import UNITS, Target, read_targets
+from tertia.tables._measurements import UNITS, Target, read_targets, taken
 from tertia.tables._positions import (
     Located,
     Positions,
@@ -149,20 +151,17 @@ def _path(
     if not target.values:
         raise RecordError(f"{target.name}: there are no measurements")
     stations = target.sensors.items
-    measured: dict[str, Any] = dict(target.measured())
-    for kind, sigma in target.all_sigmas(target.sensors).items():
-        of_stations = _of_stations(target, kind, sigma)
-        if kind == "range_difference":
-            if of_stations is None:
-                raise RecordError(
-                    f"{target.name}: the sigmas of range differences must not change over time: "
-                    "give one value for each sensor"
-                )
-            measured["range_difference_sigma"] = of_stations[1:]
-        else:
-            measured[f"{kind}_sigma"] = sigma if of_stations is None else of_stations
+    sigmas = {
+        str(kind): taken(kind, sigma) for kind, sigma in target.all_sigmas(target.sensors).items()
+    }
+
+    def solve(measured: dict[str, Any], sigmas: dict[str, Any]) -> Trajectory:
+        own = {f"{kind}_sigma": _of_stations(target, kind, one) for kind, one in sigmas.items()}
+        return reconstruct_path(stations, target.times, **(measured | own), **options)
+
     try:
-        found = reconstruct_path(stations, target.times, **measured, **options)
+        speed = options.get("propagation_speed", LIGHT)
+        found = on_the_earth(solve, target.measured(), sigmas, target.sensors, speed)
     except ValueError as error:
         raise RecordError(prefixed(target.name, error)) from error
     judged = of_measurements(target, found.residual, found.outlier, _has_position(found))
@@ -180,13 +179,18 @@ def _has_position(found: Trajectory) -> BoolArray:
     return np.asarray(np.isfinite(found.position[:, :2]).all(axis=1))
 
 
-def _of_stations(target: Target, kind: Kind, sigma: FloatArray) -> FloatArray | None:
-    """Return the sigma of each station, (K,); None if measurements of a station differ in sigma."""
-    own = np.where(np.isnan(target.values[kind]), np.nan, sigma)
+def _of_stations(target: Target, kind: str, sigma: FloatArray) -> FloatArray:
+    """Return the sigma of each station, (K,); (N, K) if measurements of a station differ in it."""
+    own = np.where(np.isnan(target.measured()[kind]), np.nan, sigma)
     least, largest = np.fmin.reduce(own), np.fmax.reduce(own)
-    if np.any(largest > least):
-        return None
-    return np.asarray(np.where(np.isnan(least), sigma[0], least))
+    if not np.any(largest > least):
+        return np.asarray(np.where(np.isnan(least), sigma[0], least))
+    if kind == "range_difference":
+        raise RecordError(
+            f"{target.name}: the sigmas of range differences must not change over time: "
+            "give one value for each sensor"
+        )
+    return sigma
 
 
 def _rows(target: Target, found: Trajectory, measured: pl.DataFrame) -> pl.DataFrame:

@@ -135,7 +135,7 @@ impl<const D: usize, const N: usize> Record<D, N> {
     pub fn search(&self, loss: Loss) -> Search<'_, D, N> {
         let Self { measurements, extent, unknown, start, first, .. } = self;
         let problem = Problem { measurements, extent: *extent };
-        Search { problem, loss, unknown: *unknown, start: *start, first: *first }
+        Search { problem, loss, unknown: *unknown, start: *start, first: *first, decides: false }
     }
 
     /// Whether errors of the stations' positions are errors of angles.

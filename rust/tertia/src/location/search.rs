@@ -72,6 +72,8 @@ pub(super) struct Search<'a, const D: usize, const N: usize> {
     /// A start, and where it led to.
     pub start: Option<Vector<N>>,
     pub first: Option<Minimum<N>>,
+    /// Whether the better of two minima is taken although the other is nearly as good.
+    pub decides: bool,
 }
 
 /// Buffers of a search.
@@ -313,7 +315,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
             }
         }
         match rival {
-            Some(rival) if rival.normal.cost < best.normal.cost + AMBIGUOUS => {
+            Some(rival) if !self.decides && rival.normal.cost < best.normal.cost + AMBIGUOUS => {
                 Err(Status::Ambiguous)
             }
             _ if self.loss.expects_many() => {

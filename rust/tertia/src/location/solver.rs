@@ -41,6 +41,8 @@ pub struct Locator {
     grows: bool,
     /// Whether they follow the cost where it is no parabola.
     profiles: bool,
+    /// Whether the better of two positions is taken although the other is nearly as good.
+    decides: bool,
     /// Whether outliers of arrivals are late rather than early.
     multipath: bool,
     /// Odds that an arrival is one, in units of those of one in a hundred.
@@ -60,6 +62,7 @@ impl Locator {
             method,
             grows: false,
             profiles: false,
+            decides: false,
             multipath: true,
             odds: 1.0,
             correlation: 0.5,
@@ -78,6 +81,12 @@ impl Locator {
     /// no position where its ellipse has no end.
     pub fn profiling(self) -> Self {
         Self { profiles: true, ..self }
+    }
+
+    /// The same, for the cost of the best position alone: whether another is nearly as good, and how
+    /// far the cost stays low about it, does not matter.
+    pub(super) fn deciding(self) -> Self {
+        Self { profiles: false, decides: true, ..self }
     }
 
     /// The same; outliers of arrivals are late rather than early, or either.
@@ -332,7 +341,7 @@ impl Locator {
         let loss = self.loss(record.measurements.len() - N, N > D);
         let origin = first::<D>(instant.stations);
         let initial = instant.initial.map(|p| std::array::from_fn(|i| p[i] - origin[i]));
-        let search = record.search(loss);
+        let search = Search { decides: self.decides, ..record.search(loss) };
         let found = match self.lenth() {
             None => search.minimum(initial, (&record.points, &record.costs), buffers),
             Some(weight) => search.lenth(initial, weight, buffers),

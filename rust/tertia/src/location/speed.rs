@@ -123,7 +123,8 @@ impl Locator {
             initial: initial.map(Vec::as_slice).or(instant.initial),
             ..*instant
         };
-        let fix: Fix = self.locate(&at, &mut out, workspace);
+        // at some speeds, another position is as good: its cost must not count as one of faults
+        let fix: Fix = self.deciding().locate(&at, &mut out, workspace);
         if fix.status != Status::None {
             return Trial { cost: FAULT * fix.degrees_of_freedom.max(0) as f64, position: None };
         }
