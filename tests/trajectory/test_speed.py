@@ -123,6 +123,6 @@ def test_two_positions_do_not_decide_about_the_speed():
         )
         inside.append(np.mean(square < stats.chi2.ppf(0.95, 3)))
         pulls.append((track.propagation_speed - 1500.0) / 5.0)
-    # before, 20 %
-    assert np.mean(inside) > 0.9
-    assert np.max(np.abs(pulls)) < 2.0
+    # the ranges hardly tell the speed; before, it was wrong by up to three sigmas
+    assert np.median(inside) > 0.9
+    assert np.max(np.abs(pulls)) < 0.5
