@@ -242,7 +242,7 @@ def _locate(
         return _at_height(stations.frame, bare, **options, initial=start, **how)
 
     try:
-        speed = how["propagation_speed"]
+        speed = how.get("propagation_speed", LIGHT)
         found = on_the_earth(solve, target.measured(), stated, target.sensors, speed)
         regions = _regions(found, *asked)
     except ValueError as error:

@@ -49,8 +49,8 @@ def seconds_of_text(column: pl.Series) -> pl.Series:
 def seconds_of_day(column: pl.Series) -> pl.Series:
     """Return times of day or durations as seconds."""
     ticks = column.cast(pl.Duration("ns")) if column.dtype == pl.Time else column
-    seconds: pl.Series = ticks.dt.total_nanoseconds() / PER_SECOND["ns"]
-    return seconds
+    seconds = ticks.dt.total_nanoseconds().to_numpy() / PER_SECOND["ns"]
+    return pl.Series(column.name, seconds).fill_nan(None)
 
 
 def exact_seconds(column: pl.Series) -> pl.Series:
@@ -125,8 +125,8 @@ class Clock:
         if not isinstance(self.dtype, (pl.Datetime, pl.Duration)):
             return np.asarray(moments.to_numpy(), dtype=np.float64)
         same = moments if moments.dtype == self.dtype else moments.cast(self.dtype)
-        since = (same.to_physical() - self.origin) / self.ticks
-        return np.asarray(since.to_numpy(), dtype=np.float64)
+        since: FloatArray = (same.to_physical() - self.origin).to_numpy() / self.ticks
+        return since
 
     def moments(self, seconds: FloatArray) -> pl.Series:
         """Return seconds as times; dates are null where the seconds are nan."""

@@ -208,7 +208,7 @@ def _say_expected(one: Located[Location]) -> None:
 
 
 def _say_sigma(one: Located[Location]) -> None:
-    """Print the estimated sigma, if none was stated."""
+    """Print the estimated sigma, if it was estimated."""
     if one.result.measurement_sigma is None:
         return
     [kind] = one.target.values
@@ -216,8 +216,10 @@ def _say_sigma(one: Located[Location]) -> None:
     sigma = np.asarray(one.result.measurement_sigma)
     known = sigma[np.isfinite(sigma)]
     if known.size:
+        stated = one.target.all_sigmas(one.target.sensors, optional=True)
+        how = "as stated, up to a factor that is" if stated else "was not stated:"
         typer.echo(
-            f"  sigma of {kind} was not stated: estimated at each instant, median "
+            f"  sigma of {kind} {how} estimated at each instant, median "
             f"{np.median(known) / factor:.3g} {unit}"
         )
 
