@@ -41,6 +41,7 @@ class Net:
     interval: float = 30.0
     tag_speed: float = 1.0
     is_straight: bool = False
+    turning: float = 0.0
     beacons: int = 3
     at_places: bool = False
     detected: float = 0.9
@@ -61,6 +62,11 @@ NETS: dict[str, Net] = {
         receivers=6, extent=30e3, speed=299_792_458.0, speed_sigma=0.0, survey=0.5, path=0.0,
         noise=5e-8, offset=1e-3, rate=1e-9, drift=1e-12, tags=3, emissions=120, interval=1.0,
         tag_speed=150.0, is_straight=True, beacons=2, at_places=True,
+    ),
+    "radio, 8 receivers over 12 km, a bird that turns at random": Net(
+        extent=12e3, speed=299_792_458.0, speed_sigma=0.0, survey=0.0, path=0.0, noise=3e-8,
+        offset=1e-3, rate=3e-7, drift=1e-12, emissions=150, interval=5.0, tag_speed=12.0,
+        turning=0.05, beacons=1,
     ),
 }  # fmt: skip
 
@@ -120,7 +126,14 @@ def scene(net: Net, rng: np.random.Generator, errors: Errors | None = None) -> S
 
 
 def way(net: Net, time: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Return positions on a straight line, or on a curve with three frequencies."""
+    """Return positions on a straight line, with random turns, or on a curve of three frequencies."""
+    if net.turning:
+        step = np.diff(time, prepend=time[0])
+        course = rng.uniform(0, 2 * np.pi) + np.cumsum(
+            net.turning * np.sqrt(step) * rng.standard_normal(time.size)
+        )
+        along = net.tag_speed * step[:, np.newaxis]
+        return np.cumsum(along * np.column_stack([np.sin(course), np.cos(course)]), axis=0)
     if net.is_straight:
         course = rng.uniform(0, 2 * np.pi)
         along = np.array([np.sin(course), np.cos(course)])

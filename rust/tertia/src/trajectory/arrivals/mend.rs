@@ -43,9 +43,10 @@ impl<const D: usize> Problem<'_, D> {
                 continue;
             }
             for at in (0..own.len()).filter(|&at| wrong[at]) {
-                let before = own[..at].iter().zip(&wrong).filter(|one| !one.1).map(|one| *one.0);
-                let after = own[at..].iter().zip(&wrong[at..]).find(|one| !one.1);
-                self.bridge(state, own[at], before.last(), after.map(|one| *one.0));
+                let right = |other: &usize| !wrong[*other];
+                let before = (0..at).rev().find(right).map(|other| own[other]);
+                let after = (at..own.len()).find(right).map(|other| own[other]);
+                self.bridge(state, own[at], before, after);
             }
             let mean = sizes.iter().sum::<f64>() / sizes.len() as f64;
             model.jerk[identity] *= (usual / mean).powi(2).min(1.0);
