@@ -77,6 +77,8 @@ pub(super) struct Track {
     pub seen: f64,
     /// Scans of the slowest radar that sees the target, s.
     pub period: f64,
+    /// And of the quickest sensor that sees it.
+    quickest: f64,
     swerve: Swerve,
     /// Whether it is no fixed echo: it has moved, or has answered.
     pub moved: bool,
@@ -157,6 +159,7 @@ impl Track {
             beams: Beams::default(),
             due: f64::NEG_INFINITY,
             period: 0.0,
+            quickest: f64::INFINITY,
             swerve: Swerve::default(),
             moved: !plot.is_bare(),
             vertical,
@@ -439,6 +442,7 @@ impl Track {
         let period = settings.radars[plot.radar].scan_period;
         let next = plot.time + period;
         self.period = self.period.max(period);
+        self.quickest = self.quickest.min(period);
         // several reports in an interval are one: copies of a false one would confirm a track
         let counts = self.is_due(plot, &settings.radars[plot.radar]);
         match self.beams.all_mut().iter_mut().find(|expected| expected.radar == plot.radar) {

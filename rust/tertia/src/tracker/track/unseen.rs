@@ -4,11 +4,19 @@ use super::Track;
 use crate::tracker::settings::Settings;
 
 impl Track {
-    /// Acceleration that the target may have unnoticed, m/s², and for how long, where scans of the radar
-    /// take so long.
-    pub(super) fn unnoticed(&self, period: f64, settings: &Settings) -> (f64, f64) {
+    /// Acceleration that the target may have unnoticed by a sensor, m/s², and for how long.
+    pub(super) fn unnoticed(&self, sensor: usize, settings: &Settings) -> (f64, f64) {
         let (sigma, longest) = self.unseen(settings);
-        (sigma, unnoticed_for(self.time - self.seen, period, longest))
+        (sigma, self.unnoticed_for(self.time - self.seen, (sensor, longest), settings))
+    }
+
+    /// Seconds for which it may have accelerated unnoticed by a sensor, by those without a plot, five scans
+    /// at most. In less than a scan other radars do not notice an acceleration either.
+    #[inline]
+    fn unnoticed_for(&self, gap: f64, (sensor, longest): (usize, f64), settings: &Settings) -> f64 {
+        let is_position = settings.geometry(sensor).is_position();
+        let scan = settings.radars[sensor].scan_period.min(self.quickest);
+        gap.max(if is_position { 0.0 } else { scan }).min(longest)
     }
 
     /// Acceleration that the target may have unnoticed, m/s², and how long without a plot at most, s.
@@ -19,17 +27,16 @@ impl Track {
     /// Variance of a position by the models, and by an unnoticed acceleration since the last plot; and how
     /// far from straight flight the models expect it.
     #[inline]
-    pub fn reach(&self, time: f64, period: f64, (sigma, longest): (f64, f64)) -> (f64, f64) {
-        let gap = unnoticed_for(time - self.seen, period, longest);
+    pub fn reach(
+        &self,
+        time: f64,
+        sensor: usize,
+        (sigma, longest): (f64, f64),
+        settings: &Settings,
+    ) -> (f64, f64) {
+        let gap = self.unnoticed_for(time - self.seen, (sensor, longest), settings);
         let t = time - self.time;
         let wide = 0.5 * sigma * gap * gap;
         (wide * wide + self.swerve.variance(t), self.swerve.expected(t))
     }
-}
-
-/// Seconds for which an acceleration was not noticed, by those without a plot: a scan at least, as other radars
-/// do not notice it sooner, and five scans at most.
-#[inline]
-fn unnoticed_for(gap: f64, period: f64, longest: f64) -> f64 {
-    gap.max(period).min(longest)
 }
