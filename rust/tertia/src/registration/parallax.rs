@@ -95,6 +95,8 @@ mod tests {
         for (found, expected) in information.iter().zip([5.0, -5.0, -5.0, 5.0]) {
             close(*found, expected / 3.0);
         }
-        (close(score[0], 1.0), close(score[1], -1.0));
+        for (found, expected) in score.iter().zip([1.0, -1.0]) {
+            close(*found, expected);
+        }
     }
 }
