@@ -154,7 +154,7 @@ def test_what_differences_do_not_show_is_unknown():
 
 
 def test_radars_at_one_place_determine_differences_alone():
-    """The turns of flights were taken for range errors: 40 m in common here, 2 to 3 km in a recording."""
+    """Turns of flights were taken for range errors: 40 m in common here, 2 km in a recording."""
     for seed in range(2):
         random = rng(60 + seed)
         routes = simulate.routes("tma", 15, rng=random)
