@@ -153,6 +153,23 @@ def test_what_differences_do_not_show_is_unknown():
     np.testing.assert_allclose(empty.bias.range_sigma, LIMITS[0])
 
 
+def test_radars_at_one_place_determine_differences_alone():
+    """Turns of flights were taken for range errors: 40 m in common here, 2 km in a recording."""
+    for seed in range(2):
+        random = rng(60 + seed)
+        routes = simulate.routes("tma", 15, rng=random)
+        traffic = simulate.flights(routes, wind=15.0, rng=random)
+        both = [replace(radars()[0], scan_period=4.0, max_range=150e3)] * 2
+        bias = Bias(range=[0.0, 150.0])
+        seen = simulate.radar_plots(traffic, both, bias=bias, rng=random).plots
+        found = register(seen[seen.time < seen.time[0] + 600.0], both)
+        first, second = found.bias.range
+        assert abs(second - first - 150.0) < 40.0
+        assert abs(first + second) < 15.0
+        assert np.all(found.bias.range_sigma > 65.0)
+        assert len(found.changes) == 0
+
+
 def test_outliers_do_not_move_what_is_found():
     clean = register(recording(4, outlier_probability=0.0), radars())
     dirty = register(recording(4, outlier_probability=0.05), radars())

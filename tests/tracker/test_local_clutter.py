@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tertia.tracker import Plots, Radar, Tracker, track
+from tertia.tracker import Plots, Radar, Tracker, TrackTable, track
 
 PERIOD, SCANS = 4.0, 150
 ECHOES = Radar(
@@ -43,6 +43,33 @@ def _uniform(rng: np.random.Generator, count: int) -> np.ndarray:
     return _plots(radius[:, np.newaxis] * np.c_[np.sin(angle), np.cos(angle)], scan, rng)
 
 
+def _turbines(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Return the echoes of a wind farm, of which each gives plots in its own share of the scans."""
+    parts = []
+    for east, north in np.ndindex(count, count):
+        scan = np.flatnonzero(rng.random(SCANS) < rng.uniform(0.2, 0.8))
+        place = np.array([25e3 + 700.0 * east, 15e3 + 700.0 * north])
+        parts.append(_plots(np.broadcast_to(place, (len(scan), 2)), scan, rng))
+    return np.concatenate(parts)
+
+
+def _visitor(rng: np.random.Generator, place: list[float]) -> np.ndarray:
+    """Return the plots of a helicopter that comes, hovers at a place for 200 s, and leaves."""
+    scan = np.flatnonzero(rng.random(SCANS) < 0.9)
+    time = PERIOD * scan - 300.0
+    way = 50.0 * (time - np.clip(time, -100.0, 100.0))
+    return _plots(place + way[:, np.newaxis] * [0.6, 0.8], scan, rng)
+
+
+def _live(plots: Plots) -> TrackTable:
+    """Return the rows of a tracker that is given the plots scan by scan."""
+    ends = PERIOD * np.arange(1.0, SCANS + 2.0)
+    parts = np.split(np.arange(len(plots)), np.searchsorted(plots.time, ends[:-1]))
+    tracker = Tracker([ECHOES])
+    rows = [tracker.update(plots[own], time=end) for own, end in zip(parts, ends, strict=True)]
+    return TrackTable.join(rows)
+
+
 def _rain(rng: np.random.Generator, count: int) -> np.ndarray:
     """Return the echoes of a shower that drifts."""
     scan = np.repeat(np.arange(SCANS), count)
@@ -66,6 +93,27 @@ def test_rain_makes_few_tracks():
         assert np.sum(np.array(share) < 0.5) <= 6
         # aircraft are seen as before
         assert 8 <= np.sum(np.array(share) >= 0.5) <= 11
+
+
+def test_a_wind_farm_makes_few_tracks_and_hides_none():
+    """Before there were 60 false tracks."""
+    rng = np.random.default_rng(8)
+    groups = [
+        *_aircraft(rng, 6),
+        *[_visitor(rng, place) for place in ([-20e3, 30e3], [40e3, -35e3], [24e3, 12e3])],
+    ]
+    parts = [*groups, _uniform(rng, 20), _turbines(rng, 8)]
+    of = np.concatenate([np.full(len(part), min(k, 9)) for k, part in enumerate(parts)])
+    plots = Plots(*np.concatenate(parts).T)
+    order = np.argsort(plots.time, kind="stable")
+    plots, of = plots[order], of[order]
+    for table, few in ((track(plots, [ECHOES]), 3), (_live(plots), 25)):
+        own = table[table.confirmed & (table.plot >= 0)]
+        mostly = [np.bincount(of[own.plot[own.track == n]]).argmax() for n in np.unique(own.track)]
+        assert np.sum(np.equal(mostly, 9)) <= few
+        for target in range(9):
+            assert 1 <= np.sum(np.equal(mostly, target)) <= 2
+            assert np.mean(np.isin(np.flatnonzero(of == target), own.plot)) > 0.8
 
 
 def test_even_false_plots_delay_tracks_no_more_than_a_known_density():

@@ -10,6 +10,7 @@ from tertia.tracker import Plots, Radar, track
 RADARS = (
     Radar((0.0, 0.0), range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0),
     Radar((40e3, -30e3), range_sigma=70.0, azimuth_sigma=np.radians(0.1), scan_period=5.0),
+    Radar((-35e3, -25e3), range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=4.0),
 )
 
 

@@ -31,6 +31,7 @@ mod history;
 mod lines;
 mod live;
 mod noise;
+mod parallax;
 mod recording;
 mod roster;
 mod row;

@@ -3,6 +3,7 @@
 use super::block::{Block, Known, Unknowns};
 use super::history::{Course, History, Said};
 use super::noise::stretch_of;
+use super::parallax::{common_range, hide};
 use super::sighting::{ERRORS, Errors, Report, Sighting};
 use crate::base::distribution::chi_square_upper;
 use crate::base::interrupt::poll;
@@ -272,7 +273,7 @@ impl Sums {
             let fits =
                 misfit <= block.free as f64 || chi_square_upper(misfit, block.free) >= SIGNIFICANCE;
             if fits {
-                return self.take(&block, &sightings, &residuals);
+                return self.take(block, (&sightings, unknowns), &residuals);
             }
             let off = residuals.iter().zip(&block.redundancy).map(|(own, free)| off(own, free));
             let worst = off.enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
@@ -286,7 +287,12 @@ impl Sums {
         self.blocks[1] += 1;
     }
 
-    fn take(&mut self, block: &Block, sightings: &[Sighting], residuals: &[[f64; 2]]) {
+    fn take(
+        &mut self,
+        mut block: Block,
+        (sightings, unknowns): (&[Sighting], &Unknowns),
+        residuals: &[[f64; 2]],
+    ) {
         // noise beside positions, which are wider than their own, would seem to be less than it is
         let is_polar = sightings.iter().all(|one| !one.is_placed);
         let parts = sightings.iter().zip(residuals.iter().zip(&block.redundancy));
@@ -299,6 +305,9 @@ impl Sums {
         // one radar alone says nothing of its errors
         if sightings.iter().all(|one| one.radar == sightings[0].radar) {
             return;
+        }
+        if let Some(common) = common_range(sightings, &block.columns, unknowns) {
+            hide(&mut block.information, &mut block.score, &common);
         }
         self.blocks[0] += 1;
         for (i, &row) in block.columns.iter().enumerate() {

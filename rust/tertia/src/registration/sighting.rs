@@ -154,6 +154,11 @@ impl Sighting {
         }
     }
 
+    /// Where its radar is; none of a sensor that reports positions.
+    pub fn origin(&self) -> Option<Vector2<f64>> {
+        (!self.is_placed).then(|| self.position - self.axes[0] * self.ground)
+    }
+
     /// Standard deviations along and across where those of range (m) and azimuth (rad) are these.
     pub fn noise(&self, [range, azimuth]: [f64; 2]) -> [f64; 2] {
         if self.is_placed {

@@ -77,6 +77,12 @@ impl Agility {
         self.since[0] += seconds;
         self.since[1] += seconds / period;
         self.sigma = usual.turn_sigma;
+        self.model(usual)
+    }
+
+    /// How the target moves where targets usually move so.
+    #[inline]
+    pub fn model(&self, usual: &ImmModel) -> ImmModel {
         if self.level <= FREQUENT {
             return *usual;
         }

@@ -109,7 +109,7 @@ pub(super) fn reach(
         station.at_worst().noise_at(centre, track.height() - station.position[2])
     };
     let speed = track.estimate.mean[2].abs() + track.estimate.mean[3].abs();
-    let (wide, margin) = track.reach(time, unseen);
+    let (wide, margin) = track.reach(time, radar, unseen, settings);
     let site = geometry.site(station);
     let sway = track.sway((station, site), (time, centre), spread.placed);
     let more = margin + speed * slack + sway;

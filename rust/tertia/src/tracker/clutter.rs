@@ -3,6 +3,8 @@
 use super::association::Association;
 use super::doubles::Seconds;
 use super::extent::Extent;
+use super::fixed::Fixed;
+use super::level::Heights;
 use super::patches::Patches;
 use super::plot::Measured;
 use super::prospects::There;
@@ -18,6 +20,8 @@ const ON_ROUTES: f64 = 30.0;
 const FEWEST: f64 = 1.0;
 /// Plots on routes, and elsewhere, before any was seen.
 const BEFOREHAND: f64 = 1.0;
+/// Density over the mean above which plots come again and again.
+const FIXED: f64 = 100.0;
 /// Range of a radar without limit that has no plots yet, m.
 const NEAREST_LIMIT: f64 = 1e4;
 
@@ -58,6 +62,8 @@ pub(super) struct Clutter {
     extent: Option<Extent>,
     /// Where they are dense; of radars, if the density is estimated.
     patches: Option<Patches>,
+    /// Where they come again and again, if targets are in the air.
+    fixed: Option<Fixed>,
 }
 
 impl Clutter {
@@ -71,7 +77,15 @@ impl Clutter {
         let is_paper = matches!(settings.association, Association::Paper(_));
         let is_estimated = settings.clutter_density.is_nan() && !is_paper;
         let patches = (is_estimated && extent.is_none()).then(Patches::default);
-        Self { extent, patches, by_way: vec![0.0; ways], ..Self::new(settings.clutter_density) }
+        let is_air = settings.heights == Heights::Air;
+        let fixed = patches.as_ref().filter(|_| is_air).map(|_| Fixed::default());
+        Self {
+            extent,
+            patches,
+            fixed,
+            by_way: vec![0.0; ways],
+            ..Self::new(settings.clutter_density)
+        }
     }
 
     fn new(density: f64) -> Self {
@@ -89,6 +103,7 @@ impl Clutter {
             farthest,
             extent: None,
             patches: None,
+            fixed: None,
         }
     }
 
@@ -120,9 +135,40 @@ impl Clutter {
 
     /// Logarithm of how much likelier targets are detected so, and here, than false plots are, by
     /// comparison with all plots of the radar.
-    pub fn gain(&self, radar: &Radar, detection: Option<Detection>, position: [f64; 2]) -> f64 {
-        let Some(patches) = &self.patches else { return self.gain_by_way(radar, detection) };
-        self.gain_by_way(radar, detection) - patches.ratio(position, self.density(radar)).ln()
+    pub fn gain(&self, radar: &Radar, plot: &Measured) -> f64 {
+        let by_way = self.gain_by_way(radar, plot.detection);
+        let Some(patches) = &self.patches else { return by_way };
+        let mean = self.density(radar);
+        let ratio = patches.ratio(plot.position, mean);
+        by_way - ratio.max(self.again(radar, plot, mean)).ln()
+    }
+
+    /// Density at the place of a plot where plots come again and again, over the mean.
+    fn again(&self, radar: &Radar, plot: &Measured, mean: f64) -> f64 {
+        let fixed = self.fixed.as_ref().filter(|_| plot.is_bare());
+        fixed.map_or(1.0, |fixed| fixed.ratio(radar, plot.position, mean))
+    }
+
+    /// Whether a plot is where plots come again and again, more likely than not.
+    pub fn is_fixed(&self, radar: &Radar, plot: &Measured) -> bool {
+        self.again(radar, plot, self.density(radar)) > FIXED
+    }
+
+    /// Notes where a plot is that may be of a fixed echo.
+    pub fn stays(&mut self, radar: &Radar, plot: &Measured) {
+        if let Some(fixed) = self.fixed.as_mut().filter(|_| plot.is_bare()) {
+            fixed.add(radar, plot.position);
+        }
+    }
+
+    /// Takes over where plots come again and again.
+    pub fn learn(&mut self, other: &Self) {
+        self.fixed.clone_from(&other.fixed);
+    }
+
+    /// Whether there are such places.
+    pub fn has_fixed(&self) -> bool {
+        self.fixed.as_ref().is_some_and(Fixed::has_sources)
     }
 
     /// Finds by a first plot whether the density is even.
@@ -198,6 +244,9 @@ impl Clutter {
         if let Some(patches) = &mut self.patches {
             patches.fade(scans);
         }
+        if let Some(fixed) = &mut self.fixed {
+            fixed.fade(scans);
+        }
     }
 
     /// Removes a plot of this time, detection and place that was counted but belongs to a target.
@@ -235,9 +284,12 @@ pub(super) fn note(
         if seconds.density(i) > own.density(radar) {
             continue;
         }
-        if let Some(patches) = &mut own.patches {
+        if !own.is_fixed(radar, plot)
+            && let Some(patches) = &mut own.patches
+        {
             patches.add(plot.position, range);
         }
+        own.stays(radar, plot);
     }
 }
 

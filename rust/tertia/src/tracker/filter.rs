@@ -9,6 +9,7 @@ use super::plan::{Guide, fold_plan};
 use super::prospects::Prospects;
 use super::settings::Settings;
 use super::speed::SpeedChange;
+use super::swerve::Swerve;
 use super::window::Window;
 use crate::base::plane::Plane;
 use crate::kalman::Singer;
@@ -139,6 +140,18 @@ impl Filter {
             Self::Window(window) => window.estimate(),
             Self::Planned(prospects) => *prospects.unplanned(),
         }
+    }
+
+    /// How far from straight flight the sharpest of its models is after some seconds, where scans take so
+    /// long.
+    #[inline]
+    pub fn swerve(&self, motion: &Motion, period: f64) -> Swerve {
+        let (Self::Multiple(multiple), Motion::Imm(usual)) = (self, motion) else {
+            return Swerve::white(motion.largest_sigma(), period);
+        };
+        let model = multiple.agility.model(usual);
+        let begins = (period / model.straight_time).min(1.0);
+        Swerve::turning(&model, &multiple.bank.turn, begins, period)
     }
 
     /// Numbers all over it, so that it is in the cache.

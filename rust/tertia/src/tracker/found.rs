@@ -1,5 +1,6 @@
 //! What a tracker has found of the plots of its sensors.
 
+use super::clutter::Clutter;
 use super::doubles::Doubles;
 use super::live::Tracker;
 use super::noise::Noise;
@@ -17,13 +18,17 @@ impl Tracker {
         self.noise.iter().map(|noise| [noise.used, noise.found()]).collect()
     }
 
-    /// Takes over what another tracker has found of the plots of the same sensors: their noise, and how many
-    /// are outliers and second plots. Returns whether any differs from what is stated or usual.
+    /// Takes over what another tracker has found of the plots of the same sensors: their noise, how many are
+    /// outliers and second plots, and where they come again and again. Returns whether any differs from what is stated or usual.
     pub(super) fn learn_plots(&mut self, other: &Self) -> bool {
         self.noise.clone_from(&other.noise);
         self.noise.iter_mut().for_each(Noise::restart);
         self.doubles.clone_from(&other.doubles);
-        self.noise.iter().any(|noise| noise.differs() || noise.outliers.are_many())
+        for (own, other) in self.clutter.iter_mut().zip(&other.clutter) {
+            own.learn(other);
+        }
+        self.clutter.iter().any(Clutter::has_fixed)
+            || self.noise.iter().any(|noise| noise.differs() || noise.outliers.are_many())
             || self.doubles.iter().any(Doubles::is_often)
     }
 }

@@ -199,7 +199,8 @@ impl Tracker {
         self.tracks.clear();
         self.settings.plans.free(|_| true);
         for (sensor, clutter) in self.clutter.iter_mut().enumerate() {
-            *clutter = Clutter::of(&self.settings, sensor);
+            let before = std::mem::replace(clutter, Clutter::of(&self.settings, sensor));
+            clutter.learn(&before);
         }
         self.noise.iter_mut().for_each(Noise::restart);
         self.waiting.clear();
@@ -279,8 +280,7 @@ impl Tracker {
             let geometry = self.settings.geometry(plot.radar);
             let level = levels.get(i).unwrap_or(&self.level);
             let mut measured = Measured::new(index(i), &plot, (radar, geometry), stretch, level);
-            measured.gain =
-                self.clutter[plot.radar].gain(radar, measured.detection, measured.position);
+            measured.gain = self.clutter[plot.radar].gain(radar, &measured);
             measured
         };
         let mut waiting = std::mem::take(&mut self.waiting);

@@ -287,6 +287,13 @@ impl Measured {
         self.time + self.height + self.gain
     }
 
+    /// Whether something that is no target of its own may make it: it has neither reply nor height.
+    #[inline]
+    pub fn is_bare(&self) -> bool {
+        let replied = self.detection.is_some_and(|own| own != Detection::Psr);
+        !replied && !self.height.is_finite() && !self.identities.is_some()
+    }
+
     /// The density of false plots that are detected as this one, as if targets made all their plots so,
     /// where that of all is `density`.
     #[inline]

@@ -348,6 +348,10 @@ impl Scan {
             if let Some(radar) = given.outlier {
                 sky.noise[radar].outliers.took();
             }
+            if given.is_still {
+                let plot = &plots[given.plot as usize];
+                sky.clutter[plot.radar].stays(&settings.radars[plot.radar], plot);
+            }
             if let Some(stray) = given.stray {
                 sky.noise[stray.radar].outliers.strayed(&stray);
             }
@@ -410,7 +414,7 @@ impl Scan {
             }
             *sky.next_number += 1;
             let is_double = self.seconds.of_confirmed()[i] + second > density;
-            if !is_double {
+            if !is_double && !clutter.is_fixed(radar, plot) {
                 self.unused[plot.radar].add(plot.detection, track.there);
                 sky.clutter[plot.radar].weigh(radar, plot.position);
             }

@@ -44,6 +44,8 @@ pub(super) struct Given {
     pub outlier: Option<usize>,
     /// Another one that was no plot of the track.
     pub stray: Option<Stray>,
+    /// Whether the plot may be of a fixed echo.
+    pub is_still: bool,
     /// Index of the row, if there is one.
     row: u32,
 }
@@ -342,7 +344,8 @@ impl Share {
         if with_row {
             self.rows.push(Row::of(track, measured.radar, Some(measured.index)));
         }
-        self.given.push(Given { place, plot, track: track.number, begun, outlier, stray, row });
+        let (number, is_still) = (track.number, !track.moved && track.is_confirmed());
+        self.given.push(Given { place, plot, track: number, begun, outlier, stray, is_still, row });
     }
 
     /// Clears the results.

@@ -15,6 +15,7 @@ use super::plan::Guide;
 use super::plot::{Measured, Source};
 use super::prospects::{Prospects, There};
 use super::settings::{Confirmation, MAX_DELAY, Settings};
+use super::swerve::Swerve;
 use super::tree::Tree;
 use crate::base::exponential::exp;
 use crate::base::plane::Plane;
@@ -35,6 +36,7 @@ mod sighted;
 mod states;
 #[cfg(test)]
 mod tests;
+mod unseen;
 
 /// Motion of a track that is not confirmed yet, with an acceleration of 1 m/s².
 static FIRST_MOTION: Motion = Motion::Cv(1.0);
@@ -42,8 +44,6 @@ static FIRST_MOTION: Motion = Motion::Cv(1.0);
 const EMERGENCY_AFTER: u8 = 2;
 /// Shortest time between plots of the same radar, as a share of a scan.
 pub(super) const SOONEST: f64 = 0.45;
-/// Largest acceleration in the noise of the usual models, m/s².
-const MODEL_ACCELERATION: f64 = 3.0;
 /// Scans in which at most one false track is confirmed.
 const SCANS_PER_FALSE_TRACK: f64 = 1000.0;
 /// Whether a track is confirmed.
@@ -77,6 +77,11 @@ pub(super) struct Track {
     pub seen: f64,
     /// Scans of the slowest radar that sees the target, s.
     pub period: f64,
+    /// And of the quickest sensor that sees it.
+    quickest: f64,
+    swerve: Swerve,
+    /// Whether it is no fixed echo: it has moved, or has answered.
+    pub moved: bool,
     pub number: u64,
     /// The states that it may have instead.
     pub tree: Option<Box<Tree<Self>>>,
@@ -154,6 +159,9 @@ impl Track {
             beams: Beams::default(),
             due: f64::NEG_INFINITY,
             period: 0.0,
+            quickest: f64::INFINITY,
+            swerve: Swerve::default(),
+            moved: !plot.is_bare(),
             vertical,
             lean,
             known: Known::new(),
@@ -170,6 +178,7 @@ impl Track {
             track.begin(None, settings);
         }
         track.take(plot, settings);
+        track.set_swerve(settings);
         track
     }
 
@@ -286,13 +295,6 @@ impl Track {
             // that against a false plot
             *evidence += gain + (1.0 - settings.radars[radar].detection_probability).ln() - others;
         }
-    }
-
-    /// Acceleration that the target may have unnoticed, and seconds without a plot, five scans at
-    /// most.
-    fn unnoticed(&self, settings: &Settings) -> (f64, f64) {
-        let (sigma, longest) = self.unseen(settings);
-        (sigma, (self.time - self.seen).min(longest))
     }
 
     /// Likelihood ratio of height, identity and detection.
@@ -440,6 +442,7 @@ impl Track {
         let period = settings.radars[plot.radar].scan_period;
         let next = plot.time + period;
         self.period = self.period.max(period);
+        self.quickest = self.quickest.min(period);
         // several reports in an interval are one: copies of a false one would confirm a track
         let counts = self.is_due(plot, &settings.radars[plot.radar]);
         match self.beams.all_mut().iter_mut().find(|expected| expected.radar == plot.radar) {
@@ -470,23 +473,8 @@ impl Track {
         }
     }
 
-    /// Acceleration that the target may have unnoticed, m/s², and how long without a plot at most, s.
-    pub fn unseen(&self, settings: &Settings) -> (f64, f64) {
-        (settings.unnoticed(self.period), 5.0 * self.period)
-    }
-
     fn set_due(&mut self, settings: &Settings) {
         let due = |e: &Expected| e.time + MAX_DELAY * settings.radars[e.radar].scan_period;
         self.due = self.beams.all().iter().map(due).fold(f64::INFINITY, f64::min);
-    }
-
-    /// Variance of a position after an unnoticed acceleration since the last plot, and the margin for
-    /// the growth of the covariance.
-    #[inline]
-    pub fn reach(&self, time: f64, (sigma, longest): (f64, f64)) -> (f64, f64) {
-        let gap = (time - self.seen).clamp(0.0, longest);
-        let t = time - self.time;
-        let wide = 0.5 * sigma * gap * gap;
-        (wide * wide, 0.5 * MODEL_ACCELERATION * t * t)
     }
 }

@@ -6,6 +6,9 @@ use crate::tracker::estimate::Estimate;
 use crate::tracker::plot::Measured;
 use crate::tracker::settings::Settings;
 
+/// Distance squared from its first plot beyond which a target has moved.
+const MOVED: f64 = 16.0;
+
 impl Track {
     /// Corrects by a plot.
     pub fn correct(&mut self, plot: &Measured, settings: &Settings) {
@@ -29,5 +32,24 @@ impl Track {
             let (xx, xy, yy) = (own.xx - wide.xx, own.xy - wide.xy, own.yy - wide.yy);
             self.filter.saw(y, s.plus(Plane { xx, xy, yy }));
         }
+        self.set_swerve(settings);
+        self.moved = self.moved || !plot.is_bare() || self.has_moved(settings);
+    }
+
+    /// Whether noise does not explain how far it is from its first plot.
+    fn has_moved(&self, settings: &Settings) -> bool {
+        let first = &self.first;
+        let noise = match first.source.placed() {
+            Some(noise) => noise,
+            None => settings.radars[first.radar].at_worst().noise_at(first.position, f64::NAN),
+        };
+        let way = [0, 1].map(|i| self.estimate.mean[i] - first.position[i]);
+        self.estimate.position_covariance().plus(noise).inverse().form(way) > MOVED
+    }
+
+    /// Sees how far from straight flight its models lead.
+    pub(super) fn set_swerve(&mut self, settings: &Settings) {
+        let period = self.pace(settings);
+        self.swerve = self.filter.swerve(self.motion(settings), period);
     }
 }

@@ -55,7 +55,7 @@ impl Track {
         let here = self.brought_here(plot, settings);
         let (z, r) = (here.position, here.covariance());
         let y = [z[0] - self.estimate.mean[0], z[1] - self.estimate.mean[1]];
-        let (sigma, gap) = self.unnoticed(settings);
+        let (sigma, gap) = self.unnoticed(plot.radar, settings);
         let surprise = |gain: f64, probability: f64| Surprise {
             gain,
             odds,

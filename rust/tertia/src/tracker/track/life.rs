@@ -57,7 +57,10 @@ impl Track {
         let silence = self.time - self.seen;
         let gone = match (settings.confirmation, self.stage) {
             (Confirmation::Plots(m, n), Stage::Tentative { misses, .. }) => misses > n - m,
-            (Confirmation::Plots(..), Stage::Confirmed) => false,
+            // one that has moved is lost for want of plots alone
+            (Confirmation::Plots(..), Stage::Confirmed) => {
+                !self.moved && self.existence.is_below(LEAST_ODDS)
+            }
             (Confirmation::Existence(_), Stage::Tentative { least, .. }) => {
                 self.existence.is_below(least)
             }
@@ -129,6 +132,7 @@ impl Track {
         (self.number, self.first.index) = (past.number, past.first.index);
         self.known = self.known.or(&past.known);
         self.suspended |= past.suspended;
+        self.moved |= past.moved;
         if let Some(plan) = past.plan().filter(|plan| settings.plans.get(*plan).is_some()) {
             self.correlate(plan, settings, past.plan_status() == Status::Manual);
         }

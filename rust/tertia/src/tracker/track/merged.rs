@@ -55,5 +55,6 @@ impl Track {
         self.seen = self.seen.max(plot.time);
         self.take(plot, settings);
         self.follow(radar.scan_period, settings);
+        self.set_swerve(settings);
     }
 }

@@ -1,6 +1,6 @@
 //! A track and azimuths without ranges.
 
-use super::{MODEL_ACCELERATION, Track};
+use super::Track;
 use crate::base::plane::Plane;
 use crate::tracker::settings::Settings;
 use crate::tracker::sight::{Equation, Sight, When};
@@ -30,8 +30,9 @@ impl Track {
         }
         let (x, y) = (x / squared, y / squared);
         let row = [y, -x, t * y, -t * x];
-        let variance = self.estimate.along(&row).1 + self.leaning(&row);
-        let margin = 0.5 * MODEL_ACCELERATION * t * t / squared.sqrt();
+        let swerve = self.swerve.variance(t) / squared;
+        let variance = self.estimate.along(&row).1 + self.leaning(&row) + swerve;
+        let margin = self.swerve.expected(t) / squared.sqrt();
         Some(Direction { azimuth: x.atan2(y), variance, margin })
     }
 
@@ -74,7 +75,7 @@ impl Track {
     }
 
     /// Seconds between plots for the noise of the models, those of its slowest sensor.
-    fn pace(&self, settings: &Settings) -> f64 {
+    pub(super) fn pace(&self, settings: &Settings) -> f64 {
         let each = self.beams.all().iter().map(|expected| settings.pace(expected.radar));
         each.fold(0.0, f64::max)
     }

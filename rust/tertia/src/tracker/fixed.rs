@@ -1,0 +1,161 @@
+//! Places at which plots come again and again: echoes of wind turbines, masts and ships at anchor.
+//!
+//! A map of cells (clutter map). A cell without a source has false plots as the area about it has (Poisson), one
+//! with a source has a plot in some share of the scans, of which nothing is known (uniform). What is in a cell,
+//! and how dense plots are there, follows from the plots so far by Bayes' rule. Plots of tracks are not counted:
+//! a target that stops stays what it is.
+
+use crate::base::distribution::ln_gamma;
+use crate::sensors::Radar;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Scans over which plots are counted: turbines stand still for a while.
+const MEMORY: f64 = 150.0;
+/// Sides of a cell, in standard deviations of plots.
+const SIDE: f64 = 3.0;
+/// Logarithm of the odds that a cell has a source.
+const SOURCE: f64 = -9.2;
+/// Share of scans that are many.
+const OFTEN: f64 = 0.1;
+/// Cells from which those without plots lately are forgotten.
+const MANY: usize = 50_000;
+const NONE_LATELY: f64 = 0.01;
+
+/// Plots by cell, along and across, with fading weights.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Fixed {
+    /// Scans so far, and as many as count.
+    now: f64,
+    scans: f64,
+    plots: BTreeMap<(i32, i32), (f64, f64)>,
+}
+
+impl Fixed {
+    /// A place in sides of cells, and the area of its cell.
+    fn place(radar: &Radar, position: [f64; 2]) -> ([f64; 2], f64) {
+        let [x, y] = [0, 1].map(|i| position[i] - radar.position[i]);
+        let range = x.hypot(y);
+        let side = [radar.range_sigma, radar.azimuth_sigma].map(|sigma| SIDE * sigma);
+        ([range / side[0], x.atan2(y) / side[1]], side[0] * side[1] * range)
+    }
+
+    fn at(&self, cell: (i32, i32)) -> f64 {
+        let own = self.plots.get(&cell);
+        own.map_or(0.0, |&(plots, until)| plots * ((until - self.now) / MEMORY).exp())
+    }
+
+    /// Whether there are cells in which plots come in many scans.
+    pub fn has_sources(&self) -> bool {
+        let least = OFTEN * self.scans;
+        self.plots.keys().any(|&cell| self.at(cell) > least.max(1.0))
+    }
+
+    /// Density of false plots at a place over their `mean`, at least 1. Cost O(log cells).
+    pub fn ratio(&self, radar: &Radar, position: [f64; 2], mean: f64) -> f64 {
+        if self.plots.is_empty() {
+            return 1.0;
+        }
+        let (place, area) = Self::place(radar, position);
+        let plots = self.at((place[0].floor() as i32, place[1].floor() as i32));
+        if plots == 0.0 {
+            return 1.0;
+        }
+        let expected = mean * area * self.scans;
+        let without = plots * expected.ln() - expected - ln_gamma(plots + 1.0);
+        let odds = (SOURCE - (self.scans + 1.0).ln() - without).exp();
+        let share = (plots + 1.0) / (self.scans + 2.0);
+        1.0 + odds / (1.0 + odds) * share / (mean * area)
+    }
+
+    /// Counts a plot, in the four cells about it.
+    pub fn add(&mut self, radar: &Radar, position: [f64; 2]) {
+        let ([along, across], _) = Self::place(radar, position);
+        let halves = |place: f64| {
+            let low = (place - 0.5).floor();
+            let upper = place - 0.5 - low;
+            [(low as i32, 1.0 - upper), (low as i32 + 1, upper)]
+        };
+        for (i, a) in halves(along) {
+            for (j, b) in halves(across) {
+                let all = a * b + self.at((i, j));
+                self.plots.insert((i, j), (all, self.now));
+            }
+        }
+    }
+
+    /// Lets so many scans pass.
+    pub fn fade(&mut self, scans: f64) {
+        self.now += scans;
+        self.scans = (-scans / MEMORY).exp() * self.scans + scans;
+        if self.plots.len() > MANY {
+            let now = self.now;
+            let weight = |plots: f64, until: f64| plots * ((until - now) / MEMORY).exp();
+            self.plots.retain(|_, &mut (plots, until)| weight(plots, until) > NONE_LATELY);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::checks::assert_within;
+    use crate::sensors::radar_of;
+
+    /// A radar in the origin; cells have sides of 150 m, and of 150 m at 50 km.
+    fn radar() -> Radar {
+        radar_of([50.0, 1e-3])
+    }
+
+    /// The middle of a cell.
+    const PLACE: [f64; 2] = [0.0, 50_025.0];
+    const AREA: f64 = 150.0 * 3e-3 * 50_025.0;
+
+    /// A map with plots in the middle of a cell in so many of 100 scans.
+    fn after(plots: usize) -> Fixed {
+        let mut fixed = Fixed::default();
+        for scan in 0..100 {
+            if scan < plots {
+                fixed.add(&radar(), middle(PLACE));
+            }
+            fixed.fade(1.0);
+        }
+        fixed
+    }
+
+    /// Half a cell across: the azimuth of the place is that of an edge.
+    fn middle([_, range]: [f64; 2]) -> [f64; 2] {
+        let azimuth = 0.5 * SIDE * 1e-3;
+        [range * f64::sin(azimuth), range * f64::cos(azimuth)]
+    }
+
+    #[test]
+    fn a_source_is_what_chance_does_not_explain() {
+        let (mean, place) = (1e-9, middle(PLACE));
+        let found = after(10);
+        let plots: f64 = (0..10).map(|scan| (f64::from(scan - 100) / MEMORY).exp()).sum();
+        let scans: f64 = (0..100).map(|scan| (-f64::from(scan) / MEMORY).exp()).sum();
+        assert_within(1e-9, found.at((333, 0)), plots);
+        // with a source for sure
+        let expected = 1.0 + (plots + 1.0) / (scans + 2.0) / (mean * AREA);
+        assert_within(1e-6, found.ratio(&radar(), place, mean), expected);
+        assert!(found.has_sources() == (plots > OFTEN * scans));
+        // one plot is chance, and so are ten where there are many everywhere
+        assert!(after(1).ratio(&radar(), place, mean) < 1.1);
+        assert!(after(10).ratio(&radar(), place, 0.1 / AREA) < 1.1);
+        assert!(after(80).has_sources() && !after(2).has_sources());
+        // elsewhere there is none
+        assert_eq!(after(80).ratio(&radar(), [0.0, 40e3], mean), 1.0);
+        assert_eq!(Fixed::default().ratio(&radar(), place, mean), 1.0);
+    }
+
+    #[test]
+    fn a_plot_counts_in_the_cells_about_it() {
+        let mut fixed = Fixed::default();
+        // a quarter of a cell from the middle along, half across
+        fixed.add(&radar(), [0.0, 50_025.0 + 37.5]);
+        for (cell, plots) in [((333, 0), 0.375), ((333, -1), 0.375), ((334, 0), 0.125)] {
+            assert_within(1e-9, fixed.at(cell), plots);
+        }
+    }
+}
