@@ -119,3 +119,26 @@ fn filter<const K: usize>(values: &[(usize, f64)], origin: f64, share: f64) -> S
     }
     sums
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::checks::assert_within;
+
+    /// An independent computation with NumPy, with whole covariance matrices.
+    #[test]
+    fn gaps_and_shares_are_those_of_whole_matrices() {
+        let y = [1.2, 0.9, 1.1, 0.4, 0.3, 0.6, 0.2, -0.1, 0.3, 0.5];
+        let place = [0, 1, 2, 4, 5, 6, 9, 10, 11, 12];
+        let found = Flicker::of(&place.into_iter().zip(y).collect::<Vec<_>>()).unwrap();
+        assert_within(1e-9, found.gain, 2.281_116_506_361_179);
+        assert_within(1e-9, found.inflation, 4.162_451_700_422_766);
+        assert_within(1e-9, found.correlation, 0.587_116_162_207_727);
+    }
+
+    #[test]
+    fn equal_values_tell_nothing() {
+        assert!(Flicker::of(&[(0, 1.0), (1, 1.0), (2, 1.0)]).is_none());
+        assert!(Flicker::of(&[(0, 1.0), (1, 2.0)]).is_none());
+    }
+}

@@ -158,3 +158,48 @@ pub(super) fn inflation(phi: f64, n: f64) -> f64 {
     let phi = phi.max(0.0);
     (1.0 + phi) / (1.0 - phi) - 2.0 * phi * (1.0 - phi.powf(n)) / (n * (1.0 - phi).powi(2))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::checks::{assert_close, assert_within};
+
+    #[test]
+    fn lines_between_the_middles_of_blocks_follow_a_slope() {
+        let y: Vec<f64> = (0..40).map(f64::from).collect();
+        let levels = Levels::medians(&y, 10);
+        assert_eq!(levels.level, [4.5, 14.5, 24.5, 34.5]);
+        let mut residual = Vec::new();
+        levels.residuals(&y, &levels, &mut residual);
+        assert!(residual[5..35].iter().all(|r| r.abs() < 1e-12));
+    }
+
+    #[test]
+    fn every_block_counts_by_its_length() {
+        let y = [1.0, 2.0, 9.0, 4.0, 5.0, 6.0, 7.0];
+        let good = [1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1.0];
+        let levels = Levels::medians(&y, 3).means(&y, |i| good[i]);
+        assert_eq!(levels.level, [1.5, 5.5]);
+        let weight = |i: usize| good[i] * levels.factor[levels.block(i)];
+        assert_eq!((0..3).map(weight).sum::<f64>(), 3.0);
+        assert_eq!((3..7).map(weight).sum::<f64>(), 4.0);
+    }
+
+    #[test]
+    fn a_slope_moves_and_noise_about_a_level_does_not() {
+        let noise = |i: usize| [0.3, -0.8, 1.1, -0.2, -1.3, 0.9, 0.4, -0.4][i * 5 % 8];
+        let (level, slope): (Vec<f64>, Vec<f64>) =
+            (0..120).map(|i| (noise(i), noise(i) + 0.05 * i as f64)).unzip();
+        let errors = &mut Autoregression::default();
+        assert!(block_sizes(&level, 6.0, false, errors).is_empty());
+        assert!(!block_sizes(&slope, 6.0, false, errors).is_empty());
+    }
+
+    /// 1 + 2 Σ (1 − k/n) φ^k over k < n.
+    #[test]
+    fn inflation_is_the_sum_of_the_correlations() {
+        let sum = (1..7).map(|k| (1.0 - f64::from(k) / 7.0) * 0.6_f64.powi(k)).sum::<f64>();
+        assert_within(1e-12, inflation(0.6, 7.0), 1.0 + 2.0 * sum);
+        assert_close(inflation(-0.5, 7.0), 1.0);
+    }
+}
