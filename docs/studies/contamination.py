@@ -175,7 +175,7 @@ def _slow(rng: np.random.Generator, kind: str, count: int, n: int) -> tuple[Floa
 def slow() -> str:
     """Coverage of the claimed 95 % where errors change slowly, and how often the result says so."""
     kinds = ("drift by 5σ", "sine, ± 2.5σ", "random walk to 2.5σ", "1/f noise", "AR(.8)", "AR(.95)")
-    sizes = {30: 1000, 100: 600, 300: 300, 1000: 100}
+    sizes = {30: 600, 100: 300, 300: 150, 1000: 60}
     rows = []
     for number, kind in enumerate(kinds):
         for bad in (False, True):

@@ -353,11 +353,11 @@ def inflated(phi, n):
     return (1 + phi) / (1 - phi) - 2 * phi * (1 - phi**n) / (n * (1 - phi) ** 2)
 
 
-def block_sizes(y, penalty, is_correlated):
+def block_sizes(y, step, penalty, is_correlated):
     """Lengths of blocks with which a level that moves is more likely than a constant one."""
 
     def within(r):
-        scale = 1.4826 * np.median(np.abs(r))
+        scale = max(1.4826 * np.median(np.abs(r)), step / np.sqrt(12))
         near = np.flatnonzero(np.abs(r) < 3 * scale)
         gain, _, phi = correlated(r[near], near)
         tails = 2 * np.log1p((r / scale) ** 2 / 3).sum()
@@ -485,7 +485,7 @@ def hypotheses(y, step, rho):
     found = [Hypothesis(row, y, step, rho) for row in mixtures(y, step)]
     if rho is None and any(h.gain > 0 for h in found):
         best = max(found, key=lambda h: h.weight(0.4))
-        for size in block_sizes(y, 1.2 * np.log(len(y)), best.gain > 0):
+        for size in block_sizes(y, step, 1.2 * np.log(len(y)), best.gain > 0):
             found += moving(y, step, size)
         for h in found:
             ahead = max(other.weight(0.2) + other.of_sigma for other in found) - h.weight(0.2)

@@ -221,7 +221,8 @@ impl Hypotheses {
             let n = cut.len() as f64;
             let penalty = 0.5 * PENALTY_OF_LEVELS * n.ln();
             let correlated = self.best(n).is_some_and(|h| h.gain > 0.0);
-            for size in slow::block_sizes(&cut, penalty, correlated, &mut self.autoregression) {
+            let errors = &mut self.autoregression;
+            for size in slow::block_sizes(&cut, step, penalty, correlated, errors) {
                 self.add_slow(&cut, step, size);
             }
             self.add_flicker(&cut);

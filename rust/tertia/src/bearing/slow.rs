@@ -4,7 +4,7 @@
 //! So a drift is not taken for outliers, and what moves slowly counts in sigma by how the blocks differ.
 
 use super::blocks::block_range;
-use super::start::{MAD_TO_SIGMA, OUTSIDE};
+use super::start::{MAD_TO_SIGMA, OUTSIDE, rounding_sigma};
 use crate::base::angle::median;
 use crate::base::autoregression::Autoregression;
 use crate::base::distribution::student_two_sided_quantile;
@@ -111,21 +111,23 @@ pub(super) fn variance_of_mean(errors: &Autoregression, count: f64) -> f64 {
 /// Lengths of blocks with which the record is more likely than with a constant level, by medians, errors
 /// with heavy tails and this penalty: the best one, and a long one, whose medians do not follow bursts.
 /// Unless the good measurements are `correlated`, only a long one tells bursts and a level that moves
-/// apart. O(N log N).
+/// apart. `step` is that of rounding. O(N log N).
 pub(super) fn block_sizes(
     y: &[f64],
+    step: f64,
     penalty: f64,
     correlated: bool,
     errors: &mut Autoregression,
 ) -> Vec<usize> {
     let middle = median(&mut y.to_vec());
     let mut residual: Vec<f64> = y.iter().map(|v| v - middle).collect();
-    let constant = within(&residual, errors).0 + penalty;
+    let least = rounding_sigma(step).max(f64::MIN_POSITIVE);
+    let constant = within(&residual, least, errors).0 + penalty;
     let (mut better, mut size): (Vec<(usize, f64)>, _) = (Vec::new(), SHORTEST);
     while y.len() / size >= FEWEST {
         let levels = Levels::medians(y, size);
         levels.residuals(y, &levels, &mut residual);
-        let (likelihood, scale, phi) = within(&residual, errors);
+        let (likelihood, scale, phi) = within(&residual, least, errors);
         let noise = 0.5 * PI * scale * scale * inflation(phi, levels.good);
         better.push((size, likelihood + levels.read(noise, errors).1));
         size *= 2;
@@ -140,10 +142,10 @@ pub(super) fn block_sizes(
     best.into_iter().chain(long.filter(|_| long != best)).collect()
 }
 
-/// Log-likelihood of errors with heavy tails, their scale and their correlation.
-fn within(residual: &[f64], errors: &mut Autoregression) -> (f64, f64, f64) {
+/// Log-likelihood of errors with heavy tails, their scale, which has a `least` value, and their correlation.
+fn within(residual: &[f64], least: f64, errors: &mut Autoregression) -> (f64, f64, f64) {
     let mut absolute: Vec<f64> = residual.iter().map(|r| r.abs()).collect();
-    let scale = (MAD_TO_SIGMA * median(&mut absolute)).max(f64::MIN_POSITIVE);
+    let scale = (MAD_TO_SIGMA * median(&mut absolute)).max(least);
     let tail = |r: &f64| (1.0 + (r / scale).powi(2) / FREEDOM).ln();
     let tails = 0.5 * (FREEDOM + 1.0) * residual.iter().map(tail).sum::<f64>();
     let near = |i: &usize| residual[*i].abs() < NEAR * scale;
@@ -191,8 +193,8 @@ mod tests {
         let (level, slope): (Vec<f64>, Vec<f64>) =
             (0..120).map(|i| (noise(i), noise(i) + 0.05 * i as f64)).unzip();
         let errors = &mut Autoregression::default();
-        assert!(block_sizes(&level, 6.0, false, errors).is_empty());
-        assert!(!block_sizes(&slope, 6.0, false, errors).is_empty());
+        assert!(block_sizes(&level, 0.0, 6.0, false, errors).is_empty());
+        assert!(!block_sizes(&slope, 0.0, 6.0, false, errors).is_empty());
     }
 
     /// 1 + 2 Σ (1 − k/n) φ^k over k < n.
