@@ -75,7 +75,7 @@ fn processes(values: &[(usize, f64)]) -> ([f64; MOST], usize) {
     let length = LONGEST * (values[values.len() - 1].0 - values[0].0 + 1) as f64;
     let (mut decay, mut count, mut time) = ([0.0; MOST], 0, 1.0);
     while count < MOST && time <= length {
-        decay[count] = (-1.0 / time as f64).exp();
+        decay[count] = (-1.0 / time).exp();
         (count, time) = (count + 1, time * RATIO);
     }
     (decay, count)
