@@ -122,6 +122,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     },
     "honesty.md": {
         "bearings": contamination.grid,
+        "slow changes": contamination.slow,
         "locate": location.coverage,
         "arrivals": location_arrivals.coverage,
         "arrivals without a position": location_arrivals.given_up,

@@ -147,6 +147,53 @@ def correlation() -> str:
     return markdown(["φ", *(f"N = {n}" for n in sizes)], rows)
 
 
+def _pink(rng: np.random.Generator, count: int, n: int) -> FloatArray:
+    """Return 1/f noise of unit variance, with periods of up to eight records."""
+    frequency = np.fft.rfftfreq(8 * n)[1:]
+    phase = rng.standard_normal((count, len(frequency), 2)) @ np.array([1.0, 1.0j])
+    spectrum = np.concatenate([np.zeros((count, 1)), phase / np.sqrt(frequency)], axis=1)
+    noise = np.fft.irfft(spectrum, 8 * n)
+    return np.asarray(noise[:, :n] / np.sqrt(np.mean(noise**2)))
+
+
+def _slow(rng: np.random.Generator, kind: str, count: int, n: int) -> tuple[FloatArray, FloatArray]:
+    """Return records of an emitter about 0, and the slow part of their errors."""
+    time, none = (np.arange(n) + 0.5) / n, np.zeros((count, n))
+    if kind == "1/f noise":
+        return _pink(rng, count, n), none
+    if kind.startswith("AR"):
+        return _autoregressive(rng, count, n, float(kind[3:-1])), none
+    if kind == "drift by 5σ":
+        level = none + 5.0 * (time - 0.5)
+    elif kind == "sine, ± 2.5σ":
+        level = 2.5 * np.sin(2 * np.pi * (time + rng.uniform(size=(count, 1))))
+    else:
+        level = 2.5 * np.cumsum(rng.standard_normal((count, n)), axis=1) / np.sqrt(n)
+    return level + rng.standard_normal((count, n)), level
+
+
+def slow() -> str:
+    """Coverage of the claimed 95 % where errors change slowly, and how often the result says so."""
+    kinds = ("drift by 5σ", "sine, ± 2.5σ", "random walk to 2.5σ", "1/f noise", "AR(.8)", "AR(.95)")
+    sizes = {30: 600, 100: 300, 300: 150, 1000: 60}
+    rows = []
+    for number, kind in enumerate(kinds):
+        for bad in (False, True):
+            cells = []
+            for n, full in sizes.items():
+                rng = generator(37, number, n, int(bad))
+                y, level = _slow(rng, kind, repetitions(full, 20), n)
+                if bad:
+                    y += np.where(rng.uniform(size=y.shape) < 0.15, 6.0, 0.0)
+                found = estimate_bearing(y, period=None)
+                error = np.asarray(found.value) - level.mean(axis=1)
+                inside = np.mean(np.abs(error) <= 1.96 * np.asarray(found.sigma))
+                rmse = np.sqrt(np.mean(error**2))
+                cells.append(f"{rmse:.2f} {inside:.0%} {np.mean(found.drifts):.0%}")
+            rows.append([f"{kind}, 15 % outliers" if bad else kind, *cells])
+    return markdown(["errors", *(f"N = {n}" for n in sizes)], rows)
+
+
 def repeated() -> str:
     """Tell what becomes of records with values that an instrument or a recorder repeats."""
     rows = []

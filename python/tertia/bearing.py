@@ -39,6 +39,8 @@ __all__ = ["BearingEstimate", "Method", "estimate_bearing"]
 # fewest measurements without a stated sigma; repetitions that may always be chance; median step, in
 # roundings, below which rounding makes measurements equal; steps that are errors of arithmetic
 _FEWEST, _FEW_REPEATS, _COARSE, _NO_STEP = 5, 2, 4.0, 1e-12
+# fewer independent measurements, and a larger correlation, are a drift
+_FEW_INDEPENDENT, _LEAST_CORRELATION = 3.0, 0.3
 
 Method: TypeAlias = Literal["robust", "corrected", "paper", "k-sigma", "mean"]
 
@@ -77,7 +79,7 @@ class BearingEstimate(Result):
         equal.
     effective_number : float or ndarray of shape (...)
         Number of independent measurements that would give the same variance as this sample if there
-        were no systematic errors.
+        were no systematic errors. If it is small, the measurements change slowly; see `drifts`.
     noise_factor : float or ndarray of shape (...)
         Standard deviation of the noise divided by the stated one, at least 1; nan if none is
         stated.
@@ -105,10 +107,21 @@ class BearingEstimate(Result):
     block_variances: FloatArray | None
     block_weights: FloatArray | None
 
+    @property
+    def drifts(self) -> BoolArray:
+        """Whether the measurements change so slowly that they are worth fewer than three.
+
+        The finder drifts, the target moves, or the noise is correlated over the whole sample. The
+        error of the mean may then be larger than `sigma` implies.
+        """
+        few = np.asarray(self.effective_number) < _FEW_INDEPENDENT
+        return np.asarray(few & (np.asarray(self.correlation) > _LEAST_CORRELATION))
+
     def __repr__(self) -> str:
         """Show numbers, not arrays."""
         found = f"outliers {np.count_nonzero(self.outlier)} of {self.outlier.size}"
-        note = ", systematic error not included" if self.systematic == "not included" else ""
+        note = ", values drift" if self.drifts.any() else ""
+        note += ", systematic error not included" if self.systematic == "not included" else ""
         if self.outlier.ndim > 1:
             return f"BearingEstimate(batch {self.outlier.shape[:-1]}, {found}{note})"
         return (
@@ -247,7 +260,15 @@ def estimate_bearing(
 
     **Correlation.** For each hypothesis, the posterior of the lag-one correlation of the good
     measurements is computed exactly. In the prior, the correlation is zero with a probability of
-    one half, and otherwise uniform between -0.5 and 0.99.
+    one half, and otherwise uniform between -0.5 and 0.99. For sigma, the noise may also be 1/f
+    noise [6]_, beside white noise, with a prior probability of 0.1.
+
+    **Slow changes.** If the good measurements are correlated and `correlation` is None, the same
+    hypotheses are also fitted to the deviations from a level that changes slowly, in straight lines
+    between the levels of blocks. These are treated as an AR(1) process, and count by their
+    likelihood. A drift is therefore not mistaken for outliers. The bearing is the mean over the
+    whole sample, and its variance is that of the mean of such a process: it is assumed that the
+    true bearing is constant and that the finder drifts.
 
     **Stated sigma.** With the noise factor f, a measurement of the sigma s is normal with the
     standard deviation f s, or with a probability of 0.1 an outlier anywhere within 20 f s. For each
@@ -275,6 +296,8 @@ def estimate_bearing(
        Analysis 1 (2006) 515-534.
     .. [5] T. A. Louis. Finding the observed information matrix when using the EM algorithm. J. R.
        Stat. Soc. B 44 (1982) 226-233.
+    .. [6] A. van der Ziel. On the noise spectra of semi-conductor noise and of flicker effect.
+       Physica 16 (1950) 359-372.
 
     Examples
     --------

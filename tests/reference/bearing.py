@@ -292,9 +292,94 @@ def started(y, shape, side=1.0):
     return Modes(shape, d, t, share)
 
 
-def hypotheses(y, step, rho):
-    """Weights in the value and in its variance; value, variance, width, good, probability of good
-    and influence of each."""
+def flicker(y, place):
+    """Gain in log evidence of 1/f noise over white noise, variance of the mean over that, phi."""
+    n, lag = len(y), np.abs(np.subtract.outer(place, place))
+    time = 4.0 ** np.arange(16)
+    decay = np.exp(-1 / time[time <= 4 * (place[-1] - place[0] + 1)])
+    pink = (decay ** lag[..., None]).mean(axis=-1)
+    y, ones, found = y - y[0], np.ones(n), []
+    for share in (0.0, 1 / 3, 2 / 3, 1.0):
+        r = share * pink + (1 - share) * np.eye(n)
+        a = ones @ np.linalg.solve(r, ones)
+        rss = y @ np.linalg.solve(r, y) - (ones @ np.linalg.solve(r, y)) ** 2 / a
+        log = -0.5 * (np.linalg.slogdet(r)[1] + np.log(a) + (n - 1) * np.log(rss))
+        found.append((log, rss / a))
+    log, variance = np.transpose(found)
+    w = np.exp(log[1:] - log[1:].max())
+    gain = log[1:].max() - log[0] + np.log(w.mean())
+    w /= w.sum()
+    return gain, w @ variance[1:] / variance[0], w @ [1 / 3, 2 / 3, 1.0] * decay.mean()
+
+
+class Levels:
+    """Levels of blocks, between whose middles the level runs in straight lines."""
+
+    def __init__(self, y, size, good=None, fallback=None):
+        self.blocks, n = blocks_of(len(y), size), len(y)
+        self.middle = np.array([(b.start + b.stop - 1) / 2 for b in self.blocks])
+        length = np.array([b.stop - b.start for b in self.blocks])
+        if good is None:
+            self.level = np.array([np.median(y[b]) for b in self.blocks])
+            self.good, self.factor = n / len(length), np.ones(len(length))
+        else:
+            count = np.array([good[b].sum() for b in self.blocks])
+            counts = count >= 1
+            self.level = np.array([good[b] @ y[b] for b in self.blocks]) / np.maximum(count, 1)
+            self.factor = np.where(counts, length / np.maximum(count, 1), 0)
+            self.good = count.sum() / len(count)
+            self.level[~counts] = np.nan
+        self.filled = self.level if fallback is None else fallback.level.copy()
+        self.filled[~np.isnan(self.level)] = self.level[~np.isnan(self.level)]
+
+    def residuals(self, y):
+        lines = np.interp(np.arange(len(y)), self.middle, self.filled)
+        return (y - lines) / np.sqrt(1 - 5 / 6 / max(self.good, 2.0))
+
+    def read(self, noise):
+        """Number and variance of the levels, variance of their mean, what they add."""
+        at = np.flatnonzero(~np.isnan(self.level))
+        gain, inflation, _ = correlated(self.level[at], at)
+        count = len(at)
+        variance = self.level[at].var(ddof=1) if count >= 3 else 0.0
+        gain -= 0.5 * (count - 1) * np.log(max(self.good * variance / noise, 1))
+        t = stats.t.isf(0.0455 / 2, max(count - 1, 1)) / 2
+        return count, variance, t**2 * variance / count * inflation, gain
+
+
+def inflated(phi, n):
+    """Variance of the mean of n values of an AR(1) process over that with white noise."""
+    phi = max(phi, 0.0)
+    return (1 + phi) / (1 - phi) - 2 * phi * (1 - phi**n) / (n * (1 - phi) ** 2)
+
+
+def block_sizes(y, step, penalty, is_correlated):
+    """Lengths of blocks with which a level that moves is more likely than a constant one."""
+
+    def within(r):
+        scale = max(1.4826 * np.median(np.abs(r)), step / np.sqrt(12))
+        near = np.flatnonzero(np.abs(r) < 3 * scale)
+        gain, _, phi = correlated(r[near], near)
+        tails = 2 * np.log1p((r / scale) ** 2 / 3).sum()
+        return gain - tails - len(r) * np.log(scale), scale, phi
+
+    constant, found = within(y - np.median(y))[0] + penalty, {}
+    size = 5
+    while len(y) // size >= 6:
+        levels = Levels(y, size)
+        log, scale, phi = within(levels.residuals(y))
+        noise = np.pi / 2 * scale**2 * inflated(phi, levels.good)
+        found[size] = log + levels.read(noise)[3]
+        size *= 2
+    better = [size for size in found if found[size] > constant]
+    if not better or not (is_correlated or any(len(y) // size <= 24 for size in better)):
+        return []
+    best = max(better, key=lambda size: (found[size], size))
+    return [best, *({max(found)} - {best})]
+
+
+def mixtures(y, step, bursts=True):
+    """Log-likelihood, number of parameters, mixture, probabilities, width of each; doubtful?"""
     n, floor = len(y), max(0.3, 0.5 * step)
     v = max(y.var(), floor**2)
     log = -0.5 * n * (np.log(2 * np.pi * v) + y.var() / v)
@@ -312,7 +397,8 @@ def hypotheses(y, step, rho):
         found = [(modes.run(y, floor, 0.5 * step), size)]
         good = found[0][0].posterior(y)[0][:, 0]
         off = good - good.mean()
-        if off @ off > 0 and off[1:] @ off[:-1] / (off @ off) * np.sqrt(n) >= 1.5:
+        persist = off @ off > 0 and off[1:] @ off[:-1] / (off @ off) * np.sqrt(n) >= 1.5
+        if bursts and persist:
             found.append((found[0][0].copy(0.5).run(y, floor, 0.5 * step), size + 1))
         for modes, parameters in found:
             g, likelihood, _, _ = modes.posterior(y)
@@ -321,30 +407,100 @@ def hypotheses(y, step, rho):
                 mirror = modes.mirrored()
                 g, likelihood, _, _ = mirror.posterior(y)
                 rows.append((likelihood, parameters, mirror, g, mirror.s, True))
-    result, logs = [], []
-    for log, parameters, modes, g, width, doubt in rows:
-        gain, inflation, phi = 0.0, 1.0, 0.0
-        if rho != 0.0:
-            kept = np.flatnonzero(g[:, 0] > 0.5)
-            gain, inflation, phi = correlated(y[kept], kept, rho)
-        influence = np.ones(n) if modes is None else g[:, 0].copy()
-        if modes is not None and modes.shape == "wide":
-            influence += g[:, 1] * (modes.s / modes.t[0]) ** 2
-        influence /= influence.sum()
-        count = max(g[:, 0].sum(), 2.5)
-        white = width**2 / count if modes is None else modes.variance(y, g, step)
-        variance = white * count / (count - 1) * inflation
-        result.append([influence @ y, variance, width, count, g[:, 0], influence, phi])
-        logs.append([log + gain - p * parameters * np.log(n) for p in (0.4, 0.2)])
-        logs[-1][0] -= np.inf if doubt else 0.0
+    return rows
+
+
+def weights(logs):
     w = np.exp(np.array(logs) - np.max(logs, axis=0))
-    w /= w.sum(axis=0)
+    return w / w.sum(axis=0)
+
+
+class Hypothesis:
+    """A mixture about a level: value, variance, width, and what it adds to the likelihood."""
+
+    def __init__(self, row, y, step, rho):
+        self.log, self.parameters, self.modes, self.g, self.width, self.doubt = row
+        self.gain, inflation, self.phi = 0.0, 1.0, 0.0
+        if rho != 0.0:
+            kept = np.flatnonzero(self.g[:, 0] > 0.5)
+            self.gain, inflation, self.phi = correlated(y[kept], kept, rho)
+        self.log, self.of_sigma, self.of_levels = self.log + self.gain, 0.0, 0
+        self.influence = self.g[:, 0].copy()
+        if self.modes is None:
+            self.influence = np.ones(len(y))
+        elif self.modes.shape == "wide":
+            self.influence += self.g[:, 1] * (self.modes.s / self.modes.t[0]) ** 2
+        self.count = max(self.g[:, 0].sum(), 2.5)
+        white = self.width**2 / self.count
+        if self.modes is not None:
+            white = self.modes.variance(y, self.g, step)
+        self.white = white * self.count / (self.count - 1)
+        self.variance = self.white * inflation
+
+    def weight(self, penalty):
+        return self.log - (penalty * self.parameters + 0.4 * self.of_levels) * np.log(len(self.g))
+
+    def flicker(self, y):
+        kept = np.flatnonzero(self.g[:, 0] > 0.5)
+        gain, inflation, phi = flicker(y[kept], kept)
+        odds = 0.1 / 0.9 * np.exp(min(gain - self.gain, 500.0))
+        share = odds / (1 + odds)
+        inflated = (1 - share) * self.variance + share * self.white * inflation
+        self.variance, self.phi = inflated, (1 - share) * self.phi + share * phi
+        self.of_sigma = np.log(0.9 * (1 + odds))
+
+    def move(self, levels, n, unit):
+        noise = (unit * self.width) ** 2
+        of_levels = noise * inflated(self.phi, levels.good)
+        count, variance, of_mean, gain = levels.read(of_levels)
+        self.log += gain - n * np.log(unit) if count >= 4 else -np.inf
+        moved = max(variance - of_levels / levels.good, 0.0)
+        self.phi = (moved + self.phi * noise) / (moved + noise)
+        self.width, self.variance = np.sqrt(moved + noise), unit**2 * self.white + of_mean
+        self.of_levels = 3
+        for block, factor in zip(levels.blocks, levels.factor, strict=True):
+            self.influence[block] *= factor
+
+
+def moving(y, step, size):
+    """The hypotheses about a level that moves."""
+    medians = levels = Levels(y, size)
+    for last in (False, True):
+        r = levels.residuals(y)
+        centre, unit, _ = start(r, step)
+        r = np.clip((r - centre) / unit, -1e3, 1e3)
+        rows = mixtures(r, step / unit, last)
+        if not last:
+            w = weights([row[0] - 0.4 * row[1] * np.log(len(y)) for row in rows])
+            good = sum(a * row[3][:, 0] for a, row in zip(w, rows, strict=True))
+            levels = Levels(y, size, good, medians)
+    found = [Hypothesis(row, r, step / unit, None) for row in rows]
+    for h in found:
+        h.move(Levels(y, size, h.g[:, 0], medians), len(y), unit)
+    return found
+
+
+def hypotheses(y, step, rho):
+    """Weights in the value and in its variance, and the hypotheses."""
+    found = [Hypothesis(row, y, step, rho) for row in mixtures(y, step)]
+    if rho is None and any(h.gain > 0 for h in found):
+        best = max(found, key=lambda h: h.weight(0.4))
+        for size in block_sizes(y, step, 1.2 * np.log(len(y)), best.gain > 0):
+            found += moving(y, step, size)
+        for h in found:
+            ahead = max(other.weight(0.2) + other.of_sigma for other in found) - h.weight(0.2)
+            if not h.of_levels and h.gain > 2 and (h.modes is None or ahead < 7):
+                h.flicker(y)
+    logs = [[-np.inf if h.doubt else h.weight(0.4), h.weight(0.2) + h.of_sigma] for h in found]
+    w = weights(logs)
     w = np.where(w.max(axis=1, keepdims=True) > 1e-5, w, 0.0)
-    return *(w / w.sum(axis=0)).T, result
+    for h in found:
+        h.influence /= h.influence.sum()
+    return *(w / w.sum(axis=0)).T, found
 
 
-def robust(y, size, rounding=0.0, correlation=None):
-    """The default: value, sigma, outliers and weights of blocks."""
+def start(y, rounding):
+    """Centre, scale and rounding step of a record."""
     z = np.sort(y)
     gaps = np.diff(z)
     n = len(y)
@@ -358,16 +514,22 @@ def robust(y, size, rounding=0.0, correlation=None):
     successive = 1.4826 * np.median(np.abs(np.diff(y))) / np.sqrt(2)
     scale = min(max(min(lengths[first] / 1.349, successive), 0.3 * mad), mad)
     scale = np.hypot(scale, step / np.sqrt(12)) or 0.1 * np.ptp(y) / len(y)
+    return centre, scale, step
+
+
+def robust(y, size, rounding=0.0, correlation=None):
+    """The default: value, sigma, outliers and weights of blocks."""
+    centre, scale, step = start(y, rounding)
     z = np.clip((y - centre) / scale, -1e3, 1e3)
     w, v, found = hypotheses(z, step / scale, correlation)
-    values, counts = (w * [row[i] for row in found] for i in (0, 3))
-    variances = v * [row[1] for row in found]
-    value = values.sum()
-    student = stats.t.isf(0.0455 / 2, counts.sum() - 1) / 2
-    within = scale**2 * student**2 * variances.sum()
-    between = scale**2 * (v * [(row[0] - value) ** 2 for row in found]).sum()
-    good, influence = (sum(a * row[i] for a, row in zip(w, found, strict=True)) for i in (4, 5))
-    width = scale * np.sqrt(good @ (z - value) ** 2 / counts.sum())
+    counts = w @ [h.count for h in found]
+    each = np.array([h.influence @ z for h in found])
+    value = w @ each
+    student = stats.t.isf(0.0455 / 2, counts - 1) / 2
+    within = scale**2 * student**2 * (v @ [h.variance for h in found])
+    between = scale**2 * (v @ (each - value) ** 2)
+    good, influence = w @ [h.g[:, 0] for h in found], w @ [h.influence for h in found]
+    width = scale * np.sqrt(good @ (z - value) ** 2 / counts)
     value, variance = centre + scale * value, within + between
     y = np.where(np.abs(z) < 1e3, y, centre + scale * z)
     blocks = blocks_of(len(y), size)

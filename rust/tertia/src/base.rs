@@ -1,8 +1,8 @@
 //! What every concept stands on: errors, small matrices, moments, distributions, angles, vectors,
-//! orthogonal polynomials, random effects, correlated noise, rows on threads, calls that stop.
+//! orthogonal polynomials, random effects, correlated and 1/f noise, rows on threads, calls that stop.
 //!
 //! `interrupt, error <- matrix, moments, distribution, angle, vector, exponential, plane, missing, basis,
-//! batch <- effects, autoregression`
+//! batch <- effects, autoregression, flicker`
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
@@ -17,6 +17,7 @@ pub(crate) mod distribution;
 pub(crate) mod effects;
 pub(crate) mod error;
 pub(crate) mod exponential;
+pub(crate) mod flicker;
 pub mod interrupt;
 pub(crate) mod matrix;
 pub mod missing;

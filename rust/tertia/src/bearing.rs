@@ -4,8 +4,8 @@
 //! ([`Method::Paper`]) and corrected ([`Method::Corrected`]); [`Method::Robust`] is the default of
 //! the Python API.
 //!
-//! `modes <- acceleration, independent, sticky, information <- hypotheses`
-//! `estimate, rules, blocks, start, hypotheses <- workspace <- paper, robust`
+//! `modes <- acceleration, independent, sticky, information; blocks, start <- slow <- hypotheses`
+//! `estimate, rules, hypotheses <- workspace <- paper, robust`
 //! `maxima, robust <- stated <- groups <- estimator`
 
 // indices are those of the formulas
@@ -24,6 +24,7 @@ mod modes;
 mod paper;
 mod robust;
 mod rules;
+mod slow;
 mod start;
 mod stated;
 mod sticky;

@@ -179,6 +179,14 @@ impl Autoregression {
         self.terms().map(|(w, m, _)| w * m).sum()
     }
 
+    /// Variance of the values, as if they were white; 0 for fewer than three values, and for equal ones.
+    pub fn variance(&self) -> f64 {
+        if self.weight.is_empty() {
+            return 0.0;
+        }
+        self.white_sigma * self.white_sigma * self.count as f64
+    }
+
     /// Variance of μ over what it would be with white noise, without the factor for the degrees of
     /// freedom, which both share: 1 for fewer than three values, and for equal ones.
     pub fn inflation(&self) -> f64 {

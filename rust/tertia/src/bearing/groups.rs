@@ -2,9 +2,9 @@
 
 use super::estimate::Estimate;
 use super::hypotheses::Hypotheses;
-use super::robust::{self, OUTSIDE, SIGNIFICANCE};
+use super::robust::{self, SIGNIFICANCE};
 use super::rules::{Known, RobustRule};
-use super::start::{rounding_sigma, start};
+use super::start::{OUTSIDE, rounding_sigma, start};
 use super::stated::{self, Stated};
 use super::workspace::Workspace;
 use crate::base::angle::median;
@@ -220,7 +220,7 @@ impl Table {
                 break;
             };
             hypotheses.read(&errors, &found);
-            hypotheses.fit(found.step / found.scale, correlation);
+            hypotheses.fit(found.step / found.scale, correlation, false);
             within.sigma = found.scale * hypotheses.mean(|h| h.width);
             within.correlation = correlation.unwrap_or_else(|| hypotheses.mean(|h| h.correlation));
             within.rounding =

@@ -4,9 +4,11 @@ use super::acceleration::converge;
 use super::independent;
 use super::information::variance_of_centre;
 use super::modes::{MOST_BAD, Mode, Modes, Shape, Totals};
-use super::start::Start;
+use super::slow::{self, Levels};
+use super::start::{Start, start};
 use super::sticky::{self, Passes};
 use crate::base::autoregression::Autoregression;
+use crate::base::flicker::Flicker;
 use crate::base::moments::Moments;
 
 /// Penalty per parameter over that of Schwarz (1978), `½ ln N`: his finds one-sided outliers of three
@@ -38,6 +40,19 @@ const LEAST_PERSISTENCE: f64 = 1.5;
 const LEAST_OF_MIRROR: f64 = 0.45;
 /// Hypotheses of less weight do not count.
 const LEAST_WEIGHT: f64 = 1e-5;
+/// Prior probability of 1/f noise. It is considered where a correlation adds at least so much to the
+/// logarithm of the likelihood, and of the mixtures for those that are at most so far behind.
+const FLICKER: f64 = 0.1;
+const LEAST_GAIN: f64 = 2.0;
+const FAR_BEHIND: f64 = 7.0;
+/// Exponents above this are as good as infinite.
+const LARGEST_EXPONENT: f64 = 500.0;
+/// Levels and errors about them are found in turn, so often.
+const ROUNDS: usize = 2;
+/// Penalty for the length of the blocks, and variance and correlation of their levels; the same for sigma.
+const PENALTY_OF_LEVELS: f64 = 3.0 * PENALTY;
+/// Fewest levels that show how they vary.
+const FEWEST_LEVELS: f64 = 4.0;
 /// Fewest good measurements in the degrees of freedom of a hypothesis.
 const LEAST_GOOD: f64 = 2.5;
 
@@ -49,6 +64,10 @@ pub(super) struct Hypothesis {
     pub bad: Vec<f64>,
     log_likelihood: f64,
     parameters: f64,
+    /// What the correlation adds to the logarithm of the likelihood.
+    gain: f64,
+    /// What 1/f noise adds for sigma.
+    gain_of_sigma: f64,
     /// Counts in the variance only.
     doubt: bool,
     /// Weight in the estimate, and in its variance.
@@ -64,6 +83,8 @@ pub(super) struct Hypothesis {
     /// Variance of the mean of the good ones over that with white noise, and their correlation.
     pub inflation: f64,
     pub correlation: f64,
+    /// Levels of a record that moves; none: the level is constant.
+    levels: Option<Levels>,
 }
 
 /// Buffers, and the hypotheses of the last record.
@@ -78,7 +99,24 @@ pub(super) struct Hypotheses {
 
 impl Hypothesis {
     fn log_weight(&self, penalty: f64, n: f64) -> f64 {
-        self.log_likelihood - 0.5 * penalty * self.parameters * n.ln()
+        let of_levels = if self.levels.is_some() { PENALTY_OF_LEVELS } else { 0.0 };
+        self.log_likelihood - 0.5 * (penalty * self.parameters + of_levels) * n.ln()
+    }
+
+    /// The same for sigma: the noise may be 1/f noise as well.
+    fn log_weight_of_sigma(&self, n: f64) -> f64 {
+        self.log_weight(PENALTY_OF_SIGMA, n) + self.gain_of_sigma
+    }
+
+    /// The noise may be 1/f noise: this counts in sigma only.
+    fn take(&mut self, flicker: Option<Flicker>) {
+        let Some(found) = flicker else { return };
+        let odds = FLICKER * (found.gain - self.gain).min(LARGEST_EXPONENT).exp() / (1.0 - FLICKER);
+        let share = odds / (1.0 + odds);
+        let mean = |a: f64, b: f64| (1.0 - share) * a + share * b;
+        self.inflation = mean(self.inflation, found.inflation);
+        self.correlation = mean(self.correlation, found.correlation);
+        self.gain_of_sigma = ((1.0 - FLICKER) * (1.0 + odds)).ln();
     }
 
     fn kinds(&self) -> usize {
@@ -91,8 +129,58 @@ impl Hypothesis {
         1.0 - self.bad[i * kinds..(i + 1) * kinds].iter().sum::<f64>()
     }
 
+    /// The measurements that are rather good, with their places.
+    fn kept<'a>(&self, y: &'a [f64]) -> impl Iterator<Item = (usize, f64)> + use<'a, '_> {
+        y.iter().copied().enumerate().filter(|&(i, _)| self.is_good(i) > 0.5)
+    }
+
+    /// Takes the levels about which the hypothesis was fitted to residuals in this unit: what they add to the
+    /// likelihood, and to the variance. `step` is that of rounding, in this unit.
+    fn move_along(
+        &mut self,
+        levels: Levels,
+        residual: &[f64],
+        unit: f64,
+        step: f64,
+        errors: &mut Autoregression,
+    ) {
+        let white = unit * unit * self.white_variance(residual, step);
+        let noise = (unit * self.width).powi(2);
+        let of_levels = noise * slow::inflation(self.correlation, levels.good);
+        let (count, gain) = levels.read(of_levels, errors);
+        self.log_likelihood += gain - residual.len() as f64 * unit.ln();
+        if count < FEWEST_LEVELS {
+            self.log_likelihood = f64::NEG_INFINITY;
+        }
+        let moved = (errors.variance() - of_levels / levels.good).max(0.0);
+        self.correlation = (moved + self.correlation * noise) / (moved + noise);
+        self.width = (moved + noise).sqrt();
+        self.variance = white + slow::variance_of_mean(errors, count);
+        self.inflation = 1.0;
+        self.levels = Some(levels);
+    }
+
+    fn expected_good(&self, n: usize) -> f64 {
+        (0..n).map(|i| self.is_good(i)).sum::<f64>().max(LEAST_GOOD)
+    }
+
+    /// Variance of the centre with white noise.
+    fn white_variance(&self, y: &[f64], step: f64) -> f64 {
+        let good = self.expected_good(y.len());
+        let white = match self.modes {
+            Some(modes) => variance_of_centre(&modes, y, &self.bad, step),
+            None => self.width * self.width / good,
+        };
+        white * good / (good - 1.0)
+    }
+
     /// What a measurement counts in the centre, before division by their sum.
     pub fn information(&self, i: usize) -> f64 {
+        let factor = self.levels.as_ref().map_or(1.0, |levels| levels.factor[levels.block(i)]);
+        factor * self.information_of_mode(i)
+    }
+
+    fn information_of_mode(&self, i: usize) -> f64 {
         match self.modes {
             Some(Modes { shape: Shape::Wide, width, bad, .. }) => {
                 self.is_good(i) + self.bad[i] * (width / bad[0].width).powi(2)
@@ -122,34 +210,114 @@ impl Hypotheses {
     }
 
     /// Fits every hypothesis to the scores and weighs them; `step` is the rounding step in scores,
-    /// `correlation` that of the noise (none: unknown). O(N) for each step of EM.
-    pub fn fit(&mut self, step: f64, correlation: Option<f64>) {
+    /// `correlation` that of the noise (none: unknown), `moving` whether the level may move. O(N) for each
+    /// step of EM.
+    pub fn fit(&mut self, step: f64, correlation: Option<f64>, moving: bool) {
         self.list.clear();
-        let floor = [LEAST_WIDTH.max(LEAST_STEPS * step), LEAST_STEPS * step];
-        self.add_clean(floor[0]);
         let cut = std::mem::take(&mut self.score);
-        let totals = Totals {
-            count: cut.len() as f64,
-            first: cut.iter().sum(),
-            second: cut.iter().map(|v| v * v).sum(),
-        };
-        for shape in [Shape::OneSided, Shape::Wide, Shape::TwoSided] {
-            let modes = self.independent(shape, &cut, &totals, floor);
-            let last = self.add(modes, &cut);
-            if self.persist(last) {
-                let modes = self.sticky(modes, &cut, &totals, floor);
-                let last = self.add(modes, &cut);
-                self.add_mirror(last, &cut);
+        self.add_all(&cut, step, true);
+        self.correlate(0, &cut, correlation);
+        if correlation.is_none() && moving && self.list.iter().any(|h| h.gain > 0.0) {
+            let n = cut.len() as f64;
+            let penalty = 0.5 * PENALTY_OF_LEVELS * n.ln();
+            let correlated = self.best(n).is_some_and(|h| h.gain > 0.0);
+            let errors = &mut self.autoregression;
+            for size in slow::block_sizes(&cut, step, penalty, correlated, errors) {
+                self.add_slow(&cut, step, size);
             }
-            self.add_mirror(last, &cut);
+            self.add_flicker(&cut);
         }
         self.score = cut;
-        self.weigh(step, correlation);
+        self.weigh(step);
     }
 
-    fn add_clean(&mut self, floor: f64) {
-        let n = self.score.len() as f64;
-        let (mean, squares) = mean_and_squares(&self.score);
+    /// Adds the clean hypothesis and the mixtures, with `bursts` or without.
+    fn add_all(&mut self, y: &[f64], step: f64, bursts: bool) {
+        let floor = [LEAST_WIDTH.max(LEAST_STEPS * step), LEAST_STEPS * step];
+        self.add_clean(y, floor[0]);
+        let totals = Totals {
+            count: y.len() as f64,
+            first: y.iter().sum(),
+            second: y.iter().map(|v| v * v).sum(),
+        };
+        for shape in [Shape::OneSided, Shape::Wide, Shape::TwoSided] {
+            let modes = self.independent(shape, y, &totals, floor);
+            let last = self.add(modes, y);
+            if bursts && self.persist(last) {
+                let modes = self.sticky(modes, y, &totals, floor);
+                let last = self.add(modes, y);
+                self.add_mirror(last, y);
+            }
+            self.add_mirror(last, y);
+        }
+    }
+
+    /// Correlation of the good measurements of each hypothesis from the `first` on.
+    fn correlate(&mut self, first: usize, y: &[f64], correlation: Option<f64>) {
+        for h in &mut self.list[first..] {
+            (h.inflation, h.correlation) = (1.0, 0.0);
+            if correlation != Some(0.0) {
+                self.autoregression.read(h.kept(y), correlation);
+                h.gain = self.autoregression.gain();
+                h.inflation = self.autoregression.inflation();
+                h.correlation = self.autoregression.correlation();
+                h.log_likelihood += h.gain;
+            }
+        }
+    }
+
+    fn best(&self, n: f64) -> Option<&Hypothesis> {
+        let weight = |h: &Hypothesis| h.log_weight(PENALTY, n);
+        self.list.iter().max_by(|a, b| weight(a).total_cmp(&weight(b)))
+    }
+
+    /// The noise about a constant level may be 1/f noise.
+    fn add_flicker(&mut self, y: &[f64]) {
+        let n = y.len() as f64;
+        for k in 0..self.list.len() {
+            let weight = |h: &Hypothesis| h.log_weight_of_sigma(n);
+            let highest = self.list.iter().map(weight).fold(f64::NEG_INFINITY, f64::max);
+            let h = &mut self.list[k];
+            let counts = h.modes.is_none() || weight(h) > highest - FAR_BEHIND;
+            if h.levels.is_none() && h.gain > LEAST_GAIN && counts {
+                let values: Vec<(usize, f64)> = h.kept(y).collect();
+                h.take(Flicker::of(&values));
+            }
+        }
+    }
+
+    /// Adds the same hypotheses about a level that moves, with blocks of this size.
+    fn add_slow(&mut self, y: &[f64], step: f64, size: usize) {
+        let (constant, n) = (self.list.len(), y.len() as f64);
+        let medians = Levels::medians(y, size);
+        let (mut levels, mut residual, mut unit) = (medians.clone(), Vec::new(), 1.0);
+        for round in 1..=ROUNDS {
+            self.list.truncate(constant);
+            levels.residuals(y, &medians, &mut residual);
+            let Some(found) = start(&residual, step, &mut Vec::new()) else {
+                return;
+            };
+            unit = found.scale;
+            let score = |r: &f64| ((r - found.centre) / unit).clamp(-MAX_SCORE, MAX_SCORE);
+            residual = residual.iter().map(score).collect();
+            self.add_all(&residual, step / unit, round == ROUNDS);
+            let moving = &mut self.list[constant..];
+            if round < ROUNDS {
+                normalise(moving, |h| h.log_weight(PENALTY, n), |h| &mut h.weight);
+                let good = |i: usize| moving.iter().map(|h| h.weight * h.is_good(i)).sum();
+                levels = levels.means(y, good);
+            }
+        }
+        self.correlate(constant, &residual, None);
+        for h in &mut self.list[constant..] {
+            let levels = levels.means(y, |i| h.is_good(i));
+            h.move_along(levels, &residual, unit, step / unit, &mut self.autoregression);
+        }
+    }
+
+    fn add_clean(&mut self, y: &[f64], floor: f64) {
+        let n = y.len() as f64;
+        let (mean, squares) = mean_and_squares(y);
         let variance = (squares / n).max(floor * floor);
         let log_likelihood = -0.5 * (n * variance.ln() + squares / variance);
         self.list.push(Hypothesis {
@@ -239,40 +407,28 @@ impl Hypotheses {
     }
 
     /// Weights, and estimate, variance and correlation of each hypothesis that counts.
-    fn weigh(&mut self, step: f64, correlation: Option<f64>) {
-        let Self { score, list, autoregression, .. } = self;
-        for h in list.iter_mut() {
-            (h.inflation, h.correlation) = (1.0, 0.0);
-            if correlation != Some(0.0) {
-                let kept = (0..score.len()).filter(|&i| h.is_good(i) > 0.5);
-                autoregression.read(kept.map(|i| (i, score[i])), correlation);
-                h.log_likelihood += autoregression.gain();
-                h.inflation = autoregression.inflation();
-                h.correlation = autoregression.correlation();
-            }
-        }
+    fn weigh(&mut self, step: f64) {
+        let Self { score, list, .. } = self;
         let n = score.len() as f64;
         let weight = |h: &Hypothesis| match h.doubt {
             true => f64::NEG_INFINITY,
             false => h.log_weight(PENALTY, n),
         };
-        let of_variance = |h: &Hypothesis| h.log_weight(PENALTY_OF_SIGMA, n);
+        let of_variance = |h: &Hypothesis| h.log_weight_of_sigma(n);
         normalise(list, weight, |h| &mut h.weight);
         normalise(list, of_variance, |h| &mut h.weight_of_variance);
         list.retain(|h| h.weight.max(h.weight_of_variance) > LEAST_WEIGHT);
         normalise(list, weight, |h| &mut h.weight);
         normalise(list, of_variance, |h| &mut h.weight_of_variance);
         for h in list.iter_mut() {
-            h.good = (0..score.len()).map(|i| h.is_good(i)).sum::<f64>().max(LEAST_GOOD);
+            h.good = h.expected_good(score.len());
             let information = |i: usize| h.information(i);
             let all: f64 = (0..score.len()).map(information).sum();
             let value = |i: usize| information(i) * score[i];
             h.value = (0..score.len()).map(value).sum::<f64>() / all;
-            let white = match h.modes {
-                Some(modes) => variance_of_centre(&modes, score, &h.bad, step),
-                None => h.width * h.width / h.good,
-            };
-            h.variance = white * h.good / (h.good - 1.0);
+            if h.levels.is_none() {
+                h.variance = h.white_variance(score, step);
+            }
         }
     }
 }

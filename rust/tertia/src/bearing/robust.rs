@@ -4,7 +4,7 @@ use super::blocks::{BlockTable, block_range};
 use super::estimate::Estimate;
 use super::hypotheses::MAX_SCORE;
 use super::rules::RobustRule;
-use super::start::{rounding_sigma, start};
+use super::start::{OUTSIDE, rounding_sigma, start};
 use super::workspace::Workspace;
 use crate::base::distribution::{fisher_upper, fisher_upper_quantile, student_two_sided_quantile};
 use crate::base::error::Result;
@@ -13,8 +13,6 @@ use std::f64::consts::PI;
 
 /// Fewest measurements.
 pub(super) const MIN_COUNT: usize = 5;
-/// Outside two sigmas of a normal variable.
-pub(super) const OUTSIDE: f64 = 0.0455;
 /// Blocks that disagree at this significance widen sigma.
 pub(super) const SIGNIFICANCE: f64 = 0.05;
 /// A block counts in that test from this share of the mean weight.
@@ -34,7 +32,7 @@ pub(super) fn estimate(
         return Ok(stuck(rule, angle, outlier, blocks));
     };
     hypotheses.read(angle, &start);
-    hypotheses.fit(start.step / start.scale, correlation);
+    hypotheses.fit(start.step / start.scale, correlation, true);
     let value = hypotheses.mean(|h| h.value);
     let good = hypotheses.mean(|h| h.good);
     let student = 0.5 * student_two_sided_quantile(OUTSIDE, good - 1.0);

@@ -3,6 +3,8 @@
 use crate::base::angle::median;
 use std::f64::consts::SQRT_2;
 
+/// Outside two sigmas of a normal variable.
+pub(super) const OUTSIDE: f64 = 0.0455;
 /// MAD and length of the shorth of the normal distribution to its standard deviation.
 pub(super) const MAD_TO_SIGMA: f64 = 1.4826;
 const SHORTH_TO_SIGMA: f64 = 2.0 * 0.6745;
