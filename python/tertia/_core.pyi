@@ -248,7 +248,7 @@ def fuse_scalar(
 ) -> tuple[list[FloatArray], IntArray]: ...
 def fuse_series(
     batch: dict[str, Any], n_threads: int | None
-) -> tuple[list[FloatArray], BoolArray]: ...
+) -> tuple[list[FloatArray], list[BoolArray]]: ...
 def series_biases(
     arrays: tuple[FloatArray, FloatArray, FloatArray],
     prior: FloatArray,
@@ -266,6 +266,7 @@ class AngleFusion:
     innovation: FloatArray
     innovation_variance: FloatArray
     outlier: list[bool]
+    repeated: list[bool]
     def __new__(
         cls,
         model: Any,
@@ -443,7 +444,7 @@ def locate(
     differences: tuple[bool, float],
     free: list[bool],
     pooled: bool,
-    speed_sigma: float,
+    medium: tuple[float, float],
     n_threads: int | None,
 ) -> tuple[
     FloatArray,
@@ -452,7 +453,7 @@ def locate(
     BoolArray,
     list[FloatArray],
     list[list[float]],
-    tuple[float, float],
+    tuple[tuple[float, float], tuple[list[float], list[list[float]], FloatArray] | None],
 ]: ...
 def locate_posterior(
     measured: tuple[FloatArray, FloatArray | None, FloatArray, FloatArray],
@@ -603,7 +604,11 @@ def common_states(
     joint: dict[str, Any], single: list[dict[str, Any]], scan_periods: list[float]
 ) -> tuple[FloatArray, IntArray, list[FloatArray]]: ...
 def calibrate(
-    time: FloatArray, residual: FloatArray, azimuth: FloatArray, sigma: float, order: int
+    time: FloatArray,
+    residual: FloatArray,
+    azimuth: FloatArray,
+    sigma: float,
+    orders: tuple[int, int],
 ) -> tuple[FloatArray, FloatArray, float, float, float]: ...
 def register_errors(
     plots: dict[str, Any],

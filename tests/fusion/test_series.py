@@ -232,6 +232,7 @@ def test_streaming_is_the_series(method, k):
         np.testing.assert_array_equal(centre.weights, whole.weights[:, step])
         np.testing.assert_array_equal(centre.noise_variance, whole.noise_variance[:, step])
         np.testing.assert_array_equal(centre.outlier, whole.outlier[:, step])
+        np.testing.assert_array_equal(centre.repeated, whole.repeated[:, step])
 
 
 def test_errors_of_a_stream_say_where():

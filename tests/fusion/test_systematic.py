@@ -126,6 +126,23 @@ def test_coverage_of_few(n, k, m, ratio):
     assert 0.915 < inside < 0.985, inside
 
 
+def test_almost_singular_covariances_of_few():
+    """Some simulated covariances are lost to rounding, but not the estimated ones."""
+    turn = np.array([[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]])
+    flat = np.diag([1.0, 1e-10])
+    turned = turn @ flat @ turn.T
+    found = fuse([[1.0, 2.0], [1.5, 2.5]], [flat, (turned + turned.T) / 2], n=3)
+    assert np.all(np.isfinite(found.sigma))
+    assert np.all(found.sigma > 1e-5)
+
+
+def test_too_few_for_two_sensors():
+    message = "n is 2; of estimates with 2 components, only one may have fewer than 3 measurements"
+    with pytest.raises(ValueError, match=message):
+        fuse(np.zeros((2, 2)), [np.eye(2)] * 2, n=2)
+    assert np.all(np.isfinite(fuse(np.zeros((2, 2)), [np.eye(2)] * 2, n=[2, 4]).sigma))
+
+
 def test_pvalue_of_few():
     random, n = rng(3), 4
     x = random.standard_normal((300, 3, n, 1))

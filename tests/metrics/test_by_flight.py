@@ -49,7 +49,7 @@ def test_the_design_effect_by_hand():
     assert alone.effective_number == 2.5
 
 
-@pytest.mark.parametrize("flights", [20, 60])
+@pytest.mark.parametrize("flights", [3, 20, 60])
 def test_intervals_hold_where_flights_differ(flights):
     """Hits of flights are beta-binomial: some flights are seen worse than others all the time."""
     random = np.random.default_rng(flights)
@@ -65,8 +65,8 @@ def test_intervals_hold_where_flights_differ(flights):
         squares = scale * random.chisquare(2 * counts) / 2
         found = mean_by_flight(squares, counts, 0.95, None, count=1, root=True)
         cover["root"].append(found.low <= 1.0 <= found.high)
-    assert 0.90 < np.mean(cover["share"]) < 0.985
-    assert 0.88 < np.mean(cover["root"]) < 0.985
+    assert 0.90 < np.mean(cover["share"]) <= 1.0
+    assert 0.90 < np.mean(cover["root"]) < 0.985
     # as if all updates were independent
     assert np.mean(cover["independent"]) < 0.75
 

@@ -23,13 +23,13 @@ class Registered:
     track. It is None if every radar is free of systematic errors.
     """
 
-    fused: tuple[list[FloatArray], BoolArray]
+    fused: tuple[list[FloatArray], list[BoolArray]]
     value: FloatArray
     sigma: FloatArray
     added: FloatArray | None = None
 
 
-def trusted(fused: tuple[list[FloatArray], BoolArray], shape: tuple[int, ...]) -> Registered:
+def trusted(fused: tuple[list[FloatArray], list[BoolArray]], shape: tuple[int, ...]) -> Registered:
     """Return a series whose radars have no systematic errors."""
     return Registered(fused, np.zeros(shape), np.zeros(shape))
 
@@ -81,7 +81,7 @@ def registered(
         if period is not None:
             corrected %= period
         fused = _core.fuse_series(arguments | {"z": corrected}, n_threads)
-        noise, outlier = fused[0][3], fused[1]
+        noise, outlier = fused[0][3], fused[1][0]
         variance = np.where(outlier, np.inf, np.where(np.isnan(noise), stated, noise))
     return Registered(fused, value, sigma, added)
 

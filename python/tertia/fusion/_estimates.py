@@ -324,11 +324,23 @@ def allowing_for(
         present = np.flatnonzero(~np.isnan(estimates[place][:, 0]))
         if not present.size:
             continue
+        own = [laws[int(k)] for k in present]
+        _require_enough(own, covariance.shape[-1])
         s = covariances[place][present]
         statistic = float(np.asarray(found.statistic)[place])
-        factors, pvalue[place] = enlarged(s, statistic, [laws[int(k)] for k in present])
+        factors, pvalue[place] = enlarged(s, statistic, own)
         covariance[place] *= np.outer(factors, factors)
     return replace(found, covariance=covariance, pvalue=scalar_or_array(pvalue))
+
+
+def _require_enough(laws: Sequence[tuple[float, float]], components: int) -> None:
+    """Raise an error if sensors may be exact in different directions by chance."""
+    fewest = sorted(degrees for degrees, _ in laws)
+    if len(fewest) > 1 and fewest[1] < components:
+        raise ValueError(
+            f"n is {fewest[1] + 1:g}; of estimates with {components} components, only one may have "
+            f"fewer than {components + 1} measurements"
+        )
 
 
 def fuse_scalar(

@@ -67,6 +67,9 @@ class FusedSeries(Result):
         True for plots that were treated as single outliers. With methods other than "robust", the
         radar's own filter needs some steps to recover from an outlier, and the next plots may be
         marked as outliers, too.
+    repeated : ndarray of bool, shape (..., K, steps)
+        True for those outliers that repeat the plot before, as from a radar that is stuck (see
+        `fuse_series`).
     innovation, innovation_variance : ndarray of shape (..., K, steps)
         Innovation of each radar's own filter at each step, computed with the stated noise, and its
         variance; nan where there is no innovation.
@@ -89,6 +92,7 @@ class FusedSeries(Result):
     weights: FloatArray
     noise_variance: FloatArray
     outlier: BoolArray
+    repeated: BoolArray
     innovation: FloatArray
     innovation_variance: FloatArray
     correlation_time: FloatArray
@@ -108,11 +112,16 @@ class FusedSeries(Result):
         return _sigma(self.upper)
 
     def __repr__(self) -> str:
-        """Show the shape and the number of outliers."""
+        """Show the shape, the number of outliers, and which radars repeat their plots."""
         *batch, radars, steps = self.outlier.shape
         counts = {"radar": radars, "step": steps, "outlier": np.count_nonzero(self.outlier)}
         parts = [f"batch {tuple(batch)}"] if batch else []
         parts += [counted(count, what) for what, count in counts.items()]
+        if self.repeated.any():
+            stuck = np.flatnonzero(
+                np.moveaxis(self.repeated, -2, 0).reshape(radars, -1).any(axis=1)
+            )
+            parts.append(f"repeated plots of radar {', '.join(map(str, stuck + 1))}")
         if self.systematic == "not included":
             parts.append("systematic error not included")
         return f"FusedSeries({', '.join(parts)})"
@@ -234,6 +243,14 @@ def fuse_series(
     of the levels of each radar for the next step. The cost is O(K steps), plus that of the radars'
     own filters.
 
+    Repeated plots ("robust", "adaptive", "adaptive-matrix"): a radar that is stuck gives the same
+    number again. Noise of the standard deviation s that is recorded in steps of d does so with a
+    chance of at most `d / (2 sqrt(pi) s)`; s is taken as half of the stated one, and d as the
+    smallest difference of two successive plots of the radar so far. Whether the radar is stuck is a
+    Markov chain, in which it sticks with `change_probability` and a different plot shows that it
+    works. Plots that are more probably repetitions than measurements are left out. If the chance is
+    above 1/4, repetitions are attributed to rounding.
+
     "adaptive": the filter of each radar uses the noise as stated. If the innovations of a radar are
     larger than expected and larger than the median of the other radars, its noise and the
     covariance of its track are increased. Because of the comparison with the other radars, a
@@ -297,7 +314,7 @@ def fuse_series(
     if biased:
         angle = fused[0][0][..., 0]
         one = registered(arguments, angle, prior, (1 + phi) / (1 - phi), threads(n_threads))
-    (mean, upper, weights, noise, innovation, innovation_variance), outlier = one.fused
+    (mean, upper, weights, noise, innovation, innovation_variance), (outlier, repeated) = one.fused
     if lasting.any():
         variance = spread(stated, plots.shape)
         factor = growth(upper[..., 0], variance, noise, ~np.isnan(plots), phi)
@@ -308,6 +325,7 @@ def fuse_series(
         weights,
         noise,
         outlier,
+        repeated,
         innovation,
         innovation_variance,
         lasting,

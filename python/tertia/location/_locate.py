@@ -32,7 +32,8 @@ from tertia.location._posterior import locate_posterior
 from tertia.location._readers import checked, correlation_of, deviations, require_kinds
 from tertia.location._result import Location, LocationMethod, LocationStatus, location_of
 from tertia.location._scene import Scene
-from tertia.location._speed import Speed, read_speed
+from tertia.location._speed import Speed
+from tertia.location._wind import Wind, read_medium
 from tertia.sensors import Bias, Kind, Station
 from tertia.sensors._kinds import ANGLES, KINDS
 from tertia.sensors._sensors import stack_stations, survey_sigmas
@@ -63,6 +64,7 @@ def locate(
     range_difference_correlation: float = 0.5,
     propagation_speed: npt.ArrayLike = LIGHT,
     propagation_speed_sigma: float = 0.0,
+    wind_sigma: float = 0.0,
     multipath: bool = True,
     height: npt.ArrayLike | None = None,
     height_sigma: npt.ArrayLike | None = None,
@@ -119,6 +121,11 @@ def locate(
         in air is 1 % faster if it is 6 °C warmer. The speed is then estimated with the positions,
         from times of arrival, ranges and range differences, all of which the given speed converts
         to distances; the covariance includes the error of the speed.
+    wind_sigma : float
+        Standard deviation of each horizontal component of a wind that carries the signals, in
+        metres per second, such as 5 for sound in the open. The wind is the same at all instants of
+        the call. It is then estimated with the positions, and the covariance includes its error.
+        This is for times of arrival without measurements of other kinds.
     multipath : bool
         Whether outliers are assumed to be late 20 times as often as early, as with multipath; if
         False, both are equally likely. This applies to times of arrival, and to range differences
@@ -281,7 +288,9 @@ def locate(
     _require_method(method, measured, d, start, max_range)
     _require_deviations(measured, unknown=unknown)
     level = read_height(height, height_sigma, d)
-    speed = read_speed(propagation_speed, propagation_speed_sigma, measured)
+    speed, wind = read_medium(
+        propagation_speed, (propagation_speed_sigma, wind_sigma), measured, unknown=unknown
+    )
     if level is not None and unknown:
         raise ValueError("height is given; then the standard deviations must be, too")
     batch = _batch(places, measured, start, level)
@@ -313,14 +322,14 @@ def locate(
             (flag(multipath, "multipath"), correlation),
             grows.ravel().tolist(),
             pools,
-            speed.relative,
+            (speed.relative, wind.relative),
             threads(n_threads),
         ),
     )
     *result, (growth, factor, _, common), found = solve(*rows[2:4])
     if not degrees and any(kind in measured for kind in ANGLES):
         warn_if_degrees(result, *rows[2:4], partial(_nearly_as_stated, solve, pools or unknown))
-    speed, arrivals = _at_speed(speed.found(*found), arrivals)
+    speed, wind, arrivals = _in_medium((speed, wind), found, rows[2].shape, arrivals)
     unit = 1.0 if arrivals is None else arrivals.speed
     location = location_of(
         tuple(result),
@@ -328,6 +337,7 @@ def locate(
         estimated=unknown,
         arrivals=arrivals,
         speed=speed,
+        wind=wind,
         systematic=said(free, tells=not lies_between(result[-1][1], -np.inf, 0.0)),
         bias=own.found(
             _stated(measured, arrivals),
@@ -335,7 +345,7 @@ def locate(
         ),
         scene=Scene(
             *rows[:2],
-            speed.scaled(rows[2], KINDS),
+            speed.scaled(rows[2], KINDS) if wind.values is None else wind.values,
             rows[3] if unknown else _grown(speed.scaled(rows[3], KINDS), grows, growth),
             outlier=result[3],
             unit=unit,
@@ -352,9 +362,15 @@ def locate(
     return _checked(location if lacks is None else without_height(location, lacks))
 
 
-def _at_speed(speed: Speed, arrivals: Arrivals | None) -> tuple[Speed, Arrivals | None]:
-    """Return an estimated speed, and the arrivals of signals that have it."""
-    return speed, None if arrivals is None else arrivals.at(speed.scale)
+def _in_medium(
+    medium: tuple[Speed, Wind],
+    found: tuple[Any, Any],
+    shape: tuple[int, ...],
+    arrivals: Arrivals | None,
+) -> tuple[Speed, Wind, Arrivals | None]:
+    """Return speed and wind as the core found them, and the arrivals of signals of this speed."""
+    speed, wind = medium[0].found(*found[0]), medium[1].found(found[1], shape)
+    return speed, wind, None if arrivals is None else arrivals.at(speed.scale)
 
 
 def _solved(

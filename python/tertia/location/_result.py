@@ -16,6 +16,7 @@ from tertia.location._protection import protection_level_of
 from tertia.location._region import Accuracy, Region, radius_of, region_of
 from tertia.location._scene import Scene
 from tertia.location._speed import Speed
+from tertia.location._wind import Wind
 from tertia.sensors import Bias, ByKind, Kind
 from tertia.sensors._sensors import by_kind
 
@@ -69,6 +70,10 @@ _MESSAGES = {
 }
 
 
+# p-values below this contradict the sigmas
+CONTRADICTORY = 1e-3
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Location(Result):
     """A position, with the residuals and outliers of the measurements.
@@ -114,10 +119,16 @@ class Location(Result):
     propagation_speed, propagation_speed_sigma : float, ndarray of shape (...) or None
         Speed of the signals in metres per second and its standard deviation, as estimated; None if
         no `propagation_speed_sigma` was given.
+    wind, wind_covariance : ndarray of shape (2,) and (2, 2), or None
+        Estimated wind in metres per second, east and north, and its covariance; None if no
+        `wind_sigma` was given.
     """
 
     _rows: ClassVar = "position", 1
-    _omitted: ClassVar = ("propagation_speed", "propagation_speed_sigma")
+    _omitted: ClassVar = (
+        *("propagation_speed", "propagation_speed_sigma"),
+        *("wind", "wind_covariance"),
+    )
 
     position: FloatArray
     covariance: FloatArray
@@ -135,6 +146,8 @@ class Location(Result):
     bias: Bias | None = None
     propagation_speed: float | FloatArray | None = None
     propagation_speed_sigma: float | FloatArray | None = None
+    wind: FloatArray | None = None
+    wind_covariance: FloatArray | None = None
     _scene: Scene | None = None
 
     @property
@@ -296,7 +309,11 @@ class Location(Result):
     @property
     def _note(self) -> str:
         missing = self.systematic == "not included"
-        return ", systematic error not included" if missing else ""
+        contradict = np.asarray(self.pvalue) < CONTRADICTORY
+        found = int(np.count_nonzero(contradict & (np.asarray(self.outlier.count) == 0)))
+        what = f"{found} " if self.position.ndim > 1 else ""
+        note = f", {what}inconsistent without a fault found" if found else ""
+        return f"{note}, systematic error not included" if missing else note
 
 
 def location_of(
@@ -309,6 +326,7 @@ def location_of(
     bias: Bias | None = None,
     scene: Scene | None = None,
     speed: Speed | None = None,
+    wind: Wind | None = None,
 ) -> Location:
     position, covariance, residual, outlier, columns = result
     statuses, degrees, statistic, pvalue, dop, sigma, emission, emission_sigma = columns
@@ -337,5 +355,7 @@ def location_of(
         bias,
         None if speed is None or speed.relative == 0 else speed.value,
         None if speed is None or speed.relative == 0 else speed.sigma,
+        None if wind is None else wind.mean,
+        None if wind is None else wind.covariance,
         _scene=scene,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import statistics
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,6 @@ from tertia.metrics._indicator import Indicator
 
 # how much less than independent values a record is worth where it shows nothing of that
 USUAL_EFFECT = 4.0
-_RESAMPLED, _AT_ONCE = 2000, 100
 
 
 def share_by_flight(
@@ -47,13 +47,17 @@ def share_interval(
         # 1 − 3/n at 95 %, exactly
         bound = (1.0 - level) ** (1.0 / number)
         return (bound, 1.0) if share else (0.0, 1.0 - bound)
-    worth = {
+    low, high = _core.share_interval(share, _worth(number, degrees_of_freedom), level)
+    return low, high
+
+
+def _worth(number: float, degrees_of_freedom: float) -> dict[str, Any]:
+    """Return a number of independent values, and the degrees of freedom of their variance."""
+    return {
         "number": np.array([number]),
         "probability": np.ones(1),
         "degrees_of_freedom": degrees_of_freedom,
     }
-    low, high = _core.share_interval(share, worth, level)
-    return low, high
 
 
 def mean_by_flight(
@@ -65,7 +69,11 @@ def mean_by_flight(
     count: int,
     root: bool = False,
 ) -> Indicator:
-    """Return the mean, or its root, with an interval from percentiles over resampled flights."""
+    """Return the mean, or its root, with an interval of its logarithm by quantiles of Student's t.
+
+    The variance of the mean is that estimated from the flights, `g/(g−1) Σ (x − m w)²/W²`, with the
+    totals x and the weights w of g flights.
+    """
     totals, weights = totals[weights > 0], weights[weights > 0]
     flights, of = len(weights), np.sqrt if root else np.positive
     if not flights:
@@ -73,13 +81,12 @@ def mean_by_flight(
     value = float(of(totals.sum() / weights.sum()))
     low, high = 0.0, np.inf
     if flights > 1:
-        rng = np.random.default_rng(0)
-        values = []
-        for _ in range(_RESAMPLED // _AT_ONCE):
-            chosen = rng.integers(flights, size=(_AT_ONCE, flights))
-            values.append(of(totals[chosen].sum(axis=1) / weights[chosen].sum(axis=1)))
-        outside = 0.5 * (1.0 - level)
-        low, high = np.quantile(np.concatenate(values), [outside, 1.0 - outside]).tolist()
+        mean = float(totals.sum() / weights.sum())
+        spread = np.sum((totals - mean * weights) ** 2) / weights.sum() ** 2
+        ratio = flights**2 / (flights - 1) * float(spread) / mean**2 if mean else 0.0
+        worth = _worth(float(flights), flights - 1.0)
+        bounds = _core.mean_interval(mean, ratio, worth, level) if ratio else [mean, mean]
+        low, high = of(bounds).tolist()
     verdict = _verdict(low, high, limit, least=False)
     return Indicator(value, low, high, count, float(flights), verdict)
 

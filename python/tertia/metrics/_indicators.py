@@ -226,8 +226,9 @@ def indicators(
     the number of updates is divided by the design effect, which is the ratio of the variance
     estimated from the flights to the variance of independent updates (Kish 1965). If all or no
     updates took place, or if there is only one flight, the design effect is assumed to be 4. The
-    intervals of the root mean square and of the mean age are percentiles over 2000 resamples of the
-    flights; with only one flight they are unbounded. The time offsets of pairs of targets that have
+    intervals of the root mean square and of the mean age are those of their logarithms by
+    Student's distribution, with the variance estimated from the flights; with only one flight they
+    are unbounded. The time offsets of pairs of targets that have
     a flight in common are correlated; their variance is estimated by a jackknife over flights. The
     interval of the rate of false tracks is Byar's approximation of the Poisson interval. The
     interval of the density is computed in the same way with a reduced number of updates, because

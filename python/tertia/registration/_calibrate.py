@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,9 @@ from tertia._arrays import FloatArray, instance, instants_of, integer, points, r
 from tertia.sensors import Bias, Station
 from tertia.sensors._kinds import ANGLES, STATION_KINDS
 
+# largest order of the series that is tried
+_MOST = 8
+
 
 def calibrate(
     station: Station,
@@ -21,7 +25,7 @@ def calibrate(
     range: npt.ArrayLike | None = None,  # noqa: A002  # that is what it is
     azimuth: npt.ArrayLike | None = None,
     elevation: npt.ArrayLike | None = None,
-    deviation_order: int = 2,
+    deviation_order: int | None = None,
     degrees: bool = False,
 ) -> Bias:
     """Estimate the bias of a sensor from a calibration run, with known target positions.
@@ -36,9 +40,10 @@ def calibrate(
         Known positions of the target in metres.
     range, azimuth, elevation : array_like of shape (N,), optional
         Measurements of the sensor in metres and radians; nan where one is missing.
-    deviation_order : int
-        Order of the Fourier series that describes how the azimuth bias depends on the azimuth. If
-        the run covers less than 120 degrees of azimuth, the order is limited to 1.
+    deviation_order : int, optional
+        Order of the Fourier series that describes how the azimuth bias depends on the azimuth. By
+        default it is the likeliest order up to 8. If the run covers less than 120 degrees of
+        azimuth, the order is limited to 1.
     degrees : bool
         Whether the angles in this call are in degrees.
 
@@ -56,6 +61,12 @@ def calibrate(
     TypeError
         If an argument has the wrong type.
 
+    Warns
+    -----
+    UserWarning
+        If the errors vary with the direction in a way that the series does not describe. The size
+        of the part that is not described is included in the sigmas of the bias.
+
     Notes
     -----
     The model of the measured minus the true value is y = c + Σ (a_k sin k α + b_k cos k α) + g(t) +
@@ -64,7 +75,13 @@ def calibrate(
     errors e have the stated standard deviation or a larger one. The variances and the correlation
     time are integrated out numerically: results for the points of a grid are averaged with their
     likelihoods, which a Kalman filter computes, as weights. Outliers have little influence, because
-    measurements are weighted by Tukey's function. The cost is O(N).
+    measurements are weighted by Tukey's function. The order is that of the largest likelihood, for
+    no drift or for the drift that was found. The cost is O(N log N).
+
+    The series may not describe the deviation, for example near a mast. The residuals in
+    neighbouring directions then have products with a positive mean. If this mean, less that of the
+    drift, is significant (at 1 %), it is the variance of the part that is not described, and is
+    added to that of the bias.
 
     Examples
     --------
@@ -88,7 +105,8 @@ def calibrate(
             f"position has shape {place.shape}; it must be "
             f"({instants.size}, {station.position.shape[-1]})"
         )
-    order = integer(deviation_order, "deviation_order", 0)
+    if deviation_order is not None:
+        deviation_order = integer(deviation_order, "deviation_order", 0)
     expected = _expected(station, place)
     fields: dict[str, Any] = {}
     drifts = []
@@ -110,14 +128,16 @@ def calibrate(
         if kind in ANGLES:
             off = (off + np.pi) % (2 * np.pi) - np.pi
         direction = expected["azimuth"][there]
-        own = min(order, 1 if _arc(direction) < np.radians(120) else order)
-        own = own if kind == "azimuth" else 0
-        mean, covariance, drift, lasts, _ = _core.calibrate(
-            instants[there], off, direction, sigma, own
+        orders = _orders(deviation_order, direction) if kind == "azimuth" else (0, 0)
+        mean, covariance, drift, lasts, rest = _core.calibrate(
+            instants[there], off, direction, sigma, orders
         )
+        own, known_to = len(mean) // 2, covariance[0, 0] + rest
+        if rest > 0:
+            _warn(kind, np.sqrt(rest), own)
         fields[kind] = mean[0]
-        fields[f"{kind}_sigma"] = float(np.sqrt(covariance[0, 0] + drift))
-        drifts.append((drift, drift + covariance[0, 0], lasts))
+        fields[f"{kind}_sigma"] = float(np.sqrt(known_to + drift))
+        drifts.append((drift, drift + known_to, lasts))
         if own > 0:
             scale = float(np.sqrt(np.mean(mean[1:] ** 2 + np.diag(covariance)[1:])))
             fields |= {
@@ -145,6 +165,27 @@ def _expected(station: Station, place: FloatArray) -> dict[str, FloatArray]:
     if offset.shape[-1] == 3:
         expected["elevation"] = np.arctan2(offset[:, 2], level)
     return expected
+
+
+def _orders(order: int | None, direction: FloatArray) -> tuple[int, int]:
+    """Return the smallest and the largest order of the series."""
+    most = _MOST if order is None else order
+    if _arc(direction) < np.radians(120):
+        most = min(most, 1)
+    return 0 if order is None else most, most
+
+
+def _warn(kind: str, size: float, order: int) -> None:
+    """Warn that a bias depends on the direction in a way that is not described."""
+    angle = kind in ANGLES
+    what = f"{np.degrees(size):.3g} degrees" if angle else f"{size:.3g} m"
+    beyond = f" that a series of order {order} does not describe" if kind == "azimuth" else ""
+    warnings.warn(
+        f"errors of {kind} depend on the direction by {what}{beyond}; this is included in "
+        f"{kind}_sigma of the bias, as if it were random",
+        UserWarning,
+        stacklevel=3,
+    )
 
 
 def _arc(direction: FloatArray) -> float:

@@ -57,6 +57,7 @@ def locate(
     range_difference_correlation: float = 0.5,
     propagation_speed: float = LIGHT,
     propagation_speed_sigma: float = 0.0,
+    wind_sigma: float = 0.0,
     multipath: bool = True,
     height: float | None = None,
     height_sigma: float | None = None,
@@ -107,7 +108,7 @@ def locate(
         together.
     redundancy : int, optional
         As for `tertia.location.locate`.
-    range_difference_correlation, propagation_speed, propagation_speed_sigma : float
+    range_difference_correlation, propagation_speed, propagation_speed_sigma, wind_sigma : float
         As for `tertia.location.locate`.
     multipath : bool
         As for `tertia.location.locate`.
@@ -172,6 +173,7 @@ def locate(
         range_difference_correlation=range_difference_correlation,
         propagation_speed=propagation_speed,
         propagation_speed_sigma=propagation_speed_sigma,
+        wind_sigma=wind_sigma,
         multipath=multipath,
         height=height,
         height_sigma=height_sigma,

@@ -47,7 +47,7 @@ _MOTION = (("velocity_", "m_s"), ("acceleration_", "m_s2"))
 # options that do not depend on each other
 _OF_THE_CALL = (
     *("initial", "n_threads", "range_difference_correlation"),
-    *("propagation_speed", "propagation_speed_sigma"),
+    *("propagation_speed", "propagation_speed_sigma", "wind_sigma"),
 )
 
 

@@ -33,13 +33,14 @@ from tertia.location._height import (
 )
 from tertia.location._readers import checked, correlation_of, deviations, require_kinds
 from tertia.location._result import location_of
-from tertia.location._speed import Speed, read_speed
+from tertia.location._speed import Speed
+from tertia.location._wind import Wind, read_medium
 from tertia.sensors import Bias, Kind, Station
 from tertia.sensors._kinds import ANGLES, KINDS, STATION_KINDS
 from tertia.sensors._sensors import by_kind, stack_stations, survey_sigmas
 from tertia.smoothing import SmoothedPositions, local_polynomial
 from tertia.trajectory._result import Trajectory
-from tertia.trajectory._speed import at_found_speed, instants
+from tertia.trajectory._speed import in_found_medium, instants
 from tertia.trajectory._systematic import bias_of, prior_of, unit_of, without_deviations
 
 Order: TypeAlias = Literal["spatial-first", "temporal-first"]
@@ -81,6 +82,7 @@ def reconstruct(
     range_difference_correlation: float = 0.5,
     propagation_speed: npt.ArrayLike = LIGHT,
     propagation_speed_sigma: float = 0.0,
+    wind_sigma: float = 0.0,
     order: Order = "spatial-first",
     spatial: Spatial = "robust",
     smoother: Smoother = "rts",
@@ -132,6 +134,8 @@ def reconstruct(
         estimated from the positions of the single instants, as in `tertia.location.locate`, and the
         covariance includes the error of the estimate. It requires the order "spatial-first" and the
         smoother "rts".
+    wind_sigma : float
+        As for `tertia.location.locate`. It requires the same order and smoother.
     order : {"spatial-first", "temporal-first"}
         "spatial-first": instants are located, then the positions are smoothed over time.
         "temporal-first": each series of measurements is smoothed over time, and missing values
@@ -302,8 +306,8 @@ def reconstruct(
         measured, places.shape[-1], shared="range_difference" in measured and correlation > 0
     )
     surveys = survey_sigmas(stations)
-    speed = read_speed(propagation_speed, propagation_speed_sigma, measured)
-    _require_order((order, smoother), axes, surveys, speed, is_timed=arrivals is not None)
+    medium = read_medium(propagation_speed, (propagation_speed_sigma, wind_sigma), measured)
+    _require_order((order, smoother), axes, surveys, medium, is_timed=arrivals is not None)
     curves, sources, bias = without_deviations(stations, bias, measured.get("azimuth"))
     given = given_biases(bias, sources, k)
     prior = prior_of(given, bias, sources, measured, arrivals)
@@ -334,6 +338,7 @@ def reconstruct(
         "own_sigmas": np.where(np.isnan(values), usual, own) if differ else None,
         "correlation": correlation,
         "speed_sigma": 0.0,
+        "wind": None,
         "robust": spatial == "robust",
         "initial": _initial(initial, places.shape[-1], flat=flat),
     }
@@ -347,8 +352,8 @@ def reconstruct(
         "jerk": jerk,
         **prior,
     }
-    record, speed, arrivals = at_found_speed(
-        record, speed, arrivals, prior["bias_sigma"], threads(n_threads)
+    record, (speed, wind), arrivals = in_found_medium(
+        record, medium, arrivals, prior["bias_sigma"], threads(n_threads)
     )
     found = _core.reconstruct(record, steps, threads(n_threads))
     if not degrees and any(kind in measured for kind in ANGLES):
@@ -376,6 +381,8 @@ def reconstruct(
         mirror_image=found["image"],
         propagation_speed=speed.value if speed.relative > 0 else None,
         propagation_speed_sigma=speed.sigma if speed.relative > 0 else None,
+        wind=wind.mean,
+        wind_covariance=wind.covariance,
     )
 
 
@@ -434,7 +441,7 @@ def _warn_if_degrees(record: dict[str, Any], found: dict[str, Any]) -> None:
     values, sigmas, rows = record["values"], record["sigmas"], instants(record)
     options: tuple[Any, ...] = (
         *(None, None, None, ("robust", 3), (True, record["correlation"])),
-        *(sigmas.size * [False], False, 0.0, 1),
+        *(sigmas.size * [False], False, (0.0, 0.0), 1),
     )
 
     def solve(values: FloatArray, sigmas: FloatArray) -> Sequence[Any]:
@@ -574,7 +581,7 @@ def _require_order(
     way: tuple[Order, Smoother],
     axes: FloatArray | None,
     surveys: FloatArray | None,
-    speed: Speed,
+    medium: tuple[Speed, Wind],
     *,
     is_timed: bool,
 ) -> None:
@@ -587,5 +594,7 @@ def _require_order(
         raise ValueError(
             "position_sigma of stations needs order 'spatial-first' and smoother 'rts'"
         )
-    if speed.relative > 0 and way != ("spatial-first", "rts"):
-        raise ValueError("propagation_speed_sigma needs order 'spatial-first' and smoother 'rts'")
+    names = ("propagation_speed_sigma", "wind_sigma")
+    for name, sigma in zip(names, [one.relative for one in medium], strict=True):
+        if sigma > 0 and way != ("spatial-first", "rts"):
+            raise ValueError(f"{name} needs order 'spatial-first' and smoother 'rts'")

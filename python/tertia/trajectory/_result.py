@@ -60,12 +60,15 @@ class Trajectory(Result):
     propagation_speed, propagation_speed_sigma : float, ndarray of shape (N,) or None
         Estimated speed of the signals in m/s and its standard deviation; None if no
         `propagation_speed_sigma` was given.
+    wind, wind_covariance : ndarray of shape (2,) and (2, 2), or None
+        Estimated wind in m/s, east and north, and its covariance; None if no `wind_sigma` was
+        given.
     """
 
     _rows: ClassVar = "time", 0
     _omitted: ClassVar = (
         *("bias", "smoothed", "fixes", "mirror_image"),
-        *("propagation_speed", "propagation_speed_sigma"),
+        *("propagation_speed", "propagation_speed_sigma", "wind", "wind_covariance"),
     )
 
     time: FloatArray
@@ -82,6 +85,8 @@ class Trajectory(Result):
     mirror_image: FloatArray | None = None
     propagation_speed: float | FloatArray | None = None
     propagation_speed_sigma: float | FloatArray | None = None
+    wind: FloatArray | None = None
+    wind_covariance: FloatArray | None = None
 
     @property
     def sigma(self) -> FloatArray:

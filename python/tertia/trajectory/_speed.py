@@ -1,4 +1,4 @@
-"""The speed of the signals of a path, estimated with the positions of its instants."""
+"""The speed of the signals of a path, and the wind, as its instants tell them."""
 
 from __future__ import annotations
 
@@ -9,24 +9,28 @@ import numpy as np
 from tertia import _core
 from tertia.location._arrivals import Arrivals
 from tertia.location._speed import Speed
+from tertia.location._wind import Wind
 from tertia.sensors._kinds import KINDS
 
 
-def at_found_speed(
+def in_found_medium(
     record: dict[str, Any],
-    speed: Speed,
+    medium: tuple[Speed, Wind],
     arrivals: Arrivals | None,
     bias_sigma: list[float],
     n_threads: int | None,
-) -> tuple[dict[str, Any], Speed, Arrivals | None]:
-    """Return the record of a path at the speed that its instants tell, that speed, and arrivals.
+) -> tuple[dict[str, Any], tuple[Speed, Wind], Arrivals | None]:
+    """Return the record of a path at the speed, and in still air, that its instants tell.
+
+    Speed and wind as estimated, and arrivals of this speed, are returned as well.
 
     `bias_sigma` has nan for each number of an instant whose systematic error is estimated.
     """
-    if speed.relative == 0.0:
-        return record, speed, arrivals
+    speed, wind = medium
+    if speed.relative == wind.relative == 0.0:
+        return record, medium, arrivals
     own = record["own_sigmas"]
-    *_, found = _core.locate(
+    *_, (share, blown) = _core.locate(
         *instants(record),
         record["values"],
         record["sigmas"][np.newaxis] if own is None else own,
@@ -37,16 +41,20 @@ def at_found_speed(
         (True, record["correlation"]),
         np.isnan(bias_sigma).tolist(),
         False,
-        speed.relative,
+        (speed.relative, wind.relative),
         n_threads,
     )
-    speed = speed.found(*found)
+    speed, wind = speed.found(*share), wind.found(blown, record["values"].shape)
     scaled = {
         name: None if record[name] is None else speed.scaled(record[name], KINDS)
         for name in ("values", "sigmas", "own_sigmas")
     }
+    of_medium: dict[str, Any] = {"speed_sigma": speed.relative}
+    if wind.values is not None and wind.covariance is not None:
+        scaled["values"] = wind.values
+        of_medium["wind"] = (wind.covariance / wind.speed**2).tolist()
     found_arrivals = None if arrivals is None else arrivals.at(speed.scale)
-    return record | scaled | {"speed_sigma": speed.relative}, speed, found_arrivals
+    return record | scaled | of_medium, (speed, wind), found_arrivals
 
 
 def instants(record: dict[str, Any]) -> tuple[Any, Any]:

@@ -11,6 +11,8 @@ from tertia._arrays import FloatArray, diagonal
 from tertia.weights._loss import _draws
 
 _TRIALS = 2000
+# of a simulated covariance over the estimated one, if some would otherwise be singular
+_LEAST = 1e-3
 
 
 def enlarged(
@@ -34,13 +36,33 @@ def enlarged(
         return np.full(m, _core.student_factor(laws[0][0])), 1.0
     rng = np.random.default_rng(0)
     root = _root(covariances)
-    drawn = root @ _draws(list(laws), m, _TRIALS, rng) @ np.swapaxes(root, -1, -2)
-    drawn = (drawn + np.swapaxes(drawn, -1, -2)) / 2
+    drawn = _draws(list(laws), m, _TRIALS, rng)
     errors = (root @ rng.standard_normal((_TRIALS, sensors, m, 1)))[..., 0]
-    (_, claimed, weights, _, drawn_statistic, _), _ = _core.fuse(
+    try:
+        claimed, weights, drawn_statistic = _fused(errors, _between(root, drawn))
+    except np.linalg.LinAlgError:
+        regular = _between(root, drawn + _LEAST * np.eye(m))
+        claimed, weights, drawn_statistic = _fused(errors, regular)
+    actual = np.sum(weights @ covariances @ np.swapaxes(weights, -1, -2), axis=1)
+    ratio = np.sqrt(diagonal(claimed) / diagonal(actual))
+    factors = np.array(_core.simulated_factors(np.ascontiguousarray(ratio.T)))
+    larger = np.count_nonzero(np.asarray(drawn_statistic) >= statistic)
+    return factors, (larger + 1) / (_TRIALS + 1)
+
+
+def _between(root: FloatArray, drawn: FloatArray) -> FloatArray:
+    """Return symmetric products of matrices with roots on both sides."""
+    product = root @ drawn @ np.swapaxes(root, -1, -2)
+    symmetric: FloatArray = (product + np.swapaxes(product, -1, -2)) / 2
+    return symmetric
+
+
+def _fused(errors: FloatArray, covariances: FloatArray) -> tuple[FloatArray, ...]:
+    """Return the covariances, weights and statistics of fused errors."""
+    (_, claimed, weights, _, statistic, _), _ = _core.fuse(
         {
             "estimates": errors,
-            "covariances": drawn,
+            "covariances": covariances,
             "cross_covariances": None,
             "corrections": None,
             "weights": None,
@@ -50,11 +72,7 @@ def enlarged(
         },
         None,
     )
-    actual = np.sum(weights @ covariances @ np.swapaxes(weights, -1, -2), axis=1)
-    ratio = np.sqrt(diagonal(claimed) / diagonal(actual))
-    factors = np.array(_core.simulated_factors(np.ascontiguousarray(ratio.T)))
-    larger = np.count_nonzero(np.asarray(drawn_statistic) >= statistic)
-    return factors, (larger + 1) / (_TRIALS + 1)
+    return claimed, weights, statistic
 
 
 def _root(covariances: FloatArray) -> FloatArray:

@@ -6,11 +6,15 @@ mod region;
 pub use posterior::{locate_posterior, posterior_radii, posterior_regions};
 pub use region::{location_radii, location_regions, protection_levels};
 
-use crate::arrays::{Array, Input, Output, Rows, Threads, choice, columns, release, repeated};
+use crate::arrays::{
+    Array, Input, Output, Rows, Threads, array, choice, columns, release, repeated,
+};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::batch::for_each_row;
-use tertia::location::{self, Contradiction, Fix, Instant, Locator, Method, Speed, Workspace};
+use tertia::location::{
+    self, Contradiction, Fix, Instant, Locator, Method, Speed, Wind, Workspace,
+};
 use tertia::sensors::{KINDS, predict};
 
 type Located<'py> = (
@@ -20,8 +24,10 @@ type Located<'py> = (
     Output<'py, bool>,
     [Array<'py>; 8],
     [[f64; KINDS]; 4],
-    (f64, f64),
+    ((f64, f64), Option<Blown<'py>>),
 );
+/// A wind in units of the speed, its covariance, and the measurements as they would be in still air.
+type Blown<'py> = ([f64; 2], [[f64; 2]; 2], Array<'py>);
 type Found<'py> = (Output<'py>, Output<'py>, Output<'py>, Output<'py, bool>, [Array<'py>; 8]);
 
 /// Cost of an instant per measurement, for the choice of threads.
@@ -191,7 +197,8 @@ pub fn fix_columns<'py>(
 /// p-values, dilutions, estimated standard deviations, emissions and theirs. `robustness` is the
 /// method and the degrees of freedom that it needs; `differences` tells whether late arrivals are
 /// likelier outliers, and how range differences correlate. Last come the share by which signals are
-/// faster than stated, and its standard deviation; that before is `speed_sigma`.
+/// faster than stated, its standard deviation, and the wind, if there may be one. `medium` has the standard
+/// deviations before, of the share and of the wind in units of the speed.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)] // the Python signature
 pub fn locate<'py>(
@@ -207,10 +214,11 @@ pub fn locate<'py>(
     differences: (bool, f64),
     free: Vec<bool>,
     pooled: bool,
-    speed_sigma: f64,
+    medium: (f64, f64),
     n_threads: Threads,
 ) -> PyResult<Located<'py>> {
     let ((name, redundancy), (multipath, correlation)) = (robustness, differences);
+    let (speed_sigma, wind_sigma) = medium;
     let mut locator = Locator::new(method(name, redundancy)?)
         .with_multipath(multipath)
         .with_correlation(correlation)
@@ -218,12 +226,19 @@ pub fn locate<'py>(
     let batch = Batch::new(&stations, axes.as_ref(), &values, &sigmas)?;
     let mut batch = batch.with(position_sigmas.as_ref(), height.as_ref(), initial.as_ref())?;
     let mut speed = find_speed(py, &locator, &mut batch, speed_sigma)?;
+    let mut wind = find_wind(py, &locator, &mut batch, wind_sigma)?;
     let contradiction = adapt(py, &mut locator, &mut batch, &free, pooled)?;
-    if speed_sigma > 0.0 {
+    let growth = || {
         let (count, unknown) = (batch.count(), batch.d + 1);
         let measured = batch.values.values.iter().filter(|v| !v.is_nan()).count();
         let redundancy = measured.saturating_sub(count * unknown) as f64 / count as f64;
-        let growth = contradiction.lasting(redundancy, count);
+        contradiction.lasting(redundancy, count)
+    };
+    if let Some(wind) = &mut wind {
+        *wind = wind.grown(growth(), wind_sigma);
+    }
+    if speed_sigma > 0.0 {
+        let growth = growth();
         speed.sigma = (speed.sigma * growth.sqrt()).min(speed_sigma);
         locator = locator.with_speed_sigma(speed.sigma);
     }
@@ -235,7 +250,12 @@ pub fn locate<'py>(
         })?;
     }
     let (position, covariance, residual, outlier, fixes) =
-        locate_batch(py, &locator, &batch, n_threads)?;
+        locate_batch(py, &locator, &batch, wind.as_ref(), n_threads)?;
+    let still = |wind: Wind| {
+        let values = batch.values.values.iter().copied();
+        Ok::<_, PyErr>((wind.mean, wind.covariance, array(py, &[values.len()], values)?))
+    };
+    let wind = wind.map(still).transpose()?;
     let Contradiction { growth, factor, degrees_of_freedom, common } = contradiction;
     Ok((
         position,
@@ -244,8 +264,40 @@ pub fn locate<'py>(
         outlier,
         fixes,
         [growth, factor, degrees_of_freedom, common],
-        (speed.share, speed.sigma),
+        ((speed.share, speed.sigma), wind),
     ))
+}
+
+/// Finds the wind that carries the signals, and converts times of arrival to still air.
+fn find_wind(
+    py: Python<'_>,
+    locator: &Locator,
+    batch: &mut Batch<'_>,
+    wind_sigma: f64,
+) -> PyResult<Option<Wind>> {
+    if wind_sigma <= 0.0 {
+        return Ok(None);
+    }
+    let instants = batch.instants();
+    let work = || match batch.d {
+        2 => of_wind::<2>(locator, &instants, wind_sigma),
+        _ => of_wind::<3>(locator, &instants, wind_sigma),
+    };
+    let (wind, values) = release(py, LOCATE_NS * batch.values.size(), work)?;
+    drop(instants);
+    *batch.values.values.to_mut() = values;
+    Ok(Some(wind))
+}
+
+fn of_wind<const D: usize>(
+    locator: &Locator,
+    instants: &[Instant<'_>],
+    sigma: f64,
+) -> (Wind, Vec<f64>) {
+    let mut workspace = Workspace::<D>::default();
+    let wind = locator.wind(instants, sigma, &mut workspace);
+    let values = locator.in_still_air(instants, &wind, &mut workspace);
+    (wind, values)
 }
 
 /// Finds by how much signals are faster than stated, and converts measurements to that speed.
@@ -303,6 +355,7 @@ fn locate_batch<'py>(
     py: Python<'py>,
     locator: &Locator,
     batch: &Batch<'_>,
+    wind: Option<&Wind>,
     n_threads: Threads,
 ) -> PyResult<Found<'py>> {
     let (rows, d, count) = (&batch.values, batch.d, batch.count());
@@ -340,6 +393,14 @@ fn locate_batch<'py>(
             match d {
                 2 => locator.locate_all(&instants, &mut out, fixes, plane),
                 _ => locator.locate_all(&instants, &mut out, fixes, space),
+            }
+            if let Some(wind) = wind {
+                for ((instant, out), fix) in instants.iter().zip(&mut out).zip(fixes) {
+                    match d {
+                        2 => locator.add_wind::<2>(instant, wind, out, fix),
+                        _ => locator.add_wind::<3>(instant, wind, out, fix),
+                    }
+                }
             }
             Ok(())
         })

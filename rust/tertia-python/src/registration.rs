@@ -341,8 +341,8 @@ pub fn register_start<'py>(
 }
 
 /// Constant and coefficients of a sensor's error, their covariance, the variance of its drift, its
-/// correlation time, and the growth of the noise: from differences at these times in these
-/// directions.
+/// correlation time, and the variance of what varies with the direction besides: from differences at
+/// these times in these directions.
 #[pyfunction]
 pub fn calibrate<'py>(
     py: Python<'py>,
@@ -350,7 +350,7 @@ pub fn calibrate<'py>(
     residual: Input<'py>,
     azimuth: Input<'py>,
     sigma: f64,
-    order: usize,
+    orders: (usize, usize),
 ) -> PyResult<(Array<'py>, Array<'py>, f64, f64, f64)> {
     let (time, residual) = (time.rows("time", 0)?, residual.rows("residual", 0)?);
     let azimuth = azimuth.rows("azimuth", 0)?;
@@ -364,7 +364,7 @@ pub fn calibrate<'py>(
         azimuth: &azimuth.values,
         sigma,
     };
-    let found = release(py, f64::INFINITY, || core::calibrate(&run, order))?;
+    let found = release(py, f64::INFINITY, || core::calibrate(&run, orders.0..=orders.1))?;
     let size = found.mean.len();
     let covariance = found.covariance.as_slice().to_vec();
     Ok((
@@ -372,7 +372,7 @@ pub fn calibrate<'py>(
         array(py, &[size, size], covariance)?,
         found.drift,
         found.time,
-        found.growth,
+        found.remainder,
     ))
 }
 

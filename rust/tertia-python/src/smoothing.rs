@@ -4,6 +4,7 @@ use crate::arrays::{
     Array, Input, Integers, Output, Threads, array, columns, repeated, value_error,
 };
 use pyo3::prelude::*;
+use std::borrow::Cow;
 use tertia::smoothing::{
     self, Degree, Fit, Noise, NoiseFit, Options, Polynomial, Prior, ProcessNoise, ProcessNoiseFit,
     Record, Smoothed, Summary, Track, Velocities, Workspace,
@@ -124,7 +125,8 @@ pub fn smooth<'py>(
             Prior { mean, covariance }
         });
         let time = time.shared(row);
-        let track = Track::with_velocities(d, time, y, noise, velocities, prior)?;
+        let (kept, repeats) = without_repeats(d, y, noise, tracks.robust);
+        let track = Track::with_velocities(d, time, &kept, noise, velocities, prior)?;
         let options = Options {
             jerk: jerk.as_ref().map(|jerk| jerk.shared(row)[0]),
             correlation_time: tracks.correlation_time,
@@ -132,9 +134,30 @@ pub fn smooth<'py>(
         };
         let mut results = Smoothed { mean, covariance: covariance_out, innovation };
         *summary = smoothing::smooth_with_noise(&track, &options, workspace, &mut results, outlier);
+        for (outlier, repeats) in outlier.chunks_exact_mut((numbers / d.max(1)).max(1)).zip(repeats)
+        {
+            outlier[0] |= repeats;
+        }
         Ok(())
     })?;
     Ok(((mean, matrices, innovation, outlier), scalars(py, y.batch(), &summaries)?))
+}
+
+/// Plots (N, D) without those that repeat the one before, and which these are; all of them unless they are
+/// looked for.
+fn without_repeats<'a>(
+    d: usize,
+    y: &'a [f64],
+    noise: Noise<'_>,
+    robust: bool,
+) -> (Cow<'a, [f64]>, Vec<bool>) {
+    let repeats = if robust { smoothing::repeated(d, y, noise) } else { Vec::new() };
+    if !repeats.contains(&true) {
+        return (Cow::Borrowed(y), repeats);
+    }
+    let keep = |(at, y): (usize, &f64)| if repeats[at / d] { f64::NAN } else { *y };
+    let kept = y.iter().enumerate().map(keep).collect();
+    (Cow::Owned(kept), repeats)
 }
 
 /// Of a track before it is smoothed.

@@ -38,7 +38,7 @@ pub struct Reconstructed<'py> {
 
 /// What stations measured: positions (K, D) or (N, K, D), axes, standard deviations of the
 /// positions (K), times, values (N, 5, K) and standard deviations (5, K), or of each (N, 5, K), and of the
-/// speed of the signals, as a share.
+/// speed of the signals, as a share, and the covariance of a wind in units of it.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Measured<'py> {
@@ -51,6 +51,7 @@ pub struct Measured<'py> {
     own_sigmas: Option<Input<'py>>,
     correlation: f64,
     speed_sigma: f64,
+    wind: Option<[[f64; 2]; 2]>,
     robust: bool,
     initial: Option<Vec<f64>>,
 }
@@ -101,6 +102,7 @@ pub fn reconstruct<'py>(
         own_sigmas: own.as_ref().map(|own| &*own.values),
         correlation: measured.correlation,
         speed_sigma: measured.speed_sigma,
+        wind: measured.wind,
         robust: measured.robust,
         initial: measured.initial.as_deref(),
         n_threads,

@@ -18,6 +18,7 @@ mod joint;
 mod levels;
 mod matrix;
 mod mixture;
+mod repeats;
 mod robust;
 mod rules;
 mod scalar;

@@ -28,6 +28,7 @@
 //! | `posterior`, `quadtree`, `concentration` | the density of positions of a few bearings |
 //! | `region`, `contour`, `radial` | regions around positions, their outlines, radii |
 //! | `speed` | the speed of the signals, where it is not known exactly |
+//! | `wind` | the wind, where signals are carried by it |
 //! | `protection` | protection levels |
 
 // indices are those of the formulas
@@ -60,6 +61,7 @@ mod speed;
 mod starts;
 mod summary;
 mod total;
+mod wind;
 
 pub use concentration::{Decay, STEPS, Weights};
 pub use contour::Outline;
@@ -70,6 +72,7 @@ pub use protection::Protection;
 pub use region::{Located, Spread};
 pub use solver::{Locator, Workspace};
 pub use speed::Speed;
+pub use wind::Wind;
 
 /// Instants that are located side by side.
 pub const BLOCK: usize = lane::LANES;

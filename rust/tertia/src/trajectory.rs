@@ -175,6 +175,9 @@ impl States {
         if record.speed_sigma > 0.0 {
             speed::add_error(setting, found, record.speed_sigma, motion, &mut covariance)?;
         }
+        if let Some(wind) = &record.wind {
+            speed::add_wind(setting, found, wind, motion, &mut covariance)?;
+        }
         Ok(Self { best, innovation, random, covariance })
     }
 }

@@ -98,6 +98,13 @@ def locate(
     propagation_speed_sigma: Annotated[
         float, typer.Option(metavar="M_S", help="Its sigma; the speed is then estimated.")
     ] = 0.0,
+    wind_sigma: Annotated[
+        float,
+        typer.Option(
+            metavar="M_S",
+            help="Sigma of each component of the wind, for times of arrival of sound.",
+        ),
+    ] = 0.0,
     multipath: Annotated[
         bool, typer.Option(help="Assume that outliers of arrival times are mostly late.")
     ] = True,
@@ -158,6 +165,7 @@ def locate(
         range_difference_correlation=range_difference_correlation,
         propagation_speed=propagation_speed,
         propagation_speed_sigma=propagation_speed_sigma,
+        wind_sigma=wind_sigma,
         multipath=multipath,
         height=height,
         height_sigma=height_sigma,

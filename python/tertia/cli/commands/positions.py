@@ -73,10 +73,15 @@ def say_located(one: Located[Any]) -> None:
 
 
 def say_speed(one: Located[Any]) -> None:
-    """Print the speed of the signals, if it was estimated."""
+    """Print the speed of the signals, and the wind, if they were estimated."""
     speed, sigma = one.result.propagation_speed, one.result.propagation_speed_sigma
     if speed is not None:
         typer.echo(f"  speed of signals: {speed:.6g} ± {sigma:.2g} m/s")
+    wind, spread = one.result.wind, one.result.wind_covariance
+    if wind is not None:
+        each = zip(("east", "north"), wind, np.sqrt(np.diagonal(spread)), strict=True)
+        parts = [f"{name} {value:.2g} ± {error:.2g} m/s" for name, value, error in each]
+        typer.echo(f"  wind: {', '.join(parts)}")
 
 
 def _reason(status: int, count: int, there: int) -> str:

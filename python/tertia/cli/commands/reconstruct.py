@@ -77,6 +77,13 @@ def reconstruct(
     propagation_speed_sigma: Annotated[
         float, typer.Option(metavar="M_S", help="Its sigma; the speed is then estimated.")
     ] = 0.0,
+    wind_sigma: Annotated[
+        float,
+        typer.Option(
+            metavar="M_S",
+            help="Sigma of each component of the wind, for times of arrival of sound.",
+        ),
+    ] = 0.0,
     initial: Annotated[
         str | None,
         typer.Option(
@@ -112,6 +119,7 @@ def reconstruct(
         jerk=jerk,
         propagation_speed=propagation_speed,
         propagation_speed_sigma=propagation_speed_sigma,
+        wind_sigma=wind_sigma,
         initial=positions.start(initial, stations.dimension),
         n_threads=n_threads,
         progress=progress("Reconstructing"),

@@ -38,6 +38,8 @@ use tertia::kalman::{self, Filter, Innovation, Singer, State, Transition, wrappe
 ///     Of the radars' own filters.
 /// outlier : list of K bools
 ///     Whether its last plot was an outlier, for each radar.
+/// repeated : list of K bools
+///     Whether its last plot was left out because it repeats the one before.
 ///
 /// Raises
 /// ------
@@ -231,6 +233,11 @@ impl AngleFusion {
     #[getter]
     fn outlier(&self) -> Vec<bool> {
         self.reports.iter().map(|report| report.outlier).collect()
+    }
+
+    #[getter]
+    fn repeated(&self) -> Vec<bool> {
+        (0..self.reports.len()).map(|radar| self.centre.repeats(radar)).collect()
     }
 
     fn __getnewargs_ex__<'py>(&self, py: Python<'py>) -> PyResult<NewArguments<'py>> {

@@ -58,6 +58,7 @@ struct Results<'a> {
     innovation: &'a mut [f64],
     variance: &'a mut [f64],
     outlier: &'a mut [bool],
+    repeated: &'a mut [bool],
 }
 
 /// Buffers of a thread.
@@ -151,6 +152,7 @@ impl Task<'_> {
                 out.weight[3 * at..][..3].copy_from_slice(&report.weight);
                 (out.noise[at], out.innovation[at]) = (report.noise, value);
                 (out.variance[at], out.outlier[at]) = (variance, report.outlier);
+                out.repeated[at] = !z[radar].is_nan() && centre.repeats(radar);
             }
         }
         Ok(())
@@ -159,13 +161,13 @@ impl Task<'_> {
 
 /// Fused means (..., steps, 3) and upper triangles of covariances (..., steps, 6); weights
 /// (..., K, steps, 3), believed noise, innovations and their variances (..., K, steps); and which
-/// plots are outliers.
+/// plots are outliers, and of these which repeat the plot before.
 #[pyfunction]
 pub fn fuse_series<'py>(
     py: Python<'py>,
     batch: Batch<'py>,
     n_threads: Threads,
-) -> PyResult<([Output<'py>; 6], Output<'py, bool>)> {
+) -> PyResult<([Output<'py>; 6], [Output<'py, bool>; 2])> {
     check_period(batch.period)?;
     let &[.., radars, n] = batch.z.shape() else {
         return Err(PyValueError::new_err("z must be of shape (..., K, steps)"));
@@ -197,7 +199,7 @@ pub fn fuse_series<'py>(
     let (mut mean, mut covariance) = (new(&[n, 3])?, new(&[n, 6])?);
     let (mut weight, mut noise) = (new(&[radars, n, 3])?, rows.output(py)?);
     let (mut innovation, mut spread) = (rows.output(py)?, rows.output(py)?);
-    let mut outlier = rows.output(py)?;
+    let (mut outlier, mut repeated) = (rows.output(py)?, rows.output(py)?);
     let outputs = mean
         .rows()?
         .zip(covariance.rows()?)
@@ -205,16 +207,17 @@ pub fn fuse_series<'py>(
         .zip(noise.rows()?)
         .zip(innovation.rows()?)
         .zip(spread.rows()?)
-        .zip(outlier.rows()?)
-        .map(|((((((mean, covariance), weight), noise), innovation), variance), outlier)| {
-            Results { mean, covariance, weight, noise, innovation, variance, outlier }
+        .zip(outlier.rows()?.zip(repeated.rows()?))
+        .map(|((((((mean, covariance), weight), noise), innovation), variance), plots)| {
+            let (outlier, repeated) = plots;
+            Results { mean, covariance, weight, noise, innovation, variance, outlier, repeated }
         });
     let of_step = if task.rule == Rule::Robust { ROBUST_NS } else { FUSE_NS };
     let cost = of_step * rows.size();
     rows.each(py, cost, n_threads, outputs, Buffers::default, |buffers, (row, z), mut out| {
         task.run(row, z, &mut out, buffers)
     })?;
-    Ok(([mean, covariance, weight, noise, innovation, spread], outlier))
+    Ok(([mean, covariance, weight, noise, innovation, spread], [outlier, repeated]))
 }
 
 /// Constant errors of radars (..., K), their standard deviations (..., K), and what they add to the

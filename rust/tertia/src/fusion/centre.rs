@@ -3,6 +3,7 @@
 use super::belief::{Belief, believed_noise};
 use super::intersection::Intersection;
 use super::matrix::{best_weights, difference, full, matrices, packed};
+use super::repeats::Repeats;
 use super::robust::Robust;
 use super::rules::{Beliefs, Rule, shares};
 use crate::kalman::{Filter, Innovation, State, Transition};
@@ -64,11 +65,14 @@ pub struct Centre {
     cross: Vec<Matrix3<f64>>,
     central: Filter,
     robust: Robust,
+    repeats: Repeats,
     rule: Rule,
     parameters: Beliefs,
     period: Option<f64>,
     weights: Vec<Matrix3<f64>>,
     scratch: Vec<f64>,
+    /// Plots of a step without repetitions.
+    kept: Vec<f64>,
     /// Made when it is needed.
     intersection: Option<Intersection<Const<3>>>,
 }
@@ -88,8 +92,10 @@ impl Centre {
             cross: vec![Matrix3::zeros(); k * k],
             central: radars.first().map_or(Filter::new(0.0, period), |radar| radar.filter),
             robust: Robust::new(k, parameters.change_probability),
+            repeats: Repeats::new(k, parameters.change_probability),
             weights: vec![Matrix3::zeros(); k],
             scratch: Vec::with_capacity(k),
+            kept: Vec::with_capacity(k),
             intersection: None,
             radars,
             rule,
@@ -144,6 +150,7 @@ impl Centre {
             saved.push(radar.actual.as_slice().to_vec());
             saved.push(belief.map_or(Vec::new(), |b| vec![b.q, b.d, b.mean_square]));
         }
+        saved.extend(self.repeats.saved());
         saved
     }
 
@@ -167,6 +174,10 @@ impl Centre {
                 _ => return None,
             };
         }
+        // they were not always saved
+        if lists.len() > 0 {
+            centre.repeats.restore(&mut lists)?;
+        }
         lists.next().is_none().then_some(centre)
     }
 
@@ -187,8 +198,31 @@ impl Centre {
         self.for_each_pair(|_, _, cross| *cross = f * *cross * f.transpose() + q);
     }
 
-    /// Takes in the plots z (nan: none) with the nominal variances r of all radars.
+    /// Whether the last plot of a radar was left out, because it repeats the one before.
+    pub fn repeats(&self, radar: usize) -> bool {
+        self.repeats.repeats(radar)
+    }
+
+    /// Takes in the plots z (nan: none) with the nominal variances r of all radars. Rules that find
+    /// faults leave out plots that repeat the one before.
     pub fn update(&mut self, z: &[f64], r: &[f64], reports: &mut [RadarReport]) -> State {
+        if !self.rule.finds_faults() {
+            return self.take_in(z, r, reports);
+        }
+        let mut kept = std::mem::take(&mut self.kept);
+        kept.clear();
+        kept.extend_from_slice(z);
+        self.repeats.leave_out(&mut kept, r, self.period);
+        let state = self.take_in(&kept, r, reports);
+        for (report, (z, kept)) in reports.iter_mut().zip(z.iter().zip(&kept)) {
+            report.outlier |= kept.is_nan() && !z.is_nan();
+        }
+        self.kept = kept;
+        state
+    }
+
+    /// Takes in plots as they are.
+    fn take_in(&mut self, z: &[f64], r: &[f64], reports: &mut [RadarReport]) -> State {
         let robustly = self.rule == Rule::Robust && self.central.is_known();
         let started = self.update_filters(z, r, !robustly);
         if self.rule == Rule::Robust {

@@ -37,6 +37,11 @@ impl Rule {
     pub(super) fn believes(self) -> bool {
         matches!(self, Self::Adaptive | Self::AdaptiveMatrix)
     }
+
+    /// Whether radars that are worse than they state are found.
+    pub(super) fn finds_faults(self) -> bool {
+        self.believes() || self == Self::Robust
+    }
 }
 
 /// How quickly and how easily a radar is treated as worse than stated.

@@ -4,10 +4,14 @@
 //! constant with a wide prior, the coefficients N(0, (σ_d/k)²), g Gauss–Markov of variance σ_g² and
 //! correlation time τ, e of the stated standard deviation, or larger. A Kalman filter gives the
 //! likelihood of σ_d, σ_g and τ on a grid, over which the results are averaged. Cost O(N) for each
-//! point of the grid, times the square of the number of unknowns.
+//! point of the grid, times the square of the number of unknowns. The order of the series is that of
+//! the largest likelihood. What varies with the direction beyond it is found in the products of residuals
+//! of neighbouring directions, whose mean is its variance.
 
 use crate::base::angle::median;
 use nalgebra::{DMatrix, DVector};
+use std::f64::consts::TAU;
+use std::ops::RangeInclusive;
 
 /// Standard deviations of the coefficients and of the drift, in those of the measurements.
 const SCALES: [f64; 7] = [0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
@@ -21,6 +25,12 @@ const UNLIKELY: f64 = 0.01;
 /// Of Tukey's weights, and rounds of them.
 const TUKEY: f64 = 4.685;
 const ROUNDS: usize = 3;
+/// Residuals count as if they were at most so many standard deviations where they are multiplied.
+const LARGEST: f64 = 3.0;
+/// Mean products of residuals are no chance from so many standard errors on: 1 % are above.
+const SIGNIFICANT: f64 = 2.326;
+/// Neighbours are at most so much apart, in radians.
+const NEIGHBOURS: f64 = 0.09;
 /// Median size of a normal variable.
 const MEDIAN_SIZE: f64 = 0.674_489_750_196_081_7;
 
@@ -50,6 +60,8 @@ pub struct Calibration {
     pub time: f64,
     /// Variance of a measurement over what was stated, at least 1.
     pub growth: f64,
+    /// Variance of what varies with the direction, but is not in the series; 0 where there is nothing.
+    pub remainder: f64,
 }
 
 struct Filtered {
@@ -59,24 +71,93 @@ struct Filtered {
     growth: f64,
 }
 
-/// The error as a Fourier series of this order.
-pub fn calibrate(run: &Run<'_>, order: usize) -> Calibration {
-    let n = run.residual.len();
-    let mut weight = vec![1.0; n];
-    let mut found = averaged(run, order, &weight);
+/// The error as a Fourier series, of the order of the largest likelihood.
+pub fn calibrate(run: &Run<'_>, orders: RangeInclusive<usize>) -> Calibration {
+    let mut found = averaged(run, *orders.start(), &vec![1.0; run.residual.len()]);
     for _ in 1..ROUNDS {
-        let off: Vec<f64> = (0..n)
-            .map(|i| run.residual[i] - terms(run.azimuth[i], order).dot(&found.mean))
-            .map(f64::abs)
+        let (off, scale) = left(run, &found);
+        let weight: Vec<f64> = off
+            .iter()
+            .map(|off| (1.0 - (off.abs() / scale / TUKEY).min(1.0).powi(2)).powi(2))
             .collect();
-        let scale = (median(&mut off.clone()) / MEDIAN_SIZE).max(run.sigma);
-        for (weight, off) in weight.iter_mut().zip(&off) {
-            let share = (off / scale / TUKEY).min(1.0);
-            *weight = (1.0 - share * share).powi(2);
-        }
+        let order = likeliest(run, orders.clone(), &weight, &found);
         found = averaged(run, order, &weight);
     }
+    found.remainder = remainder(run, &found);
     found
+}
+
+/// What a series leaves of the residuals, and a robust standard deviation of it.
+fn left(run: &Run<'_>, found: &Calibration) -> (Vec<f64>, f64) {
+    let order = found.mean.len() / 2;
+    let measured = run.residual.iter().zip(run.azimuth);
+    let off: Vec<f64> = measured.map(|(r, a)| r - terms(*a, order).dot(&found.mean)).collect();
+    let mut sizes: Vec<f64> = off.iter().map(|off| off.abs()).collect();
+    (off, (median(&mut sizes) / MEDIAN_SIZE).max(run.sigma))
+}
+
+/// The order of the largest likelihood, without a drift or with the one that was found.
+fn likeliest(
+    run: &Run<'_>,
+    orders: RangeInclusive<usize>,
+    weight: &[f64],
+    found: &Calibration,
+) -> usize {
+    let drift = (found.drift / found.growth).sqrt();
+    let drifts = if drift > 0.0 { vec![(0.0, 0.0), (drift, found.time)] } else { vec![(0.0, 0.0)] };
+    let mut best = (f64::NEG_INFINITY, *orders.start());
+    for order in orders.clone().filter(|_| orders.start() < orders.end()) {
+        let rows: Vec<DVector<f64>> = run.azimuth.iter().map(|a| terms(*a, order)).collect();
+        let mut values = Vec::new();
+        for (own, prior) in of_coefficients(order) {
+            for (drift, time) in &drifts {
+                let point = [own * run.sigma, *drift, *time];
+                values.push(prior + filter(run, &rows, weight, point).value);
+            }
+        }
+        let top = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let value = top + values.iter().map(|value| (value - top).exp()).sum::<f64>().ln();
+        if value > best.0 {
+            best = (value, order);
+        }
+    }
+    best.1
+}
+
+/// Standard deviations of the coefficients, in those of the measurements, and their prior.
+fn of_coefficients(order: usize) -> Vec<(f64, f64)> {
+    if order == 0 {
+        return vec![(0.0, 0.0)];
+    }
+    let total = (NOTHING + SCALES.len() as f64).ln();
+    let none = (0.0, NOTHING.ln() - total);
+    std::iter::once(none).chain(SCALES.map(|scale| (scale, -total))).collect()
+}
+
+/// The mean product of what is left in neighbouring directions, less that of the drift, if it is no chance.
+/// O(N log N).
+fn remainder(run: &Run<'_>, found: &Calibration) -> f64 {
+    let (off, scale) = left(run, found);
+    let off: Vec<f64> =
+        off.iter().map(|off| off.clamp(-LARGEST * scale, LARGEST * scale)).collect();
+    let direction: Vec<f64> = run.azimuth.iter().map(|a| a.rem_euclid(TAU)).collect();
+    let mut order: Vec<usize> = (0..off.len()).collect();
+    order.sort_by(|i, j| direction[*i].total_cmp(&direction[*j]));
+    let (mut sum, mut squares, mut drifts, mut count) = (0.0, 0.0, 0.0, 0.0);
+    for (&i, &j) in order.iter().zip(order.iter().cycle().skip(1)) {
+        let turn = (direction[j] - direction[i]).rem_euclid(TAU);
+        if turn < NEIGHBOURS && i != j {
+            sum += off[i] * off[j];
+            squares += 0.5 * (off[i].powi(2) + off[j].powi(2));
+            drifts += found.drift * (-(run.time[j] - run.time[i]).abs() / found.time).exp();
+            count += 1.0;
+        }
+    }
+    // a drift is known by as many independent values as there are correlation times
+    let span = run.time[run.time.len() - 1] - run.time[0];
+    let unknown = if drifts > 0.0 { drifts * (2.0 * found.time / span).sqrt() } else { 0.0 };
+    let chance = SIGNIFICANT * (squares / f64::sqrt(count) + unknown);
+    if sum - drifts > chance { (sum - drifts) / count } else { 0.0 }
 }
 
 /// `1, sin α, cos α, sin 2α, …`
@@ -91,12 +172,9 @@ fn terms(azimuth: f64, order: usize) -> DVector<f64> {
 fn averaged(run: &Run<'_>, order: usize, weight: &[f64]) -> Calibration {
     let rows: Vec<DVector<f64>> = run.azimuth.iter().map(|a| terms(*a, order)).collect();
     let span = run.time[run.time.len() - 1] - run.time[0];
-    let with_none = || std::iter::once(0.0).chain(SCALES);
     let (mut points, mut filtered) = (Vec::new(), Vec::new());
-    let coefficients: Vec<f64> = if order > 0 { with_none().collect() } else { vec![0.0] };
-    for own in coefficients {
-        let of_own = if own == 0.0 { NOTHING.ln() } else { 0.0 };
-        for drift in with_none() {
+    for (own, of_own) in of_coefficients(order) {
+        for drift in std::iter::once(0.0).chain(SCALES) {
             let times = if drift == 0.0 || span == 0.0 { &TIMES[..1] } else { &TIMES[..] };
             let prior = if drift == 0.0 { NOTHING.ln() } else { -(times.len() as f64).ln() };
             if drift > 0.0 && span == 0.0 {
@@ -121,6 +199,7 @@ fn averaged(run: &Run<'_>, order: usize, weight: &[f64]) -> Calibration {
         drift: 0.0,
         time: 0.0,
         growth: 0.0,
+        remainder: 0.0,
     };
     let likely: Vec<usize> = (0..share.len()).filter(|i| share[*i] > UNLIKELY).collect();
     for &i in &likely {
@@ -204,7 +283,7 @@ mod tests {
         let noise = |i: usize| if i.is_multiple_of(2) { 0.5 } else { -0.5 };
         let residual: Vec<f64> = (0..400).map(|i| 3.0 + noise(i)).collect();
         let run = Run { time: &time, residual: &residual, azimuth: &vec![0.3; 400], sigma: 0.5 };
-        let found = calibrate(&run, 0);
+        let found = calibrate(&run, 0..=0);
         assert!((found.mean[0] - 3.0).abs() < 1e-3);
         let sigma = found.covariance[(0, 0)].sqrt();
         assert!((0.025..0.03).contains(&sigma), "{sigma}");

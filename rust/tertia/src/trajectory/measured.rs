@@ -38,6 +38,8 @@ pub struct Record<'a> {
     pub correlation: f64,
     /// Standard deviation of the speed of the signals, as a share of it, the same error at all instants.
     pub speed_sigma: f64,
+    /// Covariance of the wind that carries the signals, in units of their speed, the same wind at all instants.
+    pub wind: Option<[[f64; 2]; 2]>,
     /// Whether instants are located robustly.
     pub robust: bool,
     /// A position near the target at the first instant, D numbers: of two paths that are mirror images

@@ -1,4 +1,5 @@
-//! What an error of the speed of the signals, the same at all instants, adds to the covariance.
+//! What errors of the speed of the signals, and of the wind that carries them, the same at all instants, add
+//! to the covariance.
 
 use super::bias::{add_covariance, smoothed, weights};
 use super::failure::Failure;
@@ -6,7 +7,7 @@ use super::found::{Found, Setting};
 use super::measured::Measured;
 use super::survey::shifts;
 use crate::location::Speed;
-use crate::sensors::KINDS;
+use crate::sensors::{KINDS, Kind};
 use crate::smoothing::ProcessNoise;
 use nalgebra::DMatrix;
 
@@ -27,5 +28,41 @@ pub(super) fn add_error<const D: usize, const N: usize>(
     let (response, spread) = shifts(record, found, &measured, &weight);
     let means = smoothed(setting, &[response], &spread, motion)?;
     add_covariance::<N>(&means, &DMatrix::identity(1, 1), covariance);
+    Ok(())
+}
+
+/// The same of a wind of this covariance, in units of the speed. To first order it changes the times of
+/// arrival at stations by what depends on their places alone; the rest is one of the emission. O(N K).
+pub(super) fn add_wind<const D: usize, const N: usize>(
+    setting: &mut Setting<'_, D, N>,
+    found: &Found<D, N>,
+    wind: &[[f64; 2]; 2],
+    motion: ProcessNoise,
+    covariance: &mut [f64],
+) -> Result<(), Failure> {
+    let record = setting.record;
+    let k = record.width() / KINDS;
+    let (weight, _) = weights(record, found, &found.lasting(record));
+    let (mut responses, mut spread) = (Vec::new(), Vec::new());
+    for axis in 0..2 {
+        let sigma = wind[axis][axis].sqrt();
+        let mut values = found.measured.values.clone();
+        for (t, instant) in values.chunks_exact_mut(record.width()).enumerate() {
+            let size = k * D;
+            let places = &record.stations[(t * size) % record.stations.len()..][..size];
+            for (i, value) in instant[Kind::Arrival as usize * k..].iter_mut().enumerate() {
+                *value += sigma * (places[i * D + axis] - places[axis]);
+            }
+        }
+        let measured = Measured::<D>::new(record, values);
+        let (response, inverse) = shifts(record, found, &measured, &weight);
+        responses.push(response);
+        spread = inverse;
+    }
+    let means = smoothed(setting, &responses, &spread, motion)?;
+    let correlation = DMatrix::from_fn(2, 2, |a, b| {
+        wind[a][b] / (wind[a][a] * wind[b][b]).sqrt().max(f64::MIN_POSITIVE)
+    });
+    add_covariance::<N>(&means, &correlation, covariance);
     Ok(())
 }

@@ -1,0 +1,78 @@
+"""The medium of the signals: their speed, and a wind that carries them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tertia._arrays import FloatArray, finite, real, require_each
+from tertia.location._speed import Speed, read_speed
+from tertia.sensors import Kind
+
+# share of the speed of the signals
+_LARGEST = 0.1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wind:
+    """A horizontal wind, in units of the speed of the signals, before and after the estimate.
+
+    `speed` is the stated speed of the signals. `values` are the measurements as they would be in
+    still air. All but `speed` and `relative`, the stated standard deviation, are None before.
+    """
+
+    speed: float
+    relative: float
+    mean: FloatArray | None = None
+    covariance: FloatArray | None = None
+    values: FloatArray | None = None
+
+    def found(self, blown: tuple[Any, Any, FloatArray] | None, shape: tuple[int, ...]) -> Wind:
+        """Return the estimate of the core, whose measurements have this shape."""
+        if blown is None:
+            return self
+        mean, covariance, values = blown
+        return replace(
+            self,
+            mean=self.speed * np.array(mean),
+            covariance=self.speed**2 * np.array(covariance),
+            values=values.reshape(shape),
+        )
+
+
+def read_medium(
+    speed: npt.ArrayLike,
+    sigmas: tuple[npt.ArrayLike, float],
+    kinds: Collection[Kind],
+    *,
+    unknown: bool = False,
+) -> tuple[Speed, Wind]:
+    """Return speed and wind, after checking whether they can be estimated from these kinds.
+
+    `sigmas` are those of the speed and of the wind, `unknown` tells whether those of the
+    measurements are to be estimated.
+    """
+    known = read_speed(speed, sigmas[0], kinds)
+    return known, _read_wind(sigmas[1], known.stated, kinds, unknown=unknown)
+
+
+def _read_wind(sigma: float, speed: FloatArray, kinds: Collection[Kind], *, unknown: bool) -> Wind:
+    width = finite(real(sigma, "wind_sigma"), "wind_sigma")
+    require_each(width, width >= 0, "wind_sigma", "0 or positive")
+    if width == 0:
+        return Wind(np.nan, 0.0)
+    stated = float(np.mean(speed))
+    if set(kinds) != {"arrival_time"}:
+        raise ValueError("wind_sigma is given; it is for times of arrival alone")
+    if unknown:
+        raise ValueError("wind_sigma is given; then arrival_time_sigma must be, too")
+    if width > _LARGEST * stated:
+        raise ValueError(
+            f"wind_sigma is {width:g} m/s and propagation_speed {stated:g} m/s; wind_sigma "
+            f"must be at most {_LARGEST:.0%} of it"
+        )
+    return Wind(stated, float(width) / stated)

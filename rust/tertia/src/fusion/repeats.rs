@@ -1,0 +1,192 @@
+//! Radars that repeat their last plot.
+//!
+//! A radar that is stuck, or whose program reports the last plot again, gives the same number. Noise of the
+//! deviation σ that is recorded in steps of d does so with a chance of at most d / (2 √π σ), which is d times
+//! the density of the difference of two plots at zero; a motion v per step lowers it by exp(−v²/4σ²). A radar
+//! is stuck or it is not: a Markov chain of two states, of which a plot that differs shows the second.
+
+use crate::kalman::residual;
+use std::f64::consts::{PI, SQRT_2};
+
+/// A radar may be so much more accurate than it states, as a ratio of deviations.
+const ACCURATE: f64 = 0.5;
+/// Where the chance is larger, steps are coarse, and repetitions show nothing.
+const COARSE: f64 = 0.25;
+/// The last move was longer than this, in standard deviations of its noise, less often than once in 700 times.
+const SURE: f64 = 3.0;
+/// The step is looked for among so many plots.
+const PLOTS: usize = 16;
+/// The chance is no smaller while the step is that of few plots, or of other radars.
+const UNSURE: f64 = 0.05;
+/// Differences below this share of the plots come from rounding in the arithmetic.
+const NO_STEP: f64 = 1e-12;
+/// The same of what differences have in common.
+const NO_GRID: f64 = 1e-9;
+/// Odds beyond any doubt.
+const CERTAIN: f64 = 1e100;
+
+#[derive(Clone, Debug)]
+struct Radar {
+    /// The last different plots, from the last one back.
+    plots: Vec<f64>,
+    /// The smallest difference of two of these so far, which is at least the step of the record.
+    step: f64,
+    /// That it is stuck.
+    odds: f64,
+}
+
+/// What is known of the radars' repetitions.
+#[derive(Clone, Debug)]
+pub(super) struct Repeats {
+    radars: Vec<Radar>,
+    /// The chance that a radar sticks at a plot.
+    sticks: f64,
+}
+
+impl Repeats {
+    pub fn new(radars: usize, sticks: f64) -> Self {
+        let unknown = Radar { plots: Vec::new(), step: f64::INFINITY, odds: 0.0 };
+        Self { radars: vec![unknown; radars], sticks }
+    }
+
+    /// Whether the last plot of a radar is more probably a repetition than a measurement.
+    pub fn repeats(&self, radar: usize) -> bool {
+        self.radars[radar].odds > 1.0
+    }
+
+    /// Turns the plots z (nan: none) of the variances r that are repetitions into nan. O(K), O(K²) while
+    /// radars have given only one number.
+    pub fn leave_out(&mut self, z: &mut [f64], r: &[f64], period: Option<f64>) {
+        let again: Vec<bool> = self
+            .radars
+            .iter_mut()
+            .zip(&*z)
+            .map(|(radar, plot)| radar.take(*plot, period))
+            .collect();
+        for radar in (0..z.len()).filter(|&radar| again[radar]) {
+            let chance = self.chance(radar, r[radar].sqrt(), period);
+            let odds = &mut self.radars[radar].odds;
+            if chance <= COARSE {
+                *odds = ((*odds + self.sticks) / chance).min(CERTAIN);
+            }
+            if self.repeats(radar) {
+                z[radar] = f64::NAN;
+            }
+        }
+    }
+
+    /// That a plot of a radar which works is the last one again, at most. Before it has given many plots, its
+    /// record is taken to have the steps that differences of few plots, also of other radars, have in common.
+    fn chance(&self, radar: usize, sigma: f64, period: Option<f64>) -> f64 {
+        let own = &self.radars[radar];
+        let of_step = |step: f64| (step / (2.0 * PI.sqrt() * ACCURATE * sigma)).min(1.0);
+        let mut same = of_step(own.step);
+        if own.plots.len() < PLOTS {
+            let grids = self.radars.iter().map(|radar| radar.grid(period));
+            same = same.min(of_step(grids.fold(f64::INFINITY, f64::min)).max(UNSURE));
+        }
+        let [last, before, ..] = own.plots[..] else { return same };
+        let moved = residual(last, before, period).abs() - SURE * SQRT_2 * sigma;
+        same * (-(moved.max(0.0) / (2.0 * sigma)).powi(2)).exp().max(f64::MIN_POSITIVE)
+    }
+
+    /// Its whole state, as lists of numbers.
+    pub fn saved(&self) -> impl Iterator<Item = Vec<f64>> {
+        let of = |radar: &Radar| [&[radar.step, radar.odds], &radar.plots[..]].concat();
+        self.radars.iter().map(of)
+    }
+
+    /// Takes back what was saved.
+    pub fn restore<'a>(&mut self, lists: &mut impl Iterator<Item = &'a Vec<f64>>) -> Option<()> {
+        for radar in &mut self.radars {
+            let [step, odds, plots @ ..] = &lists.next()?[..] else { return None };
+            *radar = Radar { plots: plots.to_vec(), step: *step, odds: *odds };
+        }
+        Some(())
+    }
+}
+
+impl Radar {
+    /// Whether a plot is the last one again; one that is not is kept.
+    fn take(&mut self, plot: f64, period: Option<f64>) -> bool {
+        if plot.is_nan() || self.plots.first() == Some(&plot) {
+            return !plot.is_nan();
+        }
+        for other in &self.plots {
+            let step = residual(plot, *other, period).abs();
+            if step > NO_STEP * (plot.abs() + other.abs() + period.unwrap_or(0.0)) {
+                self.step = self.step.min(step);
+            }
+        }
+        self.plots.truncate(PLOTS - 1);
+        self.plots.insert(0, plot);
+        self.odds = 0.0;
+        false
+    }
+
+    /// The greatest common divisor of the differences of its last plots, by Euclid; infinite for fewer than
+    /// two of them.
+    fn grid(&self, period: Option<f64>) -> f64 {
+        if self.plots.len() < 3 {
+            return f64::INFINITY;
+        }
+        let least = NO_GRID * (self.plots[0].abs() + period.unwrap_or(0.0));
+        self.plots.windows(2).fold(0.0, |grid, pair| {
+            let (mut a, mut b) = (residual(pair[0], pair[1], period).abs(), grid);
+            while b > least {
+                (a, b) = (b, a % b);
+            }
+            a
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Which plots of a radar that is as good as it states are left out.
+    fn left_out(plots: &[f64]) -> Vec<bool> {
+        let mut repeats = Repeats::new(1, 0.005);
+        let left_out = |&plot: &f64| {
+            let mut z = [plot];
+            repeats.leave_out(&mut z, &[1.0], None);
+            z[0].is_nan() && !plot.is_nan()
+        };
+        plots.iter().map(left_out).collect()
+    }
+
+    #[test]
+    fn a_number_that_comes_again_is_left_out_until_another_comes() {
+        let found = left_out(&[1.27, 0.4, 0.43, -0.8, -0.8, -0.8, f64::NAN, -0.8, 0.3, -0.8]);
+        let expected = [false, false, false, false, false, true, false, true, false, false];
+        assert_eq!(found, expected);
+    }
+
+    /// A target that moves by ten standard deviations a step is not where it was.
+    #[test]
+    fn a_fast_target_does_not_stay() {
+        let mut plots: Vec<f64> = (0..4).map(|step| 10.0 * f64::from(step)).collect();
+        plots.extend([30.0; 2]);
+        assert_eq!(left_out(&plots), [false, false, false, false, true, true]);
+    }
+
+    /// In steps of a standard deviation and more, equal plots are no wonder.
+    #[test]
+    fn coarse_steps_repeat() {
+        let mut plots = vec![1.0, 2.0, 1.0];
+        plots.extend([1.0; 100]);
+        assert!(!left_out(&plots).contains(&true));
+    }
+
+    /// A radar that never gave another number is compared with the steps of the others.
+    #[test]
+    fn stuck_from_the_start() {
+        let mut repeats = Repeats::new(2, 0.005);
+        for (other, expected) in [(0.31, false), (0.34, false), (-1.0, false), (0.2, true)] {
+            let mut z = [5.0, other];
+            repeats.leave_out(&mut z, &[1.0; 2], None);
+            assert_eq!((z[0].is_nan(), z[1]), (expected, other));
+        }
+    }
+}

@@ -1,0 +1,309 @@
+//! A wind that carries the signals, where it is known with a standard deviation.
+//!
+//! A signal from p reaches s after the way x, the time times the speed, with `|s − p − β x| = x`; β is the wind
+//! in units of the speed, horizontal, and common to all instants of a batch. To first order the ways are longer
+//! by −β·(s − p), of which the part that all receivers share is one of the emission. The posterior of β is that
+//! of Gauss–Newton steps from a normal prior, in which position and emission of each instant are eliminated.
+
+use super::fix::{Fix, Instant, Output, Status};
+use super::solver::{Locator, Workspace};
+use crate::base::small::{Factor, Matrix, Vector, dot, norm};
+use crate::sensors::{KINDS, Kind};
+
+/// So many instants, evenly spread, tell enough of a batch.
+const SAMPLE: usize = 256;
+/// So many steps allow for the wind before in the standard deviations, lest arrivals be taken for faults.
+const LOOSE: usize = 2;
+/// Steps, and the share of the prior's standard deviation below which one is the last.
+const STEPS: usize = 8;
+const STILL: f64 = 1e-4;
+/// A wind is at most so many standard deviations.
+const FARTHEST: f64 = 6.0;
+/// Components of a wind, and unknowns of an instant at most: a position and the emission.
+const AXES: usize = 2;
+const UNKNOWNS: usize = 4;
+
+/// A horizontal wind in units of the speed of the signals.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wind {
+    /// East and north.
+    pub mean: Vector<AXES>,
+    /// Their covariance.
+    pub covariance: Matrix<AXES>,
+}
+
+/// What an instant tells of the wind: its information, the pull on it, and how position and emission follow.
+struct Told {
+    information: Matrix<AXES>,
+    pull: Vector<AXES>,
+    follows: [Vector<AXES>; UNKNOWNS],
+}
+
+impl Wind {
+    /// What the information of so many degrees of freedom tells after errors that last have been found: the
+    /// variance from measurements grows by this factor, but not beyond the prior.
+    pub fn grown(&self, growth: f64, sigma: f64) -> Self {
+        let prior = sigma.powi(-2);
+        let Some(mut information) = Factor::try_new(&self.covariance, 0.0).map(|f| f.inverse())
+        else {
+            return *self;
+        };
+        for i in 0..AXES {
+            for j in 0..AXES {
+                let own = if i == j { prior } else { 0.0 };
+                information[i][j] = (information[i][j] - own) / growth + own;
+            }
+        }
+        let covariance = Factor::try_new(&information, 0.0).map(|f| f.inverse());
+        Self { covariance: covariance.unwrap_or(self.covariance), ..*self }
+    }
+
+    /// The way of a signal from p to a station, and what the wind changes of it.
+    fn way<const D: usize>(&self, p: &[f64], station: &[f64]) -> (f64, Vector<AXES>) {
+        let d: Vector<D> = std::array::from_fn(|i| station[i] - p[i]);
+        let beta: Vector<D> = std::array::from_fn(|i| if i < AXES { self.mean[i] } else { 0.0 });
+        let along = dot(&d, &beta);
+        let rest = 1.0 - dot(&beta, &beta);
+        let x = ((along * along + rest * dot(&d, &d)).sqrt() - along) / rest;
+        let still: Vector<D> = std::array::from_fn(|i| d[i] - beta[i] * x);
+        let slope = -x / (x + dot(&still, &beta)).max(f64::MIN_POSITIVE);
+        (x, std::array::from_fn(|i| slope * still[i]))
+    }
+
+    /// Times of arrival, 5 K numbers in metres, as they would be in still air; `p` is where the target is.
+    fn still<const D: usize>(&self, values: &mut [f64], stations: &[f64], p: &[f64]) {
+        let k = values.len() / KINDS;
+        let arrivals = &mut values[Kind::Arrival as usize * k..];
+        for (value, station) in arrivals.iter_mut().zip(stations.chunks_exact(D)) {
+            let direct: Vector<D> = std::array::from_fn(|i| station[i] - p[i]);
+            *value -= self.way::<D>(p, station).0 - norm(&direct);
+        }
+    }
+}
+
+impl Locator {
+    /// The wind, each component of which has this standard deviation. O(N M), for at most 256 instants.
+    pub fn wind<const D: usize>(
+        &self,
+        instants: &[Instant<'_>],
+        sigma: f64,
+        workspace: &mut Workspace<D>,
+    ) -> Wind {
+        let prior = sigma.powi(-2);
+        let none = [[sigma * sigma, 0.0], [0.0, sigma * sigma]];
+        let mut wind = Wind { mean: [0.0; AXES], covariance: none };
+        let count = instants.len().min(SAMPLE);
+        let mut places = vec![None; count];
+        for step in 0..STEPS {
+            let allowed = if step < LOOSE { sigma } else { 0.0 };
+            let mut information = [[prior, 0.0], [0.0, prior]];
+            let mut pull = wind.mean.map(|own| -prior * own);
+            for (i, place) in places.iter_mut().enumerate() {
+                let instant = &instants[i * instants.len() / count];
+                let Some(told) = self.told(instant, &wind, allowed, place, workspace) else {
+                    continue;
+                };
+                for a in 0..AXES {
+                    pull[a] += told.pull[a];
+                    (0..AXES).for_each(|b| information[a][b] += told.information[a][b]);
+                }
+            }
+            let Some(factor) = Factor::try_new(&information, 0.0) else { break };
+            let change = factor.solve(&pull);
+            wind.mean = std::array::from_fn(|a| {
+                (wind.mean[a] + change[a]).clamp(-FARTHEST * sigma, FARTHEST * sigma)
+            });
+            wind.covariance = factor.inverse();
+            if norm(&change) < STILL * sigma && allowed == 0.0 {
+                break;
+            }
+        }
+        wind
+    }
+
+    /// Locates an instant in this wind; from where it was before, if it was located. A wind of the standard
+    /// deviation `allowed` is no fault.
+    fn told<const D: usize>(
+        &self,
+        instant: &Instant<'_>,
+        wind: &Wind,
+        allowed: f64,
+        place: &mut Option<Vec<f64>>,
+        workspace: &mut Workspace<D>,
+    ) -> Option<Told> {
+        let mut values = instant.values.to_vec();
+        let start = place.clone().unwrap_or_else(|| middle::<D>(instant.stations));
+        wind.still::<D>(&mut values, instant.stations, &start);
+        let initial = place.as_deref().or(instant.initial);
+        let loose = loosened::<D>(instant, allowed);
+        let at = Instant { values: &values, sigmas: &loose, initial, ..*instant };
+        let (mut position, mut covariance) = (vec![0.0; D], vec![0.0; D * D]);
+        let (mut residual, mut outlier) = (vec![f64::NAN; values.len()], vec![false; values.len()]);
+        let mut out = Output {
+            position: &mut position,
+            covariance: &mut covariance,
+            residual: &mut residual,
+            outlier: &mut outlier,
+        };
+        let fix: Fix = self.locate(&at, &mut out, workspace);
+        if fix.status != Status::None {
+            return None;
+        }
+        let sigmas = loose.iter().zip(instant.sigmas);
+        residual.iter_mut().zip(sigmas).for_each(|(off, (loose, own))| *off *= loose / own);
+        let told = told::<D>(instant, wind, &position, &residual, &outlier);
+        *place = Some(position);
+        told
+    }
+
+    /// Times of arrival of all instants as they would be in still air. O(N M).
+    pub fn in_still_air<const D: usize>(
+        &self,
+        instants: &[Instant<'_>],
+        wind: &Wind,
+        workspace: &mut Workspace<D>,
+    ) -> Vec<f64> {
+        let mut all = Vec::new();
+        for instant in instants {
+            let mut place = None;
+            // the ways of the second order depend on the place
+            self.told(instant, wind, 0.0, &mut place, workspace);
+            let mut values = instant.values.to_vec();
+            let place = place.unwrap_or_else(|| middle::<D>(instant.stations));
+            wind.still::<D>(&mut values, instant.stations, &place);
+            all.extend(values);
+        }
+        all
+    }
+
+    /// Adds the error of the wind to the covariance of a position and to the variance of its emission.
+    pub fn add_wind<const D: usize>(
+        &self,
+        instant: &Instant<'_>,
+        wind: &Wind,
+        out: &mut Output<'_>,
+        fix: &mut Fix,
+    ) {
+        if fix.status != Status::None {
+            return;
+        }
+        let told = told::<D>(instant, wind, out.position, out.residual, out.outlier);
+        let Some(Told { follows, .. }) = told else { return };
+        let spread = |a: &Vector<AXES>, b: &Vector<AXES>| -> f64 {
+            let pairs = (0..AXES).flat_map(|i| (0..AXES).map(move |j| (i, j)));
+            pairs.map(|(i, j)| a[i] * wind.covariance[i][j] * b[j]).sum()
+        };
+        for i in 0..D {
+            for j in 0..D {
+                out.covariance[i * D + j] += spread(&follows[i], &follows[j]);
+            }
+        }
+        let emission = spread(&follows[UNKNOWNS - 1], &follows[UNKNOWNS - 1]);
+        fix.emission_sigma = fix.emission_sigma.hypot(emission.sqrt());
+    }
+}
+
+/// Standard deviations with that which a wind gives arrivals far from the middle of the stations.
+fn loosened<const D: usize>(instant: &Instant<'_>, allowed: f64) -> Vec<f64> {
+    let (k, middle) = (instant.values.len() / KINDS, middle::<D>(instant.stations));
+    let mut sigmas = instant.sigmas.to_vec();
+    let arrivals = &mut sigmas[Kind::Arrival as usize * k..];
+    for (sigma, station) in arrivals.iter_mut().zip(instant.stations.chunks_exact(D)) {
+        let away: Vector<D> = std::array::from_fn(|i| station[i] - middle[i]);
+        *sigma = sigma.hypot(allowed * norm(&away));
+    }
+    sigmas
+}
+
+/// Where a target is taken to be before it is located: in the middle of the stations.
+fn middle<const D: usize>(stations: &[f64]) -> Vec<f64> {
+    let k = stations.len() / D;
+    (0..D).map(|i| stations.iter().skip(i).step_by(D).sum::<f64>() / k as f64).collect()
+}
+
+/// What the arrivals of an instant that is located tell, outliers left out.
+fn told<const D: usize>(
+    instant: &Instant<'_>,
+    wind: &Wind,
+    p: &[f64],
+    residual: &[f64],
+    outlier: &[bool],
+) -> Option<Told> {
+    let k = instant.values.len() / KINDS;
+    let first = Kind::Arrival as usize * k;
+    let mut normal = [[0.0; UNKNOWNS]; UNKNOWNS];
+    let mut mixed = [[0.0; AXES]; UNKNOWNS];
+    let (mut right, mut pull) = ([0.0; UNKNOWNS], [0.0; AXES]);
+    let mut information = [[0.0; AXES]; AXES];
+    // in the plane there is no third coordinate
+    if D < UNKNOWNS - 1 {
+        normal[D][D] = 1.0;
+    }
+    if let Some((_, sigma)) = instant.height {
+        normal[D - 1][D - 1] += sigma.powi(-2).min(f64::MAX.sqrt());
+    }
+    for station in (0..k).filter(|i| !residual[first + i].is_nan() && !outlier[first + i]) {
+        let survey = instant.position_sigmas.map_or(0.0, |sigmas| sigmas[station]);
+        let precision = instant.sigmas[first + station].hypot(survey).recip();
+        let place = &instant.stations[station * D..][..D];
+        let direct: Vector<D> = std::array::from_fn(|i| p[i] - place[i]);
+        let length = norm(&direct).max(f64::MIN_POSITIVE);
+        let row: Vector<UNKNOWNS> = std::array::from_fn(|i| match i {
+            i if i < D => direct[i] / length * precision,
+            i if i == UNKNOWNS - 1 => precision,
+            _ => 0.0,
+        });
+        let own = wind.way::<D>(p, place).1.map(|slope| slope * precision);
+        let off = residual[first + station];
+        for i in 0..UNKNOWNS {
+            right[i] += row[i] * off;
+            (0..UNKNOWNS).for_each(|j| normal[i][j] += row[i] * row[j]);
+            (0..AXES).for_each(|a| mixed[i][a] += row[i] * own[a]);
+        }
+        for a in 0..AXES {
+            pull[a] += own[a] * off;
+            (0..AXES).for_each(|b| information[a][b] += own[a] * own[b]);
+        }
+    }
+    let factor = Factor::try_new(&normal, 0.0)?;
+    let columns: [Vector<UNKNOWNS>; AXES] =
+        std::array::from_fn(|a| factor.solve(&std::array::from_fn(|i| mixed[i][a])));
+    for a in 0..AXES {
+        pull[a] -= dot(&columns[a], &right);
+        for b in 0..AXES {
+            information[a][b] -= (0..UNKNOWNS).map(|i| mixed[i][a] * columns[b][i]).sum::<f64>();
+        }
+    }
+    let follows = std::array::from_fn(|i| std::array::from_fn(|a| -columns[a][i]));
+    Some(Told { information, pull, follows })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::checks::assert_within;
+
+    const WIND: Wind = Wind { mean: [0.03, -0.02], covariance: [[1e-4, 0.0], [0.0, 1e-4]] };
+
+    /// In the time of the way the air has moved on: the rest is the way through the air.
+    #[test]
+    fn the_way_in_a_wind() {
+        let (p, station) = ([100.0, 200.0], [900.0, -300.0]);
+        let (way, slope) = WIND.way::<2>(&p, &station);
+        let through: Vector<2> = std::array::from_fn(|i| station[i] - p[i] - WIND.mean[i] * way);
+        assert_within(1e-9, norm(&through), way);
+        for axis in 0..2 {
+            let mut other = WIND;
+            other.mean[axis] += 1e-6;
+            assert_within(1e-2, slope[axis], (other.way::<2>(&p, &station).0 - way) / 1e-6);
+        }
+    }
+
+    #[test]
+    fn a_prior_does_not_grow() {
+        assert_within(1e-12, WIND.grown(100.0, 1e-2).covariance[0][0], 1e-4);
+        let small = Wind { covariance: [[1e-6, 0.0], [0.0, 1e-6]], ..WIND };
+        let grown = small.grown(4.0, 1e-2).covariance[0][0];
+        assert_within(1e-9, grown, ((1e6 - 1e4) / 4.0 + 1e4_f64).recip());
+    }
+}

@@ -1,0 +1,156 @@
+//! Plots that repeat the one before, as from a sensor that is stuck, or a program that reports the last plot
+//! at every instant.
+//!
+//! Noise of the deviation σ that is recorded in steps of d gives the same number again with a chance of at
+//! most d / (2 √π σ), the density of the difference of two plots at zero times d; a motion v per step lowers it
+//! by exp(−v²/4σ²). For noise that is correlated in time, the deviation is unknown; if successive numbers that
+//! differ are typically m steps apart, the chance is at most 1 / (2 m). A sensor is stuck or it is not: a Markov chain, of which a plot that differs shows the
+//! second.
+
+use super::whitener::Noise;
+use crate::base::angle::median;
+use std::f64::consts::{PI, SQRT_2};
+
+/// A sensor may be so much more accurate than stated, as a ratio of deviations.
+const ACCURATE: f64 = 0.5;
+/// Where the chance is larger, steps are coarse, and repetitions show nothing: numbers are four steps apart.
+const COARSE: f64 = 0.125;
+/// The last move was longer than this, in standard deviations of its noise, less often than once in 700 times.
+const SURE: f64 = 3.0;
+/// Chance that a sensor sticks at a plot, unless more than a few plots repeat the one before.
+const STICKS: f64 = 0.005;
+const FEW: usize = 2;
+/// Odds beyond any doubt.
+const CERTAIN: f64 = 1e100;
+/// Differences below this share of the numbers come from rounding in the arithmetic.
+const NO_STEP: f64 = 1e-12;
+
+/// Which plots (N, D; nan where a component is missing) are more probably repetitions than measured.
+/// O(N log N).
+pub fn repeated(dimension: usize, y: &[f64], noise: Noise<'_>) -> Vec<bool> {
+    let plots: Vec<&[f64]> = y.chunks_exact(dimension.max(1)).collect();
+    let mut found = vec![false; plots.len()];
+    let known = |plot: &[f64]| !plot.iter().any(|y| y.is_nan());
+    let whole: Vec<usize> = (0..plots.len()).filter(|&at| known(plots[at])).collect();
+    let pairs: Vec<(usize, usize)> = whole.windows(2).map(|pair| (pair[0], pair[1])).collect();
+    let again = pairs.iter().filter(|(a, b)| plots[*a] == plots[*b]).count();
+    let steps: Vec<Step> = (0..dimension).map(|axis| Step::of(&plots, &pairs, axis)).collect();
+    if again == 0 || steps.iter().any(|step| step.least == f64::INFINITY) {
+        return found;
+    }
+    let chance = |at: usize, moved: &[f64]| -> f64 {
+        let deviation = |axis| variance(noise, dimension, at, axis).sqrt();
+        let of_axis = |axis: usize| steps[axis].chance(deviation(axis), moved[axis]);
+        (0..dimension).map(of_axis).product::<f64>().max(f64::MIN_POSITIVE)
+    };
+    let share = again as f64 / pairs.len() as f64;
+    let (mut odds, mut moved) = (0.0_f64, vec![0.0; dimension]);
+    for &(before, at) in &pairs {
+        let chance = chance(at, &moved);
+        if plots[before] != plots[at] {
+            odds = 0.0;
+            let pairs = plots[at].iter().zip(plots[before]);
+            moved = pairs.map(|(now, before)| (now - before).abs()).collect();
+        } else if chance <= COARSE {
+            let sticks = if again > FEW { STICKS.max(share - chance) } else { STICKS };
+            odds = ((odds + sticks) / chance).min(CERTAIN);
+        }
+        found[at] = odds > 1.0;
+    }
+    // a sensor was stuck since the first repetition
+    for pair in pairs.windows(2).rev() {
+        let ((before, at), (_, next)) = (pair[0], pair[1]);
+        found[at] |= found[next] && plots[before] == plots[at] && plots[at] == plots[next];
+    }
+    found
+}
+
+/// A component's variance; an infinite one is no reason to believe in anything.
+fn variance(noise: Noise<'_>, dimension: usize, at: usize, axis: usize) -> f64 {
+    let place = axis * (dimension + 1);
+    match noise {
+        Noise::Same(matrix) => matrix[place],
+        Noise::Each(matrices) => matrices[at * dimension * dimension + place],
+    }
+}
+
+/// How successive numbers of an axis differ, where they do.
+struct Step {
+    /// The smallest difference of any two numbers, which is at least the step of the record.
+    any: f64,
+    /// The smallest difference of successive numbers, and a typical one.
+    least: f64,
+    typical: f64,
+}
+
+impl Step {
+    fn of(plots: &[&[f64]], pairs: &[(usize, usize)], axis: usize) -> Self {
+        let of_pair = |a: f64, b: f64| {
+            let step = (b - a).abs();
+            (step > NO_STEP * (a.abs() + b.abs())).then_some(step)
+        };
+        let difference = |&(a, b): &(usize, usize)| of_pair(plots[a][axis], plots[b][axis]);
+        let mut steps: Vec<f64> = pairs.iter().filter_map(difference).collect();
+        let least = steps.iter().copied().fold(f64::INFINITY, f64::min);
+        let typical = if steps.is_empty() { least } else { median(&mut steps) };
+        let ends =
+            pairs.first().map(|pair| pair.0).into_iter().chain(pairs.iter().map(|pair| pair.1));
+        let mut all: Vec<f64> = ends.map(|at| plots[at][axis]).collect();
+        all.sort_by(f64::total_cmp);
+        let gaps = all.windows(2).filter_map(|pair| of_pair(pair[0], pair[1]));
+        Self { any: gaps.fold(f64::INFINITY, f64::min), least, typical }
+    }
+
+    /// That a number of this standard deviation comes again after it moved so far, at most.
+    fn chance(&self, deviation: f64, moved: f64) -> f64 {
+        let white = self.any / (2.0 * PI.sqrt() * ACCURATE * deviation);
+        let same = white.max(0.5 * self.least / self.typical).min(1.0);
+        let moved = (moved - SURE * SQRT_2 * deviation).max(0.0);
+        same * (-(moved / (2.0 * deviation)).powi(2)).exp()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NOISE: Noise<'static> = Noise::Same(&[1.0]);
+
+    /// Numbers that differ by any steps.
+    fn plots(count: i32) -> Vec<f64> {
+        (0..count).map(|k| 2.0 * f64::from(k * k).sin()).collect()
+    }
+
+    #[test]
+    fn a_plot_that_stays_is_repeated() {
+        let mut y = plots(40);
+        y.extend([y[39]; 5]);
+        y.extend(plots(40));
+        let found = repeated(1, &y, NOISE);
+        assert!((0..y.len()).all(|at| found[at] == (40..45).contains(&at)), "{found:?}");
+    }
+
+    /// Every plot comes at two instants, between which one is missing.
+    #[test]
+    fn a_plot_that_is_held_is_repeated() {
+        let y: Vec<f64> = plots(40).iter().flat_map(|y| [*y, f64::NAN, *y]).collect();
+        let found = repeated(1, &y, NOISE);
+        assert!((0..y.len()).all(|at| found[at] == (at % 3 == 2)), "{found:?}");
+    }
+
+    /// In steps of a standard deviation, or those that the plots take, equal plots are no wonder.
+    #[test]
+    fn coarse_steps_repeat() {
+        let coarse: Vec<f64> = plots(40).iter().flat_map(|y| [y.round(), y.round()]).collect();
+        assert!(!repeated(1, &coarse, NOISE).contains(&true));
+        assert!(!repeated(1, &coarse, Noise::Same(&[1e6])).contains(&true));
+        assert!(!repeated(1, &[3.0; 20], NOISE).contains(&true));
+    }
+
+    /// A target that moves by ten standard deviations a step is not where it was.
+    #[test]
+    fn a_fast_target_does_not_stay() {
+        let found = repeated(1, &[0.0, 10.0, 20.0, 30.0, 30.0, 30.0], NOISE);
+        assert_eq!(found, [false, false, false, false, true, true]);
+    }
+}
