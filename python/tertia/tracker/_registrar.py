@@ -68,11 +68,12 @@ def is_registrable(sensors: Sequence[Sensor]) -> bool:
     Those of reported times count only if there are others: they are assumed by default.
     """
     deviates = any(one.bias is not None and one.bias.deviation_order > 0 for one in sensors)
+    if deviates or sum(not isinstance(one, Station) for one in sensors) < 2:
+        return False
     sigma = columns_of(own_biases(sensors), "_sigma")
     radar = np.array([isinstance(one, Radar) for one in sensors])
     unknown = np.where(radar, sigma.any(axis=1), sigma[:, :3].any(axis=1))
-    placing = sum(not isinstance(one, Station) for one in sensors)
-    return placing > 1 and not deviates and bool(np.any(radar) and np.any(unknown))
+    return bool(np.any(radar) and np.any(unknown))
 
 
 def begun(
@@ -106,8 +107,6 @@ class Registrar:
         The sensors.
     profile : str
         Kind of targets, for the tracks of single sensors.
-    known : tuple of ndarray of shape (K, 4) and ndarray of shape (4 * K, 4 * K), or None
-        Errors that are known at the beginning, and their covariance.
     kept : list of Plots
         Plots of the last scans; they are kept as long as the search for large errors goes on.
     """
@@ -126,16 +125,11 @@ class Registrar:
         # a station has no tracks of its own
         self._paired: BoolArray = np.array([isinstance(one, Station) for one in sensors])
         self._compared = False
-        self.known = known
         self._start_from(own_biases(sensors))
         if known is not None:
             self._core.know(*known)
             # nothing is far from what is known
             self._paired[:] = True
-
-    def anew(self) -> Registrar:
-        """Return the registrar as it was at the beginning."""
-        return Registrar(self.sensors, self.profile, self.known)
 
     @property
     def period(self) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from typing import Any, TypeAlias
 
@@ -273,15 +274,18 @@ class Tracker:
             if end is not None:
                 end = float(continuous(np.array([end]), period, now)[0])
         if self._registrar is not None:
-            fresh = self._core.copy() if recording and not self._core.plots else None
+            if recording:
+                self._registrar.search_recording(plots, _alone)
+            if not recording or self._core.plots:
+                return self._registered(self._registrar, plots, end, recording)
+            fresh, registrar = self._core.copy(), copy(self._registrar)
             table = self._registered(self._registrar, plots, end, recording)
-            again = None if fresh is None else fresh.knowing(self._core)
+            again = fresh.knowing(self._core)
             if again is None:
                 return table
             # the first plots were tracked before it was known how they are
-            self._core = again
-            self._registrar = self._registrar.anew()
-            return self._registered(self._registrar, plots, end, recording)
+            self._core, self._registrar = again, registrar
+            return self._registered(registrar, plots, end, recording)
         rows = "recording" if recording else "confirmed"
         if any(one.bias is not None for one in self.sensors):
             plots = self.bias.correct(plots)
@@ -296,8 +300,6 @@ class Tracker:
         self, registrar: Registrar, plots: Plots, end: float | None, recording: bool
     ) -> TrackTable:
         """Return rows of tracks, while the errors of the sensors are estimated scan by scan."""
-        if recording:
-            registrar.search_recording(plots, _alone)
         rows, first = "all" if recording else "confirmed", self._core.plots
         parts = scans(plots.time, registrar.period)
 
