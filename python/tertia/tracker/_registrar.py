@@ -170,26 +170,28 @@ class Registrar:
         self,
         plots: Plots,
         first: int,
-        tracks: TrackTable,
+        tracks: IntArray,
+        rows: tuple[_core.TrackColumns, int],
         noise: FloatArray,
         *,
         time: float,
         alive: IntArray,
     ) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Update the errors from rows of tracks and their plots; `first` numbers the first plot.
+        """Update the errors from plots and their tracks; `first` numbers the first plot.
 
-        `noise`, (K, 2), is the noise with which the rows were made, and `alive` are the numbers of
-        all tracks, in order. The uncertainty of the errors is added to the covariances of the rows,
-        and the rows are moved by the change of the errors. Returns tracks, and by how much they
-        move at which times.
+        `rows` are a table and the index of the first row that the plots have added to it, `noise`,
+        (K, 2), is the noise with which the rows were made, and `alive` are the numbers of all
+        tracks, in order. The uncertainty of the errors is added to the covariances of the rows, and
+        the rows are moved by the change of the errors. Returns tracks, and by how much they move at
+        which times.
         """
         if not np.isfinite(plots.height).all():
             # at the height of their track
-            plots = plots._replaced(height=tracks._columns.heights(plots.height, first))
+            table, begin = rows
+            plots = plots._replaced(height=table.heights(plots.height, first, begin))
             plots = with_heights(plots, self.sensors, self.profile)
-        columns, track = tracks._columns, tracks.track_of_plot
         flat = in_plane(plots, self.sensors)
-        return self._core.learn(flat, first, columns, track, noise, time, alive)
+        return self._core.learn(flat, first, rows, tracks, noise, time, alive)
 
     @property
     def _first(self) -> float:

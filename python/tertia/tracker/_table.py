@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -211,17 +211,3 @@ class TrackTable(_Columns, Result):
             for column in COLUMNS
         }
         return cls(**kept, track_of_plot=np.concatenate([table.track_of_plot for table in tables]))
-
-
-def joined(tables: Iterable[TrackTable], order: IntArray, first: int) -> TrackTable:
-    """Join the tables of tracks of successive parts of a recording; the parts are emptied.
-
-    `order` has, for each plot of the parts in their order, its index in the whole recording.
-    `first` is the number of the first plot of the recording.
-    """
-    whole, tracks, done = _core.TrackColumns(len(order)), np.empty(len(order), dtype=np.int64), 0
-    for table in tables:
-        whole.append(table._columns, order, first)
-        tracks[order[done : done + len(table.track_of_plot)]] = table.track_of_plot
-        done += len(table.track_of_plot)
-    return TrackTable._of(whole, tracks)
