@@ -1,6 +1,7 @@
 //! Tracks of several sensors in groups, one group a target.
 
-use super::pairs::{Candidate, Sample};
+use super::near::Sample;
+use super::pairs::Candidate;
 use crate::association::{Assigner, Pair};
 
 /// Tracks that are one target.

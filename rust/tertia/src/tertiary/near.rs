@@ -1,17 +1,43 @@
 //! Which tracks are near one another: a first look at all of them, by what fits into caches.
 
-use super::pairs::{APART, FAR, Sample, height_variance};
 use super::share::mapped;
 use crate::association::{Grid, is_inside};
 use crate::base::error::Result;
+use crate::sensors::Identities;
+use nalgebra::{Matrix4, Vector4};
 use std::collections::BTreeMap;
 use std::num::NonZero;
 
+/// Beyond this distance squared nothing is remembered of a pair.
+pub(super) const FAR: f64 = 100.0;
+/// Standard deviation of a height, m, and how fast that of an old one grows, m/s.
+const HEIGHT: f64 = 60.0;
+const CLIMB: f64 = 10.0;
+/// Heights that differ by so many standard deviations are of two targets.
+pub(super) const APART: f64 = 4.5;
 /// Largest distance of positions along an axis, m.
 const REACH: f64 = 8000.0;
 /// Tracks that one thread looks at at a time, and the time of one, ns.
 const PART: usize = 256;
 const LOOK_NS: f64 = 200.0;
+
+/// A track of a sensor at the instant of the picture, without its biases.
+#[derive(Clone, Debug)]
+pub(super) struct Sample {
+    /// Which track, in the order of their beginnings.
+    pub id: u64,
+    pub sensor: usize,
+    pub mean: Vector4<f64>,
+    pub covariance: Matrix4<f64>,
+    /// The covariance with what unknown errors of the sensor add.
+    pub whole: Matrix4<f64>,
+    /// By the errors of the sensor.
+    pub sensitivity: Matrix4<f64>,
+    pub height: f64,
+    /// Seconds since the message.
+    pub age: f64,
+    pub identities: Identities,
+}
 
 /// The samples that may be of the target of each one, by their places in the list of all.
 pub(super) struct Near {
@@ -165,4 +191,9 @@ impl Spot {
         let up = self.height - other.height;
         up * up > APART * APART * height_variance([self.age, other.age])
     }
+}
+
+/// Variance of the difference of two heights of these ages.
+pub(super) fn height_variance([a, b]: [f64; 2]) -> f64 {
+    2.0 * HEIGHT * HEIGHT + CLIMB * CLIMB * (a * a + b * b)
 }

@@ -2,12 +2,11 @@
 
 use super::bias::propagated;
 use super::compare::Distance;
-use super::near::{Near, Spot};
+use super::near::{APART, FAR, Near, Sample, Spot, height_variance};
 use super::share::mapped;
 use crate::base::error::Result;
 use crate::registration::{ERRORS, Errors};
-use crate::sensors::Identities;
-use nalgebra::{DMatrix, Matrix4, Vector4};
+use nalgebra::{DMatrix, Matrix4};
 use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -18,18 +17,11 @@ use std::slice::Iter;
 /// χ² of four components: .999, and .999999 for a pair that has been one.
 const GATE: f64 = 18.466_826_952_9;
 const KEEP: f64 = 33.376_841_581_66;
-/// Beyond this distance squared nothing is remembered of a pair.
-pub(super) const FAR: f64 = 100.0;
 /// Share of the newest value in running means.
 const SHARE: f64 = 0.25;
 /// What a pair that has been one is worth at least, and more than others.
 const LEAST: f64 = 0.1;
 const BONUS: f64 = 2.0;
-/// Standard deviation of a height, m, and how fast that of an old one grows, m/s.
-const HEIGHT: f64 = 60.0;
-const CLIMB: f64 = 10.0;
-/// Heights that differ by so many standard deviations are of two targets.
-pub(super) const APART: f64 = 4.5;
 /// Range of heights over which other targets are spread, m.
 const LAYER: f64 = 10_000.0;
 /// Likelihood ratio of equal identities.
@@ -46,24 +38,6 @@ const PART: usize = 256;
 const PAIRS_NS: f64 = 1000.0;
 /// By a hand that joined them.
 const JOINED: f64 = 1e6;
-
-/// A track of a sensor at the instant of the picture, without its biases.
-#[derive(Clone, Debug)]
-pub(super) struct Sample {
-    /// Which track, in the order of their beginnings.
-    pub id: u64,
-    pub sensor: usize,
-    pub mean: Vector4<f64>,
-    pub covariance: Matrix4<f64>,
-    /// The covariance with what unknown errors of the sensor add.
-    pub whole: Matrix4<f64>,
-    /// By the errors of the sensor.
-    pub sensitivity: Matrix4<f64>,
-    pub height: f64,
-    /// Seconds since the message.
-    pub age: f64,
-    pub identities: Identities,
-}
 
 /// What is remembered of a pair.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -199,11 +173,6 @@ impl Pairs {
 
 /// What is remembered of pairs, in order of their ids.
 type Old<'a> = Peekable<Iter<'a, ((u64, u64), History)>>;
-
-/// Variance of the difference of two heights of these ages.
-pub(super) fn height_variance([a, b]: [f64; 2]) -> f64 {
-    2.0 * HEIGHT * HEIGHT + CLIMB * CLIMB * (a * a + b * b)
-}
 
 /// The distance of two samples whose sensors' errors have this covariance.
 struct Compared<'a> {
