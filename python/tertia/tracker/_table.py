@@ -211,3 +211,20 @@ class TrackTable(_Columns, Result):
             for column in COLUMNS
         }
         return cls(**kept, track_of_plot=np.concatenate([table.track_of_plot for table in tables]))
+
+
+def numbered(
+    table: _core.TrackColumns, tracks: Sequence[IntArray], parts: Sequence[IntArray], first: int
+) -> IntArray:
+    """Return the tracks of plots that were given in parts, in the order of the whole recording.
+
+    `parts` are the indices of the plots of each part. Rows of the table get the numbers of their
+    plots in the whole recording, the first of which is `first`.
+    """
+    if len(parts) == 1:
+        return tracks[0]
+    order = np.concatenate(parts)
+    table.renumber(order, first)
+    track_of_plot = np.empty(len(order), dtype=np.int64)
+    track_of_plot[order] = np.concatenate(tracks)
+    return track_of_plot

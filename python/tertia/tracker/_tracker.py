@@ -22,6 +22,7 @@ from tertia._arrays import (
     sequence_of,
     threads,
 )
+from tertia._core import TrackColumns
 from tertia.association import GUARD
 from tertia.flightplan import FlightPlan
 from tertia.sensors import Bias, PositionSensor, Radar
@@ -32,7 +33,7 @@ from tertia.tracker._plots import Plots, continuous
 from tertia.tracker._registrar import Registrar, begun, is_registrable, scans
 from tertia.tracker._sensors import Sensor, check_velocities, core_sensors, sensors_of
 from tertia.tracker._settings import core_settings
-from tertia.tracker._table import TrackTable
+from tertia.tracker._table import TrackTable, numbered
 
 _State: TypeAlias = tuple[
     tuple[Sensor, ...], list[FlightPlan | None], float | None, float, int | None, Any, bytes
@@ -281,20 +282,18 @@ class Tracker:
             fresh, registrar = self._core.copy(), copy(self._registrar)
             tracks = self._registered(self._registrar, plots, end, recording)
             again = fresh.knowing(self._core)
-            if again is None:
-                return tracks
-            # the first plots were tracked before it was known how they are
-            self._core, self._registrar = again, registrar
-            return self._registered(registrar, plots, end, recording)
+            if again is not None:
+                # the first plots were tracked before it was known how they are
+                self._core, self._registrar = again, registrar
+                tracks = self._registered(registrar, plots, end, recording)
+            return tracks
         rows = "recording" if recording else "confirmed"
         if any(one.bias is not None for one in self.sensors):
             plots = self.bias.correct(plots)
-        table = _core.TrackColumns(len(plots) if recording else 0)
+        table = TrackColumns(len(plots) if recording else 0)
         return TrackTable._of(table, self._scan(plots, end, rows, table))
 
-    def _scan(
-        self, plots: Plots, end: float | None, rows: str, table: _core.TrackColumns
-    ) -> IntArray:
+    def _scan(self, plots: Plots, end: float | None, rows: str, table: TrackColumns) -> IntArray:
         """Add the rows of plots without systematic errors; return the tracks of the plots."""
         plots = placed(plots, self.sensors)
         return self._core.track(plots, plots.time, end, rows, table, self.n_threads)
@@ -304,7 +303,7 @@ class Tracker:
     ) -> TrackTable:
         """Return rows of tracks, while the errors of the sensors are estimated scan by scan."""
         rows, first = "all" if recording else "confirmed", self._core.plots
-        table = _core.TrackColumns(len(plots) if recording else 0)
+        table = TrackColumns(len(plots) if recording else 0)
         parts, found = scans(plots.time, registrar.period), []
         for n, index in enumerate(parts):
             part, begin = plots if len(parts) == 1 else plots[index], table.count
@@ -318,36 +317,20 @@ class Tracker:
             if registrar.is_first and not recording:
                 table.truncate(begin)
             found.append(tracks)
-        track_of_plot = found[0]
-        if len(parts) > 1:
-            # plots and their tracks are in the order of the parts
-            order = np.concatenate(parts)
-            table.renumber(order, first)
-            track_of_plot = np.empty(len(order), dtype=np.int64)
-            track_of_plot[order] = np.concatenate(found)
         if recording:
             table.keep_confirmed(self.n_threads)
-        return TrackTable._of(table, track_of_plot)
+        return TrackTable._of(table, numbered(table, found, parts, first))
 
     def _learned(
-        self,
-        registrar: Registrar,
-        plots: Plots,
-        end: float | None,
-        rows: str,
-        table: _core.TrackColumns,
+        self, registrar: Registrar, plots: Plots, end: float | None, rows: str, table: TrackColumns
     ) -> IntArray:
-        """Add the rows of a scan, with the uncertainty of the errors in their covariances.
-
-        Returns the tracks of the plots.
-        """
-        first, begin = self._core.plots, table.count
-        self._core.set_noise(registrar.noise)
-        self._core.hold(registrar.held)
+        """Add the rows of a scan, with the uncertainty of the errors in their covariances."""
+        core, first, begin = self._core, self._core.plots, table.count
+        core.set_noise(registrar.noise)
+        core.hold(registrar.held)
         tracks = self._scan(registrar.correct(plots), end, rows, table)
-        noise, time, alive = self._core.noise(), self._core.time, self._core.numbers()
-        moved = registrar.learn(plots, first, tracks, (table, begin), noise, time=time, alive=alive)
-        self._core.shift(*moved)
+        noise, time, alive, added = core.noise(), core.time, core.numbers(), (table, begin)
+        core.shift(*registrar.learn(plots, first, tracks, added, noise, time=time, alive=alive))
         return tracks
 
     def extrapolate(self, seconds: float) -> tuple[IntArray, FloatArray]:
