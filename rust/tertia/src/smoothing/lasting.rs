@@ -9,16 +9,13 @@
 
 use super::adjoint::{self, Adjoint};
 use super::diffuse;
-use super::model::{Faults, Model};
+use super::model::{Faded, Faults, Model};
 use super::motion::{self, ProcessNoise};
 use super::rows::invert;
 use super::seen::{ENOUGH, Quantity};
 use super::track::Track;
 use crate::base::small::{Matrix as Square, dot, symmetrise};
-use pass::{Faded, Pass};
 use pulp::Arch;
-
-mod pass;
 
 /// Variance of the first state over that of the plots that determine it.
 const VAGUE: f64 = 1e3;
@@ -133,7 +130,15 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
 
     /// Filters without keeping anything. Cost O(N D³).
     pub fn fit(&self, track: &Track<'_>, model: &Model, faults: &Faults) -> Fit {
-        Arch::new().dispatch(Pass { first: self.first(), track, model, faults })
+        Arch::new().dispatch(|| {
+            let (mut fit, mut faded) = (Fit::default(), Faded::default());
+            let mut step = self.first();
+            for k in 0..track.len() {
+                step.arrive(track, k, model, faults, &mut faded);
+                step.update(track, k, model, faults, &mut fit);
+            }
+            fit
+        })
     }
 
     /// Smooths; none where rounding leaves too little of a variance. Cost O(N D³) for each attempt.
