@@ -79,7 +79,7 @@ def test_the_same_by_plain_formulas():
     assert found.changes == ()
     rows = np.flatnonzero((tracks.plot >= 0) & tracks.confirmed)
     # a plot without a height has that of its track
-    own = replace(plots, height=tracks._columns.heights(plots.height, 0))[tracks.plot[rows]]
+    own = replace(plots, height=tracks._columns.heights(plots.height, 0, 0))[tracks.plot[rows]]
     seen = {name: getattr(own, name) for name in ("time", "range", "azimuth", "height", "sensor")}
     seen |= {"target": tracks.track[rows], "turn_probability": tracks.turn_probability[rows]}
     places = np.column_stack([PLACES, np.zeros(3)])

@@ -325,14 +325,17 @@ def stack_stations(
 def own_biases(sensors: Sequence[Radar | PositionSensor | Station]) -> Bias:
     """Return the stated systematic errors of sensors, (K,), or the limits if none are stated."""
     given = [_bias_of(sensor) for sensor in sensors]
-    columns: dict[str, Any] = {
-        kind: [
-            _error(bias, kind) if kind.removesuffix("_sigma") in error_kinds(one) else 0.0
-            for one, bias in zip(sensors, given, strict=True)
-        ]
+    columns = {
+        kind: np.array(
+            [
+                _error(bias, kind) if kind.removesuffix("_sigma") in error_kinds(one) else 0.0
+                for one, bias in zip(sensors, given, strict=True)
+            ],
+            dtype=np.float64,
+        )
         for kind in ERRORS
     }
-    return Bias(**columns)
+    return Bias._of(columns)
 
 
 def error_kinds(sensor: Radar | PositionSensor | Station) -> Sequence[str | None]:
@@ -355,9 +358,8 @@ def _drift_rate(bias: Bias | None, kind: str | None) -> float:
     """Return the rate at which a systematic error returns to its prior; 0 if it is constant."""
     if kind is None:
         return 0.0
-    given = Bias() if bias is None else bias
     is_estimated = bias is None or getattr(bias, f"{kind}_sigma") is None
-    share, time = given.drift_share, given.drift_time
+    share, time = (None, None) if bias is None else (bias.drift_share, bias.drift_time)
     if share is None:
         share = 1.0 if is_estimated else 0.0
     return share / (DRIFT_TIME if time is None else time)

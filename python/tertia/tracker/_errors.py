@@ -150,7 +150,7 @@ def errors(
     begin = mean if start is None else start
     begin = np.broadcast_to(begin, (len(edges) - 1, *mean.shape))
     # a plot without a height is at the height of its track
-    plots = plots._replaced(height=tracks._columns.heights(plots.height, 0))
+    plots = plots._replaced(height=tracks._columns.heights(plots.height, 0, 0))
     rows = np.flatnonzero((tracks.plot >= 0) & tracks.confirmed)
     own = in_plane(plots, sensors)[tracks.plot[rows]]
     (value, after, covariance, factor, redundancy), changes, _ = _core.register_errors(

@@ -68,11 +68,12 @@ def is_registrable(sensors: Sequence[Sensor]) -> bool:
     Those of reported times count only if there are others: they are assumed by default.
     """
     deviates = any(one.bias is not None and one.bias.deviation_order > 0 for one in sensors)
+    if deviates or sum(not isinstance(one, Station) for one in sensors) < 2:
+        return False
     sigma = columns_of(own_biases(sensors), "_sigma")
     radar = np.array([isinstance(one, Radar) for one in sensors])
     unknown = np.where(radar, sigma.any(axis=1), sigma[:, :3].any(axis=1))
-    placing = sum(not isinstance(one, Station) for one in sensors)
-    return placing > 1 and not deviates and bool(np.any(radar) and np.any(unknown))
+    return bool(np.any(radar) and np.any(unknown))
 
 
 def begun(
@@ -106,8 +107,6 @@ class Registrar:
         The sensors.
     profile : str
         Kind of targets, for the tracks of single sensors.
-    known : tuple of ndarray of shape (K, 4) and ndarray of shape (4 * K, 4 * K), or None
-        Errors that are known at the beginning, and their covariance.
     kept : list of Plots
         Plots of the last scans; they are kept as long as the search for large errors goes on.
     """
@@ -126,16 +125,11 @@ class Registrar:
         # a station has no tracks of its own
         self._paired: BoolArray = np.array([isinstance(one, Station) for one in sensors])
         self._compared = False
-        self.known = known
         self._start_from(own_biases(sensors))
         if known is not None:
             self._core.know(*known)
             # nothing is far from what is known
             self._paired[:] = True
-
-    def anew(self) -> Registrar:
-        """Return the registrar as it was at the beginning."""
-        return Registrar(self.sensors, self.profile, self.known)
 
     @property
     def period(self) -> float:
@@ -176,26 +170,28 @@ class Registrar:
         self,
         plots: Plots,
         first: int,
-        tracks: TrackTable,
+        tracks: IntArray,
+        rows: tuple[_core.TrackColumns, int],
         noise: FloatArray,
         *,
         time: float,
         alive: IntArray,
     ) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Update the errors from rows of tracks and their plots; `first` numbers the first plot.
+        """Update the errors from plots and their tracks; `first` numbers the first plot.
 
-        `noise`, (K, 2), is the noise with which the rows were made, and `alive` are the numbers of
-        all tracks, in order. The uncertainty of the errors is added to the covariances of the rows,
-        and the rows are moved by the change of the errors. Returns tracks, and by how much they
-        move at which times.
+        `rows` are a table and the index of the first row that the plots have added to it, `noise`,
+        (K, 2), is the noise with which the rows were made, and `alive` are the numbers of all
+        tracks, in order. The uncertainty of the errors is added to the covariances of the rows, and
+        the rows are moved by the change of the errors. Returns tracks, and by how much they move at
+        which times.
         """
         if not np.isfinite(plots.height).all():
             # at the height of their track
-            plots = plots._replaced(height=tracks._columns.heights(plots.height, first))
+            table, begin = rows
+            plots = plots._replaced(height=table.heights(plots.height, first, begin))
             plots = with_heights(plots, self.sensors, self.profile)
-        columns, track = tracks._columns, tracks.track_of_plot
         flat = in_plane(plots, self.sensors)
-        return self._core.learn(flat, first, columns, track, noise, time, alive)
+        return self._core.learn(flat, first, rows, tracks, noise, time, alive)
 
     @property
     def _first(self) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -213,15 +213,18 @@ class TrackTable(_Columns, Result):
         return cls(**kept, track_of_plot=np.concatenate([table.track_of_plot for table in tables]))
 
 
-def joined(tables: Iterable[TrackTable], order: IntArray, first: int) -> TrackTable:
-    """Join the tables of tracks of successive parts of a recording; the parts are emptied.
+def numbered(
+    table: _core.TrackColumns, tracks: Sequence[IntArray], parts: Sequence[IntArray], first: int
+) -> IntArray:
+    """Return the tracks of plots that were given in parts, in the order of the whole recording.
 
-    `order` has, for each plot of the parts in their order, its index in the whole recording.
-    `first` is the number of the first plot of the recording.
+    `parts` are the indices of the plots of each part. Rows of the table get the numbers of their
+    plots in the whole recording, the first of which is `first`.
     """
-    whole, tracks, done = _core.TrackColumns(len(order)), np.empty(len(order), dtype=np.int64), 0
-    for table in tables:
-        whole.append(table._columns, order, first)
-        tracks[order[done : done + len(table.track_of_plot)]] = table.track_of_plot
-        done += len(table.track_of_plot)
-    return TrackTable._of(whole, tracks)
+    if len(parts) == 1:
+        return tracks[0]
+    order = np.concatenate(parts)
+    table.renumber(order, first)
+    track_of_plot = np.empty(len(order), dtype=np.int64)
+    track_of_plot[order] = np.concatenate(tracks)
+    return track_of_plot

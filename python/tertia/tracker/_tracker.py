@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from typing import Any, TypeAlias
 
@@ -21,6 +22,7 @@ from tertia._arrays import (
     sequence_of,
     threads,
 )
+from tertia._core import TrackColumns
 from tertia.association import GUARD
 from tertia.flightplan import FlightPlan
 from tertia.sensors import Bias, PositionSensor, Radar
@@ -31,7 +33,7 @@ from tertia.tracker._plots import Plots, continuous
 from tertia.tracker._registrar import Registrar, begun, is_registrable, scans
 from tertia.tracker._sensors import Sensor, check_velocities, core_sensors, sensors_of
 from tertia.tracker._settings import core_settings
-from tertia.tracker._table import TrackTable, joined
+from tertia.tracker._table import TrackTable, numbered
 
 _State: TypeAlias = tuple[
     tuple[Sensor, ...], list[FlightPlan | None], float | None, float, int | None, Any, bytes
@@ -273,65 +275,63 @@ class Tracker:
             if end is not None:
                 end = float(continuous(np.array([end]), period, now)[0])
         if self._registrar is not None:
-            fresh = self._core.copy() if recording and not self._core.plots else None
-            table = self._registered(self._registrar, plots, end, recording)
-            again = None if fresh is None else fresh.knowing(self._core)
-            if again is None:
-                return table
-            # the first plots were tracked before it was known how they are
-            self._core = again
-            self._registrar = self._registrar.anew()
-            return self._registered(self._registrar, plots, end, recording)
+            if recording:
+                self._registrar.search_recording(plots, _alone)
+            if not recording or self._core.plots:
+                return self._registered(self._registrar, plots, end, recording)
+            fresh, registrar = self._core.copy(), copy(self._registrar)
+            tracks = self._registered(self._registrar, plots, end, recording)
+            again = fresh.knowing(self._core)
+            if again is not None:
+                # the first plots were tracked before it was known how they are
+                self._core, self._registrar = again, registrar
+                tracks = self._registered(registrar, plots, end, recording)
+            return tracks
         rows = "recording" if recording else "confirmed"
         if any(one.bias is not None for one in self.sensors):
             plots = self.bias.correct(plots)
-        return self._scan(plots, end, rows)
+        table = TrackColumns(len(plots) if recording else 0)
+        return TrackTable._of(table, self._scan(plots, end, rows, table))
 
-    def _scan(self, plots: Plots, end: float | None, rows: str) -> TrackTable:
-        """Return rows of tracks from plots from which systematic errors were removed."""
+    def _scan(self, plots: Plots, end: float | None, rows: str, table: TrackColumns) -> IntArray:
+        """Add the rows of plots without systematic errors; return the tracks of the plots."""
         plots = placed(plots, self.sensors)
-        return TrackTable._of(*self._core.track(plots, plots.time, end, rows, self.n_threads))
+        return self._core.track(plots, plots.time, end, rows, table, self.n_threads)
 
     def _registered(
         self, registrar: Registrar, plots: Plots, end: float | None, recording: bool
     ) -> TrackTable:
         """Return rows of tracks, while the errors of the sensors are estimated scan by scan."""
-        if recording:
-            registrar.search_recording(plots, _alone)
         rows, first = "all" if recording else "confirmed", self._core.plots
-        parts = scans(plots.time, registrar.period)
-
-        def scan(n: int, index: IntArray) -> TrackTable:
-            part = plots if len(parts) == 1 else plots[index]
+        table = TrackColumns(len(plots) if recording else 0)
+        parts, found = scans(plots.time, registrar.period), []
+        for n, index in enumerate(parts):
+            part, begin = plots if len(parts) == 1 else plots[index], table.count
             until = end if n == len(parts) - 1 else None
-            table = self._learned(registrar, part, until, rows)
+            tracks = self._learned(registrar, part, until, rows, table)
             if not recording and registrar.search(part, self._core.time, _alone):
                 self._core.restart(sum(map(len, registrar.kept)))
                 for again in registrar.kept:
-                    table = self._learned(registrar, again, None, rows)
+                    table.truncate(begin)
+                    tracks = self._learned(registrar, again, None, rows, table)
             if registrar.is_first and not recording:
-                none = self._scan(plots[:0], None, rows)._columns
-                return TrackTable._of(none, table.track_of_plot)
-            return table
-
-        if len(parts) == 1 and not recording:
-            return scan(0, parts[0])
-        table = joined(map(scan, range(len(parts)), parts), np.concatenate(parts), first)
+                table.truncate(begin)
+            found.append(tracks)
         if recording:
-            table._columns.keep_confirmed(self.n_threads)
-        return table
+            table.keep_confirmed(self.n_threads)
+        return TrackTable._of(table, numbered(table, found, parts, first))
 
     def _learned(
-        self, registrar: Registrar, plots: Plots, end: float | None, rows: str
-    ) -> TrackTable:
-        """Return the rows of a scan, with the uncertainty of the errors in their covariances."""
-        first = self._core.plots
-        self._core.set_noise(registrar.noise)
-        self._core.hold(registrar.held)
-        table = self._scan(registrar.correct(plots), end, rows)
-        noise, time, alive = self._core.noise(), self._core.time, self._core.numbers()
-        self._core.shift(*registrar.learn(plots, first, table, noise, time=time, alive=alive))
-        return table
+        self, registrar: Registrar, plots: Plots, end: float | None, rows: str, table: TrackColumns
+    ) -> IntArray:
+        """Add the rows of a scan, with the uncertainty of the errors in their covariances."""
+        core, first, begin = self._core, self._core.plots, table.count
+        core.set_noise(registrar.noise)
+        core.hold(registrar.held)
+        tracks = self._scan(registrar.correct(plots), end, rows, table)
+        noise, time, alive, added = core.noise(), core.time, core.numbers(), (table, begin)
+        core.shift(*registrar.learn(plots, first, tracks, added, noise, time=time, alive=alive))
+        return tracks
 
     def extrapolate(self, seconds: float) -> tuple[IntArray, FloatArray]:
         """Predict where the confirmed tracks will be, without changing them.

@@ -102,9 +102,10 @@ impl PlotTracker {
         self.0.tracker_mut().restart(plots);
     }
 
-    /// Processes plots at these times, until `end`. Returned are the rows of the tracks that are
+    /// Processes plots at these times, until `end`. Added to the table are the rows of the tracks that are
     /// "confirmed" by then, of "all" tracks, or, of a "recording", all rows of the tracks that are
-    /// confirmed in the end.
+    /// confirmed in the end. Returns the tracks of the plots.
+    #[allow(clippy::too_many_arguments)] // those of the Python method
     fn track<'py>(
         &mut self,
         py: Python<'py>,
@@ -112,28 +113,29 @@ impl PlotTracker {
         time: Input<'py>,
         end: Option<f64>,
         rows: &str,
+        table: &TrackColumns,
         n_threads: Threads,
-    ) -> PyResult<(TrackColumns, Output<'py, i64>)> {
+    ) -> PyResult<Output<'py, i64>> {
         let plots = plots.read(&time, self.0.tracker().radars())?;
-        // each plot makes a row of a track
-        let room = if rows == "confirmed" { 0 } else { plots.len() };
-        let (mut statuses, mut table) = (Vec::new(), Table::new(rows != "confirmed", room));
-        release(py, plots.len() as f64 * PLOT_NS, || {
+        let (mut statuses, mut found) = (Vec::new(), table.take_rows(py, rows != "confirmed")?);
+        let done = release(py, plots.len() as f64 * PLOT_NS, || {
             if rows != "recording" {
-                return self.0.track(&plots, end, &mut statuses, &mut table, n_threads);
+                return self.0.track(&plots, end, &mut statuses, &mut found, n_threads);
             }
             let fresh = (self.0.tracker().plots() == 0).then(|| self.0.clone());
-            self.0.record(&plots, &mut statuses, &mut table, n_threads)?;
+            self.0.record(&plots, &mut statuses, &mut found, n_threads)?;
             // the first plots were tracked before it was known how they are
             if let Some(again) = fresh.and_then(|fresh| fresh.knowing(&self.0)) {
-                (self.0, table) = (again, Table::new(true, room));
-                self.0.record(&plots, &mut statuses, &mut table, n_threads)?;
+                self.0 = again;
+                found.truncate(0);
+                self.0.record(&plots, &mut statuses, &mut found, n_threads)?;
             }
-            table.keep_confirmed(n_threads);
+            found.keep_confirmed(n_threads);
             Ok(())
-        })?
-        .map_err(value_error)?;
-        Ok((TrackColumns::new(table), codes(py, &statuses)?))
+        });
+        table.put_rows(py, found);
+        done?.map_err(value_error)?;
+        codes(py, &statuses)
     }
 
     /// The same tracker once more.

@@ -2,7 +2,7 @@
 //! 1988): brought to one instant, freed of the systematic errors of their sensors, compared in pairs,
 //! grouped into targets that keep their numbers, and fused.
 //!
-//! `row <- tracklet, bias; compare <- pairs <- groups; row, compare, tracklet <- rule; pairs, row <-
+//! `row <- tracklet, bias; compare, near <- pairs <- groups; row, compare, tracklet <- rule; pairs, row <-
 //! target, shadow <- member <- centre`. A cycle costs O(tracks) and what the pairs of tracks within 8 km cost; memory is
 //! O(tracks + pairs).
 
@@ -11,6 +11,7 @@ mod centre;
 mod compare;
 mod groups;
 mod member;
+mod near;
 mod pairs;
 mod row;
 mod rule;

@@ -72,8 +72,8 @@ impl Registrar {
         Ok(([time?, range?, azimuth?], places.transpose()?))
     }
 
-    /// Learns from a table of tracks and the plots that it is of, of which the first has this number,
-    /// until a time; adds what is not known of the errors to the covariances, and moves the rows by what
+    /// Learns from the rows of a table of tracks from `begin` on and the plots that they are of, of which the
+    /// first has this number, until a time; adds what is not known of the errors to the covariances, and moves the rows by what
     /// was learnt. `alive` are the numbers of all tracks, in order. Returns the same of the tracks: numbers,
     /// times, positions and velocities.
     #[allow(clippy::too_many_arguments)] // those of the Python method
@@ -82,7 +82,7 @@ impl Registrar {
         py: Python<'py>,
         plots: Columns<'py>,
         first: i64,
-        table: &TrackColumns,
+        rows: (PyRef<'py, TrackColumns>, usize),
         track_of_plot: PyReadonlyArray1<'py, i64>,
         noise: Input<'py>,
         time: f64,
@@ -97,12 +97,13 @@ impl Registrar {
         let plots = plots.read(&plots.time, self.0.errors().len())?;
         let (track_of_plot, alive) = (track_of_plot.as_slice()?, alive.as_slice()?);
         same_length(plots.len(), &[track_of_plot.len()])?;
-        let mut told = Told::take(py, table, &plots, first)?;
+        let (table, begin) = rows;
+        let mut told = Told::take(py, &table, &plots, (first, begin))?;
         let tracks = release(py, 1e3 * told.count() as f64, || {
             let loose = told.loose(track_of_plot);
             self.0.learn_rows(&mut told, &loose, &noise, (time, Some(alive)))
         });
-        told.put_back(py, table);
+        told.put_back(py, &table);
         let tracks = tracks?;
         let count = tracks.len();
         Ok((
@@ -146,10 +147,12 @@ impl Registrar {
     }
 }
 
-/// The columns of a table of tracks, with their plots, of which the first has this number.
+/// The columns of a table of tracks, with the plots of the rows from `begin` on, of which the first has this
+/// number.
 struct Told<'a> {
     plots: &'a View<'a>,
     first: i64,
+    begin: usize,
     track: Vec<i64>,
     plot: Vec<i64>,
     sensor: Vec<i64>,
@@ -169,11 +172,12 @@ impl<'a> Told<'a> {
         py: Python<'_>,
         table: &TrackColumns,
         plots: &'a View<'a>,
-        first: i64,
+        (first, begin): (i64, usize),
     ) -> PyResult<Self> {
         Ok(Self {
             plots,
             first,
+            begin,
             track: table.take_integers(py, "track")?,
             plot: table.take_integers(py, "plot")?,
             sensor: table.take_integers(py, "sensor")?,
@@ -217,7 +221,7 @@ impl<'a> Told<'a> {
     /// Plots of tracks that are not confirmed.
     fn loose(&self, track_of_plot: &[i64]) -> Vec<Report> {
         let mut loose: Vec<bool> = track_of_plot.iter().map(|&track| track >= 0).collect();
-        for row in (0..self.count()).filter(|row| self.confirmed[*row]) {
+        for row in (self.begin..self.track.len()).filter(|row| self.confirmed[*row]) {
             if let Some(own) = self.plot_of(row) {
                 loose[own] = false;
             }
@@ -229,15 +233,16 @@ impl<'a> Told<'a> {
 
 impl Updates for Told<'_> {
     fn count(&self) -> usize {
-        self.track.len()
+        self.track.len() - self.begin
     }
 
     fn target(&self, row: usize) -> i64 {
-        self.track[row]
+        self.track[self.begin + row]
     }
 
     #[inline(always)]
     fn get(&self, row: usize) -> Update {
+        let row = self.begin + row;
         let radar = self.sensor[row] as usize;
         let missed = || Report { time: self.time[row], ..missed(radar) };
         let report = self.plot_of(row).map_or_else(missed, |own| self.plots.measured(own));
@@ -263,6 +268,7 @@ impl Updates for Told<'_> {
 impl Changed for Told<'_> {
     #[inline(always)]
     fn change(&mut self, row: usize, moved: &[f64; 4], added: &[f64; 16]) {
+        let row = self.begin + row;
         for i in 0..2 {
             self.position[2 * row + i] += moved[i];
             self.velocity[2 * row + i] += moved[2 + i];

@@ -43,43 +43,55 @@ impl TrackColumns {
         Self::new(Table::new(true, rows))
     }
 
-    /// Adds the rows of the next part of plots, whose table is empty then. `order` is where the plots
-    /// of all parts, one after the other, are among all, of which the first has the number `first`.
-    fn append(
-        &self,
-        py: Python<'_>,
-        part: &Self,
-        order: PyReadonlyArray1<'_, i64>,
-        first: i64,
-    ) -> PyResult<()> {
-        let order = order.as_slice()?;
-        for (index, column) in COLUMNS.iter().enumerate() {
-            let (mut whole, mut part) = (self.take(py, index)?, part.take(py, index)?);
-            if let (Data::Integers(plots), "plot") = (&mut part, column.name) {
-                for plot in plots {
-                    let place = usize::try_from(*plot - first).ok();
-                    if let Some(place) = place.and_then(|place| order.get(place)) {
-                        *plot = first + place;
-                    }
-                }
-            }
-            whole.append(&mut part);
-            self.put(py, index, whole);
-        }
+    /// Number of rows.
+    #[getter]
+    fn count(&self, py: Python<'_>) -> PyResult<usize> {
+        let tracks = self.take_integers(py, "track")?;
+        let count = tracks.len();
+        self.put_back(py, "track", Data::Integers(tracks));
+        Ok(count)
+    }
+
+    /// Leaves out the rows from this one on.
+    fn truncate(&self, py: Python<'_>, rows: usize) -> PyResult<()> {
+        let mut table = self.take_rows(py, true)?;
+        table.truncate(rows);
+        self.put_rows(py, table);
         Ok(())
     }
 
-    /// Heights of plots, of which the first has this number; where there is none, that of its track.
+    /// Numbers plots that were given part by part as they are among all: `order` is where those of all
+    /// parts, one after the other, are, and the first has the number `first`.
+    fn renumber(
+        &self,
+        py: Python<'_>,
+        order: PyReadonlyArray1<'_, i64>,
+        first: i64,
+    ) -> PyResult<()> {
+        let (order, mut plots) = (order.as_slice()?, self.take_integers(py, "plot")?);
+        for plot in &mut plots {
+            let place = usize::try_from(*plot - first).ok();
+            if let Some(place) = place.and_then(|place| order.get(place)) {
+                *plot = first + place;
+            }
+        }
+        self.put_back(py, "plot", Data::Integers(plots));
+        Ok(())
+    }
+
+    /// Heights of plots, of which the first has this number; where there is none, that of its track in the rows
+    /// from `begin` on.
     fn heights<'py>(
         &self,
         py: Python<'py>,
         height: PyReadonlyArray1<'py, f64>,
         first: i64,
+        begin: usize,
     ) -> PyResult<Array<'py>> {
         let own = height.as_slice()?;
         let mut filled = own.to_vec();
         let (plot, tracks) = (self.take_integers(py, "plot")?, self.take_numbers(py, "height")?);
-        for (plot, height) in plot.iter().zip(&tracks) {
+        for (plot, height) in plot.iter().zip(&tracks).skip(begin) {
             let place = usize::try_from(plot - first).ok().filter(|place| *place < own.len());
             if let Some(place) = place.filter(|place| !own[*place].is_finite()) {
                 filled[place] = *height;
@@ -92,12 +104,9 @@ impl TrackColumns {
 
     /// Leaves out the rows of tracks that are never confirmed.
     fn keep_confirmed(&self, py: Python<'_>, n_threads: Threads) -> PyResult<()> {
-        let columns = (0..COLUMNS.len()).map(|index| self.take(py, index));
-        let mut table = Table::of(columns.collect::<PyResult<_>>()?);
+        let mut table = self.take_rows(py, true)?;
         table.keep_confirmed(n_threads);
-        for (index, data) in table.into_columns().into_iter().enumerate() {
-            self.put(py, index, data);
-        }
+        self.put_rows(py, table);
         Ok(())
     }
 
@@ -117,6 +126,19 @@ impl TrackColumns {
 }
 
 impl TrackColumns {
+    /// All rows, of which this table keeps none; more are to be of confirmed tracks or of `tentative` ones too.
+    pub fn take_rows(&self, py: Python<'_>, tentative: bool) -> PyResult<Table> {
+        let columns = (0..COLUMNS.len()).map(|index| self.take(py, index));
+        Ok(Table::of(columns.collect::<PyResult<_>>()?, tentative))
+    }
+
+    /// Puts them back.
+    pub fn put_rows(&self, py: Python<'_>, table: Table) {
+        for (index, data) in table.into_columns().into_iter().enumerate() {
+            self.put(py, index, data);
+        }
+    }
+
     /// The values of a column of numbers, those of symmetric matrices on and above the diagonal, of which
     /// this table keeps none.
     pub fn take_numbers(&self, py: Python<'_>, name: &str) -> PyResult<Vec<f64>> {

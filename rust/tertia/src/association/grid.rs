@@ -5,6 +5,7 @@
 //! so distant outliers cost nothing. A row of neighbouring cells is contiguous in memory.
 
 use crate::base::error::{Result, require, require_elements};
+use std::ops::Range;
 
 /// Buckets per point, at least: fewer than one point of other cells is looked at in each.
 const BUCKETS_PER_POINT: usize = 2;
@@ -20,6 +21,14 @@ pub struct Entry {
     /// A number of the caller's, by which points can be left out without reading what they belong to.
     pub tag: u32,
 }
+
+/// Indices of points, in order.
+pub(crate) trait Indices:
+    ExactSizeIterator<Item = usize> + DoubleEndedIterator + Clone
+{
+}
+
+impl<I: ExactSizeIterator<Item = usize> + DoubleEndedIterator + Clone> Indices for I {}
 
 /// An index of points in the plane, for one scan.
 #[derive(Clone, Debug, Default)]
@@ -63,6 +72,19 @@ impl Grid {
         tag: impl Fn(usize) -> u32,
         cell: f64,
     ) -> Result<()> {
+        self.fill_some((points, 0..points.len()), tag, cell)
+    }
+
+    /// The same with some of the points only, in the order of their indices.
+    ///
+    /// # Errors
+    /// As [`Grid::new`].
+    pub(crate) fn fill_some(
+        &mut self,
+        (points, some): (&[[f64; 2]], impl Indices),
+        tag: impl Fn(usize) -> u32,
+        cell: f64,
+    ) -> Result<()> {
         *self = Self {
             entries: std::mem::take(&mut self.entries),
             start: std::mem::take(&mut self.start),
@@ -75,17 +97,22 @@ impl Grid {
         let few = u32::try_from(points.len()).is_ok();
         require("points", points.len() as f64, few, "fewer than 2³²")?;
         require_elements("points", points.as_flattened(), 2, f64::is_finite, FINITE)?;
-        let side = side(points.len());
+        let side = side(some.len());
         (self.mask, self.density) = (side - 1, 1.0 / cell);
-        self.sort(points, tag, side * side);
+        self.sort((points, some), tag, side * side);
         Ok(())
     }
 
     /// Sorts the points by bucket, by counting.
-    fn sort(&mut self, points: &[[f64; 2]], tag: impl Fn(usize) -> u32, buckets: usize) {
+    fn sort(
+        &mut self,
+        (points, some): (&[[f64; 2]], impl Indices),
+        tag: impl Fn(usize) -> u32,
+        buckets: usize,
+    ) {
         self.start.resize(buckets + 1, 0);
-        for &point in points {
-            let bucket = self.bucket(point);
+        for i in some.clone() {
+            let bucket = self.bucket(points[i]);
             self.start[bucket] += 1;
         }
         let mut end = 0;
@@ -93,8 +120,9 @@ impl Grid {
             end += *start;
             *start = end;
         }
-        self.entries.resize(points.len(), Entry::default());
-        for (i, &point) in points.iter().enumerate().rev() {
+        self.entries.resize(some.len(), Entry::default());
+        for i in some.rev() {
+            let point = points[i];
             let bucket = self.bucket(point);
             self.start[bucket] -= 1;
             self.entries[self.start[bucket] as usize] =
@@ -133,6 +161,25 @@ impl Grid {
     /// As [`Grid::between`], with the points and their tags.
     #[inline]
     pub fn entries(&self, low: [f64; 2], high: [f64; 2], visit: &mut impl FnMut(&Entry)) {
+        self.ranges(low, high, &mut |range| {
+            for entry in &self.entries[range] {
+                if is_inside(entry.point, low, high) {
+                    visit(entry);
+                }
+            }
+        });
+    }
+
+    /// All points with their tags, cell by cell.
+    #[must_use]
+    pub fn all(&self) -> &[Entry] {
+        &self.entries
+    }
+
+    /// Where the points from one corner to the other are among all, and others of the same cells, each
+    /// once: for callers that test many of them at once.
+    #[inline]
+    pub fn ranges(&self, low: [f64; 2], high: [f64; 2], visit: &mut impl FnMut(Range<usize>)) {
         if self.is_empty() {
             return;
         }
@@ -145,11 +192,7 @@ impl Grid {
             for (first, end) in [(columns.first, seam), (0, beyond)] {
                 let from = self.start[of_row + first] as usize;
                 let to = self.start[of_row + end] as usize;
-                for entry in &self.entries[from..to] {
-                    if is_inside(entry.point, low, high) {
-                        visit(entry);
-                    }
-                }
+                visit(from..to);
                 if beyond == 0 {
                     break;
                 }
@@ -183,10 +226,11 @@ impl Grid {
     }
 }
 
-/// Whether a point is between two corners, the edges included.
+/// Whether a point is between two corners, the edges included. All is compared: whether it is inside along
+/// one axis is as good as random, which processors cannot guess.
 #[inline]
 pub(crate) fn is_inside([x, y]: [f64; 2], low: [f64; 2], high: [f64; 2]) -> bool {
-    x >= low[0] && x <= high[0] && y >= low[1] && y <= high[1]
+    (x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1])
 }
 
 /// Neighbouring cells of a row or column that is wound around the torus.
@@ -265,6 +309,29 @@ mod tests {
         // without tags they are zero
         grid.fill(&points, 50.0).unwrap();
         grid.entries([-1e3; 2], [1e3; 2], &mut |entry| assert_eq!(entry.tag, 0));
+    }
+
+    #[test]
+    fn some_of_the_points_keep_their_indices() {
+        let mut random = Random::new(2);
+        let mut point = || [random.symmetric(3e3), random.symmetric(3e3)];
+        let points: Vec<_> = (0..300).map(|_| point()).collect();
+        let third = (0..points.len()).step_by(3);
+        let mut grid = Grid::default();
+        grid.fill_some((&points, third.clone()), |i| i as u32 + 1, 400.0).unwrap();
+        assert_eq!((grid.len(), grid.all().len()), (100, 100));
+        let own = |entry: &&Entry| {
+            entry.tag == entry.index + 1 && entry.point == points[entry.index as usize]
+        };
+        assert_eq!(grid.all().iter().filter(own).count(), 100);
+        let (low, high) = ([-900.0, -200.0], [700.0, 1500.0]);
+        let mut near = Vec::new();
+        grid.ranges(low, high, &mut |range| near.extend(&grid.all()[range]));
+        near.retain(|entry: &Entry| is_inside(entry.point, low, high));
+        let mut near: Vec<_> = near.iter().map(|entry| entry.index as usize).collect();
+        near.sort_unstable();
+        let expected: Vec<_> = third.filter(|&i| is_inside(points[i], low, high)).collect();
+        assert!(expected.len() > 5 && near == expected);
     }
 
     #[test]

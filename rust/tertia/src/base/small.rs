@@ -13,6 +13,7 @@ const PARALLEL: f64 = 1e-9;
 pub(crate) type Matrix<const D: usize> = [[f64; D]; D];
 pub(crate) type Vector<const D: usize> = [f64; D];
 
+#[inline(always)]
 pub(crate) fn dot<const D: usize>(a: &Vector<D>, b: &Vector<D>) -> f64 {
     let mut sum = 0.0;
     for i in 0..D {

@@ -9,12 +9,13 @@
 
 use super::adjoint::{self, Adjoint};
 use super::diffuse;
-use super::model::{Faults, Model};
+use super::model::{Faded, Faults, Model};
 use super::motion::{self, ProcessNoise};
 use super::rows::invert;
 use super::seen::{ENOUGH, Quantity};
 use super::track::Track;
 use crate::base::small::{Matrix as Square, dot, symmetrise};
+use pulp::Arch;
 
 /// Variance of the first state over that of the plots that determine it.
 const VAGUE: f64 = 1e3;
@@ -129,13 +130,15 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
 
     /// Filters without keeping anything. Cost O(N D³).
     pub fn fit(&self, track: &Track<'_>, model: &Model, faults: &Faults) -> Fit {
-        let mut fit = Fit::default();
-        let mut step = self.first();
-        for k in 0..track.len() {
-            step.arrive(track, k, model, faults);
-            step.update(track, k, model, faults, &mut fit);
-        }
-        fit
+        Arch::new().dispatch(|| {
+            let (mut fit, mut faded) = (Fit::default(), Faded::default());
+            let mut step = self.first();
+            for k in 0..track.len() {
+                step.arrive(track, k, model, faults, &mut faded);
+                step.update(track, k, model, faults, &mut fit);
+            }
+            fit
+        })
     }
 
     /// Smooths; none where rounding leaves too little of a variance. Cost O(N D³) for each attempt.
@@ -182,13 +185,13 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
         out.covariance.resize(n * states * states, 0.0);
         out.innovation.resize(n * M, 0.0);
         out.jump.resize(n, 0.0);
-        let mut step = self.first();
+        let (mut step, mut faded) = (self.first(), Faded::default());
         let mut answer: Square<N> =
             std::array::from_fn(|c| std::array::from_fn(|r| f64::from(r == c)));
         self.steps.clear();
         self.answers.clear();
         for k in 0..n {
-            step.arrive(track, k, model, faults);
+            step.arrive(track, k, model, faults, &mut faded);
             let mut after = step.clone();
             after.update(track, k, model, faults, &mut Fit::default());
             (step.ph, step.h, step.s, step.innovation) =
@@ -315,13 +318,20 @@ fn prior<const S: usize>(track: &Track<'_>) -> ([f64; S], Square<S>) {
 impl<const M: usize, const N: usize> Step<M, N> {
     /// `x = F x`, `P = F P F' + Q`, and a jump if there is one.
     #[inline(always)]
-    fn arrive(&mut self, track: &Track<'_>, k: usize, model: &Model, faults: &Faults) {
+    fn arrive(
+        &mut self,
+        track: &Track<'_>,
+        k: usize,
+        model: &Model,
+        faults: &Faults,
+        faded: &mut Faded,
+    ) {
         if k == 0 {
             return;
         }
         let t = track.times[k] - track.times[k - 1];
         if t > 0.0 {
-            let phi = model.lasting.correlation(t);
+            let phi = faded.over(t, model);
             self.predict(t, phi, model.motion);
         }
         if faults.jumps[k] {

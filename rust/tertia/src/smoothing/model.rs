@@ -46,6 +46,23 @@ impl Model {
     }
 }
 
+/// A time, and the correlation of lasting noise over that: most steps are as long as the one before.
+#[derive(Default)]
+pub(super) struct Faded {
+    time: f64,
+    correlation: f64,
+}
+
+impl Faded {
+    #[inline(always)]
+    pub fn over(&mut self, time: f64, model: &Model) -> f64 {
+        if time != self.time {
+            *self = Self { time, correlation: model.lasting.correlation(time) };
+        }
+        self.correlation
+    }
+}
+
 /// What does not belong to the path.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Faults {

@@ -3,7 +3,8 @@
 use super::bias::{corrected, propagated, sensitivity};
 use super::groups::{Group, grouped};
 use super::member::{FORGOTTEN, Member, take};
-use super::pairs::{Known, Manual, Pairs, Sample, density, key};
+use super::near::Sample;
+use super::pairs::{Known, Manual, Pairs, density, key};
 use super::row::Row;
 use super::rule::{Part, Rule};
 use super::share::mapped;

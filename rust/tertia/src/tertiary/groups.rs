@@ -1,6 +1,7 @@
 //! Tracks of several sensors in groups, one group a target.
 
-use super::pairs::{Candidate, Sample};
+use super::near::Sample;
+use super::pairs::Candidate;
 use crate::association::{Assigner, Pair};
 
 /// Tracks that are one target.
@@ -33,8 +34,10 @@ pub(super) fn grouped(samples: &[Sample], candidates: &[Candidate], order: &[usi
     let mut groups: Vec<Group> = Vec::new();
     let mut group_of = vec![usize::MAX; samples.len()];
     let mut assigner = Assigner::default();
+    let mut of_sensor = vec![Vec::new(); order.len()];
+    samples.iter().enumerate().for_each(|(i, sample)| of_sensor[sample.sensor].push(i));
     for &sensor in order {
-        let own: Vec<usize> = (0..samples.len()).filter(|&i| samples[i].sensor == sensor).collect();
+        let own = &of_sensor[sensor];
         let (mut pairs, mut offers) = (Vec::new(), Vec::new());
         let mut of_track = Vec::new();
         for (row, &i) in own.iter().enumerate() {

@@ -19,7 +19,12 @@ pub(super) fn mapped<I: Send, T: Send>(
     work: impl Fn(I) -> Result<T> + Sync,
 ) -> Result<Vec<T>> {
     if n_threads == NonZero::new(1) {
-        return items.map(work).collect();
+        // a fallible `collect` knows no length
+        let mut found = Vec::with_capacity(items.len());
+        for item in items {
+            found.push(work(item)?);
+        }
+        return Ok(found);
     }
     let cost = (nanoseconds * items.len() as f64).min(STOPPABLE_NS);
     let mut found: Vec<Option<T>> = Vec::new();

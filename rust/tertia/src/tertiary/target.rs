@@ -1,7 +1,8 @@
 //! A target of the picture: its number, its age, and its filter.
 
 use super::bias::propagated;
-use super::pairs::{Known, Sample};
+use super::near::Sample;
+use super::pairs::Known;
 use super::row::Row;
 use crate::base::plane::Plane;
 use crate::registration::{Report, TargetPlot, Update};

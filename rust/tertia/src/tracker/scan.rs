@@ -36,13 +36,17 @@ pub(super) struct Scan {
     spread: Spread,
     /// Second plots of targets, of radars that make many.
     left_out: Vec<bool>,
-    /// The least number of a track that is looked at.
-    first: u64,
+    /// The least number of a track that is looked at, and the least index of one.
+    first: (u64, usize),
     /// Plots of each radar that belonged to no track.
     unused: Vec<Counts>,
     /// The plots of all radars.
     grid: Grid,
     points: Vec<[f64; 2]>,
+    cell: f64,
+    /// Plots that confirmed tracks have left, and where they are.
+    left: Vec<u32>,
+    around: Grid,
     claims: Vec<Claim>,
     sorted: Vec<Claim>,
     /// Plots of the claims.
@@ -92,7 +96,7 @@ impl Scan {
     ) {
         self.load(sky, plots);
         self.leave_out(sky, &mut report);
-        self.first = 0;
+        self.first = (0, 0);
         self.take(sky, true, [oldest, hold], &mut report);
         let known = Known { settings: sky.settings, clutter: sky.clutter, noise: sky.noise };
         let sought = (known, &mut sky.tracks[..], &mut *sky.rows);
@@ -112,10 +116,11 @@ impl Scan {
         strays::find(near, used, tracks, (sky.noise, sky.clutter), &mut self.others);
         let mut schedule = Schedule::at(self.plots.first(), sky.tracks, sky.settings);
         schedule.crowd((&self.plots, used.0), (sky.clutter, sky.settings), &mut self.others);
+        self.leave();
         loop {
             self.take(sky, false, [oldest, hold], &mut report);
             // those that were there before have had their choice
-            self.first = *sky.next_number;
+            self.first = (*sky.next_number, sky.tracks.len());
             if !self.begin(sky, &schedule, hold, &mut report) {
                 break;
             }
@@ -170,8 +175,20 @@ impl Scan {
             7.0 * (radar.range_sigma + far) + 500.0
         });
         let radar = |i: usize| plots[i].radar as u32;
-        let cell = cell.fold(0.0, f64::max);
-        self.grid.fill_tagged(&self.points, radar, cell).expect("plots are finite");
+        self.cell = cell.fold(0.0, f64::max);
+        self.grid.fill_tagged(&self.points, radar, self.cell).expect("plots are finite");
+    }
+
+    /// Finds the plots that confirmed tracks have left: where others are most, few of them. Tentative tracks
+    /// look for them farther away.
+    fn leave(&mut self) {
+        let Self { plots, taken, deferred, points, cell, left, around, .. } = self;
+        let free = |&i: &u32| !taken[i as usize] && !deferred[i as usize];
+        left.clear();
+        left.extend((0..plots.len() as u32).filter(free));
+        let some = left.iter().map(|&i| i as usize);
+        let radar = |i: usize| plots[i].radar as u32;
+        around.fill_some((points, some), radar, 2.0 * *cell).expect("plots are finite");
     }
 
     /// Leaves out second plots of targets, of radars that make many.
@@ -186,23 +203,23 @@ impl Scan {
 
     /// Finds the plots near each track.
     fn claim<R>(&mut self, sky: &Sky<'_, R>, confirmed: bool) {
-        let Self { plots, taken, deferred, spread, grid, claims, claimed, shares, .. } = self;
-        let oldest = self.first;
+        let Self { plots, taken, deferred, spread, claims, claimed, shares, .. } = self;
+        let (oldest, from) = self.first;
         claims.clear();
         claimed.clear();
         let (Some(first), Some(last)) = (plots.first(), plots.last()) else { return };
         let (begin, end) = (first.time, last.time);
         let settings = sky.settings;
-        let around = (&*grid, &plots[..]);
+        let around = (if confirmed { &self.grid } else { &self.around }, &plots[..]);
         let free = |&plot: &u32| !taken[plot as usize] && !deferred[plot as usize];
         let look = |share: &mut Share, first: usize, tracks: &[Track]| {
-            for (index, track) in (first..).zip(tracks) {
+            for (index, track) in (from + first..).zip(tracks) {
                 if track.is_confirmed() == confirmed && track.number >= oldest {
                     share.look((index, track), (begin, end), settings, around, spread, free);
                 }
             }
         };
-        shares.look(sky.threads, sky.tracks, look);
+        shares.look(sky.threads, &sky.tracks[from..], look);
         shares.collect(claims, claimed);
     }
 
@@ -397,7 +414,7 @@ impl Scan {
             let [density, false_plots] =
                 [clutter.density(radar), clutter.plots(radar)].map(|all| plot.rivals(all));
             let begun = |i: usize| now[i];
-            if is_near(plot, (&self.grid, &self.plots), begun, &self.spread, sky.settings) {
+            if is_near(plot, (&self.around, &self.plots), begun, &self.spread, sky.settings) {
                 left = true;
                 continue;
             }

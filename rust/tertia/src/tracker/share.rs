@@ -27,6 +27,8 @@ use columns::Columns;
 pub(super) const SHARES_PER_THREAD: usize = 8;
 /// Nothing was given to a claim.
 const NOTHING: u32 = u32::MAX;
+/// Corners between which there is nothing.
+const NOWHERE: ([f64; 2], [f64; 2]) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
 
 /// Radar and time of a plot; by what it was detected, and what plans say of the place.
 type Begun = (usize, f64, (Option<Detection>, There));
@@ -76,8 +78,10 @@ pub(super) struct Share {
     claimed: Vec<u32>,
     /// Plots near a track.
     near: Vec<u32>,
+    /// The same before it is known which of them are free and due.
+    inside: Vec<u32>,
     /// Where each radar may have seen a track: lower left and upper right corner.
-    boxes: Vec<Option<([f64; 2], [f64; 2])>>,
+    boxes: Vec<([f64; 2], [f64; 2])>,
     pairs: Vec<Pair>,
     columns: Columns,
     /// The plot of each claim of a group.
@@ -126,32 +130,36 @@ impl Share {
         spread: &Spread,
         free: impl Fn(&u32) -> bool,
     ) {
-        let Self { near, boxes, .. } = self;
+        let Self { near, inside, boxes, .. } = self;
         boxes.clear();
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        let (mut low, mut high) = NOWHERE;
         let unseen = track.unseen(settings);
         for radar in 0..settings.radars.len() {
             let found = reach(track, radar, times, unseen, settings, spread);
-            let corners = found.map(|(centre, half)| {
+            let (own_low, own_high) = found.map_or(NOWHERE, |(centre, half)| {
                 ([0, 1].map(|i| centre[i] - half[i]), [0, 1].map(|i| centre[i] + half[i]))
             });
-            if let Some((own_low, own_high)) = corners {
-                low = [0, 1].map(|i| f64::min(low[i], own_low[i]));
-                high = [0, 1].map(|i| f64::max(high[i], own_high[i]));
-            }
-            boxes.push(corners);
+            low = [0, 1].map(|i| f64::min(low[i], own_low[i]));
+            high = [0, 1].map(|i| f64::max(high[i], own_high[i]));
+            boxes.push((own_low, own_high));
         }
         if low[0] > high[0] {
             return;
         }
-        let found = near.len();
-        grid.entries(low, high, &mut |entry| {
-            // most are outside: their plots are not read
-            let Some((low, high)) = boxes[entry.tag as usize] else { return };
-            if is_inside(entry.point, low, high) && free(&entry.index) {
-                near.push(entry.index);
+        let (found, mut end) = (near.len(), 0);
+        grid.ranges(low, high, &mut |range| {
+            let entries = &grid.all()[range];
+            if inside.len() < end + entries.len() {
+                inside.resize(end + entries.len(), 0);
+            }
+            // most are outside: their plots are not read, and none is left out by a jump
+            for entry in entries {
+                let (low, high) = boxes[entry.tag as usize];
+                inside[end] = entry.index;
+                end += usize::from(is_inside(entry.point, low, high));
             }
         });
+        near.extend(inside[..end].iter().copied().filter(free));
         // each plot is a wait for memory, and waits together take no longer than one
         near[found..].iter().for_each(|&i| _ = black_box(plots[i as usize].touched()));
         let mut index = 0;

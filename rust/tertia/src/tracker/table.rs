@@ -25,16 +25,12 @@ pub enum Data {
 }
 
 impl Data {
-    /// Adds the values of other rows of the same column.
-    ///
-    /// # Panics
-    /// If they are of another type.
-    pub fn append(&mut self, other: &mut Self) {
-        match (self, other) {
-            (Self::Numbers(own), Self::Numbers(other)) => own.append(other),
-            (Self::Integers(own), Self::Integers(other)) => own.append(other),
-            (Self::Flags(own), Self::Flags(other)) => own.append(other),
-            _ => panic!("a column keeps its type"),
+    /// Leaves out the values of the rows from this one on, of so many each.
+    fn truncate(&mut self, rows: usize, width: usize) {
+        match self {
+            Self::Numbers(values) => values.truncate(rows * width),
+            Self::Integers(values) => values.truncate(rows),
+            Self::Flags(values) => values.truncate(rows),
         }
     }
 }
@@ -78,9 +74,17 @@ impl Table {
         Self { columns, last: Vec::new(), tentative }
     }
 
-    /// Of all columns, as [`Table::into_columns`] returns them.
-    pub fn of(columns: Vec<Data>) -> Self {
-        Self { columns, last: Vec::new(), tentative: true }
+    /// Of all columns, as [`Table::into_columns`] returns them, for more rows of confirmed tracks or of all.
+    pub fn of(columns: Vec<Data>, tentative: bool) -> Self {
+        Self { columns, last: Vec::new(), tentative }
+    }
+
+    /// Leaves out the rows from this one on.
+    pub fn truncate(&mut self, rows: usize) {
+        self.flush();
+        for (data, column) in self.columns.iter_mut().zip(&COLUMNS) {
+            data.truncate(rows, column.stored());
+        }
     }
 
     /// Moves the last rows into the columns.
