@@ -126,14 +126,14 @@ def scene(net: Net, rng: np.random.Generator, errors: Errors | None = None) -> S
 
 
 def way(net: Net, time: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Return positions on a straight line, with random turns, or on a curve of three frequencies."""
+    """Return positions on a line, straight or with random turns, or on three frequencies."""
     if net.turning:
         step = np.diff(time, prepend=time[0])
-        course = rng.uniform(0, 2 * np.pi) + np.cumsum(
+        heading = rng.uniform(0, 2 * np.pi) + np.cumsum(
             net.turning * np.sqrt(step) * rng.standard_normal(time.size)
         )
-        along = net.tag_speed * step[:, np.newaxis]
-        return np.cumsum(along * np.column_stack([np.sin(course), np.cos(course)]), axis=0)
+        pace = np.column_stack([np.sin(heading), np.cos(heading)])
+        return np.asarray(np.cumsum(net.tag_speed * step[:, np.newaxis] * pace, axis=0))
     if net.is_straight:
         course = rng.uniform(0, 2 * np.pi)
         along = np.array([np.sin(course), np.cos(course)])

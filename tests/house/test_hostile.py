@@ -80,6 +80,7 @@ def attempt(function: Any, arguments: dict[str, Any]) -> str:
     "call", CALLS, ids=[f"{at}-{f.__qualname__}" for at, (f, _) in enumerate(CALLS)]
 )
 @pytest.mark.filterwarnings("ignore:.*probability at max_range")
+@pytest.mark.filterwarnings("ignore:arrival_time is about .*has steps of")
 @pytest.mark.filterwarnings("ignore:(overflow|invalid value) encountered")
 def test_wrong_arguments_are_refused(call: tuple[Any, dict[str, Any]]) -> None:
     function, given = call
