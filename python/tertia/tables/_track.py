@@ -78,7 +78,10 @@ _ERRORS = {
     "azimuth": ("azimuth_bias", "_deg", 180.0 / np.pi),
     "time": ("time_bias", "_s", 1.0),
 }
-NO_TRACK = "no track was confirmed: each target has too few plots, never leaves its place, or is faster than"
+NO_TRACK = (
+    "no track was confirmed: each target has too few plots, never leaves its place, or is faster "
+    "than"
+)
 _PRODUCTS = {("m", "m"): "m2", ("m", "m_s"): "m2_s", ("m_s", "m_s"): "m2_s2"}
 
 
