@@ -71,6 +71,24 @@ def test_intervals_hold_where_flights_differ(flights):
     assert np.mean(cover["independent"]) < 0.75
 
 
+def drawn_ages(random, flights):
+    """Return integrals of the age of the data, and times; some flights are seen worse."""
+    gaps = random.geometric(random.beta(19, 1, (flights, 1)), (flights, 80)).astype(float)
+    return np.sum(gaps**2, axis=1) / 2, np.sum(gaps, axis=1)
+
+
+@pytest.mark.parametrize("flights", [3, 12, 60])
+def test_intervals_of_the_mean_age_hold_where_flights_differ(flights):
+    random = np.random.default_rng(flights)
+    integrals, times = drawn_ages(random, 200_000)
+    true = np.sum(integrals) / np.sum(times)
+    held = []
+    for _ in range(600):
+        found = mean_by_flight(*drawn_ages(random, flights), 0.95, None, count=1)
+        held.append(found.low <= true <= found.high)
+    assert 0.82 < np.mean(held) < 0.985
+
+
 def test_limits_are_met_not_met_or_not_shown():
     time = np.arange(0.0, 400.0, 4.0)
     place = np.column_stack([100.0 * time, 0.0 * time])
