@@ -639,7 +639,7 @@ class Registrar:
         self,
         plots: Plots,
         first: int,
-        table: tuple[TrackColumns, int],
+        rows: tuple[TrackColumns, int],
         track_of_plot: IntArray,
         noise: FloatArray,
         time: float,

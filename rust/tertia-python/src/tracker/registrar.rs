@@ -72,10 +72,10 @@ impl Registrar {
         Ok(([time?, range?, azimuth?], places.transpose()?))
     }
 
-    /// Learns from the rows of a table of tracks from `begin` on and the plots that they are of, of which the
-    /// first has this number, until a time; adds what is not known of the errors to the covariances, and moves the rows by what
-    /// was learnt. `alive` are the numbers of all tracks, in order. Returns the same of the tracks: numbers,
-    /// times, positions and velocities.
+    /// Learns from the rows of a table of tracks, from a number on, and the plots that they are of, of
+    /// which the first has this number, until a time; adds what is not known of the errors to the
+    /// covariances, and moves the rows by what was learnt. `alive` are the numbers of all tracks, in order.
+    /// Returns the same of the tracks: numbers, times, positions and velocities.
     #[allow(clippy::too_many_arguments)] // those of the Python method
     fn learn<'py>(
         &mut self,
