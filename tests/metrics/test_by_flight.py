@@ -65,7 +65,8 @@ def test_intervals_hold_where_flights_differ(flights):
         squares = scale * random.chisquare(2 * counts) / 2
         found = mean_by_flight(squares, counts, 0.95, None, count=1, root=True)
         cover["root"].append(found.low <= 1.0 <= found.high)
-    assert 0.90 < np.mean(cover["share"]) <= 1.0
+    # few flights may all be seen alike, and the usual design effect is then assumed
+    assert 0.90 < np.mean(cover["share"]) < (1.0 if flights == 3 else 0.985)
     assert 0.90 < np.mean(cover["root"]) < 0.985
     # as if all updates were independent
     assert np.mean(cover["independent"]) < 0.75

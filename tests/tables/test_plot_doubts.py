@@ -68,14 +68,18 @@ def test_old_plots_that_come_again_are_noticed() -> None:
     scene = _scene()
     old = scene.filter(pl.col("time_s") < 5 * PERIOD)
     again = [old.with_columns(pl.col("time_s") + 5 * n * PERIOD) for n in range(4)]
-    told, *_ = _told(pl.concat(again), RADAR)
-    assert told.startswith("360 of 480 plots of hill are copies of earlier plots")
+    copies, none = _told(pl.concat(again), RADAR)
+    assert copies.startswith("360 of 480 plots of hill are copies of earlier plots")
+    # plots come again at the same places, as those of fixed echoes
+    assert none.startswith("no track was confirmed")
 
 
 def test_anchored_ships_and_plots_sent_twice_are_no_copies() -> None:
     scene = _scene()
     still = scene.with_columns(range_m=9e3, azimuth_deg=(pl.col("azimuth_deg") / 15).round() * 15)
     assert _told(still, RADAR, profile="vessel") == []
+    (none,) = _told(still, RADAR)
+    assert "never leaves its place" in none
     assert _told(pl.concat([scene, scene[::5]]), RADAR) == []
 
 
