@@ -1,8 +1,8 @@
 //! What every concept stands on: errors, small matrices, moments, distributions, angles, vectors,
 //! orthogonal polynomials, random effects, correlated and 1/f noise, rows on threads, calls that stop.
 //!
-//! `interrupt, error <- matrix, moments, distribution, angle, vector, exponential, plane, missing, basis,
-//! batch <- effects, autoregression, flicker`
+//! `interrupt, error <- matrix, moments, distribution, angle, vector, exponential, plane, missing, mixed,
+//! basis, batch <- effects, autoregression, flicker`
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
@@ -21,6 +21,7 @@ pub(crate) mod flicker;
 pub mod interrupt;
 pub(crate) mod matrix;
 pub mod missing;
+pub(crate) mod mixed;
 pub(crate) mod moments;
 pub(crate) mod plane;
 #[cfg(test)]

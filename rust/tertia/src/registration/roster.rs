@@ -1,9 +1,8 @@
 //! The tracks that a registrar follows, by their numbers.
 
 use super::followed::Followed;
+use crate::base::mixed::IntegerMap;
 use serde::{Deserialize, Serialize};
-use std::collections::HashMap;
-use std::hash::{BuildHasherDefault, Hasher};
 
 /// Tracks one after the other in memory. Rows find them by an index that is there only while rows are
 /// followed, so that it costs nothing to forget tracks.
@@ -12,25 +11,7 @@ pub(super) struct Roster {
     /// In order of their numbers, but for those that are new.
     tracks: Vec<(i64, Followed)>,
     #[serde(skip)]
-    places: HashMap<i64, usize, BuildHasherDefault<Mixed>>,
-}
-
-/// A hash of the number of a track.
-#[derive(Default)]
-struct Mixed(u64);
-
-impl Hasher for Mixed {
-    fn write(&mut self, _: &[u8]) {
-        unreachable!("numbers of tracks are integers of 64 bits")
-    }
-
-    fn write_i64(&mut self, number: i64) {
-        self.0 = (number as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-    }
-
-    fn finish(&self) -> u64 {
-        self.0
-    }
+    places: IntegerMap<usize>,
 }
 
 impl Roster {

@@ -74,11 +74,9 @@ impl Clutter {
             .is_position()
             .then(|| Extent::new(settings.max_speed, settings.radars[sensor].scan_period));
         let ways = settings.radars[sensor].ways.as_ref().map_or(0, |ways| ways.all().len());
-        let is_paper = matches!(settings.association, Association::Paper(_));
-        let is_estimated = settings.clutter_density.is_nan() && !is_paper;
-        let patches = (is_estimated && extent.is_none()).then(Patches::default);
-        let is_air = settings.heights == Heights::Air;
-        let fixed = patches.as_ref().filter(|_| is_air).map(|_| Fixed::default());
+        let is_estimated = Self::is_estimated(settings, sensor);
+        let patches = is_estimated.then(Patches::default);
+        let fixed = Self::knows_fixed(settings, sensor).then(Fixed::default);
         Self {
             extent,
             patches,
@@ -86,6 +84,18 @@ impl Clutter {
             by_way: vec![0.0; ways],
             ..Self::new(settings.clutter_density)
         }
+    }
+
+    /// Whether the density of a radar's plots is estimated.
+    fn is_estimated(settings: &Settings, sensor: usize) -> bool {
+        let is_paper = matches!(settings.association, Association::Paper(_));
+        let is_position = settings.geometry(sensor).is_position();
+        settings.clutter_density.is_nan() && !is_paper && !is_position
+    }
+
+    /// Whether it is looked where plots of a sensor come again and again: if targets are in the air.
+    pub fn knows_fixed(settings: &Settings, sensor: usize) -> bool {
+        settings.heights == Heights::Air && Self::is_estimated(settings, sensor)
     }
 
     fn new(density: f64) -> Self {

@@ -6,9 +6,9 @@
 //! a target that stops stays what it is.
 
 use crate::base::distribution::ln_gamma;
+use crate::base::mixed::IntegerMap;
 use crate::sensors::Radar;
-use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// Scans over which plots are counted: turbines stand still for a while.
 const MEMORY: f64 = 150.0;
@@ -18,9 +18,9 @@ const SIDE: f64 = 3.0;
 const SOURCE: f64 = -9.2;
 /// Share of scans that are many.
 const OFTEN: f64 = 0.1;
-/// Cells from which those without plots lately are forgotten.
-const MANY: usize = 50_000;
-const NONE_LATELY: f64 = 0.01;
+/// Most cells. Half of them are kept, those with most plots, and none with fewer than this.
+const MANY: usize = 100_000;
+const NONE_LATELY: f64 = 0.1;
 
 /// Plots by cell, along and across, with fading weights.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -28,7 +28,28 @@ pub(super) struct Fixed {
     /// Scans so far, and as many as count.
     now: f64,
     scans: f64,
-    plots: BTreeMap<(i32, i32), (f64, f64)>,
+    /// The plots of each cell, and until when they have faded.
+    #[serde(serialize_with = "in_order", deserialize_with = "from_list")]
+    plots: IntegerMap<(f64, f64)>,
+}
+
+fn key((i, j): (i32, i32)) -> i64 {
+    (i64::from(i) << 32) | i64::from(j as u32)
+}
+
+fn in_order<S: Serializer>(
+    plots: &IntegerMap<(f64, f64)>,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    let mut list: Vec<(i64, (f64, f64))> = plots.iter().map(|(cell, own)| (*cell, *own)).collect();
+    list.sort_unstable_by_key(|(cell, _)| *cell);
+    list.serialize(serializer)
+}
+
+fn from_list<'de, D: Deserializer<'de>>(
+    deserializer: D,
+) -> Result<IntegerMap<(f64, f64)>, D::Error> {
+    Ok(Vec::deserialize(deserializer)?.into_iter().collect())
 }
 
 impl Fixed {
@@ -41,17 +62,16 @@ impl Fixed {
     }
 
     fn at(&self, cell: (i32, i32)) -> f64 {
-        let own = self.plots.get(&cell);
-        own.map_or(0.0, |&(plots, until)| plots * ((until - self.now) / MEMORY).exp())
+        self.plots.get(&key(cell)).map_or(0.0, |own| faded(*own, self.now))
     }
 
     /// Whether there are cells in which plots come in many scans.
     pub fn has_sources(&self) -> bool {
         let least = OFTEN * self.scans;
-        self.plots.keys().any(|&cell| self.at(cell) > least.max(1.0))
+        self.plots.values().any(|own| faded(*own, self.now) > least.max(1.0))
     }
 
-    /// Density of false plots at a place over their `mean`, at least 1. Cost O(log cells).
+    /// Density of false plots at a place over their `mean`, at least 1. Cost O(1).
     pub fn ratio(&self, radar: &Radar, position: [f64; 2], mean: f64) -> f64 {
         if self.plots.is_empty() {
             return 1.0;
@@ -79,21 +99,32 @@ impl Fixed {
         for (i, a) in halves(along) {
             for (j, b) in halves(across) {
                 let all = a * b + self.at((i, j));
-                self.plots.insert((i, j), (all, self.now));
+                self.plots.insert(key((i, j)), (all, self.now));
             }
         }
     }
 
-    /// Lets so many scans pass.
+    /// Lets so many scans pass. O(1) for each plot that was counted.
     pub fn fade(&mut self, scans: f64) {
         self.now += scans;
         self.scans = (-scans / MEMORY).exp() * self.scans + scans;
         if self.plots.len() > MANY {
-            let now = self.now;
-            let weight = |plots: f64, until: f64| plots * ((until - now) / MEMORY).exp();
-            self.plots.retain(|_, &mut (plots, until)| weight(plots, until) > NONE_LATELY);
+            self.forget();
         }
     }
+
+    fn forget(&mut self) {
+        let (now, mut least) = (self.now, NONE_LATELY);
+        while self.plots.len() > MANY / 2 {
+            self.plots.retain(|_, own| faded(*own, now) > least);
+            least *= 2.0;
+        }
+    }
+}
+
+/// Plots that have faded until then, as they count now.
+fn faded((plots, until): (f64, f64), now: f64) -> f64 {
+    plots * ((until - now) / MEMORY).exp()
 }
 
 #[cfg(test)]
@@ -147,6 +178,30 @@ mod tests {
         // elsewhere there is none
         assert_eq!(after(80).ratio(&radar(), [0.0, 40e3], mean), 1.0);
         assert_eq!(Fixed::default().ratio(&radar(), place, mean), 1.0);
+    }
+
+    #[test]
+    fn cells_stay_few_and_sources_are_kept() {
+        let (radar, mut fixed) = (radar(), Fixed::default());
+        let mut azimuth = 0.0;
+        for _ in 0..100 {
+            fixed.add(&radar, middle(PLACE));
+            for _ in 0..1000 {
+                azimuth += 2.4;
+                fixed.add(&radar, [50e3 * f64::sin(azimuth), 50e3 * f64::cos(azimuth)]);
+                azimuth += 1e-6;
+            }
+            for i in 0..500 {
+                fixed.add(&radar, [f64::from(i) * 150.0 + 37.0, 60e3 + fixed.now * 150.0]);
+            }
+            fixed.fade(1.0);
+            assert!(fixed.plots.len() <= MANY);
+        }
+        assert!(fixed.at((333, 0)) > 50.0);
+        let saved = postcard::to_allocvec(&fixed).unwrap();
+        let loaded: Fixed = postcard::from_bytes(&saved).unwrap();
+        assert_eq!(loaded, fixed);
+        assert_eq!(postcard::to_allocvec(&loaded).unwrap(), saved);
     }
 
     #[test]

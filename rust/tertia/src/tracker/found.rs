@@ -19,7 +19,8 @@ impl Tracker {
     }
 
     /// Takes over what another tracker has found of the plots of the same sensors: their noise, how many are
-    /// outliers and second plots, and where they come again and again. Returns whether any differs from what is stated or usual.
+    /// outliers and second plots, and where they come again and again. Returns whether any differs from
+    /// what is stated or usual.
     pub(super) fn learn_plots(&mut self, other: &Self) -> bool {
         self.noise.clone_from(&other.noise);
         self.noise.iter_mut().for_each(Noise::restart);

@@ -2,6 +2,7 @@
 
 use super::association::{Association, paper_score};
 use super::beams::{Beams, Expected};
+use super::clutter::Clutter;
 use super::correlation::Correlation;
 use super::estimate::Estimate;
 use super::existence::Existence;
@@ -80,7 +81,7 @@ pub(super) struct Track {
     /// And of the quickest sensor that sees it.
     quickest: f64,
     swerve: Swerve,
-    /// Whether it is no fixed echo: it has moved, or has answered.
+    /// Whether it is no fixed echo: it has moved or has answered, or such echoes are not looked for.
     pub moved: bool,
     pub number: u64,
     /// The states that it may have instead.
@@ -161,7 +162,7 @@ impl Track {
             period: 0.0,
             quickest: f64::INFINITY,
             swerve: Swerve::default(),
-            moved: !plot.is_bare(),
+            moved: !plot.is_bare() || !Clutter::knows_fixed(settings, plot.radar),
             vertical,
             lean,
             known: Known::new(),
