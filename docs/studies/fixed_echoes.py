@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from studies.montecarlo import generator
@@ -79,23 +81,28 @@ def clutter(random: np.random.Generator) -> FloatArray:
     )
 
 
-def live(plots: Plots) -> TrackTable:
+def live(plots: Plots, radar: Radar = RADAR, scans: int = SCANS, **options: Any) -> TrackTable:
     """Track scan by scan."""
-    tracker, ends = Tracker([RADAR]), PERIOD * np.arange(1, SCANS + 1)
+    tracker, ends = Tracker([radar], **options), radar.scan_period * np.arange(1, scans + 1)
     at = np.searchsorted(plots.time, ends)
-    scans = zip(np.concatenate([[0], at[:-1]]), at, ends, strict=True)
+    parts = zip(np.concatenate([[0], at[:-1]]), at, ends, strict=True)
     return TrackTable.join(
-        [tracker.update(plots[begin:end], time=time) for begin, end, time in scans]
+        [tracker.update(plots[begin:end], time=time) for begin, end, time in parts]
     )
 
 
-def judged(table: TrackTable, target: IntArray) -> tuple[int, float]:
-    """Return the number of false tracks, and the share of the targets' plots that are in tracks."""
+def judged(table: TrackTable, target: IntArray) -> tuple[int, float, float]:
+    """Return the number of false tracks, their share of rows, and that of plots in tracks."""
     own = table[table.confirmed & (table.plot >= 0)]
     whose = target[own.plot]
-    _, number = np.unique(own.track, return_inverse=True)
+    tracks, number = np.unique(own.track, return_inverse=True)
     is_false = 2 * np.bincount(number, whose >= 0) < np.bincount(number)
-    return int(np.sum(is_false)), float(np.sum(whose >= 0) / np.sum(target >= 0))
+    rows = np.isin(table.track[table.confirmed], tracks[is_false])
+    return (
+        int(np.sum(is_false)),
+        float(np.mean(rows)),
+        float(np.mean(np.isin(np.flatnonzero(target >= 0), own.plot))),
+    )
 
 
 def table() -> str:
@@ -117,7 +124,7 @@ def table() -> str:
                 of = np.where(number < count, number, -1)[order]
                 found = judged(way(Plots(*measured[order].T)), of)
                 false.append(found[0])
-                held.append(found[1])
+                held.append(found[2])
             cells += [
                 f"{np.mean(false):.1f}",
                 f"{min(false)} to {max(false)}",

@@ -223,3 +223,25 @@ def test_a_target_that_passes_the_radar_keeps_its_track(aside, silent):
     plots = beamed(np.array(places), np.array(scans), 5, np.random.default_rng(2))
     found = track(plots, [CLOSE], coasting=30)
     assert np.all(found.track_of_plot == 1)
+
+
+@pytest.mark.parametrize("lag", [0.0, 5.0])
+def test_few_targets_of_a_recording_are_tracked_through_missed_scans(lag):
+    """Before, plots that wait for the next part of a recording were counted as missed."""
+    scan = np.arange(200)
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        parts = []
+        for azimuth in np.radians(rng.uniform(10.0, 350.0, 2)):
+            seen = scan[rng.random(200) < 0.9]
+            noise = rng.standard_normal((2, len(seen))) * [[30.0], [1e-3]]
+            time = 2.5 * (seen + azimuth / (2 * np.pi))
+            parts.append(np.c_[time, 1e4 + 150.0 * time + noise[0], azimuth + noise[1]])
+        time, distance, azimuth = np.concatenate(parts).T
+        order = np.argsort(time)
+        plots = Plots(time=time[order], range=distance[order], azimuth=azimuth[order])
+        radar = Radar(range_sigma=30.0, azimuth_sigma=1e-3, scan_period=2.5)
+        found = track(plots, [radar], lag=lag)
+        own = np.unique(found.track[found.confirmed])
+        assert len(own) == 2
+        assert np.mean(np.isin(found.track_of_plot, own)) > 0.98

@@ -171,9 +171,15 @@ impl Clutter {
         }
     }
 
-    /// Takes over where plots come again and again.
+    /// Takes over how dense plots are, and where they come again and again.
     pub fn learn(&mut self, other: &Self) {
-        self.fixed.clone_from(&other.fixed);
+        self.clone_from(other);
+        self.until = f64::NEG_INFINITY;
+    }
+
+    /// Whether plots are denser in some places than in others.
+    pub fn is_uneven(&self) -> bool {
+        self.patches.as_ref().is_some_and(Patches::is_uneven)
     }
 
     /// Whether there are such places.

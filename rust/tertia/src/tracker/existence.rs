@@ -13,17 +13,21 @@ const STAYS: f64 = 0.998;
 const LARGEST_ODDS: f64 = 1e12;
 /// A chain of plots is given up when its odds are less than this share of those of its first plot.
 const HOPELESS: f64 = 0.05;
+/// Odds below which a plot ends a track if it makes a target less likely still.
+const REFUTED: f64 = 1e-4;
 
 /// The odds that there is a target, against a chain of false plots.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Existence {
     odds: f64,
+    /// Whether the last plot has made a target less likely.
+    falling: bool,
 }
 
 impl Existence {
     /// Of the first plot, where there are so many false ones in a scan.
     pub fn of_first(false_plots: f64) -> Self {
-        Self { odds: NEW_TARGETS / false_plots.max(1.0) }
+        Self { odds: NEW_TARGETS / false_plots.max(1.0), falling: false }
     }
 
     /// A target is so many times as likely where it was first seen.
@@ -40,6 +44,11 @@ impl Existence {
         self.odds < odds
     }
 
+    /// Whether plots say that there is no target, or its speed does, which has this probability.
+    pub fn is_refuted(self, speed: f64) -> bool {
+        (self.falling && self.odds < REFUTED) || speed * self.odds.max(1.0) < REFUTED
+    }
+
     /// The target may have left since, where scans take so long.
     #[inline]
     pub fn wait(&mut self, seconds: f64, period: f64) {
@@ -53,6 +62,7 @@ impl Existence {
         let misses = 1.0 - settings.radars[radar].detection_probability;
         let ratio = settings.missed(radar) + misses * exp(gain);
         self.odds = (self.odds * ratio).min(LARGEST_ODDS);
+        self.falling = ratio < 1.0;
     }
 
     /// A radar has not seen it.
@@ -123,5 +133,19 @@ mod tests {
         // and after a very long time there is none
         existence.wait(1e9, 4.0);
         assert_within(1e-300, existence.probability(), 0.0);
+    }
+    #[test]
+    fn plots_refute_a_target_and_missed_scans_do_not() {
+        let settings = settings();
+        let mut missed = Existence::of_first(1.0);
+        (0..8).for_each(|_| missed.miss(0, &settings));
+        assert!(missed.is_below(REFUTED) && !missed.is_refuted(1.0));
+        // a plot that speaks for the target, and one that speaks against it
+        missed.see(gain(2.0), 0, &settings);
+        assert!(missed.is_below(REFUTED) && !missed.is_refuted(1.0));
+        missed.see(gain(-2.0), 0, &settings);
+        assert!(missed.is_refuted(1.0));
+        let likely = Existence { odds: 1e3, falling: false };
+        assert!(likely.is_refuted(0.9e-7) && !likely.is_refuted(1.1e-7));
     }
 }

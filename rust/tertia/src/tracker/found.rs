@@ -1,6 +1,5 @@
 //! What a tracker has found of the plots of its sensors.
 
-use super::clutter::Clutter;
 use super::doubles::Doubles;
 use super::live::Tracker;
 use super::noise::Noise;
@@ -28,7 +27,7 @@ impl Tracker {
         for (own, other) in self.clutter.iter_mut().zip(&other.clutter) {
             own.learn(other);
         }
-        self.clutter.iter().any(Clutter::has_fixed)
+        self.clutter.iter().any(|own| own.has_fixed() || own.is_uneven())
             || self.noise.iter().any(|noise| noise.differs() || noise.outliers.are_many())
             || self.doubles.iter().any(Doubles::is_often)
     }

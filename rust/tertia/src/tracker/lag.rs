@@ -406,7 +406,7 @@ impl LagTracker {
                 sink.claims[claim] = Err(status);
             }
         }
-        let next = order.first().map(|(time, _)| *time).or(self.tracker.waits());
+        let next = self.tracker.waits().or(order.first().map(|(time, _)| *time));
         let times = [next.unwrap_or(hold), hold, until];
         let levels = self.tracker.levels(&own, &order);
         let index = |i: usize| own.0[i].1;

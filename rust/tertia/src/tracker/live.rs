@@ -242,7 +242,7 @@ impl Tracker {
         let mut scan = Scan::default();
         let mut rest = &order[..];
         let mut until = f64::NEG_INFINITY;
-        while let Some(next) = rest.first().map(|p| p.0).or(self.waiting.first().map(|p| p.time)) {
+        while let Some(next) = self.waits().or(rest.first().map(|p| p.0)) {
             poll();
             // with the plots that wait no more than a scan: no target is in it twice
             until = f64::max(until, next) + (1.0 - 2.0 * WAITING) * period;

@@ -58,6 +58,11 @@ impl Patches {
         1.0 + (local - 1.0) / (1.0 + (EVEN - self.uneven).exp())
     }
 
+    /// Whether the density differs from place to place, more likely than not.
+    pub fn is_uneven(&self) -> bool {
+        self.uneven > EVEN
+    }
+
     /// Takes a plot that was counted just now as evidence for or against an even density.
     pub fn weigh(&mut self, position: [f64; 2], mean: f64) {
         let others = (self.at(position) - 1.0).max(0.0);

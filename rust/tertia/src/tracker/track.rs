@@ -457,14 +457,15 @@ impl Track {
         }
         self.set_due(settings);
         let allowance = self.filter.prospects().and_then(Prospects::allowance);
+        let speed = self.speed_probability(settings);
         if let Stage::Tentative { hits, plots, evidence, .. } = &mut self.stage {
             *hits += usize::from(counts);
             // after two plots
             let less = if *hits == 2 { allowance.unwrap_or(0.0) } else { 0.0 };
             let is_likely = match settings.confirmation {
                 _ if matches!(settings.association, Association::Paper(_)) => true,
-                Confirmation::Plots(..) => *evidence >= -less,
-                Confirmation::Existence(least) => self.existence.probability() >= least,
+                Confirmation::Plots(..) => *evidence + speed.ln() >= -less,
+                Confirmation::Existence(least) => self.existence.probability() * speed >= least,
             };
             let held = |e: &Expected| settings.held.get(e.radar) == Some(&true);
             let enough = *hits + usize::from(allowance.is_some()) >= *plots;

@@ -1,11 +1,13 @@
 //! Which plots are never a track's, and tracks that go on with the past of another.
 
 use super::super::correlation::contradicts;
+use super::super::estimate::VELOCITY;
 use super::super::filter::Filter;
 use super::super::plot::Measured;
 use super::super::prospects::Expected;
 use super::super::settings::{Confirmation, Settings};
 use super::{Stage, Track};
+use crate::base::distribution::normal_two_sided;
 use crate::flightplan::Status;
 use crate::tracker::tree::Leaf;
 
@@ -13,6 +15,8 @@ use crate::tracker::tree::Leaf;
 /// plot after which it may: those missed in a row may have one cause.
 const LEAST_ODDS: f64 = 0.01 / 0.99;
 const SCANS_BEFORE: f64 = 2.5;
+/// How much faster than the fastest target a track may seem, as its models are not exact.
+const TOO_FAST: f64 = 1.25;
 
 impl Track {
     /// Begins where flights are due.
@@ -68,7 +72,21 @@ impl Track {
                 silence > SCANS_BEFORE * self.period && self.existence.is_below(LEAST_ODDS)
             }
         };
-        !gone && silence <= (settings.coasting as f64 + 0.5) * self.period
+        let refuted =
+            self.is_confirmed() && self.existence.is_refuted(self.speed_probability(settings));
+        !gone && !refuted && silence <= (settings.coasting as f64 + 0.5) * self.period
+    }
+
+    /// Probability of its speed, as no target is faster than the largest; 1 while the last plot may be
+    /// an outlier.
+    pub(super) fn speed_probability(&self, settings: &Settings) -> f64 {
+        let [x, y] = [self.estimate.mean[VELOCITY], self.estimate.mean[VELOCITY + 1]];
+        let (speed, most) = (f64::hypot(x, y), TOO_FAST * settings.max_speed);
+        if speed <= most || self.fork.is_some() {
+            return 1.0;
+        }
+        let sigma = self.estimate.velocity_covariance().form([x / speed, y / speed]).sqrt();
+        0.5 * normal_two_sided((speed - most) / sigma)
     }
 
     /// Probability that it is of a target, over all states that it may have.

@@ -92,3 +92,26 @@ fn what_a_radar_does_not_cover_it_does_not_miss() {
     assert_eq!(seen_at(8.7e3, 300.0, true), 0);
     assert_eq!(seen_at(8.7e3, 300.0, false), 1);
 }
+
+#[test]
+fn a_track_that_is_surely_faster_than_targets_can_be_ends() {
+    let settings = Settings { max_speed: 30.0, ..settings() };
+    let mut track = track(&settings);
+    track.confirm(&settings);
+    let mut alive_at = |speed: f64, variance: f64| {
+        track.estimate.mean[2] = 0.6 * speed;
+        track.estimate.mean[3] = -0.8 * speed;
+        track.estimate.covariance[(2, 2)] = variance;
+        track.estimate.covariance[(3, 3)] = variance;
+        track.estimate.covariance[(2, 3)] = 0.0;
+        track.estimate.covariance[(3, 2)] = 0.0;
+        (track.speed_probability(&settings), track.is_alive(&settings))
+    };
+    assert_eq!(alive_at(37.0, 1.0), (1.0, true));
+    // one standard deviation, and twenty
+    let (one, alive) = alive_at(38.5, 1.0);
+    assert_within(1e-12, one, 0.158_655_253_931_457_05);
+    assert!(alive);
+    assert!(alive_at(57.5, 100.0).1);
+    assert!(!alive_at(57.5, 1.0).1);
+}
