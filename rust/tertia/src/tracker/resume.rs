@@ -24,9 +24,9 @@ const FASTER: f64 = 1.2;
 /// Margin for errors of positions and velocities, in standard deviations.
 const SIGMAS: f64 = 3.0;
 
-/// Gives new tracks the numbers of those that they continue, which end. Returns pairs of numbers: that
-/// of a new track, and the one that it has now. Cost O(tracks), and for each new track that of the
-/// tracks that have not been seen since it began.
+/// Gives new tracks, by number, the numbers of those that they continue, which end. Returns pairs of
+/// numbers in the same order: that of a new track, and the one that it has now. Cost O(tracks), and for
+/// each new track that of the tracks that have not been seen since it began.
 pub(super) fn resume(
     tracks: &mut [Track],
     ended: &mut Ended,

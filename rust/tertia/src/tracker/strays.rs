@@ -45,10 +45,7 @@ pub(super) fn find(
     if farthest == 0.0 {
         return;
     }
-    let missed = |(radar, often): (usize, &bool)| {
-        often.then(|| Missed::by(radar, plots, (&*tracks, settings), CELL * farthest))
-    };
-    let missed: Vec<_> = often.iter().enumerate().map(missed).collect();
+    let missed = Missed::by_each(&often, plots, (&*tracks, settings), CELL * farthest);
     for i in (0..plots.len()).filter(free) {
         let (plot, half) = (&plots[i], reach(i));
         let (radar, Some(missed)) = (&settings.radars[plot.radar], &missed[plot.radar]) else {
@@ -57,9 +54,7 @@ pub(super) fn find(
         let known = noise[plot.radar].outliers;
         let [x, y] = plot.position;
         let (mut sum, mut nearest) = (0.0, (f64::INFINITY, 0));
-        missed.grid.between([x - half, y - half], [x + half, y + half], &mut |at| {
-            let (k, seen) = missed.tracks[at];
-            // most have had a plot
+        let mut look = |(k, seen): (usize, f64)| {
             if !is_due(plot.time, seen, radar) || !is_lately(&tracks[k], plot.time) {
                 return;
             }
@@ -71,7 +66,12 @@ pub(super) fn find(
                 let likeness = tracks[k].named(plot, settings);
                 sum += likeness * known.spread(d, s.determinant()) / TAU;
             }
-        });
+        };
+        // those that it has seen just now are most of the ones about the plot
+        for missed in missed.iter().filter(|missed| is_due(plot.time, missed.earliest, radar)) {
+            let (low, high) = ([x - half, y - half], [x + half, y + half]);
+            missed.grid.between(low, high, &mut |at| look(missed.tracks[at]));
+        }
         found[i] += known.share() * sum;
         if nearest.0 < FARTHEST {
             let density = plot.rivals(clutter[plot.radar].density(radar));
@@ -82,32 +82,54 @@ pub(super) fn find(
     }
 }
 
-/// The confirmed tracks that a radar may have missed in a scan.
+/// Confirmed tracks that a radar may have missed in a scan.
 struct Missed {
     grid: Grid,
     /// Their indices among all tracks, and when the radar has seen each last.
     tracks: Vec<(usize, f64)>,
+    /// The least of these times.
+    earliest: f64,
 }
 
 impl Missed {
+    /// Those of each radar whose outliers are `often` looked for.
+    fn by_each(
+        often: &[bool],
+        plots: &[Measured],
+        known: (&[Track], &Settings),
+        cell: f64,
+    ) -> Vec<Option<[Self; 2]>> {
+        let times = || plots.iter().map(|plot| plot.time);
+        let begin = times().fold(f64::INFINITY, f64::min);
+        let end = times().fold(f64::NEG_INFINITY, f64::max);
+        let by = |radar: usize| Self::by(radar, [begin, end], known, cell);
+        often.iter().enumerate().map(|(radar, often)| often.then(|| by(radar))).collect()
+    }
+
+    /// Those that the radar has seen before its plots from `begin` to `end`, and by one of them.
     fn by(
         radar: usize,
-        plots: &[Measured],
+        [begin, end]: [f64; 2],
         (tracks, settings): (&[Track], &Settings),
         cell: f64,
-    ) -> Self {
+    ) -> [Self; 2] {
         let station = &settings.radars[radar];
-        let [begin, end] = [plots.first(), plots.last()].map(|p| p.map_or(0.0, |plot| plot.time));
-        let (mut found, mut points) = (Vec::new(), Vec::new());
+        let (mut found, mut points) = (<[Vec<_>; 2]>::default(), <[Vec<_>; 2]>::default());
         for (k, track) in tracks.iter().enumerate().filter(|(_, track)| track.is_confirmed()) {
             let seen = track.expected_by(radar).map_or(f64::NEG_INFINITY, |own| own.seen);
             let place = track.estimate.position();
             if is_due(end, seen, station) && is_lately(track, begin) && station.covers(place) {
-                found.push((k, seen));
-                points.push(place);
+                let now = usize::from(seen >= begin);
+                found[now].push((k, seen));
+                points[now].push(place);
             }
         }
-        Self { grid: Grid::new(&points, cell).unwrap_or_default(), tracks: found }
+        [0, 1].map(|now| {
+            let tracks = std::mem::take(&mut found[now]);
+            let earliest = tracks.iter().map(|(_, seen)| *seen).fold(f64::INFINITY, f64::min);
+            let grid = Grid::new(&points[now], cell).unwrap_or_default();
+            Self { grid, tracks, earliest }
+        })
     }
 }
 
