@@ -44,6 +44,16 @@ pub(super) struct Component {
     pub covariance: Plane,
 }
 
+impl Component {
+    /// Normalised distance squared of a plot with the covariance `r`, and the covariance of the innovation.
+    #[inline]
+    pub fn distance(&self, z: [f64; 2], r: Plane) -> (f64, Plane) {
+        let s = self.covariance.plus(r);
+        let y = [z[0] - self.position[0], z[1] - self.position[1]];
+        (s.inverse().form(y), s)
+    }
+}
+
 impl Bank {
     /// Straight flight so far; a turn would begin at a rate with this variance.
     pub fn new(straight: Estimate<4>, turning: f64, rate_variance: f64) -> Self {

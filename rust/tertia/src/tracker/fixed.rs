@@ -56,7 +56,7 @@ impl Fixed {
     /// A place in sides of cells, and the area of its cell.
     fn place(radar: &Radar, position: [f64; 2]) -> ([f64; 2], f64) {
         let [x, y] = [0, 1].map(|i| position[i] - radar.position[i]);
-        let range = x.hypot(y);
+        let range = radar.about(position);
         let side = [radar.range_sigma, radar.azimuth_sigma].map(|sigma| SIDE * sigma);
         ([range / side[0], x.atan2(y) / side[1]], side[0] * side[1] * range)
     }
@@ -98,8 +98,8 @@ impl Fixed {
         };
         for (i, a) in halves(along) {
             for (j, b) in halves(across) {
-                let all = a * b + self.at((i, j));
-                self.plots.insert(key((i, j)), (all, self.now));
+                let own = self.plots.entry(key((i, j))).or_insert((0.0, self.now));
+                *own = (a * b + faded(*own, self.now), self.now);
             }
         }
     }

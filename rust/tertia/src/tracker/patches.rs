@@ -39,8 +39,7 @@ impl Patches {
 
     /// Plots in the square of a place, as they count now.
     fn at(&self, position: [f64; 2]) -> f64 {
-        let own = self.plots.get(&self.square(position));
-        own.map_or(0.0, |&(plots, until)| plots * ((until - self.now) / MEMORY).exp())
+        self.plots.get(&self.square(position)).map_or(0.0, |own| faded(*own, self.now))
     }
 
     /// How dense false plots are where there were so many, over their `mean`.
@@ -77,8 +76,9 @@ impl Patches {
         while range > 2.0 * SQUARES * self.side {
             self.join();
         }
-        let all = 1.0 + self.at(position);
-        self.plots.insert(self.square(position), (all, self.now));
+        let (square, now) = (self.square(position), self.now);
+        let own = self.plots.entry(square).or_insert((0.0, now));
+        *own = (1.0 + faded(*own, now), now);
     }
 
     /// Twice as large squares.
@@ -87,7 +87,7 @@ impl Patches {
         let now = self.now;
         for ((x, y), (plots, until)) in std::mem::take(&mut self.plots) {
             let own = self.plots.entry((x >> 1, y >> 1)).or_insert((0.0, now));
-            own.0 += plots * ((until - now) / MEMORY).exp();
+            own.0 += faded((plots, until), now);
         }
     }
 
@@ -99,10 +99,14 @@ impl Patches {
         self.uneven *= kept;
         if self.plots.len() > MANY {
             let now = self.now;
-            let weight = |plots: f64, until: f64| plots * ((until - now) / MEMORY).exp();
-            self.plots.retain(|_, &mut (plots, until)| weight(plots, until) > NONE_LATELY);
+            self.plots.retain(|_, own| faded(*own, now) > NONE_LATELY);
         }
     }
+}
+
+/// Plots that have faded until then, as they count now.
+fn faded((plots, until): (f64, f64), now: f64) -> f64 {
+    plots * ((until - now) / MEMORY).exp()
 }
 
 #[cfg(test)]

@@ -5,7 +5,8 @@ use super::ended::{Ended, REMEMBERED, Spot, Stretch};
 use super::noise::Noise;
 use super::settings::Settings;
 use super::track::{SOONEST, Track};
-use crate::sensors::IdentityKind;
+use crate::association::Grid;
+use crate::sensors::{Identities, IdentityKind};
 use std::cell::OnceCell;
 
 /// Largest acceleration of an aircraft, m/s²: 4 g.
@@ -23,9 +24,9 @@ const FASTER: f64 = 1.2;
 /// Margin for errors of positions and velocities, in standard deviations.
 const SIGMAS: f64 = 3.0;
 
-/// Gives new tracks the numbers of those that they continue, which end. Returns pairs of numbers: that
-/// of a new track, and the one that it has now. Cost O(tracks), and for each new track that of the
-/// tracks that have not been seen since it began.
+/// Gives new tracks, by number, the numbers of those that they continue, which end. Returns pairs of
+/// numbers in the same order: that of a new track, and the one that it has now. Cost O(tracks), and for
+/// each new track that of the tracks that have not been seen since it began.
 pub(super) fn resume(
     tracks: &mut [Track],
     ended: &mut Ended,
@@ -36,17 +37,19 @@ pub(super) fn resume(
     let Candidates { places, mut silent, others } = Candidates::of(tracks, begun, settings);
     let mut named = Named { others, ..Named::default() };
     // those that are not confirmed stay as they are
-    let tentative = OnceCell::new();
+    let hops = OnceCell::new();
     for &number in begun {
         let Ok(at) = places.binary_search_by_key(&number, |(number, _)| *number) else { continue };
         let place = places[at].1;
         let new = &tracks[place];
-        let end = Spot::first(new, settings);
-        let (stretches, tentative) = (&ended.stretches, &tentative);
-        let paths = Paths { ended: stretches, tracks, tentative, settings, noise };
+        let (end, own) = (Spot::first(new, settings), new.identities());
+        let paths = Paths { ended: &ended.stretches, tracks, hops: &hops, settings, noise };
         let may = |old: &&Track| continues((new, &end), old, &paths);
-        let same = |old: &Track| old.identities().same(&new.identities()) == Some(true);
-        let live = silent.iter().map(|&i| &tracks[i]).filter(may);
+        let same = |old: &Track| old.identities().same(&own) == Some(true);
+        // most have another identity
+        let of_others = |other: &Identities| own.same(other) == Some(false);
+        let live = silent.iter().filter(|(identities, _)| !of_others(identities));
+        let live = live.map(|&(_, i)| &tracks[i]).filter(may);
         let mut found: Vec<&Track> = live.chain(ended.tracks.iter().filter(may)).collect();
         if found.iter().any(|old| same(old)) {
             // another track that answers so now is no part of this one's past
@@ -65,8 +68,8 @@ pub(super) fn resume(
             Some(old) => match ended.tracks.iter().position(|track| track.number == old) {
                 Some(gone) => ended.tracks.remove(gone),
                 None => {
-                    let at = silent.iter().position(|&i| tracks[i].number == old);
-                    tracks[silent.remove(at.expect("it is one"))].retire()
+                    let at = silent.iter().position(|&(_, i)| tracks[i].number == old);
+                    tracks[silent.remove(at.expect("it is one")).1].retire()
                 }
             },
             None => match named.twin(new, tracks, settings) {
@@ -162,8 +165,9 @@ fn takes_turns((new, end): (&Track, &Spot), old: &Track, settings: &Settings) ->
 struct Candidates {
     /// Numbers and indices of the new tracks, by number.
     places: Vec<(u64, usize)>,
-    /// Indices of the confirmed tracks that have not been seen since the last of them began.
-    silent: Vec<usize>,
+    /// Identities and indices of the confirmed tracks that have not been seen since the last of them
+    /// began.
+    silent: Vec<(Identities, usize)>,
     /// Indices of all confirmed tracks under a number that they had before.
     others: Vec<usize>,
 }
@@ -191,7 +195,8 @@ impl Candidates {
         let last = began.fold(f64::NEG_INFINITY, f64::max);
         let seen = |track: &Track| track.forked().map_or(track.seen, |other| other.seen);
         let is_silent = |i: &usize| seen(&tracks[*i]).min(tracks[*i].seen) < last;
-        found.silent = found.others.iter().copied().filter(is_silent).collect();
+        let silent = found.others.iter().copied().filter(is_silent);
+        found.silent = silent.map(|i| (tracks[i].identities(), i)).collect();
         found
     }
 }
@@ -237,9 +242,9 @@ fn continues((new, end): (&Track, &Spot), old: &Track, paths: &Paths<'_>) -> boo
 /// Whether the way of a new track leads back to where an old one began, which was lost soon after: one of its
 /// few plots was an outlier or a false plot.
 fn leads_back(new: &Track, old: &Track, end: &Spot, settings: &Settings) -> bool {
-    let begin = Spot::first(old, settings);
     let is_soon = |from: f64, to: f64, scans: f64| to > from && to - from <= scans * old.period();
-    is_soon(begin.time, old.seen, SCANS_OF_YOUNG) && is_soon(old.seen, end.time, SCANS) && {
+    is_soon(old.first.time, old.seen, SCANS_OF_YOUNG) && is_soon(old.seen, end.time, SCANS) && {
+        let begin = Spot::first(old, settings);
         let (place, p) = new.position_at(begin.time);
         let away = f64::hypot(begin.position[0] - place[0], begin.position[1] - place[1]);
         away <= SIGMAS * (p.xx + p.yy + begin.variance).sqrt()
@@ -274,8 +279,8 @@ struct Paths<'a> {
     /// Those of tracks that have ended.
     ended: &'a [Stretch],
     tracks: &'a [Track],
-    /// Those of tracks that are not confirmed, once they are needed.
-    tentative: &'a OnceCell<Vec<Stretch>>,
+    /// Those and the ones of tracks that are not confirmed, once they are needed.
+    hops: &'a OnceCell<Hops>,
     settings: &'a Settings,
     noise: &'a [Noise],
 }
@@ -303,15 +308,13 @@ impl Paths<'_> {
         })
     }
 
-    fn tentative(&self) -> &[Stretch] {
-        self.tentative.get_or_init(|| {
-            let others = self.tracks.iter().filter(|track| !track.is_confirmed());
-            others.map(|track| Stretch::of(track, self.settings)).collect()
-        })
+    fn hops(&self) -> &Hops {
+        self.hops.get_or_init(|| Hops::new(self.ended, self.tracks, self.settings))
     }
 
     /// Whether a way leads from where a track was seen last to where another begins, with a plot about
-    /// as often as a radar sees an aircraft. Cost O(stretches²) at most.
+    /// as often as a radar sees an aircraft. Cost O(stretches nearby) for each that is reached, after
+    /// O(stretches) once.
     fn lead(&self, old: &Track, begin: &Spot, end: &Spot) -> bool {
         let longest = self.longest(old)[1];
         let speed = f64::hypot(old.estimate.mean[2], old.estimate.mean[3]);
@@ -341,6 +344,7 @@ impl Paths<'_> {
                 away <= 0.5 * ACCELERATION * time * time + errors
             }
         };
+        let identities = old.identities();
         let mut reached = Vec::new();
         let mut now: Vec<Option<Spot>> = vec![None];
         while let Some(from) = now.pop() {
@@ -351,15 +355,47 @@ impl Paths<'_> {
             if goes(end) {
                 return true;
             }
-            for (i, one) in self.ended.iter().chain(self.tentative()).enumerate() {
-                let is_same = one.identities.same(&old.identities());
+            let (last, hops) = (from.as_ref().unwrap_or(begin), self.hops());
+            let errors = SIGMAS * (last.variance + hops.variance).sqrt();
+            let half = [FASTER * speed * longest + errors; 2];
+            hops.grid.within(last.position, half, &mut |i| {
+                let one = hops.get(i, self.ended);
+                let is_same = one.identities.same(&identities);
                 let mine = is_same.unwrap_or(!one.identities.is_some());
                 if mine && one.last.time < end.time && !reached.contains(&i) && goes(&one.first) {
                     reached.push(i);
                     now.push(Some(one.last));
                 }
-            }
+            });
         }
         false
+    }
+}
+
+/// Stretches over which ways may lead, by where they begin.
+struct Hops {
+    /// Those of tracks that are not confirmed; the ones that have ended come before them.
+    tentative: Vec<Stretch>,
+    grid: Grid,
+    /// The largest of their first plots.
+    variance: f64,
+}
+
+impl Hops {
+    fn new(ended: &[Stretch], tracks: &[Track], settings: &Settings) -> Self {
+        let others = tracks.iter().filter(|track| !track.is_confirmed());
+        let tentative: Vec<_> = others.map(|track| Stretch::of(track, settings)).collect();
+        let firsts = || ended.iter().chain(&tentative).map(|one| one.first);
+        let points: Vec<_> = firsts().map(|first| first.position).collect();
+        let variance = firsts().map(|first| first.variance).fold(0.0, f64::max);
+        let periods = settings.radars.iter().map(|radar| radar.scan_period);
+        let cell = settings.max_speed * periods.fold(0.0, f64::max);
+        let grid = Grid::new(&points, cell).expect("plots are finite");
+        Self { tentative, grid, variance }
+    }
+
+    /// The one with this index, after those that have `ended`.
+    fn get<'a>(&'a self, index: usize, ended: &'a [Stretch]) -> &'a Stretch {
+        ended.get(index).unwrap_or_else(|| &self.tentative[index - ended.len()])
     }
 }

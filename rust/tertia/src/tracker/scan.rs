@@ -283,9 +283,10 @@ impl Scan {
     /// `oldest`: with them a target could be among the plots twice.
     fn defer(&mut self, oldest: f64, hold: f64) {
         for i in 0..self.plots.len() {
-            let last = self.last[root(&mut self.joined, i as u32) as usize] as usize;
-            let waits = self.plots[i].time >= oldest && self.plots[last].time >= hold;
-            self.deferred[i] |= !self.taken[i] && waits;
+            if !self.taken[i] && self.plots[i].time >= oldest {
+                let last = self.last[root(&mut self.joined, i as u32) as usize] as usize;
+                self.deferred[i] |= self.plots[last].time >= hold;
+            }
         }
     }
 
@@ -352,11 +353,10 @@ impl Scan {
         });
         let begun = if confirmed { Vec::new() } else { shares.confirmed() };
         let renamed = resume(sky.tracks, sky.ended, &begun, (settings, noise));
-        let number =
-            |own: u64| renamed.iter().find(|(new, _)| *new == own).map_or(own, |(_, old)| *old);
+        let place = |new: u64| renamed.binary_search_by_key(&new, |pair| pair.0);
         let mut advanced = false;
         shares.report(claims.len(), |given, row| {
-            let track = number(given.track);
+            let track = place(given.track).map_or(given.track, |at| renamed[at].1);
             // a plot of two tracks counts as that of the first
             if !std::mem::replace(&mut taken[given.plot as usize], true) {
                 advanced = true;

@@ -5,15 +5,19 @@ use super::clutter::Clutter;
 use super::doubles::Near;
 use super::noise::Noise;
 use super::outliers::{FARTHEST, Stray};
+use super::plot::Measured;
 use super::settings::Settings;
-use super::track::Track;
+use super::track::{SOONEST, Track};
 use crate::association::Grid;
+use crate::sensors::Radar;
 use std::f64::consts::TAU;
 
 /// Scans for which a target may be missed.
 const LATELY: f64 = 2.5;
 /// Share of them with which plots are looked at that may be outliers.
 const NOT_RARE: f64 = 0.02;
+/// Side of a cell over the farthest at which tracks are looked for: far plots are looked for farther.
+const CELL: f64 = 0.5;
 
 /// Adds to the densities of plots that are no false plots what outliers of the targets that were missed make
 /// there. Cost O(tracks + plots), nothing for radars without outliers.
@@ -31,41 +35,43 @@ pub(super) fn find(
     if !often.contains(&true) {
         return;
     }
-    let confirmed: Vec<usize> = (0..tracks.len()).filter(|&k| tracks[k].is_confirmed()).collect();
-    let points: Vec<[f64; 2]> = confirmed.iter().map(|&k| tracks[k].estimate.position()).collect();
-    let mut grid = Grid::default();
     let reach = |plot: usize| {
         let radar = settings.radars[plots[plot].radar].at_worst();
         let r = radar.noise_at(plots[plot].position, f64::NAN);
         (FARTHEST * r.xx.max(r.yy)).sqrt() + settings.max_speed * radar.scan_period
     };
     let free = |i: &usize| often[plots[*i].radar] && !taken[*i] && !deferred[*i];
-    let cell = (0..plots.len()).filter(free).map(reach).fold(0.0, f64::max);
-    if cell == 0.0 || grid.fill(&points, 2.0 * cell).is_err() {
+    let farthest = (0..plots.len()).filter(free).map(reach).fold(0.0, f64::max);
+    if farthest == 0.0 {
         return;
     }
+    let missed = Missed::by_each(&often, plots, (&*tracks, settings), CELL * farthest);
     for i in (0..plots.len()).filter(free) {
         let (plot, half) = (&plots[i], reach(i));
-        let radar = &settings.radars[plot.radar];
+        let (radar, Some(missed)) = (&settings.radars[plot.radar], &missed[plot.radar]) else {
+            continue;
+        };
         let known = noise[plot.radar].outliers;
         let [x, y] = plot.position;
         let (mut sum, mut nearest) = (0.0, (f64::INFINITY, 0));
-        grid.between([x - half, y - half], [x + half, y + half], &mut |k| {
-            let track = &tracks[confirmed[k]];
-            // one that is not seen any more has flown elsewhere
-            let is_missed =
-                track.is_due(plot, radar) && plot.time - track.seen < LATELY * track.period;
-            if is_missed && radar.covers(track.estimate.position()) {
-                let (place, p) = track.position_at(plot.time);
-                let s = p.plus(radar.detecting(plot.detection).noise_at(place, f64::NAN));
-                let d = s.inverse().form([x - place[0], y - place[1]]);
-                if d < FARTHEST {
-                    nearest = if d < nearest.0 { (d, confirmed[k]) } else { nearest };
-                    let likeness = track.named(plot, settings);
-                    sum += likeness * known.spread(d, s.determinant()) / TAU;
-                }
+        let mut look = |(k, seen): (usize, f64)| {
+            if !is_due(plot.time, seen, radar) || !is_lately(&tracks[k], plot.time) {
+                return;
             }
-        });
+            let (place, p) = tracks[k].position_at(plot.time);
+            let s = p.plus(radar.detecting(plot.detection).noise_at(place, f64::NAN));
+            let d = s.inverse().form([x - place[0], y - place[1]]);
+            if d < FARTHEST {
+                nearest = if d < nearest.0 { (d, k) } else { nearest };
+                let likeness = tracks[k].named(plot, settings);
+                sum += likeness * known.spread(d, s.determinant()) / TAU;
+            }
+        };
+        // those that it has seen just now are most of the ones about the plot
+        for missed in missed.iter().filter(|missed| is_due(plot.time, missed.earliest, radar)) {
+            let (low, high) = ([x - half, y - half], [x + half, y + half]);
+            missed.grid.between(low, high, &mut |at| look(missed.tracks[at]));
+        }
         found[i] += known.share() * sum;
         if nearest.0 < FARTHEST {
             let density = plot.rivals(clutter[plot.radar].density(radar));
@@ -74,4 +80,65 @@ pub(super) fn find(
             tracks[nearest.1].stray = Some(Stray { radar: plot.radar, square: nearest.0, weight });
         }
     }
+}
+
+/// Confirmed tracks that a radar may have missed in a scan.
+struct Missed {
+    grid: Grid,
+    /// Their indices among all tracks, and when the radar has seen each last.
+    tracks: Vec<(usize, f64)>,
+    /// The least of these times.
+    earliest: f64,
+}
+
+impl Missed {
+    /// Those of each radar whose outliers are `often` looked for.
+    fn by_each(
+        often: &[bool],
+        plots: &[Measured],
+        known: (&[Track], &Settings),
+        cell: f64,
+    ) -> Vec<Option<[Self; 2]>> {
+        let times = || plots.iter().map(|plot| plot.time);
+        let begin = times().fold(f64::INFINITY, f64::min);
+        let end = times().fold(f64::NEG_INFINITY, f64::max);
+        let by = |radar: usize| Self::by(radar, [begin, end], known, cell);
+        often.iter().enumerate().map(|(radar, often)| often.then(|| by(radar))).collect()
+    }
+
+    /// Those that the radar has seen before its plots from `begin` to `end`, and by one of them.
+    fn by(
+        radar: usize,
+        [begin, end]: [f64; 2],
+        (tracks, settings): (&[Track], &Settings),
+        cell: f64,
+    ) -> [Self; 2] {
+        let station = &settings.radars[radar];
+        let (mut found, mut points) = (<[Vec<_>; 2]>::default(), <[Vec<_>; 2]>::default());
+        for (k, track) in tracks.iter().enumerate().filter(|(_, track)| track.is_confirmed()) {
+            let seen = track.expected_by(radar).map_or(f64::NEG_INFINITY, |own| own.seen);
+            let place = track.estimate.position();
+            if is_due(end, seen, station) && is_lately(track, begin) && station.covers(place) {
+                let now = usize::from(seen >= begin);
+                found[now].push((k, seen));
+                points[now].push(place);
+            }
+        }
+        [0, 1].map(|now| {
+            let tracks = std::mem::take(&mut found[now]);
+            let earliest = tracks.iter().map(|(_, seen)| *seen).fold(f64::INFINITY, f64::min);
+            let grid = Grid::new(&points[now], cell).unwrap_or_default();
+            Self { grid, tracks, earliest }
+        })
+    }
+}
+
+/// Whether a radar that has `seen` a target then may see it again at this time.
+fn is_due(time: f64, seen: f64, radar: &Radar) -> bool {
+    time - seen > SOONEST * radar.scan_period
+}
+
+/// Whether a target is still seen: one that is not has flown elsewhere.
+fn is_lately(track: &Track, time: f64) -> bool {
+    time - track.seen < LATELY * track.period
 }

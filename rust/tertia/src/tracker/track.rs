@@ -257,9 +257,9 @@ impl Track {
             let score = paper_score(&self.estimate, z, r, q, settings.guard)?;
             return Some(score + self.also_moving(plot, settings).ln());
         }
-        let (density, nearest) = self.density(here.position, here.covariance());
-        let is_near = nearest <= settings.guard;
-        is_near.then(|| odds + (density * self.also_moving(plot, settings)).ln())
+        let (z, r) = (here.position, here.covariance());
+        let is_near = self.nearest(z, r) <= settings.guard;
+        is_near.then(|| odds + (self.density(z, r) * self.also_moving(plot, settings)).ln())
     }
 
     /// What a plot adds to the evidence, by the `gain` with which it was taken, where there are so many
@@ -270,22 +270,27 @@ impl Track {
             return gain;
         }
         let here = self.brought_here(plot, settings);
-        let (density, _) = self.density(here.position, here.covariance());
+        let density = self.density(here.position, here.covariance());
         settings.odds(plot.radar, others) + (density * self.also_moving(plot, settings)).ln()
     }
 
-    /// 2 pi times the density of a plot of this target, and the least normalised distance to a model.
+    /// 2 pi times the density of a plot of this target.
     #[inline]
-    fn density(&self, z: [f64; 2], r: Plane) -> (f64, f64) {
-        let (mut density, mut nearest) = (0.0, f64::INFINITY);
+    fn density(&self, z: [f64; 2], r: Plane) -> f64 {
+        let mut density = 0.0;
         self.filter.components(|component| {
-            let s = component.covariance.plus(r);
-            let y = [z[0] - component.position[0], z[1] - component.position[1]];
-            let d = s.inverse().form(y);
-            nearest = f64::min(nearest, d);
+            let (d, s) = component.distance(z, r);
             density += component.probability * exp(-0.5 * d) / s.determinant().sqrt();
         });
-        (density, nearest)
+        density
+    }
+
+    /// The least normalised distance squared of a plot to a model.
+    #[inline]
+    fn nearest(&self, z: [f64; 2], r: Plane) -> f64 {
+        let mut nearest = f64::INFINITY;
+        self.filter.components(|component| nearest = nearest.min(component.distance(z, r).0));
+        nearest
     }
 
     /// Adds the score of a plot of this radar to the evidence: that against a missed detection, less

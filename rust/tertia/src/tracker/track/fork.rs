@@ -78,7 +78,7 @@ impl Track {
         }
         let [as_before, as_accelerated] = self.velocity_ratios(plot, (sigma, gap), settings);
         let accelerated = UNNOTICED.ln() - 0.5 * (d + s.determinant().ln()) + as_accelerated.ln();
-        let straight = self.density(z, r).0.ln() + as_before.ln();
+        let straight = self.density(z, r).ln() + as_before.ln();
         // the window of the paper is always widened
         let always = matches!(settings.motion, Motion::Window(_));
         let ratio = if always { f64::INFINITY } else { (accelerated - straight).exp() };
@@ -184,7 +184,7 @@ impl Track {
     /// Whether a plot is where it is in most cases.
     fn expects(&self, plot: &Measured, settings: &Settings) -> bool {
         let here = self.brought_here(plot, settings);
-        self.density(here.position, here.covariance()).1 < NEAR
+        self.nearest(here.position, here.covariance()) < NEAR
     }
 
     /// A plot that was far from the target, which has gone on as before, as this one shows.

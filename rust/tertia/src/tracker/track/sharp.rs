@@ -64,7 +64,7 @@ impl Track {
         }
         let [as_before, as_turned] = self.velocity_ratios(plot, (sharp, gap), settings);
         let turned = SHARPLY.ln() - 0.5 * (d + s.determinant().ln()) + as_turned.ln();
-        let before = self.density(z, r).0.ln() + as_before.ln();
+        let before = self.density(z, r).ln() + as_before.ln();
         let probability = 1.0 / (1.0 + (before - turned).exp());
         // a target that may have gone makes no plot
         let also = self.also(plot, settings) * self.existence.probability();
