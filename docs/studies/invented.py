@@ -113,7 +113,7 @@ def _rooms(rng: np.random.Generator) -> Recording:
 
 
 def _indoor(rng: np.random.Generator) -> Recording:
-    """Draw ranges to six anchors of a hall, each with an offset, a fifth of them late for a while."""
+    """Draw ranges to six anchors of a hall, each with an offset; a fifth is late for a while."""
     truth = _way(rng, 2.0, 0.1)
     places = np.array([[-12.0, -8.0], [12, -8], [12, 8], [-12, 8], [0, -8], [0, 8]])
     offset = rng.uniform(0.05, 0.3, 6) * rng.choice([-1.0, 1.0], 6)
@@ -122,8 +122,8 @@ def _indoor(rng: np.random.Generator) -> Recording:
     # being late begins and ends at random; each time the delays have a mean of their own
     late = rng.random(6) < LATE
     mean = rng.uniform(0.3, 2.0, 6)
-    for ranges in far:
-        ranges += late * rng.exponential(mean) + sigma * rng.standard_normal(6)
+    for at in range(INSTANTS):
+        far[at] += late * rng.exponential(mean) + sigma * rng.standard_normal(6)
         ends = late & (rng.random(6) < 1 / LASTING)
         begins = ~late & (rng.random(6) < LATE / (1 - LATE) / LASTING)
         mean = np.where(begins, rng.uniform(0.3, 2.0, 6), mean)
