@@ -9,6 +9,7 @@ import polars as pl
 import typer
 
 from tertia import plot
+from tertia._result import counted
 from tertia.cli.commands import positions, shapes
 from tertia.cli.files import krakensdr, maps, read, write
 from tertia.cli.terminal.options import (
@@ -210,8 +211,8 @@ def _say_expected(one: Located[Location]) -> None:
     freedom = rows["degrees_of_freedom"].sum()
     if count and (expected := np.sqrt(freedom / count)) < _NEARLY_ONE:
         typer.echo(
-            f"  residual_rms is about {expected:.2g} if the sigmas are correct: {count} "
-            f"measurements have {freedom} degrees of freedom"
+            f"  residual_rms is about {expected:.2g} if the sigmas are correct: "
+            f"{counted(count, 'measurement')} have {counted(freedom, 'degree')} of freedom"
         )
 
 
