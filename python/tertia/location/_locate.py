@@ -247,7 +247,7 @@ def locate(
     >>> bearings = [0.7864, 0.0010, 5.4968, 2.3551, 3.4261]
     >>> fix = locate(places, azimuth=bearings, azimuth_sigma=0.002)
     >>> fix
-    Location([1001.02 ± 1.52, 999.061 ± 2.34], 1 of 5 faulty)
+    Location([1001.02 ± 2.03, 999.061 ± 3.12], 1 of 5 faulty)
     >>> fix.outlier.azimuth
     array([False, False, False, False,  True])
 

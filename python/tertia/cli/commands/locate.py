@@ -208,7 +208,7 @@ def _say_expected(one: Located[Location]) -> None:
         return
     rows = one.rows.filter(pl.col("degrees_of_freedom") > 0)
     count = rows.select(pl.col("measurement_count") - pl.col("outlier_count")).sum().item()
-    freedom = rows["degrees_of_freedom"].sum()
+    freedom = int(rows["degrees_of_freedom"].sum())
     if count and (expected := np.sqrt(freedom / count)) < _NEARLY_ONE:
         typer.echo(
             f"  residual_rms is about {expected:.2g} if the sigmas are correct: "
