@@ -7,7 +7,7 @@ pub use posterior::{locate_posterior, posterior_radii, posterior_regions};
 pub use region::{location_radii, location_regions, protection_levels};
 
 use crate::arrays::{
-    Array, Input, Output, Rows, Threads, array, choice, columns, release, repeated,
+    Array, Input, Output, Rows, Threads, array, choice, columns, optional, release, repeated,
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -53,19 +53,6 @@ fn size(stations: &Input<'_>) -> PyResult<(usize, usize)> {
             "stations has shape {shape:?}; it must be (..., K, D)"
         ))),
     }
-}
-
-/// Rows of so many axes and numbers, of so many instants or one for all, where they are given.
-fn optional<'a>(
-    input: Option<&'a Input<'_>>,
-    name: &'static str,
-    (axes, length): (usize, usize),
-    count: usize,
-) -> PyResult<Option<Rows<'a>>> {
-    let Some(input) = input else { return Ok(None) };
-    let rows = input.blocks(name, axes)?;
-    rows.require_shared(length, count)?;
-    Ok(Some(rows))
 }
 
 /// A height and its standard deviation; none where it is nan.
