@@ -1,6 +1,7 @@
 """Recordings of sensors unlike those of the other studies, used as somebody new would use them."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,8 @@ LOW, HIGH = 0.85, 0.99
 INSTANTS, STEP = 60, 2.0
 RUNS = 40
 SOUND = 340.0
+# share of ranges that are late, and for how many instants they are
+LATE, LASTING = 0.2, 3.0
 KNOWN_SPEED: dict[str, Any] = {"propagation_speed": SOUND, "propagation_speed_sigma": 0.01 * SOUND}
 
 
@@ -47,6 +50,8 @@ def table() -> str:
     for at, (name, draw) in enumerate(RECORDINGS.items()):
         for called, solve in WAYS.items():
             if called in {ARRIVALS, SPEED, SPEED_OF_PATH} and draw not in {_sounds, _shots}:
+                continue
+            if called == ALONE and draw is not _indoor:
                 continue
             cells, said = [], set()
             for stated in STATED:
@@ -107,6 +112,26 @@ def _rooms(rng: np.random.Generator) -> Recording:
     return Recording(list(places), truth, {"azimuth": azimuth}, sigma, known)
 
 
+def _indoor(rng: np.random.Generator) -> Recording:
+    """Draw ranges to six anchors of a hall, each with an offset; a fifth is late for a while."""
+    truth = _way(rng, 2.0, 0.1)
+    places = np.array([[-12.0, -8.0], [12, -8], [12, 8], [-12, 8], [0, -8], [0, 8]])
+    offset = rng.uniform(0.05, 0.3, 6) * rng.choice([-1.0, 1.0], 6)
+    far = np.linalg.norm(truth[:, np.newaxis] - places, axis=-1) + offset
+    sigma = 0.1
+    # being late begins and ends at random; each time the delays have a mean of their own
+    late = rng.random(6) < LATE
+    mean = rng.uniform(0.3, 2.0, 6)
+    for at in range(INSTANTS):
+        far[at] += late * rng.exponential(mean) + sigma * rng.standard_normal(6)
+        ends = late & (rng.random(6) < 1 / LASTING)
+        begins = ~late & (rng.random(6) < LATE / (1 - LATE) / LASTING)
+        mean = np.where(begins, rng.uniform(0.3, 2.0, 6), mean)
+        late = (late & ~ends) | begins
+    known = Bias(range_sigma=0.2)
+    return Recording(list(places), truth, {"range": far}, sigma, known)
+
+
 def _sounds(rng: np.random.Generator, drift: float = 1.0) -> Recording:
     """Draw differences of ranges of calls; the speed of sound is off by 1 %, one clock drifts."""
     truth = _way(rng, 300.0, 3.0)
@@ -164,6 +189,17 @@ def _instants(recording: Recording, stated: float) -> tuple[float, str]:
     return _inside(fix.position, fix.covariance, recording.truth), fix.systematic
 
 
+def _alone(recording: Recording, stated: float) -> tuple[float, str]:
+    """Locate each instant in a call of its own."""
+    stations, truth = recording.sensors(stated), recording.truth
+    position, covariance = np.full_like(truth, np.nan), np.full((*truth.shape, 2), np.nan)
+    for at, ranges in enumerate(recording.measured["range"]):
+        with suppress(ValueError):
+            fix = locate(stations, range=ranges)
+            position[at], covariance[at] = fix.position, fix.covariance
+    return _inside(position, covariance, truth), "estimated"
+
+
 def _track(
     recording: Recording, stated: float, bias: Bias | None = None, **speed: Any
 ) -> tuple[float, str]:
@@ -209,12 +245,15 @@ RECORDINGS: dict[str, Callable[[np.random.Generator], Recording]] = {
     "calls, speed of sound off by 1 %, one clock drifts": _sounds,
     "theodolites not level, refraction": _theodolites,
     "shots, speed of sound off by 1 %, exact clocks": _shots,
+    "tag in a hall, anchors with offsets, ranges late for seconds": _indoor,
 }
 KNOWN, ARRIVALS = "`reconstruct`, `bias` stated", "`reconstruct_arrivals`, no beacon"
+ALONE = "`locate`, each instant alone"
 SPEED = "`locate`, `propagation_speed_sigma` stated"
 SPEED_OF_PATH = "`reconstruct`, `propagation_speed_sigma` stated"
 WAYS: dict[str, Callable[[Recording, float], tuple[float, str]]] = {
     "`locate`": _instants,
+    ALONE: _alone,
     SPEED: _stretched,
     "`reconstruct`": _track,
     SPEED_OF_PATH: _stretched_track,

@@ -145,6 +145,39 @@ class TestOneInstant:
             hits.append(metrics.nees(free.position - TARGET, free.covariance) < 5.991)
         assert np.mean(hits) > 0.68
 
+    def test_outliers_do_not_hide_sigmas_that_are_too_small(self):
+        """Anchors with offsets of twice the sigma, and some late ranges: few agree by chance."""
+        found, held = [], []
+        for seed in range(300):
+            rng = np.random.default_rng(seed)
+            turn = 2 * np.pi * np.arange(6) / 6 + rng.uniform(-0.3, 0.3, 6)
+            places = 10 * np.column_stack([np.sin(turn), np.cos(turn)])
+            truth = rng.uniform(-5, 5, 2)
+            far = np.linalg.norm(truth - places, axis=1) + 0.1 * rng.normal(size=6)
+            far += rng.uniform(0.05, 0.3, 6) * rng.choice([-1, 1], 6)
+            far += np.where(rng.random(6) < 0.2, rng.exponential(1.0, 6), 0.0)
+            fix = locate(places[np.newaxis], range=far[np.newaxis], range_sigma=0.1)
+            found.append(fix.success[0])
+            if fix.success[0]:
+                held.append(inside(fix, truth))
+        assert np.mean(found) > 0.98
+        assert np.mean(held) > 0.8
+
+    def test_a_fault_of_one_instant_costs_little(self):
+        """Where the others agree, there is one fault, and sigmas are right."""
+        found, ratios, held = [], [], []
+        for seed in range(200):
+            azimuth = draw(1, seed=seed)
+            azimuth[0, 3] += 30 * SIGMA
+            fix = locate(PLANE, azimuth=azimuth, **STATED)
+            trusted = locate(PLANE, azimuth=azimuth, **STATED, bias=Bias())
+            found.append(fix.outlier.azimuth[0, 3])
+            ratios.append(np.sqrt(fix.covariance[0, 0, 0] / trusted.covariance[0, 0, 0]))
+            held.append(inside(fix, TARGET))
+        assert np.mean(found) > 0.95
+        assert 1 <= np.median(ratios) < 1.3
+        assert np.mean(held) > 0.93
+
     def test_it_says_whether_it_could_tell(self):
         azimuth = draw(1, seed=1)[0]
         assert locate(PLANE, azimuth=azimuth, **STATED).systematic == "estimated"

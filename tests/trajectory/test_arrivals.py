@@ -547,3 +547,48 @@ def test_wrong_places_of_few_arrivals_do_not_stay(seed: int) -> None:
     """Four receivers leave two solutions, of which the motion tells which one is right."""
     scene = net(seed, k=5, tags=2, emissions=60, heard=0.85)
     assert np.max(distances(scene, solved(scene))) < 60.0
+
+
+def walk(seed: int, acceleration: float) -> Net:
+    """Simulate a tag whose motion is driven by white acceleration, and a beacon."""
+    scene = net(seed, k=8, emissions=150, survey=0.0, beacons=1)
+    rng = np.random.default_rng([seed, 1])
+    own = scene.identity == TAG
+    place, velocity = np.zeros(2), np.zeros(2)
+    places = []
+    for dt in np.diff(scene.time[own], prepend=scene.time[own][0] - 20.0):
+        # what of the place follows the change of velocity, and what does not
+        change = np.sqrt(acceleration * dt) * rng.standard_normal(2)
+        rest = np.sqrt(acceleration * dt**3 / 12) * rng.standard_normal(2)
+        place = place + dt * velocity + 0.5 * dt * change + rest
+        velocity = velocity + change
+        places.append(place)
+    sites = np.array([station.position for station in scene.stations])
+    before = np.linalg.norm(scene.source[:, np.newaxis] - sites, axis=-1)
+    scene.source[own] = places
+    longer = np.linalg.norm(scene.source[:, np.newaxis] - sites, axis=-1) - before
+    heard = scene.arrivals
+    travel = longer[scene.emission, heard.sensor] / SPEED
+    scene.arrivals = Arrivals(heard.time + travel, heard.sensor, heard.identity)
+    return scene
+
+
+def test_motion_that_is_rougher_than_white_jerk() -> None:
+    """A velocity that is a random walk: white jerk alone would smooth it too much."""
+    inside, found = [], []
+    for seed in range(6):
+        scene = walk(seed, 3e-5)
+        track = solved(scene)
+        found.append(track.acceleration_noise[TAG])
+        inside.append(np.mean(distances(scene, track) < 5.991))
+    assert np.median(found) == pytest.approx(3e-5, rel=0.3)
+    assert np.mean(inside) > 0.91
+
+
+def test_a_smooth_motion_has_no_white_acceleration() -> None:
+    """On a curve, it adds hardly anything to what white jerk adds to the velocity in a step."""
+    shares = []
+    for seed in range(6):
+        track = solved(net(seed, k=8, emissions=150, survey=0.0, beacons=1))
+        shares.append(track.acceleration_noise[TAG] / (track.jerk[TAG] * 20.0**2 / 3))
+    assert np.median(shares) < 0.1

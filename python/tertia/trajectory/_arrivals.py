@@ -111,8 +111,8 @@ def reconstruct_arrivals(
     clock_drift : float, optional
         Intensity of the random walk of the clocks' rates, in 1/sqrt(s); by default it is estimated.
     jerk : float, optional
-        Intensity of the white jerk of moving identities in m²/s⁵; by default it is estimated for
-        each identity.
+        Intensity of the white jerk of moving identities in m²/s⁵, without white acceleration; by
+        default the intensities of both are estimated for each identity.
 
     Returns
     -------
@@ -138,10 +138,11 @@ def reconstruct_arrivals(
     The errors have Student's distribution with 3 degrees of freedom and an estimated scale. The
     clock offset o_h is linear between nodes. Its rate, which has a standard deviation of 1e-4, is a
     random walk. s_h and c have the given standard deviations, m_bh is constant for a beacon and a
-    receiver, and p_e moves with white jerk. All these unknowns are estimated together, by scoring
-    steps; the intensities are estimated by MacKay's fixed-point iteration. The information of an
-    arrival is computed from the residuals as mean(psi')^2 / mean(psi^2) (Huber 1964), so that the
-    covariance remains correct if the distribution of the residuals is not Student's.
+    receiver, and p_e is driven by white jerk and white acceleration. All these unknowns are
+    estimated together, by scoring steps; the intensities are estimated by MacKay's fixed-point
+    iteration. The information of an arrival is computed from the residuals as mean(psi')^2 /
+    mean(psi^2) (Huber 1964), so that the covariance remains correct if the distribution of the
+    residuals is not Student's.
 
     If the surveyed positions are wrong by more than `position_sigma`, or the motion is much
     smoother than assumed, the estimated propagation speed is wrong. To detect this, check
@@ -271,6 +272,9 @@ def _result(
         path_sigma=found["path_sigma"] / speed,
         clock_drift=found["clock_drift"],
         jerk={names[one].item(): found["jerk"][one] for one in np.unique(owner)},
+        acceleration_noise={
+            names[one].item(): found["acceleration_noise"][one] for one in np.unique(owner)
+        },
         degrees_of_freedom=found["degrees_of_freedom"],
         iterations=found["iterations"],
         success=found["is_converged"],

@@ -148,8 +148,9 @@ class ArrivalTrajectory(Result):
         Standard deviation of path errors in seconds.
     clock_drift : float
         Intensity of the random walk of clock rates in 1/sqrt(s).
-    jerk : dict
-        Intensity of the jerk of each moving identity in m²/s⁵.
+    jerk, acceleration_noise : dict
+        Intensities of the white jerk, in m²/s⁵, and of the white acceleration, in m²/s³, of each
+        moving identity.
     degrees_of_freedom : float
         Number of arrivals minus the number of parameters estimated from them.
     iterations : int
@@ -182,6 +183,7 @@ class ArrivalTrajectory(Result):
     path_sigma: float
     clock_drift: float
     jerk: dict[Any, float]
+    acceleration_noise: dict[Any, float]
     degrees_of_freedom: float
     iterations: int
     success: bool

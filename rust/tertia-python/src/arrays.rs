@@ -459,3 +459,16 @@ impl Gaps {
         self.cleaned.resize(n, 0.0);
     }
 }
+
+/// Rows of so many axes and numbers, of so many instants or one for all, where they are given.
+pub fn optional<'a>(
+    input: Option<&'a Input<'_>>,
+    name: &'static str,
+    (axes, length): (usize, usize),
+    count: usize,
+) -> PyResult<Option<Rows<'a>>> {
+    let Some(input) = input else { return Ok(None) };
+    let rows = input.blocks(name, axes)?;
+    rows.require_shared(length, count)?;
+    Ok(Some(rows))
+}

@@ -7,7 +7,7 @@ pub use posterior::{locate_posterior, posterior_radii, posterior_regions};
 pub use region::{location_radii, location_regions, protection_levels};
 
 use crate::arrays::{
-    Array, Input, Output, Rows, Threads, array, choice, columns, release, repeated,
+    Array, Input, Output, Rows, Threads, array, choice, columns, optional, release, repeated,
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -53,19 +53,6 @@ fn size(stations: &Input<'_>) -> PyResult<(usize, usize)> {
             "stations has shape {shape:?}; it must be (..., K, D)"
         ))),
     }
-}
-
-/// Rows of so many axes and numbers, of so many instants or one for all, where they are given.
-fn optional<'a>(
-    input: Option<&'a Input<'_>>,
-    name: &'static str,
-    (axes, length): (usize, usize),
-    count: usize,
-) -> PyResult<Option<Rows<'a>>> {
-    let Some(input) = input else { return Ok(None) };
-    let rows = input.blocks(name, axes)?;
-    rows.require_shared(length, count)?;
-    Ok(Some(rows))
 }
 
 /// A height and its standard deviation; none where it is nan.
@@ -227,7 +214,11 @@ pub fn locate<'py>(
     let mut batch = batch.with(position_sigmas.as_ref(), height.as_ref(), initial.as_ref())?;
     let mut speed = find_speed(py, &locator, &mut batch, speed_sigma)?;
     let mut wind = find_wind(py, &locator, &mut batch, wind_sigma)?;
-    let contradiction = adapt(py, &mut locator, &mut batch, &free, pooled)?;
+    let is_alone = batch.count() == 1 && !pooled && name == "robust" && free.contains(&true);
+    let contradiction = match is_alone {
+        true => Contradiction::NONE,
+        false => adapt(py, &mut locator, &mut batch, &free, pooled)?,
+    };
     let growth = || {
         let (count, unknown) = (batch.count(), batch.d + 1);
         let measured = batch.values.values.iter().filter(|v| !v.is_nan()).count();
@@ -249,8 +240,14 @@ pub fn locate<'py>(
             _ => locator.of_batch::<3>(&instants, &mut Workspace::default()),
         })?;
     }
-    let (position, covariance, residual, outlier, fixes) =
-        locate_batch(py, &locator, &batch, wind.as_ref(), n_threads)?;
+    let (position, covariance, residual, outlier, fixes) = locate_batch(
+        py,
+        &locator,
+        &batch,
+        is_alone.then_some(&free[..]),
+        wind.as_ref(),
+        n_threads,
+    )?;
     let still = |wind: Wind| {
         let values = batch.values.values.iter().copied();
         Ok::<_, PyErr>((wind.mean, wind.covariance, array(py, &[values.len()], values)?))
@@ -355,6 +352,7 @@ fn locate_batch<'py>(
     py: Python<'py>,
     locator: &Locator,
     batch: &Batch<'_>,
+    alone: Option<&[bool]>,
     wind: Option<&Wind>,
     n_threads: Threads,
 ) -> PyResult<Found<'py>> {
@@ -390,9 +388,15 @@ fn locate_batch<'py>(
                     outlier,
                 })
                 .collect();
-            match d {
-                2 => locator.locate_all(&instants, &mut out, fixes, plane),
-                _ => locator.locate_all(&instants, &mut out, fixes, space),
+            match (d, alone) {
+                (2, Some(free)) => {
+                    fixes[0] = locator.locate_alone(&instants[0], free, &mut out[0], plane);
+                }
+                (_, Some(free)) => {
+                    fixes[0] = locator.locate_alone(&instants[0], free, &mut out[0], space);
+                }
+                (2, None) => locator.locate_all(&instants, &mut out, fixes, plane),
+                (_, None) => locator.locate_all(&instants, &mut out, fixes, space),
             }
             if let Some(wind) = wind {
                 for ((instant, out), fix) in instants.iter().zip(&mut out).zip(fixes) {

@@ -20,6 +20,8 @@
 //! | `doubt` | what measurements that may be faults add to the covariance |
 //! | `growth` | what residuals add to it that are too large |
 //! | `contradiction` | the same for all instants together |
+//! | `evidence` | how likely measurements are, with sigmas of one size or another |
+//! | `alone` | how large the sigmas are of one instant that has outliers |
 //! | `profile` | where the cost is no parabola |
 //! | `solver` | the way of an instant |
 //! | `search` | start, robust steps, other minima |
@@ -34,6 +36,7 @@
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
+mod alone;
 mod arrivals;
 mod block;
 mod candidates;
@@ -42,6 +45,7 @@ mod contour;
 mod contradiction;
 mod descent;
 mod doubt;
+mod evidence;
 mod faulty;
 mod fix;
 mod growth;

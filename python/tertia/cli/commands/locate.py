@@ -9,6 +9,7 @@ import polars as pl
 import typer
 
 from tertia import plot
+from tertia._result import counted
 from tertia.cli.commands import positions, shapes
 from tertia.cli.files import krakensdr, maps, read, write
 from tertia.cli.terminal.options import (
@@ -207,11 +208,11 @@ def _say_expected(one: Located[Location]) -> None:
         return
     rows = one.rows.filter(pl.col("degrees_of_freedom") > 0)
     count = rows.select(pl.col("measurement_count") - pl.col("outlier_count")).sum().item()
-    freedom = rows["degrees_of_freedom"].sum()
+    freedom = int(rows["degrees_of_freedom"].sum())
     if count and (expected := np.sqrt(freedom / count)) < _NEARLY_ONE:
         typer.echo(
-            f"  residual_rms is about {expected:.2g} if the sigmas are correct: {count} "
-            f"measurements have {freedom} degrees of freedom"
+            f"  residual_rms is about {expected:.2g} if the sigmas are correct: "
+            f"{counted(count, 'measurement')} have {counted(freedom, 'degree')} of freedom"
         )
 
 

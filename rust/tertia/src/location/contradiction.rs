@@ -18,16 +18,14 @@
 //! residuals that are l instants apart, about zero, n instants count as `n / (1 + 2 Σ ρ_l²)`
 //! (Bartlett 1935, for squares).
 
-use super::descent::Loss;
+use super::evidence::{ByShare, Evidence, Kept};
 use super::fix::{Fix, Instant, Output, Status};
-use super::growth::{agreeing, growth};
+use super::growth::{agreeing, growth_of_all};
 use super::lane::LANES;
-use super::record::{NOWHERE, Record};
 use super::solver::{Locator, Workspace};
 use crate::base::angle::median;
 use crate::base::distribution::{chi_square_upper_quantile, fisher_upper_quantile};
-use crate::base::small::{Factor, Matrix, Vector, dot};
-use crate::sensors::{KINDS, Kind, Row};
+use crate::sensors::{KINDS, Kind};
 
 /// So many instants, evenly spread, tell enough of a batch.
 const SAMPLE: usize = 256;
@@ -47,20 +45,9 @@ const LEAST_SCATTER: f64 = 1e-6;
 const MANY: f64 = 0.03;
 /// Share of instants without a position from which on they count: a few are lost to outliers alone.
 const LOST: f64 = 0.3;
-/// Shares of outliers. Their density over that of a normal number at 0: even over 30 σ, and falling
-/// with the distance beyond, so that errors of any size are no cheaper as outliers than as noise.
-const SHARES: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
-const FLAT: f64 = 2.506_628_274_631_000_5 / 30.0;
-const EVEN: f64 = 15.0;
 /// Largest standard deviation of the errors of angles, in radians: with larger ones, they show no direction, and
 /// their errors are not normal.
-const WIDEST: f64 = 0.5;
-/// A measurement counts if its residual from the others is of at most so many sigmas, and the
-/// variance of normal numbers of that size. With a wider limit, one fault of five sigmas in each
-/// instant would widen it, and then be kept.
-const KEPT: f64 = 3.0;
-const KEPT_VARIANCE: f64 = 0.973_3;
-
+pub(super) const WIDEST: f64 = 0.5;
 /// What a batch says of the errors of each kind of measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contradiction {
@@ -106,7 +93,7 @@ impl Contradiction {
     }
 }
 
-fn stretch(sigmas: &mut [f64], free: &[bool], factor: &[f64; KINDS]) {
+pub(super) fn stretch(sigmas: &mut [f64], free: &[bool], factor: &[f64; KINDS]) {
     let stations = free.len() / KINDS;
     for instant in sigmas.chunks_mut(free.len()) {
         for (place, sigma) in instant.iter_mut().enumerate().filter(|(place, _)| free[*place]) {
@@ -146,9 +133,9 @@ struct Sums {
     residual: Vec<f64>,
     /// Restricted log likelihood of each instant, by the share of outliers; nan where there is no
     /// position.
-    likelihood: Vec<[f64; SHARES.len()]>,
+    likelihood: Vec<ByShare>,
     /// The same if all that is redundant were outliers.
-    none: Vec<[f64; SHARES.len()]>,
+    none: Vec<ByShare>,
     /// Measurements without and with weight.
     rejected: f64,
     kept: f64,
@@ -209,7 +196,7 @@ impl Locator {
             found.growth[kind] = if pooled {
                 factor[kind] * student::<D>(effective)
             } else {
-                growth::<D>(factor[kind] * effective, effective)
+                growth_of_all::<D>(factor[kind] * effective, effective)
             };
         }
         found
@@ -332,8 +319,8 @@ impl Locator {
     ) {
         let at = sums.residual.len();
         sums.residual.resize(at + free.len(), 0.0);
-        sums.likelihood.push([f64::NAN; SHARES.len()]);
-        sums.none.push([f64::NAN; SHARES.len()]);
+        sums.likelihood.push(ByShare::default().map(|_| f64::NAN));
+        sums.none.push(ByShare::default().map(|_| f64::NAN));
         let fix = self.finished(instant, lane, workspace);
         if fix.degrees_of_freedom < 1 {
             return;
@@ -343,71 +330,23 @@ impl Locator {
             return;
         }
         sums.found += 1.0;
-        let Workspace { own, plane, space } = &*workspace;
-        let of_arrivals = self.has_arrivals(instant);
-        let loss = self.loss(fix.degrees_of_freedom as usize, of_arrivals);
-        match (D, of_arrivals) {
-            (_, false) => sums.add(loss, &own.records[lane], free, at, factor),
-            (2, true) => sums.add(loss, &plane.records[lane], free, at, factor),
-            _ => sums.add(loss, &space.records[lane], free, at, factor),
+        if let Some(evidence) = self.evidence(instant, lane, (free, factor), workspace) {
+            sums.add(&evidence, at, free.len() / KINDS);
         }
     }
 }
 
 impl Sums {
-    fn add<const D: usize, const N: usize>(
-        &mut self,
-        loss: Loss,
-        record: &Record<D, N>,
-        free: &[bool],
-        at: usize,
-        factor: &[f64; KINDS],
-    ) {
-        let Record { measurements, rows, places, .. } = record;
-        let mut keeps: Vec<bool> = measurements
-            .iter()
-            .zip(rows)
-            .map(|(m, row)| !loss.of(m.kind).is_fault(row.residual))
-            .collect();
-        let Some((lower, _)) = plain(rows, &keeps) else { return };
-        if loss != Loss::Square {
-            // a fault may be part of a compromise: it is told by the others alone
-            for (keep, row) in keeps.iter_mut().zip(rows) {
-                let rest = 1.0 - dot(&lower.solve(&row.gradient), &row.gradient);
-                *keep &= row.residual * row.residual <= KEPT * KEPT * rest.max(0.0);
-            }
-        }
-        let Some((lower, vector)) = plain(rows, &keeps) else { return };
-        // the residuals of least squares with what is kept: those of weights depend on the weights
-        let step = lower.solve(&vector);
-        let variance = if loss == Loss::Square { 1.0 } else { KEPT_VARIANCE };
-        let stations = free.len() / KINDS;
-        let mut likelihood = [-0.5 * lower.ln_determinant(); SHARES.len()];
-        let mut none = likelihood;
-        let redundant = 1.0 - N as f64 / rows.len() as f64;
-        for ((row, &place), &kept) in rows.iter().zip(places).zip(&keeps) {
-            let is_free = place != NOWHERE && free[place];
-            let residual = row.residual - dot(&row.gradient, &step);
-            let unit = if is_free { factor[place / stations] } else { 1.0 };
-            let normal = (-0.5 * residual * residual).exp() / unit.sqrt();
-            let flat = FLAT * (EVEN / (residual.abs() * unit.sqrt())).min(1.0);
-            for (i, share) in SHARES.into_iter().enumerate() {
-                likelihood[i] += ((1.0 - share) * normal + share * flat).ln();
-                // what is not redundant fits, with a determinant of the sigmas as stated
-                none[i] += redundant * (share * flat).ln()
-                    + (1.0 - redundant) * ((1.0 - share).ln() - 0.5 * unit.ln());
-            }
-            *if kept { &mut self.kept } else { &mut self.rejected } += 1.0;
-            if kept && is_free {
-                let kind = place / stations;
-                let leverage = dot(&lower.solve(&row.gradient), &row.gradient);
-                self.square[kind] += residual * residual / variance;
-                self.freedom[kind] += (1.0 - leverage).max(0.0);
-                self.residual[at + place] = residual;
-            }
+    fn add(&mut self, evidence: &Evidence, at: usize, stations: usize) {
+        self.kept += evidence.kept as f64;
+        self.rejected += evidence.rejected as f64;
+        for &Kept { place, residual, square, freedom } in &evidence.free {
+            self.square[place / stations] += square;
+            self.freedom[place / stations] += freedom;
+            self.residual[at + place] = residual;
         }
         if let (Some(own), Some(other)) = (self.likelihood.last_mut(), self.none.last_mut()) {
-            (*own, *other) = (likelihood, none);
+            (*own, *other) = (evidence.likelihood, evidence.none);
         }
     }
 
@@ -418,7 +357,7 @@ impl Sums {
 
     /// Whether instants that are located with either are likelier, with the better share of outliers.
     fn explains_better_than(&self, other: &Self) -> bool {
-        let mut sums = [[0.0; SHARES.len()]; 2];
+        let mut sums = [ByShare::default(); 2];
         for at in 0..self.likelihood.len() {
             let [mut own, mut others] = [self.likelihood[at], other.likelihood[at]];
             if own[0].is_nan() && self.loses_many() {
@@ -431,7 +370,7 @@ impl Sums {
             if own[0].is_nan() || others[0].is_nan() {
                 continue;
             }
-            for i in 0..SHARES.len() {
+            for i in 0..own.len() {
                 sums[0][i] += own[i];
                 sums[1][i] += others[i];
             }
@@ -464,20 +403,6 @@ impl Sums {
         let sum: f64 = (1..count).map(|lag| correlation(lag).powi(2)).sum();
         1.0 / (1.0 + 2.0 * sum)
     }
-}
-
-/// The normal equations of the rows that are kept, factorised, and their right side.
-fn plain<const N: usize>(rows: &[Row<N>], keeps: &[bool]) -> Option<(Factor<N>, Vector<N>)> {
-    let (mut normal, mut vector): (Matrix<N>, Vector<N>) = ([[0.0; N]; N], [0.0; N]);
-    for (row, _) in rows.iter().zip(keeps).filter(|(_, keep)| **keep) {
-        for i in 0..N {
-            vector[i] += row.residual * row.gradient[i];
-            for j in 0..N {
-                normal[i][j] += row.gradient[i] * row.gradient[j];
-            }
-        }
-    }
-    Some((Factor::try_new(&normal, 0.0)?, vector))
 }
 
 /// What makes an ellipse of 95 % hold as much if its scale has so many degrees of freedom.

@@ -6,40 +6,53 @@
 //! the error of the position a mixture of normals with covariances `φ P`. The growth is the factor
 //! of P for which the ellipse of 95 % holds 95 % of that mixture, relative to the same of residuals
 //! that just pass a test at 10 %. So it is 1 where nothing contradicts, and there it adds nothing.
+//!
+//! Of a batch, or of an instant without company, one φ decides about everything. If its residuals
+//! fail the test, `P(φ = 1)` is .5, and the growth is that of the ellipse itself.
 
 use crate::base::distribution::chi_square_upper;
 
-/// Probability that sigmas are right.
+/// Probability that sigmas are right; the same where residuals that decide about everything are too
+/// large.
 const RIGHT: f64 = 0.8;
+pub(super) const DOUBTED: f64 = 0.5;
 /// Scale of the half-Cauchy prior of `√(φ − 1)`.
-const SCALE: f64 = 2.0;
+pub(super) const SCALE: f64 = 2.0;
 /// Values of `√(φ − 1)` besides zero: the first, the last, their number.
 const RANGE: (f64, f64) = (0.1, 100.0);
 const STEPS: usize = 40;
 /// What lies outside the ellipse.
-const OUTSIDE: f64 = 0.05;
+pub(super) const OUTSIDE: f64 = 0.05;
 /// `χ²` of two and three coordinates at 5 %.
 pub(super) const LIMIT: [f64; 2] = [5.991_464_547_107_979, 7.814_727_903_251_179];
 /// The normal quantile at 10 %.
 const QUANTILE: f64 = 1.281_551_565_544_600_4;
 /// Steps of the bisection of a logarithm.
-const HALVINGS: usize = 40;
+pub(super) const HALVINGS: usize = 40;
 /// Terms of less weight do not count.
 const LEAST_WEIGHT: f64 = 1e-12;
 
 /// By how much a covariance of D coordinates grows if residuals of `freedom` degrees of freedom,
 /// not necessarily whole, have this sum of squares. O(1), about 5 µs where it is not 1.
 pub(super) fn growth<const D: usize>(statistic: f64, freedom: f64) -> f64 {
-    let agreeing = agreeing(freedom);
-    // the comparison is false for nan, too
-    if !(freedom > 0.0 && statistic > agreeing) {
+    if !contradicts(statistic, freedom) {
         return 1.0;
     }
-    // beyond the largest φ everything is in proportion
-    let largest = 1.0 + RANGE.1 * RANGE.1;
-    let beyond = (statistic / (freedom * largest)).max(1.0);
-    let found = quantile::<D>(statistic / beyond, freedom);
-    (beyond * found / quantile::<D>(agreeing, freedom)).max(1.0)
+    let agreeing = quantile::<D>(agreeing(freedom), freedom, RIGHT);
+    (quantile::<D>(statistic, freedom, RIGHT) / agreeing).max(1.0)
+}
+
+/// The same of residuals that decide about everything.
+pub(super) fn growth_of_all<const D: usize>(statistic: f64, freedom: f64) -> f64 {
+    if !contradicts(statistic, freedom) {
+        return 1.0;
+    }
+    quantile::<D>(statistic, freedom, DOUBTED).max(1.0)
+}
+
+/// Whether a sum of squares fails a test at 10 %; not that of no degrees of freedom, or nan.
+fn contradicts(statistic: f64, freedom: f64) -> bool {
+    freedom > 0.0 && statistic > agreeing(freedom)
 }
 
 /// The sum of squares that passes a test at 10 %: the approximation of Wilson, Hilferty (1931).
@@ -48,8 +61,12 @@ pub(super) fn agreeing(freedom: f64) -> f64 {
     freedom * (1.0 - v + QUANTILE * v.sqrt()).powi(3)
 }
 
-/// The factor of the ellipse that holds 95 % of the mixture.
-fn quantile<const D: usize>(statistic: f64, freedom: f64) -> f64 {
+/// The factor of the ellipse that holds 95 % of the mixture, if sigmas are right with a probability.
+fn quantile<const D: usize>(statistic: f64, freedom: f64, right: f64) -> f64 {
+    // beyond the largest φ everything is in proportion
+    let largest = 1.0 + RANGE.1 * RANGE.1;
+    let beyond = (statistic / (freedom * largest)).max(1.0);
+    let statistic = statistic / beyond;
     let mut terms = [(0.0, 0.0); STEPS + 1];
     let ratio = (RANGE.1 / RANGE.0).ln() / (STEPS - 1) as f64;
     let root = |j: usize| RANGE.0 * (ratio * j as f64).exp();
@@ -57,7 +74,7 @@ fn quantile<const D: usize>(statistic: f64, freedom: f64) -> f64 {
     let total: f64 = (0..STEPS).map(|j| density(root(j))).sum();
     for (j, term) in terms.iter_mut().enumerate() {
         let t = if j == 0 { 0.0 } else { root(j - 1) };
-        let prior = if j == 0 { RIGHT } else { (1.0 - RIGHT) * density(t) / total };
+        let prior = if j == 0 { right } else { (1.0 - right) * density(t) / total };
         let factor = 1.0 + t * t;
         *term = (factor, prior.ln() - 0.5 * (freedom * factor.ln() + statistic / factor));
     }
@@ -77,7 +94,7 @@ fn quantile<const D: usize>(statistic: f64, freedom: f64) -> f64 {
         let middle = 0.5 * (low + high);
         if outside(middle.exp()) > OUTSIDE { low = middle } else { high = middle }
     }
-    (0.5 * (low + high)).exp()
+    beyond * (0.5 * (low + high)).exp()
 }
 
 /// `P(χ²_D > m LIMIT)`

@@ -20,8 +20,8 @@ pub(super) enum Group {
     Unit,
     Path,
     Drift,
-    /// Of a moving identity.
-    Jerk(usize),
+    /// Of a moving identity: what its acceleration counts for, in units of its jerk.
+    Motion(usize, f64),
 }
 
 impl Row {

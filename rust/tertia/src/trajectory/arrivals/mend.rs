@@ -8,7 +8,7 @@ use super::linear::{Group, Row};
 use super::problem::{Model, Problem, State};
 use super::start::median;
 
-/// A motion is torn where the squared change of its acceleration is so many times the median.
+/// A motion is torn where its squared change is so many times the median.
 const TORN: f64 = 30.0;
 /// Steps next to a torn one are suspect from so many times the median on.
 const SUSPECT: f64 = 10.0;
@@ -16,12 +16,12 @@ const SUSPECT: f64 = 10.0;
 const MOST: f64 = 0.3;
 
 impl<const D: usize> Problem<'_, D> {
-    /// Moves emissions that tear their motions apart, and lowers the jerk; whether there are any. O(N).
+    /// Moves emissions that tear their motions apart, and lowers the intensities; whether there are any. O(N).
     pub fn mend(&self, state: &mut State<D>, model: &mut Model, priors: &[(Row, Group)]) -> bool {
         if self.scene.jerk.is_some() {
             return false;
         }
-        let steps = self.steps(priors);
+        let steps = self.steps(model, priors);
         let mut is_torn = false;
         for identity in 0..self.unit.len() {
             let own: Vec<usize> = (0..self.identity.len())
@@ -49,18 +49,23 @@ impl<const D: usize> Problem<'_, D> {
                 self.bridge(state, own[at], before, after);
             }
             let mean = sizes.iter().sum::<f64>() / sizes.len() as f64;
-            model.jerk[identity] *= (usual / mean).powi(2).min(1.0);
+            let less = (usual / mean).powi(2).min(1.0);
+            model.jerk[identity] *= less;
+            model.acceleration[identity] *= less;
             is_torn = true;
         }
         is_torn
     }
 
-    /// Squared change of the acceleration since the emission before, of each emission.
-    fn steps(&self, priors: &[(Row, Group)]) -> Vec<Option<f64>> {
-        let mut rows = priors.iter().filter(|row| matches!(row.1, Group::Jerk(_)));
+    /// Squared change of the motion since the emission before, in standard deviations, of each
+    /// emission.
+    fn steps(&self, model: &Model, priors: &[(Row, Group)]) -> Vec<Option<f64>> {
+        let mut rows = priors.iter().filter(|row| matches!(row.1, Group::Motion(..)));
         let mut step = |e: usize| {
             self.layout.motion[e].and(self.previous[e])?;
-            Some(rows.by_ref().take(3 * D).map(|(row, _)| row.residual * row.residual).sum())
+            let square =
+                |(row, group): &(Row, Group)| row.residual.powi(2) / model.variance(*group);
+            Some(rows.by_ref().take(3 * D).map(square).sum())
         };
         (0..self.identity.len()).map(&mut step).collect()
     }

@@ -1,8 +1,8 @@
 //! The least-squares problem about a point: rows of measurements and priors, and their cost.
 //!
 //! z = T + u |p - s| + o(t) + m + e, all in metres of propagation at the given speed: T emission, u
-//! given over true speed, o clock (linear between nodes), m path error of a beacon. Motion is white
-//! jerk; rates of clocks are random walks.
+//! given over true speed, o clock (linear between nodes), m path error of a beacon. Motion is driven
+//! by white jerk and white acceleration; rates of clocks are random walks.
 
 use super::layout::Layout;
 use super::linear::{Group, Row};
@@ -19,6 +19,8 @@ const NODES: usize = 400;
 /// accelerations in a usual interval. Without the latter two, stiff motion leaves no digits.
 const OFFSET: f64 = 10.0;
 const FAR: [f64; 3] = [10.0, 1.0, 1.0];
+/// What white acceleration adds to the rows of a motion, over white jerk, where a step is 1.
+const ACCELERATION: [f64; 3] = [60.0, 12.0, 0.0];
 /// Shortest step of a motion over its usual step.
 const SHORTEST: f64 = 1e-2;
 
@@ -34,13 +36,14 @@ pub(super) struct State<const D: usize> {
 }
 
 /// Intensities: scale of the errors in given standard deviations, path errors in metres, clock drift
-/// in metres, jerk of each identity in units of its interval.
+/// in metres, white jerk and white acceleration of each identity in units of its interval.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Model {
     pub scale: f64,
     pub path: f64,
     pub drift: f64,
     pub jerk: Vec<f64>,
+    pub acceleration: Vec<f64>,
 }
 
 pub(super) struct Problem<'a, const D: usize> {
@@ -224,7 +227,8 @@ impl<'a, const D: usize> Problem<'a, D> {
     }
 
     /// White jerk: the state after dt is F x + w, w ~ N(0, q N Q N), N = diag(dt^5/2, dt^3/2,
-    /// dt^1/2); each row is one of U N^-1 w, with U'U = Q^-1.
+    /// dt^1/2); each row is one of U N^-1 w, with U'U = Q^-1. White acceleration adds to the
+    /// variances of these rows alone: its covariance of U N^-1 w is diag(60, 12, 0)/dt².
     fn motion_priors(&self, state: &State<D>, rows: &mut Vec<(Row, Group)>) {
         let factor = [
             [720_f64.sqrt(), -(180_f64.sqrt()), 5_f64.sqrt()],
@@ -252,7 +256,9 @@ impl<'a, const D: usize> Problem<'a, D> {
             let transition = [[1.0, dt, 0.5 * dt * dt], [0.0, 1.0, dt], [0.0, 0.0, 1.0]];
             let last = &state.motion[before];
             let Some(start) = self.layout.motion[before] else { continue };
-            for (i, factor) in (0..D).flat_map(|i| factor.iter().map(move |row| (i, row))) {
+            let parts = factor.iter().zip(ACCELERATION);
+            for (i, (factor, share)) in (0..D).flat_map(|i| parts.clone().map(move |row| (i, row)))
+            {
                 let (mut residual, mut old) = (0.0, [0.0; 3]);
                 for a in 0..3 {
                     let weight = factor[a] * scales[a];
@@ -267,7 +273,7 @@ impl<'a, const D: usize> Problem<'a, D> {
                     row.push(Some(first + a * D + i), factor[a] * scales[a]);
                     row.push(Some(start + a * D + i), old[a]);
                 }
-                rows.push((row, Group::Jerk(name)));
+                rows.push((row, Group::Motion(name, share / (dt * dt))));
             }
         }
     }
@@ -349,7 +355,9 @@ impl Model {
             Group::Unit => 1.0,
             Group::Path => self.path * self.path,
             Group::Drift => self.drift * self.drift,
-            Group::Jerk(identity) => self.jerk[identity],
+            Group::Motion(identity, share) => {
+                self.jerk[identity] + share * self.acceleration[identity]
+            }
         }
     }
 }

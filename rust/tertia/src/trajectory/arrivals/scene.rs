@@ -80,8 +80,10 @@ pub struct Solution {
     pub path_sigma: f64,
     /// Intensity of the random walk of clock rates.
     pub clock_drift: f64,
-    /// Intensity of the jerk of each identity.
+    /// Intensity of the white jerk of each identity, in m^2/s^5.
     pub jerk: Vec<f64>,
+    /// That of the white acceleration, in m^2/s^3.
+    pub acceleration: Vec<f64>,
     /// Measurements less unknowns, counted by what priors leave free.
     pub degrees_of_freedom: f64,
     /// Whether the last step was small.

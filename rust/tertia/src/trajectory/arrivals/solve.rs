@@ -33,18 +33,62 @@ const AHEAD: f64 = 5.0;
 const LOWEST: f64 = 1e-4;
 /// Least share of the measurements that counts as degrees of freedom.
 const FREE: f64 = 0.05;
-/// First jerk: so many times the median squared step in units of the usual interval.
+/// First jerk: so many times the median squared step in units of the usual interval; first white
+/// acceleration over it, with which both add as much to a position.
 const JERK: f64 = 20.0;
+const ACCELERATION: f64 = 0.15;
+/// Share of the variance of motion below which an intensity need not settle.
+const NEGLIGIBLE: f64 = 1e-3;
 
 /// Rows of the measurements and of the priors.
 type Linear = (Vec<Row>, Vec<(Row, Group)>);
 
-/// Sum of squares of a group of priors, the rows, and what their estimates leave uncertain.
+/// A row of a prior: its squared residual, what its estimate leaves uncertain, and its variance.
+struct Term {
+    square: f64,
+    spread: f64,
+    variance: f64,
+}
+
+/// Sums over the rows whose variances an intensity is part of: derivatives of the evidence.
 #[derive(Clone, Copy, Default)]
 struct Tally {
     squares: f64,
+    spread: f64,
+    total: f64,
     rows: f64,
-    variance: f64,
+}
+
+impl Tally {
+    /// Adds a row whose variance grows by so much with the intensity.
+    fn add(&mut self, term: &Term, share: f64) {
+        let unit = share / (term.variance * term.variance);
+        self.squares += unit * term.square;
+        self.spread += unit * term.spread;
+        self.total += unit * term.variance;
+        self.rows += 1.0;
+    }
+
+    /// The factor that the intensity changes by.
+    fn growth(&self) -> f64 {
+        let known = self.total - self.spread;
+        // where measurements determine nothing: the expectation-maximisation step
+        if known < 1e-3 * self.total {
+            (self.squares + self.spread) / self.total
+        } else {
+            self.squares / known
+        }
+    }
+}
+
+/// Those of all intensities, and the number of unknowns that priors determine.
+#[derive(Default)]
+struct Tallies {
+    bound: f64,
+    path: Tally,
+    drift: Tally,
+    jerk: Vec<Tally>,
+    acceleration: Vec<Tally>,
 }
 
 /// The search.
@@ -110,6 +154,11 @@ impl<const D: usize> Problem<'_, D> {
                 JERK * median.max((sigma * scale).powi(2))
             }
         });
+        let jerk: Vec<f64> = jerk.collect();
+        let acceleration = match scene.jerk {
+            Some(_) => vec![0.0; jerk.len()],
+            None => jerk.iter().map(|jerk| ACCELERATION * jerk).collect(),
+        };
         Model {
             scale,
             path: scene.path_sigma.unwrap_or(sigma * scale),
@@ -117,7 +166,8 @@ impl<const D: usize> Problem<'_, D> {
                 Some(drift) => drift * scene.speed,
                 None => sigma * scale / step.powf(1.5),
             },
-            jerk: jerk.collect(),
+            jerk,
+            acceleration,
         }
     }
 }
@@ -199,41 +249,20 @@ impl<const D: usize> Search<'_, '_, D> {
     /// Intensities from the residuals (MacKay, Neural Computation 4, 1992): sum of squares over the
     /// number of values that measurements determine. The largest relative change.
     fn adapt(&mut self, inverse: &Skyline, rows: &[Row], priors: &[(Row, Group)]) -> f64 {
-        let identities = self.model.jerk.len();
-        let mut tallies = vec![Tally::default(); identities + 3];
-        for (row, group) in priors {
-            let tally = &mut tallies[match group {
-                Group::Unit => 0,
-                Group::Path => 1,
-                Group::Drift => 2,
-                Group::Jerk(identity) => 3 + identity,
-            }];
-            tally.squares += row.residual * row.residual;
-            tally.rows += 1.0;
-            tally.variance += inverse.quadratic(row.columns());
-        }
-        let group = |at: usize| match at {
-            0 => Group::Unit,
-            1 => Group::Path,
-            2 => Group::Drift,
-            _ => Group::Jerk(at - 3),
-        };
-        let bound: f64 = tallies
-            .iter()
-            .enumerate()
-            .map(|(at, tally)| tally.variance / self.model.variance(group(at)))
-            .sum();
+        let tallies = self.tallies(inverse, priors);
         let n = rows.len() as f64;
-        let unknowns = self.problem.layout.order as f64 - bound;
+        let unknowns = self.problem.layout.order as f64 - tallies.bound;
         let free = (n - self.problem.identity.len() as f64 - unknowns).max(FREE * n);
         self.free = free / n;
         let scene = self.problem.scene;
         let mut change = 0.0_f64;
-        let mut steps = Vec::with_capacity(tallies.len() + 1);
+        let mut steps = Vec::with_capacity(2 * tallies.jerk.len() + 3);
         let last = std::mem::take(&mut self.last);
-        let mut update = |value: &mut f64, found: f64, lowest: f64| {
+        let mut update = |value: &mut f64, found: f64, lowest: f64, counts: bool| {
             let step = (found.max(lowest) / *value).ln().clamp(-JUMP, JUMP);
-            change = change.max(step.abs());
+            if counts {
+                change = change.max(step.abs());
+            }
             // Aitken: the rest of a geometric series
             let ratio = last.get(steps.len()).map_or(0.0, |last| step / last);
             let ahead = if (0.0..1.0).contains(&ratio) { 1.0 / (1.0 - ratio) } else { 1.0 };
@@ -241,28 +270,28 @@ impl<const D: usize> Search<'_, '_, D> {
             // not twice from the same series
             steps.push(if ahead > 1.5 { f64::INFINITY } else { step });
         };
-        let variance = |tally: &Tally, now: f64| {
-            let known = tally.rows - tally.variance / now;
-            // where measurements determine nothing: the expectation-maximisation step
-            if known < 1e-3 * tally.rows {
-                (tally.squares + tally.variance) / tally.rows
-            } else {
-                tally.squares / known
-            }
-        };
         let before = self.model.clone();
-        if scene.path_sigma.is_none() && tallies[1].rows > 0.0 {
-            let found = variance(&tallies[1], before.path.powi(2)).sqrt();
-            update(&mut self.model.path, found, LOWEST * self.lowest.path);
+        if scene.path_sigma.is_none() && tallies.path.total > 0.0 {
+            let found = before.path * tallies.path.growth().sqrt();
+            update(&mut self.model.path, found, LOWEST * self.lowest.path, true);
         }
-        if scene.clock_drift.is_none() && tallies[2].rows > 0.0 {
-            let found = variance(&tallies[2], before.drift.powi(2)).sqrt();
-            update(&mut self.model.drift, found, LOWEST * self.lowest.drift);
+        if scene.clock_drift.is_none() && tallies.drift.total > 0.0 {
+            let found = before.drift * tallies.drift.growth().sqrt();
+            update(&mut self.model.drift, found, LOWEST * self.lowest.drift, true);
         }
-        for (at, jerk) in self.model.jerk.iter_mut().enumerate() {
-            if scene.jerk.is_none() && tallies[3 + at].rows > 0.0 {
-                let found = variance(&tallies[3 + at], *jerk);
-                update(jerk, found, LOWEST.powi(2) * self.lowest.jerk[at]);
+        if scene.jerk.is_none() {
+            let motions = [
+                (&mut self.model.jerk, &tallies.jerk, &self.lowest.jerk),
+                (&mut self.model.acceleration, &tallies.acceleration, &self.lowest.acceleration),
+            ];
+            for (values, tallies, lowest) in motions {
+                for ((value, tally), lowest) in values.iter_mut().zip(tallies).zip(lowest) {
+                    if tally.total > 0.0 {
+                        let counts = *value * tally.total > NEGLIGIBLE * tally.rows;
+                        let found = *value * tally.growth();
+                        update(value, found, LOWEST.powi(2) * lowest, counts);
+                    }
+                }
             }
         }
         let weighted = rows.iter().zip(&scene.rows).map(|(row, arrival)| {
@@ -271,9 +300,35 @@ impl<const D: usize> Search<'_, '_, D> {
             (super::problem::NU + 1.0) * s * square / (super::problem::NU * s + square)
         });
         let found = (weighted.sum::<f64>() / free).sqrt();
-        update(&mut self.model.scale, found, 1e-9 * self.lowest.scale);
+        update(&mut self.model.scale, found, 1e-9 * self.lowest.scale, true);
         self.last = steps;
         change
+    }
+
+    /// What the priors of each group say of its intensity.
+    fn tallies(&self, inverse: &Skyline, priors: &[(Row, Group)]) -> Tallies {
+        let identities = self.model.jerk.len();
+        let motion = vec![Tally::default(); identities];
+        let mut found =
+            Tallies { jerk: motion.clone(), acceleration: motion, ..Tallies::default() };
+        for (row, group) in priors {
+            let own = Term {
+                square: row.residual * row.residual,
+                spread: inverse.quadratic(row.columns()),
+                variance: self.model.variance(*group),
+            };
+            found.bound += own.spread / own.variance;
+            match *group {
+                Group::Unit => {}
+                Group::Path => found.path.add(&own, 1.0),
+                Group::Drift => found.drift.add(&own, 1.0),
+                Group::Motion(identity, share) => {
+                    found.jerk[identity].add(&own, 1.0);
+                    found.acceleration[identity].add(&own, share);
+                }
+            }
+        }
+        found
     }
 
     fn solution(
@@ -334,8 +389,11 @@ impl<const D: usize> Search<'_, '_, D> {
             .collect();
         let slowness = variance(problem.layout.slowness).sqrt();
         found.speed = (speed / state.slowness, speed * slowness / state.slowness.powi(2));
-        let jerks = self.model.jerk.iter().zip(&problem.unit);
-        found.jerk = jerks.map(|(jerk, unit)| jerk / unit.powi(5)).collect();
+        let of = |values: &[f64], power: i32| -> Vec<f64> {
+            values.iter().zip(&problem.unit).map(|(value, unit)| value / unit.powi(power)).collect()
+        };
+        found.jerk = of(&self.model.jerk, 5);
+        found.acceleration = of(&self.model.acceleration, 3);
         found
     }
 }

@@ -140,7 +140,9 @@ impl<const D: usize> Problem<'_, D> {
         let sigmas = &self.scene.sigma;
         let finest = sigmas.iter().copied().fold(f64::INFINITY, f64::min);
         let scale = SCALE * self.extent / finest;
-        let mut model = Model { scale, path: 1.0, drift, jerk: vec![1.0; self.unit.len()] };
+        let identities = self.unit.len();
+        let (jerk, acceleration) = (vec![1.0; identities], vec![0.0; identities]);
+        let mut model = Model { scale, path: 1.0, drift, jerk, acceleration };
         let mut envelope = None;
         for _ in 0..STEPS {
             let (rows, priors): (Vec<Row>, Vec<(Row, Group)>) =

@@ -1,0 +1,227 @@
+//! How large the errors are of one instant that contradicts its sigmas and has no company.
+//!
+//! Where the sigmas are too small, few measurements agree, and these by chance: the others are taken
+//! for outliers, and nothing is left that contradicts. So if the residuals, those of outliers too,
+//! fail a test at 10 %, the noise is either as stated or its variances are larger by a factor φ, with
+//! the prior of [`growth`](super::growth) for residuals that decide about everything.
+//! Each φ has its own outliers, its own position, and its restricted likelihood, averaged over
+//! shares of outliers. The likeliest φ gives the position, or φ = 1 where it needs no outliers. The
+//! error is a mixture of normals about the positions of all of them, and the ellipse of 95 % holds
+//! 95 % of the mixture.
+
+use super::contradiction::{WIDEST, stretch};
+use super::fix::{Fix, Instant, Output, Status};
+use super::growth::{DOUBTED, HALVINGS, LIMIT, OUTSIDE, SCALE};
+use super::solver::{Locator, Workspace};
+use crate::base::distribution::{chi_square_upper, chi_square_upper_real};
+use crate::base::small::{Factor, Matrix, Vector, quadratic};
+use crate::sensors::{KINDS, Kind};
+
+/// Below this p-value residuals are too large.
+const CONTRADICTS: f64 = 0.1;
+/// Factors of the variances: 1, and so many powers of two.
+const DOUBLINGS: i32 = 13;
+/// What is less likely than the likeliest by so much, as a logarithm, does not count.
+const UNLIKELY: f64 = 10.0;
+
+/// One size of the sigmas.
+struct Hypothesis<const D: usize> {
+    factor: f64,
+    /// Its probability, first as a logarithm.
+    weight: f64,
+    fix: Fix,
+    position: Vector<D>,
+    covariance: Matrix<D>,
+    residual: Vec<f64>,
+    outlier: Vec<bool>,
+}
+
+impl Locator {
+    /// Estimates the position of an instant that has no company: [`Locator::locate`]. Those of its
+    /// sigmas that are `free` (5 K marks) may be too small.
+    pub fn locate_alone<const D: usize>(
+        &self,
+        instant: &Instant<'_>,
+        free: &[bool],
+        out: &mut Output<'_>,
+        workspace: &mut Workspace<D>,
+    ) -> Fix {
+        let fix = self.locate(instant, out, workspace);
+        let several = fix.status == Status::Ambiguous && fix.degrees_of_freedom > 0;
+        if !(fix.pvalue < CONTRADICTS || several && is_known(instant)) {
+            return fix;
+        }
+        let mut all = self.hypotheses::<D>(instant, free, workspace);
+        let Some(best) = settle(&mut all) else { return fix };
+        let unbounded = all.iter().filter(|own| own.fix.status == Status::IllConditioned);
+        if unbounded.map(|own| own.weight).sum::<f64>() > OUTSIDE {
+            out.position.fill(f64::NAN);
+            out.covariance.fill(f64::NAN);
+            return Fix { status: Status::IllConditioned, ..Fix::UNKNOWN };
+        }
+        all[best].write(growth(&all, best), free, out)
+    }
+
+    /// The position with each size of the sigmas, as far as it has one.
+    fn hypotheses<const D: usize>(
+        &self,
+        instant: &Instant<'_>,
+        free: &[bool],
+        workspace: &mut Workspace<D>,
+    ) -> Vec<Hypothesis<D>> {
+        let mut found: Vec<Hypothesis<D>> = Vec::new();
+        let mut highest = f64::NEG_INFINITY;
+        for doublings in 0..=DOUBLINGS {
+            let factor = 2.0_f64.powi(doublings);
+            let mut sigmas = instant.sigmas.to_vec();
+            stretch(&mut sigmas, free, &[factor; KINDS]);
+            let stretched = Instant { sigmas: &sigmas, ..*instant };
+            if doublings > 0 && !has_directions(&stretched, free) {
+                break;
+            }
+            let Some(own) = self.hypothesis(&stretched, free, doublings, workspace) else {
+                continue;
+            };
+            highest = highest.max(own.weight);
+            let is_beyond = own.weight < highest - UNLIKELY;
+            found.push(own);
+            if is_beyond {
+                break;
+            }
+        }
+        found
+    }
+
+    fn hypothesis<const D: usize>(
+        &self,
+        instant: &Instant<'_>,
+        free: &[bool],
+        doublings: i32,
+        workspace: &mut Workspace<D>,
+    ) -> Option<Hypothesis<D>> {
+        let factor = 2.0_f64.powi(doublings);
+        let (mut position, mut covariance) = ([0.0; D], [[0.0; D]; D]);
+        let mut residual = vec![0.0; instant.values.len()];
+        let mut outlier = vec![false; instant.values.len()];
+        let mut out = Output {
+            position: &mut position,
+            covariance: covariance.as_flattened_mut(),
+            residual: &mut residual,
+            outlier: &mut outlier,
+        };
+        let fix = self.locate(instant, &mut out, workspace);
+        if !matches!(fix.status, Status::None | Status::IllConditioned) {
+            return None;
+        }
+        let evidence = self.evidence(instant, 0, (free, &[factor; KINDS]), workspace)?;
+        let sum: f64 = evidence.likelihood.iter().map(|l| (l - evidence.likelihood[0]).exp()).sum();
+        let weight = evidence.likelihood[0] + sum.ln() + prior(doublings).ln();
+        Some(Hypothesis { factor, weight, fix, position, covariance, residual, outlier })
+    }
+}
+
+impl<const D: usize> Hypothesis<D> {
+    /// Writes the position, with a covariance that grows by a factor.
+    fn write(&self, growth: f64, free: &[bool], out: &mut Output<'_>) -> Fix {
+        out.position.copy_from_slice(&self.position);
+        for (to, from) in out.covariance.iter_mut().zip(self.covariance.as_flattened()) {
+            *to = growth * from;
+        }
+        out.outlier.copy_from_slice(&self.outlier);
+        let unit = self.factor.sqrt();
+        // in units of the sigmas as stated
+        for ((to, from), &free) in out.residual.iter_mut().zip(&self.residual).zip(free) {
+            *to = if free { unit * from } else { *from };
+        }
+        let squares = out.residual.iter().filter(|u| !u.is_nan()).map(|u| u * u);
+        let statistic = if unit == 1.0 { self.fix.statistic } else { squares.sum() };
+        Fix {
+            statistic,
+            pvalue: chi_square_upper(statistic, self.fix.degrees_of_freedom as usize),
+            emission_sigma: growth.sqrt() * self.fix.emission_sigma,
+            ..self.fix
+        }
+    }
+}
+
+/// Whether all sigmas are.
+fn is_known(instant: &Instant<'_>) -> bool {
+    instant.values.iter().zip(instant.sigmas).all(|(v, sigma)| v.is_nan() || !sigma.is_nan())
+}
+
+/// Prior probability of a factor: half-Cauchy of `√(φ − 1)`, where it is not 1.
+fn prior(doublings: i32) -> f64 {
+    let density = |k: i32| {
+        let factor = 2.0_f64.powi(k);
+        let t = (factor - 1.0).sqrt();
+        factor / t / (1.0 + (t / SCALE).powi(2))
+    };
+    match doublings {
+        0 => DOUBTED,
+        k => (1.0 - DOUBTED) * density(k) / (1..=DOUBLINGS).map(density).sum::<f64>(),
+    }
+}
+
+/// Whether the errors of angles are small enough for a direction.
+fn has_directions(instant: &Instant<'_>, free: &[bool]) -> bool {
+    let stations = free.len() / KINDS;
+    (0..free.len()).all(|place| {
+        let counts = free[place] && Kind::ALL[place / stations].is_angle();
+        !counts || instant.values[place].is_nan() || instant.sigmas[place] <= WIDEST
+    })
+}
+
+/// Turns weights into probabilities; returns which hypothesis gives the position: that of the sigmas
+/// as stated if it needs no outliers, otherwise the likeliest. None if there is none.
+fn settle<const D: usize>(all: &mut [Hypothesis<D>]) -> Option<usize> {
+    let likeliest = (0..all.len()).max_by(|&a, &b| all[a].weight.total_cmp(&all[b].weight))?;
+    let highest = all[likeliest].weight;
+    let total: f64 = all.iter().map(|own| (own.weight - highest).exp()).sum();
+    all.iter_mut().for_each(|own| own.weight = (own.weight - highest).exp() / total);
+    let fits = all[0].factor == 1.0 && !all[0].outlier.contains(&true);
+    Some(if fits { 0 } else { likeliest })
+}
+
+/// The factor of the best one's covariance with which its ellipse of 95 % holds 95 % of the mixture,
+/// 1 at least. The squares of normal errors about another position are about those of a multiple of
+/// χ² with the same mean and variance (Satterthwaite 1946).
+fn growth<const D: usize>(all: &[Hypothesis<D>], best: usize) -> f64 {
+    let own = &all[best];
+    let Some(factor) = Factor::try_new(&own.covariance, 0.0) else { return 1.0 };
+    let inverse = factor.inverse();
+    let bounded = all.iter().filter(|other| other.fix.status == Status::None);
+    let terms: Vec<_> =
+        bounded.map(|other| (other.weight, moments(other, own, &inverse))).collect();
+    let outside = |growth: f64| -> f64 {
+        let of = |&(weight, (mean, variance)): &(f64, (f64, f64))| {
+            let freedom = 2.0 * mean * mean / variance;
+            weight * chi_square_upper_real(growth * LIMIT[D - 2] * freedom / mean, freedom)
+        };
+        terms.iter().map(of).sum()
+    };
+    let (mut low, mut high) = (0.0, f64::from(DOUBLINGS + 4) * std::f64::consts::LN_2);
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (low + high);
+        if outside(middle.exp()) > OUTSIDE { low = middle } else { high = middle }
+    }
+    (0.5 * (low + high)).exp()
+}
+
+/// Mean and variance of the square of the distance between the target, as one hypothesis has it, and
+/// the position of another with this inverse covariance.
+fn moments<const D: usize>(
+    other: &Hypothesis<D>,
+    own: &Hypothesis<D>,
+    inverse: &Matrix<D>,
+) -> (f64, f64) {
+    let product: Matrix<D> = std::array::from_fn(|i| {
+        std::array::from_fn(|j| (0..D).map(|k| inverse[i][k] * other.covariance[k][j]).sum())
+    });
+    let shift: Vector<D> = std::array::from_fn(|i| other.position[i] - own.position[i]);
+    let pulled: Vector<D> = std::array::from_fn(|i| (0..D).map(|k| inverse[i][k] * shift[k]).sum());
+    let trace: f64 = (0..D).map(|i| product[i][i]).sum();
+    let square: f64 =
+        (0..D).map(|i| (0..D).map(|j| product[i][j] * product[j][i]).sum::<f64>()).sum();
+    let mean = trace + quadratic(inverse, &shift);
+    (mean, 2.0 * square + 4.0 * quadratic(&other.covariance, &pulled))
+}

@@ -1,0 +1,133 @@
+//! How likely the measurements of an instant are, with sigmas of one size or another.
+//!
+//! The restricted likelihood (Patterson, Thompson 1971) of least squares with what a robust fit
+//! keeps, of normal errors and a share of outliers.
+
+use super::descent::Loss;
+use super::fix::Instant;
+use super::record::{NOWHERE, Record};
+use super::solver::{Locator, Workspace};
+use crate::base::small::{Factor, Matrix, Vector, dot};
+use crate::sensors::{KINDS, Row};
+
+/// Shares of outliers. Their density over that of a normal number at 0: even over 30 σ, and falling
+/// with the distance beyond, so that errors of any size are no cheaper as outliers than as noise.
+const SHARES: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
+const FLAT: f64 = 2.506_628_274_631_000_5 / 30.0;
+const EVEN: f64 = 15.0;
+/// A measurement counts if its residual from the others is of at most so many sigmas, and the
+/// variance of normal numbers of that size. With a wider limit, one fault of five sigmas in each
+/// instant would widen it, and then be kept.
+const KEPT: f64 = 3.0;
+const KEPT_VARIANCE: f64 = 0.973_3;
+
+/// Logarithms of likelihoods, by the share of outliers.
+pub(super) type ByShare = [f64; SHARES.len()];
+
+/// What the residuals of an instant say.
+pub(super) struct Evidence {
+    /// The restricted likelihood.
+    pub likelihood: ByShare,
+    /// The same if all that is redundant were outliers.
+    pub none: ByShare,
+    /// Numbers of measurements with and without weight.
+    pub kept: usize,
+    pub rejected: usize,
+    /// Measurements with weight whose sigmas may be wrong.
+    pub free: Vec<Kept>,
+}
+
+/// A measurement with weight.
+pub(super) struct Kept {
+    pub place: usize,
+    pub residual: f64,
+    /// The square of the residual, as that of a normal number, and its degrees of freedom.
+    pub square: f64,
+    pub freedom: f64,
+}
+
+impl Locator {
+    /// What an instant of a block says that has been finished, with sigmas that are `free` to be
+    /// wrong (5 K marks) and have been stretched by the roots of these factors; none where what is
+    /// kept leaves a direction undetermined.
+    pub(super) fn evidence<const D: usize>(
+        &self,
+        instant: &Instant<'_>,
+        lane: usize,
+        (free, factor): (&[bool], &[f64; KINDS]),
+        workspace: &Workspace<D>,
+    ) -> Option<Evidence> {
+        let Workspace { own, plane, space } = workspace;
+        match (D, self.has_arrivals(instant)) {
+            (_, false) => own.records[lane].evidence(self, free, factor),
+            (2, true) => plane.records[lane].evidence(self, free, factor),
+            _ => space.records[lane].evidence(self, free, factor),
+        }
+    }
+}
+
+impl<const D: usize, const N: usize> Record<D, N> {
+    fn evidence(
+        &self,
+        locator: &Locator,
+        free: &[bool],
+        factor: &[f64; KINDS],
+    ) -> Option<Evidence> {
+        let Self { measurements, rows, places, .. } = self;
+        let loss = locator.loss(rows.len() - N, N > D);
+        let marked = measurements.iter().zip(rows);
+        let mut keeps: Vec<bool> =
+            marked.map(|(m, row)| !loss.of(m.kind).is_fault(row.residual)).collect();
+        if loss != Loss::Square {
+            let (lower, _) = normal(rows, &keeps)?;
+            // a fault may be part of a compromise: it is told by the others alone
+            for (keep, row) in keeps.iter_mut().zip(rows) {
+                let rest = 1.0 - dot(&lower.solve(&row.gradient), &row.gradient);
+                *keep &= row.residual * row.residual <= KEPT * KEPT * rest.max(0.0);
+            }
+        }
+        let (lower, vector) = normal(rows, &keeps)?;
+        // the residuals of least squares with what is kept: those of weights depend on the weights
+        let step = lower.solve(&vector);
+        let variance = if loss == Loss::Square { 1.0 } else { KEPT_VARIANCE };
+        let stations = free.len() / KINDS;
+        let mut likelihood = [-0.5 * lower.ln_determinant(); SHARES.len()];
+        let mut none = likelihood;
+        let redundant = 1.0 - N as f64 / rows.len() as f64;
+        let mut found = Vec::with_capacity(rows.len());
+        for ((row, &place), &kept) in rows.iter().zip(places).zip(&keeps) {
+            let is_free = place != NOWHERE && free[place];
+            let residual = row.residual - dot(&row.gradient, &step);
+            let unit = if is_free { factor[place / stations] } else { 1.0 };
+            let normal = (-0.5 * residual * residual).exp() / unit.sqrt();
+            let flat = FLAT * (EVEN / (residual.abs() * unit.sqrt())).min(1.0);
+            for (i, share) in SHARES.into_iter().enumerate() {
+                likelihood[i] += ((1.0 - share) * normal + share * flat).ln();
+                // what is not redundant fits, with a determinant of the sigmas as stated
+                none[i] += redundant * (share * flat).ln()
+                    + (1.0 - redundant) * ((1.0 - share).ln() - 0.5 * unit.ln());
+            }
+            if kept && is_free {
+                let leverage = dot(&lower.solve(&row.gradient), &row.gradient);
+                let (square, freedom) = (residual * residual / variance, (1.0 - leverage).max(0.0));
+                found.push(Kept { place, residual, square, freedom });
+            }
+        }
+        let kept = keeps.iter().filter(|keep| **keep).count();
+        Some(Evidence { likelihood, none, kept, rejected: keeps.len() - kept, free: found })
+    }
+}
+
+/// The normal equations of the rows that are kept, factorised, and their right side.
+fn normal<const N: usize>(rows: &[Row<N>], keeps: &[bool]) -> Option<(Factor<N>, Vector<N>)> {
+    let (mut normal, mut vector): (Matrix<N>, Vector<N>) = ([[0.0; N]; N], [0.0; N]);
+    for (row, _) in rows.iter().zip(keeps).filter(|(_, keep)| **keep) {
+        for i in 0..N {
+            vector[i] += row.residual * row.gradient[i];
+            for j in 0..N {
+                normal[i][j] += row.gradient[i] * row.gradient[j];
+            }
+        }
+    }
+    Some((Factor::try_new(&normal, 0.0)?, vector))
+}
