@@ -18,7 +18,7 @@ from tertia.tracker import Plots, Tracker, track
 
 SEED = 2027
 # of each kind, and of those with few aircraft
-SCENES, MANY = repetitions(4, 1), repetitions(40)
+SCENES, MANY = repetitions(2, 1), repetitions(24)
 FLIGHTS, LENGTH, STEP, WARM = 14, 420.0, 0.1, 90.0
 COUNTS, FEW = (2, 3, 4), (1, 2, 5, 14)
 DETECTION = 0.95

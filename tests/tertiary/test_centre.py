@@ -2,6 +2,7 @@
 
 import pickle
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -371,7 +372,7 @@ def filtered(plots, radar: Radar, sensor: int, target) -> SensorTracks:
     rows, states, covariances = [], [], []
     for number in np.unique(target):
         own, x, p = np.flatnonzero(target == number), None, None
-        for last, i in zip(own, own[1:], strict=False):
+        for last, i in pairwise(own):
             t, e = plots.time[i] - plots.time[last], away[i] / plots.range[i]
             f = np.array([e[1], -e[0]])
             across = plots.range[i] * radar.azimuth_sigma
@@ -404,9 +405,7 @@ def filtered(plots, radar: Radar, sensor: int, target) -> SensorTracks:
 @pytest.fixture(scope="module")
 def foreign():
     """Flights, and their tracks by Kalman filters at two radars."""
-    flights = simulate.dense_traffic(
-        20, area=(8e4, 8e4), turning_share=0.5, duration=300.0, rng=11
-    )
+    flights = simulate.dense_traffic(20, area=(8e4, 8e4), turning_share=0.5, duration=300.0, rng=11)
     record = simulate.radar_plots(flights, RADARS[1:], clutter=0, rng=12)
     several = []
     for k, radar in enumerate(RADARS[1:]):
@@ -437,9 +436,7 @@ def test_regions_hold_whatever_other_filters_state(foreign, factor):
 def test_rows_that_only_go_straight_on_say_nothing(foreign):
     """A sensor that also sends where its tracks are between plots tells no more than others."""
     _, tracks = foreign
-    later = replace(
-        tracks, time=tracks.time + 1.0, position=tracks.position + tracks.velocity
-    )
+    later = replace(tracks, time=tracks.time + 1.0, position=tracks.position + tracks.velocity)
     both = fuse_tracks(SensorTracks.concatenate([tracks, later]), RADARS[1:])
     alone = fuse_tracks(tracks, RADARS[1:])
     both, alone = (one[(one.time > 60.0) & (one.time < 280.0)] for one in (both, alone))

@@ -5,6 +5,8 @@ use serde::{Deserialize, Serialize};
 
 /// What the prior is worth about its own size, in errors that are seen.
 const STATED: f64 = 2.0;
+/// By which a variance may exceed that of the prior.
+const ROUNDING: f64 = 1e-9;
 
 /// Errors of which each is Gauss–Markov with the variance of the prior, or constant.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -43,6 +45,10 @@ impl Gaussian {
         for (i, &kind) in kind.iter().enumerate() {
             sums[kind][0] += self.mean[i] * self.mean[i];
             sums[kind][1] += 1.0 - self.covariance[(i, i)];
+        }
+        // after a sudden change they may be larger than the prior anyway
+        if (0..order).any(|i| self.covariance[(i, i)] > 1.0 + ROUNDING) {
+            return self.covariance.clone();
         }
         // (P⁻¹ − D)⁻¹, where D is by how much the information of the prior is less
         let mut sum = DMatrix::identity(order, order);

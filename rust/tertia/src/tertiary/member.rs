@@ -18,7 +18,7 @@ pub(super) const FORGOTTEN: f64 = 6.0;
 /// Share of the newest row in the running share of those of another filter than the tracker's, that share to
 /// begin with, and the one from which on the filter is another one: it may seem so for a turn.
 const MEMORY: f64 = 0.05;
-const UNKNOWN: f64 = 0.8;
+const UNKNOWN: f64 = 0.6;
 const FOREIGN: f64 = 0.7;
 /// Time of a row, ns.
 const ROW_NS: f64 = 2000.0;
@@ -121,7 +121,7 @@ impl Member {
         let mut member = Self {
             id,
             last: row,
-            is_doubtful: false,
+            is_doubtful: is_doubtful(&row, radar),
             before: [None; 2],
             pending: Vec::new(),
             shadow,
@@ -153,7 +153,10 @@ impl Member {
         }
         // in doubt the filter stays where it was, as the sensor's does if the plot was none of the target
         let plot = if self.is_doubtful { None } else { self.shadow.follow(&row, radar) };
-        self.look_behind(plot, radar);
+        let is_same = self.shadow.is_same && !self.is_doubtful;
+        let is_unlike = if is_same { 0.0 } else { 1.0 };
+        self.foreign += MEMORY * (is_unlike - self.foreign);
+        self.look_behind(plot.filter(|_| !self.is_foreign()), radar);
         self.plotted = row.time;
     }
 
@@ -171,8 +174,6 @@ impl Member {
             Behind::State(place, covariance) => (place, Some(covariance)),
             Behind::Nothing => return,
         };
-        let is_unlike = if plot.is_none() { 1.0 } else { 0.0 };
-        self.foreign += MEMORY * (is_unlike - self.foreign);
         if plot.is_some() {
             self.filtered = None;
         } else if let Some(filtered) = &mut self.filtered {
