@@ -81,11 +81,10 @@ impl Gain {
             (sums.position * own[axis] + EXPECTED * USUAL, sums.stated + EXPECTED * USUAL)
         });
         let [(a, b), (c, d)] = parts;
-        let factors = [a / b, c / d];
-        // the shape of what is stated is right, or it is not
-        let is_common = (factors[0] / factors[1]).ln().abs() < ALIKE;
-        let factors = if is_common { [(a + c) / (b + d); 2] } else { factors };
-        Some([0, 1].map(|axis| limited(stated[axis] * factors[axis])))
+        // else not even the shape of what is stated is right
+        let is_common = (a * d / (b * c)).ln().abs() < ALIKE;
+        let factor = (a + c) / (b + d);
+        Some(if is_common { stated.map(|gain| limited(gain * factor)) } else { own })
     }
 }
 
