@@ -18,7 +18,7 @@ from tertia.tracker import Plots, Tracker, track
 
 SEED = 2027
 # of each kind, and of those with few aircraft
-SCENES, MANY = repetitions(2, 1), repetitions(24)
+SCENES, MANY = 1, repetitions(12)
 FLIGHTS, LENGTH, STEP, WARM = 14, 420.0, 0.1, 90.0
 COUNTS, FEW = (2, 3, 4), (1, 2, 5, 14)
 DETECTION = 0.95
@@ -420,12 +420,12 @@ def few() -> str:
                 for flights in FEW:
                     one = (
                         scene("straight", count, True, seed, flights=flights, common=common)
-                        for seed in range(MANY // 2 if flights > 2 else MANY)
+                        for seed in range(MANY)
                     )
                     name = "Kalman filter, 1 m²/s³"
                     cells.append(cell([fused(name, own, sensors(count, prior)) for own in one]))
                 errors = "the same of all sensors" if common else "of each sensor its own"
-                said = "their sizes" if prior else "nothing"
+                said = "nothing" if prior is None else "their sizes"
                 rows.append([errors, f"{count}", said, *cells])
     head = ["systematic errors", "radars", "stated of them"]
     return markdown([*head, *(f"{n} aircraft" for n in FEW)], rows)
