@@ -29,6 +29,7 @@ from studies import (
     existence,
     fixed_echoes,
     flightplan,
+    fused_tracks,
     fusion,
     geo,
     honest_series,
@@ -170,6 +171,8 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "links": tertiary.links,
         "speed changes": tertiary.speed_changes,
         "expectations": tertiary.expectations,
+        "sources": fused_tracks.sources,
+        "few": fused_tracks.few,
     },
     "registration.md": {
         "coverage": registration.coverage,

@@ -2,6 +2,7 @@
 
 import pickle
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -361,3 +362,85 @@ def test_a_target_moves_when_the_errors_of_its_sensor_are_found():
     moved = (after.position - before.position - 5.0 * before.velocity)[0]
     away = before.position[0] - radars[1].position
     assert_allclose(moved, -offset * away / np.linalg.norm(away), atol=0.05 * offset)
+
+
+def filtered(plots, radar: Radar, sensor: int, target) -> SensorTracks:
+    """Return tracks of filters of nearly constant velocity, one for each target."""
+    away = plots.range[:, np.newaxis] * np.column_stack(
+        [np.sin(plots.azimuth), np.cos(plots.azimuth)]
+    )
+    rows, states, covariances = [], [], []
+    for number in np.unique(target):
+        own, x, p = np.flatnonzero(target == number), None, None
+        for last, i in pairwise(own):
+            t, e = plots.time[i] - plots.time[last], away[i] / plots.range[i]
+            f = np.array([e[1], -e[0]])
+            across = plots.range[i] * radar.azimuth_sigma
+            r = radar.range_sigma**2 * np.outer(e, e) + across**2 * np.outer(f, f)
+            if x is None:
+                x = np.concatenate([away[i], (away[i] - away[last]) / t])
+                p = np.block([[r, r / t], [r / t, 2 * r / t**2]])
+            else:
+                ahead = np.kron([[1.0, t], [0.0, 1.0]], np.eye(2))
+                q = np.kron([[t**3 / 3, t**2 / 2], [t**2 / 2, t]], np.eye(2))
+                x, p = ahead @ x, ahead @ p @ ahead.T + q
+                gain = np.linalg.solve(p[:2, :2] + r, p[:2]).T
+                x, p = x + gain @ (away[i] - x[:2]), p - gain @ p[:2]
+            rows.append(i)
+            states.append(x)
+            covariances.append(p)
+    state = np.array(states)
+    position = state[:, :2] + np.asarray(radar.position)[:2]
+    return SensorTracks(
+        plots.time[rows],
+        sensor,
+        target[rows],
+        position,
+        state[:, 2:],
+        covariance=np.array(covariances),
+        identity=target[rows],
+    )
+
+
+@pytest.fixture(scope="module")
+def foreign():
+    """Flights, and their tracks by Kalman filters at two radars."""
+    flights = simulate.dense_traffic(20, area=(8e4, 8e4), turning_share=0.5, duration=300.0, rng=11)
+    record = simulate.radar_plots(flights, RADARS[1:], clutter=0, rng=12)
+    several = []
+    for k, radar in enumerate(RADARS[1:]):
+        own = record.plots.sensor == k
+        flat = record.plots[own]
+        ground = np.sqrt(flat.range**2 - np.nan_to_num(flat.height) ** 2)
+        flat = Plots(flat.time, ground, flat.azimuth)
+        several.append(filtered(flat, radar, k, record.target[own]))
+    return flights, SensorTracks.concatenate(several)
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0, None])
+def test_regions_hold_whatever_other_filters_state(foreign, factor):
+    flights, tracks = foreign
+    stated = np.full_like(tracks.covariance, np.nan)
+    if factor is not None:
+        stated = factor * tracks.covariance
+    found = fuse_tracks(replace(tracks, covariance=stated), RADARS[1:])
+    found = found[found.time > 60.0]
+    error = found.position - flights.at(found.identity, found.time)[0]
+    known = np.isfinite(error[:, 0])
+    error, covariance = error[known], found.covariance[known][:, :2, :2]
+    square = np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error)
+    assert 0.9 < np.mean(square < 5.991) < 0.995
+    distance = np.linalg.norm(error, axis=1)
+    assert np.median(distance) < 35.0
+    assert np.quantile(distance, 0.98) < 250.0
+
+
+def test_rows_that_only_go_straight_on_say_nothing(foreign):
+    """A sensor that also sends where its tracks are between plots tells no more than others."""
+    _, tracks = foreign
+    later = replace(tracks, time=tracks.time + 1.0, position=tracks.position + tracks.velocity)
+    both = fuse_tracks(SensorTracks.concatenate([tracks, later]), RADARS[1:])
+    alone = fuse_tracks(tracks, RADARS[1:])
+    both, alone = (one[(one.time > 60.0) & (one.time < 280.0)] for one in (both, alone))
+    ratio = np.median(both.covariance[:, 0, 0]) / np.median(alone.covariance[:, 0, 0])
+    assert 0.9 < ratio < 1.2

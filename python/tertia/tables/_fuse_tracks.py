@@ -201,10 +201,13 @@ def fused_tracks(
 
 
 def _covariances(rows: pl.DataFrame) -> FloatArray:
-    """Return covariances, (N, 4, 4); a covariance is nan unless all of its elements are known."""
+    """Return covariances, (N, 4, 4), nan if unknown; without covariances they are diagonal."""
     covariance = np.empty((rows.height, 4, 4))
     for i, name in enumerate(_SIGMAS):
         covariance[:, i, i] = rows[name].to_numpy() ** 2
     for (i, j), name in covariance_columns().items():
         covariance[:, i, j] = covariance[:, j, i] = rows[name].to_numpy()
+    beside = ~np.eye(4, dtype=bool)
+    alone = np.all(np.isnan(covariance[:, beside]), axis=1)
+    covariance[alone[:, np.newaxis, np.newaxis] & beside] = 0.0
     return covariance

@@ -119,14 +119,14 @@ class FusionCentre:
         beforehand of their systematic errors.
     method : str
         "tracklets" (default): the plot behind each row is reconstructed from the track, and the
-        reconstructed plots are filtered as in the tracker. `range_sigma` and `azimuth_sigma` must
-        be those that the sensor's own tracker assumes. "matrix": the states are combined so that
-        the covariance is smallest if the errors of two tracks of one target have the given
-        `cross_correlation`. "covariance-intersection": the states are combined so that the
-        covariance is valid whatever the correlation of their errors is. "static": the states have
-        fixed weights, which follow from the accuracy of the sensors at 100 km. "equal": the states
-        have equal weights. "paper": each component of a state is weighted by the inverse square of
-        its last correction.
+        reconstructed plots are filtered as in the tracker. `range_sigma` and `azimuth_sigma` should
+        be those of the sensor's plots; stated covariances may be wrong by a factor. "matrix": the
+        states are combined so that the covariance is smallest if the errors of two tracks of one
+        target have the given `cross_correlation`. "covariance-intersection": the states are
+        combined so that the covariance is valid whatever the correlation of their errors is.
+        "static": the states have fixed weights, which follow from the accuracy of the sensors at
+        100 km. "equal": the states have equal weights. "paper": each component of a state is
+        weighted by the inverse square of its last correction.
     cross_correlation : (float, float)
         Correlation of the errors of two tracks of one target, in position and in velocity. Its
         cause is that the manoeuvres of the target affect both tracks. Only "matrix" uses it; (0, 0)
@@ -158,7 +158,7 @@ class FusionCentre:
     it has the most members in common.
 
     Source: Panasyuk, Pudovkin, Rogachev 2018; Bar-Shalom, Fortmann 1988, chapter 10; Bar-Shalom,
-    Campo 1986.
+    Campo 1986; Kalata 1984 (gains of filters).
 
     Examples
     --------

@@ -3,6 +3,11 @@
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
+/// What the prior is worth about its own size, in errors that are seen.
+const STATED: f64 = 2.0;
+/// By which a variance may exceed that of the prior.
+const ROUNDING: f64 = 1e-9;
+
 /// Errors of which each is Gauss–Markov with the variance of the prior, or constant.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Gaussian {
@@ -29,6 +34,33 @@ impl Gaussian {
             }
             self.covariance[(i, i)] += 1.0 - a * a;
         }
+    }
+
+    /// The covariance if errors are larger than their prior says, those of a `kind` by the same factor:
+    /// `m² / (1 − P)` of an error that is seen is one on average. It matters for what is not seen. Cost O(q³).
+    pub fn relaxed(&self, kind: &[usize]) -> DMatrix<f64> {
+        let order = self.mean.len();
+        let kinds = kind.iter().copied().max().map_or(0, |most| most + 1);
+        let mut sums = vec![[STATED; 2]; kinds];
+        for (i, &kind) in kind.iter().enumerate() {
+            sums[kind][0] += self.mean[i] * self.mean[i];
+            sums[kind][1] += 1.0 - self.covariance[(i, i)];
+        }
+        // after a sudden change they may be larger than the prior anyway
+        if (0..order).any(|i| self.covariance[(i, i)] > 1.0 + ROUNDING) {
+            return self.covariance.clone();
+        }
+        // (P⁻¹ − D)⁻¹, where D is by how much the information of the prior is less
+        let mut sum = DMatrix::identity(order, order);
+        for (j, &kind) in kind.iter().enumerate() {
+            let less = (1.0 - sums[kind][1] / sums[kind][0]).max(0.0);
+            for i in 0..order {
+                sum[(i, j)] -= self.covariance[(i, j)] * less;
+            }
+        }
+        let Some(inverse) = sum.try_inverse() else { return self.covariance.clone() };
+        let covariance = inverse * &self.covariance;
+        0.5 * (&covariance + covariance.transpose())
     }
 
     /// Updates by normal equations about errors of zero. Cost O(q³).
@@ -69,6 +101,23 @@ mod tests {
         after.drift(1e6);
         assert!((after.covariance[(1, 1)] - 1.0).abs() < 1e-12);
         assert!(after.mean[1].abs() < 1e-12);
+    }
+
+    #[test]
+    fn errors_larger_than_their_prior_relax_it() {
+        let small = seen();
+        assert_eq!(small.relaxed(&[0, 1]), small.covariance);
+        // twice and four times the prior: (2 + 4 + 16) / (2 + 2 (1 − 4/15)) of the variance
+        let large = Gaussian { mean: DVector::from_row_slice(&[2.0, -4.0]), ..seen() };
+        let factor: f64 = 22.0 / (2.0 + 22.0 / 15.0);
+        let precision = large.covariance.clone().try_inverse().unwrap();
+        let less = DMatrix::identity(2, 2) * (1.0 - 1.0 / factor);
+        let expected = (precision - less).try_inverse().unwrap();
+        let found = large.relaxed(&[0, 0]);
+        for (found, expected) in found.iter().zip(expected.iter()) {
+            assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+        }
+        assert!(found[(0, 0)] > large.covariance[(0, 0)]);
     }
 
     #[test]

@@ -159,18 +159,25 @@ impl Registrar {
         found
     }
 
-    /// Their covariance, radar after radar.
+    /// Their covariance, radar after radar, if they may be larger than their prior says.
     pub(crate) fn covariance(&self) -> DMatrix<f64> {
         let order = ERRORS * self.radars.len();
-        let mut all = DMatrix::zeros(order, order);
+        let (relaxed, mut all) = (self.relaxed(), DMatrix::zeros(order, order));
         let unknowns = self.unknowns();
         for_each(&unknowns, |k, j, row, sigma| {
             for_each(&unknowns, |l, i, column, other| {
                 let place = (ERRORS * k + j, ERRORS * l + i);
-                all[place] = self.known.covariance[(row, column)] * sigma * other;
+                all[place] = relaxed[(row, column)] * sigma * other;
             });
         });
         all
+    }
+
+    /// The covariance in units of the prior, where all errors of a kind may be larger than it.
+    fn relaxed(&self) -> DMatrix<f64> {
+        let mut kind = vec![0; self.known.mean.len()];
+        for_each(&self.unknowns(), |_, j, column, _| kind[column] = j);
+        self.known.relaxed(&kind)
     }
 
     /// All that is known, as bytes.
@@ -311,12 +318,12 @@ impl Registrar {
         closed
     }
 
-    /// The covariance of the errors.
-    fn blocks(&self) -> Blocks {
+    /// This covariance of the errors, in units of the prior, by radars.
+    fn blocks(&self, covariance: &DMatrix<f64>) -> Blocks {
         let unknowns = self.unknowns();
         let columns: Vec<_> =
             unknowns.iter().map(|own| own.map(|one| one.map(|(column, _)| column))).collect();
-        Blocks::new(&self.known.covariance, &columns)
+        Blocks::new(covariance, &columns)
     }
 
     /// Raises noise that has grown suddenly beyond what was `used`, and counts plots that are far off.

@@ -183,9 +183,10 @@ impl Centre {
             .collect();
         live.sort_unstable();
         let sample = |&(id, place): &(u64, usize)| {
-            let row = &self.members[place].last;
+            let member = &self.members[place];
+            let row = &member.last;
             let radar = &self.settings.radars[row.sensor];
-            let estimate = row.at(time, radar);
+            let estimate = member.at(time, radar);
             let sensitivity = sensitivity(&estimate.mean, row.height, radar);
             let added = propagated(&sensitivity, known.block(row.sensor, row.sensor), &sensitivity);
             Ok(Sample {

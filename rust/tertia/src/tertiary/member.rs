@@ -1,17 +1,25 @@
 //! The tracks of the sensors, row by row.
 
+use super::filtered::Filtered;
+use super::gain::Gain;
 use super::row::Row;
 use super::shadow::Shadow;
 use super::share::mapped;
 use super::target::Tracklet;
-use super::tracklet::{Behind, Past, behind, is_doubtful};
+use super::tracklet::{Behind, Past, behind, coasts, is_doubtful};
 use crate::base::error::Result;
 use crate::sensors::Radar;
+use crate::tracker::Estimate;
 use serde::{Deserialize, Serialize};
 use std::num::NonZero;
 
 /// Scans after which a track is forgotten.
 pub(super) const FORGOTTEN: f64 = 6.0;
+/// Share of the newest row in the running share of those of another filter than the tracker's, that share to
+/// begin with, and the one from which on the filter is another one: it may seem so for a turn.
+const MEMORY: f64 = 0.05;
+const UNKNOWN: f64 = 0.6;
+const FOREIGN: f64 = 0.7;
 /// Time of a row, ns.
 const ROW_NS: f64 = 2000.0;
 
@@ -25,6 +33,14 @@ pub(super) struct Member {
     pub pending: Vec<Tracklet>,
     /// The filter that may have made it.
     shadow: Shadow,
+    /// Of another one: its gain, and what the models make of the plots behind its rows.
+    gain: Gain,
+    filtered: Option<Filtered>,
+    foreign: f64,
+    /// Whether rows have come without a plot.
+    is_periodic: bool,
+    /// Time of its last plot.
+    plotted: f64,
     pub target: Option<u64>,
 }
 
@@ -109,6 +125,11 @@ impl Member {
             before: [None; 2],
             pending: Vec::new(),
             shadow,
+            gain: Gain::default(),
+            filtered: None,
+            foreign: UNKNOWN,
+            is_periodic: false,
+            plotted: row.time,
             target: None,
         };
         member.look_behind(None, radar);
@@ -122,21 +143,53 @@ impl Member {
 
     /// Adds a row, and the plot behind it.
     fn add(&mut self, row: Row, radar: &Radar) {
-        self.before = [Some(Past::new(&self.last, self.is_doubtful)), self.before[0]];
-        (self.last, self.is_doubtful) = (row, is_doubtful(&row, radar));
+        let past = Past::new(&self.last, self.is_doubtful, self.plotted);
+        self.before = [Some(past), self.before[0]];
+        self.last = row;
+        self.is_doubtful = !self.is_foreign() && is_doubtful(&row, radar);
+        if coasts(&row, &past, radar) {
+            self.is_periodic = true;
+            return;
+        }
         // in doubt the filter stays where it was, as the sensor's does if the plot was none of the target
         let plot = if self.is_doubtful { None } else { self.shadow.follow(&row, radar) };
-        self.look_behind(plot, radar);
+        let is_same = self.shadow.is_same && !self.is_doubtful;
+        let is_unlike = if is_same { 0.0 } else { 1.0 };
+        self.foreign += MEMORY * (is_unlike - self.foreign);
+        self.look_behind(plot.filter(|_| !self.is_foreign()), radar);
+        self.plotted = row.time;
+    }
+
+    /// Whether another filter than a tracker's made it.
+    fn is_foreign(&self) -> bool {
+        self.foreign > FOREIGN
     }
 
     /// Keeps what is behind the last row: this plot, or what can be known without its filter.
     fn look_behind(&mut self, plot: Option<[f64; 2]>, radar: &Radar) {
-        let found = behind(plot, (&self.last, self.is_doubtful), &self.before, radar);
-        let (place, own) = match found {
+        let last = (&self.last, self.is_doubtful);
+        let gain = (&mut self.gain, self.is_periodic);
+        let (place, own) = match behind(plot, last, &self.before, gain, radar) {
             Behind::Plot(place) => (place, None),
             Behind::State(place, covariance) => (place, Some(covariance)),
             Behind::Nothing => return,
         };
+        if plot.is_some() {
+            self.filtered = None;
+        } else if let Some(filtered) = &mut self.filtered {
+            let noise = own.unwrap_or_else(|| radar.noise_at(place, self.last.above(radar)));
+            filtered.follow(self.last.time, place, noise, radar);
+        } else {
+            self.filtered = Some(Filtered::new(&self.last, radar));
+        }
         self.pending.push(Tracklet::new(&self.last, place, own, radar));
+    }
+
+    /// Where it is at a time.
+    pub fn at(&self, time: f64, radar: &Radar) -> Estimate<4> {
+        match &self.filtered {
+            Some(filtered) if self.is_foreign() => filtered.at(time),
+            _ => self.last.at(time, radar),
+        }
     }
 }

@@ -64,33 +64,36 @@ impl Row {
         model.turn_time / (model.turn_time + model.straight_time)
     }
 
-    /// The track straight on at another time: `F P F' + σ² Γ Γ'`, Γ = (t²/2, t), where σ is an
-    /// acceleration that may begin at any time.
+    /// The track straight on at another time.
     pub fn at(&self, time: f64, radar: &Radar) -> Estimate<4> {
-        let Estimate { mut mean, mut covariance } = self.estimate(radar);
-        let t = time - self.time;
-        let turning = self.turning();
-        let square = (1.0 - turning) * STRAIGHT * STRAIGHT + turning * TURNING * TURNING;
-        for i in 0..2 {
-            mean[i] += t * mean[i + 2];
-        }
-        // rows, then columns
-        for j in 0..4 {
-            for i in 0..2 {
-                covariance[(i, j)] += t * covariance[(i + 2, j)];
-            }
-        }
-        for i in 0..2 {
-            for j in 0..4 {
-                covariance[(j, i)] += t * covariance[(j, i + 2)];
-            }
-        }
-        for i in 0..2 {
-            covariance[(i, i)] += 0.25 * square * t.powi(4);
-            covariance[(i, i + 2)] += 0.5 * square * t.powi(3);
-            covariance[(i + 2, i)] += 0.5 * square * t.powi(3);
-            covariance[(i + 2, i + 2)] += square * t * t;
-        }
-        Estimate { mean, covariance }
+        carried(self.estimate(radar), self.turning(), time - self.time)
     }
+}
+
+/// A state straight on for t seconds, where the target turns with this probability: `F P F' + σ² Γ Γ'`,
+/// Γ = (t²/2, t), where σ is an acceleration that may begin at any time.
+pub(super) fn carried(estimate: Estimate<4>, turning: f64, t: f64) -> Estimate<4> {
+    let Estimate { mut mean, mut covariance } = estimate;
+    let square = (1.0 - turning) * STRAIGHT * STRAIGHT + turning * TURNING * TURNING;
+    for i in 0..2 {
+        mean[i] += t * mean[i + 2];
+    }
+    // rows, then columns
+    for j in 0..4 {
+        for i in 0..2 {
+            covariance[(i, j)] += t * covariance[(i + 2, j)];
+        }
+    }
+    for i in 0..2 {
+        for j in 0..4 {
+            covariance[(j, i)] += t * covariance[(j, i + 2)];
+        }
+    }
+    for i in 0..2 {
+        covariance[(i, i)] += 0.25 * square * t.powi(4);
+        covariance[(i, i + 2)] += 0.5 * square * t.powi(3);
+        covariance[(i + 2, i)] += 0.5 * square * t.powi(3);
+        covariance[(i + 2, i + 2)] += square * t * t;
+    }
+    Estimate { mean, covariance }
 }

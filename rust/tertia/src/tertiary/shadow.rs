@@ -9,6 +9,8 @@ use serde::{Deserialize, Serialize};
 /// is another one.
 const MEMORY: f64 = 0.3;
 const UNLIKE: f64 = 0.03;
+/// Square below which the velocity is that of the filter, and not only near it.
+const SAME: f64 = 1e-3;
 
 /// A filter of straight flight, turns and changes of speed, as Tertia's trackers have it by default. What it predicts is
 /// what the sensor's tracker predicted, if that is such a filter; velocities tell whether it is.
@@ -17,6 +19,8 @@ pub(super) struct Shadow {
     follower: Follower,
     /// Running mean of the normalised squares of differences of the velocities.
     unlike: f64,
+    /// Whether the last velocity was that of the filter.
+    pub is_same: bool,
 }
 
 impl Shadow {
@@ -24,7 +28,7 @@ impl Shadow {
     pub fn new(row: &Row, radar: &Radar) -> Self {
         let model = ImmModel::default();
         let follower = Follower::new(&model, row.estimate(radar), row.turning(), row.time);
-        Self { follower, unlike: 0.0 }
+        Self { follower, unlike: 0.0, is_same: false }
     }
 
     /// The plot that moved the track to its next row; none where another filter did.
@@ -42,6 +46,7 @@ impl Shadow {
         let squared = (mean[2] - vx).powi(2) + (mean[3] - vy).powi(2);
         let square = squared / (covariance[(2, 2)] + covariance[(3, 3)]);
         self.unlike += MEMORY * (square - self.unlike);
+        self.is_same = square < SAME;
         (self.unlike < UNLIKE).then_some(plot)
     }
 }

@@ -8,7 +8,7 @@ use crate::base::plane::Plane;
 use crate::registration::{Report, TargetPlot, Update};
 use crate::sensors::Radar;
 use crate::tracker::{Estimate, Follower, ImmModel};
-use nalgebra::SMatrix;
+use nalgebra::{Cholesky, SMatrix};
 use serde::{Deserialize, Serialize};
 
 /// Share of the newest plot in the running mean of innovations, and the most that one counts.
@@ -147,7 +147,12 @@ impl Target {
         follower.predict(&ImmModel::default(), time, period);
         let mut estimate = follower.estimate();
         let surprise = self.surprise.max(1.0);
-        estimate.covariance = estimate.covariance * surprise + self.added;
+        estimate.covariance *= surprise;
+        // less than nothing is left where what was known of the errors is older than the last row
+        let whole = estimate.covariance + self.added;
+        if Cholesky::new(whole).is_some() {
+            estimate.covariance = whole;
+        }
         // a turn that is not noticed yet moves plots by half of what it adds to the velocity over time
         let velocity = (surprise - 1.0) * self.square / (period * period);
         estimate.covariance[(2, 2)] += velocity;

@@ -1,47 +1,19 @@
 //! The plot behind a row of a track, reconstructed from the track (a tracklet).
 
+use super::gain::{Gain, Step};
 use super::row::Row;
 use crate::base::plane::Plane;
 use crate::sensors::Radar;
 use crate::tracker::Estimate;
-use nalgebra::{Cholesky, Matrix2, SymmetricEigen, Vector2};
 use serde::{Deserialize, Serialize};
 
-/// Least gain by which a row tells anything of its plot.
-const LEAST_GAIN: f64 = 0.15;
-/// Scans after which what was predicted is not known.
+/// Scans since the last plot after which the gain is another one than usual.
 const LONGEST_GAP: f64 = 2.0;
 /// Variance of a row along some direction, in that of a plot, from which on it is of two possibilities: a
 /// filter that has taken a plot knows more than the plot, and several models that disagree seldom reach 3.
 const DOUBT: f64 = 5.0;
-
-/// The plot that moved a prediction to `corrected`, where plots have the covariance R:
-/// `z = x⁻ + K⁻¹ (x⁺ − x⁻)` with `K = P⁺ R⁻¹`, which holds for the positions of a Kalman filter whatever
-/// its prediction was. Eigenvalues of the gain above 1 count as 1. None where the plot has moved the
-/// track too little.
-pub fn reconstructed(
-    predicted: [f64; 2],
-    corrected: [f64; 2],
-    covariance: Plane,
-    noise: Plane,
-) -> Option<[f64; 2]> {
-    let (p, r) = (matrix(covariance), matrix(noise));
-    let lower = Cholesky::new(r)?.l();
-    let inverse = lower.try_inverse()?;
-    // K = L M L⁻¹ with M = L⁻¹ P L'⁻¹, symmetric
-    let gain = SymmetricEigen::new(inverse * p * inverse.transpose());
-    if !gain.eigenvalues.iter().all(|&value| value >= LEAST_GAIN) {
-        return None;
-    }
-    let mut scaled = gain.eigenvectors;
-    for (mut column, value) in scaled.column_iter_mut().zip(gain.eigenvalues.iter()) {
-        column /= value.min(1.0);
-    }
-    let [x, y] = predicted;
-    let moved = Vector2::new(corrected[0] - x, corrected[1] - y);
-    let plot = lower * scaled * gain.eigenvectors.transpose() * inverse * moved;
-    Some([x + plot[0], y + plot[1]])
-}
+/// A row that has moved a track by less, in standard deviations of a plot, has none.
+const STILL: f64 = 0.02;
 
 /// What is remembered of an earlier row of a track.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -50,12 +22,16 @@ pub(super) struct Past {
     state: [f64; 4],
     turning: f64,
     is_doubtful: bool,
+    /// Time of its last plot.
+    plotted: f64,
 }
 
 impl Past {
-    pub fn new(row: &Row, is_doubtful: bool) -> Self {
-        let &Row { time, state, .. } = row;
-        Self { time, state, turning: row.turning(), is_doubtful }
+    pub fn new(row: &Row, is_doubtful: bool, plotted: f64) -> Self {
+        let &Row { time, state, turn_probability, .. } = row;
+        // a sensor that does not tell turns does not expect them to go on
+        let turning = if turn_probability.is_finite() { row.turning() } else { 0.0 };
+        Self { time, state, turning, is_doubtful, plotted }
     }
 
     /// By which a later row moved the state that went straight on from this one.
@@ -82,6 +58,69 @@ impl Past {
     }
 }
 
+/// What a later row has moved a track by.
+struct Moved {
+    step: Step,
+    /// Along and across the line of sight, as long as the standard deviations of a plot.
+    axes: [[f64; 2]; 2],
+    /// Where the track was expected.
+    predicted: [f64; 2],
+}
+
+impl Moved {
+    /// By a row since the last one, from which on the track turned at a rate.
+    fn new(row: &Row, last: &Past, rate: f64, radar: &Radar) -> Self {
+        let [x, y, vx, vy] = row.state;
+        let t = row.time - last.time;
+        let predicted = last.carried(t, rate);
+        let (sine, cosine) = (rate * t).sin_cos();
+        let [.., px, py] = last.state;
+        let by = [vx - cosine * px + sine * py, vy - sine * px - cosine * py];
+        let (dx, dy) = (x - radar.position[0], y - radar.position[1]);
+        let ground = dx.hypot(dy).max(1.0);
+        let noise = radar.noise_at([x, y], row.above(radar));
+        let axes =
+            [[dx / ground, dy / ground], [dy / ground, -dx / ground]].map(|[east, north]| {
+                let sigma = noise.form([east, north]).sqrt();
+                [east * sigma, north * sigma]
+            });
+        let in_sigmas =
+            |[east, north]: [f64; 2]| axes.map(|[a, b]| (a * east + b * north) / (a * a + b * b));
+        let period = radar.scan_period;
+        let scans = ((row.time - last.plotted) / period).round().max(1.0);
+        let Estimate { covariance: p, .. } = row.estimate(radar);
+        let covariance = Plane { xx: p[(0, 0)], xy: p[(0, 1)], yy: p[(1, 1)] };
+        let stated = axes.map(|axis| {
+            let variance = axis[0] * axis[0] + axis[1] * axis[1];
+            covariance.form(axis) / (variance * variance)
+        });
+        let step = Step {
+            position: in_sigmas([x - predicted[0], y - predicted[1]]),
+            velocity: in_sigmas(by.map(|by| scans * period * by)),
+            stated,
+        };
+        Self { step, axes, predicted }
+    }
+
+    /// Along and across in the plane.
+    fn in_plane(&self, [along, across]: [f64; 2]) -> [f64; 2] {
+        [0, 1].map(|k| along * self.axes[0][k] + across * self.axes[1][k])
+    }
+
+    /// The plot that did it, by these gains.
+    fn plot(&self, gain: [f64; 2]) -> [f64; 2] {
+        let by = self.in_plane([0, 1].map(|axis| self.step.position[axis] / gain[axis]));
+        [self.predicted[0] + by[0], self.predicted[1] + by[1]]
+    }
+}
+
+/// Whether a row only says that the track goes straight on: as good as surely no plot moves a track so
+/// little.
+pub(super) fn coasts(row: &Row, last: &Past, radar: &Radar) -> bool {
+    let step = Moved::new(row, last, 0.0, radar).step;
+    step.position.iter().chain(&step.velocity).all(|by| by.abs() < STILL)
+}
+
 /// Whether the sensor does not know which of two plots, or none, was of the target: the next ones show it,
 /// and one of two states that lie far apart is given up.
 pub(super) fn is_doubtful(row: &Row, radar: &Radar) -> bool {
@@ -103,13 +142,14 @@ pub(super) enum Behind {
     Nothing,
 }
 
-/// What is behind the last row of a track, by the rows before it, the last one first, where the plot is
-/// not known by the filter that made the row. So high above its sensor that a small error of the range
-/// is a large one on the ground, it says nothing.
+/// What is behind the last row of a track, by the rows before it, the last one first, and the gain of its
+/// filter, where the plot is not known by the filter that made the row. So high above its sensor that a
+/// small error of the range is a large one on the ground, it says nothing.
 pub(super) fn behind(
     plot: Option<[f64; 2]>,
     (row, is_doubtful): (&Row, bool),
     before: &[Option<Past>; 2],
+    (gain, is_periodic): (&mut Gain, bool),
     radar: &Radar,
 ) -> Behind {
     let [x, y, ..] = row.state;
@@ -121,19 +161,18 @@ pub(super) fn behind(
     }
     let Estimate { covariance: p, .. } = row.estimate(radar);
     let covariance = Plane { xx: p[(0, 0)], xy: p[(0, 1)], yy: p[(1, 1)] };
-    let known = before[0].filter(|last| {
-        let is_sure = !is_doubtful && !last.is_doubtful;
-        is_sure && row.time - last.time <= LONGEST_GAP * radar.scan_period
-    });
-    let Some(last) = known else { return Behind::State([x, y], covariance) };
+    let state = Behind::State([x, y], covariance);
+    let Some(last) = before[0].filter(|last| !is_doubtful && !last.is_doubtful) else {
+        return state;
+    };
     let rate = before[1].map_or(0.0, |first| last.turning * last.turn_rate(&first));
-    let predicted = last.carried(row.time - last.time, rate);
-    let noise = radar.noise_at([x, y], row.above(radar));
-    reconstructed(predicted, [x, y], covariance, noise).map_or(Behind::Nothing, Behind::Plot)
-}
-
-fn matrix(plane: Plane) -> Matrix2<f64> {
-    Matrix2::new(plane.xx, plane.xy, plane.xy, plane.yy)
+    let moved = Moved::new(row, &last, rate, radar);
+    if row.time - last.plotted <= LONGEST_GAP * radar.scan_period {
+        gain.see(&moved.step);
+    }
+    // where velocities do not come from positions, these are as they were measured
+    let gain = gain.along(moved.step.stated, is_periodic);
+    Behind::Plot(gain.map_or([x, y], |gain| moved.plot(gain)))
 }
 
 #[cfg(test)]
@@ -143,32 +182,13 @@ mod tests {
     use crate::sensors::{Identities, radar_of};
 
     #[test]
-    fn a_plot_from_its_correction() {
-        let r = Plane { xx: 9000.0, xy: 2500.0, yy: 6000.0 };
-        let (p, z, x) =
-            (Plane { xx: 9000.0, xy: 500.0, yy: 7000.0 }, [50110.0, 59920.0], [5e4, 6e4]);
-        let (before, noise) = (matrix(p), matrix(r));
-        let gain = before * (before + noise).try_inverse().unwrap();
-        let moved = Vector2::from(x) + gain * (Vector2::from(z) - Vector2::from(x));
-        let position = [moved[0], moved[1]];
-        assert_within(1e-12, position[0], 50_062.866_666_666_67);
-        assert_within(1e-12, position[1], 59_948.644_444_444_44);
-        let c = before - gain * before;
-        let after = Plane { xx: c[(0, 0)], xy: c[(0, 1)], yy: c[(1, 1)] };
-        let found = reconstructed(x, position, after, r).unwrap();
-        assert_within(1e-12, found[0], z[0]);
-        assert_within(1e-12, found[1], z[1]);
-        let tiny = Plane { xx: 900.0, xy: 0.0, yy: 600.0 };
-        assert_eq!(reconstructed(x, position, tiny, r), None);
-    }
-
-    #[test]
     fn a_turn_goes_on() {
         let past = |time, course: f64| Past {
             time,
             state: [0.0, 0.0, 200.0 * course.cos(), 200.0 * course.sin()],
             turning: 1.0,
             is_doubtful: false,
+            plotted: time,
         };
         let (first, last) = (past(0.0, 0.1), past(4.0, 0.3));
         assert_within(1e-12, last.turn_rate(&first), 0.05);
@@ -198,9 +218,10 @@ mod tests {
         assert!(!is_doubtful(&sure, &radar) && is_doubtful(&doubtful, &radar));
         let none = Row { covariance: [f64::NAN; 16], ..doubtful };
         assert!(!is_doubtful(&none, &radar));
-        let past = |row| Some(Past::new(row, is_doubtful(row, &radar)));
+        let past = |row| Some(Past::new(row, is_doubtful(row, &radar), row.time));
         let behind = |row: &Row, before: [Option<Past>; 2]| {
-            behind(None, (row, is_doubtful(row, &radar)), &before, &radar)
+            let mut gain = Gain::default();
+            behind(None, (row, is_doubtful(row, &radar)), &before, (&mut gain, false), &radar)
         };
         let found = behind(&doubtful, [past(&sure), None]);
         assert!(matches!(found, Behind::State(_, own) if own.xx == 4e4));

@@ -48,7 +48,7 @@ impl Registrar {
     ) -> Vec<(i64, f64, [f64; 4])> {
         let (mut applied, moved) = self.begin(updates, time);
         followed::use_noise(&mut applied, used);
-        let (unknowns, errors) = (self.unknowns(), self.blocks());
+        let (unknowns, errors) = (self.unknowns(), self.blocks(&self.known.covariance));
         self.tracks.open();
         Arch::new().dispatch(Rows {
             registrar: self,
@@ -82,7 +82,7 @@ impl Registrar {
         let rows = InOrder::new(targets);
         let cost = FOLLOWED_NS * rows.count() as f64;
         let (applied, moved) = self.begin(&rows, time);
-        let (unknowns, errors) = (self.unknowns(), self.blocks());
+        let (unknowns, errors) = (self.unknowns(), self.blocks(&self.relaxed()));
         let mut runs: Vec<_> =
             targets.iter().filter_map(|rows| Some((rows.first()?, &rows[..], false))).collect();
         runs.sort_unstable_by_key(|(first, ..)| first.plot.target);
