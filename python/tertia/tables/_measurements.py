@@ -240,7 +240,7 @@ def _one_by_one(records: Records, placed: Sequence[str]) -> pl.DataFrame:
 def _refuse_impossible(measured: pl.DataFrame, records: Records, *, repeated: bool) -> None:
     """Refuse values outside their domain, duplicates, and range differences of the first sensor."""
     rows = measured.filter(pl.col("kind").is_not_null())
-    one = Records(rows, records.column, records.source, records.by)
+    one = replace(records, rows=rows)
     kind, value = pl.col("kind"), pl.col("value")
     one.refuse((kind == "range") & (value <= 0), "range is {value:g}; it must be positive", "range")
     one.refuse(

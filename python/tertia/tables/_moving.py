@@ -10,7 +10,7 @@ import polars as pl
 from tertia._arrays import FloatArray, IntArray
 from tertia.location._height import in_the_plane
 from tertia.sensors import Station
-from tertia.tables._records import Records, Schema, number
+from tertia.tables._records import RecordError, Records, Schema, number
 from tertia.tables._sensors import Sensors
 
 # positions of sensors in the rows of measurements, local or geodetic
@@ -35,13 +35,19 @@ def names_of_places(records: Records, sensors: Sensors[Station]) -> list[str]:
             raise records.source[0].error(
                 f"the positions of the sensors are incomplete: {wanted} is missing"
             )
+    used = dict.fromkeys(name for which in needed for name in records.standard[which])
+    if len(used) > len(needed):
+        raise RecordError(
+            f"the positions of the sensors are in {', '.join(used)}; use latitudes and longitudes, "
+            "or east and north, for all of them"
+        )
     if _are_geodetic(records) and sensors.frame is None:
         raise sensors.error(_UNPLACED.format(records.column["place_0"]))
     return needed
 
 
 def _are_geodetic(records: Records) -> bool:
-    return "latitude" in records.column["place_0"].lower()
+    return "sensor_latitude_deg" in records.standard["place_0"]
 
 
 def local_places(records: Records, rows: pl.DataFrame, sensors: Sensors[Station]) -> FloatArray:

@@ -217,11 +217,13 @@ class Records:
     """The rows of all parts by quantity, in the units of the library; missing numbers are nan.
 
     `rows` also has the columns `part` and `row`, the origin of each row. `column` is the column in
-    the files that holds a quantity, and `by` are the columns that group the rows.
+    the files that holds a quantity (in the first file that has it), `standard` are the standard
+    names of such columns, one for each file, and `by` are the columns that group the rows.
     """
 
     rows: pl.DataFrame
     column: Mapping[str, str]
+    standard: Mapping[str, Sequence[str]]
     source: Source
     by: pl.DataFrame
 
@@ -258,7 +260,12 @@ def read(
         _require_alike(readers[0], reader)
     rows = pl.concat(frames, how="vertical_relaxed")
     groups = pl.concat(_alike([reader.groups(by) for reader in readers]), how="vertical_relaxed")
-    return Records(rows, readers[0].taken, source, groups)
+    # the first file that has a column takes precedence
+    column = {what: name for one in reversed(readers) for what, name in one.taken.items()}
+    standard = {
+        what: [one.standard[what] for one in readers if what in one.standard] for what in column
+    }
+    return Records(rows, column, standard, source, groups)
 
 
 def _called(
@@ -340,6 +347,7 @@ class Reader:
         self.part, self.schema, self.called, self.sensors = part, schema, called, sensors
         self.like, self.problems = like, problems
         self.taken: dict[str, str] = {}
+        self.standard: dict[str, str] = {}
         # kinds of the times, by quantity
         self.times_are: dict[str, str] = {}
 
@@ -388,6 +396,7 @@ class Reader:
             return _absent(one.kind, count)
         column = self.part.column(self.called.get(name, name))
         self.taken[quantity] = name if one.kind == "identity" else column
+        self.standard[quantity] = name
         values = series(self.part.table, column).alias(column)
         return self._values(quantity, values, one, name)
 
