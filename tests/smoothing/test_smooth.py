@@ -428,7 +428,7 @@ class TestWandering:
 
 
 STEPS = np.arange(12)
-DATES = np.datetime64("2026-11-22T23:59:50", "s") + STEPS
+DATES = np.datetime64("2026-11-22T23:59:50", "ms") + 1000 * STEPS
 CLOCK = [dt.time(1, 2, step, 500_000) for step in STEPS]
 
 
