@@ -20,6 +20,7 @@ from tertia.tables._frames import Table, result
 from tertia.tables._groups import Progress, as_names, beside, known, prefixed
 from tertia.tables._instants import check_tolerance
 from tertia.tables._measurements import Target, doubt_instants, read_targets, taken
+from tertia.tables._parts import RecordError, Source, source_of
 from tertia.tables._positions import (
     EMISSION,
     PROTECTION_LEVEL,
@@ -34,7 +35,6 @@ from tertia.tables._positions import (
     of_singles,
     result_names,
 )
-from tertia.tables._records import RecordError, Source, source_of
 from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
 

@@ -17,18 +17,8 @@ from tertia.tables._groups import as_names, column_name, group_name, layout
 from tertia.tables._instants import instants
 from tertia.tables._moving import PLACES, apart, local_places, names_of_places, stations_of
 from tertia.tables._names import own_names
-from tertia.tables._records import (
-    SENSOR,
-    TIME,
-    Field,
-    Part,
-    RecordError,
-    Records,
-    Schema,
-    Source,
-    number,
-    read,
-)
+from tertia.tables._parts import Part, RecordError, Source
+from tertia.tables._records import SENSOR, TIME, Field, Records, Schema, number, read
 from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
 

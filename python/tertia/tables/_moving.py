@@ -10,7 +10,8 @@ import polars as pl
 from tertia._arrays import FloatArray, IntArray
 from tertia.location._height import in_the_plane
 from tertia.sensors import Station
-from tertia.tables._records import RecordError, Records, Schema, number
+from tertia.tables._parts import RecordError
+from tertia.tables._records import Records, Schema, number
 from tertia.tables._sensors import Sensors
 
 # positions of sensors in the rows of measurements, local or geodetic

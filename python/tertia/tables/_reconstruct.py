@@ -18,6 +18,7 @@ from tertia.tables._frames import Table, result
 from tertia.tables._groups import Progress, as_names, beside, prefixed
 from tertia.tables._instants import check_tolerance
 from tertia.tables._measurements import UNITS, Target, read_targets, taken
+from tertia.tables._parts import RecordError, Source, source_of
 from tertia.tables._positions import (
     Located,
     Positions,
@@ -28,7 +29,6 @@ from tertia.tables._positions import (
     of_sensors,
     result_names,
 )
-from tertia.tables._records import RecordError, Source, source_of
 from tertia.tables._sensors import Sensors
 from tertia.trajectory import Trajectory
 from tertia.trajectory import reconstruct as reconstruct_path

@@ -27,19 +27,9 @@ from tertia.tables._identities import (
     identities_of,
     identity_columns,
 )
+from tertia.tables._parts import RecordError, Source, source_of
 from tertia.tables._plot_doubts import doubt_plots
-from tertia.tables._records import (
-    SENSOR,
-    TIME,
-    Field,
-    RecordError,
-    Records,
-    Schema,
-    Source,
-    number,
-    read,
-    source_of,
-)
+from tertia.tables._records import SENSOR, TIME, Field, Records, Schema, number, read
 from tertia.tables._reports import MOVING, REPORTED, moving_of, reported_of
 from tertia.tables._sensors import Sensors, lifted
 from tertia.tables._times import Clock

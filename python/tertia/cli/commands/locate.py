@@ -27,8 +27,8 @@ from tertia.sensors import ByKind, Kind
 from tertia.tables._groups import group_name
 from tertia.tables._locate import locations_of
 from tertia.tables._measurements import UNITS
+from tertia.tables._parts import Source
 from tertia.tables._positions import Located, Positions
-from tertia.tables._records import Source
 
 if TYPE_CHECKING:
     from matplotlib.figure import FigureBase

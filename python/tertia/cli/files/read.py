@@ -17,7 +17,7 @@ from tertia.cli.files.text import Dialect, damage, foreign, read_text, too_long
 from tertia.cli.terminal.say import WRONG_USAGE, fail, reading
 from tertia.geo import LocalFrame, SystemPlane
 from tertia.tables._described import REPORTS, Description, description
-from tertia.tables._records import AGAIN, Part, Source
+from tertia.tables._parts import AGAIN, Part, Source
 from tertia.tables._sensors import Sensors
 
 if TYPE_CHECKING:
