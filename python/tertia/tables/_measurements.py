@@ -132,8 +132,12 @@ def read_targets(
     The time of a row is kept even if the row has no measurements. Unless times are required
     (`timed`), all rows of a table without times belong to one instant. Measurements within
     `tolerance` seconds also belong to one instant. If `tolerance` is inf, all measurements of a
-    target belong to one instant, and the measurements of each sensor are combined.
+    target belong to one instant, and the measurements of each sensor are combined. Without times,
+    times of arrival within a finite `tolerance` belong to one instant.
     """
+    near = 0.0 < tolerance < np.inf
+    heard = (columns or {}).get("arrival_time_s", "arrival_time_s")
+    timed = timed and not (near and all(part.has(heard) for part in source))
     schema = SCHEMA if timed else {**SCHEMA, "time": replace(TIME, required=False)}
     for part in source:
         _require_kinds(part, own_names(part, source, columns or {}))
@@ -141,8 +145,10 @@ def read_targets(
         source, schema, columns=columns, by=as_names(by), sensors=sensors.names, results=results
     )
     if "time" not in records.column:
-        # all rows belong to one instant
-        records = replace(records, rows=records.rows.with_columns(time=pl.lit(0.0)))
+        # otherwise all rows belong to one instant
+        grouped = near and "arrival_time" in records.column
+        time = pl.col("arrival_time") if grouped else pl.lit(0.0)
+        records = replace(records, rows=records.rows.with_columns(time=time))
     records, arrivals = _with_arrivals(records)
     placed = names_of_places(records, sensors)
     measured = _one_by_one(records, placed)
@@ -258,6 +264,11 @@ def _refuse_impossible(measured: pl.DataFrame, records: Records, *, repeated: bo
     again = ~keys.select(pl.struct(pl.all()).is_first_distinct()).to_series()
     if "time" not in records.column and again.any():
         # repeated measurements mean that there are several instants, so times are required
+        if keys.filter(again)["kind"].eq("arrival_time").all():
+            raise records.source[0].error(
+                "a sensor has several times of arrival: give a tolerance in seconds that joins the "
+                "arrivals of one emission, or a column time_s that is equal for them"
+            )
         records.source[0].require(*TIME.columns, standard=True)
     reason = (
         "{kind} is given twice for this sensor and time_s {time}: if there are several targets, "

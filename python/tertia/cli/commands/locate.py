@@ -175,12 +175,15 @@ def locate(
         progress=progress("Locating"),
     )
     positions.print_all(found, by or [])
-    for one in found.targets:
-        positions.say_located(one)
-        _say_expected(one)
-        _say_sigma(one)
-        positions.say_speed(one)
-        _say_bias(one)
+    positions.say_groups(
+        found.targets,
+        positions.say_located,
+        _say_expected,
+        _say_sigma,
+        positions.say_speed,
+        _say_bias,
+    )
+    positions.note_speed(propagation_speed, propagation_speed_sigma)
     positions.write_all(
         found,
         output,
