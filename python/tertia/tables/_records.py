@@ -16,7 +16,7 @@ import numpy as np
 import polars as pl
 
 from tertia.sensors._identities import NO_IDENTITY
-from tertia.tables._doubts import doubt, doubt_time, doubt_unit
+from tertia.tables._doubts import doubt, doubt_summer_time, doubt_time, doubt_unit
 from tertia.tables._frames import height, names, series
 from tertia.tables._marks import names_without_marks, unmarked, without_marks
 from tertia.tables._names import misspelt, own_names
@@ -24,6 +24,8 @@ from tertia.tables._parts import ColumnError, Part, RecordError, Source
 from tertia.tables._sexagesimal import degrees_of_text
 from tertia.tables._times import (
     Unit,
+    across_midnight,
+    are_of_day,
     exact_seconds,
     in_format,
     kind_of_times,
@@ -127,7 +129,7 @@ def read(
         _LOG.info("%d rows of %s: %s", frame.height, reader.part.called, taken)
     for reader in readers[1:]:
         _require_alike(readers[0], reader)
-    rows = pl.concat(frames, how="vertical_relaxed")
+    rows = _after_midnight(pl.concat(frames, how="vertical_relaxed"), readers)
     groups = pl.concat(_alike([reader.groups(by) for reader in readers]), how="vertical_relaxed")
     # the first file that has a column takes precedence
     column = {what: name for one in reversed(readers) for what, name in one.taken.items()}
@@ -165,6 +167,28 @@ def _called(
                 f"cannot group by {name}: the results have a column of this name", column=name
             )
     return called
+
+
+def _after_midnight(rows: pl.DataFrame, readers: Sequence[Reader]) -> pl.DataFrame:
+    """Return the rows with times of day that are counted on after midnight, with a warning."""
+    for quantity in {name for one in readers for name in one.of_day}:
+        if not all(quantity in one.of_day for one in readers if quantity in one.taken):
+            continue
+        seconds = rows[quantity].cast(pl.Float64).fill_null(math.nan).to_numpy()
+        if not np.any(np.diff(seconds[np.isfinite(seconds)]) < -_HALF_DAY):
+            continue
+        found = across_midnight(seconds, ordered=len(readers) == 1)
+        called = readers[0].part.called if len(readers) == 1 else "the files"
+        if found is None:
+            doubt(
+                f"{called}: the time of day decreases by more than 12 hours; if the recording "
+                "passes midnight, give times with dates"
+            )
+            continue
+        doubt(f"{called}: times of day after midnight are counted on from 86400 seconds")
+        there = pl.Series(quantity, found).fill_nan(None)
+        rows = rows.with_columns(there)
+    return rows
 
 
 def _require_alike(first: Reader, other: Reader) -> None:
@@ -217,8 +241,9 @@ class Reader:
         self.like, self.problems = like, problems
         self.taken: dict[str, str] = {}
         self.standard: dict[str, str] = {}
-        # kinds of the times, by quantity
+        # kinds of the times, by quantity, and the quantities that are times of day
         self.times_are: dict[str, str] = {}
+        self.of_day: set[str] = set()
 
     def rows(self, number: int = 0) -> pl.DataFrame:
         """Return the quantities of all rows, with the numbers of the part and of the row."""
@@ -288,6 +313,10 @@ class Reader:
             self.times_are[quantity] = kind_of_times(found)
             if self.problems is None:
                 doubt_time(name, found)
+                doubt_summer_time(name, found)
+                formatted = self.part.time_format is not None
+                if found.dtype.is_numeric() and are_of_day(values, formatted=formatted):
+                    self.of_day.add(quantity)
         elif one.kind == "name":
             found = names_without_marks(values.cast(pl.String))
         elif one.kind == "callsign":
@@ -413,7 +442,6 @@ class Reader:
         if numeric:
             found = seconds_of_text(values)
             known = found.is_finite()
-            self._doubt_midnight(first, found)
             if fine and (found.abs() > _COARSE).any():
                 found = exact_seconds(values)
                 known = found.is_not_null()
@@ -435,15 +463,6 @@ class Reader:
         bad = values.is_not_null() & found.is_null()
         self.refuse(bad, f"{values.name} is {{!r}}; it must be in the time format {form}", values)
         return found
-
-    def _doubt_midnight(self, first: pl.Series, seconds: pl.Series) -> None:
-        """Warn if times of day may have passed midnight."""
-        is_of_day = len(first) and first.cast(pl.Float64, strict=False).null_count()
-        if self.problems is None and is_of_day and (seconds.diff() < -_HALF_DAY).any():
-            doubt(
-                f"{self.part.called}: the time of day decreases by more than 12 hours; if the "
-                "recording passes midnight, give times with dates"
-            )
 
     def identities(self, values: pl.Series, name: str) -> pl.Series:
         """Return identities as numbers; -1 where there is none."""
