@@ -13,6 +13,7 @@ from tertia.geo import LocalFrame, SystemPlane
 from tertia.location import LIGHT, Location, LocationMethod
 from tertia.location import locate as locate_instants
 from tertia.sensors import Station
+from tertia.tables._conventions import doubt_conventions
 from tertia.tables._described import SensorsLike, stations_of
 from tertia.tables._doubts import doubt
 from tertia.tables._earth import up_at
@@ -214,6 +215,7 @@ def locations_of(
     for target in targets:
         doubt_instants(target)
     _doubt_groups(targets, options)
+    doubt_conventions(targets, options)
     start = None if initial is None else np.asarray(initial, dtype=np.float64)
     asked = probability, risk
     located = [_locate(one, stations, start, asked, **options) for one in progress(targets)]

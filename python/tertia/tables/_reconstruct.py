@@ -12,6 +12,7 @@ import polars as pl
 from tertia._arrays import BoolArray, FloatArray
 from tertia.location._arrivals import LIGHT
 from tertia.sensors import Kind, Station
+from tertia.tables._conventions import doubt_conventions
 from tertia.tables._described import SensorsLike, stations_of
 from tertia.tables._ellipsoid import on_the_earth
 from tertia.tables._frames import Table, result
@@ -142,6 +143,7 @@ def paths_of(
     targets = read_targets(
         source, stations, columns=columns, by=by, results=results, tolerance=tolerance
     )
+    doubt_conventions(targets, options)
     return Positions([_path(one, stations, options) for one in progress(targets)], stations)
 
 
