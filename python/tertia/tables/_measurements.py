@@ -69,6 +69,11 @@ class Target:
     arrivals: Clock
     singles: pl.DataFrame | None = None
 
+    @property
+    def has_places(self) -> bool:
+        """Whether the rows have positions of sensors, which move."""
+        return "place_0" in self.rows.columns
+
     def by_kind(self) -> Iterator[tuple[Kind, IntArray, IntArray, BoolArray]]:
         """Yield each kind of measurement with the times, stations and rows of its measurements."""
         for kind in self.values:
