@@ -173,8 +173,8 @@ def _heard(
         fail(f"{bearings} has no azimuths")
     if any(target.has_places for target in targets):
         fail(
-            f"{bearings} has positions of moving direction finders, which a report cannot show: use "
-            "tertia locate or tertia reconstruct"
+            f"{bearings} has positions of moving direction finders, which a report cannot show: "
+            "use tertia locate or tertia reconstruct"
         )
     own = Clock.of(pl.concat([target.moments for target in targets]), midnight=True)
     if clock is not None and clock.dated != own.dated:
