@@ -21,7 +21,7 @@ from tertia.tables._ellipsoid import on_the_earth
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import Progress, as_names, beside, known, prefixed
 from tertia.tables._instants import check_tolerance
-from tertia.tables._measurements import Target, doubt_instants, read_targets, taken
+from tertia.tables._measurements import Target, doubt_instants, each_of, read_targets, taken
 from tertia.tables._parts import RecordError, Source, source_of
 from tertia.tables._positions import (
     EMISSION,
@@ -218,7 +218,9 @@ def locations_of(
     doubt_conventions(targets, options)
     start = None if initial is None else np.asarray(initial, dtype=np.float64)
     asked = probability, risk
-    located = [_locate(one, stations, start, asked, **options) for one in progress(targets)]
+    located = each_of(
+        progress(targets), lambda one: _locate(one, stations, start, asked, **options)
+    )
     return Positions(located, stations)
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 import polars as pl
@@ -45,6 +46,10 @@ SCHEMA: Schema = {
     "sigma": number("sigma", positive=True),
     **PLACES,
 }
+
+T = TypeVar("T")
+# groups without an estimate that are named
+_SAID = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,6 +194,24 @@ def _with_arrivals(records: Records) -> tuple[Records, Clock]:
     clock = Clock.of(heard, midnight=True)
     seconds = pl.Series("arrival_time", clock.seconds(heard)).fill_null(math.nan)
     return replace(records, rows=records.rows.with_columns(seconds)), clock
+
+
+def each_of(targets: Iterable[Target], estimate: Callable[[Target], T]) -> list[T]:
+    """Return the estimates of all targets; leave out, with a warning, those that have none."""
+    found: list[T] = []
+    failed: list[RecordError] = []
+    for target in targets:
+        try:
+            found.append(estimate(target))
+        except RecordError as error:
+            failed.append(error)
+    if failed and not found:
+        raise failed[0]
+    for reason in failed[:_SAID]:
+        doubt(f"{reason}; it is left out")
+    if len(failed) > _SAID:
+        doubt(f"{len(failed) - _SAID} more groups are left out")
+    return found
 
 
 def doubt_instants(target: Target) -> None:

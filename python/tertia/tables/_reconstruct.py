@@ -18,7 +18,7 @@ from tertia.tables._ellipsoid import on_the_earth
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import Progress, as_names, beside, prefixed
 from tertia.tables._instants import check_tolerance
-from tertia.tables._measurements import UNITS, Target, read_targets, taken
+from tertia.tables._measurements import UNITS, Target, each_of, read_targets, taken
 from tertia.tables._parts import RecordError, Source, source_of
 from tertia.tables._positions import (
     Located,
@@ -144,7 +144,8 @@ def paths_of(
         source, stations, columns=columns, by=by, results=results, tolerance=tolerance
     )
     doubt_conventions(targets, options)
-    return Positions([_path(one, stations, options) for one in progress(targets)], stations)
+    paths = each_of(progress(targets), lambda one: _path(one, stations, options))
+    return Positions(paths, stations)
 
 
 def _path(
