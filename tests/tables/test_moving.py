@@ -205,3 +205,18 @@ def test_positions_of_sensors_are_not_mixed(tmp_path: Path) -> None:
     files = tmp_path / "car.csv", tmp_path / "other.csv"
     done = run("locate", *files, "--sensors", tmp_path / "sensors.toml", "--tolerance", "inf")
     assert "the positions of the sensors are in sensor_east_m, sensor_latitude_deg" in done.err
+
+
+def test_places_that_are_not_used_are_noticed(recwarn: pytest.WarningsRecorder) -> None:
+    """Only if they change: a table may repeat the place of a sensor in each row."""
+    table = drive(np.random.default_rng(6), wrong=0.0).drop("sensor_east_m", "sensor_north_m")
+    fixed = table.with_columns(lat=pl.lit(50.0), lon=pl.lit(14.0))
+    other = Station((3e3, 0.0), name="hill", azimuth_sigma=SIGMA)
+    options = {"sensors": [CAR, other], "tolerance": np.inf}
+    both = pl.concat([table, table.with_columns(sensor=pl.lit("hill"))])
+    tables.locate(both, **options)
+    tables.locate(both.with_columns(lat=pl.lit(50.0), lon=pl.lit(14.0)), **options)
+    assert not [one for one in recwarn if "are not used" in str(one.message)]
+    moving = fixed.with_columns(lat=50.0 + pl.col("time_s") / 1e5)
+    with pytest.warns(tables.RecordWarning, match="lat and lon change, and are not used"):
+        tables.locate(pl.concat([moving, fixed.with_columns(sensor=pl.lit("hill"))]), **options)

@@ -22,6 +22,7 @@ HEADERS = {
     "# Timestamp,MMSI,Latitude,Longitude": (
         "'time_s=# Timestamp' latitude_deg=Latitude longitude_deg=Longitude"
     ),
+    "t,lat,lon,altitude,geoaltitude": "time_s=t latitude_deg=lat longitude_deg=lon",
     "epoch,easting,northing": "time_s=epoch east_m=easting north_m=northing",
 }
 
@@ -83,3 +84,10 @@ def test_tables_of_sensors_in_the_plural(tmp_path: Path) -> None:
     table = pl.DataFrame({"time_s": [1.0], "sensor": ["a"], "azimuth_deg": [20.0]})
     with pytest.raises(tables.RecordError, match=r"\[\[Stations\]\] must be named \[\[station\]\]"):
         tables.locate(table, sensors=path)
+
+
+def test_an_altitude_is_no_latitude() -> None:
+    table = pl.DataFrame({"time_s": [0.0, 1.0], "altitude_m": 3e3, "longitude_deg": 14.0})
+    with pytest.raises(tables.ColumnError, match="no column latitude_deg") as caught:
+        tables.smooth(table, sigma=1.0)
+    assert "did you mean" not in str(caught.value)

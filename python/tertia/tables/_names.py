@@ -52,6 +52,12 @@ def hint(columns: Iterable[str], there: Sequence[object], near: float = NEAR) ->
     return f" (did you mean {name}?)" if likeness >= near else ""
 
 
+def usual(column: str, there: Sequence[object]) -> str | None:
+    """Return the name that is most similar to that of a column, if it is similar enough."""
+    likeness, name, _ = _nearest([column], there)
+    return name if likeness >= NEAR else None
+
+
 def assignment(
     columns: Sequence[str], there: Sequence[object], option: str | None, *, shell: bool
 ) -> str:
@@ -133,6 +139,9 @@ def _alike(column: str, name: object) -> float:
     units = [plain_name(text)[len(stem) :] for text, stem in ((column, one), (name, other))]
     if one == other and all(units):
         return 2.0
+    if ("altitude" in one) != ("altitude" in other):
+        # resembles a latitude
+        return 0.0
     likeness = SequenceMatcher(None, one, other).ratio()
     # names with transposed letters count as misspelt
     if len(one) > 3 and sorted(one) == sorted(other):

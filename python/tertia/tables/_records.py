@@ -328,9 +328,7 @@ class Reader:
         else:
             found = self.numbers(values, positive=one.positive, degrees=name.endswith("_deg"))
             if one.most < math.inf:
-                allowed = f"it must be between {-one.most:g} and {one.most:g}"
-                beyond = (found.abs() > one.most) & found.is_finite()
-                self.refuse(beyond, f"{values.name} is {{:g}}; {allowed}", found)
+                self._refuse_beyond(found, one.most, name)
             if self.problems is None and one.judged:
                 doubt_unit(name, found)
             if one.columns[name] != 1.0:
@@ -339,6 +337,14 @@ class Reader:
             missing = found.is_nan() if one.kind == "number" else found.is_null()
             self.refuse(missing, f"{values.name} is missing", values.name)
         return found
+
+    def _refuse_beyond(self, found: pl.Series, most: float, name: str) -> None:
+        """Refuse numbers whose size is larger than `most`."""
+        allowed = f"it must be between {-most:g} and {most:g}"
+        if "latitude" in name:
+            allowed += " (is it swapped with the longitude, or in degrees and minutes?)"
+        beyond = (found.abs() > most) & found.is_finite()
+        self.refuse(beyond, f"{found.name} is {{:g}}; {allowed}", found)
 
     def _sensors(self, name: str | None, count: int) -> pl.Series:
         """Return the indices of sensors; one sensor, or a file of its name, needs no column."""

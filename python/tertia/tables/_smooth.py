@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -21,6 +22,8 @@ from tertia.tables._sensors import GEODETIC, LOCAL
 from tertia.tables._times import Clock
 from tertia.tables._velocities import fields, true_rates, velocities_of
 
+# in degrees
+_LARGEST = dict(zip(GEODETIC[:2], (90.0, 360.0), strict=True))
 # results for each quantity, and suffixes of their units
 _QUANTITIES = {"smoothed": "", "rate": "_s", "acceleration": "_s2"}
 
@@ -155,7 +158,12 @@ def smoothing_of(
     }
     stated = [one for one in [*sigmas, *spreads] if isinstance(one, str)]
     schema: Schema = {"time": TIME} | {
-        name: Field("number", {name: 1.0}, required=True)
+        name: Field(
+            "number",
+            {name: 1.0},
+            required=True,
+            most=_LARGEST.get(name, math.inf) if geodetic else math.inf,
+        )
         for name in [*(GEODETIC[:2] if geodetic else axes), *stated]
     }
     if spreads:
