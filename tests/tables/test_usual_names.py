@@ -91,3 +91,21 @@ def test_an_altitude_is_no_latitude() -> None:
     with pytest.raises(tables.ColumnError, match="no column latitude_deg") as caught:
         tables.smooth(table, sigma=1.0)
     assert "did you mean" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("columns", "origin", "said"),
+    [
+        (("lat", "lon"), True, "no columns latitude_deg, longitude_deg; .*give columns="),
+        (("x", "y"), False, "no columns east_m, north_m; .*give columns="),
+        (("latitude_deg", "lon"), True, "no column longitude_deg; .*give columns="),
+        (("latitude_deg", "longitude_deg"), False, r"add a table \[origin\] with latitude_deg"),
+    ],
+)
+def test_of_reports(columns: tuple[str, str], origin: bool, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "sensors.toml"
+    head = "[origin]\nlatitude_deg = 50\nlongitude_deg = 14\n" if origin else ""
+    path.write_text(f'{head}[[position_sensor]]\nname = "a"\nposition_sigma_m = 9\n')
+    table = pl.DataFrame({"time_s": [0.0, 1.0], **dict.fromkeys(columns, 50.0)})
+    with pytest.raises(tables.RecordError, match=said):
+        tables.track(table, sensors=path)

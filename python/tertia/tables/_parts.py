@@ -128,11 +128,11 @@ class Part:
         return ColumnError(said, column=columns[0])
 
     def lacks_all(self, fields: Sequence[Sequence[str]]) -> ColumnError:
-        """Return an error about several missing columns, each of which has one of some names."""
+        """Return an error about missing columns, each of which has one of some names."""
         there = names(self.table)
         how = [assignment(one, there, self.option, shell=self.file is not None) for one in fields]
         missing = ", ".join(" or ".join(one) for one in fields)
-        said = f"{self.called} has no columns {missing}"
+        said = f"{self.called} has no column{'s' if fields[1:] else ''} {missing}"
         said += "".join(other for one in fields if (other := hint(one, there)).startswith(";"))
         said += f"; {self.listed()}"
         return ColumnError(said + joined(how), column=fields[0][0])
