@@ -34,14 +34,15 @@ _FLOAT64 = np.dtype(np.float64)
 def samples(value: npt.ArrayLike, name: str) -> FloatArray:
     """Return `value` as float64 numbers; masked values, None and pandas' NA become nan.
 
-    A `time` may also consist of datetimes or ISO 8601 text, which become seconds since 1970.
+    A `time` may also consist of datetimes or ISO 8601 text, which become seconds since 1970, or of
+    durations or times of day, which become their seconds.
     """
     if type(value) is _ARRAY and value.dtype is _FLOAT64:
         return value
     if type(value) is float:
         return np.array(value)
     if isinstance(value, np.ma.MaskedArray):
-        value = np.ma.filled(value.astype(np.float64), np.nan)
+        value = _filled(value)
     array = array_of(value, name)
     if name == "time" and are_moments(array):
         return seconds(array, name)
@@ -51,6 +52,17 @@ def samples(value: npt.ArrayLike, name: str) -> FloatArray:
         array = without_na(array)
         _refuse_objects(array, name)
     return np.asarray(array, dtype=np.float64)
+
+
+def _filled(array: np.ma.MaskedArray[Any, Any]) -> npt.NDArray[Any]:
+    """Return an array in which masked numbers are nan, and masked datetimes are not a time."""
+    if array.dtype.kind in "iuf":
+        return np.ma.filled(array.astype(np.float64), np.nan)
+    found = np.array(array.data)
+    if array.dtype.kind in "MmO":
+        # masked datetimes become NaT
+        found[np.ma.getmaskarray(array)] = None
+    return found
 
 
 def array_of(value: npt.ArrayLike, name: str) -> npt.NDArray[Any]:

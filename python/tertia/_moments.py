@@ -1,28 +1,35 @@
-"""Times given as text or datetimes instead of seconds."""
+"""Times given as text, datetimes, durations or times of day instead of seconds."""
 
 from __future__ import annotations
 
-from datetime import datetime, timezone
+from datetime import datetime, time, timedelta, timezone
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+_MOMENTS = (str, datetime, np.datetime64, time, timedelta, np.timedelta64)
+
 
 def are_moments(array: npt.NDArray[Any]) -> bool:
-    """Return whether an array holds datetimes or text."""
-    if array.dtype.kind in "MU":
+    """Return whether an array holds datetimes, durations, times of day or text."""
+    if array.dtype.kind in "MmU":
         return True
     first = next((one for one in array.flat if one is not None), None)
-    return array.dtype.kind == "O" and isinstance(first, (str, datetime, np.datetime64))
+    return array.dtype.kind == "O" and isinstance(first, _MOMENTS)
 
 
 def seconds(array: npt.NDArray[Any], name: str) -> npt.NDArray[np.float64]:
-    """Return datetimes as seconds since 1970; datetimes without a time zone are taken as UTC."""
-    if array.dtype.kind != "M":
+    """Return datetimes as seconds since 1970; datetimes without a time zone are taken as UTC.
+
+    Durations and times of day become their seconds.
+    """
+    if array.dtype.kind not in "Mm":
         flat = [_moment(one, f"{name}[{at}]") for at, one in enumerate(array.flat)]
         return np.array(flat, dtype=np.float64).reshape(array.shape)
-    since = array - np.datetime64(0, "s").astype(array.dtype)
+    since = array
+    if array.dtype.kind == "M":
+        since = array - np.datetime64(0, "s").astype(array.dtype)
     found = np.asarray(since / np.timedelta64(1, "s"), dtype=np.float64)
     return np.where(np.isnat(array), np.nan, found)
 
@@ -30,8 +37,12 @@ def seconds(array: npt.NDArray[Any], name: str) -> npt.NDArray[np.float64]:
 def _moment(one: Any, place: str) -> float:
     if one is None:
         return np.nan
-    if isinstance(one, np.datetime64):
+    if isinstance(one, (np.datetime64, np.timedelta64)):
         return float(seconds(np.asarray(one), place))
+    if isinstance(one, timedelta):
+        return one.total_seconds()
+    if isinstance(one, time):
+        return 3600.0 * one.hour + 60.0 * one.minute + one.second + 1e-6 * one.microsecond
     if isinstance(one, str):
         try:
             # Python 3.10 does not know Z

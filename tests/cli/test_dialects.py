@@ -120,11 +120,13 @@ def test_dates_with_a_zone(zero: str, one: str, stations: Path, tmp_path: Path) 
     ]
 
 
-def test_midnight_is_suspected(stations: Path, tmp_path: Path) -> None:
+def test_times_of_day_are_counted_on_after_midnight(stations: Path, tmp_path: Path) -> None:
     path = tmp_path / "night.csv"
     night = PLAIN.replace("0.5,", "23:59:59,").replace("1.5,", "00:00:01,")
     path.write_text(night, encoding="utf-8")
-    assert "give times with dates" in located(path, stations)[1]
+    found, said = located(path, stations)
+    assert "times of day after midnight are counted on from 86400 seconds" in said
+    assert found["time_s"].to_list() == [86_399.0, 86_401.0]
 
 
 def test_two_columns_of_nearly_one_name(stations: Path, write: Callable[..., Path]) -> None:

@@ -486,3 +486,14 @@ def test_warnings_of_the_library_are_notes(tmp_path: Path) -> None:
     assert done.code == 0, done.err
     [line] = done.err.splitlines()
     assert line.startswith("1 of 1 positions have more than 5%")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes")
+@pytest.mark.parametrize("command", [("smooth", "--sigma", "1"), ("bearing",)])
+def test_pipes_are_refused(command: tuple[str, ...], tmp_path: Path) -> None:
+    """A pipe can be read only once."""
+    os.mkfifo(tmp_path / "pipe.csv")
+    for path in ("-", tmp_path / "pipe.csv"):
+        done = run(*command, path)
+        assert done.code == 2
+        assert "standard input or a pipe; only tertia track --stream" in done.err

@@ -753,7 +753,7 @@ FILES = {
             1,
             "negative.csv: range_sigma_m of A is -1; it must be positive",
         ),
-        (["m.csv", S, "geo.csv"], 1, "geo.csv: east_m of A is missing"),
+        (["m.csv", S, "geo.csv"], 1, "geo.csv: latitude_deg of A is missing .did you mean lat.*"),
         (
             ["m.csv", S, "moving.toml"],
             1,
@@ -815,7 +815,7 @@ FILES = {
             2,
             "cannot group by height_m: the results have .*",
         ),
-        (["m.csv", S, "m.csv"], 2, "m.csv has no column name; it has time_s, .*"),
+        (["m.csv", S, "m.csv"], 2, "m.csv has no column name .did you mean sensor.*"),
         (["empty.csv", S, "s.csv"], 1, "empty.csv is empty"),
         (["h.csv", S, "s.csv"], 1, "h.csv is empty"),
         (["nothing.csv", S, "s.csv"], 1, "there are no measurements: all values are missing"),

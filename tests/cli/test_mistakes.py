@@ -494,7 +494,7 @@ GROUPS: dict[str, tuple[str, list[str], tuple[str, ...], str | None]] = {
     ),
     "no ranges of a radar beside finders": (
         "track", ["time_s,sensor,distance,azimuth_deg", "0,west,20000,45", "4,west,20100,45"],
-        ("--sensors", "{mixed}"), "table.csv has no column range_m or range_nm; it has",
+        ("--sensors", "{mixed}"), "no column range_m or range_nm .did you mean distance",
     ),
     "tracks at one time": (
         "evaluate", ["time_s,track,east_m,north_m", "0,1,0,0", "0,1,1,0"], ("--truth", "{truth}"),

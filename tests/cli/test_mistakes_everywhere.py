@@ -134,7 +134,7 @@ def mistakes(value: str) -> dict[str, tuple[Any, str | None]]:
         "wrong name": (header(lambda names: names.replace(value, "foo")), "has no column"),
         "misspelt": (
             header(lambda names: names.replace(value, f"{name}{rest}")),
-            f"has no column .*did you mean {name}{rest}",
+            f"has no column .*did you mean {name}{rest}|has no columns .*={name}{rest}",
         ),
         "twice": (header(lambda names: f"{names},{names.split(',')[0]}"), None),
         "text in a number": (column(value, lambda *_: "about 12", 5), f"line 7: .*{number}"),

@@ -105,3 +105,13 @@ def test_latitudes_and_longitudes(tmp_path: Path) -> None:
     missing = flight.with_columns(latitude_deg=pl.lit(None, pl.Float64))
     with pytest.raises(tables.RecordError, match="there are no positions"):
         tables.smooth(missing, sigma=5.0)
+
+
+@pytest.mark.parametrize("latitude", [139.7, 4807.038])
+def test_latitudes_that_are_none(latitude: float, tmp_path: Path) -> None:
+    path = tmp_path / "positions.csv"
+    path.write_text(f"time_s,latitude_deg,longitude_deg\n0,35,139\n1,{latitude},35.6\n")
+    done = terminal.run("smooth", path, "--sigma", "10")
+    assert done.code == 1
+    assert "positions.csv, line 3: latitude_deg is " in done.err
+    assert "is it swapped with the longitude, or in degrees and minutes?" in done.err

@@ -507,7 +507,11 @@ def changed(old: str, new: str) -> list[str]:
 @pytest.mark.parametrize(
     ("rows", "header", "message"),
     [
-        (LINES, HEAD.replace("time_s", "t"), "plots.csv has no column time_s; it has t, sensor"),
+        (
+            LINES,
+            HEAD.replace("time_s", "t"),
+            "plots.csv has no column time_s (did you mean t?); it has t, sensor",
+        ),
         (LINES, HEAD.replace("range_m", "r"), "has no column range_m or range_nm; it has time_s"),
         (LINES, HEAD.replace("azimuth_deg", "a"), "has no column azimuth_deg"),
         (LINES, HEAD.replace("sensor", "r"), "has no column sensor; it has"),

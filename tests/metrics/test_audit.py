@@ -340,3 +340,9 @@ class TestSonobuoys:
 def _known(values):
     there = np.flatnonzero(np.isfinite(values))
     return there, values[there]
+
+
+@pytest.mark.parametrize("shape", [(0,), (0, 2), (3, 0)])
+def test_no_errors(shape):
+    with pytest.raises(ValueError, match="error has shape"):
+        audit(np.zeros(shape), 1.0)

@@ -523,3 +523,27 @@ def test_an_error_of_a_radar_is_a_finding(
     told = next(text for text in findings if text.startswith(f"b: {words}"))
     value, error = (float(one) for one in re.findall(r"([\d.]+) ± ([\d.]+)", told)[0])
     assert abs(value - size) < 4 * error < within
+
+
+def test_bearings_with_elevations_and_of_moving_finders(tmp_path: Path) -> None:
+    """Elevations are not used; places of finders in the rows cannot be."""
+    rng = np.random.default_rng(7)
+    places = np.array([[0, 0, 5.0], [4e3, 0, 20.0], [0, 4e3, 9.0]])
+    rows = {"time_s": np.repeat(np.arange(30.0), 3), "sensor": list("abc") * 30}
+    away = np.array([2e3, 2500.0]) - places[:, :2]
+    azimuth = np.degrees(np.arctan2(*away.T)) + rng.normal(0, 1, (30, 3))
+    table = pl.DataFrame(rows | {"azimuth_deg": azimuth.ravel(), "elevation_deg": 3.0})
+    columns = dict(zip(("east_m", "north_m", "up_m"), places.T, strict=True))
+    finders = {"name": list("abc"), "azimuth_sigma_deg": 1.0, "elevation_sigma_deg": 1.0}
+    pl.DataFrame(finders | columns).write_csv(tmp_path / "finders.csv")
+    table.write_csv(tmp_path / "bearings.csv")
+    moving = {"sensor_east_m": 0.0, "sensor_north_m": 1.0, "sensor_up_m": 1.0}
+    table.with_columns(**{name: pl.lit(value) for name, value in moving.items()}).write_csv(
+        tmp_path / "moving.csv"
+    )
+    command = ("report", "--sensors", tmp_path / "finders.csv", "--output", tmp_path / "page.html")
+    done = run(*command, "--bearings", tmp_path / "bearings.csv")
+    assert done.code == 0, done.err
+    done = run(*command, "--bearings", tmp_path / "moving.csv")
+    assert done.code == 1
+    assert "positions of moving direction finders, which a report cannot show" in done.err

@@ -1,8 +1,10 @@
 """The smoother of positions against 300-digit arithmetic and its own claims."""
 
+import datetime as dt
 from functools import partial
 
 import numpy as np
+import polars as pl
 import pytest
 from checks import INF, NAN, rng
 from hypothesis import given, settings
@@ -423,3 +425,37 @@ class TestWandering:
         np.testing.assert_array_equal(given.acceleration_noise, 0.0)
         errors = [np.sqrt(np.mean((one.mean - truth)[..., :2] ** 2)) for one in (found, given)]
         assert errors[0] < 1.02 * errors[1]
+
+
+STEPS = np.arange(12)
+DATES = np.datetime64("2026-11-22T23:59:50", "ms") + 1000 * STEPS
+CLOCK = [dt.time(1, 2, step, 500_000) for step in STEPS]
+
+
+@pytest.mark.parametrize(
+    "time",
+    [
+        STEPS.astype("timedelta64[s]"),
+        (1000 * STEPS).astype("timedelta64[ms]"),
+        [dt.timedelta(seconds=float(step)) for step in STEPS],
+        pl.Series([dt.timedelta(seconds=float(step)) for step in STEPS]),
+        CLOCK,
+        pl.Series(CLOCK),
+        DATES,
+        np.ma.array(DATES, mask=np.zeros(12)),
+        pl.Series(DATES).dt.replace_time_zone("Europe/Prague"),
+    ],
+)
+def test_times_of_every_type(time):
+    y = rng(8).normal(size=(12, 1)) + STEPS[:, np.newaxis]
+    expected = smooth(y, 1.0, time=STEPS.astype(float), jerk=0.1)
+    found = smooth(y, 1.0, time=time, jerk=0.1)
+    np.testing.assert_allclose(found.position, expected.position, atol=1e-6)
+
+
+def test_masked_dates_are_not_numbers():
+    masked = np.ma.array(DATES, mask=STEPS == 3)
+    with pytest.raises(ValueError, match=r"time\[3\] is nan"):
+        smooth(np.zeros((12, 1)), 1.0, time=masked)
+    with pytest.raises(TypeError, match="y has dtype"):
+        smooth(np.ma.array(np.ones((12, 1), dtype=bool)), 1.0)

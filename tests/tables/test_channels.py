@@ -15,7 +15,7 @@ from tertia.sensors import Channel, Radar
 from tertia.sensors._channels import DETECTIONS
 from tertia.tables._described import sensors_of
 from tertia.tables._detections import DETECTION, detections_of
-from tertia.tables._records import RecordError
+from tertia.tables._parts import RecordError
 from tertia.tables._sensors import radar_rows, radars
 from tertia.tracker import track
 

@@ -170,7 +170,9 @@ def test_how_to_name_a_column_is_said(tmp_path: Path) -> None:
     end = r'did you mean time.*; it has time, .*: give columns=\{"time_s": "time"\}'
     with pytest.raises(tables.ColumnError, match=end):
         tables.reconstruct(wrong.rename({"bearing": "azimuth_deg"}), sensors=ROWS)
-    with pytest.raises(tables.ColumnError, match=r'no column of meas.*give columns=\{"NAME": "C'):
+    with pytest.raises(
+        tables.ColumnError, match=r'no column of meas.*give columns=\{"range_m": "dist'
+    ):
         tables.locate(wrong, sensors=ROWS)
     with pytest.raises(
         tables.ColumnError, match=r'no column sensor.*: give columns=\{"sensor": "C'

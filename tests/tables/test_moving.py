@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from terminal import succeed
+from terminal import run, succeed
 
 from tertia import tables
 from tertia.geo import LocalFrame
@@ -141,3 +141,82 @@ def test_half_a_place_is_none() -> None:
         tables.RecordError, match="sensor_north_m or sensor_longitude_deg is missing"
     ):
         tables.locate(table, sensors=[CAR])
+
+
+@pytest.mark.parametrize("tolerance", [0.0, np.inf])
+def test_positions_of_sensors_may_have_any_names(tolerance: float) -> None:
+    """Latitudes in a column of another name are not taken for metres."""
+    rng = np.random.default_rng(3)
+    frame = LocalFrame(57.0, -11.0)
+    along = np.tile([0.0, 4e3], 20)
+    places = np.column_stack([along, 500 * rng.random(40), np.zeros(40)])
+    latitude, longitude, _ = frame.to_geodetic(places)
+    azimuth = np.degrees(np.arctan2(*(np.array([2e3, 6e3]) - places[:, :2]).T)) % 360
+    table = pl.DataFrame(
+        {
+            "time_s": np.repeat(np.arange(20.0), 2),
+            "sensor": ["a", "b"] * 20,
+            "azimuth_deg": azimuth,
+            "sensor_latitude_deg": latitude,
+            "sensor_longitude_deg": longitude,
+        }
+    )
+    sensors = pl.DataFrame(
+        {"name": ["a", "b"], "latitude_deg": 57.0, "longitude_deg": -11.0, "azimuth_sigma_deg": 3.0}
+    )
+    names = {"sensor_latitude_deg": "Buoy Lat", "sensor_longitude_deg": "Buoy Lon"}
+    options = {"sensors": sensors, "tolerance": tolerance}
+    expected = tables.locate(table, **options)
+    found = tables.locate(table.rename(names), columns=names, **options)
+    assert found.equals(expected)
+    assert abs(expected["north_m"].mean() - 6e3) < 200
+
+
+def test_only_one_of_several_files_has_positions_of_sensors(tmp_path: Path) -> None:
+    table = drive(np.random.default_rng(4), wrong=0.0)
+    fixed = pl.DataFrame({"time_s": [0.0], "sensor": ["hill"], "azimuth_deg": [0.0]})
+    table.write_csv(tmp_path / "car.csv")
+    fixed.write_csv(tmp_path / "hill.csv")
+    (tmp_path / "sensors.toml").write_text(
+        '[[station]]\nname = "car"\neast_m = 0\nnorth_m = 0\nazimuth_sigma_deg = 3\n'
+        '[[station]]\nname = "hill"\neast_m = 4000\nnorth_m = 0\nazimuth_sigma_deg = 3\n'
+    )
+    said = []
+    for files in (["car.csv", "hill.csv"], ["hill.csv", "car.csv"]):
+        succeed(
+            "locate",
+            *(tmp_path / file for file in files),
+            *("--sensors", tmp_path / "sensors.toml", "--tolerance", "inf"),
+            *("--output", tmp_path / "found.csv"),
+        )
+        said.append(pl.read_csv(tmp_path / "found.csv").row(0, named=True))
+    assert abs(said[0]["north_m"] - 6e3) < 500
+    assert said[1]["north_m"] == pytest.approx(said[0]["north_m"], abs=1.0)
+
+
+def test_positions_of_sensors_are_not_mixed(tmp_path: Path) -> None:
+    table = drive(np.random.default_rng(5))
+    table.write_csv(tmp_path / "car.csv")
+    names = {"sensor_east_m": "sensor_longitude_deg", "sensor_north_m": "sensor_latitude_deg"}
+    table.rename(names).write_csv(tmp_path / "other.csv")
+    (tmp_path / "sensors.toml").write_text(
+        '[[station]]\nname = "car"\neast_m = 0\nnorth_m = 0\nazimuth_sigma_deg = 3\n'
+    )
+    files = tmp_path / "car.csv", tmp_path / "other.csv"
+    done = run("locate", *files, "--sensors", tmp_path / "sensors.toml", "--tolerance", "inf")
+    assert "the positions of the sensors are in sensor_east_m, sensor_latitude_deg" in done.err
+
+
+def test_places_that_are_not_used_are_noticed(recwarn: pytest.WarningsRecorder) -> None:
+    """Only if they change: a table may repeat the place of a sensor in each row."""
+    table = drive(np.random.default_rng(6), wrong=0.0).drop("sensor_east_m", "sensor_north_m")
+    fixed = table.with_columns(lat=pl.lit(50.0), lon=pl.lit(14.0))
+    other = Station((3e3, 0.0), name="hill", azimuth_sigma=SIGMA)
+    options = {"sensors": [CAR, other], "tolerance": np.inf}
+    both = pl.concat([table, table.with_columns(sensor=pl.lit("hill"))])
+    tables.locate(both, **options)
+    tables.locate(both.with_columns(lat=pl.lit(50.0), lon=pl.lit(14.0)), **options)
+    assert not [one for one in recwarn if "are not used" in str(one.message)]
+    moving = fixed.with_columns(lat=50.0 + pl.col("time_s") / 1e5)
+    with pytest.warns(tables.RecordWarning, match="lat and lon change, and are not used"):
+        tables.locate(pl.concat([moving, fixed.with_columns(sensor=pl.lit("hill"))]), **options)

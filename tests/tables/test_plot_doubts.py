@@ -98,3 +98,21 @@ def test_reports_that_are_rarer_than_stated_are_noticed() -> None:
     assert told[0].startswith("10 of 10 targets report to ships only every 6 s")
     assert "update_interval is 1 s" in told[0]
     assert _told(plots, PositionSensor(position_sigma=20.0, update_interval=6.0)) == []
+
+
+@pytest.mark.parametrize(
+    ("hours", "told"), [(0.0, ""), (2.0, "2 h later"), (-1.0, "1 h earlier"), (0.02, "")]
+)
+def test_sensors_in_another_time_zone_are_noticed(hours: float, told: str) -> None:
+    """Not if the times overlap, or one sensor merely begins when the other ends."""
+    scene = _scene()
+    other = scene.with_columns(sensor=pl.lit("dale"), time_s=pl.col("time_s") + 3600 * hours)
+    plots = pl.concat([scene.with_columns(sensor=pl.lit("hill")), other], how="diagonal")
+    dale = Radar((100.0, 0.0), range_sigma=50.0, azimuth_sigma=0.001, scan_period=4.0, name="dale")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", tables.RecordWarning)
+        tables.track(plots, sensors=[dale, RADAR])
+    said = [str(one.message) for one in caught if "time zone" in str(one.message)]
+    assert len(said) == bool(told)
+    assert not told or "dale has no plots at the times of the other sensors" in said[0]
+    assert not told or told in said[0]

@@ -7,7 +7,7 @@ import pytest
 from tertia import estimate_bearing, tables
 from tertia.sensors import Bias, Station
 from tertia.tables._locate import locations_of
-from tertia.tables._records import source_of
+from tertia.tables._parts import source_of
 
 PLACES = {"A": (0.0, 0.0), "B": (9e3, 1e3), "C": (4e3, 8e3), "D": (-2e3, 6e3)}
 SIGMA = 3.0

@@ -49,7 +49,7 @@ def errors_of(value: npt.ArrayLike) -> FloatArray:
     errors = samples(value, "error")
     if errors.ndim == 1:
         errors = errors[:, np.newaxis]
-    if errors.ndim != 2 or errors.shape[1] == 0:
+    if errors.ndim != 2 or errors.size == 0:
         raise ValueError(f"error has shape {errors.shape}; it must be (N, m) or (N,)")
     return errors
 

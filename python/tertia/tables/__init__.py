@@ -18,8 +18,8 @@ from tertia.tables._evaluate import evaluate
 from tertia.tables._fuse_series import fuse_series
 from tertia.tables._fuse_tracks import fuse_tracks
 from tertia.tables._locate import locate
+from tertia.tables._parts import ColumnError, RecordError
 from tertia.tables._reconstruct import reconstruct
-from tertia.tables._records import ColumnError, RecordError
 from tertia.tables._register import register
 from tertia.tables._screen import Rule, screen
 from tertia.tables._sensors import Sensors

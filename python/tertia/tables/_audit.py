@@ -17,17 +17,8 @@ from tertia.metrics import audit as audit_errors
 from tertia.metrics._indicator import share_text
 from tertia.tables._frames import Table, names, result
 from tertia.tables._groups import as_names, column_name, layout, split_unit
-from tertia.tables._records import (
-    ColumnError,
-    Field,
-    RecordError,
-    Records,
-    Schema,
-    Source,
-    number,
-    read,
-    source_of,
-)
+from tertia.tables._parts import ColumnError, RecordError, Source, source_of
+from tertia.tables._records import Field, Records, Schema, number, read
 from tertia.tables._sensors import GEODETIC, LOCAL
 from tertia.tables._times import Clock, kind_of_times
 

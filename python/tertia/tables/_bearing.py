@@ -23,7 +23,8 @@ from tertia.tables._groups import (
     split_unit,
     usual_period,
 )
-from tertia.tables._records import Schema, Source, number, read, source_of
+from tertia.tables._parts import Source, source_of
+from tertia.tables._records import Schema, number, read
 
 # an empty batch of measurements, with which the library checks only the options
 _NONE = np.empty((0, 5))

@@ -14,7 +14,7 @@ import polars as pl
 
 from tertia.sensors import PositionSensor, Radar, Station
 from tertia.tables._frames import is_table, names, series
-from tertia.tables._records import Part, RecordError, Source
+from tertia.tables._parts import Part, RecordError, Source
 from tertia.tables._sensors import GEODETIC, LOCAL, Row, Sensors, radars, stations, with_others
 from tertia.tables._text import decoded
 
@@ -56,6 +56,9 @@ class Description:
         if not isinstance(self.document, Mapping):
             return self.document
         rows = self.document.get(noun, [])
+        for key in self.document.keys() - {noun} if not rows else ():
+            if key.rstrip("s").casefold() == noun:
+                raise RecordError(f"{self.file}: the tables [[{key}]] must be named [[{noun}]]")
         if not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
             raise RecordError(
                 f"{self.file}: {noun} is not a list of tables; each must begin with [[{noun}]]"

@@ -21,6 +21,10 @@ _SMALL_RANGES = (
 )
 # the year 5138, in seconds
 _LATEST = 1e11
+# the years 1970 to 2100, in days as spreadsheets count them, and the longest recording in days
+_DAYS, _LONGEST = (25_569.0, 73_051.0), 1.0
+# share of an hour within which local times go back at its end
+_ALMOST = 5 / 6
 # largest plausible median of a column, its unit, and the unit that is likely if the median is
 # larger
 _MOST = {
@@ -98,7 +102,36 @@ def doubt_differences(values: FloatArray, places: FloatArray) -> None:
 
 def doubt_time(name: str, times: pl.Series) -> None:
     """Warn if times are probably not in seconds."""
-    if times.dtype.is_numeric() and len(times):
-        last = times.max()
-        if isinstance(last, (int, float)) and last > _LATEST:
-            doubt(f"{name} is as large as {last:.6g}: is it in milliseconds? Use seconds")
+    if not times.dtype.is_numeric() or not len(times):
+        return
+    first, last = times.min(), times.max()
+    if not isinstance(first, (int, float)) or not isinstance(last, (int, float)):
+        return
+    if last > _LATEST:
+        doubt(f"{name} is as large as {last:.6g}: is it in milliseconds? Use seconds")
+    days = _DAYS[0] < first < last < _DAYS[1] and last - first < _LONGEST
+    if days and times.n_unique() >= _DOUBTFUL_COUNT:
+        doubt(
+            f"{name} is between {first:.6f} and {last:.6f}: is it in days, as in spreadsheets? Use "
+            "seconds, or dates with times"
+        )
+
+
+def doubt_summer_time(name: str, times: pl.Series) -> None:
+    """Warn if local times are probably those of a night at the end of summer time."""
+    if not isinstance(times.dtype, pl.Datetime) or times.dtype.time_zone is not None:
+        return
+    known = times.drop_nulls()
+    back = (known.diff().dt.total_milliseconds() < 0).arg_true().to_list()
+    if len(back) != 1:
+        return
+    before, after = known[back[0] - 1], known[back[0]]
+    hour = after.replace(minute=0, second=0, microsecond=0)
+    late, early = ((one - hour).total_seconds() / 3600.0 for one in (before, after))
+    # the hour begins again almost at its end, and it is not the record that begins again
+    start = abs((known[0] - after).total_seconds()) / 3600.0
+    if _ALMOST <= late <= 1.0 and early <= 1.0 - _ALMOST < start:
+        doubt(
+            f"{name} goes back from {before} to {after}: are these local times at the end of "
+            "summer time? Give times with their zone; otherwise the rows of two hours are mixed"
+        )

@@ -24,18 +24,8 @@ from tertia.metrics._evaluation import (
 from tertia.tables._doubts import doubt
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import known
-from tertia.tables._records import (
-    IDENTITIES,
-    TIME,
-    Field,
-    RecordError,
-    Records,
-    Schema,
-    Source,
-    number,
-    read,
-    source_of,
-)
+from tertia.tables._parts import RecordError, Source, source_of
+from tertia.tables._records import IDENTITIES, TIME, Field, Records, Schema, number, read
 from tertia.tables._sensors import GEODETIC, LOCAL
 from tertia.tables._times import Clock, kind_of_times
 

@@ -25,17 +25,8 @@ from tertia.tables._groups import (
     layout,
 )
 from tertia.tables._noise import Fitted, Given, Noise, Target, settle
-from tertia.tables._records import (
-    SENSOR,
-    TIME,
-    ColumnError,
-    RecordError,
-    Records,
-    Source,
-    number,
-    read,
-    source_of,
-)
+from tertia.tables._parts import ColumnError, RecordError, Source, source_of
+from tertia.tables._records import SENSOR, TIME, Records, number, read
 from tertia.tables._times import Clock
 
 # plots that are fused in one call

@@ -22,16 +22,8 @@ from tertia.tables._identities import (
     identities_of,
     identity_columns,
 )
-from tertia.tables._records import (
-    SENSOR,
-    TIME,
-    Field,
-    Schema,
-    Source,
-    number,
-    read,
-    source_of,
-)
+from tertia.tables._parts import Source, source_of
+from tertia.tables._records import SENSOR, TIME, Field, Schema, number, read
 from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
 from tertia.tables._track import covariance_columns, movement, state_columns

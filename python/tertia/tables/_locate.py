@@ -13,13 +13,16 @@ from tertia.geo import LocalFrame, SystemPlane
 from tertia.location import LIGHT, Location, LocationMethod
 from tertia.location import locate as locate_instants
 from tertia.sensors import Station
+from tertia.tables._conventions import doubt_conventions
 from tertia.tables._described import SensorsLike, stations_of
+from tertia.tables._doubts import doubt
 from tertia.tables._earth import up_at
 from tertia.tables._ellipsoid import on_the_earth
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import Progress, as_names, beside, known, prefixed
 from tertia.tables._instants import check_tolerance
-from tertia.tables._measurements import Target, doubt_instants, read_targets, taken
+from tertia.tables._measurements import Target, doubt_instants, each_of, read_targets, taken
+from tertia.tables._parts import RecordError, Source, source_of
 from tertia.tables._positions import (
     EMISSION,
     PROTECTION_LEVEL,
@@ -34,13 +37,14 @@ from tertia.tables._positions import (
     of_singles,
     result_names,
 )
-from tertia.tables._records import RecordError, Source, source_of
 from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
 
 # at a constant height, the coordinate up changes by a few metres per kilometre, so each iteration
 # reduces the error to about a hundredth
 _ROUNDS = 2
+# groups of one instant each above which a common estimate is missed
+_FEW = 10
 
 
 def locate(
@@ -210,10 +214,30 @@ def locations_of(
     )
     for target in targets:
         doubt_instants(target)
+    _doubt_groups(targets, options)
+    doubt_conventions(targets, options)
     start = None if initial is None else np.asarray(initial, dtype=np.float64)
     asked = probability, risk
-    located = [_locate(one, stations, start, asked, **options) for one in progress(targets)]
+    located = each_of(
+        progress(targets), lambda one: _locate(one, stations, start, asked, **options)
+    )
     return Positions(located, stations)
+
+
+def _doubt_groups(targets: Sequence[Target], options: Mapping[str, Any]) -> None:
+    """Warn if what all instants have in common is estimated from single instants."""
+    common = {
+        "propagation_speed_sigma": "the speed of the signals",
+        "wind_sigma": "the wind",
+        "pooled": "the sigma",
+    }
+    found = [said for name, said in common.items() if options.get(name)]
+    if found and len(targets) >= _FEW and all(one.times.size == 1 for one in targets):
+        doubt(
+            f"{' and '.join(found)} {'are' if found[1:] else 'is'} estimated for each of "
+            f"{len(targets)} groups alone, from one instant: without grouping, and with the same "
+            "time_s for the rows of an instant or with a tolerance, all instants are used together"
+        )
 
 
 def _locate(

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 import polars as pl
@@ -17,18 +18,8 @@ from tertia.tables._groups import as_names, column_name, group_name, layout
 from tertia.tables._instants import instants
 from tertia.tables._moving import PLACES, apart, local_places, names_of_places, stations_of
 from tertia.tables._names import own_names
-from tertia.tables._records import (
-    SENSOR,
-    TIME,
-    Field,
-    Part,
-    RecordError,
-    Records,
-    Schema,
-    Source,
-    number,
-    read,
-)
+from tertia.tables._parts import Part, RecordError, Source
+from tertia.tables._records import SENSOR, TIME, Field, Records, Schema, number, read
 from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
 
@@ -56,6 +47,10 @@ SCHEMA: Schema = {
     **PLACES,
 }
 
+T = TypeVar("T")
+# groups without an estimate that are named
+_SAID = 5
+
 
 @dataclass(frozen=True, slots=True)
 class Target:
@@ -78,6 +73,11 @@ class Target:
     sensors: Sensors[Station]
     arrivals: Clock
     singles: pl.DataFrame | None = None
+
+    @property
+    def has_places(self) -> bool:
+        """Whether the rows have positions of sensors, which move."""
+        return "place_0" in self.rows.columns
 
     def by_kind(self) -> Iterator[tuple[Kind, IntArray, IntArray, BoolArray]]:
         """Yield each kind of measurement with the times, stations and rows of its measurements."""
@@ -142,8 +142,12 @@ def read_targets(
     The time of a row is kept even if the row has no measurements. Unless times are required
     (`timed`), all rows of a table without times belong to one instant. Measurements within
     `tolerance` seconds also belong to one instant. If `tolerance` is inf, all measurements of a
-    target belong to one instant, and the measurements of each sensor are combined.
+    target belong to one instant, and the measurements of each sensor are combined. Without times,
+    times of arrival within a finite `tolerance` belong to one instant.
     """
+    near = 0.0 < tolerance < np.inf
+    heard = (columns or {}).get("arrival_time_s", "arrival_time_s")
+    timed = timed and not (near and all(part.has(heard) for part in source))
     schema = SCHEMA if timed else {**SCHEMA, "time": replace(TIME, required=False)}
     for part in source:
         _require_kinds(part, own_names(part, source, columns or {}))
@@ -151,8 +155,10 @@ def read_targets(
         source, schema, columns=columns, by=as_names(by), sensors=sensors.names, results=results
     )
     if "time" not in records.column:
-        # all rows belong to one instant
-        records = replace(records, rows=records.rows.with_columns(time=pl.lit(0.0)))
+        # otherwise all rows belong to one instant
+        grouped = near and "arrival_time" in records.column
+        time = pl.col("arrival_time") if grouped else pl.lit(0.0)
+        records = replace(records, rows=records.rows.with_columns(time=time))
     records, arrivals = _with_arrivals(records)
     placed = names_of_places(records, sensors)
     measured = _one_by_one(records, placed)
@@ -188,6 +194,24 @@ def _with_arrivals(records: Records) -> tuple[Records, Clock]:
     clock = Clock.of(heard, midnight=True)
     seconds = pl.Series("arrival_time", clock.seconds(heard)).fill_null(math.nan)
     return replace(records, rows=records.rows.with_columns(seconds)), clock
+
+
+def each_of(targets: Iterable[Target], estimate: Callable[[Target], T]) -> list[T]:
+    """Return the estimates of all targets; leave out, with a warning, those that have none."""
+    found: list[T] = []
+    failed: list[RecordError] = []
+    for target in targets:
+        try:
+            found.append(estimate(target))
+        except RecordError as error:
+            failed.append(error)
+    if failed and not found:
+        raise failed[0]
+    for reason in failed[:_SAID]:
+        doubt(f"{reason}; it is left out")
+    if len(failed) > _SAID:
+        doubt(f"{len(failed) - _SAID} more groups are left out")
+    return found
 
 
 def doubt_instants(target: Target) -> None:
@@ -240,7 +264,7 @@ def _one_by_one(records: Records, placed: Sequence[str]) -> pl.DataFrame:
 def _refuse_impossible(measured: pl.DataFrame, records: Records, *, repeated: bool) -> None:
     """Refuse values outside their domain, duplicates, and range differences of the first sensor."""
     rows = measured.filter(pl.col("kind").is_not_null())
-    one = Records(rows, records.column, records.source, records.by)
+    one = replace(records, rows=rows)
     kind, value = pl.col("kind"), pl.col("value")
     one.refuse((kind == "range") & (value <= 0), "range is {value:g}; it must be positive", "range")
     one.refuse(
@@ -268,6 +292,11 @@ def _refuse_impossible(measured: pl.DataFrame, records: Records, *, repeated: bo
     again = ~keys.select(pl.struct(pl.all()).is_first_distinct()).to_series()
     if "time" not in records.column and again.any():
         # repeated measurements mean that there are several instants, so times are required
+        if keys.filter(again)["kind"].eq("arrival_time").all():
+            raise records.source[0].error(
+                "a sensor has several times of arrival: give a tolerance in seconds that joins the "
+                "arrivals of one emission, or a column time_s that is equal for them"
+            )
         records.source[0].require(*TIME.columns, standard=True)
     reason = (
         "{kind} is given twice for this sensor and time_s {time}: if there are several targets, "

@@ -10,8 +10,12 @@ import polars as pl
 from tertia._arrays import FloatArray, IntArray
 from tertia.location._height import in_the_plane
 from tertia.sensors import Station
+from tertia.tables._doubts import doubt
+from tertia.tables._frames import names
+from tertia.tables._names import usual
+from tertia.tables._parts import Part, RecordError
 from tertia.tables._records import Records, Schema, number
-from tertia.tables._sensors import Sensors
+from tertia.tables._sensors import GEODETIC, Sensors
 
 # positions of sensors in the rows of measurements, local or geodetic
 PLACES: Schema = {
@@ -27,6 +31,8 @@ _UNPLACED = (
 def names_of_places(records: Records, sensors: Sensors[Station]) -> list[str]:
     """Return the quantities that are coordinates of sensors; empty if no sensor moves."""
     if "place_0" not in records.column:
+        for number, part in enumerate(records.source):
+            _doubt_unused(part, records.rows.filter(pl.col("part") == number)["sensor"])
         return []
     needed = list(PLACES)[: sensors.dimension]
     for name in needed:
@@ -35,13 +41,34 @@ def names_of_places(records: Records, sensors: Sensors[Station]) -> list[str]:
             raise records.source[0].error(
                 f"the positions of the sensors are incomplete: {wanted} is missing"
             )
+    used = dict.fromkeys(name for which in needed for name in records.standard[which])
+    if len(used) > len(needed):
+        raise RecordError(
+            f"the positions of the sensors are in {', '.join(used)}; use latitudes and longitudes, "
+            "or east and north, for all of them"
+        )
     if _are_geodetic(records) and sensors.frame is None:
         raise sensors.error(_UNPLACED.format(records.column["place_0"]))
     return needed
 
 
+def _doubt_unused(part: Part, sensor: pl.Series) -> None:
+    """Warn if latitudes and longitudes change, and are not used."""
+    there = names(part.table)
+    found = [usual(name, there) for name in GEODETIC[:2]]
+    if None in found or found[0] == found[1]:
+        return
+    places = pl.DataFrame([part.series(str(name)).alias(str(name)) for name in found])
+    each = places.with_columns(sensor=sensor).drop_nulls()
+    if each.n_unique() > each["sensor"].n_unique():
+        doubt(
+            f"{part.called}: {found[0]} and {found[1]} change, and are not used; if they are "
+            "positions of sensors that move, name them sensor_latitude_deg and sensor_longitude_deg"
+        )
+
+
 def _are_geodetic(records: Records) -> bool:
-    return "latitude" in records.column["place_0"].lower()
+    return "sensor_latitude_deg" in records.standard["place_0"]
 
 
 def local_places(records: Records, rows: pl.DataFrame, sensors: Sensors[Station]) -> FloatArray:

@@ -6,14 +6,35 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import SequenceMatcher
 from functools import lru_cache
+from shlex import quote
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tertia.tables._records import Part, Source
+    from tertia.tables._parts import Part, Source
 
 # least similarity of a misspelt name: of a required column, and of an optional column
 NEAR, VERY_NEAR = 0.75, 0.85
-_UNIT = re.compile(r"_(m_s2|m_s|deg_s|m2|km|nm|ft|kt|m|deg|rad|ms|s)$")
+# similarity of usual names of a quantity, which are no misspelt names
+_USUAL = 0.8
+# words in the usual names of columns, by the standard name without its unit
+_WORDS = {
+    "time": "time timestamp datetime date utc epoch t",
+    "latitude": "latitude lat",
+    "longitude": "longitude lon lng long",
+    "east": "easting x",
+    "north": "northing y",
+    "azimuth": "azimuth az azi azim bearing brg doa aoa",
+    "elevation": "el elev",
+    "range": "distance dist rng",
+    "arrival_time": "toa",
+    "sensor": "sensor station receiver rx node site anchor radar camera buoy",
+    "name": "id sensor station receiver rx node site anchor radar camera buoy",
+    "speed": "sog velocity groundspeed",
+    "course": "cog heading track",
+}
+# words in the names of other quantities
+_OTHERS = {"rate", "sigma", "std", "error", "bias", "accuracy", "difference", "bistatic"}
+_UNIT = re.compile(r"_(m_s2|m_s|deg_s|m2|km|nm|ft|kt|m|deg|rad|ms|us|ns|s)$")
 
 
 @lru_cache(maxsize=1024)
@@ -31,6 +52,12 @@ def hint(columns: Iterable[str], there: Sequence[object], near: float = NEAR) ->
     return f" (did you mean {name}?)" if likeness >= near else ""
 
 
+def usual(column: str, there: Sequence[object]) -> str | None:
+    """Return the name that is most similar to that of a column, if it is similar enough."""
+    likeness, name, _ = _nearest([column], there)
+    return name if likeness >= NEAR else None
+
+
 def assignment(
     columns: Sequence[str], there: Sequence[object], option: str | None, *, shell: bool
 ) -> str:
@@ -44,8 +71,19 @@ def assignment(
     if likeness < NEAR:
         column, name = columns[0] if len(columns) == 1 else "NAME", "COLUMN"
     if shell:
-        return f": give --{option.replace('_', '-')} {column}={name}"
+        return f": give --{option.replace('_', '-')} {quote(f'{column}={name}')}"
     return f': give {option}s={{"{column}": "{name}"}}'
+
+
+def joined(ends: Sequence[str]) -> str:
+    """Return the ends of several messages by `assignment` as one end."""
+    stems = [one.removeprefix(": give ") for one in ends if one]
+    if not stems:
+        return ""
+    if not stems[0].startswith("columns={"):
+        return f": give {' '.join(stems)}"
+    inside = ", ".join(one.removeprefix("columns={").removesuffix("}") for one in stems)
+    return f": give columns={{{inside}}}"
 
 
 def _nearest(columns: Iterable[str], there: Sequence[object]) -> tuple[float, str, str]:
@@ -101,6 +139,14 @@ def _alike(column: str, name: object) -> float:
     units = [plain_name(text)[len(stem) :] for text, stem in ((column, one), (name, other))]
     if one == other and all(units):
         return 2.0
+    if ("altitude" in one) != ("altitude" in other):
+        # resembles a latitude
+        return 0.0
+    likeness = SequenceMatcher(None, one, other).ratio()
     # names with transposed letters count as misspelt
-    swapped = len(one) > 3 and sorted(one) == sorted(other)
-    return 1.0 if swapped else SequenceMatcher(None, one, other).ratio()
+    if len(one) > 3 and sorted(one) == sorted(other):
+        return 1.0
+    words = {*other.split("_")}
+    if likeness < _USUAL and words & {*_WORDS.get(one, "").split()} and not words & _OTHERS:
+        return _USUAL if units[0] == units[1] or not units[1] else 2.0
+    return likeness

@@ -12,7 +12,7 @@ import polars as pl
 
 from tertia._arrays import FloatArray
 from tertia.kalman import NoiseFit, SingerModel, fit_noise
-from tertia.tables._records import RecordError
+from tertia.tables._parts import RecordError
 
 # times and plots of one sensor and one target; nan if there is no plot
 Series: TypeAlias = tuple[FloatArray, FloatArray]

@@ -18,6 +18,8 @@ _FEW = 50
 _INSTANT, _SECTOR, _SECTORS = 0.05, np.pi / 6, 5
 # share of the plots, or of the targets, above which a warning is given
 _SHARE = 0.5
+# seconds between the plots of sensors with different time zones
+_CLOCK = 300.0
 # plots in a row that come again, a share of a scan to which their intervals are equal, scans before
 # they come again, and the share of such plots
 _ROW, _EQUAL, _LATER, _REPEATED = 5, 1e-3, 1.5, 0.05
@@ -26,7 +28,8 @@ _PATIENCE, _QUANTILE = 2.0, 0.75
 
 
 def doubt_plots(plots: Plots, sensors: Sensors[Any]) -> None:
-    """Warn if times cannot be those of a beam, old plots come again, or reports are rare."""
+    """Warn if times are not those of a beam or of other sensors, plots repeat, or are rare."""
+    _doubt_clocks(plots, sensors)
     for k, (name, sensor) in enumerate(zip(sensors.names, sensors.items, strict=True)):
         rows = np.flatnonzero((plots.sensor == k) & np.isfinite(plots.time))
         rows = rows[np.argsort(plots.time[rows], kind="stable")]
@@ -38,6 +41,29 @@ def doubt_plots(plots: Plots, sensors: Sensors[Any]) -> None:
             _doubt_copies(name, sensor, plots.time[rows], plots.range[rows], plots.azimuth[rows])
         elif isinstance(sensor, PositionSensor):
             _doubt_interval(name, sensor, plots.time[rows], _targets(plots, rows))
+
+
+def _doubt_clocks(plots: Plots, sensors: Sensors[Any]) -> None:
+    """Warn if the plots of a sensor are hours before or after those of all others."""
+    spans: dict[str, FloatArray] = {}
+    for k, name in enumerate(sensors.names):
+        own = plots.time[(plots.sensor == k) & np.isfinite(plots.time)]
+        if len(own) >= _FEW:
+            # a few times may be wrong
+            spans[name] = np.quantile(own, [0.02, 0.5, 0.98])
+    for name, (first, middle, last) in spans.items():
+        others = [span for other, span in spans.items() if other != name]
+        apart = [min(abs(last - span[0]), abs(first - span[2])) for span in others]
+        alone = all(last < span[0] or first > span[2] for span in others)
+        if others and alone and min(apart) > _CLOCK:
+            hours = (middle - np.median([span[1] for span in others])) / 3600.0
+            doubt(
+                f"{name} has no plots at the times of the other sensors: its times are about "
+                f"{abs(hours):.3g} h {'later' if hours > 0 else 'earlier'}. Are they in another "
+                "time zone?"
+            )
+            # of two sensors one is enough
+            return
 
 
 def _doubt_times(name: str, radar: Radar, time: FloatArray, azimuth: FloatArray) -> None:

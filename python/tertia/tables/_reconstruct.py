@@ -12,12 +12,14 @@ import polars as pl
 from tertia._arrays import BoolArray, FloatArray
 from tertia.location._arrivals import LIGHT
 from tertia.sensors import Kind, Station
+from tertia.tables._conventions import doubt_conventions
 from tertia.tables._described import SensorsLike, stations_of
 from tertia.tables._ellipsoid import on_the_earth
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import Progress, as_names, beside, prefixed
 from tertia.tables._instants import check_tolerance
-from tertia.tables._measurements import UNITS, Target, read_targets, taken
+from tertia.tables._measurements import UNITS, Target, each_of, read_targets, taken
+from tertia.tables._parts import RecordError, Source, source_of
 from tertia.tables._positions import (
     Located,
     Positions,
@@ -28,7 +30,6 @@ from tertia.tables._positions import (
     of_sensors,
     result_names,
 )
-from tertia.tables._records import RecordError, Source, source_of
 from tertia.tables._sensors import Sensors
 from tertia.trajectory import Trajectory
 from tertia.trajectory import reconstruct as reconstruct_path
@@ -142,7 +143,9 @@ def paths_of(
     targets = read_targets(
         source, stations, columns=columns, by=by, results=results, tolerance=tolerance
     )
-    return Positions([_path(one, stations, options) for one in progress(targets)], stations)
+    doubt_conventions(targets, options)
+    paths = each_of(progress(targets), lambda one: _path(one, stations, options))
+    return Positions(paths, stations)
 
 
 def _path(

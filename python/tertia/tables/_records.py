@@ -9,22 +9,23 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from types import MappingProxyType
-from typing import Any, Literal, TypeAlias
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 import numpy as np
 import polars as pl
 
-from tertia._arrays import IntArray
 from tertia.sensors._identities import NO_IDENTITY
-from tertia.tables._doubts import doubt, doubt_time, doubt_unit
+from tertia.tables._doubts import doubt, doubt_summer_time, doubt_time, doubt_unit
 from tertia.tables._frames import height, names, series
 from tertia.tables._marks import names_without_marks, unmarked, without_marks
-from tertia.tables._names import assignment, hint, misspelt, own_names, plain_name
+from tertia.tables._names import misspelt, own_names
+from tertia.tables._parts import ColumnError, Part, RecordError, Source
 from tertia.tables._sexagesimal import degrees_of_text
 from tertia.tables._times import (
     Unit,
+    across_midnight,
+    are_of_day,
     exact_seconds,
     in_format,
     kind_of_times,
@@ -39,63 +40,14 @@ IDENTITIES = {"icao_address": 16, "mode_3a": 8, "identity": 10}
 _HALF_DAY = 43_200.0
 # in seconds; double precision resolves larger numbers less finely than by a nanosecond
 _COARSE = 2.0**22
-# if a column is missing, at most this many columns of the table are listed
-_LISTED = 16
 _SPELLING = {16: "hexadecimal digits", 8: "octal digits", 10: "a whole number, 0 or more"}
 # bits of identities, by the base of their digits
 _BITS = {16: 24, 8: 12, 10: 63}
 _AS_OTHERS = "a number of seconds or a date with time, like the other times"
 _SAY_FORMAT = "; or give --time-format, for example %d.%m.%Y %H:%M:%S"
-# suffix that Polars adds to a name that occurs twice in a header
-AGAIN = "_duplicated_0"
 
 # an arrival is a time with nanoseconds
 Kind: TypeAlias = Literal["number", "time", "arrival", "name", "identity", "callsign", "flag"]
-
-
-class RecordError(ValueError):
-    """An error in a record or in a table.
-
-    Attributes
-    ----------
-    reason : str
-        Description of the error.
-    file : str or None
-        Name of the file; None for a table in memory.
-    row : int or None
-        Index of the row, from 0; None if the error concerns the file or table as a whole.
-    line : int or None
-        Line of a text file, from 1.
-    column : str or None
-        Name of the column in the file or table.
-    """
-
-    def __init__(
-        self,
-        reason: str,
-        *,
-        file: str | None = None,
-        row: int | None = None,
-        line: int | None = None,
-        column: str | None = None,
-    ) -> None:
-        super().__init__(reason)
-        self.reason, self.file, self.row, self.line, self.column = reason, file, row, line, column
-
-    def __str__(self) -> str:
-        """Return the message, which begins with the place of the error."""
-        where = None
-        if self.line is not None:
-            where = f"line {self.line}"
-        elif self.row is not None:
-            # rows of files are counted from 1
-            where = f"row {self.row if self.file is None else self.row + 1}"
-        place = ", ".join(filter(None, [self.file, where]))
-        return f"{place}: {self.reason}" if place else self.reason
-
-
-class ColumnError(RecordError):
-    """An error about a column that is missing, or that is given for two purposes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,96 +84,17 @@ SENSOR = Field("name", {"sensor": 1.0}, whole=True)
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
-    """A table, or the rows of one file.
-
-    `line` is the line of the first row if a file has lines. `rows` are the positions of the rows in
-    the file if some were left out. `sensors` is the information in the file about its sensors, by
-    name. `time_format` is the format of times if it is not one of the usual formats. `option` is
-    the option that gives the names of columns, in the singular; None if there is none.
-    """
-
-    table: Any
-    file: str | None = None
-    name: str | None = None
-    line: int | None = None
-    rows: IntArray | None = None
-    sensors: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: MappingProxyType({}))
-    time_format: str | None = None
-    option: str | None = "column"
-
-    @property
-    def called(self) -> str:
-        """Name of the file, or 'the table'."""
-        return self.file or "the table"
-
-    def error(self, reason: str, row: int | None = None, column: str | None = None) -> RecordError:
-        """Return an error with the place of a row."""
-        place = row if row is None or self.rows is None else int(self.rows[row])
-        line = None if place is None or self.line is None else place + self.line
-        return RecordError(reason, file=self.file, row=place, line=line, column=column)
-
-    def column(self, name: str) -> str:
-        """Return the column with this name, or one that differs in case, spaces or brackets."""
-        there = names(self.table)
-        alike = [one for one in there if plain_name(one) == plain_name(name)]
-        if name not in there and len(alike) > 1:
-            listed = " and ".join(map(str, alike))
-            raise ColumnError(f"{self.called} has the columns {listed} for {name}", column=name)
-        found = name if name in there or not alike else str(alike[0])
-        if f"{found}{AGAIN}" in there:
-            raise ColumnError(f"{self.called} has two columns {found}", column=name)
-        return found
-
-    def has(self, name: str) -> bool:
-        """Return whether there is a column with this name, or nearly this name."""
-        return self.column(name) in names(self.table)
-
-    def series(self, name: str) -> pl.Series:
-        """Return the column with this name, or nearly this name."""
-        return series(self.table, self.column(name))
-
-    def require(self, *columns: str, standard: bool = False) -> None:
-        """Refuse a table that has none of the columns, which may have `standard` names."""
-        if not any(self.has(column) for column in columns):
-            raise self.lacks(f"column {' or '.join(columns)}", columns, standard=standard)
-
-    def lacks(self, what: str, columns: Sequence[str], *, standard: bool = True) -> ColumnError:
-        """Return an error about missing columns."""
-        there = names(self.table)
-        said = f"{self.called} has no {what}{hint(columns, there)}; {self.listed()}"
-        if standard:
-            said += assignment(columns, there, self.option, shell=self.file is not None)
-        return ColumnError(said, column=columns[0])
-
-    def listed(self) -> str:
-        """Return a list of the available columns, as text."""
-        there = [str(name) for name in names(self.table)]
-        more = f" and {len(there) - _LISTED} more" if len(there) > _LISTED + 1 else ""
-        return f"it has {', '.join(there[:_LISTED] if more else there)}{more}"
-
-
-Source: TypeAlias = Sequence[Part]
-
-
-def source_of(table: Any) -> Source:
-    """Return the parts of a table, or those of files that were read."""
-    if isinstance(table, list) and all(isinstance(one, Part) for one in table):
-        return table
-    names(table)  # raises TypeError for anything other than a table
-    return [Part(table)]
-
-
-@dataclass(frozen=True, slots=True)
 class Records:
     """The rows of all parts by quantity, in the units of the library; missing numbers are nan.
 
     `rows` also has the columns `part` and `row`, the origin of each row. `column` is the column in
-    the files that holds a quantity, and `by` are the columns that group the rows.
+    the files that holds a quantity (in the first file that has it), `standard` are the standard
+    names of such columns, one for each file, and `by` are the columns that group the rows.
     """
 
     rows: pl.DataFrame
     column: Mapping[str, str]
+    standard: Mapping[str, Sequence[str]]
     source: Source
     by: pl.DataFrame
 
@@ -256,9 +129,14 @@ def read(
         _LOG.info("%d rows of %s: %s", frame.height, reader.part.called, taken)
     for reader in readers[1:]:
         _require_alike(readers[0], reader)
-    rows = pl.concat(frames, how="vertical_relaxed")
+    rows = _after_midnight(pl.concat(frames, how="vertical_relaxed"), readers)
     groups = pl.concat(_alike([reader.groups(by) for reader in readers]), how="vertical_relaxed")
-    return Records(rows, readers[0].taken, source, groups)
+    # the first file that has a column takes precedence
+    column = {what: name for one in reversed(readers) for what, name in one.taken.items()}
+    standard = {
+        what: [one.standard[what] for one in readers if what in one.standard] for what in column
+    }
+    return Records(rows, column, standard, source, groups)
 
 
 def _called(
@@ -289,6 +167,28 @@ def _called(
                 f"cannot group by {name}: the results have a column of this name", column=name
             )
     return called
+
+
+def _after_midnight(rows: pl.DataFrame, readers: Sequence[Reader]) -> pl.DataFrame:
+    """Return the rows with times of day that are counted on after midnight, with a warning."""
+    for quantity in {name for one in readers for name in one.of_day}:
+        if not all(quantity in one.of_day for one in readers if quantity in one.taken):
+            continue
+        seconds = rows[quantity].cast(pl.Float64).fill_null(math.nan).to_numpy()
+        if not np.any(np.diff(seconds[np.isfinite(seconds)]) < -_HALF_DAY):
+            continue
+        found = across_midnight(seconds, ordered=len(readers) == 1)
+        called = readers[0].part.called if len(readers) == 1 else "the files"
+        if found is None:
+            doubt(
+                f"{called}: the time of day decreases by more than 12 hours; if the recording "
+                "passes midnight, give times with dates"
+            )
+            continue
+        doubt(f"{called}: times of day after midnight are counted on from 86400 seconds")
+        there = pl.Series(quantity, found).fill_nan(None)
+        rows = rows.with_columns(there)
+    return rows
 
 
 def _require_alike(first: Reader, other: Reader) -> None:
@@ -340,12 +240,17 @@ class Reader:
         self.part, self.schema, self.called, self.sensors = part, schema, called, sensors
         self.like, self.problems = like, problems
         self.taken: dict[str, str] = {}
-        # kinds of the times, by quantity
+        self.standard: dict[str, str] = {}
+        # kinds of the times, by quantity, and the quantities that are times of day
         self.times_are: dict[str, str] = {}
+        self.of_day: set[str] = set()
 
     def rows(self, number: int = 0) -> pl.DataFrame:
         """Return the quantities of all rows, with the numbers of the part and of the row."""
         count = height(self.part.table)
+        missing = [tuple(one.columns) for one in self.schema.values() if self._is_missing(one)]
+        if len(missing) > 1:
+            raise self.part.lacks_all(missing)
         found = {name: self._column(name, one, count) for name, one in self.schema.items()}
         place = {
             "part": pl.repeat(number, count, dtype=pl.Int64, eager=True),
@@ -358,6 +263,16 @@ class Reader:
         for name in by:
             self.part.require(self.called.get(name, name))
         return pl.DataFrame({name: self.part.series(self.called.get(name, name)) for name in by})
+
+    def _is_missing(self, one: Field) -> bool:
+        """Return whether a required column with a standard name is missing."""
+        given = any(name in self.called for name in one.columns)
+        return (
+            one.required
+            and one.standard
+            and not given
+            and not any(self.part.has(name) for name in one.columns)
+        )
 
     def _column(self, quantity: str, one: Field, count: int) -> pl.Series:
         given = [name for name in one.columns if name in self.called]
@@ -388,6 +303,7 @@ class Reader:
             return _absent(one.kind, count)
         column = self.part.column(self.called.get(name, name))
         self.taken[quantity] = name if one.kind == "identity" else column
+        self.standard[quantity] = name
         values = series(self.part.table, column).alias(column)
         return self._values(quantity, values, one, name)
 
@@ -397,6 +313,10 @@ class Reader:
             self.times_are[quantity] = kind_of_times(found)
             if self.problems is None:
                 doubt_time(name, found)
+                doubt_summer_time(name, found)
+                formatted = self.part.time_format is not None
+                if found.dtype.is_numeric() and are_of_day(values, formatted=formatted):
+                    self.of_day.add(quantity)
         elif one.kind == "name":
             found = names_without_marks(values.cast(pl.String))
         elif one.kind == "callsign":
@@ -408,9 +328,7 @@ class Reader:
         else:
             found = self.numbers(values, positive=one.positive, degrees=name.endswith("_deg"))
             if one.most < math.inf:
-                allowed = f"it must be between {-one.most:g} and {one.most:g}"
-                beyond = (found.abs() > one.most) & found.is_finite()
-                self.refuse(beyond, f"{values.name} is {{:g}}; {allowed}", found)
+                self._refuse_beyond(found, one.most, name)
             if self.problems is None and one.judged:
                 doubt_unit(name, found)
             if one.columns[name] != 1.0:
@@ -419,6 +337,14 @@ class Reader:
             missing = found.is_nan() if one.kind == "number" else found.is_null()
             self.refuse(missing, f"{values.name} is missing", values.name)
         return found
+
+    def _refuse_beyond(self, found: pl.Series, most: float, name: str) -> None:
+        """Refuse numbers whose size is larger than `most`."""
+        allowed = f"it must be between {-most:g} and {most:g}"
+        if "latitude" in name:
+            allowed += " (is it swapped with the longitude, or in degrees and minutes?)"
+        beyond = (found.abs() > most) & found.is_finite()
+        self.refuse(beyond, f"{found.name} is {{:g}}; {allowed}", found)
 
     def _sensors(self, name: str | None, count: int) -> pl.Series:
         """Return the indices of sensors; one sensor, or a file of its name, needs no column."""
@@ -522,7 +448,6 @@ class Reader:
         if numeric:
             found = seconds_of_text(values)
             known = found.is_finite()
-            self._doubt_midnight(first, found)
             if fine and (found.abs() > _COARSE).any():
                 found = exact_seconds(values)
                 known = found.is_not_null()
@@ -544,15 +469,6 @@ class Reader:
         bad = values.is_not_null() & found.is_null()
         self.refuse(bad, f"{values.name} is {{!r}}; it must be in the time format {form}", values)
         return found
-
-    def _doubt_midnight(self, first: pl.Series, seconds: pl.Series) -> None:
-        """Warn if times of day may have passed midnight."""
-        is_of_day = len(first) and first.cast(pl.Float64, strict=False).null_count()
-        if self.problems is None and is_of_day and (seconds.diff() < -_HALF_DAY).any():
-            doubt(
-                f"{self.part.called}: the time of day decreases by more than 12 hours; if the "
-                "recording passes midnight, give times with dates"
-            )
 
     def identities(self, values: pl.Series, name: str) -> pl.Series:
         """Return identities as numbers; -1 where there is none."""

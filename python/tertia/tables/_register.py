@@ -14,7 +14,7 @@ from tertia.registration import Registration
 from tertia.tables._described import SensorsLike
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import known
-from tertia.tables._records import source_of
+from tertia.tables._parts import source_of
 from tertia.tables._sensors import radar_rows
 from tertia.tables._track import Recording, recording_of
 

@@ -13,7 +13,8 @@ from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.screening import Screening
 from tertia.tables._frames import Table, extended
 from tertia.tables._groups import as_names, by_length, known, layout
-from tertia.tables._records import number, read, source_of
+from tertia.tables._parts import source_of
+from tertia.tables._records import number, read
 
 Rule: TypeAlias = Literal["bursts", "leave-one-out", "k-sigma"]
 

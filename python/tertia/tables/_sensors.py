@@ -18,8 +18,8 @@ from tertia.tables._doubts import doubt
 from tertia.tables._earth import at_heights, on_the_ellipsoid
 from tertia.tables._groups import known
 from tertia.tables._marks import is_mark
-from tertia.tables._names import VERY_NEAR, all_misspelt, hint, plain_name
-from tertia.tables._records import RecordError
+from tertia.tables._names import NEAR, VERY_NEAR, all_misspelt, hint, plain_name
+from tertia.tables._parts import RecordError
 from tertia.tables._sexagesimal import angle_of_text
 
 if TYPE_CHECKING:
@@ -372,7 +372,9 @@ class _Cells:
         found = self.number(column)
         if found is None:
             others = [name for name in self.row if name != column]
-            said = hint([column], others, VERY_NEAR) or note
+            # usual names are suggested only if the row has no position at all
+            placed = not {*LOCAL, *GEODETIC}.isdisjoint(self.row)
+            said = hint([column], others, VERY_NEAR if placed else NEAR) or note
             raise self.error(f"{column} of {self.name} is missing{said}")
         return found
 
@@ -545,6 +547,10 @@ def _are_geodetic(cells: Sequence[_Cells], origin: Row | None, file: str) -> boo
     if geodetic is None and origin is not None:
         reason = f"if an origin is given, the sensors must have {GEODETIC[0]} and {GEODETIC[1]}"
         raise RecordError(reason, file=file)
+    if local is None and geodetic is None:
+        # other names of the columns
+        there = [name for one in cells for name in one.row]
+        return bool(hint([GEODETIC[0]], there)) and not hint([LOCAL[0]], there)
     return geodetic is not None
 
 

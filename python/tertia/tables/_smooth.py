@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,13 +13,17 @@ import polars as pl
 from tertia import smoothing
 from tertia._arrays import BoolArray, FloatArray, IntArray, finite, real
 from tertia.geo import SystemPlane
-from tertia.tables._frames import Table, extended
+from tertia.tables._frames import Table, extended, names
 from tertia.tables._groups import as_names, by_length, column_name, known, layout
-from tertia.tables._records import TIME, Field, RecordError, Schema, Source, read, source_of
+from tertia.tables._names import hint
+from tertia.tables._parts import RecordError, Source, source_of
+from tertia.tables._records import TIME, Field, Schema, read
 from tertia.tables._sensors import GEODETIC, LOCAL
 from tertia.tables._times import Clock
 from tertia.tables._velocities import fields, true_rates, velocities_of
 
+# in degrees
+_LARGEST = dict(zip(GEODETIC[:2], (90.0, 360.0), strict=True))
 # results for each quantity, and suffixes of their units
 _QUANTITIES = {"smoothed": "", "rate": "_s", "acceleration": "_s2"}
 
@@ -153,7 +158,12 @@ def smoothing_of(
     }
     stated = [one for one in [*sigmas, *spreads] if isinstance(one, str)]
     schema: Schema = {"time": TIME} | {
-        name: Field("number", {name: 1.0}, required=True)
+        name: Field(
+            "number",
+            {name: 1.0},
+            required=True,
+            most=_LARGEST.get(name, math.inf) if geodetic else math.inf,
+        )
         for name in [*(GEODETIC[:2] if geodetic else axes), *stated]
     }
     if spreads:
@@ -256,8 +266,12 @@ def _are_geodetic(source: Source, columns: Mapping[str, str]) -> bool:
     def has(name: str) -> bool:
         return all(part.has(columns.get(name, name)) for part in source)
 
-    # a latitude without a longitude, or the reverse, is a mistake
-    return any(map(has, GEODETIC[:2])) and not any(map(has, LOCAL[:2]))
+    if any(map(has, LOCAL[:2])):
+        return False
+    # a latitude without a longitude, or the reverse, is a mistake, as are other names
+    there = [name for part in source for name in names(part.table)]
+    usual = [bool(hint([name], there)) for name in (GEODETIC[0], LOCAL[0])]
+    return any(map(has, GEODETIC[:2])) or usual == [True, False]
 
 
 def _plane_of(frame: pl.DataFrame) -> SystemPlane:

@@ -15,7 +15,7 @@ from tertia.tables._described import SensorsLike
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import known, named
 from tertia.tables._identities import identity_columns
-from tertia.tables._records import source_of
+from tertia.tables._parts import source_of
 from tertia.tables._track import Recording, movement, recording_of, state_columns, tracks_of
 from tertia.tracker import (
     Longitudinal,

@@ -13,7 +13,8 @@ import polars.selectors as cs
 
 from tertia.tables._frames import Table, height, joined, part
 from tertia.tables._groups import as_names, run_starts
-from tertia.tables._records import Part, Reader
+from tertia.tables._parts import Part
+from tertia.tables._records import Reader
 
 
 def stream(

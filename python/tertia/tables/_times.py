@@ -9,11 +9,14 @@ import numpy as np
 import polars as pl
 
 from tertia._arrays import FloatArray
+from tertia.tables._marks import without_marks
 
 Unit: TypeAlias = Literal["us", "ns"]
 
 PER_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 _DAY = 86_400
+# largest time by which rows of a long recording may be late
+_LATE = 3600.0
 # %.f is an optional fraction of a second, %#z an offset or Z; the last formats are compact
 _LOCAL_TIMES = (
     "%Y-%m-%dT%H:%M:%S%.f",
@@ -44,6 +47,17 @@ def seconds_of_text(column: pl.Series) -> pl.Series:
     of_day = 3600 * hours + 60 * minutes + rest.fill_null(0.0)
     seconds: pl.Series = column.cast(pl.Float64, strict=False).fill_null(of_day)
     return seconds
+
+
+def are_of_day(column: pl.Series, *, formatted: bool) -> bool:
+    """Return whether times that are seconds were times of day, such as 12:34:56.7.
+
+    Text is `formatted` if it has a format of strftime.
+    """
+    if column.dtype != pl.String:
+        return column.dtype == pl.Time
+    first = without_marks(column).drop_nulls().head(1)
+    return formatted or first.cast(pl.Float64, strict=False).null_count() > 0
 
 
 def seconds_of_day(column: pl.Series) -> pl.Series:
@@ -79,6 +93,22 @@ def moments(
         for form in (_ZONED_TIMES if zoned else _LOCAL_TIMES)
     ]
     return pl.select(pl.coalesce(tried)).to_series().rename(column.name)
+
+
+def across_midnight(seconds: FloatArray, *, ordered: bool) -> FloatArray | None:
+    """Return times of day that are counted on after midnight; None if it is not clear which.
+
+    The seconds are in the order of the rows. It is clear if all times are then within half a day,
+    or if the rows of the recording are almost `ordered` by time.
+    """
+    known = np.isfinite(seconds)
+    day = np.round(np.diff(seconds[known], prepend=seconds[known][:1]) / _DAY)
+    days = -np.cumsum(day)
+    found = np.array(seconds)
+    found[known] += _DAY * (days - days.min())
+    near = float(np.ptp(found[known])) < _DAY / 2
+    steady = ordered and float(np.diff(found[known]).min()) > -_LATE
+    return found if near or steady else None
 
 
 def in_format(column: pl.Series, form: str, unit: Unit = "us") -> pl.Series:

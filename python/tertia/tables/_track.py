@@ -27,21 +27,11 @@ from tertia.tables._identities import (
     identities_of,
     identity_columns,
 )
+from tertia.tables._parts import RecordError, Source, source_of
 from tertia.tables._plot_doubts import doubt_plots
-from tertia.tables._records import (
-    SENSOR,
-    TIME,
-    Field,
-    RecordError,
-    Records,
-    Schema,
-    Source,
-    number,
-    read,
-    source_of,
-)
+from tertia.tables._records import SENSOR, TIME, Field, Records, Schema, number, read
 from tertia.tables._reports import MOVING, REPORTED, moving_of, reported_of
-from tertia.tables._sensors import Sensors, lifted
+from tertia.tables._sensors import GEODETIC, LOCAL, Sensors, lifted
 from tertia.tables._times import Clock
 from tertia.tertiary import SystemTracks
 from tertia.tracker import Plots, PlotStatus, SmoothedTracks, TrackTable
@@ -288,11 +278,29 @@ def recording_of(
     records = read(source, schema, columns=columns, sensors=radars.names)
     if "range" not in records.column and _is_of_radar(records.rows["sensor"], radars):
         source[0].require(*PLOTS["range"].columns, standard=True)
+    _require_positions(records, radars)
     clock = Clock.of(records.rows["time"], midnight=True)
     refuse_unknown(records)
     plots = plots_of(records.rows, clock, radars)
     doubt_plots(plots, radars)
     return Recording(plots, radars, clock, identities_in(records), _numbers(records))
+
+
+def _require_positions(records: Records, sensors: Sensors[Any]) -> None:
+    """Refuse reports without the columns of their positions."""
+    reports = records.rows.filter(pl.Series(reporting(sensors)[records.rows["sensor"].to_numpy()]))
+    if reports.is_empty() or {"east", "north"} <= records.column.keys():
+        return
+    part = records.source[reports["part"][0]]
+    there = {"latitude", "longitude"} <= records.column.keys()
+    if sensors.frame is None and there:
+        raise part.error(
+            "positions are latitudes and longitudes, and the sensors have none: add a table "
+            "[origin] with latitude_deg and longitude_deg to the file of sensors"
+        )
+    if not there:
+        needed = LOCAL[:2] if sensors.frame is None else GEODETIC[:2]
+        raise part.lacks_all([[name] for name in needed if not part.has(name)])
 
 
 def _is_of_radar(sensor: pl.Series, sensors: Sensors[Any]) -> bool:

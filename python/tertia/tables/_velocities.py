@@ -9,7 +9,8 @@ import polars as pl
 
 from tertia._arrays import FloatArray
 from tertia.geo import SystemPlane
-from tertia.tables._records import Field, RecordError, Schema, number
+from tertia.tables._parts import RecordError
+from tertia.tables._records import Field, Schema, number
 
 VELOCITY = ("velocity_east_m_s", "velocity_north_m_s")
 _KNOT = 1852.0 / 3600.0

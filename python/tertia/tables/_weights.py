@@ -17,16 +17,8 @@ from tertia.fusion._estimates import allowing_for
 from tertia.tables._doubts import doubt
 from tertia.tables._frames import Table, result
 from tertia.tables._groups import as_names, column_name, layout, split_unit
-from tertia.tables._records import (
-    SENSOR,
-    ColumnError,
-    Field,
-    RecordError,
-    Source,
-    number,
-    read,
-    source_of,
-)
+from tertia.tables._parts import ColumnError, RecordError, Source, source_of
+from tertia.tables._records import SENSOR, Field, number, read
 from tertia.weights import FusionLoss
 from tertia.weights._readers import LARGEST
 

@@ -29,7 +29,8 @@ from tertia.cli.terminal.say import FAILED, as_text, note, print_table, working
 from tertia.tables import RecordWarning
 from tertia.tables._bearing import bearings_of
 from tertia.tables._groups import column_name, usual_period
-from tertia.tables._records import Part, Reader
+from tertia.tables._parts import Part
+from tertia.tables._records import Reader
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

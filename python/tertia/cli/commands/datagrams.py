@@ -14,7 +14,8 @@ from tertia.cli.files.asterix import IDENTITIES, measured
 from tertia.cli.terminal.say import WRONG_USAGE, fail, note
 from tertia.io import read_asterix
 from tertia.sensors import Radar
-from tertia.tables._records import Part, Reader
+from tertia.tables._parts import Part
+from tertia.tables._records import Reader
 from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
 from tertia.tables._track import PLOTS

@@ -28,8 +28,8 @@ from tertia.sensors import ByKind, Kind
 from tertia.tables._groups import group_name
 from tertia.tables._locate import locations_of
 from tertia.tables._measurements import UNITS
+from tertia.tables._parts import Source
 from tertia.tables._positions import Located, Positions
-from tertia.tables._records import Source
 
 if TYPE_CHECKING:
     from matplotlib.figure import FigureBase
@@ -176,12 +176,15 @@ def locate(
         progress=progress("Locating"),
     )
     positions.print_all(found, by or [])
-    for one in found.targets:
-        positions.say_located(one)
-        _say_expected(one)
-        _say_sigma(one)
-        positions.say_speed(one)
-        _say_bias(one)
+    positions.say_groups(
+        found.targets,
+        positions.say_located,
+        _say_expected,
+        _say_sigma,
+        positions.say_speed,
+        _say_bias,
+    )
+    positions.note_speed(propagation_speed, propagation_speed_sigma)
     positions.write_all(
         found,
         output,

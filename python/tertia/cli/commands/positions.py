@@ -5,14 +5,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import typer
 
 from tertia._result import counted
 from tertia.cli.files import maps, write
-from tertia.cli.terminal.say import WRONG_USAGE, fail, print_table
-from tertia.location import LocationStatus
+from tertia.cli.terminal.say import WRONG_USAGE, fail, note, print_table
+from tertia.location import LIGHT, LocationStatus
 from tertia.tables._positions import Located, Positions, reason
 
+# groups above which sensors are listed once for all of them, and only the first are described
+MANY_GROUPS = 20
 # size of the picture of a target, in inches
 FIGURE_SIZE = (11.0, 8.0)
 # p-value below which measurements contradict each other
@@ -39,11 +42,44 @@ def start(text: str | None, dimension: int) -> list[float] | None:
 
 
 def print_all(found: Positions[Any], by: Sequence[str]) -> None:
-    """Print the results of each sensor, and the origin."""
-    print_table(found.sensors, text=[*by, "sensor", "kind"])
+    """Print the results of each sensor, and the origin; of many groups those of all together."""
+    many = len(found.targets) > MANY_GROUPS
+    print_table(
+        _of_all_groups(found.sensors) if many else found.sensors,
+        text=["sensor", "kind"] if many else [*by, "sensor", "kind"],
+    )
+    if many:
+        note(f"sensors of all {len(found.targets)} groups together")
     origin = found.stations.origin()
     if origin is not None:
         typer.echo(origin)
+
+
+def _of_all_groups(sensors: pl.DataFrame) -> pl.DataFrame:
+    """Return one row per sensor and kind, computed from the rows of all groups."""
+    kept = pl.col("measurement_count") - pl.col("outlier_count")
+    known = kept.filter(pl.col("residual_mean").is_not_null()).sum()
+    return sensors.group_by("sensor", "kind", maintain_order=True).agg(
+        pl.col("measurement_count", "outlier_count").sum(),
+        residual_mean=(pl.col("residual_mean") * kept).sum() / known,
+        residual_rms=((pl.col("residual_rms") ** 2 * kept).sum() / known).sqrt(),
+    )
+
+
+def say_groups(targets: Sequence[Located[Any]], *said: Callable[[Located[Any]], None]) -> None:
+    """Print what `said` says of each target, and a summary of those after the first ones."""
+    for one in targets[:MANY_GROUPS]:
+        for say in said:
+            say(one)
+    rest = targets[MANY_GROUPS:]
+    if rest:
+        there = [np.isfinite(one.result.position[:, :2]).all(axis=1) for one in rest]
+        count = sum(len(one) for one in there)
+        known = sum(int(np.sum(one)) for one in there)
+        typer.echo(
+            f"{counted(len(rest), 'more group')}: {known} of {counted(count, 'instant')} with a "
+            "position"
+        )
 
 
 def say_located(one: Located[Any]) -> None:
@@ -82,6 +118,15 @@ def say_speed(one: Located[Any]) -> None:
         each = zip(("east", "north"), wind, np.sqrt(np.diagonal(spread)), strict=True)
         parts = [f"{name} {value:.2g} ± {error:.2g} m/s" for name, value, error in each]
         typer.echo(f"  wind: {', '.join(parts)}")
+
+
+def note_speed(speed: float, sigma: float) -> None:
+    """Print a note if the speed of the signals is not that of light, and is taken as exact."""
+    if speed != LIGHT and not sigma:
+        note(
+            f"the speed of the signals is taken as exactly {speed:g} m/s: sigma does not include "
+            "its error; give --propagation-speed-sigma"
+        )
 
 
 def _reason(status: int, count: int, there: int) -> str:

@@ -126,10 +126,13 @@ def reconstruct(
         **options,
     )
     positions.print_all(found, by or [])
-    for one in found.targets:
-        positions.say_located(one)
-        positions.say_speed(one)
-        _say_motion(one.result)
+    positions.say_groups(
+        found.targets,
+        positions.say_located,
+        positions.say_speed,
+        lambda one: _say_motion(one.result),
+    )
+    positions.note_speed(propagation_speed, propagation_speed_sigma)
     positions.write_all(
         found, output, measurements, lambda: [_line(one) for one in found.targets], "line"
     )

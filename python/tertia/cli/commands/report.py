@@ -164,12 +164,18 @@ def _heard(
     bearings: Path, sensors: Path, by: list[str], clock: Clock | None
 ) -> tuple[dict[str, Any], Clock]:
     """Read bearings and stations, in the time scale of the plots if there are any."""
-    stations = read.read_stations(sensors).flat()
+    # with heights, because there may also be elevations, which are not used
+    stations = read.read_stations(sensors)
     # --column is for plots
     source = [replace(part, option=None) for part in read.tables(bearings)]
     targets = [one for one in read_targets(source, stations, by=by) if "azimuth" in one.values]
     if not targets:
         fail(f"{bearings} has no azimuths")
+    if any(target.has_places for target in targets):
+        fail(
+            f"{bearings} has positions of moving direction finders, which a report cannot show: "
+            "use tertia locate or tertia reconstruct"
+        )
     own = Clock.of(pl.concat([target.moments for target in targets]), midnight=True)
     if clock is not None and clock.dated != own.dated:
         fail(f"time_s of {bearings} and of the plots must both be dates, or both be seconds")
@@ -182,7 +188,7 @@ def _heard(
         )
         for target in targets
     ]
-    return {"stations": stations.items, "bearings": emitters}, clock
+    return {"stations": stations.flat().items, "bearings": emitters}, clock
 
 
 @contextmanager

@@ -29,7 +29,8 @@ from tertia.sensors import Radar
 from tertia.tables._doubts import doubt_unit
 from tertia.tables._identities import IDENTIFIED
 from tertia.tables._names import plain_name
-from tertia.tables._records import Part, Reader
+from tertia.tables._parts import Part
+from tertia.tables._records import Reader
 from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
 from tertia.tables._track import plots_of, schema_of, track_rows

@@ -8,7 +8,7 @@ from tertia._result import counted
 from tertia.cli.terminal.say import fail, reading
 from tertia.io import AsterixRecording, read_asterix
 from tertia.tables._doubts import doubt
-from tertia.tables._records import Part
+from tertia.tables._parts import Part
 from tertia.tables._sensors import GEODETIC
 
 # names of files that are ASTERIX recordings, not tables

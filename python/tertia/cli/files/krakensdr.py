@@ -8,7 +8,7 @@ import polars as pl
 from tertia._arrays import FloatArray
 from tertia.cli.terminal.say import WRONG_USAGE, fail
 from tertia.tables._doubts import doubt
-from tertia.tables._records import Part
+from tertia.tables._parts import Part
 
 # columns before the spectrum; the files have no header
 _COLUMNS = (

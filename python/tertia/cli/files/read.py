@@ -17,7 +17,7 @@ from tertia.cli.files.text import Dialect, damage, foreign, read_text, too_long
 from tertia.cli.terminal.say import WRONG_USAGE, fail, reading
 from tertia.geo import LocalFrame, SystemPlane
 from tertia.tables._described import REPORTS, Description, description
-from tertia.tables._records import AGAIN, Part, Source
+from tertia.tables._parts import AGAIN, Part, Source
 from tertia.tables._sensors import Sensors
 
 if TYPE_CHECKING:
@@ -66,6 +66,7 @@ def batches(
 
     Errors are those of Polars.
     """
+    _refuse_pipe(path)
     kind = kind_of(path)
     if kind == ".parquet":
         rows = pl.scan_parquet(path, glob=False)
@@ -121,6 +122,7 @@ def _table(path: Path) -> Part:
 
 def _rows(path: Path) -> Part:
     """Return the table in a file; columns of CSV remain text, for example 007."""
+    _refuse_pipe(path)
     kind, frame = kind_of(path), _frame(path)
     if kind in _BINARY:
         return Part(frame, str(path), path.stem)
@@ -132,6 +134,16 @@ def _rows(path: Path) -> Part:
     if there.all():
         return Part(frame, str(path), path.stem, first)
     return Part(frame.filter(there), str(path), path.stem, first, there.arg_true().to_numpy())
+
+
+def _refuse_pipe(path: Path) -> None:
+    """Exit with an error if a path is not that of a file on a disk, which is read several times."""
+    if str(path) == "-" or (path.exists() and not path.is_file() and not path.is_dir()):
+        fail(
+            f"cannot read {path}: it is standard input or a pipe; only tertia track --stream reads "
+            "these: write the rows to a file first",
+            WRONG_USAGE,
+        )
 
 
 def _frame(path: Path) -> pl.DataFrame:

@@ -1,0 +1,107 @@
+"""Times of day across midnight, local times, and days of spreadsheets."""
+
+import datetime as dt
+import warnings
+
+import numpy as np
+import polars as pl
+import pytest
+
+from tertia import tables
+
+DAY = 86_400.0
+STATIONS = pl.DataFrame(
+    {"name": ["a", "b"], "east_m": [0.0, 5e3], "north_m": 0.0, "azimuth_sigma_deg": 1.0}
+)
+
+
+def text_of(seconds: np.ndarray) -> list[str]:
+    """Return times of day as text."""
+    start = dt.datetime(2026, 1, 1)
+    return [(start + dt.timedelta(seconds=float(one))).strftime("%H:%M:%S") for one in seconds]
+
+
+def seen(times: list[object]) -> pl.DataFrame:
+    """Return rows of two stations that see a target at these times."""
+    rows = {"time_s": times, "sensor": ["a"] * len(times), "azimuth_deg": 30.0}
+    return pl.concat(
+        [
+            pl.DataFrame(rows),
+            pl.DataFrame(rows | {"sensor": "b", "azimuth_deg": -30}).cast(
+                {"azimuth_deg": pl.Float64}
+            ),
+        ]
+    )
+
+
+def times_of(table: pl.DataFrame) -> list[float]:
+    return tables.locate(table, sensors=STATIONS)["time_s"].to_list()
+
+
+def quietly(table: pl.DataFrame) -> list[float]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", tables.RecordWarning)
+        return times_of(table)
+
+
+@pytest.mark.parametrize("begin", [80_000.0, 86_390.0, 60_000.0])
+@pytest.mark.parametrize("shuffled", [False, True])
+def test_night(begin: float, *, shuffled: bool) -> None:
+    """The order of the rows does not matter if the recording is shorter than half a day."""
+    true = begin + np.arange(0.0, 30_000.0, 500.0)
+    table = seen(text_of(true))
+    if shuffled:
+        table = table.sample(fraction=1.0, shuffle=True, seed=3)
+    with pytest.warns(tables.RecordWarning, match="counted on from 86400"):
+        found = times_of(table)
+    np.testing.assert_allclose(found, true)
+
+
+def test_two_days_in_order_with_late_rows() -> None:
+    """Rows may be late, also by hours if all times are near."""
+    true = 50_000 + np.arange(0.0, 1.9 * DAY, 300.0)
+    late = true + np.where(np.arange(len(true)) % 7 == 3, -700.0, 0.0)
+    table = seen(text_of(late)).filter(pl.col("sensor") == "a")
+    with pytest.warns(tables.RecordWarning, match="counted on from 86400"):
+        found = times_of(table)
+    np.testing.assert_allclose(found, np.sort(late))
+
+
+def test_a_day_in_any_order_stays_one_day() -> None:
+    true = np.arange(0.0, DAY, 700.0)
+    table = seen(text_of(true)).sample(fraction=1.0, shuffle=True, seed=1)
+    with pytest.warns(tables.RecordWarning, match="give times with dates"):
+        found = times_of(table)
+    np.testing.assert_allclose(found, true)
+
+
+def test_columns_of_the_type_time() -> None:
+    clock = [dt.time(23, 59, 58), dt.time(23, 59, 59), dt.time(0, 0, 1)]
+    with pytest.warns(tables.RecordWarning, match="counted on from 86400"):
+        found = times_of(seen(clock))
+    assert found == [DAY - 2, DAY - 1, DAY + 1]
+
+
+def test_one_day_and_numbers_are_left_alone() -> None:
+    assert quietly(seen(["12:00:00", "23:59:59"])) == [43_200.0, DAY - 1]
+    assert quietly(seen([80_000.0, 5.0])) == [5.0, 80_000.0]
+
+
+def test_end_of_summer_time() -> None:
+    dates = [dt.datetime(2024, 10, 27, 2, minute) for minute in (50, 55, 59)]
+    dates = [dt.datetime(2024, 10, 27, 1, 30), *dates]
+    again = [dt.datetime(2024, 10, 27, 2, minute) for minute in (1, 5)]
+    with pytest.warns(tables.RecordWarning, match="end of summer time"):
+        times_of(seen(dates + again).filter(pl.col("sensor") == "a"))
+    zoned = seen(dates + again).filter(pl.col("sensor") == "a")
+    quietly(zoned.with_columns(pl.col("time_s").dt.replace_time_zone("UTC")))
+    # the same times of two sensors, one after the other
+    quietly(seen(dates))
+    quietly(seen([dt.datetime(2024, 1, 1, 12) + dt.timedelta(minutes=k) for k in range(60)]))
+
+
+def test_days_of_spreadsheets() -> None:
+    days = 45_231.5 + np.arange(30) / DAY
+    with pytest.warns(tables.RecordWarning, match="in days, as in spreadsheets"):
+        times_of(seen(days.tolist()))
+    quietly(seen((45_231.5 + np.arange(30.0)).tolist()))
