@@ -114,7 +114,7 @@ class Seen:
     def position(self) -> FloatArray:
         """Positions relative to the radar, (N, 2)."""
         rho, azimuth = self.range + self.off[0], self.azimuth + self.off[1]
-        return rho[:, np.newaxis] * np.column_stack([np.sin(azimuth), np.cos(azimuth)])
+        return np.column_stack([rho * np.sin(azimuth), rho * np.cos(azimuth)])
 
 
 def seen(of: Flown, radar: Radar, off: tuple[float, float], rng: np.random.Generator) -> Seen:
@@ -148,12 +148,10 @@ def noise_of(radar: Radar, position: FloatArray) -> FloatArray:
     rho = np.hypot(*position.T)
     e = position / rho[:, np.newaxis]
     f = np.column_stack([e[:, 1], -e[:, 0]])
-    return (
-        radar.range_sigma**2 * e[:, :, np.newaxis] * e[:, np.newaxis]
-        + ((rho * radar.azimuth_sigma) ** 2)[:, np.newaxis, np.newaxis]
-        * f[:, :, np.newaxis]
-        * f[:, np.newaxis]
-    )
+    along = radar.range_sigma**2 * e[:, :, np.newaxis] * e[:, np.newaxis]
+    across = ((rho * radar.azimuth_sigma) ** 2)[:, np.newaxis, np.newaxis]
+    noise: FloatArray = along + across * f[:, :, np.newaxis] * f[:, np.newaxis]
+    return noise
 
 
 # state, covariance, interval, position and its covariance -> state and covariance
@@ -180,7 +178,7 @@ def filtered(
         for i in others:
             x, p = step(x, p, plots.time[i] - last, position[i], noise[i])
             last = plots.time[i]
-            rows.append(i)
+            rows.append(int(i))
             states.append(x)
             covariances.append(p)
     state = np.array(states)
@@ -285,7 +283,7 @@ def scene(
     """Return a scene; the errors of all sensors are the same if they are `common`."""
     rng = np.random.default_rng([SEED, FLOWN.index(kind), count, seed])
     of, radars = flown(kind, flights, rng), sensors(count)
-    plots = []
+    plots: list[Seen] = []
     for radar in radars:
         sign = rng.choice([-1.0, 1.0], 2)
         size = rng.uniform(100.0, 200.0), np.radians(rng.uniform(0.2, 0.3))

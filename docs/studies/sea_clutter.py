@@ -32,7 +32,8 @@ def vessels(random: np.random.Generator) -> FloatArray:
         time = PERIOD * (scan + azimuth / (2 * np.pi))
     distance = np.linalg.norm(at, axis=1) + RADAR.range_sigma * random.standard_normal(len(at))
     azimuth = azimuth + RADAR.azimuth_sigma * random.standard_normal(len(at))
-    return np.column_stack([time, distance, azimuth, number])[distance < RADAR.max_range]
+    seen = distance < RADAR.max_range
+    return np.column_stack([time[seen], distance[seen], azimuth[seen], number[seen]])
 
 
 def clutter(count: int, random: np.random.Generator) -> FloatArray:

@@ -23,8 +23,9 @@ _ENDS = 3000.0
 class Followed:
     """A track and its plan, with the times of conformance and the cross-track distance in metres.
 
-    `left` is the time in seconds at which the aircraft left the plan, and `back` the time at which
-    it followed the plan again; nan if this did not happen.
+    `left` is the time in seconds at which the aircraft left the plan, for the longest time if it
+    did so repeatedly, and `back` the time at which it followed the plan again; nan if this did not
+    happen.
     """
 
     track: int
@@ -77,9 +78,12 @@ def _flights(found: Sequence[Followed]) -> list[Followed]:
 
 
 def _departure(time: FloatArray, on: BoolArray, lasting: float) -> tuple[float, float]:
-    """Return the times of the first departure that lasted long enough, and of the return."""
+    """Return the times of the longest departure, if it lasted long enough, and of the return."""
+    longest, times = lasting, (np.nan, np.nan)
     edges = np.flatnonzero(np.diff(on, prepend=True, append=True))
     for begin, end in edges.reshape(-1, 2):
-        if end - begin >= _ROW and time[end - 1] - time[begin] >= lasting:
-            return float(time[begin]), float(time[end]) if end < len(time) else np.nan
-    return np.nan, np.nan
+        duration = time[end - 1] - time[begin]
+        if end - begin >= _ROW and duration >= longest:
+            back = float(time[end]) if end < len(time) else np.nan
+            longest, times = duration, (float(time[begin]), back)
+    return times
