@@ -58,7 +58,7 @@ fn what_the_errors_add_to_a_track() {
         innovation,
         innovation_covariance,
     };
-    let (unknowns, errors) = (registrar.unknowns(), registrar.blocks());
+    let (unknowns, errors) = (registrar.unknowns(), registrar.blocks(&registrar.known.covariance));
     let added = registrar.carry(&update, (place.0, false), &stated, &unknowns).added(&errors);
     close(added[0] + corrected[(0, 0)], 1020.719237257);
     close(added[1] + corrected[(0, 1)], 20.87698829836);
