@@ -205,15 +205,14 @@ pub fn locate<'py>(
     n_threads: Threads,
 ) -> PyResult<Located<'py>> {
     let ((name, redundancy), (multipath, correlation)) = (robustness, differences);
-    let (speed_sigma, wind_sigma) = medium;
     let mut locator = Locator::new(method(name, redundancy)?)
         .with_multipath(multipath)
         .with_correlation(correlation)
         .profiling();
     let batch = Batch::new(&stations, axes.as_ref(), &values, &sigmas)?;
     let mut batch = batch.with(position_sigmas.as_ref(), height.as_ref(), initial.as_ref())?;
-    let mut speed = find_speed(py, &locator, &mut batch, speed_sigma)?;
-    let mut wind = find_wind(py, &locator, &mut batch, wind_sigma)?;
+    let (speed_sigma, wind_sigma) = medium;
+    let (mut speed, mut wind) = find_medium(py, &locator, &mut batch, medium)?;
     let is_alone = batch.count() == 1 && !pooled && name == "robust" && free.contains(&true);
     let contradiction = match is_alone {
         true => Contradiction::NONE,
@@ -265,57 +264,25 @@ pub fn locate<'py>(
     ))
 }
 
-/// Finds the wind that carries the signals, and converts times of arrival to still air.
-fn find_wind(
+/// Finds speed and wind, and converts measurements to still air and that speed.
+fn find_medium(
     py: Python<'_>,
     locator: &Locator,
     batch: &mut Batch<'_>,
-    wind_sigma: f64,
-) -> PyResult<Option<Wind>> {
-    if wind_sigma <= 0.0 {
-        return Ok(None);
+    sigmas: (f64, f64),
+) -> PyResult<(Speed, Option<Wind>)> {
+    if sigmas == (0.0, 0.0) {
+        return Ok((Speed::EXACT, None));
     }
     let instants = batch.instants();
-    let work = || match batch.d {
-        2 => of_wind::<2>(locator, &instants, wind_sigma),
-        _ => of_wind::<3>(locator, &instants, wind_sigma),
-    };
-    let (wind, values) = release(py, LOCATE_NS * batch.values.size(), work)?;
-    drop(instants);
-    *batch.values.values.to_mut() = values;
-    Ok(Some(wind))
-}
-
-fn of_wind<const D: usize>(
-    locator: &Locator,
-    instants: &[Instant<'_>],
-    sigma: f64,
-) -> (Wind, Vec<f64>) {
-    let mut workspace = Workspace::<D>::default();
-    let wind = locator.wind(instants, sigma, &mut workspace);
-    let values = locator.in_still_air(instants, &wind, &mut workspace);
-    (wind, values)
-}
-
-/// Finds by how much signals are faster than stated, and converts measurements to that speed.
-fn find_speed(
-    py: Python<'_>,
-    locator: &Locator,
-    batch: &mut Batch<'_>,
-    speed_sigma: f64,
-) -> PyResult<Speed> {
-    if speed_sigma <= 0.0 {
-        return Ok(Speed::EXACT);
-    }
-    let instants = batch.instants();
-    let speed = release(py, LOCATE_NS * batch.values.size(), || match batch.d {
-        2 => locator.speed::<2>(&instants, speed_sigma, &mut Workspace::default()),
-        _ => locator.speed::<3>(&instants, speed_sigma, &mut Workspace::default()),
+    let found = release(py, LOCATE_NS * batch.values.size(), || match batch.d {
+        2 => locator.medium::<2>(&instants, sigmas, &mut Workspace::default()),
+        _ => locator.medium::<3>(&instants, sigmas, &mut Workspace::default()),
     })?;
     drop(instants);
-    speed.apply(batch.values.values.to_mut(), batch.k);
-    speed.apply(batch.sigmas.values.to_mut(), batch.k);
-    Ok(speed)
+    *batch.values.values.to_mut() = found.values;
+    *batch.sigmas.values.to_mut() = found.sigmas;
+    Ok((found.speed, found.wind))
 }
 
 /// Finds by how much instants contradict stated standard deviations, and adapts these and the

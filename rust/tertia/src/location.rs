@@ -31,6 +31,7 @@
 //! | `region`, `contour`, `radial` | regions around positions, their outlines, radii |
 //! | `speed` | the speed of the signals, where it is not known exactly |
 //! | `wind` | the wind, where signals are carried by it |
+//! | `medium` | both together |
 //! | `protection` | protection levels |
 
 // indices are those of the formulas
@@ -52,6 +53,7 @@ mod growth;
 mod lane;
 mod lanes;
 mod lenth;
+mod medium;
 mod posterior;
 mod profile;
 mod protection;
@@ -71,6 +73,7 @@ pub use concentration::{Decay, STEPS, Weights};
 pub use contour::Outline;
 pub use contradiction::Contradiction;
 pub use fix::{Fix, Instant, Method, Output, Status};
+pub use medium::Medium;
 pub use posterior::{Bearings, Density, Posterior, Summary, pooled};
 pub use protection::Protection;
 pub use region::{Located, Spread};

@@ -1,0 +1,144 @@
+//! The medium of the signals: their speed and the wind, which depend on one another.
+//!
+//! Each is found while the other is as it was found last, until the speed stays. The variance of each
+//! then grows by what the other one leaves open: with the slope b of the wind over the share of the
+//! speed, the information of the share is less by `bᵀ Σ⁻¹ b`, and the covariance Σ of the wind
+//! larger by `b bᵀ` times the variance of the share.
+
+use super::fix::Instant;
+use super::solver::{Locator, Workspace};
+use super::speed::Speed;
+use super::wind::Wind;
+use crate::base::small::{Factor, dot};
+use crate::sensors::KINDS;
+
+/// Rounds at most, and the share of the speed's standard deviation below which a change is the last.
+const ROUNDS: usize = 20;
+const SETTLED: f64 = 0.02;
+
+/// What is measured, and its standard deviations, 5 K numbers of each instant.
+#[derive(Clone)]
+struct Measured {
+    receivers: usize,
+    values: Vec<f64>,
+    sigmas: Vec<f64>,
+}
+
+/// Speed and wind, and what would be measured in still air at this speed.
+#[derive(Clone, Debug)]
+pub struct Medium {
+    /// Of the signals.
+    pub speed: Speed,
+    /// None where there may be none.
+    pub wind: Option<Wind>,
+    /// 5 K numbers of each instant.
+    pub values: Vec<f64>,
+    /// Their standard deviations.
+    pub sigmas: Vec<f64>,
+}
+
+impl Measured {
+    fn of(instants: &[Instant<'_>]) -> Self {
+        let receivers = instants.first().map_or(1, |one| one.values.len() / KINDS);
+        let all = |of: for<'a> fn(&Instant<'a>) -> &'a [f64]| {
+            instants.iter().flat_map(|one| of(one).to_vec()).collect()
+        };
+        Self { receivers, values: all(|one| one.values), sigmas: all(|one| one.sigmas) }
+    }
+
+    /// The same if signals are faster by this share.
+    fn faster(&self, share: f64) -> Self {
+        let mut all = self.clone();
+        let speed = Speed { share, sigma: 0.0 };
+        speed.apply(&mut all.values, self.receivers);
+        speed.apply(&mut all.sigmas, self.receivers);
+        all
+    }
+
+    fn instants<'a>(&'a self, like: &[Instant<'a>]) -> Vec<Instant<'a>> {
+        let size = KINDS * self.receivers;
+        let own = self.values.chunks(size).zip(self.sigmas.chunks(size));
+        like.iter()
+            .zip(own)
+            .map(|(one, (values, sigmas))| Instant { values, sigmas, ..*one })
+            .collect()
+    }
+}
+
+impl Locator {
+    /// The medium, of which the share of the speed and the wind in units of the speed have these standard
+    /// deviations; 0 where they are known. O(N M).
+    pub fn medium<const D: usize>(
+        &self,
+        instants: &[Instant<'_>],
+        (speed_sigma, wind_sigma): (f64, f64),
+        workspace: &mut Workspace<D>,
+    ) -> Medium {
+        let raw = Measured::of(instants);
+        let (mut still, mut speed, mut wind) = (raw.clone(), Speed::EXACT, None);
+        for _ in 0..ROUNDS {
+            let before = speed;
+            if speed_sigma > 0.0 {
+                speed = self.speed(&still.instants(instants), speed_sigma, workspace);
+            }
+            if wind_sigma > 0.0 {
+                let moved = raw.faster(speed.share);
+                let moved = moved.instants(instants);
+                let found = self.wind(&moved, wind_sigma, workspace);
+                let values = self.in_still_air(&moved, &found, workspace);
+                still = Measured { values, ..raw.faster(speed.share) };
+                still = still.faster((1.0 + speed.share).recip() - 1.0);
+                wind = Some(found);
+            }
+            let change = (speed.share - before.share).abs();
+            if wind.is_none() || change <= SETTLED * speed.sigma {
+                break;
+            }
+        }
+        let found = still.faster(speed.share);
+        if let Some(wind) = wind.as_mut().filter(|_| speed_sigma > 0.0) {
+            let slope = [-1.0, 1.0].map(|sign| {
+                let moved = raw.faster(speed.share + sign * speed.sigma);
+                self.wind(&moved.instants(instants), wind_sigma, workspace).mean
+            });
+            let slope = [0, 1].map(|a| (slope[1][a] - slope[0][a]) / (2.0 * speed.sigma));
+            speed = widened(speed, speed_sigma, wind, slope);
+        }
+        let Measured { values, sigmas, .. } = found;
+        Medium { speed, wind, values, sigmas }
+    }
+}
+
+/// The speed with what the wind leaves open, and in the wind what the speed does.
+fn widened(speed: Speed, prior: f64, wind: &mut Wind, slope: [f64; 2]) -> Speed {
+    let Some(factor) = Factor::try_new(&wind.covariance, 0.0) else { return speed };
+    let least = prior.powi(-2);
+    let information = (speed.sigma.powi(-2) - dot(&slope, &factor.solve(&slope))).max(least);
+    for i in 0..2 {
+        for j in 0..2 {
+            wind.covariance[i][j] += slope[i] * slope[j] / information;
+        }
+    }
+    Speed { sigma: information.sqrt().recip(), ..speed }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::checks::assert_within;
+
+    /// Of a joint information matrix, the conditional variances become the marginal ones.
+    #[test]
+    fn variances_are_those_of_both_together() {
+        // share, and wind east and north: information of 4, 2, 2 and -1 between share and east
+        let mut wind = Wind { mean: [0.0; 2], covariance: [[0.5, 0.0], [0.0, 0.5]] };
+        let speed = Speed { share: 0.0, sigma: 0.5 };
+        let found = widened(speed, 10.0, &mut wind, [0.5, 0.0]);
+        assert_within(1e-14, found.sigma.powi(2), 1.0 / 3.5);
+        assert_within(1e-14, wind.covariance[0][0], 4.0 / 7.0);
+        assert_eq!(wind.covariance[1], [0.0, 0.5]);
+        // but no larger than the prior
+        let found = widened(speed, 0.5, &mut wind, [9.0, 0.0]);
+        assert_within(1e-14, found.sigma, 0.5);
+    }
+}
