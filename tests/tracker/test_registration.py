@@ -191,7 +191,7 @@ def test_wrong_arguments():
 
 
 @pytest.mark.parametrize("beyond", [0.1, 0.3, 0.5, 1.0])
-@pytest.mark.parametrize("offset", [0.0, 300.0])
+@pytest.mark.parametrize("offset", [0.0, 350.0])
 def test_large_errors_make_no_second_tracks(beyond, offset):
     bias = Bias(azimuth=[0.0, beyond], range=[0.0, offset], degrees=True)
     plots = recording(6, bias)
@@ -209,7 +209,7 @@ def test_large_errors_make_no_second_tracks(beyond, offset):
         assert away(bare, best) > 1.5 * away(whole, best)
     # 0.3 degrees alone make no second tracks: two radars that see a target in one scan begin one
     if beyond > 0.3 or offset:
-        assert len(np.unique(bare.track)) >= 30
+        assert len(np.unique(bare.track)) > 30
 
 
 @pytest.mark.parametrize("beyond", [0.5, 1.0])

@@ -72,17 +72,23 @@ impl Track {
                 silence > SCANS_BEFORE * self.period && self.existence.is_below(LEAST_ODDS)
             }
         };
-        let refuted =
-            self.is_confirmed() && self.existence.is_refuted(self.speed_probability(settings));
-        !gone && !refuted && silence <= (settings.coasting as f64 + 0.5) * self.period
+        let refuted = || self.existence.is_refuted(self.speed_probability(settings));
+        !gone
+            && !(self.may_be_clutter() && self.is_confirmed() && refuted())
+            && silence <= (settings.coasting as f64 + 0.5) * self.period
+    }
+
+    /// Whether it may have gone from false plot to false plot: it has no reply of a transponder.
+    fn may_be_clutter(&self) -> bool {
+        !self.identities().is_some()
     }
 
     /// Probability of its speed, as no target is faster than the largest; 1 while the last plot may be
-    /// an outlier.
+    /// an outlier, and with replies.
     pub(super) fn speed_probability(&self, settings: &Settings) -> f64 {
         let [x, y] = [self.estimate.mean[VELOCITY], self.estimate.mean[VELOCITY + 1]];
         let (speed, most) = (f64::hypot(x, y), TOO_FAST * settings.max_speed);
-        if speed <= most || self.fork.is_some() {
+        if speed <= most || self.fork.is_some() || !self.may_be_clutter() {
             return 1.0;
         }
         let sigma = self.estimate.velocity_covariance().form([x / speed, y / speed]).sqrt();
