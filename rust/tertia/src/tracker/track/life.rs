@@ -72,10 +72,10 @@ impl Track {
                 silence > SCANS_BEFORE * self.period && self.existence.is_below(LEAST_ODDS)
             }
         };
-        let refuted = || self.existence.is_refuted(self.speed_probability(settings));
-        !gone
-            && !(self.may_be_clutter() && self.is_confirmed() && refuted())
-            && silence <= (settings.coasting as f64 + 0.5) * self.period
+        let speed = self.speed_probability(settings);
+        let refuted =
+            self.is_confirmed() && self.may_be_clutter() && self.existence.is_refuted(speed);
+        !gone && !refuted && silence <= (settings.coasting as f64 + 0.5) * self.period
     }
 
     /// Whether it may have gone from false plot to false plot: it has no reply of a transponder.
