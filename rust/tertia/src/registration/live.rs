@@ -333,11 +333,12 @@ impl Registrar {
             return;
         }
         let k = seen.radar;
+        let scans = update.plot.report.time / self.radars[k].scan_period;
         self.alarms[k].see(update.distance());
         let (used, noise) = (seen.noise(used), seen.noise(self.own_noise(k)));
         for axis in 0..2 {
             let (found, sigmas) = (update.along(seen.axes[axis].into()), [used[axis], noise[axis]]);
-            if let Some(growth) = self.watches[k][axis].see(found, sigmas) {
+            if let Some(growth) = self.watches[k][axis].see(scans, found, sigmas) {
                 let square = growth * self.factor[k][axis].powi(2);
                 self.factor[k][axis] = square.sqrt();
                 self.redundancy[k][axis] = GROWN;

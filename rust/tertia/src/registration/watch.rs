@@ -1,31 +1,39 @@
 //! Noise that has grown suddenly: the last innovations of a radar, against what they should be.
 //!
 //! Blocks learn noise slowly, and gates cut what they would learn from. So a radar whose last
-//! innovations are far too large has its noise raised at once; only blocks lower it again. Cost O(1) a
-//! plot.
+//! innovations are far too large has its noise raised at once; only blocks lower it again. As many a scan
+//! are watched however many targets there are: among thousands, twenty are often too large by chance. Cost
+//! O(1) a plot.
 
 use crate::base::angle::median;
 use serde::{Deserialize, Serialize};
 
-/// Innovations that are watched, and standard errors of their mean square that are too many.
+/// Innovations that are watched at least, and standard errors of their mean square that are too many.
 const WATCHED: usize = 20;
 const ERRORS: f64 = 4.5;
-/// Innovations from one look to the next.
-const STEP: usize = 4;
+/// Scans that they cover at least.
+const SCANS: f64 = 1.0 / 16.0;
+/// Share of them that a look leaves out of the next.
+const STEP: usize = 5;
 /// Variance of an innovation over that of the noise above which it says little of the noise.
 const PREDICTED: f64 = 10.0;
 
 /// The last innovations of a radar along one axis, in standard deviations, and their variance over that
 /// of the noise.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Watch(Vec<(f64, f64)>);
+pub(super) struct Watch {
+    values: Vec<(f64, f64)>,
+    /// Time of each, in scans.
+    times: Vec<f64>,
+}
 
 impl Watch {
     /// Takes an innovation and its variance, which was made with a standard deviation of the noise that
-    /// may be another one now: it counts as if made with this. Returns by how much the variance of the
-    /// noise must grow, if so; then it begins anew.
+    /// may be another one now: it counts as if made with this. Its time is in scans. Returns by how much
+    /// the variance of the noise must grow, if so; then it begins anew.
     pub fn see(
         &mut self,
+        time: f64,
         (innovation, variance): (f64, f64),
         [used, now]: [f64; 2],
     ) -> Option<f64> {
@@ -34,33 +42,38 @@ impl Watch {
         if variance > PREDICTED * noise {
             return None;
         }
-        self.0.push((innovation / variance.sqrt(), variance / noise));
-        if self.0.len() < WATCHED {
+        self.values.push((innovation / variance.sqrt(), variance / noise));
+        self.times.push(time);
+        let count = self.values.len();
+        if count < WATCHED || (time - self.times[0]).abs() < SCANS {
             return None;
         }
+        let growth = self.growth();
+        let seen = if growth.is_some() { count } else { count / STEP };
+        self.values.drain(..seen);
+        self.times.drain(..seen);
+        growth
+    }
+
+    /// By how much the variance of the noise must grow.
+    fn growth(&self) -> Option<f64> {
         // about the mean the squares are half of those about the median at least
-        let count = WATCHED as f64;
-        let (sum, squares) = self
-            .0
-            .iter()
-            .fold((0.0, 0.0), |(sum, squares), (value, _)| (sum + value, squares + value * value));
+        let count = self.values.len() as f64;
+        let add = |(sum, squares): (f64, f64), (value, _): &(f64, f64)| {
+            (sum + value, squares + value * value)
+        };
+        let (sum, squares) = self.values.iter().fold((0.0, 0.0), add);
         if 2.0 * (squares - sum * sum / count) < (count - 1.0) * most() {
-            self.0.drain(..STEP);
             return None;
         }
-        let mut values: Vec<f64> = self.0.iter().map(|(value, _)| *value).collect();
+        let mut values: Vec<f64> = self.values.iter().map(|(value, _)| *value).collect();
         let middle = median(&mut values);
         let squares = values.iter().map(|value| (value - middle).powi(2));
         let (sum, largest) =
             squares.fold((0.0, 0.0_f64), |(sum, most), one| (sum + one, most.max(one)));
         let mean = (sum - largest) / (count - 1.0);
-        let share = self.0.iter().map(|(_, share)| share).sum::<f64>() / count;
-        if mean > most() {
-            self.0.clear();
-            return Some(1.0 + (mean - 1.0) * share);
-        }
-        self.0.drain(..STEP);
-        None
+        let share = self.values.iter().map(|(_, share)| share).sum::<f64>() / count;
+        (mean > most()).then(|| 1.0 + (mean - 1.0) * share)
     }
 }
 
@@ -76,8 +89,22 @@ mod tests {
     fn grown(scale: f64) -> Option<f64> {
         let mut watch = Watch::default();
         let values = [0.3, -1.1, 0.8, -0.2, 1.5, -0.7, 0.1, -1.4, 0.6, 1.0];
-        let found = |value: &f64| (scale * value, 2.0);
-        values.iter().cycle().take(60).find_map(|value| watch.see(found(value), [1.0; 2]))
+        let found = |(i, value): (usize, &f64)| (0.01 * i as f64, (scale * value, 2.0));
+        let found = values.iter().cycle().enumerate().take(60).map(found);
+        found.into_iter().find_map(|(time, value)| watch.see(time, value, [1.0; 2]))
+    }
+
+    #[test]
+    fn a_few_among_thousands_in_a_scan_are_too_large_by_chance() {
+        let raised = |spare: usize| {
+            let mut watch = Watch::default();
+            (0..4000).any(|i| {
+                let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
+                let size = if i % 200 < spare { 5.0 } else { 1.0 };
+                watch.see(i as f64 / 4000.0, (sign * size, 1.0), [1.0; 2]).is_some()
+            })
+        };
+        assert!(!raised(8) && raised(20) && raised(200));
     }
 
     #[test]
@@ -93,7 +120,7 @@ mod tests {
         for i in 0..400 {
             // noise of 5 where 1 was used
             let innovation = if i % 2 == 0 { 5.0 } else { -5.0 };
-            if let Some(growth) = watch.see((innovation, 1.2), [1.0, noise]) {
+            if let Some(growth) = watch.see(0.01 * f64::from(i), (innovation, 1.2), [1.0, noise]) {
                 noise *= growth.sqrt();
                 raised += 1;
             }
@@ -104,8 +131,8 @@ mod tests {
     #[test]
     fn innovations_of_uncertain_predictions_say_nothing() {
         let mut watch = Watch::default();
-        let raised =
-            (0..60).any(|i| watch.see((f64::from(i % 2) * 99.0, 20.0), [1.0; 2]).is_some());
+        let value = |i: i32| (0.01 * f64::from(i), (f64::from(i % 2) * 99.0, 20.0));
+        let raised = (0..60).map(value).any(|(time, own)| watch.see(time, own, [1.0; 2]).is_some());
         assert!(!raised);
     }
 
