@@ -45,7 +45,7 @@ impl Watch {
         self.values.push((innovation / variance.sqrt(), variance / noise));
         self.times.push(time);
         let count = self.values.len();
-        if count < WATCHED || (time - self.times[0]).abs() < SCANS {
+        if !count.is_multiple_of(WATCHED) || self.cover() < SCANS {
             return None;
         }
         let growth = self.growth();
@@ -53,6 +53,13 @@ impl Watch {
         self.values.drain(..seen);
         self.times.drain(..seen);
         growth
+    }
+
+    /// Scans that the innovations cover, whose order is not quite that of time.
+    fn cover(&self) -> f64 {
+        let middle = median(&mut self.times.clone());
+        let mut apart: Vec<f64> = self.times.iter().map(|time| (time - middle).abs()).collect();
+        4.0 * median(&mut apart)
     }
 
     /// By how much the variance of the noise must grow.
