@@ -116,6 +116,23 @@ class TestPositions:
         one = figure(tables.audit(table, degrees[1], origin=(48.0, 11.0)), "nees")["value"]
         assert one == pytest.approx(expected, rel=1e-3)
 
+    def test_heights_that_one_table_lacks(self):
+        frame = pytest.importorskip("tertia.geo").LocalFrame(48.0, 11.0)
+        table, _ = positions()
+        degrees = []
+        for one in (table, truth()):
+            far = np.column_stack([one["east_m"] + 2e5 * (one["time_s"] > 150.0), one["north_m"]])
+            latitude, longitude, _ = frame.to_geodetic(np.c_[far, np.zeros(one.height)])
+            degrees.append(one.with_columns(latitude_deg=latitude, longitude_deg=longitude))
+        there, true = (one.drop("east_m", "north_m") for one in degrees)
+        high = there.with_columns(height_m=pl.lit(11_000.0))
+        expected = figure(tables.audit(there, true), "nees")["value"]
+        assert figure(tables.audit(high, true), "nees")["value"] == pytest.approx(expected)
+        beside = high.with_columns(
+            true_latitude_deg=pl.col("latitude_deg"), true_longitude_deg=pl.col("longitude_deg")
+        )
+        assert figure(tables.audit(beside), "nees")["value"] == pytest.approx(0.0, abs=1e-9)
+
     def test_tracks_are_matched_to_targets_and_are_groups(self):
         table, _ = positions()
         both = pl.concat([table.with_columns(track=pl.lit(k)) for k in (1, 2)])
@@ -128,6 +145,32 @@ class TestPositions:
         )
         found = tables.audit(both.with_columns(far), targets, max_distance=200.0)
         assert figure(found, "nees")["verdict"] == "honest"
+
+    def test_numbers_of_tracks_that_are_those_of_other_targets(self):
+        table, _ = positions()
+        both = pl.concat([table.with_columns(track=pl.lit(k)) for k in (1, 2)])
+        far = pl.col("east_m") + pl.when(pl.col("track") == 2).then(5000.0).otherwise(0.0)
+        targets = pl.concat(
+            [
+                truth().with_columns(pl.col("east_m") + 5000.0 * k, target=pl.lit(k))
+                for k in range(3)
+            ]
+        )
+        with pytest.warns(tables.RecordWarning, match="0% of the estimates are within 1000 m"):
+            found = tables.audit(both.with_columns(far), targets)
+        assert figure(found, "nees")["verdict"] == "honest"
+
+    def test_names_are_believed_if_no_target_is_near(self):
+        table, _ = positions()
+        named = table.with_columns(pl.col("east_m") + 9000.0, track=pl.lit("AFR"))
+        targets = pl.concat(
+            [
+                truth().with_columns(pl.col("north_m") + 5000.0 * k, target=pl.lit(name))
+                for k, name in enumerate(("AFR", "DLH"))
+            ]
+        )
+        found = tables.audit(named, targets)
+        assert figure(found, "nees")["verdict"].startswith("too small")
 
     def test_strata_and_groups(self):
         table, _ = positions()

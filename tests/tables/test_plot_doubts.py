@@ -59,6 +59,13 @@ def test_times_of_north_marks_are_noticed(late: float) -> None:
     assert "up to 4 s off" in told
 
 
+def test_times_in_whole_seconds_are_noticed() -> None:
+    (told,) = _told(_scene().with_columns(pl.col("time_s").floor()), RADAR)
+    assert told.startswith("the times of hill are whole seconds")
+    one = _scene().filter(pl.col("azimuth_deg") < 30.0)
+    assert _told(one.with_columns(pl.col("time_s").floor()), RADAR) == []
+
+
 def test_sectors_and_rounded_times_are_no_blocks() -> None:
     sector = (pl.col("time_s") / (PERIOD / 32)).ceil() * PERIOD / 32
     assert _told(_scene().with_columns(time_s=sector), RADAR) == []

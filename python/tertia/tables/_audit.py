@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,9 +11,10 @@ import polars as pl
 
 from tertia._arrays import FloatArray, IntArray, positive_number, real
 from tertia.geo import LocalFrame
-from tertia.metrics import Audit, Indicator, Truth, match_tracks
+from tertia.metrics import Audit, Indicator, Truth
 from tertia.metrics import audit as audit_errors
 from tertia.metrics._indicator import share_text
+from tertia.tables._audit_truth import bridged, nearest_rows, targets, velocity_of
 from tertia.tables._frames import Table, names, result
 from tertia.tables._groups import as_names, column_name, layout, split_unit
 from tertia.tables._parts import ColumnError, RecordError, Source, source_of
@@ -24,8 +24,6 @@ from tertia.tables._times import Clock, kind_of_times
 
 _AXES = ("east", "north", "up")
 _TURN = 360.0
-# gaps of the truth longer than this are not interpolated, in units of its usual step
-_LONGEST_GAP = 10.0
 # if the truth has no velocity for more than this share of the estimates, no time offset is
 # estimated
 _MOST_UNKNOWN = 0.5
@@ -385,7 +383,7 @@ def _beside(records: Records) -> _Errors:
         )
     elif f"true_{GEODETIC[0]}" in records.column and GEODETIC[0] in records.column:
         frame = _frame(rows, None)
-        there, true = (_local(frame, rows, prefix)[:, :2] for prefix in ("", "true_"))
+        there, true = (_on_ground(frame, rows, prefix) for prefix in ("", "true_"))
         axes = 2
     else:
         raise ColumnError(
@@ -428,12 +426,12 @@ def _versus(
         sure &= records.rows["confirmed"].fill_null(False).to_numpy()
     kept = np.flatnonzero(sure)
     own = records.rows["name"].fill_null("").to_numpy().astype(str)[kept]
-    target = _targets(truth, own, time[kept], place[kept], distance)
+    target = targets(truth, own, time[kept], place[kept], distance)
     covariance = _covariance(records, axes)[kept]
     error = place[kept] - truth.at(target, time[kept])
-    error[~_bridged(truth, target, time[kept])] = np.nan
+    error[~bridged(truth, target, time[kept])] = np.nan
     velocity: FloatArray | None
-    speed = _velocity(truth, target, time[kept])
+    speed = velocity_of(truth, target, time[kept])
     unknown = np.isnan(speed[np.isfinite(error).all(axis=1), 0])
     if np.count_nonzero(unknown) > _MOST_UNKNOWN * len(unknown):
         velocity = None
@@ -443,7 +441,7 @@ def _versus(
     own_spread = None
     if _has_sigmas(there, axes):
         matrices = _covariance(there, axes)[known_truth]
-        nearest = _nearest(truth, when[known_truth], labels[known_truth], target, time[kept])
+        nearest = nearest_rows(truth, when[known_truth], labels[known_truth], target, time[kept])
         own_spread = np.nan_to_num(matrices[nearest])
     return error, covariance, own_spread, velocity, kept
 
@@ -464,6 +462,8 @@ def _common_places(
             "longitude_deg; otherwise give origin"
         )
     frame = _frame((records if degrees[0] else there).rows, origin)
+    if all(degrees):
+        return _on_ground(frame, records.rows), _on_ground(frame, there.rows)
     found = [
         _local(frame, one.rows)[:, :2] if has else one.rows.select(LOCAL[:2]).to_numpy()
         for one, has in zip((records, there), degrees, strict=True)
@@ -485,6 +485,13 @@ def _local(frame: Any, rows: pl.DataFrame, prefix: str = "") -> FloatArray:
     latitude, longitude, height = (rows[f"{prefix}{name}"].to_numpy() for name in GEODETIC)
     local: FloatArray = frame.to_local(latitude, longitude, np.nan_to_num(height))
     return local
+
+
+def _on_ground(frame: LocalFrame, rows: pl.DataFrame, prefix: str = "") -> FloatArray:
+    """Return east and north (N, 2) without heights, which one of two tables may lack."""
+    latitude, longitude = (rows[f"{prefix}{name}"].to_numpy() for name in GEODETIC[:2])
+    local: FloatArray = frame.to_local(latitude, longitude, 0.0)
+    return local[:, :2]
 
 
 def _axes(records: Records, prefix: str) -> int:
@@ -517,55 +524,3 @@ def _covariance(records: Records, axes: int) -> FloatArray:
             if both in records.column:
                 matrices[:, i, j] = matrices[:, j, i] = rows[both].to_numpy()
     return matrices
-
-
-def _targets(
-    truth: Truth, names_of: Any, time: FloatArray, place: FloatArray, distance: float
-) -> IntArray:
-    """Return the target of each estimate: the only target, the one of that name, or the nearest."""
-    if len(truth) == 1:
-        return np.zeros(len(time), dtype=np.int64)
-    index = {name: k for k, name in enumerate(truth.targets.tolist())}
-    found = np.array([index.get(name, -1) for name in names_of.tolist()], dtype=np.int64)
-    if np.any(found >= 0):
-        return found
-    tracks = SimpleNamespace(time=time, track=names_of, position=place)
-    return match_tracks(tracks, truth, max_distance=distance).target
-
-
-def _usual_step(truth: Truth) -> float:
-    steps = np.concatenate([np.diff(times) for _, times, _ in truth])
-    return float(np.median(steps)) if len(steps) else 1.0
-
-
-def _bridged(truth: Truth, target: IntArray, time: FloatArray) -> Any:
-    """Return for each time whether it is outside the long gaps of the truth."""
-    longest = _LONGEST_GAP * _usual_step(truth)
-    fine = target >= 0
-    for k, (_, times, _) in enumerate(truth):
-        own = np.flatnonzero(target == k)
-        after = np.clip(np.searchsorted(times, time[own]), 1, max(len(times) - 1, 1))
-        if len(times) > 1:
-            fine[own] &= times[after] - times[after - 1] <= longest
-    return fine
-
-
-def _velocity(truth: Truth, target: IntArray, time: FloatArray) -> FloatArray:
-    """Return velocities by central differences over two usual steps of the truth."""
-    half = _usual_step(truth)
-    ahead, behind = (truth.at(target, time + step) for step in (half, -half))
-    return np.asarray((ahead - behind) / (2 * half))
-
-
-def _nearest(
-    truth: Truth, when: FloatArray, labels: Any, target: IntArray, time: FloatArray
-) -> IntArray:
-    """Return, for each time, the row of the truth that is nearest in time."""
-    found = np.zeros(len(time), dtype=np.int64)
-    for k, name in enumerate(truth.targets.tolist()):
-        rows = np.flatnonzero(labels == name)
-        rows = rows[np.argsort(when[rows], kind="stable")]
-        own = np.flatnonzero(target == k)
-        middle = (when[rows][1:] + when[rows][:-1]) / 2
-        found[own] = rows[np.searchsorted(middle, time[own])]
-    return found

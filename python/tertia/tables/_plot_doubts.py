@@ -18,6 +18,8 @@ _FEW = 50
 _INSTANT, _SECTOR, _SECTORS = 0.05, np.pi / 6, 5
 # share of the plots, or of the targets, above which a warning is given
 _SHARE = 0.5
+# standard deviation of times that are rounded to seconds
+_ROUNDED = 1.0 / np.sqrt(12.0)
 # seconds between the plots of sensors with different time zones
 _CLOCK = 300.0
 # plots in a row that come again, a share of a scan to which their intervals are equal, scans before
@@ -67,7 +69,7 @@ def _doubt_clocks(plots: Plots, sensors: Sensors[Any]) -> None:
 
 
 def _doubt_times(name: str, radar: Radar, time: FloatArray, azimuth: FloatArray) -> None:
-    """Warn if plots at all azimuths have the same times, such as those of north marks."""
+    """Warn if plots at all azimuths have the same times, or times without fractions of seconds."""
     instant = np.floor(time / (_INSTANT * radar.scan_period)).astype(np.int64)
     sector = np.floor(np.mod(azimuth, 2.0 * np.pi) / _SECTOR).astype(np.int64)
     _, place, count = np.unique(instant, return_inverse=True, return_counts=True)
@@ -79,6 +81,13 @@ def _doubt_times(name: str, radar: Radar, time: FloatArray, azimuth: FloatArray)
             f"plots of {name} at all azimuths have the same times: are these the times of north "
             "marks or of messages? Each plot of a rotating radar needs the time at which the beam "
             f"passed its target; otherwise tracks are up to {radar.scan_period:g} s off"
+        )
+    elif len(np.unique(sector)) >= _SECTORS and np.all(time == np.round(time)):
+        doubt(
+            f"the times of {name} are whole seconds: were they rounded? A target moves meanwhile, "
+            "and the sigmas of tracks do not include that. Give times with fractions; otherwise "
+            f"add {_ROUNDED:.2g} s × speed to the sigmas of the radar, and if times were cut off, "
+            "state time_bias_s = -0.5"
         )
 
 

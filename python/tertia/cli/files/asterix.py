@@ -76,7 +76,8 @@ def plots(path: Path) -> Part:
     ):
         if count:
             doubt(f"{path}: {counted(count, noun)} left out: {why}")
-    _doubt_radars(path, found.messages.filter(pl.col("sensor").is_in(seen["sensor"].unique())))
+    own = pl.col("sensor").is_in(seen["sensor"].unique().implode())
+    _doubt_radars(path, found.messages.filter(own))
     if found.truncated_times:
         doubt(f"{path}: times restart every 512 s, because no service message has a full time")
     # columns of identities without values are dropped
