@@ -612,7 +612,10 @@ def test_mistakes_in_plans(
         (("--gate-probability", 1), "gate_probability is 1"),
         (("--clutter-density", -1), "clutter_density"),
         (("--column", "range=r"), "columns has 'range'; it must be one of time_s"),
-        (("--column", "time_s=t", "--column", "time_s=u"), "--column gives time_s twice"),
+        (
+            ("--column", "time_s=t", "--column", "time_s=u"),
+            "twice; if the files call it differently, call it time_s in one",
+        ),
         (("--column", "time_s=t"), "has no column t; it has time_s"),
         (("--output", "o.xlsx"), "its name must end in .csv, .json, .parquet"),
         (("--plot", "p.doc"), "its name must end in"),

@@ -57,6 +57,26 @@ distance = np.abs(distance + 5.0 * rng.standard_normal(distance.shape))
 ready()
 reconstruct(sensors, time, range=distance)
 """,
+    "smooth": """
+from tertia.smoothing import smooth
+place = np.cumsum(rng.standard_normal((400_000, 2)), axis=0)
+ready()
+smooth(place + 20.0 * rng.standard_normal(place.shape), 400.0)
+""",
+    "fuse_series": """
+from tertia.fusion import fuse_series
+from tertia.kalman import SingerModel
+z = np.cumsum(rng.normal(0.0, 0.01, 3_000_000)) + rng.normal(0.0, 3.0, (4, 3_000_000))
+ready()
+fuse_series(z, 9.0, SingerModel(0.2, 1 / 20, 0.01, exact=True))
+""",
+    "fit_noise": """
+from tertia.kalman import fit_noise
+time = np.cumsum(rng.uniform(0.5, 1.5, 1_000_000))
+z = np.cumsum(rng.normal(0.0, 0.01, len(time))) + rng.normal(0.0, 3.0, len(time))
+ready()
+fit_noise(z, time=time)
+""",
 }
 
 

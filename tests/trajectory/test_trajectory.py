@@ -774,6 +774,17 @@ def test_errors_tell_what_is_wrong(changes, message):
         reconstruct(**arguments(**changes))
 
 
+def test_bearings_from_a_single_ship():
+    """Whatever it does: a target may move in the same way."""
+    place = np.column_stack([50.0 * np.arange(20), np.abs(500.0 - 50.0 * np.arange(20))])
+    with pytest.raises(ValueError, match="only a target that rests can be located"):
+        reconstruct(
+            [Station(place, azimuth_sigma=0.02)],
+            20.0 * np.arange(20),
+            azimuth=np.linspace(0.1, 0.3, 20)[:, None],
+        )
+
+
 def test_stations_must_be_stations():
     with pytest.raises(TypeError, match="stations must be a sequence of Station"):
         reconstruct(**arguments(stations=PLACES))

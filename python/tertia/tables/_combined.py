@@ -27,9 +27,10 @@ _COMMON: tuple[Kind, ...] = ("range", "azimuth", "elevation")
 def stated_sigmas(rows: pl.DataFrame, sensors: Sensors[Station]) -> FloatArray:
     """Return the sigma of each row in its unit, nan where it has none and its sensor neither."""
     found = rows["sigma"].to_numpy().astype(np.float64)
+    kinds, sites = rows["kind"].to_list(), rows["site"].to_list()
     for row in np.flatnonzero(np.isnan(found)).tolist():
-        kind = rows["kind"][row]
-        own = getattr(sensors.items[rows["site"][row]], f"{kind}_sigma", None)
+        kind = kinds[row]
+        own = getattr(sensors.items[sites[row]], f"{kind}_sigma", None)
         if own is not None:
             found[row] = own if kind == "range" else np.degrees(own)
     return found
@@ -48,7 +49,8 @@ def combined(
     stated = rows["sigma"] if sensors is None else pl.Series(stated_sigmas(rows, sensors))
     rows = rows.with_columns(outlier=pl.lit(None, dtype=pl.Boolean), stated=stated)
     parts = rows.partition_by("site", "kind", maintain_order=True)
-    if sensors is not None and len(rows) >= _FEWEST and stated.is_finite().all():
+    few = len(rows) >= _FEWEST and any(one.height < _MANY for one in parts)
+    if sensors is not None and few and stated.is_finite().all():
         parts = _without_contradictions(parts, sensors)
     means, singles = [rows.clear()], [rows.clear()]
     for one in parts:

@@ -18,6 +18,8 @@ _FEW = 50
 _INSTANT, _SECTOR, _SECTORS = 0.05, np.pi / 6, 5
 # share of the plots, or of the targets, above which a warning is given
 _SHARE = 0.5
+# mean resultant of the turn of a beam less that expected, above which there is a beam
+_TURNS = 0.6
 # standard deviation of times that are rounded to seconds
 _ROUNDED = 1.0 / np.sqrt(12.0)
 # seconds between the plots of sensors with different time zones
@@ -82,7 +84,11 @@ def _doubt_times(name: str, radar: Radar, time: FloatArray, azimuth: FloatArray)
             "marks or of messages? Each plot of a rotating radar needs the time at which the beam "
             f"passed its target; otherwise tracks are up to {radar.scan_period:g} s off"
         )
-    elif len(np.unique(sector)) >= _SECTORS and np.all(time == np.round(time)):
+        return
+    # from plot to plot, the beam turns as time goes, however its period drifts
+    beam = np.exp(1j * (np.diff(azimuth) - 2.0 * np.pi / radar.scan_period * np.diff(time)))
+    turns = np.abs(np.mean(beam)) > _TURNS and len(np.unique(sector)) >= _SECTORS
+    if turns and np.all(time == np.round(time)):
         doubt(
             f"the times of {name} are whole seconds: were they rounded? A target moves meanwhile, "
             "and the sigmas of tracks do not include that. Give times with fractions; otherwise "

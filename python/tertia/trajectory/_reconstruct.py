@@ -477,7 +477,10 @@ def _raise(failure: tuple[str, list[int]], stations: Sequence[Station]) -> NoRet
     why, numbers = failure
     if why == "not-located":
         reasons = "; ".join(LocationStatus(number).message for number in numbers)
-        raise ValueError(f"no instant can be located: {reasons}")
+        alone = "; from a single station, only a target that rests can be located, by `locate`"
+        raise ValueError(
+            f"no instant can be located: {reasons}{alone if len(stations) == 1 else ''}"
+        )
     if why == "mirrored":
         raise ValueError(
             "two paths explain the measurements (almost) equally well: a path and its mirror "

@@ -170,6 +170,7 @@ def column_names(options: Sequence[str] | None) -> dict[str, str]:
         if not name or not column:
             fail(f"--column is {option!r}; it must be NAME=COLUMN", WRONG_USAGE)
         if name in columns:
-            fail(f"--column gives {name} twice", WRONG_USAGE)
+            way = f"if the files call it differently, call it {name} in one"
+            fail(f"--column gives {name} twice; {way}", WRONG_USAGE)
         columns[name] = column
     return columns

@@ -6,6 +6,7 @@ use crate::kalman::{Model, check_period, singer};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::fusion::{Beliefs, Centre, RadarReport, Rule, series_biases as of_series};
+use tertia::interrupt::poll;
 use tertia::kalman::{Filter, Innovation, PerStep, Series, Singer, State, Transition, wrapped};
 
 /// Cost of a step for one radar, for the choice of threads.
@@ -131,6 +132,7 @@ impl Task<'_> {
         }
         let mut centre = Centre::new(self.filters(row)?, self.rule, self.beliefs, self.period);
         for step in 0..n {
+            poll();
             z.clear();
             z.extend((0..radars).map(|radar| plots[radar * n + step]));
             r.clear();

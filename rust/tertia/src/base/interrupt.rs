@@ -51,7 +51,7 @@ pub(crate) fn flag() -> Option<Flag> {
 }
 
 /// Unwinds with [`Interrupted`] where the call was told to stop.
-pub(crate) fn poll() {
+pub fn poll() {
     if FLAG.with_borrow(|flag| flag.as_ref().is_some_and(Flag::is_set)) {
         resume_unwind(Box::new(Interrupted));
     }

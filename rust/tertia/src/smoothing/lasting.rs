@@ -14,6 +14,7 @@ use super::motion::{self, ProcessNoise};
 use super::rows::invert;
 use super::seen::{ENOUGH, Quantity};
 use super::track::Track;
+use crate::base::interrupt::poll;
 use crate::base::small::{Matrix as Square, dot, symmetrise};
 use pulp::Arch;
 
@@ -130,6 +131,7 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
 
     /// Filters without keeping anything. Cost O(N D³).
     pub fn fit(&self, track: &Track<'_>, model: &Model, faults: &Faults) -> Fit {
+        poll();
         Arch::new().dispatch(|| {
             let (mut fit, mut faded) = (Fit::default(), Faded::default());
             let mut step = self.first();
@@ -157,6 +159,7 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
         let mut start = self.smoothed.unwrap_or(vague);
         let mut before = self.variances;
         for attempt in 1..=ATTEMPTS {
+            poll();
             self.start = start;
             let is_well = self.pass(track, model, faults, out);
             self.start = vague;

@@ -12,6 +12,7 @@ use super::results::{Smoothed, Summary};
 use super::rows::{invert, solve};
 use super::track::Track;
 use super::whitening::Whitening;
+use crate::base::interrupt::poll;
 use std::f64::consts::TAU;
 
 /// Buffers, which grow with the track.
@@ -47,6 +48,7 @@ pub fn smooth(
     workspace: &mut Workspace,
     out: &mut Smoothed<'_>,
 ) -> Summary {
+    poll();
     if let Some(summary) = workspace.quick.smooth(track, motion, out) {
         return summary;
     }
@@ -75,6 +77,7 @@ pub(crate) fn likelihood(
     motion: ProcessNoise,
     workspace: &mut Workspace,
 ) -> Summary {
+    poll();
     let quick = workspace.quick.likelihood(track, motion);
     quick.unwrap_or_else(|| with_order!(track.dimension, forwards(track, motion, workspace, None)))
 }

@@ -2,6 +2,7 @@
 
 use super::recording::{Limit, Recording};
 use crate::base::error::{Error, Result};
+use crate::base::interrupt::poll;
 use crate::kalman::batch::{Batch, End, Row, Table};
 use crate::kalman::model::Singer;
 use crate::kalman::steps::Steps;
@@ -146,6 +147,7 @@ impl<'a> Likelihood<'a> {
 
     /// ln L for the best scale of the variances, and the logarithm of that scale.
     fn run(&mut self, [alpha, acceleration_sigma, sigma]: [f64; 3]) -> Result<(f64, f64)> {
+        poll();
         let model = Singer::try_new(alpha, acceleration_sigma, true)?;
         let Recording { z, steps, dt, period } = self.recording;
         let (variance, count) = ([sigma * sigma], self.rows.len());
