@@ -270,7 +270,7 @@ def noise() -> str:
 def motions() -> str:
     """Return errors and coverage of smoothed positions by how the target moves."""
     rows = []
-    for name, draw in MOTIONS.items():
+    for name, draw in {**MOTIONS, **ROUGH}.items():
         cells = []
         for steps, step in ((60, 1.0), (60, 5.0), (300, 5.0)):
             rng = generator(97, sum(name.encode()), steps, int(step))
@@ -308,11 +308,19 @@ def _returning(shape: tuple[int, ...], step: float, rng: np.random.Generator) ->
     return _forgotten(shape, step, 0.3, rng)
 
 
+def _briefly(shape: tuple[int, ...], step: float, rng: np.random.Generator) -> FloatArray:
+    return _forgotten(shape, step, 0.3, rng, 3.0)
+
+
+def _position(shape: tuple[int, ...], step: float, rng: np.random.Generator) -> FloatArray:
+    return np.asarray(0.3 / np.sqrt(step) * rng.standard_normal(shape))
+
+
 def _forgotten(
-    shape: tuple[int, ...], step: float, size: float, rng: np.random.Generator
+    shape: tuple[int, ...], step: float, size: float, rng: np.random.Generator, time: float = 20.0
 ) -> FloatArray:
-    """Return what is kept for 20 s."""
-    kept = np.exp(-step / 20.0)
+    """Return what is kept for this time."""
+    kept = np.exp(-step / time)
     values = size * rng.standard_normal(shape)
     for k in range(1, shape[1]):
         values[:, k] = kept * values[:, k - 1] + np.sqrt(1 - kept**2) * values[:, k]
@@ -334,6 +342,11 @@ MOTIONS: dict[str, Callable[[tuple[int, ...], float, np.random.Generator], Float
     "heading that wanders": _heading,
     "velocity kept for 20 s": _returning,
     "straight, turns of 12 plots": _turns,
+}
+# motions rougher than those that `smooth` models
+ROUGH: dict[str, Callable[[tuple[int, ...], float, np.random.Generator], FloatArray]] = {
+    "velocity correlated over 3 s": _briefly,
+    "random-walk position": _position,
 }
 # the names above are part of the seeds of the simulations
 LABELS = {

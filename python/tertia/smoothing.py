@@ -130,6 +130,9 @@ class SmoothedPositions(Result):
         multiplied.
     velocity_time_offset : float or ndarray of shape (...)
         Time by which the measured velocities lag behind the positions; 0 if the plots show no lag.
+    diffusion : float or ndarray of shape (...)
+        Intensity of the white velocity, in position² / time. If it is positive, the position is a
+        random walk, and the velocity is that of its drift alone.
     systematic : {"not included"}
         The covariance does not include an error that is common to all plots, because such an error
         cannot be detected from one track.
@@ -152,6 +155,7 @@ class SmoothedPositions(Result):
     velocity_outlier: BoolArray | None = None
     velocity_noise_factor: float | FloatArray = 1.0
     velocity_time_offset: float | FloatArray = 0.0
+    diffusion: float | FloatArray = 0.0
     systematic: Systematic = "not included"
 
     @property
@@ -205,7 +209,9 @@ class SmoothedPositions(Result):
         """Return the shape, the jerk, and how the noise differs from the stated noise, as text."""
         parts = [f"SmoothedPositions(position of shape {self.position.shape}"]
         if not isinstance(self.jerk, np.ndarray):
-            if self.acceleration_noise > 0:
+            if self.diffusion > 0:
+                parts.append(f"diffusion {self.diffusion:.3g}")
+            elif self.acceleration_noise > 0:
                 parts.append(f"acceleration noise {self.acceleration_noise:.3g}")
             else:
                 relative = self.jerk_sigma / self.jerk if self.jerk > 0 else np.inf
@@ -474,7 +480,7 @@ def smooth(
     }
     (mean, matrix, innovation, outlier), scalars = _core.smooth(tracks, threads(n_threads))
     likelihood, count, found = scalars
-    intensity, error, wandering, lasting, factor, velocity_factor, lag = map(scalar_or_array, found)
+    intensity, error, wandering, lasting, factor, *rest = map(scalar_or_array, found)
     return SmoothedPositions(
         mean,
         matrix,
@@ -488,8 +494,7 @@ def smooth(
         lasting,
         factor,
         None if velocity is None else outlier[..., 1],
-        velocity_factor,
-        lag,
+        *rest,
     )
 
 

@@ -372,6 +372,21 @@ def wandering(runs, n, step, seed, calmed=20.0):
     return truth, truth + random.standard_normal(truth.shape)
 
 
+@pytest.mark.parametrize("size", [1.0, 3.0, 30.0])
+def test_steps_from_plot_to_plot_are_no_noise(size):
+    """Fixes of an animal every hour: the steps were taken for noise 55 times as large as stated."""
+    random = rng(31)
+    truth = np.cumsum(size * random.standard_normal((10, 300, 2)), axis=1)
+    found = smooth_by_default(truth + random.standard_normal(truth.shape), 1.0)
+    error = found.position - truth
+    inverse = np.linalg.inv(found.position_covariance)
+    squares = np.einsum("...i,...ij,...j", error, inverse, error)
+    assert np.sqrt(np.mean(error**2)) < 1.05
+    assert 0.93 < np.mean(squares < 5.991) < 0.97
+    np.testing.assert_array_equal(found.noise_factor, 1.0)
+    np.testing.assert_allclose(found.diffusion, size**2, rtol=0.4)
+
+
 class TestWandering:
     """A velocity that wanders is no white jerk, and no noise of the plots either."""
 

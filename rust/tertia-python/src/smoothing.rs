@@ -20,7 +20,7 @@ const FIT: f64 = 20.0;
 type Fitted<'py> = (Output<'py>, Output<'py>, Output<'py, i64>, Array<'py>, Array<'py>);
 type States<'py> = (Output<'py>, Output<'py>, Output<'py>, Output<'py, bool>);
 /// Log-likelihoods, counts, jerks with their sigmas, correlation times, noise factors.
-type Scalars<'py> = (Array<'py>, Integers<'py>, [Array<'py>; 7]);
+type Scalars<'py> = (Array<'py>, Integers<'py>, [Array<'py>; 8]);
 
 /// Value, sigma, degree, residual variance and degrees of freedom of every row. `time` and
 /// `variance` may have one row for all, `variance` one number in a row.
@@ -180,7 +180,7 @@ fn scalars<'py>(
     summaries: &[(Summary, NoiseFit)],
 ) -> PyResult<Scalars<'py>> {
     type Scalar = fn(&(Summary, NoiseFit)) -> f64;
-    let of: [Scalar; 8] = [
+    let of: [Scalar; 9] = [
         |(summary, _)| summary.log_likelihood,
         |(_, noise)| noise.motion.motion.jerk,
         |(_, noise)| noise.motion.sigma(),
@@ -189,6 +189,7 @@ fn scalars<'py>(
         |(_, noise)| noise.noise_factor,
         |(_, noise)| noise.velocity_noise_factor,
         |(_, noise)| noise.velocity_time_offset,
+        |(_, noise)| noise.motion.motion.velocity,
     ];
     let [likelihood, noise @ ..] = columns(py, batch, summaries, of)?;
     let count = array(py, batch, summaries.iter().map(|(summary, _)| summary.count as i64))?;

@@ -16,9 +16,10 @@ pub struct ProcessNoiseFit {
 }
 
 impl ProcessNoiseFit {
-    /// Standard uncertainty of the jerk, to first order; ∞ where the acceleration is noise.
+    /// Standard uncertainty of the jerk, to first order; ∞ where the acceleration or the velocity is noise.
     pub fn sigma(&self) -> f64 {
-        if self.relative_error.is_finite() && self.motion.acceleration == 0.0 {
+        let ProcessNoise { acceleration, velocity, .. } = self.motion;
+        if self.relative_error.is_finite() && acceleration == 0.0 && velocity == 0.0 {
             self.relative_error * self.motion.jerk
         } else {
             f64::INFINITY
@@ -26,7 +27,7 @@ impl ProcessNoiseFit {
     }
 
     const UNDETERMINED: Self = Self {
-        motion: ProcessNoise { jerk: 0.0, acceleration: 0.0 },
+        motion: ProcessNoise { jerk: 0.0, acceleration: 0.0, velocity: 0.0 },
         relative_error: f64::INFINITY,
     };
 }
@@ -38,6 +39,8 @@ pub(crate) enum Family {
     Jerk,
     /// White acceleration, beside a jerk that hardly shows within the track.
     Acceleration,
+    /// White velocity, likewise.
+    Velocity,
 }
 
 impl Family {
@@ -46,7 +49,12 @@ impl Family {
         let least = range(track, JERK_POWER).map_or(0.0, |(low, _)| low.exp());
         move |log: f64| match self {
             Self::Jerk => ProcessNoise::with_jerk(log.exp()),
-            Self::Acceleration => ProcessNoise { jerk: least, acceleration: log.exp() },
+            Self::Acceleration => {
+                ProcessNoise { acceleration: log.exp(), ..ProcessNoise::with_jerk(least) }
+            }
+            Self::Velocity => {
+                ProcessNoise { velocity: log.exp(), ..ProcessNoise::with_jerk(least) }
+            }
         }
     }
 
@@ -55,18 +63,26 @@ impl Family {
         match self {
             Self::Jerk => JERK_POWER,
             Self::Acceleration => 3.0,
+            Self::Velocity => 1.0,
         }
     }
 
     /// That of a motion.
     pub fn that_has(motion: ProcessNoise) -> Self {
-        if motion.acceleration > 0.0 { Self::Acceleration } else { Self::Jerk }
+        if motion.velocity > 0.0 {
+            Self::Velocity
+        } else if motion.acceleration > 0.0 {
+            Self::Acceleration
+        } else {
+            Self::Jerk
+        }
     }
 
+    /// That with which a fit compares it.
     pub fn other(self) -> Self {
         match self {
             Self::Jerk => Self::Acceleration,
-            Self::Acceleration => Self::Jerk,
+            Self::Acceleration | Self::Velocity => Self::Jerk,
         }
     }
 
@@ -91,6 +107,7 @@ impl Family {
         match self {
             Self::Jerk => motion.jerk.ln(),
             Self::Acceleration => motion.acceleration.ln(),
+            Self::Velocity => motion.velocity.ln(),
         }
     }
 }
@@ -133,7 +150,7 @@ pub(crate) fn likeliest(
     // white jerk is left only for what is likelier by more than chance, and always asked
     let (least, gain) = match family {
         Family::Jerk => (top, CERTAIN),
-        Family::Acceleration => (f64::NEG_INFINITY, -CERTAIN),
+        Family::Acceleration | Family::Velocity => (f64::NEG_INFINITY, -CERTAIN),
     };
     match likeliest_other(track, fit.motion, least, value) {
         Some((other, higher)) if higher > top + gain => other,

@@ -1,41 +1,51 @@
-//! Motion of a state from one instant to the next, with a random jerk, and a random acceleration besides.
+//! Motion of a state from one instant to the next, with a random jerk, and random accelerations and steps besides.
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
 use crate::base::small::{Matrix as Square, symmetrise};
 
-/// What drives a motion: the intensities of white noise in its jerk, and in its acceleration.
+/// What drives a motion: the intensities of white noise in its jerk, its acceleration and its velocity.
 ///
-/// The acceleration of the state is what is left without its white noise. That alone is a velocity
-/// that wanders.
+/// Acceleration and velocity of the state are what is left without their white noise. That of the acceleration
+/// alone is a velocity that wanders, that of the velocity alone a position that does.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProcessNoise {
     /// Intensity of the white jerk, in position² / time⁵.
     pub jerk: f64,
     /// Intensity of the white acceleration, in position² / time³.
     pub acceleration: f64,
+    /// Intensity of the white velocity, in position² / time.
+    pub velocity: f64,
 }
 
 impl ProcessNoise {
     /// With a white jerk alone.
     pub fn with_jerk(jerk: f64) -> Self {
-        Self { jerk, acceleration: 0.0 }
+        Self { jerk, acceleration: 0.0, velocity: 0.0 }
     }
 
     /// With all noise so many times as intense.
     pub(crate) fn times(self, factor: f64) -> Self {
-        Self { jerk: self.jerk * factor, acceleration: self.acceleration * factor }
+        let Self { jerk, acceleration, velocity } = self;
+        Self {
+            jerk: jerk * factor,
+            acceleration: acceleration * factor,
+            velocity: velocity * factor,
+        }
     }
 
     /// Without noise.
     pub(super) fn is_certain(self) -> bool {
-        self.jerk == 0.0 && self.acceleration == 0.0
+        self.jerk == 0.0 && self.acceleration == 0.0 && self.velocity == 0.0
     }
 
     /// The lower G with `G G^T = Q`, for one axis over the time t.
     pub(super) fn noise_root(self, t: f64) -> [f64; 6] {
         // Q = q [[t^5/20, t^4/8, t^3/6], [., t^3/3, t^2/2], [., ., t]]
+        if self.velocity > 0.0 {
+            return self.wandering_root(t);
+        }
         let s = (self.jerk * t).sqrt();
         if self.acceleration == 0.0 {
             return [
@@ -56,6 +66,23 @@ impl ProcessNoise {
         let g21 = q * (20.0 * a + q) / (4.0 * first) / g11;
         let g22 = (q * (12.0 * a + q) * (60.0 * a + q) / (3.0 * second)).sqrt();
         [g00 * t, g10, g11, g20 / t, g21 / t, g22 / t]
+    }
+
+    /// The same with a white velocity, which leaves the others apart: nothing cancels.
+    fn wandering_root(self, t: f64) -> [f64; 6] {
+        let [g00, g10, g11, g20, g21, g22] = Self { velocity: 0.0, ..self }.noise_root(t);
+        // G G' and v t at the position: of (a, b)' of lengths s and r, a becomes (s² + v t)^½
+        let (added, s) = (self.velocity * t, g00.hypot((self.velocity * t).sqrt()));
+        let (h10, h20) = (g10 * g00 / s, g20 * g00 / s);
+        let share = added / (s * s);
+        let h11 = (g11 * g11 + share * g10 * g10).sqrt();
+        if h11 == 0.0 {
+            return [s, h10, 0.0, h20, 0.0, g22];
+        }
+        let h21 = (g11 * g21 + share * g10 * g20) / h11;
+        // of what is left of the last, by the identity of Lagrange
+        let cross = share * (g11 * g20 - g21 * g10).powi(2) / (h11 * h11);
+        [s, h10, h11, h20, h21, (g22 * g22 + cross).sqrt()]
     }
 }
 
@@ -97,12 +124,12 @@ pub(super) fn advance<const N: usize>(
         p[2 * d + i][d + i] += va;
         p[2 * d + i][2 * d + i] += q;
     }
-    if motion.acceleration == 0.0 {
+    if motion.acceleration == 0.0 && motion.velocity == 0.0 {
         return;
     }
-    let a = motion.acceleration * t;
+    let (a, v) = (motion.acceleration * t, motion.velocity * t);
     for i in 0..d {
-        p[i][i] += a * t * t / 3.0;
+        p[i][i] += a * t * t / 3.0 + v;
         p[i][d + i] += a * t / 2.0;
         p[d + i][i] += a * t / 2.0;
         p[d + i][d + i] += a;
@@ -154,8 +181,11 @@ mod tests {
     /// `G G'` is what `advance` adds to no covariance.
     #[test]
     fn the_root_is_that_of_the_noise() {
-        for (jerk, acceleration) in [(2.0, 0.0), (1e-9, 3.0), (4.0, 1e-9), (0.7, 0.2), (1e6, 5.0)] {
-            let motion = ProcessNoise { jerk, acceleration };
+        let motions = [(2.0, 0.0), (1e-9, 3.0), (4.0, 1e-9), (0.7, 0.2), (1e6, 5.0)];
+        let motions = motions.iter().flat_map(|&(jerk, acceleration)| {
+            [0.0, 1e-9, 0.3, 1e5].map(|velocity| ProcessNoise { jerk, acceleration, velocity })
+        });
+        for motion in motions {
             for t in [1e-3, 0.4, 1.0, 60.0] {
                 let (mut x, mut q) = ([0.0; 3], [[0.0; 3]; 3]);
                 advance(1, &mut x, &mut q, t, motion);

@@ -2,7 +2,7 @@
 //!
 //! Where innovations look as they should, nothing is changed. Otherwise models of the noise are
 //! compared by their likelihood, each with its own motion, and their estimates are averaged. One has
-//! white noise, and a velocity that wanders: what is no jerk need not be noise.
+//! white noise, and a velocity that wanders, one a position that does: what is no jerk need not be noise.
 
 use super::expected::Expected;
 use super::faults::find_faults;
@@ -22,6 +22,9 @@ const SHARES: [f64; 2] = [0.95, 0.6];
 /// Prior probability that the noise is white, and of those cases that the velocity wanders.
 const WHITE: f64 = 0.5;
 const WANDERING: f64 = 0.5;
+/// Prior probability, over that of all others, that the position wanders: so small that it hardly counts where
+/// the plots do not ask for it.
+const ROUGH: f64 = 0.02;
 /// A model of less weight does not count.
 const LEAST_WEIGHT: f64 = 0.02;
 
@@ -206,6 +209,12 @@ fn candidates<const M: usize, const N: usize>(
         log_prior = vec![(WHITE * (1.0 - WANDERING)).ln(), (WHITE * WANDERING).ln()];
     }
     let has_velocities = search.track.numbers > search.track.dimension;
+    // steps from plot to plot look like larger noise that lasts: noise is as stated here; outliers look like steps
+    if options.jerk.is_none() && !has_velocities && *faults == Faults::none(search.track) {
+        let near = Near::intensity(Family::Velocity.like(white.model.motion, search.track));
+        found.push(best(Family::Velocity, LastingNoise::NONE, Scale::Stated, near));
+        log_prior.push(ROUGH.ln());
+    }
     let mut lasting = Vec::new();
     if !is_healthy {
         lasting.extend(options.correlation_time.is_none().then_some(Quantity::Position));
