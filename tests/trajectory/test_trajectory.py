@@ -777,7 +777,7 @@ def test_errors_tell_what_is_wrong(changes, message):
 def test_bearings_from_a_single_ship():
     """Whatever it does: a target may move in the same way."""
     place = np.column_stack([50.0 * np.arange(20), np.abs(500.0 - 50.0 * np.arange(20))])
-    with pytest.raises(ValueError, match="only a target that rests can be located"):
+    with pytest.raises(ValueError, match="from one station, `locate` finds targets that rest"):
         reconstruct(
             [Station(place, azimuth_sigma=0.02)],
             20.0 * np.arange(20),

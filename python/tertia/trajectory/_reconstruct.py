@@ -169,8 +169,7 @@ def reconstruct(
     Returns
     -------
     Trajectory
-        Positions, velocities and accelerations with their covariance, outliers, residuals and
-        biases.
+        Positions, velocities and accelerations with covariances, outliers, residuals and biases.
 
     Raises
     ------
@@ -476,11 +475,9 @@ def _smoothed(mean: FloatArray, found: Sequence[Any]) -> SmoothedPositions:
 def _raise(failure: tuple[str, list[int]], stations: Sequence[Station]) -> NoReturn:
     why, numbers = failure
     if why == "not-located":
-        reasons = "; ".join(LocationStatus(number).message for number in numbers)
-        alone = "; from a single station, only a target that rests can be located, by `locate`"
-        raise ValueError(
-            f"no instant can be located: {reasons}{alone if len(stations) == 1 else ''}"
-        )
+        reasons = [LocationStatus(number).message for number in numbers]
+        reasons += ["from one station, `locate` finds targets that rest"] * (len(stations) == 1)
+        raise ValueError(f"no instant can be located: {'; '.join(reasons)}")
     if why == "mirrored":
         raise ValueError(
             "two paths explain the measurements (almost) equally well: a path and its mirror "
