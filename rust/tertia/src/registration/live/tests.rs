@@ -201,6 +201,7 @@ fn innovations_in_turns_say_nothing_of_noise() {
         row.plot.turn_probability = turning;
         for i in 0..20 {
             row.innovation = [600.0, 600.0].map(|off| if i % 2 == 0 { off } else { -off });
+            row.plot.report.time += 0.1;
             let seen = seen(&registrar, &row);
             let used = registrar.own_noise(0);
             registrar.watch(&row, &seen, used);
