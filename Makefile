@@ -9,7 +9,8 @@ DISPATCHED := from numpy._core._multiarray_umath import __cpu_dispatch__ as name
 # tests that compare with the reference in NumPy; `make test-baseline COMPARED=tests` runs all
 COMPARED = $(shell grep -lrE '^(from|import) reference' tests --include='test_*.py')
 
-.PHONY: demo test test-baseline lint docs figures bench counts clean
+.PHONY: demo test test-rust test-python test-examples test-stubs test-baseline lint lint-rust lint-python
+.PHONY: docs figures bench counts clean
 
 # a recording of your own: make demo PLOTS="a.csv b.csv" SENSORS=sensors.toml, and if there are any PLANS=,
 # TRUTH=, and OPTIONS= as in tertia report --help
@@ -33,12 +34,20 @@ endif
 	@echo "The report is in demo/report.html: open it in a browser"
 
 # one test to a core: NumPy's linear algebra needs no threads of its own
-test test-baseline: export OPENBLAS_NUM_THREADS = 1
+test-python test-baseline: export OPENBLAS_NUM_THREADS = 1
 
-test: $(WHEEL) $(VENV)/.test
+test: test-rust test-python test-examples test-stubs
+
+test-rust:
 	cargo test --workspace
+
+test-python: $(WHEEL) $(VENV)/.test
 	$(BIN)/python -m pytest -n auto --dist loadscope
+
+test-examples: $(WHEEL) $(VENV)/.test
 	$(BIN)/python -m pytest --doctest-modules --pyargs tertia --ignore-glob="*/interop/traffic.py"
+
+test-stubs: $(WHEEL) $(VENV)/.test
 	$(BIN)/python -m mypy.stubtest tertia._core
 
 # once more what compares with NumPy, with its vector loops switched off: no test depends on rounding
@@ -46,10 +55,14 @@ test-baseline: $(WHEEL) $(VENV)/.test
 	NPY_DISABLE_CPU_FEATURES="$$($(BIN)/python -c '$(DISPATCHED)')" OPENBLAS_CORETYPE=Nehalem \
 		$(BIN)/python -m pytest -n auto --dist loadscope -m "not slow" $(COMPARED)
 
-lint: $(WHEEL) $(VENV)/.test docs
+lint: lint-rust lint-python docs
+
+lint-rust:
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps
+
+lint-python: $(WHEEL) $(VENV)/.test
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
 	$(BIN)/mypy python docs examples

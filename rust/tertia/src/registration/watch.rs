@@ -80,7 +80,7 @@ impl Watch {
             squares.fold((0.0, 0.0_f64), |(sum, most), one| (sum + one, most.max(one)));
         let mean = (sum - largest) / (count - 1.0);
         let share = self.values.iter().map(|(_, share)| share).sum::<f64>() / count;
-        (mean > most()).then(|| 1.0 + (mean - 1.0) * share)
+        (mean > most()).then_some(1.0 + (mean - 1.0) * share)
     }
 }
 

@@ -218,9 +218,17 @@ impl Clutter {
         (self.opening, self.opened) = (Tally::default(), f64::NEG_INFINITY);
     }
 
-    /// Whether plots are denser in some places than in others.
-    pub fn is_uneven(&self) -> bool {
-        self.patches.as_ref().is_some_and(Patches::is_uneven)
+    /// Whether false plots were denser in some places than in others.
+    pub fn is_uneven(&self, radar: &Radar) -> bool {
+        self.patches.as_ref().is_some_and(|patches| patches.is_uneven(self.area(radar)))
+    }
+
+    /// Notes the first plot of a track that was never confirmed.
+    pub fn drop(&mut self, radar: &Radar, position: [f64; 2]) {
+        let range = self.range(radar);
+        if let Some(patches) = &mut self.patches {
+            patches.drop(position, range);
+        }
     }
 
     /// Whether there are such places.

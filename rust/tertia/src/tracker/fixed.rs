@@ -18,6 +18,8 @@ const SIDE: f64 = 3.0;
 const SOURCE: f64 = -9.2;
 /// Share of scans that are many.
 const OFTEN: f64 = 0.1;
+/// Plots in one cell that are more than chance makes somewhere among thousands.
+const SEVERAL: f64 = 2.0;
 /// Most cells. Half of them are kept, those with most plots, and none with fewer than this.
 const MANY: usize = 100_000;
 const NONE_LATELY: f64 = 0.1;
@@ -68,7 +70,7 @@ impl Fixed {
     /// Whether there are cells in which plots come in many scans.
     pub fn has_sources(&self) -> bool {
         let least = OFTEN * self.scans;
-        self.plots.values().any(|own| faded(*own, self.now) > least.max(1.0))
+        self.plots.values().any(|own| faded(*own, self.now) > least.max(SEVERAL))
     }
 
     /// Density of false plots at a place over their `mean`, at least 1. Cost O(1).

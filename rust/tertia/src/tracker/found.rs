@@ -27,7 +27,8 @@ impl Tracker {
         for (own, other) in self.clutter.iter_mut().zip(&other.clutter) {
             own.learn(other);
         }
-        self.clutter.iter().any(|own| own.has_fixed() || own.is_uneven())
+        let mut clutter = self.clutter.iter().zip(&self.settings.radars);
+        clutter.any(|(own, radar)| own.has_fixed() || own.is_uneven(radar))
             || self.noise.iter().any(|noise| noise.differs() || noise.outliers.are_many())
             || self.doubles.iter().any(Doubles::is_often)
     }

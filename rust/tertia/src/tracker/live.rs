@@ -426,12 +426,16 @@ impl Tracker {
 
     /// Removes the tracks that have ended.
     pub(super) fn bury(&mut self) {
-        let Self { tracks, ended, settings, time, .. } = self;
+        let Self { tracks, ended, settings, clutter, time, .. } = self;
         let before = tracks.len();
         tracks.retain(|track| {
             let is_alive = track.is_alive(settings);
             if !is_alive {
                 ended.remember(track, settings);
+                if !track.is_confirmed() {
+                    let first = &track.first;
+                    clutter[first.radar].drop(&settings.radars[first.radar], first.position);
+                }
             }
             is_alive
         });

@@ -1,5 +1,6 @@
 //! Where false plots are denser than elsewhere: weather, wind farms, quays.
 
+use crate::base::distribution::ln_gamma;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -29,6 +30,8 @@ pub(super) struct Patches {
     plots: BTreeMap<(i32, i32), (f64, f64)>,
     /// What the places of first plots add to the log-odds that the density differs from place to place.
     uneven: f64,
+    /// First plots of tracks that were never confirmed, of each square.
+    dropped: BTreeMap<(i32, i32), f64>,
 }
 
 impl Patches {
@@ -64,9 +67,18 @@ impl Patches {
         1.0 + (local - 1.0) / (1.0 + (EVEN - self.uneven).exp())
     }
 
-    /// Whether the density differs from place to place, more likely than not.
-    pub fn is_uneven(&self) -> bool {
-        self.uneven > EVEN
+    /// Whether plots that were certainly false came from an `area` more densely in some squares than in others:
+    /// densities that differ exponentially, against the same everywhere. Cost O(squares).
+    pub fn is_uneven(&self, area: f64) -> bool {
+        let expected = self.dropped.values().sum::<f64>() * self.side * self.side / area;
+        let one = |plots: &f64| ln_gamma(plots + 1.0) + expected - (plots + 1.0) * expected.ln_1p();
+        self.dropped.values().map(one).sum::<f64>() > EVEN
+    }
+
+    /// Notes the first plot of a track that was never confirmed, of a radar whose largest range this is.
+    pub fn drop(&mut self, position: [f64; 2], range: f64) {
+        self.cover(range);
+        *self.dropped.entry(self.square(position)).or_default() += 1.0;
     }
 
     /// Takes a plot that was counted just now as evidence for or against an even density.
@@ -77,15 +89,20 @@ impl Patches {
 
     /// Counts a plot of a radar whose largest range this is.
     pub fn add(&mut self, position: [f64; 2], range: f64) {
+        self.cover(range);
+        let (square, now) = (self.square(position), self.now);
+        let own = self.plots.entry(square).or_insert((0.0, now));
+        *own = (1.0 + faded(*own, now), now);
+    }
+
+    /// Makes squares so large that not many more than [`SQUARES`] reach the largest range.
+    fn cover(&mut self, range: f64) {
         if self.side == 0.0 {
             self.side = range / SQUARES;
         }
         while range > 2.0 * SQUARES * self.side {
             self.join();
         }
-        let (square, now) = (self.square(position), self.now);
-        let own = self.plots.entry(square).or_insert((0.0, now));
-        *own = (1.0 + faded(*own, now), now);
     }
 
     /// Twice as large squares.
@@ -95,6 +112,9 @@ impl Patches {
         for ((x, y), (plots, until)) in std::mem::take(&mut self.plots) {
             let own = self.plots.entry((x >> 1, y >> 1)).or_insert((0.0, now));
             own.0 += faded((plots, until), now);
+        }
+        for ((x, y), plots) in std::mem::take(&mut self.dropped) {
+            *self.dropped.entry((x >> 1, y >> 1)).or_default() += plots;
         }
     }
 
@@ -160,6 +180,21 @@ mod tests {
         };
         assert!(ratio(50) < 1.03);
         assert!(ratio(10) > 4.0);
+    }
+
+    #[test]
+    fn false_plots_everywhere_and_in_one_place() {
+        let is_uneven = |squares: i32| {
+            let mut patches = Patches::default();
+            (0..400).for_each(|i| {
+                let [x, y] =
+                    [i % squares, i / squares % squares].map(|k| 500.0 + 1e3 * f64::from(k));
+                patches.drop([x, y], 64e3);
+            });
+            patches.is_uneven(4e8)
+        };
+        assert!(!is_uneven(20) && !is_uneven(14) && is_uneven(8));
+        assert!(!Patches::default().is_uneven(4e8));
     }
 
     #[test]
