@@ -68,9 +68,11 @@ mod speed;
 mod strays;
 mod swerve;
 mod table;
+mod tally;
 mod track;
 mod tree;
 mod velocities;
+mod weighed;
 mod window;
 
 pub use crate::base::plane::Plane;

@@ -9,16 +9,16 @@ use super::patches::Patches;
 use super::plot::Measured;
 use super::prospects::There;
 use super::settings::Settings;
-use super::track::Weighed;
-use crate::sensors::{Detection, Radar, Way};
+pub(super) use super::tally::Counts;
+use super::tally::{Tally, estimated, gain_by_way};
+use super::weighed::Weighed;
+use crate::sensors::{Detection, Radar};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
 /// Scans over which the mean is taken, and over which it is found whether plots are along routes.
 const MEMORY: f64 = 10.0;
 const ON_ROUTES: f64 = 30.0;
-/// False plots and new targets in a scan, at least.
-const FEWEST: f64 = 1.0;
 /// Scans in which plots have been counted before these tell their density.
 const ENOUGH: f64 = 0.5;
 /// Plots on routes, and elsewhere, before any was seen.
@@ -27,63 +27,6 @@ const BEFOREHAND: f64 = 1.0;
 const FIXED: f64 = 100.0;
 /// Range of a radar without limit that has no plots yet, m.
 const NEAREST_LIMIT: f64 = 1e4;
-
-/// Plots of a radar, how many of them were detected in each way, and what plans say of their places, summed.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Counts {
-    all: usize,
-    by: [usize; Detection::ALL.len()],
-    there: There,
-}
-
-impl Counts {
-    pub fn add(&mut self, detection: Option<Detection>, there: There) {
-        self.all += 1;
-        if let Some(detection) = detection {
-            self.by[detection as usize] += 1;
-        }
-        self.there.add(there, 1.0);
-    }
-}
-
-/// Plots that belong to no track, how many of them were detected in each way, and the scans in which
-/// they came, with fading weights.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-struct Tally {
-    plots: f64,
-    by: [f64; Detection::ALL.len()],
-    scans: f64,
-}
-
-impl Tally {
-    fn fade(&mut self, kept: f64) {
-        self.plots *= kept;
-        self.by.iter_mut().for_each(|plots| *plots *= kept);
-        self.scans *= kept;
-    }
-
-    fn add(&mut self, counts: &Counts, scans: f64) {
-        self.plots += counts.all as f64;
-        self.by.iter_mut().zip(counts.by).for_each(|(plots, new)| *plots += new as f64);
-        self.scans += scans;
-    }
-
-    /// Removes a plot that was counted with this weight.
-    fn remove(&mut self, detection: Option<Detection>, weight: f64) {
-        self.plots = (self.plots - weight).max(0.0);
-        if let Some(detection) = detection {
-            let own = &mut self.by[detection as usize];
-            *own = (*own - weight).max(0.0);
-        }
-    }
-
-    /// Those that are not among others.
-    fn less(&self, others: &Self) -> Self {
-        let by = std::array::from_fn(|way| (self.by[way] - others.by[way]).max(0.0));
-        let plots = (self.plots - others.plots).max(0.0);
-        Self { plots, by, scans: self.scans - others.scans }
-    }
-}
 
 /// The density of false plots of one radar.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -328,35 +271,6 @@ impl Clutter {
     }
 }
 
-/// Plots per scan that belong to no track.
-fn estimated(tally: &Tally, radar: &Radar) -> f64 {
-    if radar.ways.is_some() {
-        return each(tally, radar).map(|(.., count)| count).sum();
-    }
-    (tally.plots / tally.scans.max(f64::MIN_POSITIVE)).max(FEWEST)
-}
-
-/// The ways of a radar, the shares of the plots of targets that they have, and their plots per scan that
-/// belong to no track.
-fn each<'a>(tally: &Tally, radar: &'a Radar) -> impl Iterator<Item = (&'a Way, f64, f64)> {
-    let ways = radar.ways.as_ref().map_or(&[][..], |ways| ways.all());
-    ways.iter().map(|way| {
-        let share = way.probability / radar.detection_probability;
-        let count = tally.by[way.detection as usize] / tally.scans.max(f64::MIN_POSITIVE);
-        let known = way.clutter_per_scan;
-        let count = if known.is_nan() { count } else { known };
-        (way, share, count.max(FEWEST * share))
-    })
-}
-
-/// Logarithm of how much likelier targets are detected so than false plots are, wherever they are; 0
-/// where the way is not known.
-fn gain_by_way(tally: &Tally, radar: &Radar, detection: Option<Detection>) -> f64 {
-    let Some(detection) = detection else { return 0.0 };
-    let own = each(tally, radar).find(|(way, ..)| way.detection == detection);
-    own.map_or(0.0, |(_, share, count)| (share * estimated(tally, radar) / count).ln())
-}
-
 /// Counts the plots before `hold` that confirmed tracks have left where they are, unless second plots of
 /// targets are as dense there as false ones.
 pub(super) fn note(
@@ -383,6 +297,7 @@ pub(super) fn note(
 
 #[cfg(test)]
 mod tests {
+    use super::super::tally::FEWEST;
     use super::*;
     use crate::base::checks::assert_within;
     use crate::sensors::{Channel, Identities, radar_of};

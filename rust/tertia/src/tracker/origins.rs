@@ -50,6 +50,9 @@ impl Origins {
         (false_plots, density, others): (f64, f64, f64),
         settings: &Settings,
     ) -> Option<Track> {
+        if self.tracks.is_empty() {
+            return None;
+        }
         let radar = &settings.radars[plot.radar];
         let reach = SCANS * settings.max_speed * radar.scan_period;
         let corner = |sign: f64| plot.position.map(|x| x + sign * reach);

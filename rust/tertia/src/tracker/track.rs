@@ -41,7 +41,6 @@ mod tests;
 mod unseen;
 
 use basis::Basis;
-pub(super) use basis::Weighed;
 
 /// Motion of a track that is not confirmed yet, with an acceleration of 1 m/s².
 static FIRST_MOTION: Motion = Motion::Cv(1.0);

@@ -1,29 +1,12 @@
 //! What tentative tracks stand on: their plots, and how dense false ones were thought to be.
 
 use super::{Stage, Track};
-use crate::sensors::Detection;
 use crate::tracker::clutter::Clutter;
 use crate::tracker::noise::Noise;
 use crate::tracker::plot::Measured;
 use crate::tracker::settings::{Confirmation, Settings};
+use crate::tracker::weighed::Weighed;
 use serde::{Deserialize, Serialize};
-
-/// A plot, and the density of false plots that it has been weighed against, 1/m².
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(in crate::tracker) struct Weighed {
-    radar: usize,
-    pub time: f64,
-    pub position: [f64; 2],
-    pub detection: Option<Detection>,
-    density: f64,
-}
-
-impl Weighed {
-    pub fn new(plot: &Measured, density: f64) -> Self {
-        let &Measured { radar, time, position, detection, .. } = plot;
-        Self { radar, time, position, detection, density }
-    }
-}
 
 /// The plots of a tentative track from the second one on.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
