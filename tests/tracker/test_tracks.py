@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tracker.flights import RADAR, line, noisy, polar, scene
 
-from tertia.tracker import Plots, Radar, Tracker, track
+from tertia.tracker import Plots, Radar, Tracker, TrackTable, track
 
 
 @pytest.mark.parametrize("motion", ["imm", "singer"])
@@ -60,6 +60,46 @@ def test_two_radars_are_better_than_one():
         rms[len(radars)] = np.sqrt(np.mean(np.concatenate(errors) ** 2))
         assert np.mean(np.concatenate(squares)) / 2 < 1.1
     assert rms[2] < 0.8 * rms[1]
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_plots_of_misaligned_radars_by_turns_hide_no_target(live):
+    """Before, tracks went from the plots of one radar to those of the other: most had none."""
+    rng, scans, count = np.random.default_rng(71), 40, 12
+    radars = [
+        Radar(range_sigma=60.0, azimuth_sigma=0.0012, scan_period=8.0, name=name)
+        for name in ("even", "odd")
+    ]
+    time = np.tile(4.0 * np.arange(scans), (count, 1)) + rng.uniform(0.0, 4.0, (count, 1))
+    course = rng.uniform(0.0, 2 * np.pi, (count, 1))
+    start = np.linspace(20e3, 110e3, count)[:, np.newaxis]
+    azimuth = rng.uniform(0.0, 2 * np.pi, (count, 1))
+    east = start * np.sin(azimuth) + 180.0 * time * np.sin(course)
+    north = start * np.cos(azimuth) + 180.0 * time * np.cos(course)
+    sensor = np.tile(np.arange(scans) % 2, (count, 1))
+    distance = np.hypot(east, north) + 60.0 * rng.standard_normal(time.shape) + 500.0 * sensor
+    noise = 0.0012 * rng.standard_normal(time.shape) + np.radians(1.0) * sensor
+    plots = Plots(
+        time.ravel(),
+        distance.ravel(),
+        (np.arctan2(east, north) + noise).ravel(),
+        sensor=sensor.ravel(),
+    )
+    aircraft = np.repeat(np.arange(count), scans)
+    if live:
+        order = np.argsort(plots.time, kind="stable")
+        plots, aircraft = plots[order], aircraft[order]
+        tracker = Tracker(radars, registration=False)
+        ends = 4.0 * np.arange(1.0, scans + 2.0)
+        parts = np.split(np.arange(len(plots)), np.searchsorted(plots.time, ends[:-1]))
+        rows = [tracker.update(plots[own], time=end) for own, end in zip(parts, ends, strict=True)]
+        table = TrackTable.join(rows)
+    else:
+        table = track(plots, radars, registration=False)
+    seen = table.plot[table.confirmed & (table.plot >= 0)]
+    shares = [np.mean(np.isin(np.flatnonzero(aircraft == own), seen)) for own in range(count)]
+    assert np.min(shares) > 0.5
+    assert np.mean(shares) > 0.7
 
 
 def test_a_target_may_be_seen_by_many_radars():

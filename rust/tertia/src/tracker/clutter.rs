@@ -9,15 +9,18 @@ use super::patches::Patches;
 use super::plot::Measured;
 use super::prospects::There;
 use super::settings::Settings;
-use crate::sensors::{Detection, Radar, Way};
+pub(super) use super::tally::Counts;
+use super::tally::{Tally, estimated, gain_by_way};
+use super::weighed::Weighed;
+use crate::sensors::{Detection, Radar};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
 /// Scans over which the mean is taken, and over which it is found whether plots are along routes.
 const MEMORY: f64 = 10.0;
 const ON_ROUTES: f64 = 30.0;
-/// False plots and new targets in a scan, at least.
-const FEWEST: f64 = 1.0;
+/// Scans in which plots have been counted before these tell their density.
+const ENOUGH: f64 = 0.5;
 /// Plots on routes, and elsewhere, before any was seen.
 const BEFOREHAND: f64 = 1.0;
 /// Density over the mean above which plots come again and again.
@@ -25,33 +28,14 @@ const FIXED: f64 = 100.0;
 /// Range of a radar without limit that has no plots yet, m.
 const NEAREST_LIMIT: f64 = 1e4;
 
-/// Plots of a radar, how many of them were detected in each way, and what plans say of their places, summed.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Counts {
-    all: usize,
-    by: [usize; Detection::ALL.len()],
-    there: There,
-}
-
-impl Counts {
-    pub fn add(&mut self, detection: Option<Detection>, there: There) {
-        self.all += 1;
-        if let Some(detection) = detection {
-            self.by[detection as usize] += 1;
-        }
-        self.there.add(there, 1.0);
-    }
-}
-
 /// The density of false plots of one radar.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Clutter {
     known: Option<f64>,
-    /// Plots that belong to no track, and the scans in which they came, with fading weights.
-    plots: f64,
-    scans: f64,
-    /// The plots by way of detection, where the radar has several.
-    by_way: Vec<f64>,
+    lately: Tally,
+    /// Those of the first scan, when all targets are new, and until when it was, s.
+    opening: Tally,
+    opened: f64,
     /// Sums of what plans say of where these plots are, and their number, with weights that fade later.
     there: There,
     placed: f64,
@@ -73,17 +57,10 @@ impl Clutter {
             .geometry(sensor)
             .is_position()
             .then(|| Extent::new(settings.max_speed, settings.radars[sensor].scan_period));
-        let ways = settings.radars[sensor].ways.as_ref().map_or(0, |ways| ways.all().len());
         let is_estimated = Self::is_estimated(settings, sensor);
         let patches = is_estimated.then(Patches::default);
         let fixed = Self::knows_fixed(settings, sensor).then(Fixed::default);
-        Self {
-            extent,
-            patches,
-            fixed,
-            by_way: vec![0.0; ways],
-            ..Self::new(settings.clutter_density)
-        }
+        Self { extent, patches, fixed, ..Self::new(settings.clutter_density) }
     }
 
     /// Whether the density of a radar's plots is estimated.
@@ -104,9 +81,9 @@ impl Clutter {
         let farthest = NEAREST_LIMIT;
         Self {
             known,
-            plots: 0.0,
-            scans: 0.0,
-            by_way: Vec::new(),
+            lately: Tally::default(),
+            opening: Tally::default(),
+            opened: until,
             there: There::default(),
             placed: 0.0,
             until,
@@ -119,37 +96,43 @@ impl Clutter {
 
     /// Such plots per square metre and scan, new targets included.
     pub fn density(&self, radar: &Radar) -> f64 {
-        self.known.unwrap_or_else(|| self.estimated(radar) / self.area(radar))
+        self.known.unwrap_or_else(|| estimated(&self.lately, radar) / self.area(radar))
     }
 
-    /// Such plots per scan as they were counted.
-    fn estimated(&self, radar: &Radar) -> f64 {
-        if radar.ways.is_some() {
-            return self.each(radar).map(|(.., count)| count).sum();
+    /// The density where a plot is, as it is known now, where those are not counted that came in the first
+    /// scan or are among so many of the `own` plots of a track. The early ones of a track that `stays` may be
+    /// of a fixed echo. None where it is not estimated, or not yet.
+    pub fn known_since(
+        &self,
+        radar: &Radar,
+        plot: &Weighed,
+        (own, stays): (f64, bool),
+    ) -> Option<f64> {
+        let patches = self.patches.as_ref()?;
+        let since = self.lately.less(&self.opening);
+        if since.scans < ENOUGH {
+            return None;
         }
-        (self.plots / self.scans.max(f64::MIN_POSITIVE)).max(FEWEST)
+        let mean = estimated(&since, radar) / self.area(radar);
+        let is_early = plot.time < self.opened + MEMORY * radar.scan_period;
+        let fixed = self.fixed.as_ref().filter(|_| stays && is_early);
+        let again = fixed.map_or(1.0, |fixed| fixed.ratio(radar, plot.position, mean));
+        let ratio = patches.ratio(plot.position, mean, own).max(again);
+        Some(mean * ratio * (-gain_by_way(&since, radar, plot.detection)).exp())
     }
 
-    /// The ways of a radar, the shares of the plots of targets that they have, and their plots per scan
-    /// that belong to no track.
-    fn each<'a>(&self, radar: &'a Radar) -> impl Iterator<Item = (&'a Way, f64, f64)> {
-        let ways = radar.ways.as_ref().map_or(&[][..], |ways| ways.all());
-        ways.iter().zip(&self.by_way).map(|(way, plots)| {
-            let share = way.probability / radar.detection_probability;
-            let count = plots / self.scans.max(f64::MIN_POSITIVE);
-            let known = way.clutter_per_scan;
-            let count = if known.is_nan() { count } else { known };
-            (way, share, count.max(FEWEST * share))
-        })
+    /// Whether two places are alike.
+    pub fn is_same_patch(&self, one: [f64; 2], other: [f64; 2]) -> bool {
+        self.patches.as_ref().is_some_and(|patches| patches.is_same(one, other))
     }
 
     /// Logarithm of how much likelier targets are detected so, and here, than false plots are, by
     /// comparison with all plots of the radar.
     pub fn gain(&self, radar: &Radar, plot: &Measured) -> f64 {
-        let by_way = self.gain_by_way(radar, plot.detection);
+        let by_way = gain_by_way(&self.lately, radar, plot.detection);
         let Some(patches) = &self.patches else { return by_way };
         let mean = self.density(radar);
-        let ratio = patches.ratio(plot.position, mean);
+        let ratio = patches.ratio(plot.position, mean, 0.0);
         by_way - ratio.max(self.again(radar, plot, mean)).ln()
     }
 
@@ -175,6 +158,7 @@ impl Clutter {
     pub fn learn(&mut self, other: &Self) {
         self.clone_from(other);
         self.until = f64::NEG_INFINITY;
+        (self.opening, self.opened) = (Tally::default(), f64::NEG_INFINITY);
     }
 
     /// Whether false plots were denser in some places than in others.
@@ -203,13 +187,6 @@ impl Clutter {
         }
     }
 
-    /// The same, wherever they are; 0 where the way is not known.
-    fn gain_by_way(&self, radar: &Radar, detection: Option<Detection>) -> f64 {
-        let Some(detection) = detection else { return 0.0 };
-        let own = self.each(radar).find(|(way, ..)| way.detection == detection);
-        own.map_or(0.0, |(_, share, count)| (share * self.estimated(radar) / count).ln())
-    }
-
     /// Such plots per scan.
     pub fn plots(&self, radar: &Radar) -> f64 {
         self.density(radar) * self.area(radar)
@@ -229,7 +206,7 @@ impl Clutter {
     /// Density of such plots where flights are due over the mean, at least 1; none before a first scan.
     pub fn crowding(&self) -> Option<f64> {
         let mean = self.there.due / self.placed.max(f64::MIN_POSITIVE);
-        (self.scans > 0.0).then(|| mean.max(1.0))
+        (self.lately.scans > 0.0).then(|| mean.max(1.0))
     }
 
     /// Share of such plots that are along routes, beyond those that are everywhere.
@@ -250,18 +227,20 @@ impl Clutter {
         let period = radar.scan_period;
         let scans = (end - self.until.max(begin - period)).max(0.0) / period;
         self.until = self.until.max(end);
+        if self.lately.scans == 0.0 {
+            self.opened = begin + period;
+        }
         let kept = (-scans / MEMORY).exp();
-        self.plots = kept * self.plots + counts.all as f64;
+        self.lately.fade(kept);
+        self.lately.add(counts, scans);
+        self.opening.fade(kept);
+        if 0.5 * (begin + end) < self.opened {
+            self.opening.add(counts, scans);
+        }
         let kept_places = (-scans / ON_ROUTES).exp();
         self.there.fade(kept_places);
         self.there.add(counts.there, 1.0);
         self.placed = kept_places * self.placed + counts.all as f64;
-        self.scans = kept * self.scans + scans;
-        if let Some(ways) = &radar.ways {
-            for (plots, way) in self.by_way.iter_mut().zip(ways.all()) {
-                *plots = kept * *plots + counts.by[way.detection as usize] as f64;
-            }
-        }
         if let Some(extent) = &mut self.extent {
             extent.fade(kept);
         }
@@ -282,14 +261,13 @@ impl Clutter {
     ) {
         let age = (self.until - time).max(0.0) / radar.scan_period;
         let weight = (-age / MEMORY).exp();
-        self.plots = (self.plots - weight).max(0.0);
+        self.lately.remove(detection, weight);
+        if time < self.opened {
+            self.opening.remove(detection, weight);
+        }
         let weight_of_place = (-age / ON_ROUTES).exp();
         self.placed = (self.placed - weight_of_place).max(0.0);
         self.there.add(there, -weight_of_place);
-        let all = radar.ways.as_ref().map_or(&[][..], |ways| ways.all());
-        if let Some(own) = all.iter().position(|way| Some(way.detection) == detection) {
-            self.by_way[own] = (self.by_way[own] - weight).max(0.0);
-        }
     }
 }
 
@@ -319,6 +297,7 @@ pub(super) fn note(
 
 #[cfg(test)]
 mod tests {
+    use super::super::tally::FEWEST;
     use super::*;
     use crate::base::checks::assert_within;
     use crate::sensors::{Channel, Identities, radar_of};
@@ -362,12 +341,12 @@ mod tests {
         let radar = with_channels(f64::NAN);
         let settings = Settings::new(vec![radar.clone()], Motion::Cv(1.0));
         let mut clutter = Clutter::of(&settings, 0);
-        let gain = |clutter: &Clutter, d| clutter.gain_by_way(&radar, Some(d));
+        let gain = |clutter: &Clutter, d| gain_by_way(&clutter.lately, &radar, Some(d));
         // without false plots there are new targets alone, which are detected as others are
         for detection in [Detection::Psr, Detection::Ssr, Detection::PsrSsr] {
             assert!(gain(&clutter, detection).abs() < 1e-14);
         }
-        assert_eq!(clutter.gain_by_way(&radar, None), 0.0);
+        assert_eq!(gain_by_way(&clutter.lately, &radar, None), 0.0);
         let mut counts = Counts::default();
         (0..100).for_each(|_| counts.add(Some(Detection::Psr), There::default()));
         clutter.count(&counts, [0.0, 4.0], &radar);
@@ -393,8 +372,27 @@ mod tests {
         // the shares of a density that is known are the same
         let dense = Clutter::of(&Settings { clutter_density: 1e-9, ..settings }, 0);
         assert_within(1e-12, dense.density(&radar), 1e-9);
-        let gains = [clutter, dense].map(|own| own.gain_by_way(&radar, Some(Detection::Psr)));
+        let gains =
+            [clutter, dense].map(|own| gain_by_way(&own.lately, &radar, Some(Detection::Psr)));
         assert_within(1e-14, gains[0], gains[1]);
+    }
+
+    #[test]
+    fn what_is_known_since_leaves_out_the_first_scan() {
+        let radar = Radar { max_range: 1e5, ..radar_of([50.0, 1e-3]) };
+        let settings = Settings::new(vec![radar.clone()], Motion::Cv(1.0));
+        let mut clutter = Clutter::of(&settings, 0);
+        let plot = Weighed::new(&Measured { position: [3e4, 4e4], ..Measured::default() }, 1e-9);
+        let since = |clutter: &Clutter| clutter.known_since(&radar, &plot, (0.0, false));
+        for (scan, all) in [300, 20, 20].into_iter().enumerate() {
+            assert_eq!(since(&clutter).is_some(), scan > 1);
+            let times = [0.0, 4.0].map(|end| 4.0 * scan as f64 + end);
+            clutter.count(&Counts { all, ..Counts::default() }, times, &radar);
+        }
+        let plots = |clutter: &Clutter| since(clutter).unwrap() * clutter.area(&radar);
+        assert_within(1e-12, plots(&clutter), 20.0);
+        clutter.discount(2.0, &radar, (None, There::default()));
+        assert_within(1e-12, plots(&clutter), 20.0);
     }
 
     #[test]

@@ -51,12 +51,19 @@ impl Patches {
         (BEFOREHAND + plots) / (BEFOREHAND + expected)
     }
 
-    /// Density of false plots at a place over their `mean`, at least 1. Cost O(log squares).
-    pub fn ratio(&self, position: [f64; 2], mean: f64) -> f64 {
+    /// Whether two places are in one square.
+    pub fn is_same(&self, one: [f64; 2], other: [f64; 2]) -> bool {
+        self.square(one) == self.square(other)
+    }
+
+    /// Density of false plots at a place over their `mean`, at least 1, where so many of the plots of its
+    /// square do not count. Cost O(log squares).
+    pub fn ratio(&self, position: [f64; 2], mean: f64, without: f64) -> f64 {
         if self.plots.is_empty() {
             return 1.0;
         }
-        let local = self.local(self.at(position), mean).max(1.0);
+        let plots = (self.at(position) - without).max(0.0);
+        let local = self.local(plots, mean).max(1.0);
         1.0 + (local - 1.0) / (1.0 + (EVEN - self.uneven).exp())
     }
 
@@ -138,7 +145,7 @@ mod tests {
     fn the_density_is_high_where_plots_are_and_fades() {
         let mut patches = Patches::default();
         let (range, mean) = (64e3, 1e-9);
-        assert_eq!(patches.ratio([500.0, 500.0], mean), 1.0);
+        assert_eq!(patches.ratio([500.0, 500.0], mean, 0.0), 1.0);
         for _ in 0..10 {
             (0..3).for_each(|_| patches.add([500.0, -500.0], range));
             patches.fade(1.0);
@@ -149,10 +156,10 @@ mod tests {
         let local = (1.0 + 3.0 * weights) / (1.0 + mean * 1e6 * scans);
         // an even density is e² times as likely
         let expected = 1.0 + (local - 1.0) / (1.0 + EVEN.exp());
-        assert_within(1e-12, patches.ratio([999.0, -1.0], mean), expected);
-        assert_eq!(patches.ratio([1001.0, -1.0], mean), 1.0);
+        assert_within(1e-12, patches.ratio([999.0, -1.0], mean, 0.0), expected);
+        assert_eq!(patches.ratio([1001.0, -1.0], mean, 0.0), 1.0);
         patches.fade(300.0);
-        assert!(patches.ratio([999.0, -1.0], mean) < 1.01);
+        assert!(patches.ratio([999.0, -1.0], mean, 0.0) < 1.01);
     }
 
     #[test]
@@ -169,7 +176,7 @@ mod tests {
                     patches.fade(1.0);
                 }
             }
-            patches.ratio([500.0, 500.0], mean)
+            patches.ratio([500.0, 500.0], mean, 0.0)
         };
         assert!(ratio(50) < 1.03);
         assert!(ratio(10) > 4.0);

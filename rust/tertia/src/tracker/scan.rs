@@ -10,7 +10,9 @@ use super::cluster::{Cells, Clusters};
 use super::clutter::{self, Clutter, Counts};
 use super::doubles::{self, Doubles, Near, Seconds};
 use super::ended::Ended;
+use super::groups::{root, sort, unite};
 use super::noise::Noise;
+use super::origins::Origins;
 use super::plot::{Measured, PlotStatus};
 use super::resume::resume;
 use super::row::{Row, Rows};
@@ -117,11 +119,12 @@ impl Scan {
         let mut schedule = Schedule::at(self.plots.first(), sky.tracks, sky.settings);
         schedule.crowd((&self.plots, used.0), (sky.clutter, sky.settings), &mut self.others);
         self.leave();
+        let mut origins = Origins::of(sky.tracks, sky.settings);
         loop {
             self.take(sky, false, [oldest, hold], &mut report);
             // those that were there before have had their choice
             self.first = (*sky.next_number, sky.tracks.len());
-            if !self.begin(sky, &schedule, hold, &mut report) {
+            if !self.begin(sky, (&schedule, &mut origins), hold, &mut report) {
                 break;
             }
         }
@@ -398,7 +401,7 @@ impl Scan {
     fn begin<R: Rows>(
         &mut self,
         sky: &mut Sky<'_, R>,
-        schedule: &Schedule,
+        (schedule, origins): (&Schedule, &mut Origins),
         hold: f64,
         report: &mut impl FnMut(usize, PlotStatus),
     ) -> bool {
@@ -421,8 +424,13 @@ impl Scan {
             (self.taken[i], now[i]) = (true, true);
             // where there are more of other plots, more false tracks begin
             let second = self.seconds.of_others(i, |other| self.taken[other]);
-            let false_plots = false_plots * (1.0 + (self.others[i] + second) / density);
-            let mut track = Track::new(*sky.next_number, plot, false_plots, sky.settings);
+            let more = 1.0 + (self.others[i] + second) / density;
+            let rare = (false_plots * more, clutter.density(radar), more.ln());
+            let number = *sky.next_number;
+            let mut track = origins
+                .track(number, plot, sky.tracks, rare, sky.settings)
+                .unwrap_or_else(|| Track::new(number, plot, rare.0, sky.settings));
+            track.believed = density;
             if let Some(expected) = schedule.expected(i, plot, sky.clutter, sky.settings) {
                 track.expect(expected, sky.settings);
             }
@@ -456,45 +464,5 @@ impl Scan {
         {
             clutter.count(counts, [first.time, last.time], radar);
         }
-    }
-}
-
-fn root(joined: &mut [u32], mut i: u32) -> u32 {
-    while joined[i as usize] != i {
-        joined[i as usize] = joined[joined[i as usize] as usize];
-        i = joined[i as usize];
-    }
-    i
-}
-
-fn unite(joined: &mut [u32], a: u32, b: u32) {
-    let (a, b) = (root(joined, a), root(joined, b));
-    joined[a.max(b) as usize] = a.min(b);
-}
-
-/// Sorts claims by a number below `count`; equal ones stay in their order.
-fn sort(
-    claims: &[Claim],
-    sorted: &mut Vec<Claim>,
-    counts: &mut Vec<u32>,
-    count: usize,
-    key: impl Fn(&Claim) -> u32,
-) {
-    counts.clear();
-    counts.resize(count, 0);
-    for claim in claims {
-        counts[key(claim) as usize] += 1;
-    }
-    let mut end = 0;
-    for count in &mut *counts {
-        end += *count;
-        *count = end;
-    }
-    // every place is written below
-    sorted.resize(claims.len(), Claim::new(0, 0, 0));
-    for claim in claims.iter().rev() {
-        let place = &mut counts[key(claim) as usize];
-        *place -= 1;
-        sorted[*place as usize] = *claim;
     }
 }

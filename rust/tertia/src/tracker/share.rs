@@ -261,13 +261,12 @@ impl Share {
         &mut self,
         group: &[Claim],
         tracks: &mut [&mut Track],
-        View { plots, settings, others, seconds, clutter, .. }: View<'_>,
+        View { plots, settings, others, seconds, clutter, noise, .. }: View<'_>,
         (confirmed, with_rows): (bool, bool),
     ) {
         let mut own = 0;
         for (row, claim) in group.iter().enumerate() {
-            // pairs are by row
-            let pairs = &self.pairs[own..];
+            let pairs = &self.pairs[own..]; // by row
             let end = pairs.iter().take_while(|pair| pair.row as usize <= row).count();
             own += end;
             let Some(plot) = self.choice[row].filter(|_| !self.settled[row]) else { continue };
@@ -291,6 +290,7 @@ impl Share {
                 let others = if confirmed { 0.0 } else { (1.0 + other()).ln() };
                 let gain = track.evidence_of(measured, gain, density, settings);
                 track.credit(gain, others, measured.radar, settings);
+                track.stand(measured, density, (clutter, noise), settings);
             }
             track.correct(measured, settings);
             let with_row = with_rows || track.is_confirmed();

@@ -26,6 +26,7 @@ use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
 mod agile;
+mod basis;
 pub(super) mod fork;
 mod levelled;
 mod life;
@@ -38,6 +39,8 @@ mod states;
 #[cfg(test)]
 mod tests;
 mod unseen;
+
+use basis::Basis;
 
 /// Motion of a track that is not confirmed yet, with an acceleration of 1 m/s².
 static FIRST_MOTION: Motion = Motion::Cv(1.0);
@@ -112,6 +115,10 @@ pub(super) struct Track {
     pub stray: Option<Stray>,
     /// What plans say of where its first plot was.
     pub there: There,
+    /// Density of false plots where its first plot was, as it was believed then, 1/m².
+    pub believed: f64,
+    /// Its plots until it is confirmed.
+    basis: Basis,
 }
 
 /// What the target does if it is not what is shown.
@@ -174,6 +181,8 @@ impl Track {
             fork: None,
             stray: None,
             there: There::default(),
+            believed: f64::INFINITY,
+            basis: Basis::default(),
         };
         if matches!(plot.source, Source::Moving(..)) {
             track.begin(None, settings);

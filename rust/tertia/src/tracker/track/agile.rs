@@ -38,13 +38,22 @@ impl Track {
 
     /// Whether noise does not explain how far it is from its first plot.
     fn has_moved(&self, settings: &Settings) -> bool {
+        let (place, noise) = (self.estimate.position(), self.estimate.position_covariance());
+        self.is_away((place, noise), settings)
+    }
+
+    /// Whether noise does not explain how far a place of this covariance is from its first plot.
+    pub(super) fn is_away(&self, (place, noise): ([f64; 2], Plane), settings: &Settings) -> bool {
+        let way = [0, 1].map(|i| place[i] - self.first.position[i]);
+        noise.plus(self.first_noise(settings)).inverse().form(way) > MOVED
+    }
+
+    /// The covariance of its first plot.
+    pub(super) fn first_noise(&self, settings: &Settings) -> Plane {
         let first = &self.first;
-        let noise = match first.source.placed() {
-            Some(noise) => noise,
-            None => settings.radars[first.radar].at_worst().noise_at(first.position, f64::NAN),
-        };
-        let way = [0, 1].map(|i| self.estimate.mean[i] - first.position[i]);
-        self.estimate.position_covariance().plus(noise).inverse().form(way) > MOVED
+        first.source.placed().unwrap_or_else(|| {
+            settings.radars[first.radar].at_worst().noise_at(first.position, f64::NAN)
+        })
     }
 
     /// Sees how far from straight flight its models lead.

@@ -40,6 +40,7 @@ impl Track {
     /// Confirms it, with the plan by which it was found, if there is one.
     pub(super) fn confirm(&mut self, settings: &Settings) {
         self.stage = Stage::Confirmed;
+        self.stand_alone();
         let flight = self.filter.prospects().map(|prospects| {
             let (estimate, plan) = prospects.decide();
             self.estimate = estimate;

@@ -1,0 +1,98 @@
+//! Tracks that a plot of another radar may have led astray: where radars are not aligned, their plots of one
+//! target by turns are no way that a target flies.
+
+use super::plot::Measured;
+use super::settings::Settings;
+use super::track::Track;
+use crate::association::Grid;
+
+/// Scans of a radar after the first plot in which the next one is looked for.
+const SCANS: f64 = 1.5;
+
+/// First plots of tentative tracks that only other radars have seen since.
+#[derive(Default)]
+pub(super) struct Origins {
+    /// Indices of the tracks; none once another track has begun there.
+    tracks: Vec<Option<usize>>,
+    /// Their first plots, by radar.
+    grid: Grid,
+}
+
+impl Origins {
+    /// Of all tracks. Cost O(tracks).
+    pub fn of(tracks: &[Track], settings: &Settings) -> Self {
+        let mut origins = Self::default();
+        if settings.radars.len() == 1 || settings.confirmation.plots() < 3 {
+            return origins;
+        }
+        let is_astray = |&index: &usize| may_be_astray(&tracks[index], settings);
+        origins.tracks.extend((0..tracks.len()).filter(is_astray).map(Some));
+        if origins.tracks.is_empty() {
+            return origins;
+        }
+        let firsts = origins.tracks.iter().flatten().map(|&index| &tracks[index].first);
+        let (points, radars): (Vec<_>, Vec<_>) =
+            firsts.map(|first| (first.position, first.radar as u32)).unzip();
+        let longest = settings.radars.iter().map(|radar| radar.scan_period).fold(0.0, f64::max);
+        let cell = 2.0 * SCANS * settings.max_speed * longest;
+        origins.grid.fill_tagged(&points, |at| radars[at], cell).expect("plots are finite");
+        origins
+    }
+
+    /// A track from the first plot of another one to this plot of the same radar, which that has not taken,
+    /// where there are so many false plots in a scan and per square metre, and, as a logarithm, so many times
+    /// as many of second plots; none where no target can have come from a first plot.
+    pub fn track(
+        &mut self,
+        number: u64,
+        plot: &Measured,
+        tracks: &[Track],
+        (false_plots, density, others): (f64, f64, f64),
+        settings: &Settings,
+    ) -> Option<Track> {
+        if self.tracks.is_empty() {
+            return None;
+        }
+        let radar = &settings.radars[plot.radar];
+        let reach = SCANS * settings.max_speed * radar.scan_period;
+        let corner = |sign: f64| plot.position.map(|x| x + sign * reach);
+        let odds = settings.odds(plot.radar, density);
+        let mut best: Option<(f64, usize, Track)> = None;
+        self.grid.entries(corner(-1.0), corner(1.0), &mut |entry| {
+            let at = entry.index as usize;
+            let Some(index) = self.tracks[at].filter(|_| entry.tag as usize == plot.radar) else {
+                return;
+            };
+            let (other, [x, y]) = (&tracks[index], entry.point);
+            let apart = f64::hypot(plot.position[0] - x, plot.position[1] - y);
+            let flown = settings.max_speed * (plot.time - other.first.time);
+            if apart > flown.min(reach) || !may_be_astray(other, settings) {
+                return;
+            }
+            let mut track = Track::new(number, &other.first, false_plots, settings);
+            if !track.is_due(plot, radar) || track.refuses(plot, settings) {
+                return;
+            }
+            track.predict(plot.time, settings.pace(plot.radar), settings);
+            let gain = track.score(plot, odds, settings).unwrap_or(0.0);
+            if gain > best.as_ref().map_or(0.0, |best| best.0) {
+                best = Some((gain, at, track));
+            }
+        });
+        let (gain, at, mut track) = best?;
+        self.tracks[at] = None;
+        track.credit(gain, others, plot.radar, settings);
+        track.correct(plot, settings);
+        track.first = *plot;
+        Some(track)
+    }
+}
+
+/// Whether other radars alone have seen the target of a tentative track since its first plot.
+fn may_be_astray(track: &Track, settings: &Settings) -> bool {
+    let first = &track.first;
+    !track.is_confirmed()
+        && track.seen > first.time
+        && !settings.geometry(first.radar).is_position()
+        && track.expected_by(first.radar).is_some_and(|own| own.seen == first.time)
+}
