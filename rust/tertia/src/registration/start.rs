@@ -248,11 +248,11 @@ fn pair(
     if form(&velocity, off)? > VELOCITIES {
         return None;
     }
-    let velocity = common_velocity(a, b)?;
+    let common = Common::of(a, b)?;
     let (off, spread) = (Vector2::new(difference[0], difference[1]), part(0));
     let mut design = Design::zeros();
     for (side, sign, track) in [(0, 1.0, a), (1, -1.0, b)] {
-        let columns = columns(track, velocity, &radars[track.radar], &prior[track.radar]);
+        let columns = common.columns(&radars[track.radar], &prior[track.radar]);
         design.view_mut((0, side * ERRORS), (2, ERRORS)).copy_from(&(sign * columns));
     }
     let wide = SVector::<f64, BOTH>::from_fn(|i, _| wide(i));
@@ -264,35 +264,48 @@ fn pair(
     possible.then_some(Pair { first, second, off, spread, design, at, bonus })
 }
 
-/// The velocity of a target that both tracks estimate. With the velocity of each in its own columns, a
-/// clock error of both would explain their errors of position, which are correlated with those of velocity.
-fn common_velocity(a: &Alone, b: &Alone) -> Option<Vector2<f64>> {
-    let [own, other] = [a, b].map(|track| Vector2::new(track.state[2], track.state[3]));
-    let spare = Matrix2::identity() * (SPARE_SPEED * SPARE_SPEED);
-    let weight = a.part(2) * (a.part(2) + b.part(2) + spare).try_inverse()?;
-    Some(own + weight * (other - own))
+/// What two tracks know together of a target. With the state of each in its own columns, errors that both
+/// radars have in common would explain their errors: a clock error those of position, which are correlated
+/// with those of velocity, and a range offset those of targets near radars at one place.
+struct Common {
+    place: Vector2<f64>,
+    velocity: Vector2<f64>,
+    /// m; nan where neither knows it.
+    height: f64,
 }
 
-/// How far errors of one standard deviation move a track of this velocity.
-fn columns(
-    track: &Alone,
-    velocity: Vector2<f64>,
-    radar: &Radar,
-    prior: &Errors,
-) -> SMatrix<f64, 2, ERRORS> {
-    let [x, y, ..] = track.state;
-    let offset = [x - radar.position[0], y - radar.position[1]];
-    let ground = offset[0].hypot(offset[1]).max(1.0);
-    let up = if track.height.is_finite() { track.height - radar.position[2] } else { 0.0 };
-    let range = ground.hypot(up);
-    let [e, n] = offset.map(|side| side / ground);
-    let slope = range / ground;
-    SMatrix::<f64, 2, ERRORS>::from_columns(&[
-        Vector2::new(e, n) * (slope * prior[0]),
-        Vector2::new(e, n) * (slope * range * prior[1]),
-        Vector2::new(n, -e) * (ground * prior[2]),
-        -velocity * prior[3],
-    ])
+impl Common {
+    fn of(a: &Alone, b: &Alone) -> Option<Self> {
+        let [(place, own), (other_place, other)] = [a, b].map(|track| {
+            let [x, y, vx, vy] = track.state;
+            (Vector2::new(x, y), Vector2::new(vx, vy))
+        });
+        let spare = Matrix2::identity() * (SPARE_SPEED * SPARE_SPEED);
+        let weight = a.part(2) * (a.part(2) + b.part(2) + spare).try_inverse()?;
+        let height = match [a.height, b.height].map(f64::is_nan) {
+            [true, _] => b.height,
+            [_, true] => a.height,
+            _ => 0.5 * (a.height + b.height),
+        };
+        let velocity = own + weight * (other - own);
+        Some(Self { place: 0.5 * (place + other_place), velocity, height })
+    }
+
+    /// How far errors of one standard deviation move a track of it.
+    fn columns(&self, radar: &Radar, prior: &Errors) -> SMatrix<f64, 2, ERRORS> {
+        let offset = [0, 1].map(|axis| self.place[axis] - radar.position[axis]);
+        let ground = offset[0].hypot(offset[1]).max(1.0);
+        let up = if self.height.is_finite() { self.height - radar.position[2] } else { 0.0 };
+        let range = ground.hypot(up);
+        let [e, n] = offset.map(|side| side / ground);
+        let slope = range / ground;
+        SMatrix::<f64, 2, ERRORS>::from_columns(&[
+            Vector2::new(e, n) * (slope * prior[0]),
+            Vector2::new(e, n) * (slope * range * prior[1]),
+            Vector2::new(n, -e) * (ground * prior[2]),
+            -self.velocity * prior[3],
+        ])
+    }
 }
 
 /// `dᵀ S⁻¹ d`.
@@ -400,5 +413,29 @@ mod tests {
         let [first, second] = [0, 1].map(|k| found.errors[k][CLOCK]);
         assert!((first + second).abs() < 1e-9, "{first} {second}");
         assert!((first - second).abs() < PRIOR[CLOCK], "{first} {second}");
+    }
+
+    /// Near the radar, two tracks of a target that differ by their errors are in different directions.
+    #[test]
+    fn targets_near_radars_at_one_place_do_not_show_an_offset_of_both() {
+        let mut covariance = [0.0; 16];
+        for (i, variance) in [1e4, 1e4, 1e3, 1e3].into_iter().enumerate() {
+            covariance[5 * i] = variance;
+        }
+        let track = |radar: usize, target: usize| {
+            let [turn, phase] = [2.0 * target as f64, (7 * target + 3 * radar) as f64];
+            let distance = 400.0 + 100.0 * target as f64;
+            let errors = [phase.sin(), phase.cos()].map(|e| 150.0 * e);
+            let state =
+                [distance * turn.sin() + errors[0], distance * turn.cos() + errors[1], 60.0, 0.0];
+            let height = if target % 3 == 0 { f64::NAN } else { 300.0 };
+            Alone { radar, state, covariance, height, identities: Identities::of(target as i64) }
+        };
+        let tracks: Vec<Alone> = (0..40).map(|i| track(i % 2, i / 2)).collect();
+        let found =
+            start(&tracks, &[radar([0.0; 3], 50.0, 0.1), radar([0.0; 3], 50.0, 0.1)], &[PRIOR; 2]);
+        assert_eq!(found.paired, [20, 20]);
+        let [first, second] = [0, 1].map(|k| found.errors[k][0]);
+        assert!((first + second).abs() < 1e-6 && found.prior[0][0] == PRIOR[0], "{first} {second}");
     }
 }
