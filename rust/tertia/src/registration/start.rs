@@ -428,7 +428,7 @@ mod tests {
             let errors = [phase.sin(), phase.cos()].map(|e| 150.0 * e);
             let state =
                 [distance * turn.sin() + errors[0], distance * turn.cos() + errors[1], 60.0, 0.0];
-            let height = if target % 3 == 0 { f64::NAN } else { 300.0 };
+            let height = if target.is_multiple_of(3) { f64::NAN } else { 300.0 };
             Alone { radar, state, covariance, height, identities: Identities::of(target as i64) }
         };
         let tracks: Vec<Alone> = (0..40).map(|i| track(i % 2, i / 2)).collect();
