@@ -491,7 +491,7 @@ def test_maps_have_the_numbers_of_the_table(scene: Path, summary: dict[str, Any]
 @pytest.mark.parametrize(
     ("fault", "words", "size", "within"),
     [
-        ({"time": 1.0}, "clock", 1.0, 0.5),
+        ({"time": 1.5}, "clock", 1.5, 0.5),
         ({"azimuth": np.radians(0.3)}, "azimuth bias", 0.3, 0.02),
         ({"azimuth": np.radians(0.5)}, "azimuth bias", 0.5, 0.02),
         ({"range": 200.0}, "range bias", 200.0, 30.0),
