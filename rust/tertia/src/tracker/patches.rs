@@ -67,8 +67,8 @@ impl Patches {
         1.0 + (local - 1.0) / (1.0 + (EVEN - self.uneven).exp())
     }
 
-    /// Whether plots that were certainly false came from an `area` more densely in some squares than in others:
-    /// densities that differ exponentially, against the same everywhere. Cost O(squares).
+    /// Whether first plots of tracks that were never confirmed were denser in some squares of an `area` than in
+    /// others: exponentially distributed densities against an even one. Cost O(squares).
     pub fn is_uneven(&self, area: f64) -> bool {
         let expected = self.dropped.values().sum::<f64>() * self.side * self.side / area;
         let one = |plots: &f64| ln_gamma(plots + 1.0) + expected - (plots + 1.0) * expected.ln_1p();

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 /// False plots and new targets in a scan, at least.
 pub(super) const FEWEST: f64 = 1.0;
+
 /// Plots of a radar, how many of them were detected in each way, and what plans say of their places, summed.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Counts {
