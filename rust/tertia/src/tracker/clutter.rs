@@ -175,8 +175,9 @@ impl Clutter {
     }
 
     /// Whether there are such places.
-    pub fn has_fixed(&self) -> bool {
-        self.fixed.as_ref().is_some_and(Fixed::has_sources)
+    pub fn has_fixed(&self, radar: &Radar) -> bool {
+        let (mean, area) = (self.density(radar), self.area(radar));
+        self.fixed.as_ref().is_some_and(|fixed| fixed.has_sources(radar, mean, area))
     }
 
     /// Finds by a first plot whether the density is even.
@@ -252,6 +253,19 @@ impl Clutter {
         }
     }
 
+    /// Counts a plot of a track that has never been confirmed, unless it is of a fixed echo.
+    pub fn restore(&mut self, radar: &Radar, plot: &Weighed) {
+        let mean = self.density(radar);
+        if self.fixed.as_ref().is_some_and(|fixed| fixed.is_source(radar, plot.position, mean)) {
+            return;
+        }
+        let weight = (-(self.until - plot.time).max(0.0) / radar.scan_period / MEMORY).exp();
+        self.lately.restore(plot.detection, weight);
+        if plot.time < self.opened {
+            self.opening.restore(plot.detection, weight);
+        }
+    }
+
     /// Removes a plot of this time, detection and place that was counted but belongs to a target.
     pub fn discount(
         &mut self,
@@ -303,6 +317,13 @@ mod tests {
     use crate::sensors::{Channel, Identities, radar_of};
     use crate::tracker::{ImmModel, Motion, Plot, Row, Tracker};
 
+    /// A plot without height and identity.
+    fn bare(time: f64, [range, azimuth]: [f64; 2], radar: usize) -> Plot {
+        let (height, identities) = (f64::NAN, Identities::NONE);
+        let (report, detection) = (None, None);
+        Plot { time, range, azimuth, radar, height, identities, detection, report }
+    }
+
     #[test]
     fn first_plots_of_targets_that_are_confirmed_are_no_false_plots() {
         let radar = Radar { max_range: 1e5, ..radar_of([50.0, 1e-3]) };
@@ -315,15 +336,40 @@ mod tests {
                 .map(|k| {
                     let azimuth = 0.2 * f64::from(k);
                     let time = 4.0 * (f64::from(scan) + azimuth / std::f64::consts::TAU);
-                    let range = 4e4 + 200.0 * time;
-                    let (height, identities) = (f64::NAN, Identities::NONE);
-                    let (report, detection) = (None, None);
-                    Plot { time, range, azimuth, radar: 0, height, identities, detection, report }
+                    bare(time, [4e4 + 200.0 * time, azimuth], 0)
                 })
                 .collect();
             tracker.track(&plots[..], None, &mut statuses, &mut rows, None).unwrap();
         }
         assert_within(1e-12, tracker.clutter[0].plots(&radar), FEWEST);
+    }
+
+    #[test]
+    fn false_plots_that_tentative_tracks_take_are_false_all_the_same() {
+        let radars = [[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]].map(|[x, y]| Radar {
+            position: [x * 1e4, y * 1e4, 0.0],
+            max_range: 1e5,
+            ..radar_of([50.0, 1e-3])
+        });
+        let settings = Settings::new(radars.to_vec(), Motion::Imm(ImmModel::default()));
+        let mut tracker = Tracker::try_new(settings).unwrap();
+        let (mut statuses, mut rows) = (Vec::new(), Vec::<Row>::new());
+        for scan in 0..20 {
+            let plots: Vec<Plot> = (0..4 * 300)
+                .map(|k| {
+                    // fractions of squares are as good as random
+                    let square = f64::from(1200 * scan + k).powi(2);
+                    let [a, b] = [0.618_033_988_75, 0.414_213_562_37].map(|u| (square * u).fract());
+                    let (range, azimuth) = (1e5 * a.sqrt(), std::f64::consts::TAU * b);
+                    let time = 4.0 * (f64::from(scan) + b);
+                    bare(time, [range, azimuth], k as usize % 4)
+                })
+                .collect();
+            tracker.track(&plots[..], None, &mut statuses, &mut rows, None).unwrap();
+        }
+        for (clutter, radar) in tracker.clutter.iter().zip(&radars) {
+            assert_within(0.1, clutter.plots(radar) / 300.0, 1.0);
+        }
     }
 
     /// A radar of echoes with .85, of which so many false ones are known, and replies with .95.

@@ -18,8 +18,6 @@ const SIDE: f64 = 3.0;
 const SOURCE: f64 = -9.2;
 /// Share of scans that are many.
 const OFTEN: f64 = 0.1;
-/// Plots in one cell that are more than chance makes somewhere among thousands.
-const SEVERAL: f64 = 2.0;
 /// Most cells. Half of them are kept, those with most plots, and none with fewer than this.
 const MANY: usize = 100_000;
 const NONE_LATELY: f64 = 0.1;
@@ -59,18 +57,48 @@ impl Fixed {
     fn place(radar: &Radar, position: [f64; 2]) -> ([f64; 2], f64) {
         let [x, y] = [0, 1].map(|i| position[i] - radar.position[i]);
         let range = radar.about(position);
-        let side = [radar.range_sigma, radar.azimuth_sigma].map(|sigma| SIDE * sigma);
+        let side = Self::sides(radar);
         ([range / side[0], x.atan2(y) / side[1]], side[0] * side[1] * range)
+    }
+
+    fn sides(radar: &Radar) -> [f64; 2] {
+        [radar.range_sigma, radar.azimuth_sigma].map(|sigma| SIDE * sigma)
     }
 
     fn at(&self, cell: (i32, i32)) -> f64 {
         self.plots.get(&key(cell)).map_or(0.0, |own| faded(*own, self.now))
     }
 
-    /// Whether there are cells in which plots come in many scans.
-    pub fn has_sources(&self) -> bool {
-        let least = OFTEN * self.scans;
-        self.plots.values().any(|own| faded(*own, self.now) > least.max(SEVERAL))
+    /// The plots of the cell of a place, and its area.
+    fn cell(&self, radar: &Radar, position: [f64; 2]) -> (f64, f64) {
+        let (place, area) = Self::place(radar, position);
+        (self.at((place[0].floor() as i32, place[1].floor() as i32)), area)
+    }
+
+    /// Whether there are cells in which plots come in many scans, more than chance makes in any cell of an
+    /// `area` with this `mean` density. Cost O(cells).
+    pub fn has_sources(&self, radar: &Radar, mean: f64, area: f64) -> bool {
+        let [along, across] = Self::sides(radar);
+        self.plots.iter().any(|(cell, own)| {
+            let plots = faded(*own, self.now);
+            let range = ((cell >> 32) as f64 + 0.5) * along;
+            let own = along * across * range;
+            plots > OFTEN * self.scans && self.log_odds(plots, mean * own) > (area / own).ln()
+        })
+    }
+
+    /// Whether there is one at a place, more likely than not. Cost O(1).
+    pub fn is_source(&self, radar: &Radar, position: [f64; 2], mean: f64) -> bool {
+        let (plots, area) = self.cell(radar, position);
+        plots > 0.0 && SOURCE + self.log_odds(plots, mean * area) > 0.0
+    }
+
+    /// Logarithm of how much likelier so many plots are in a cell with a source than in one where so many are
+    /// `expected` in a scan.
+    fn log_odds(&self, plots: f64, expected: f64) -> f64 {
+        let expected = expected * self.scans;
+        let without = plots * expected.ln() - expected - ln_gamma(plots + 1.0);
+        -(self.scans + 1.0).ln() - without
     }
 
     /// Density of false plots at a place over their `mean`, at least 1. Cost O(1).
@@ -78,14 +106,11 @@ impl Fixed {
         if self.plots.is_empty() {
             return 1.0;
         }
-        let (place, area) = Self::place(radar, position);
-        let plots = self.at((place[0].floor() as i32, place[1].floor() as i32));
+        let (plots, area) = self.cell(radar, position);
         if plots == 0.0 {
             return 1.0;
         }
-        let expected = mean * area * self.scans;
-        let without = plots * expected.ln() - expected - ln_gamma(plots + 1.0);
-        let odds = (SOURCE - (self.scans + 1.0).ln() - without).exp();
+        let odds = (SOURCE + self.log_odds(plots, mean * area)).exp();
         let share = (plots + 1.0) / (self.scans + 2.0);
         1.0 + odds / (1.0 + odds) * share / (mean * area)
     }
@@ -172,11 +197,20 @@ mod tests {
         // with a source for sure
         let expected = 1.0 + (plots + 1.0) / (scans + 2.0) / (mean * AREA);
         assert_within(1e-6, found.ratio(&radar(), place, mean), expected);
-        assert!(found.has_sources() == (plots > OFTEN * scans));
+        let has_sources = |found: &Fixed, mean| found.has_sources(&radar(), mean, 1e11);
+        assert!(has_sources(&found, mean) == (plots > OFTEN * scans));
         // one plot is chance, and so are ten where there are many everywhere
         assert!(after(1).ratio(&radar(), place, mean) < 1.1);
         assert!(after(10).ratio(&radar(), place, 0.1 / AREA) < 1.1);
-        assert!(after(80).has_sources() && !after(2).has_sources());
+        assert!(has_sources(&after(80), mean) && !has_sources(&after(2), mean));
+        let is_source = |fixed: &Fixed, place| fixed.is_source(&radar(), place, mean);
+        assert!(is_source(&found, place) && !is_source(&after(1), place));
+        assert!(!is_source(&found, [0.0, 40e3]));
+        // if there are thousands a scan, some cell has three by chance
+        let mut few = Fixed::default();
+        (0..3).for_each(|_| few.add(&radar(), place));
+        few.fade(12.0);
+        assert!(has_sources(&few, 1e-10) && !has_sources(&few, 2e-8));
         // elsewhere there is none
         assert_eq!(after(80).ratio(&radar(), [0.0, 40e3], mean), 1.0);
         assert_eq!(Fixed::default().ratio(&radar(), place, mean), 1.0);

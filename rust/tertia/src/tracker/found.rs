@@ -28,7 +28,7 @@ impl Tracker {
             own.learn(other);
         }
         let mut clutter = self.clutter.iter().zip(&self.settings.radars);
-        clutter.any(|(own, radar)| own.has_fixed() || own.is_uneven(radar))
+        clutter.any(|(own, radar)| own.has_fixed(radar) || own.is_uneven(radar))
             || self.noise.iter().any(|noise| noise.differs() || noise.outliers.are_many())
             || self.doubles.iter().any(Doubles::is_often)
     }

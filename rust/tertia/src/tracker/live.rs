@@ -435,6 +435,9 @@ impl Tracker {
                 if !track.is_confirmed() {
                     let first = &track.first;
                     clutter[first.radar].drop(&settings.radars[first.radar], first.position);
+                    for plot in track.later_plots() {
+                        clutter[plot.radar].restore(&settings.radars[plot.radar], plot);
+                    }
                 }
             }
             is_alive

@@ -42,6 +42,8 @@ pub(super) struct Scan {
     first: (u64, usize),
     /// Plots of each radar that belonged to no track.
     unused: Vec<Counts>,
+    /// The number of the first track that begins.
+    begun_now: u64,
     /// The plots of all radars.
     grid: Grid,
     points: Vec<[f64; 2]>,
@@ -99,6 +101,7 @@ impl Scan {
         self.load(sky, plots);
         self.leave_out(sky, &mut report);
         self.first = (0, 0);
+        self.begun_now = *sky.next_number;
         self.take(sky, true, [oldest, hold], &mut report);
         let known = Known { settings: sky.settings, clutter: sky.clutter, noise: sky.noise };
         let sought = (known, &mut sky.tracks[..], &mut *sky.rows);
@@ -305,7 +308,8 @@ impl Scan {
         if self.claims.is_empty() {
             return false;
         }
-        let Self { plots, taken, deferred, claims, claimed, places, shares, .. } = self;
+        let Self { plots, taken, deferred, claims, claimed, places, shares, unused, .. } = self;
+        let begun_now = self.begun_now;
         let (others, seconds) = (&self.others[..], &self.seconds);
         // tracks by component
         places.clear();
@@ -375,8 +379,15 @@ impl Scan {
             if let Some(stray) = given.stray {
                 sky.noise[stray.radar].outliers.strayed(&stray);
             }
-            if let Some((radar, time, place)) = given.begun {
-                sky.clutter[radar].discount(time, &settings.radars[radar], place);
+            match given.begun {
+                // its first plot is one of these
+                Some((radar, _, Some(place))) if given.track >= begun_now => {
+                    unused[radar].remove(place);
+                }
+                Some((radar, time, Some(place))) => {
+                    sky.clutter[radar].discount(time, &settings.radars[radar], place);
+                }
+                _ => (),
             }
             if row.is_some_and(|row| row.confirmed) {
                 let plot = &plots[given.plot as usize];
@@ -430,7 +441,6 @@ impl Scan {
             let mut track = origins
                 .track(number, plot, sky.tracks, rare, sky.settings)
                 .unwrap_or_else(|| Track::new(number, plot, rare.0, sky.settings));
-            track.believed = density;
             if let Some(expected) = schedule.expected(i, plot, sky.clutter, sky.settings) {
                 track.expect(expected, sky.settings);
             }
@@ -439,7 +449,9 @@ impl Scan {
             }
             *sky.next_number += 1;
             let is_double = self.seconds.of_confirmed()[i] + second > density;
-            if !is_double && !clutter.is_fixed(radar, plot) {
+            track.believed = density;
+            track.is_counted = !is_double && !clutter.is_fixed(radar, plot);
+            if track.is_counted {
                 self.unused[plot.radar].add(plot.detection, track.there);
                 sky.clutter[plot.radar].weigh(radar, plot.position);
             }

@@ -30,8 +30,9 @@ const NOTHING: u32 = u32::MAX;
 /// Corners between which there is nothing.
 const NOWHERE: ([f64; 2], [f64; 2]) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
 
-/// Radar and time of a plot; by what it was detected, and what plans say of the place.
-type Begun = (usize, f64, (Option<Detection>, There));
+/// Radar and time of a plot; by what it was detected, and what plans say of the place, if it has been counted
+/// among those that belong to no track.
+type Begun = (usize, f64, Option<(Option<Detection>, There)>);
 
 /// A plot that was given to a track.
 #[derive(Clone, Copy, Debug)]
@@ -297,7 +298,7 @@ impl Share {
             let begun = (!confirmed && track.is_confirmed()).then_some((
                 track.first.radar,
                 track.first.time,
-                (track.first.detection, track.there),
+                track.is_counted.then_some((track.first.detection, track.there)),
             ));
             let place = group[0].rank + claim.rank;
             self.give(place, plot, track, measured, with_row, (begun, outlier, stray));

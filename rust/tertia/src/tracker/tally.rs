@@ -23,6 +23,16 @@ impl Counts {
         }
         self.there.add(there, 1.0);
     }
+
+    /// Takes away a plot that was added.
+    pub fn remove(&mut self, (detection, there): (Option<Detection>, There)) {
+        self.all = self.all.saturating_sub(1);
+        if let Some(detection) = detection {
+            let own = &mut self.by[detection as usize];
+            *own = own.saturating_sub(1);
+        }
+        self.there.add(there, -1.0);
+    }
 }
 
 /// Plots that belong to no track, how many of them were detected in each way, and the scans in which
@@ -55,6 +65,14 @@ impl Tally {
         if let Some(detection) = detection {
             let own = &mut self.by[detection as usize];
             *own = (*own - weight).max(0.0);
+        }
+    }
+
+    /// Adds a plot that counts with this weight.
+    pub fn restore(&mut self, detection: Option<Detection>, weight: f64) {
+        self.plots += weight;
+        if let Some(detection) = detection {
+            self.by[detection as usize] += weight;
         }
     }
 

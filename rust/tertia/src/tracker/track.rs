@@ -117,6 +117,8 @@ pub(super) struct Track {
     pub there: There,
     /// Density of false plots where its first plot was, as it was believed then, 1/m².
     pub believed: f64,
+    /// Whether its first plot is among those that belong to no track.
+    pub is_counted: bool,
     /// Its plots until it is confirmed.
     basis: Basis,
 }
@@ -182,6 +184,7 @@ impl Track {
             stray: None,
             there: There::default(),
             believed: f64::INFINITY,
+            is_counted: false,
             basis: Basis::default(),
         };
         if matches!(plot.source, Source::Moving(..)) {

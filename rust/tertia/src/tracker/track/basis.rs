@@ -50,6 +50,11 @@ impl Track {
         self.existence.favour(ratio);
     }
 
+    /// The plots of a tentative track after the first, if that has been counted as false.
+    pub fn later_plots(&self) -> &[Weighed] {
+        self.basis.0.get(1..).filter(|_| self.is_counted).unwrap_or_default()
+    }
+
     /// A confirmed track stands on its estimate.
     pub(super) fn stand_alone(&mut self) {
         self.basis = Basis::default();
