@@ -701,6 +701,7 @@ FILES = {
     "bad.toml": "[[station]\n",
     "odd.toml": "station = 3\n",
     "moving.toml": '[[station]]\nname = "A"\nazimuth_sigma_deg = 5\n',
+    "from.toml": '[origin]\nlatitude_deg = 50\nlongitude_deg = 14\n[[station]]\nname = "A"\n',
     "none.toml": "# nothing\n",
     "true.toml": '[[station]]\nname = "A"\neast_m = true\nnorth_m = 0\n',
     "empty.csv": "",
@@ -808,7 +809,14 @@ FILES = {
         (
             ["m.csv", S, "metres.toml"],
             1,
-            r"metres.toml: if an origin is given, the sensors must have latitude_deg .*",
+            "metres.toml: an origin is for sensors with latitude_deg .*, but there is east_m of A: "
+            "leave out one of them",
+        ),
+        (
+            ["m.csv", S, "from.toml"],
+            1,
+            "from.toml: latitude_deg of A is missing; a sensor that moves needs a position here, "
+            "too, such as its first",
         ),
         (
             ["m.csv", S, "s.csv", "--by", "height_m"],

@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 import terminal
 
-from tertia import tables
+from tertia import smoothing, tables
 from tertia.geo import SystemPlane
 
 run = partial(terminal.run, "smooth")
@@ -42,7 +42,8 @@ def test_it_is_the_function_of_tables(tmp_path: Path) -> None:
     done = run(file, "--by", "target", "--sigma", 20, "--output", output, "--json")
     assert done.code == 0
     assert json.loads(done.out) == {"tracks": 2, "rows": 121, "outliers": 1}
-    found, expected = pl.read_parquet(output), tables.smooth(rows, by="target", sigma=20.0)
+    found = pl.read_parquet(output)
+    expected = tables.smooth(rows, by="target", sigma=20.0, n_threads=1)
     for name in expected.columns:
         assert found[name].to_list() == expected[name].to_list(), name
     assert found["smoothing_outlier"].arg_true().to_list() == [30]
@@ -58,6 +59,38 @@ def test_values_and_columns_of_sigma(tmp_path: Path) -> None:
     assert done.code == 0
     assert "1 track of 60 rows, 1 outlier left out" in done.out
     assert "up_smoothed_sigma_m" in done.out
+
+
+def test_covariances_that_other_commands_write(tmp_path: Path) -> None:
+    """Rotated ellipses of error are used; a covariance that is missing is 0."""
+    random = np.random.default_rng(7)
+    time = 4.0 * np.arange(40)
+    half = np.radians(random.uniform(20.0, 70.0, 40))
+    axes = np.stack([np.sin(half), np.cos(half), np.cos(half), -np.sin(half)], axis=-1)
+    turned = axes.reshape(40, 2, 2)
+    covariance = turned @ np.diag([100.0**2, 10.0**2]) @ turned.transpose(0, 2, 1)
+    noise = np.linalg.cholesky(covariance) @ random.standard_normal((40, 2, 1))
+    plots = np.column_stack([80.0 * time, 30.0 * time]) + noise[..., 0]
+    covariance[5, 0, 1] = covariance[5, 1, 0] = 0.0
+    rows = pl.DataFrame(
+        {
+            "time_s": time,
+            "east_m": plots[:, 0],
+            "north_m": plots[:, 1],
+            "east_sigma_m": np.sqrt(covariance[:, 0, 0]),
+            "north_sigma_m": np.sqrt(covariance[:, 1, 1]),
+            "covariance_east_north_m2": [
+                None if k == 5 else one for k, one in enumerate(covariance[:, 0, 1])
+            ],
+        }
+    )
+    file, output = tmp_path / "positions.csv", tmp_path / "smoothed.parquet"
+    rows.write_csv(file)
+    sigmas = ("--sigma", "east_sigma_m", "--sigma", "north_sigma_m")
+    terminal.succeed("smooth", file, *sigmas, "--output", output)
+    expected = smoothing.smooth(plots, covariance, time=time)
+    smoothed = pl.read_parquet(output).select("east_smoothed_m", "north_smoothed_m")
+    np.testing.assert_allclose(smoothed, expected.position, rtol=1e-9)
 
 
 def test_mistakes(tmp_path: Path) -> None:

@@ -350,7 +350,7 @@ class TestFuse:
         ("change", "options", "message"),
         [
             ({"sensor": None}, {}, "row 0: sensor is missing"),
-            ({"time_s": None}, {}, "row 0: time_s is missing"),
+            ({"time_s": None}, {}, r"row 0: time_s is missing \(5 such rows\)"),
             (
                 {"time_s": 1.0},
                 {},

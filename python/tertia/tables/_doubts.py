@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Sequence
+from datetime import timedelta
 
 import numpy as np
 import polars as pl
@@ -24,7 +26,11 @@ _LATEST = 1e11
 # the years 1970 to 2100, in days as spreadsheets count them, and the longest recording in days
 _DAYS, _LONGEST = (25_569.0, 73_051.0), 1.0
 # share of an hour within which local times go back at its end
-_ALMOST = 5 / 6
+_HOUR, _AN_HOUR, _ALMOST = 3600.0, timedelta(hours=1), 5 / 6
+# day and last hour at which summer time begins, and usual steps within which its first time comes
+_SUNDAY, _NIGHT, _SKIPPED = 6, 3, 10.0
+# seconds by which a clock may be set back, and this in multiples of delays and of usual steps
+_AT_ONCE, _MOST_BACK, _FAR = 1.0, 43_200.0, 3.0
 # largest plausible median of a column, its unit, and the unit that is likely if the median is
 # larger
 _MOST = {
@@ -117,21 +123,78 @@ def doubt_time(name: str, times: pl.Series) -> None:
         )
 
 
-def doubt_summer_time(name: str, times: pl.Series) -> None:
-    """Warn if local times are probably those of a night at the end of summer time."""
+def doubt_summer_time(name: str, times: pl.Series) -> bool:
+    """Warn, and return True, if local times are probably those of a night when clocks change."""
     if not isinstance(times.dtype, pl.Datetime) or times.dtype.time_zone is not None:
-        return
+        return False
     known = times.drop_nulls()
-    back = (known.diff().dt.total_milliseconds() < 0).arg_true().to_list()
+    return _doubt_mixed_hours(name, known) or _doubt_skipped_hour(name, known)
+
+
+def _doubt_mixed_hours(name: str, known: pl.Series) -> bool:
+    """Warn, and return True, if the hour before the end of summer time comes twice."""
+    # times of several sensors may be somewhat out of order
+    least = -(2 * _ALMOST - 1.0) * _HOUR
+    back = (known.diff().dt.total_milliseconds() < 1e3 * least).arg_true().to_list()
     if len(back) != 1:
-        return
+        return False
     before, after = known[back[0] - 1], known[back[0]]
     hour = after.replace(minute=0, second=0, microsecond=0)
-    late, early = ((one - hour).total_seconds() / 3600.0 for one in (before, after))
+    late, early = ((one - hour).total_seconds() / _HOUR for one in (before, after))
     # the hour begins again almost at its end, and it is not the record that begins again
-    start = abs((known[0] - after).total_seconds()) / 3600.0
-    if _ALMOST <= late <= 1.0 and early <= 1.0 - _ALMOST < start:
+    start = abs((known[0] - after).total_seconds()) / _HOUR
+    found: bool = _ALMOST <= late <= 1.0 and early <= 1.0 - _ALMOST < start
+    if found:
         doubt(
             f"{name} goes back from {before} to {after}: are these local times at the end of "
             "summer time? Give times with their zone; otherwise the rows of two hours are mixed"
         )
+    return found
+
+
+def _doubt_skipped_hour(name: str, known: pl.Series) -> bool:
+    """Warn, and return True, if an hour of a night before Sunday is missing from local times."""
+    each = known.unique().sort()
+    step = each.diff().drop_nulls().dt.total_microseconds().to_numpy() / 1e6
+    usual = float(np.median(step)) if len(step) >= _DOUBTFUL_COUNT else math.inf
+    gaps = np.flatnonzero(step > _HOUR)
+    if len(gaps) != 1 or step[gaps[0]] > _HOUR + _SKIPPED * usual:
+        return False
+    before, after = each[int(gaps[0])], each[int(gaps[0]) + 1]
+    hour = after.replace(minute=0, second=0, microsecond=0)
+    # at midnight or later
+    found: bool = hour.weekday() == _SUNDAY and hour.hour <= _NIGHT and (hour - before) > _AN_HOUR
+    if found:
+        doubt(
+            f"{name} goes from {before} to {after}: are these local times at the start of summer "
+            "time? Give times with their zone; otherwise targets seem to stop for an hour"
+        )
+    return found
+
+
+def doubt_clock(name: str, times: pl.Series, labels: Sequence[pl.Series]) -> None:
+    """Warn if the clock of a recording was probably set back.
+
+    If rows with other `labels`, such as those of a second sensor, begin where times go back, it was
+    not.
+    """
+    seconds = times if times.dtype.is_numeric() else times.dt.timestamp("us") / 1e6
+    rows = np.flatnonzero(seconds.is_not_null().to_numpy())
+    step = np.diff(seconds.to_numpy()[rows])
+    if len(step) < _DOUBTFUL_COUNT or not _AT_ONCE < -step.min() < _MOST_BACK:
+        return
+    at = int(step.argmin())
+    # delays of messages are many, and of all sizes
+    usual = max(-float(np.partition(step, 1)[1]), float(np.median(np.abs(step))))
+    since = float(np.sum(step[: at + 1]))
+    if min(-float(step[at]), since) < _FAR * usual:
+        return
+    first, last = (int(row) for row in rows[at : at + 2])
+    for label in labels:
+        before, after = (part.unique() for part in (label[:last], label[last:]))
+        if not before.is_in(after.implode(), nulls_equal=True).any():
+            return
+    doubt(
+        f"{name} goes back once, from {times[first]} to {times[last]}: was the clock set? The rows "
+        "of two periods are then mixed"
+    )

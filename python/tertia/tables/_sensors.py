@@ -544,14 +544,17 @@ def _are_geodetic(cells: Sequence[_Cells], origin: Row | None, file: str) -> boo
             f"there are {local} and {geodetic}; all positions must be given in the same form",
             file=file,
         )
-    if geodetic is None and origin is not None:
-        reason = f"if an origin is given, the sensors must have {GEODETIC[0]} and {GEODETIC[1]}"
+    if local and origin is not None:
+        both = f"{GEODETIC[0]} and {GEODETIC[1]}"
+        reason = (
+            f"an origin is for sensors with {both}, but there is {local}: leave out one of them"
+        )
         raise RecordError(reason, file=file)
-    if local is None and geodetic is None:
+    if local is None and geodetic is None and origin is None:
         # other names of the columns
         there = [name for one in cells for name in one.row]
         return bool(hint([GEODETIC[0]], there)) and not hint([LOCAL[0]], there)
-    return geodetic is not None
+    return local is None
 
 
 def _first_given(cells: Sequence[_Cells], form: Iterable[str]) -> str | None:
