@@ -122,7 +122,7 @@ def test_a_clock_that_is_set_back() -> None:
     times = np.where(true < 120.0, true, true - 31.0)
     both = seen(times.tolist())
     mixed = both[[k + 100 * s for k in range(100) for s in range(2)]]
-    with pytest.warns(tables.RecordWarning, match=r"goes back once, from 118.0 to 89.0"):
+    with pytest.warns(tables.RecordWarning, match=r"goes back once, from 118 to 89:"):
         times_of(mixed)
     dated = mixed.with_columns(time_s=pl.from_epoch(pl.col("time_s") + 1e9, "s"))
     with pytest.warns(tables.RecordWarning, match="goes back once"):
@@ -135,6 +135,22 @@ def test_a_clock_that_is_set_back() -> None:
     delayed = mixed.with_columns(time_s=rng.permutation(np.repeat(true, 2)))
     quietly(delayed.unique(["time_s", "sensor"], maintain_order=True))
     quietly(pl.concat([mixed[120:], mixed[:60].with_columns(pl.col("time_s") - 0.5)]))
+
+
+def test_digits_of_the_time_of_day() -> None:
+    """Numbers such as 123519 are no seconds."""
+
+    def digits(seconds: np.ndarray) -> list[float]:
+        minutes, rest = np.divmod(seconds, 60.0)
+        hours, minutes = np.divmod(minutes, 60.0)
+        return (10_000 * hours + 100 * minutes + rest).tolist()
+
+    with pytest.warns(tables.RecordWarning, match="hhmmss"):
+        times_of(seen(digits(45_319.0 + np.arange(0.0, 300.0, 4.0))))
+    # seconds; every minute; less than three minutes
+    quietly(seen((45_319.0 + np.arange(0.0, 300.0, 4.0)).tolist()))
+    quietly(seen(np.arange(0.0, 6000.0, 50.0).tolist()))
+    quietly(seen(digits(45_319.0 + np.arange(0.0, 100.0, 4.0))))
 
 
 def test_days_of_spreadsheets() -> None:

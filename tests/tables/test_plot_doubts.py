@@ -59,6 +59,17 @@ def test_times_of_north_marks_are_noticed(late: float) -> None:
     assert "up to 4 s off" in told
 
 
+@pytest.mark.parametrize(("ahead", "noticed"), [(9.0, True), (11.0, True), (12.0, False)])
+def test_clocks_that_are_set_forward_are_noticed(ahead: float, *, noticed: bool) -> None:
+    """Unless by whole turns of the beam; nothing is said of a pause in the recording."""
+    scene, middle = _scene(), 10 * PERIOD + 1.0
+    later = pl.when(pl.col("time_s") > middle).then(ahead).otherwise(0.0)
+    told = _told(scene.with_columns(pl.col("time_s") + later), RADAR)
+    assert ["were clocks set forward" in one for one in told] == [True] * noticed
+    pause = pl.col("time_s").is_between(middle, middle + ahead)
+    assert _told(scene.filter(~pause), RADAR) == []
+
+
 def test_times_in_whole_seconds_are_noticed() -> None:
     (told,) = _told(_scene().with_columns(pl.col("time_s").floor()), RADAR)
     assert told.startswith("the times of hill are whole seconds")

@@ -25,6 +25,8 @@ _SMALL_RANGES = (
 _LATEST = 1e11
 # the years 1970 to 2100, in days as spreadsheets count them, and the longest recording in days
 _DAYS, _LONGEST = (25_569.0, 73_051.0), 1.0
+# digits of the time of day after the last one; minutes that such times pass, and their usual step
+_MIDNIGHT, _MINUTES, _SHORT = 240_000.0, 3.0, 20.0
 # share of an hour within which local times go back at its end
 _HOUR, _AN_HOUR, _ALMOST = 3600.0, timedelta(hours=1), 5 / 6
 # day and last hour at which summer time begins, and usual steps within which its first time comes
@@ -121,6 +123,21 @@ def doubt_time(name: str, times: pl.Series) -> None:
             f"{name} is between {first:.6f} and {last:.6f}: is it in days, as in spreadsheets? Use "
             "seconds, or dates with times"
         )
+    if first >= 0 and last < _MIDNIGHT and _are_clock_digits(times):
+        doubt(
+            f"{name} is between {first:.10g} and {last:.10g}, minutes and seconds below 60: "
+            "are these times of day, hhmmss? Write them as 12:35:19"
+        )
+
+
+def _are_clock_digits(times: pl.Series) -> bool:
+    """Return whether numbers have the digits hhmmss, as in NMEA, and pass some minutes."""
+    each = np.sort(times.drop_nulls().unique().to_numpy().astype(np.float64))
+    minutes, seconds = np.divmod(each, 100.0)
+    if len(each) < _DOUBTFUL_COUNT or minutes[-1] - minutes[0] < _MINUTES:
+        return False
+    short = np.median(np.diff(each)) <= _SHORT
+    return bool(short and np.all(seconds < 60.0) and np.all(minutes % 100.0 < 60.0))
 
 
 def doubt_summer_time(name: str, times: pl.Series) -> bool:
@@ -191,10 +208,13 @@ def doubt_clock(name: str, times: pl.Series, labels: Sequence[pl.Series]) -> Non
         return
     first, last = (int(row) for row in rows[at : at + 2])
     for label in labels:
-        before, after = (part.unique() for part in (label[:last], label[last:]))
-        if not before.is_in(after.implode(), nulls_equal=True).any():
+        one, other = (part.unique() for part in (label[:last], label[last:]))
+        if not one.is_in(other.implode(), nulls_equal=True).any():
             return
+    before, after = (
+        f"{one:.10g}" if isinstance(one, float) else one for one in times[[first, last]]
+    )
     doubt(
-        f"{name} goes back once, from {times[first]} to {times[last]}: was the clock set? The rows "
-        "of two periods are then mixed"
+        f"{name} goes back once, from {before} to {after}: was the clock set? The rows of two "
+        "periods are then mixed"
     )
