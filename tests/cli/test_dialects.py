@@ -45,6 +45,7 @@ EXCEL = text(";", ",")
 FORMS: dict[str, bytes] = {
     "semicolons": text(";").encode(),
     "decimal commas": EXCEL.encode(),
+    "a line that tells spreadsheets the separator": f"sep=;\r\n{EXCEL}".encode(),
     "tabs": text("\t").encode(),
     "tabs and decimal commas": text("\t", ",").encode(),
     "line ends of Windows": PLAIN.replace("\n", "\r\n").encode(),

@@ -95,10 +95,17 @@ def test_covariances_that_other_commands_write(tmp_path: Path) -> None:
 
 def test_mistakes(tmp_path: Path) -> None:
     file = tmp_path / "positions.csv"
-    positions().write_csv(file)
+    row = pl.int_range(pl.len())
+    holes = pl.when(~row.is_in([3, 4])).then(20.0)
+    rows = positions().with_columns(s=pl.when(row == 2).then(-1.0).otherwise(20.0), h=holes)
+    rows.write_csv(file)
     for options, message in (
         (("--sigma", "x"), "x"),
-        (("--sigma", 0), "covariance"),
+        (("--sigma", 0), "sigma is 0.0; it must be a positive number"),
+        (("--sigma", -5), "sigma is -5.0; it must be a positive number"),
+        (("--sigma", 5, "--velocity-sigma", -1), "velocity_"),
+        (("--sigma", "s"), "positions.csv, line 4: s is -1; it must be positive"),
+        (("--sigma", "h"), "positions.csv, line 5: h is missing (2 such rows)"),
         (("--sigma", 1, "--sigma", 2, "--sigma", 3), "sigma has 3 elements"),
         (("--sigma", 1, "--value", "up_m"), "up_m"),
     ):

@@ -70,6 +70,11 @@ def test_clocks_that_are_set_forward_are_noticed(ahead: float, *, noticed: bool)
     assert _told(scene.filter(~pause), RADAR) == []
 
 
+def test_gradians_are_noticed() -> None:
+    told = _told(_scene().with_columns(pl.col("azimuth_deg") / 0.9), RADAR)
+    assert any("are they gradians?" in one for one in told)
+
+
 def test_times_in_whole_seconds_are_noticed() -> None:
     (told,) = _told(_scene().with_columns(pl.col("time_s").floor()), RADAR)
     assert told.startswith("the times of hill are whole seconds")

@@ -14,6 +14,8 @@ from tertia._arrays import FloatArray
 
 # number of values to check a unit, least spread of azimuths (°), least median of ranges (m)
 _DOUBTFUL_COUNT, _DOUBTFUL_SPREAD, _LEAST_RANGE = 20, 1.0, 1000.0
+# azimuths in degrees are rarely above a circle, and in gradians not above 400
+_FULL, _GRADIANS = 361.0, 400.0
 # largest range difference, as a share of the distance of sensors, that may be in microseconds
 _TINY = 1 / 250
 # median range, as a share of the distance of sensors, that is probably in kilometres
@@ -56,6 +58,9 @@ def doubt_unit(name: str, values: pl.Series) -> None:
     if name not in {"azimuth_deg", "range_m", *_MOST}:
         return
     known = values.to_numpy()
+    if name == "azimuth_deg" and _are_gradians(known):
+        doubt("azimuths reach 400: are they gradians? Use degrees, 0.9 for a gradian")
+        return
     # checked first, because most columns of degrees soon have a value above 2π
     if name == "azimuth_deg" and np.any(np.abs(known[:_DOUBTFUL_COUNT]) > 2 * math.pi):
         return
@@ -72,6 +77,14 @@ def doubt_unit(name: str, values: pl.Series) -> None:
     most, unit, other = _MOST.get(name, (math.inf, "", ""))
     if typical > most:
         doubt(f"the median of {name} is {typical:.6g}: is it in {other}? Use {unit}")
+
+
+def _are_gradians(azimuths: FloatArray) -> bool:
+    """Return whether angles go round a circle of 400."""
+    known = azimuths[np.isfinite(azimuths)]
+    if len(known) < _DOUBTFUL_COUNT or known.min() < 0.0 or not _FULL < known.max() <= _GRADIANS:
+        return False
+    return bool(np.all(np.histogram(known, 8, (0.0, _GRADIANS))[0]))
 
 
 def doubt_ranges(values: FloatArray, places: FloatArray) -> None:

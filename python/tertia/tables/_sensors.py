@@ -84,6 +84,7 @@ _TRUSTED = "trusted"
 _RANGE_DIFFERENCE_SIGMA = "range_difference_sigma_m"
 # a sensor of which nothing else is given may be one whose positions are in the rows of measurements
 _OF_MOVING = {"name", _TRUSTED, *(column for column, _ in _STATION.values())}
+_UNPLACED = f": give {GEODETIC[0]} and {GEODETIC[1]}, or {LOCAL[0]} and {LOCAL[1]}"
 _MOVING = "; a sensor that moves needs a position here, too, such as its first"
 # in degrees; surveillance radars have larger azimuth sigmas
 _DOUBTFUL_SIGMA = 0.005
@@ -374,13 +375,13 @@ class _Cells:
             others = [name for name in self.row if name != column]
             # usual names are suggested only if the row has no position at all
             placed = not {*LOCAL, *GEODETIC}.isdisjoint(self.row)
-            said = hint([column], others, VERY_NEAR if placed else NEAR) or note
+            said = hint([column], others, VERY_NEAR if placed else NEAR) or ("" if placed else note)
             raise self.error(f"{column} of {self.name} is missing{said}")
         return found
 
     def place(self, columns: Iterable[str]) -> list[float]:
         """Return the coordinates in these columns; an error if one is missing."""
-        note = _MOVING if self.row.keys() <= _OF_MOVING else ""
+        note = _MOVING if self.row.keys() <= _OF_MOVING else _UNPLACED
         return [self.required(column, note) for column in columns]
 
     def sigma(self, column: str) -> float | None:
@@ -404,7 +405,7 @@ def _named(rows: Sequence[Row], noun: str, file: str) -> dict[str, Row]:
         raise RecordError(f"there are no {noun}s", file=file)
     found: dict[str, Row] = {}
     for at, row in enumerate(map(_with_plain_names, rows), start=1):
-        name = str(row.get("name") or "").strip()
+        name = "" if (given := row.get("name")) is None else str(given).strip()
         if not name:
             raise RecordError(f"{noun} {at} has no name", file=file)
         if name in found:
@@ -428,10 +429,8 @@ def _completed(cells: _Cells, found: Row) -> Row:
     added = {} if has(period) or period not in found else {period: found[period]}
     if not has(*LOCAL, *GEODETIC):
         if GEODETIC[0] not in found:
-            raise cells.error(
-                f"{cells.name} has no position, and its recording has none (I034/120): "
-                f"give {GEODETIC[0]} and {GEODETIC[1]}, or {LOCAL[0]} and {LOCAL[1]}"
-            )
+            said = f"{cells.name} has no position, and its recording has none (I034/120)"
+            raise cells.error(said + _UNPLACED)
         added |= {column: found[column] for column in GEODETIC if column in found}
     if period not in {*cells.row, *added}:
         raise cells.error(f"give {period} of {cells.name}: its recording has none (I034/041)")
@@ -546,9 +545,7 @@ def _are_geodetic(cells: Sequence[_Cells], origin: Row | None, file: str) -> boo
         )
     if local and origin is not None:
         both = f"{GEODETIC[0]} and {GEODETIC[1]}"
-        reason = (
-            f"an origin is for sensors with {both}, but there is {local}: leave out one of them"
-        )
+        reason = f"an origin is for sensors with {both}, not with {local}: leave out one of them"
         raise RecordError(reason, file=file)
     if local is None and geodetic is None and origin is None:
         # other names of the columns

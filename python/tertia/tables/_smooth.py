@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 
 from tertia import smoothing
-from tertia._arrays import BoolArray, FloatArray, IntArray, finite, real
+from tertia._arrays import BoolArray, FloatArray, IntArray, positive_number, real
 from tertia.geo import SystemPlane
 from tertia.tables._frames import Table, extended, names
 from tertia.tables._groups import as_names, by_length, column_name, known, layout, split_unit
@@ -173,6 +173,7 @@ def smoothing_of(
             {name: 1.0},
             required=True,
             most=_LARGEST.get(name, math.inf) if geodetic else math.inf,
+            positive=name in stated,
         )
         for name in [*(GEODETIC[:2] if geodetic else axes), *stated]
     }
@@ -181,6 +182,10 @@ def smoothing_of(
     if spreads:
         schema = {**schema, **fields(moving)}
     records = read(source, schema, columns=columns, by=as_names(by))
+    for axis, one in zip(GEODETIC[:2] if geodetic else axes, sigmas, strict=False):
+        if isinstance(one, str):
+            lacks = pl.col(axis).is_not_nan() & pl.col(one).is_nan()
+            records.refuse(lacks, f"{one} is missing", one)
     frame = records.rows
     plane = _plane_of(frame) if geodetic else None
     if plane is not None:
@@ -190,9 +195,10 @@ def smoothing_of(
     t = Clock.of(frame["time"]).seconds(frame["time"])
     rows = groups.order[np.lexsort((groups.arranged(t), groups.group))]
     y = frame.select(axes).to_numpy()[rows]
-    series = [y, _covariances(frame, sigmas, covariances)[rows], t[rows], rows]
+    series = [y, _covariances(frame, "sigma", sigmas, covariances)[rows], t[rows], rows]
     if spreads:
-        series += [velocities_of(frame, moving, plane)[rows], _covariances(frame, spreads)[rows]]
+        own = _covariances(frame, "velocity_sigma", spreads)
+        series += [velocities_of(frame, moving, plane)[rows], own[rows]]
     found, spread, marks = _smoothed(groups.lengths, series, plane, options)
     added = _added(found, spread, axes)
     shown = axes
@@ -316,22 +322,18 @@ def _names_of_covariances(
 
 def _covariances(
     frame: pl.DataFrame,
+    argument: str,
     sigmas: Sequence[float | str],
     names: Mapping[tuple[int, int], str] = MappingProxyType({}),
 ) -> FloatArray:
     """Return the covariances (N, axes, axes); those that are missing are 0."""
     found = np.zeros((frame.height, len(sigmas), len(sigmas)))
     for k, one in enumerate(sigmas):
-        found[:, k, k] = _sigmas(frame, one) ** 2
+        own = frame[one].to_numpy() if isinstance(one, str) else positive_number(one, argument)
+        found[:, k, k] = own**2
     for (i, j), name in names.items():
         found[:, i, j] = found[:, j, i] = np.nan_to_num(frame[name].to_numpy())
     return found
-
-
-def _sigmas(frame: pl.DataFrame, sigma: float | str) -> FloatArray:
-    if isinstance(sigma, str):
-        return frame[sigma].to_numpy()
-    return np.full(frame.height, finite(real(sigma, "sigma"), "sigma"))
 
 
 def _added(found: FloatArray, spread: FloatArray, axes: Sequence[str]) -> pl.DataFrame:
