@@ -221,8 +221,8 @@ def doubt_clock(name: str, times: pl.Series, labels: Sequence[pl.Series]) -> Non
         return
     first, last = (int(row) for row in rows[at : at + 2])
     for label in labels:
-        one, other = (part.unique() for part in (label[:last], label[last:]))
-        if not one.is_in(other.implode(), nulls_equal=True).any():
+        one, other = (set(part.unique().to_list()) for part in (label[:last], label[last:]))
+        if one.isdisjoint(other):
             return
     before, after = (
         f"{one:.10g}" if isinstance(one, float) else one for one in times[[first, last]]
