@@ -1,6 +1,7 @@
 """The command `tertia smooth`: what the library says of a file of positions."""
 
 import json
+import warnings
 from functools import partial
 from pathlib import Path
 
@@ -91,6 +92,16 @@ def test_covariances_that_other_commands_write(tmp_path: Path) -> None:
     expected = smoothing.smooth(plots, covariance, time=time)
     smoothed = pl.read_parquet(output).select("east_smoothed_m", "north_smoothed_m")
     np.testing.assert_allclose(smoothed, expected.position, rtol=1e-9)
+
+
+def test_several_targets_in_one_track() -> None:
+    rows = positions()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", tables.RecordWarning)
+        tables.smooth(rows, by="target", sigma=20.0)
+        tables.smooth(rows, by="target", sigma=10.0)
+    with pytest.warns(tables.RecordWarning, match="the track scatter .* are there several targets"):
+        tables.smooth(rows, sigma=20.0)
 
 
 def test_mistakes(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.sensors import PositionSensor, Radar
 from tertia.tables._doubts import doubt
-from tertia.tables._sensors import Sensors
+from tertia.tables._sensors import REACH_OF_A_PLANE, Sensors
 from tertia.tracker import Plots
 
 # plots of a sensor below which nothing is said of it
@@ -49,6 +49,8 @@ def doubt_plots(plots: Plots, sensors: Sensors[Any]) -> None:
             _doubt_copies(name, sensor, plots.time[rows], plots.range[rows], plots.azimuth[rows])
         elif isinstance(sensor, PositionSensor):
             _doubt_interval(name, sensor, plots.time[rows], _targets(plots, rows))
+            if sensors.frame is not None and plots.position is not None:
+                _doubt_places(name, plots.position[rows])
 
 
 def _doubt_clocks(plots: Plots, sensors: Sensors[Any]) -> None:
@@ -194,6 +196,17 @@ def _doubt_interval(
             f"{np.median(usual[rare]):.3g} s, and its update_interval is "
             f"{sensor.update_interval:g} s: targets that report less often than every {most:g} s "
             "have no tracks. State a longer update_interval"
+        )
+
+
+def _doubt_places(name: str, place: FloatArray) -> None:
+    """Warn if most reported positions are so far from the origin that the plane is wrong."""
+    away = np.linalg.norm(place, axis=1)
+    away = away[np.isfinite(away)]
+    if len(away) and np.median(away) > REACH_OF_A_PLANE:
+        doubt(
+            f"positions of {name} are about {np.median(away) / 1e3:.0f} km from the origin: are "
+            "latitude and longitude swapped?"
         )
 
 

@@ -33,7 +33,7 @@ LOCAL = ("east_m", "north_m", "up_m")
 GEODETIC = ("latitude_deg", "longitude_deg", "height_m")
 _DOMAINS = {"latitude_deg": (-90, 90), "longitude_deg": (-180, 360)}
 # in metres; at this distance from the origin, azimuths in the plane are wrong by 0.4 degrees
-_REACH_OF_A_PLANE = 1e6
+REACH_OF_A_PLANE = 1e6
 # properties of a radar, their columns, and factors to the units of the library
 _RADAR = {
     "range_sigma": ("range_sigma_m", 1.0),
@@ -444,7 +444,7 @@ def _in_a_system_plane(cells: Sequence[_Cells], origin: Row | None, file: str) -
     positions = [plane.to_local(*place) for place in _coordinates(cells, GEODETIC)]
     for one, place in zip(cells, positions, strict=True):
         distance = float(np.hypot(*place[:2]))
-        if distance > _REACH_OF_A_PLANE:
+        if distance > REACH_OF_A_PLANE:
             doubt(
                 f"{one.name} is {distance / 1e3:.0f} km from the origin: are latitude and "
                 "longitude swapped?"
@@ -590,10 +590,10 @@ def _on_the_earth(
     if given.shape[1] == len(GEODETIC):
         return positions, axes, frame
     for one, distance in zip(cells, np.linalg.norm(positions, axis=1), strict=True):
-        if distance > _REACH_OF_A_PLANE:
+        if distance > REACH_OF_A_PLANE:
             raise one.error(
                 f"{one.name} is {distance / 1e3:.0f} km from the origin; sensors without "
                 f"{GEODETIC[2]} are placed in a plane and must be within "
-                f"{_REACH_OF_A_PLANE / 1e3:.0f} km; are latitude and longitude swapped?"
+                f"{REACH_OF_A_PLANE / 1e3:.0f} km; are latitude and longitude swapped?"
             )
     return positions[:, :2], in_the_plane(axes), frame

@@ -15,6 +15,7 @@ import polars as pl
 from tertia import smoothing
 from tertia._arrays import BoolArray, FloatArray, IntArray, positive_number, real
 from tertia.geo import SystemPlane
+from tertia.tables._doubts import doubt
 from tertia.tables._frames import Table, extended, names
 from tertia.tables._groups import as_names, by_length, column_name, known, layout, split_unit
 from tertia.tables._names import hint
@@ -24,6 +25,8 @@ from tertia.tables._sensors import GEODETIC, LOCAL
 from tertia.tables._times import Clock
 from tertia.tables._velocities import fields, true_rates, velocities_of
 
+# noise in stated sigmas that few sensors have
+_MUCH = 10.0
 # in degrees
 _LARGEST = dict(zip(GEODETIC[:2], (90.0, 360.0), strict=True))
 # results for each quantity, and suffixes of their units
@@ -233,7 +236,7 @@ def _smoothed(
         moving: dict[str, Any] = dict(zip(names, velocity, strict=False))
         return places, smoothing.smooth(plots, covariances, time=instants, **moving, **options)
 
-    height, axes = series[0].shape
+    (height, axes), factors = series[0].shape, [np.ones(0)]
     found, spread = np.full((2, height, len(_QUANTITIES) * axes), np.nan)
     marked = ["outlier"] if len(series) == 4 else ["outlier", "velocity_outlier"]
     marks = {name: np.zeros(height, dtype=bool) for name in marked}
@@ -242,6 +245,7 @@ def _smoothed(
             raise one
         places, smoothed = one
         found[places], spread[places] = smoothed.mean, smoothed.sigma
+        factors.append(smoothed.noise_factor)
         if plane is not None:
             flat = smoothed.mean.reshape(-1, 6), smoothed.covariance.reshape(-1, 6, 6)
             found[places], spread[places] = (
@@ -249,7 +253,19 @@ def _smoothed(
             )
         for name, mark in marks.items():
             mark[places] = getattr(smoothed, name)
+    _doubt_noise(np.concatenate(factors))
     return found, spread, {f"smoothing_{name}": mark for name, mark in marks.items()}
+
+
+def _doubt_noise(factor: FloatArray) -> None:
+    """Warn if positions scatter as those of several targets do."""
+    large = factor > _MUCH
+    if large.any():
+        tracks = "the track" if len(factor) == 1 else f"{large.sum()} of {len(factor)} tracks"
+        doubt(
+            f"the measurements of {tracks} scatter {np.max(factor):.3g} times as much as sigma says: "
+            "are there several targets? Group their rows by a column; or is sigma wrong?"
+        )
 
 
 def _of_each_axis(
