@@ -263,8 +263,8 @@ def _doubt_noise(factor: FloatArray) -> None:
     if large.any():
         tracks = "the track" if len(factor) == 1 else f"{large.sum()} of {len(factor)} tracks"
         doubt(
-            f"the measurements of {tracks} scatter {np.max(factor):.3g} times as much as sigma says: "
-            "are there several targets? Group their rows by a column; or is sigma wrong?"
+            f"the measurements of {tracks} scatter {np.max(factor):.3g} times as much as sigma "
+            "says: are there several targets? Group their rows by a column; or is sigma wrong?"
         )
 
 
