@@ -145,12 +145,11 @@ def doubt_time(name: str, times: pl.Series) -> None:
 
 def _are_clock_digits(times: pl.Series) -> bool:
     """Return whether numbers have the digits hhmmss, as in NMEA, and pass some minutes."""
-    each = np.sort(times.drop_nulls().unique().to_numpy().astype(np.float64))
-    minutes, seconds = np.divmod(each, 100.0)
-    if len(each) < _DOUBTFUL_COUNT or minutes[-1] - minutes[0] < _MINUTES:
+    minutes, seconds = np.divmod(times.drop_nulls().to_numpy().astype(np.float64), 100.0)
+    if np.any(seconds >= 60.0) or np.any(minutes % 100.0 >= 60.0) or np.ptp(minutes) < _MINUTES:
         return False
-    short = np.median(np.diff(each)) <= _SHORT
-    return bool(short and np.all(seconds < 60.0) and np.all(minutes % 100.0 < 60.0))
+    step = np.diff(np.unique(100.0 * minutes + seconds))
+    return bool(len(step) >= _DOUBTFUL_COUNT and np.median(step) <= _SHORT)
 
 
 def doubt_summer_time(name: str, times: pl.Series) -> bool:
@@ -184,6 +183,8 @@ def _doubt_mixed_hours(name: str, known: pl.Series) -> bool:
 
 def _doubt_skipped_hour(name: str, known: pl.Series) -> bool:
     """Warn, and return True, if an hour of a night before Sunday is missing from local times."""
+    if known.is_empty() or known.max() - known.min() < _AN_HOUR:  # type: ignore[operator]
+        return False
     each = known.unique().sort()
     step = each.diff().drop_nulls().dt.total_microseconds().to_numpy() / 1e6
     usual = float(np.median(step)) if len(step) >= _DOUBTFUL_COUNT else math.inf
