@@ -151,6 +151,8 @@ def test_digits_of_the_time_of_day() -> None:
     quietly(seen((45_319.0 + np.arange(0.0, 300.0, 4.0)).tolist()))
     quietly(seen(np.arange(0.0, 6000.0, 50.0).tolist()))
     quietly(seen(digits(45_319.0 + np.arange(0.0, 100.0, 4.0))))
+    # two recordings of half a minute
+    quietly(seen([*np.arange(40.0), *np.arange(2000.0, 2040.0)]))
 
 
 def test_days_of_spreadsheets() -> None:

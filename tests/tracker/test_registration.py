@@ -11,7 +11,8 @@ from tertia import _core, simulate
 from tertia.metrics import nees
 from tertia.sensors import RADAR_LIMITS, Bias, Radar
 from tertia.tracker import Plots, Tracker, track
-from tertia.tracker._registrar import _AMPLE, Registrar, _thinned, scans
+from tertia.tracker._registrar import _AMPLE, Registrar, _thinned
+from tertia.tracker._registrar import scans as scans_of
 from tertia.tracker._tracker import tracked
 
 RADARS = [
@@ -412,8 +413,8 @@ def test_errors_that_last_are_in_the_first_rows_too():
 def test_scans_of_a_recording_with_a_wrong_time() -> None:
     """One plot years away costs no work for the scans between."""
     time = np.r_[np.arange(0.0, 100.0, 0.5), 1.7e12, np.nan]
-    parts = scans(time, 4.0)
+    parts = scans_of(time, 4.0)
     assert [len(part) for part in parts] == [8] * 25 + [2]
     assert np.concatenate(parts).tolist() == list(range(len(time)))
     # the last plot is in the last whole scan
-    assert [len(part) for part in scans(np.arange(0.0, 13.0), 4.0)] == [4, 4, 5]
+    assert [len(part) for part in scans_of(np.arange(0.0, 13.0), 4.0)] == [4, 4, 5]

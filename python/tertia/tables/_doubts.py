@@ -28,7 +28,7 @@ _LATEST = 1e11
 # the years 1970 to 2100, in days as spreadsheets count them, and the longest recording in days
 _DAYS, _LONGEST = (25_569.0, 73_051.0), 1.0
 # digits of the time of day after the last one; minutes that such times pass, and their usual step
-_MIDNIGHT, _MINUTES, _SHORT = 240_000.0, 3.0, 20.0
+_MIDNIGHT, _MINUTES, _SHORT = 240_000.0, 3, 20.0
 # share of an hour within which local times go back at its end
 _HOUR, _AN_HOUR, _ALMOST = 3600.0, timedelta(hours=1), 5 / 6
 # day and last hour at which summer time begins, and usual steps within which its first time comes
@@ -146,7 +146,9 @@ def doubt_time(name: str, times: pl.Series) -> None:
 def _are_clock_digits(times: pl.Series) -> bool:
     """Return whether numbers have the digits hhmmss, as in NMEA, and pass some minutes."""
     minutes, seconds = np.divmod(times.drop_nulls().to_numpy().astype(np.float64), 100.0)
-    if np.any(seconds >= 60.0) or np.any(minutes % 100.0 >= 60.0) or np.ptp(minutes) < _MINUTES:
+    if np.any(seconds >= 60.0) or np.any(minutes % 100.0 >= 60.0):
+        return False
+    if len(np.unique(minutes)) <= _MINUTES:
         return False
     step = np.diff(np.unique(100.0 * minutes + seconds))
     return bool(len(step) >= _DOUBTFUL_COUNT and np.median(step) <= _SHORT)
