@@ -469,7 +469,7 @@ class TestSmooth:
     def test_mistakes(self):
         with pytest.raises(ValueError, match="sigma has 1 elements; there are 2 columns"):
             tables.smooth(position_table(), sigma=[1.0])
-        with pytest.raises(ValueError, match="sigma is 0.0; it must be a positive number"):
+        with pytest.raises(ValueError, match=r"sigma is 0.0; it must be a positive number"):
             tables.smooth(position_table(), sigma=0.0)
 
 
