@@ -366,9 +366,17 @@ class TestEveryMethod:
     def test_fewest_measurements(self, method):
         fewest = {"robust": 5, "mean": 2}.get(method, 3)
         estimate_bearing([10.0, 11.0, 12.0, 11.5, 10.5][:fewest], method=method)
-        message = f"theta has {fewest - 1} measurements; at least {fewest} are needed"
+        message = rf"theta has {fewest - 1} measurements?; at least {fewest} are needed"
         with pytest.raises(ValueError, match=message):
             estimate_bearing([10.0] * (fewest - 1), method=method)
+
+    def test_a_nan_is_said_before_the_number_of_measurements(self, method):
+        with pytest.raises(ValueError, match=r"theta\[0\] is nan; every measurement must"):
+            estimate_bearing([np.nan], method=method)
+        with pytest.raises(ValueError, match=r"theta\[1, 0\] is inf; every measurement must"):
+            estimate_bearing([[1.0], [np.inf]], method=method)
+        with pytest.raises(ValueError, match=r"theta\[1\] is inf; every measurement must"):
+            estimate_bearing([np.nan, np.inf], method=method, nan_policy="omit")
 
 
 def quantised(n, seed, sigma, true, trials=1000):

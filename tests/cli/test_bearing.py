@@ -515,6 +515,16 @@ def test_extra_cli_is_asked_for(library: str) -> None:
     assert done.stderr == "the command tertia needs the extra cli: pip install 'tertia[cli]'\n"
 
 
+@pytest.mark.parametrize("module", ["tables", "report"])
+def test_extra_tables_is_asked_for(module: str) -> None:
+    code = f"import sys; sys.modules['polars'] = None; import tertia.{module}"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, encoding="utf-8", check=False
+    )
+    said = "tertia.tables needs the extra tables: pip install 'tertia[tables]'"
+    assert done.stderr.splitlines()[-1] == f"ModuleNotFoundError: {said}"
+
+
 @pytest.mark.skipif(not DIFAR.exists(), reason=f"no recording {DIFAR}")
 @pytest.mark.parametrize("method", METHODS)
 def test_real_recording_by_buoy_and_station(method: str, tmp_path: Path) -> None:

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from terminal import run
+from rich.file_proxy import FileProxy
+from terminal import run, succeed
 from typer.testing import CliRunner
 
 from tertia import cli
@@ -42,6 +43,70 @@ def test_json_is_all_that_is_on_stdout(arguments: tuple[object, ...], key: str) 
     assert json.loads(done.out)[key]
     numbers = re.compile(r"[\d,]+ plots tracked per second")
     assert numbers.sub("", done.err) == numbers.sub("", plain.out + plain.err)
+
+
+MEASUREMENTS = (EXAMPLES / "measurements.csv", "--sensors", EXAMPLES / "stations.toml")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "function"),
+    [
+        (("locate", *MEASUREMENTS), "tertia.tables._locate.locate_instants"),
+        (
+            ("smooth", EXAMPLES / "air_truth.csv", "--sigma", 20, "--by", "target"),
+            "tertia.smoothing.smooth",
+        ),
+    ],
+)
+def test_threads_are_those_of_the_option(
+    arguments: tuple[object, ...], function: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module, name = function.rsplit(".", 1)
+    original = getattr(sys.modules[module], name)
+    used: set[int | None] = set()
+
+    def watched(*given: Any, n_threads: int | None = None, **options: Any) -> Any:
+        used.add(n_threads)
+        return original(*given, n_threads=n_threads, **options)
+
+    monkeypatch.setattr(function, watched)
+    succeed(*arguments, "--n-threads", 1)
+    assert used == {1}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "step"),
+    [
+        (("fuse-series", EXAMPLES / "radars.csv"), "tertia.tables._noise.fit_noise"),
+        (("fuse-series", EXAMPLES / "radars.csv"), "tertia.tables._fuse_series.fuse_arrays"),
+        (
+            ("locate", *MEASUREMENTS, "--tolerance", "inf"),
+            "tertia.tables._measurements.combined",
+        ),
+        (("locate", *MEASUREMENTS), "tertia.tables._locate.locate_instants"),
+        (("reconstruct", *MEASUREMENTS), "tertia.tables._reconstruct.reconstruct_path"),
+    ],
+)
+def test_progress_is_shown(
+    arguments: tuple[object, ...], step: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While a bar is shown, what is written goes through it."""
+    module, name = step.rsplit(".", 1)
+    original = getattr(sys.modules[module], name)
+    shown: set[bool] = set()
+
+    def watched(*given: Any, **options: Any) -> Any:
+        shown.add(isinstance(sys.stderr, FileProxy))
+        return original(*given, **options)
+
+    monkeypatch.setattr(step, watched)
+    succeed(*arguments)
+    assert shown == {False}
+    shown.clear()
+    # as on a terminal
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    succeed(*arguments)
+    assert shown == {True}
 
 
 def _interrupt(*_: object, **__: object) -> None:

@@ -45,6 +45,7 @@ EXCEL = text(";", ",")
 FORMS: dict[str, bytes] = {
     "semicolons": text(";").encode(),
     "decimal commas": EXCEL.encode(),
+    "a line that tells spreadsheets the separator": f"sep=;\r\n{EXCEL}".encode(),
     "tabs": text("\t").encode(),
     "tabs and decimal commas": text("\t", ",").encode(),
     "line ends of Windows": PLAIN.replace("\n", "\r\n").encode(),
@@ -148,6 +149,7 @@ def test_bearings_can_be_located_as_they_are(stations: Path, write: Callable[...
     done = run("locate", bearings, "--sensors", stations)
     assert (done.code, done.err.count("\n")) == (2, 1)
     assert "has no column time_s" in done.err
+    assert "if targets do not move, a tolerance of inf combines the measurements" in done.err
 
 
 def test_a_code_may_be_written_as_a_number(write: Callable[..., Path]) -> None:

@@ -500,6 +500,23 @@ def test_example_agrees_with_its_script_and_its_truth(tmp_path: Path) -> None:
     assert frame["outlier_east"].sum() > 0
 
 
+@pytest.mark.parametrize(
+    ("header", "said"),
+    [
+        ("time_s,sensor,azimuth_deg,t", "both.csv has time_s and t: t is used\n"),
+        ("time,sensor,azimuth_deg,t", ""),
+    ],
+)
+def test_a_file_with_both_names_of_a_column(header: str, said: str, write: Write) -> None:
+    """Another file has only one of them, so that it is not clear which is meant."""
+    rows = lines()
+    one = write([row for row in rows if ",A," in row], name="one.csv")
+    both = write([f"{row},{k}" for k, row in enumerate(rows) if ",B," in row], header, "both.csv")
+    arguments = ("--column", "time_s=t", *SIGMAS, *MOTION)
+    assert run(one, both, *arguments).err.rpartition("/")[2] == said
+    assert "has time_s" not in run(both, *arguments).err
+
+
 def test_figure(write: Write, tmp_path: Path) -> None:
     rows = [line for i in range(6) for line in lines(extra=f",{i}")]
     path = write(rows, "time_s,sensor,azimuth_deg,t")

@@ -701,6 +701,8 @@ FILES = {
     "bad.toml": "[[station]\n",
     "odd.toml": "station = 3\n",
     "moving.toml": '[[station]]\nname = "A"\nazimuth_sigma_deg = 5\n',
+    "from.toml": '[origin]\nlatitude_deg = 50\nlongitude_deg = 14\n[[station]]\nname = "A"\n',
+    "breite.csv": "name,Breite,Laenge\nA,50,14\n",
     "none.toml": "# nothing\n",
     "true.toml": '[[station]]\nname = "A"\neast_m = true\nnorth_m = 0\n',
     "empty.csv": "",
@@ -743,6 +745,12 @@ FILES = {
         (["m.csv", S, "true.toml"], 1, "true.toml: east_m of A is True; it must be a finite .*"),
         (["m.csv", S, "empty.csv"], 1, "empty.csv is empty"),
         (["m.csv", S, "header.csv"], 1, "header.csv: there are no stations"),
+        (
+            ["m.csv", S, "breite.csv"],
+            1,
+            "breite.csv: east_m of A is missing: give latitude_deg and longitude_deg, or east_m "
+            "and north_m",
+        ),
         (["m.csv", S, "noname.csv"], 1, "noname.csv: station 2 has no name"),
         (["m.csv", S, "twice.csv"], 1, "twice.csv: there are two stations A"),
         (["m.csv", S, "nonorth.csv"], 1, "nonorth.csv: north_m of A is missing"),
@@ -808,7 +816,14 @@ FILES = {
         (
             ["m.csv", S, "metres.toml"],
             1,
-            r"metres.toml: if an origin is given, the sensors must have latitude_deg .*",
+            "metres.toml: an origin is for sensors with latitude_deg .*, not with east_m of A: "
+            "leave out one of them",
+        ),
+        (
+            ["m.csv", S, "from.toml"],
+            1,
+            "from.toml: latitude_deg of A is missing; a sensor that moves needs a position here, "
+            "too, such as its first",
         ),
         (
             ["m.csv", S, "s.csv", "--by", "height_m"],

@@ -127,6 +127,7 @@ def mistakes(value: str) -> dict[str, tuple[Any, str | None]]:
         "semicolons": (lambda text: text.replace(",", ";").replace(".", ","), ""),
         "tabs": (lambda text: text.replace(",", "\t"), ""),
         "UTF-16": (lambda text: text.encode("utf-16"), ""),
+        "a line of the separator": (lambda text: f"sep=,\n{text}", ""),
         "byte order mark": (lambda text: text.encode("utf-8-sig"), ""),
         "CRLF": (lambda text: text.replace("\n", "\r\n").encode(), ""),
         "capitals": (header(str.upper), ""),
@@ -150,6 +151,7 @@ def mistakes(value: str) -> dict[str, tuple[Any, str | None]]:
         "a field too many": (lambda text: text + ",1" * 60 + "\n", "fields, the header has"),
         "an open quote": (lambda text: text + '"abc\n', "cannot read"),
         "radians": (column("azimuth_deg", lambda one, _: str(np.radians(float(one)))), None),
+        "gradians": (column("azimuth_deg", lambda one, _: str(float(one) % 360 / 0.9)), None),
         "kilometres": (column("range_m", lambda one, _: str(float(one) / 1e3)), "kilometres"),
         "negative": (column("range_m", lambda *_: "-5"), None),
         "swapped": (

@@ -1,6 +1,7 @@
 """The command `tertia smooth`: what the library says of a file of positions."""
 
 import json
+import warnings
 from functools import partial
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import polars as pl
 import pytest
 import terminal
 
-from tertia import tables
+from tertia import smoothing, tables
 from tertia.geo import SystemPlane
 
 run = partial(terminal.run, "smooth")
@@ -42,7 +43,8 @@ def test_it_is_the_function_of_tables(tmp_path: Path) -> None:
     done = run(file, "--by", "target", "--sigma", 20, "--output", output, "--json")
     assert done.code == 0
     assert json.loads(done.out) == {"tracks": 2, "rows": 121, "outliers": 1}
-    found, expected = pl.read_parquet(output), tables.smooth(rows, by="target", sigma=20.0)
+    found = pl.read_parquet(output)
+    expected = tables.smooth(rows, by="target", sigma=20.0, n_threads=1)
     for name in expected.columns:
         assert found[name].to_list() == expected[name].to_list(), name
     assert found["smoothing_outlier"].arg_true().to_list() == [30]
@@ -60,12 +62,61 @@ def test_values_and_columns_of_sigma(tmp_path: Path) -> None:
     assert "up_smoothed_sigma_m" in done.out
 
 
+def test_covariances_that_other_commands_write(tmp_path: Path) -> None:
+    """Rotated ellipses of error are used; a covariance that is missing is 0."""
+    random = np.random.default_rng(7)
+    time = 4.0 * np.arange(40)
+    half = np.radians(random.uniform(20.0, 70.0, 40))
+    axes = np.stack([np.sin(half), np.cos(half), np.cos(half), -np.sin(half)], axis=-1)
+    turned = axes.reshape(40, 2, 2)
+    covariance = turned @ np.diag([100.0**2, 10.0**2]) @ turned.transpose(0, 2, 1)
+    noise = np.linalg.cholesky(covariance) @ random.standard_normal((40, 2, 1))
+    plots = np.column_stack([80.0 * time, 30.0 * time]) + noise[..., 0]
+    covariance[5, 0, 1] = covariance[5, 1, 0] = 0.0
+    rows = pl.DataFrame(
+        {
+            "time_s": time,
+            "east_m": plots[:, 0],
+            "north_m": plots[:, 1],
+            "east_sigma_m": np.sqrt(covariance[:, 0, 0]),
+            "north_sigma_m": np.sqrt(covariance[:, 1, 1]),
+            "covariance_east_north_m2": [
+                None if k == 5 else one for k, one in enumerate(covariance[:, 0, 1])
+            ],
+        }
+    )
+    file, output = tmp_path / "positions.csv", tmp_path / "smoothed.parquet"
+    rows.write_csv(file)
+    sigmas = ("--sigma", "east_sigma_m", "--sigma", "north_sigma_m")
+    terminal.succeed("smooth", file, *sigmas, "--output", output)
+    expected = smoothing.smooth(plots, covariance, time=time)
+    smoothed = pl.read_parquet(output).select("east_smoothed_m", "north_smoothed_m")
+    np.testing.assert_allclose(smoothed, expected.position, rtol=1e-9)
+
+
+def test_several_targets_in_one_track() -> None:
+    rows = positions()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", tables.RecordWarning)
+        tables.smooth(rows, by="target", sigma=20.0)
+        tables.smooth(rows, by="target", sigma=10.0)
+    with pytest.warns(tables.RecordWarning, match="the track scatter .* are there several targets"):
+        tables.smooth(rows, sigma=20.0)
+
+
 def test_mistakes(tmp_path: Path) -> None:
     file = tmp_path / "positions.csv"
-    positions().write_csv(file)
+    row = pl.int_range(pl.len())
+    holes = pl.when(~row.is_in([3, 4])).then(20.0)
+    rows = positions().with_columns(s=pl.when(row == 2).then(-1.0).otherwise(20.0), h=holes)
+    rows.write_csv(file)
     for options, message in (
         (("--sigma", "x"), "x"),
-        (("--sigma", 0), "covariance"),
+        (("--sigma", 0), "sigma is 0.0; it must be a positive number"),
+        (("--sigma", -5), "sigma is -5.0; it must be a positive number"),
+        (("--sigma", 5, "--velocity-sigma", -1), "velocity_"),
+        (("--sigma", "s"), "positions.csv, line 4: s is -1; it must be positive"),
+        (("--sigma", "h"), "positions.csv, line 5: h is missing (2 such rows)"),
         (("--sigma", 1, "--sigma", 2, "--sigma", 3), "sigma has 3 elements"),
         (("--sigma", 1, "--value", "up_m"), "up_m"),
     ):

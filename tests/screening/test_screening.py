@@ -644,6 +644,17 @@ def test_masked_measurements_are_missing():
     ("call", "error", "message"),
     [
         (lambda: screening.leave_one_out([1, 2]), ValueError, "y has 2 measurements; at least 3"),
+        *(
+            (lambda rule=rule: rule([1.0, np.nan]), ValueError, "y[1] is nan; every")
+            for rule in (
+                screening.leave_one_out,
+                screening.leave_one_out_mask,
+                screening.leave_one_out_statistics,
+                screening.thompson_tau,
+                screening.grubbs,
+                screening.bursts,
+            )
+        ),
         (lambda: screening.leave_one_out(SAMPLE, 0), ValueError, "k is 0; it must be a positive"),
         (lambda: screening.leave_one_out(SAMPLE, -1), ValueError, "k is -1"),
         (lambda: screening.leave_one_out(SAMPLE, np.nan), ValueError, "k is nan"),

@@ -227,13 +227,23 @@ class TestRefused:
             tables.audit(positions()[0], there)
 
     def test_another_time(self):
-        with pytest.raises(RecordError, match="no estimate has both a true value and sigmas"):
+        with pytest.raises(RecordError, match=r"no estimate has both .* the times and the origins"):
             tables.audit(positions()[0], truth().with_columns(pl.col("time_s") + 1e6))
 
     def test_a_singular_covariance(self):
         table = positions()[0].with_columns(covariance_east_north_m2=pl.lit(300.0))
         with pytest.raises(RecordError, match=r"covariance\[0\] is not positive definite"):
             tables.audit(table, truth())
+
+    def test_a_sigma_that_is_no_sigma(self):
+        """Such as one that marks an unknown error."""
+        table = positions()[0].with_columns(north_sigma_m=pl.lit(-9999.0))
+        message = r"row 0: north_sigma_m is -9999; it must be positive \(\d+ such rows\)"
+        with pytest.raises(RecordError, match=message):
+            tables.audit(table, truth())
+        there = truth().with_columns(target=pl.lit("a"))
+        with pytest.raises(RecordError, match=message):
+            tables.evaluate(table.with_columns(track=pl.lit(1)), there)
 
     def test_truth_sigma(self):
         with pytest.raises(ValueError, match=r"truth_sigma is -1"):

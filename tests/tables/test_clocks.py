@@ -100,6 +100,61 @@ def test_end_of_summer_time() -> None:
     quietly(seen([dt.datetime(2024, 1, 1, 12) + dt.timedelta(minutes=k) for k in range(60)]))
 
 
+def test_start_of_summer_time() -> None:
+    """An hour of a night before Sunday is missing, and nothing else."""
+    begin = dt.datetime(2026, 3, 29, 1, 30)
+    dates = [begin + dt.timedelta(minutes=k + 60 * (k >= 30)) for k in range(60)]
+    one = pl.col("sensor") == "a"
+    with pytest.warns(tables.RecordWarning, match="start of summer time"):
+        times_of(seen(dates).filter(one))
+    with pytest.warns(tables.RecordWarning, match="start of summer time"):
+        times_of(seen(dates[::-1]))
+    quietly(seen(dates).with_columns(pl.col("time_s").dt.replace_time_zone("UTC")))
+    # on another day, two hours, or from half past
+    for later in (dt.timedelta(days=1), dt.timedelta(hours=9), dt.timedelta(minutes=30)):
+        quietly(seen([one + later for one in dates]))
+    quietly(seen([one for one in dates if one < dates[30] or one > dates[45]]))
+
+
+def test_a_clock_that_is_set_back() -> None:
+    """Only once, for all sensors, and not to where the recording begins."""
+    true = np.arange(0.0, 200.0, 2.0)
+    times = np.where(true < 120.0, true, true - 31.0)
+    both = seen(times.tolist())
+    mixed = both[[k + 100 * s for k in range(100) for s in range(2)]]
+    with pytest.warns(tables.RecordWarning, match=r"goes back once, from 118 to 89:"):
+        times_of(mixed)
+    dated = mixed.with_columns(time_s=pl.from_epoch(pl.col("time_s") + 1e9, "s"))
+    with pytest.warns(tables.RecordWarning, match="goes back once"):
+        times_of(dated)
+    # the rows of a second sensor come after those of the first one
+    late = pl.concat([seen(true.tolist())[:100], seen((true + 50.0).tolist())[100:]])
+    quietly(late)
+    # messages are late, a second recording is added
+    rng = np.random.default_rng(1)
+    delayed = mixed.with_columns(time_s=rng.permutation(np.repeat(true, 2)))
+    quietly(delayed.unique(["time_s", "sensor"], maintain_order=True))
+    quietly(pl.concat([mixed[120:], mixed[:60].with_columns(pl.col("time_s") - 0.5)]))
+
+
+def test_digits_of_the_time_of_day() -> None:
+    """Numbers such as 123519 are no seconds."""
+
+    def digits(seconds: np.ndarray) -> list[float]:
+        minutes, rest = np.divmod(seconds, 60.0)
+        hours, minutes = np.divmod(minutes, 60.0)
+        return (10_000 * hours + 100 * minutes + rest).tolist()
+
+    with pytest.warns(tables.RecordWarning, match="hhmmss"):
+        times_of(seen(digits(45_319.0 + np.arange(0.0, 300.0, 4.0))))
+    # seconds; every minute; less than three minutes
+    quietly(seen((45_319.0 + np.arange(0.0, 300.0, 4.0)).tolist()))
+    quietly(seen(np.arange(0.0, 6000.0, 50.0).tolist()))
+    quietly(seen(digits(45_319.0 + np.arange(0.0, 100.0, 4.0))))
+    # two recordings of half a minute
+    quietly(seen([*np.arange(40.0), *np.arange(2000.0, 2040.0)]))
+
+
 def test_days_of_spreadsheets() -> None:
     days = 45_231.5 + np.arange(30) / DAY
     with pytest.warns(tables.RecordWarning, match="in days, as in spreadsheets"):

@@ -5,7 +5,7 @@ import polars as pl
 import pytest
 
 import tertia
-from tertia import fusion, kalman, location, metrics, screening, smoothing
+from tertia import fusion, kalman, location, metrics, screening, smoothing, tables
 from tertia.tracker import Plots, Radar, track
 
 pd = pytest.importorskip("pandas")
@@ -136,3 +136,14 @@ def test_estimates_and_covariances(kind):
 def test_columns_of_anything_else_are_refused(column):
     with pytest.raises(TypeError, match=r"must (be a real number|hold real numbers)"):
         screening.leave_one_out(column, nan_policy="omit")
+
+
+def test_objects_of_several_types_in_a_table() -> None:
+    """The message names the first cell that is no number."""
+    cells = [10.5, 11, "11.5", None, 12, 11.0]
+    mixed = pd.DataFrame({"azimuth_deg": pd.Series(cells, dtype=object)})
+    numbers = pd.DataFrame({"azimuth_deg": [10.5, 11.0, 11.5, None, 12.0, 11.0]})
+    pd.testing.assert_frame_equal(tables.bearing(mixed), tables.bearing(numbers))
+    mixed.iloc[4] = "about 12"
+    with pytest.raises(tables.RecordError, match="row 4: azimuth_deg is 'about 12'; it must be"):
+        tables.bearing(mixed)

@@ -77,6 +77,8 @@ CASES: dict[str, tuple[tuple[str, ...], pl.Expr]] = {
     "measured from the zenith": (BOTH, (90 - pl.col("elevation_deg")).alias("elevation_deg")),
     "there and back": (("range_m",), pl.col("range_m") * 2),
     "in feet": (("range_m",), pl.col("range_m") / 0.3048),
+    "in centimetres": (("range_m",), pl.col("range_m") * 100),
+    "in millimetres": (("range_m",), pl.col("range_m") * 1000),
     "the range of the first sensor minus": (("range_difference_m",), -pl.col("range_difference_m")),
 }
 

@@ -1,6 +1,7 @@
 """Warnings about plots that contradict the description of their sensor."""
 
 import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -59,6 +60,22 @@ def test_times_of_north_marks_are_noticed(late: float) -> None:
     assert "up to 4 s off" in told
 
 
+@pytest.mark.parametrize(("ahead", "noticed"), [(9.0, True), (11.0, True), (12.0, False)])
+def test_clocks_that_are_set_forward_are_noticed(ahead: float, *, noticed: bool) -> None:
+    """Unless by whole turns of the beam; nothing is said of a pause in the recording."""
+    scene, middle = _scene(), 10 * PERIOD + 1.0
+    later = pl.when(pl.col("time_s") > middle).then(ahead).otherwise(0.0)
+    told = _told(scene.with_columns(pl.col("time_s") + later), RADAR)
+    assert ["were clocks set forward" in one for one in told] == [True] * noticed
+    pause = pl.col("time_s").is_between(middle, middle + ahead)
+    assert _told(scene.filter(~pause), RADAR) == []
+
+
+def test_gradians_are_noticed() -> None:
+    told = _told(_scene().with_columns(pl.col("azimuth_deg") / 0.9), RADAR)
+    assert any("are they gradians?" in one for one in told)
+
+
 def test_times_in_whole_seconds_are_noticed() -> None:
     (told,) = _told(_scene().with_columns(pl.col("time_s").floor()), RADAR)
     assert told.startswith("the times of hill are whole seconds")
@@ -105,6 +122,23 @@ def test_reports_that_are_rarer_than_stated_are_noticed() -> None:
     assert told[0].startswith("10 of 10 targets report to ships only every 6 s")
     assert "update_interval is 1 s" in told[0]
     assert _told(plots, PositionSensor(position_sigma=20.0, update_interval=6.0)) == []
+
+
+def test_latitudes_and_longitudes_that_are_exchanged_are_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "sensors.toml"
+    path.write_text(
+        "[origin]\nlatitude_deg = 47\nlongitude_deg = 8\n"
+        '[[position_sensor]]\nname = "adsb"\nposition_sigma_m = 30\n',
+        encoding="utf-8",
+    )
+    time = np.arange(60.0)
+    places = {"latitude_deg": 47.0 + 1e-3 * time, "longitude_deg": 8.0 + 1e-3 * time}
+    exchanged = dict(zip(places, reversed(places.values()), strict=True))
+    for columns, noticed in ((places, False), (exchanged, True)):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", tables.RecordWarning)
+            tables.track(pl.DataFrame({"time_s": time, **columns}), sensors=path)
+        assert ["longitude swapped" in str(one.message) for one in caught] == [True] * noticed
 
 
 @pytest.mark.parametrize(

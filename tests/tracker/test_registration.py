@@ -12,6 +12,7 @@ from tertia.metrics import nees
 from tertia.sensors import RADAR_LIMITS, Bias, Radar
 from tertia.tracker import Plots, Tracker, track
 from tertia.tracker._registrar import _AMPLE, Registrar, _thinned
+from tertia.tracker._registrar import scans as scans_of
 from tertia.tracker._tracker import tracked
 
 RADARS = [
@@ -407,3 +408,13 @@ def test_errors_that_last_are_in_the_first_rows_too():
         inverse = np.linalg.inv(rows.covariance[:, :2, :2])
         found.append(np.einsum("ni,nij,nj->n", error, inverse, error) / 2)
     assert 0.7 < np.mean(np.concatenate(found)) < 1.5
+
+
+def test_scans_of_a_recording_with_a_wrong_time() -> None:
+    """One plot years away costs no work for the scans between."""
+    time = np.r_[np.arange(0.0, 100.0, 0.5), 1.7e12, np.nan]
+    parts = scans_of(time, 4.0)
+    assert [len(part) for part in parts] == [8] * 25 + [2]
+    assert np.concatenate(parts).tolist() == list(range(len(time)))
+    # the last plot is in the last whole scan
+    assert [len(part) for part in scans_of(np.arange(0.0, 13.0), 4.0)] == [4, 4, 5]

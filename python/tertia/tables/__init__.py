@@ -11,24 +11,30 @@ groups. Every function of this module can therefore be passed to `map_partitions
 example one from `mapInArrow` of Spark or from a reader of large files.
 """
 
-from tertia.tables._audit import audit
-from tertia.tables._bearing import bearing
-from tertia.tables._doubts import RecordWarning
-from tertia.tables._evaluate import evaluate
-from tertia.tables._fuse_series import fuse_series
-from tertia.tables._fuse_tracks import fuse_tracks
-from tertia.tables._locate import locate
-from tertia.tables._parts import ColumnError, RecordError
-from tertia.tables._reconstruct import reconstruct
-from tertia.tables._register import register
-from tertia.tables._screen import Rule, screen
-from tertia.tables._sensors import Sensors
-from tertia.tables._smooth import smooth
-from tertia.tables._smooth_tracks import smooth_tracks
-from tertia.tables._stitch import stitch
-from tertia.tables._stream import stream
-from tertia.tables._track import track
-from tertia.tables._weights import weights
+try:
+    from tertia.tables._audit import audit
+    from tertia.tables._bearing import bearing
+    from tertia.tables._doubts import RecordWarning
+    from tertia.tables._evaluate import evaluate
+    from tertia.tables._fuse_series import fuse_series
+    from tertia.tables._fuse_tracks import fuse_tracks
+    from tertia.tables._locate import locate
+    from tertia.tables._parts import ColumnError, RecordError
+    from tertia.tables._reconstruct import reconstruct
+    from tertia.tables._register import register
+    from tertia.tables._screen import Rule, screen
+    from tertia.tables._sensors import Sensors
+    from tertia.tables._smooth import smooth
+    from tertia.tables._smooth_tracks import smooth_tracks
+    from tertia.tables._stitch import stitch
+    from tertia.tables._stream import stream
+    from tertia.tables._track import track
+    from tertia.tables._weights import weights
+except ModuleNotFoundError as error:
+    if error.name != "polars":
+        raise
+    said = "tertia.tables needs the extra tables: pip install 'tertia[tables]'"
+    raise ModuleNotFoundError(said, name=error.name) from None
 
 __all__ = [
     "ColumnError",

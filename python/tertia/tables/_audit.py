@@ -58,7 +58,7 @@ ESTIMATES: Schema = {
     "name": _NAME,
     "confirmed": Field("flag", {"confirmed": 1.0}),
     **_PLACES,
-    **_SIGMAS,
+    **{name: replace(one, positive="_sigma_" in name) for name, one in _SIGMAS.items()},
     **{f"true_{name}": number(f"true_{name}") for name in (*LOCAL, *GEODETIC)},
 }
 TRUTH: Schema = {"time": _TIME, "name": _NAME, **_PLACES, **_SIGMAS}
@@ -272,7 +272,8 @@ def audit_of(
         own[lacks] = spread**2 * np.eye(own.shape[-1])
         true = own
     if not np.any(np.isfinite(error).all(axis=-1) & np.isfinite(covariance).all(axis=(1, 2))):
-        raise RecordError("no estimate has both a true value and sigmas")
+        near = "" if truth is None else ": are the times and the origins of both tables the same?"
+        raise RecordError(f"no estimate has both a true value and sigmas{near}")
     clock = records.rows["time"]
     time = None
     if not clock.null_count():
@@ -355,7 +356,7 @@ def _scalar(value: str) -> Schema:
         "time": _TIME,
         "name": Field("name", {**_NAME.columns, "sensor": 1.0}),
         "value": number(value, required=True, standard=False),
-        "sigma": number(column_name(value, "sigma"), required=True),
+        "sigma": number(column_name(value, "sigma"), required=True, positive=True),
         "true": number(f"true_{value}", required=True),
     }
 

@@ -61,6 +61,8 @@ _CONVENTIONS = (
     _Convention("elevation", "positive downwards", lambda angle: -angle),
     _Convention("range", "there and back", lambda metres: metres / 2),
     _Convention("range", "in feet", lambda feet: 0.3048 * feet),
+    _Convention("range", "in millimetres", lambda millimetres: millimetres / 1000.0),
+    _Convention("range", "in centimetres", lambda centimetres: centimetres / 100.0),
     _Convention("range", "in kilometres", lambda kilometres: 1000.0 * kilometres),
     _Convention("range", "in nautical miles", lambda miles: 1852.0 * miles),
     _Convention(
@@ -82,8 +84,10 @@ def doubt_conventions(targets: Sequence[Target], options: Mapping[str, Any]) -> 
         if trial.is_too_slow(options.get("propagation_speed", LIGHT)):
             return
     share, _ = _agreement(trials, None)
-    if not share < _USUAL:
+    if share >= _USUAL:
         return
+    # if no instant is located, none agrees
+    share = np.nan_to_num(share)
     best, meant = 0.0, None
     for one in _CONVENTIONS:
         if any(one.kind in trial.measured for trial in trials):

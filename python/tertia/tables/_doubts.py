@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Sequence
+from datetime import timedelta
 
 import numpy as np
 import polars as pl
@@ -12,6 +14,8 @@ from tertia._arrays import FloatArray
 
 # number of values to check a unit, least spread of azimuths (°), least median of ranges (m)
 _DOUBTFUL_COUNT, _DOUBTFUL_SPREAD, _LEAST_RANGE = 20, 1.0, 1000.0
+# azimuths in degrees are rarely above a circle, and in gradians not above 400
+_FULL, _GRADIANS = 361.0, 400.0
 # largest range difference, as a share of the distance of sensors, that may be in microseconds
 _TINY = 1 / 250
 # median range, as a share of the distance of sensors, that is probably in kilometres
@@ -23,8 +27,14 @@ _SMALL_RANGES = (
 _LATEST = 1e11
 # the years 1970 to 2100, in days as spreadsheets count them, and the longest recording in days
 _DAYS, _LONGEST = (25_569.0, 73_051.0), 1.0
+# digits of the time of day after the last one; minutes that such times pass, and their usual step
+_MIDNIGHT, _MINUTES, _SHORT = 240_000.0, 3, 20.0
 # share of an hour within which local times go back at its end
-_ALMOST = 5 / 6
+_HOUR, _AN_HOUR, _ALMOST = 3600.0, timedelta(hours=1), 5 / 6
+# day and last hour at which summer time begins, and usual steps within which its first time comes
+_SUNDAY, _NIGHT, _SKIPPED = 6, 3, 10.0
+# seconds by which a clock may be set back, and this in multiples of delays and of usual steps
+_AT_ONCE, _MOST_BACK, _FAR = 1.0, 43_200.0, 3.0
 # largest plausible median of a column, its unit, and the unit that is likely if the median is
 # larger
 _MOST = {
@@ -48,6 +58,9 @@ def doubt_unit(name: str, values: pl.Series) -> None:
     if name not in {"azimuth_deg", "range_m", *_MOST}:
         return
     known = values.to_numpy()
+    if name == "azimuth_deg" and _are_gradians(known):
+        doubt("azimuths reach 400: are they gradians? Use degrees, 0.9 for a gradian")
+        return
     # checked first, because most columns of degrees soon have a value above 2π
     if name == "azimuth_deg" and np.any(np.abs(known[:_DOUBTFUL_COUNT]) > 2 * math.pi):
         return
@@ -64,6 +77,14 @@ def doubt_unit(name: str, values: pl.Series) -> None:
     most, unit, other = _MOST.get(name, (math.inf, "", ""))
     if typical > most:
         doubt(f"the median of {name} is {typical:.6g}: is it in {other}? Use {unit}")
+
+
+def _are_gradians(azimuths: FloatArray) -> bool:
+    """Return whether angles go round a circle of 400."""
+    known = azimuths[np.isfinite(azimuths)]
+    if len(known) < _DOUBTFUL_COUNT or known.min() < 0.0 or not _FULL < known.max() <= _GRADIANS:
+        return False
+    return bool(np.all(np.histogram(known, 8, (0.0, _GRADIANS))[0]))
 
 
 def doubt_ranges(values: FloatArray, places: FloatArray) -> None:
@@ -115,23 +136,101 @@ def doubt_time(name: str, times: pl.Series) -> None:
             f"{name} is between {first:.6f} and {last:.6f}: is it in days, as in spreadsheets? Use "
             "seconds, or dates with times"
         )
+    if first >= 0 and last < _MIDNIGHT and _are_clock_digits(times):
+        doubt(
+            f"{name} is between {first:.10g} and {last:.10g}, minutes and seconds below 60: "
+            "are these times of day, hhmmss? Write them as 12:35:19"
+        )
 
 
-def doubt_summer_time(name: str, times: pl.Series) -> None:
-    """Warn if local times are probably those of a night at the end of summer time."""
+def _are_clock_digits(times: pl.Series) -> bool:
+    """Return whether numbers have the digits hhmmss, as in NMEA, and pass some minutes."""
+    minutes, seconds = np.divmod(times.drop_nulls().to_numpy().astype(np.float64), 100.0)
+    if np.any(seconds >= 60.0) or np.any(minutes % 100.0 >= 60.0):
+        return False
+    if len(np.unique(minutes)) <= _MINUTES:
+        return False
+    step = np.diff(np.unique(100.0 * minutes + seconds))
+    return bool(len(step) >= _DOUBTFUL_COUNT and np.median(step) <= _SHORT)
+
+
+def doubt_summer_time(name: str, times: pl.Series) -> bool:
+    """Warn, and return True, if local times are probably those of a night when clocks change."""
     if not isinstance(times.dtype, pl.Datetime) or times.dtype.time_zone is not None:
-        return
+        return False
     known = times.drop_nulls()
-    back = (known.diff().dt.total_milliseconds() < 0).arg_true().to_list()
+    return _doubt_mixed_hours(name, known) or _doubt_skipped_hour(name, known)
+
+
+def _doubt_mixed_hours(name: str, known: pl.Series) -> bool:
+    """Warn, and return True, if the hour before the end of summer time comes twice."""
+    # times of several sensors may be somewhat out of order
+    least = -(2 * _ALMOST - 1.0) * _HOUR
+    back = (known.diff().dt.total_milliseconds() < 1e3 * least).arg_true().to_list()
     if len(back) != 1:
-        return
+        return False
     before, after = known[back[0] - 1], known[back[0]]
     hour = after.replace(minute=0, second=0, microsecond=0)
-    late, early = ((one - hour).total_seconds() / 3600.0 for one in (before, after))
+    late, early = ((one - hour).total_seconds() / _HOUR for one in (before, after))
     # the hour begins again almost at its end, and it is not the record that begins again
-    start = abs((known[0] - after).total_seconds()) / 3600.0
-    if _ALMOST <= late <= 1.0 and early <= 1.0 - _ALMOST < start:
+    start = abs((known[0] - after).total_seconds()) / _HOUR
+    found: bool = _ALMOST <= late <= 1.0 and early <= 1.0 - _ALMOST < start
+    if found:
         doubt(
             f"{name} goes back from {before} to {after}: are these local times at the end of "
             "summer time? Give times with their zone; otherwise the rows of two hours are mixed"
         )
+    return found
+
+
+def _doubt_skipped_hour(name: str, known: pl.Series) -> bool:
+    """Warn, and return True, if an hour of a night before Sunday is missing from local times."""
+    if known.is_empty() or known.max() - known.min() < _AN_HOUR:  # type: ignore[operator]
+        return False
+    each = known.unique().sort()
+    step = each.diff().drop_nulls().dt.total_microseconds().to_numpy() / 1e6
+    usual = float(np.median(step)) if len(step) >= _DOUBTFUL_COUNT else math.inf
+    gaps = np.flatnonzero(step > _HOUR)
+    if len(gaps) != 1 or step[gaps[0]] > _HOUR + _SKIPPED * usual:
+        return False
+    before, after = each[int(gaps[0])], each[int(gaps[0]) + 1]
+    hour = after.replace(minute=0, second=0, microsecond=0)
+    # at midnight or later
+    found: bool = hour.weekday() == _SUNDAY and hour.hour <= _NIGHT and (hour - before) > _AN_HOUR
+    if found:
+        doubt(
+            f"{name} goes from {before} to {after}: are these local times at the start of summer "
+            "time? Give times with their zone; otherwise targets seem to stop for an hour"
+        )
+    return found
+
+
+def doubt_clock(name: str, times: pl.Series, labels: Sequence[pl.Series]) -> None:
+    """Warn if the clock of a recording was probably set back.
+
+    If rows with other `labels`, such as those of a second sensor, begin where times go back, it was
+    not.
+    """
+    seconds = times if times.dtype.is_numeric() else times.dt.timestamp("us") / 1e6
+    rows = np.flatnonzero(seconds.is_not_null().to_numpy())
+    step = np.diff(seconds.to_numpy()[rows])
+    if len(step) < _DOUBTFUL_COUNT or not _AT_ONCE < -step.min() < _MOST_BACK:
+        return
+    at = int(step.argmin())
+    # delays of messages are many, and of all sizes
+    usual = max(-float(np.partition(step, 1)[1]), float(np.median(np.abs(step))))
+    since = float(np.sum(step[: at + 1]))
+    if min(-float(step[at]), since) < _FAR * usual:
+        return
+    first, last = (int(row) for row in rows[at : at + 2])
+    for label in labels:
+        one, other = (set(part.unique().to_list()) for part in (label[:last], label[last:]))
+        if one.isdisjoint(other):
+            return
+    before, after = (
+        f"{one:.10g}" if isinstance(one, float) else one for one in times[[first, last]]
+    )
+    doubt(
+        f"{name} goes back once, from {before} to {after}: was the clock set? The rows of two "
+        "periods are then mixed"
+    )

@@ -34,6 +34,7 @@ _FAR = 1e6
 _VELOCITY = ("velocity_east_m_s", "velocity_north_m_s")
 _SPREAD = ("east_sigma_m", "north_sigma_m", "covariance_east_north_m2")
 _PLACE = {name: number(name, required=True, whole=True) for name in LOCAL[:2]}
+_SIGMA = {name: number(name, positive=True) for name in _SPREAD[:2]}
 TRACKS: Schema = {
     "time": TIME,
     "track": Field("name", {"track": 1.0}, required=True, whole=True),
@@ -41,7 +42,8 @@ TRACKS: Schema = {
     "plot": number("plot"),
     "confirmed": Field("flag", {"confirmed": 1.0}),
     **_PLACE,
-    **{name: number(name) for name in (*_VELOCITY, *_SPREAD)},
+    **{name: number(name) for name in (*_VELOCITY, _SPREAD[2])},
+    **_SIGMA,
     "height": number("height_m"),
     "identity": Field("identity", IDENTITIES),
 }
@@ -50,7 +52,6 @@ _TARGET: Schema = {
     "target": Field("name", {"target": 1.0, "track": 1.0}, required=True, whole=True),
     "identity": Field("identity", IDENTITIES),
 }
-_SIGMA = {name: number(name, positive=True) for name in _SPREAD[:2]}
 TRUTH: Schema = {**_TARGET, **_PLACE, **_SIGMA, GEODETIC[2]: number(GEODETIC[2])}
 _TRUTH_ON_EARTH: Schema = {
     **_TARGET,

@@ -64,7 +64,12 @@ def series(table: Any, column: str) -> pl.Series:
     if isinstance(table, pl.DataFrame):
         return table[column]
     if _is_of("pandas", "DataFrame", table):
-        own = pl.from_pandas(table[column])
+        cells = table[column]
+        try:
+            own = pl.from_pandas(cells)
+        except (ValueError, TypeError):
+            # objects of several types become text, so that an error names the first wrong one
+            own = pl.from_pandas(cells.astype(str).where(cells.notna(), None))
         assert isinstance(own, pl.Series)  # several columns of one name would give a frame
         return own
     found = pl.from_arrow(table.select([column]))

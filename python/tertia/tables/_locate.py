@@ -68,6 +68,7 @@ def locate(
     initial: npt.ArrayLike | None = None,
     probability: float | None = None,
     risk: float | None = None,
+    n_threads: int | None = None,
 ) -> Table:
     """Estimate the position of each target at each instant, as `tertia locate` does.
 
@@ -130,6 +131,8 @@ def locate(
     risk : float, optional
         Probability that the position error exceeds the protection level. If it is given, the result
         has a column of protection levels.
+    n_threads : int, optional
+        As for `tertia.location.locate`.
 
     Returns
     -------
@@ -184,6 +187,7 @@ def locate(
         initial=initial,
         probability=probability,
         risk=risk,
+        n_threads=n_threads,
     )
     return result(table, found.rows, as_names(by))  # type: ignore[no-any-return]
 

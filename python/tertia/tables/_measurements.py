@@ -18,7 +18,7 @@ from tertia.tables._groups import as_names, column_name, group_name, layout
 from tertia.tables._instants import instants
 from tertia.tables._moving import PLACES, apart, local_places, names_of_places, stations_of
 from tertia.tables._names import own_names
-from tertia.tables._parts import Part, RecordError, Source
+from tertia.tables._parts import ColumnError, Part, RecordError, Source
 from tertia.tables._records import SENSOR, TIME, Field, Records, Schema, number, read
 from tertia.tables._sensors import Sensors
 from tertia.tables._times import Clock
@@ -297,7 +297,11 @@ def _refuse_impossible(measured: pl.DataFrame, records: Records, *, repeated: bo
                 "a sensor has several times of arrival: give a tolerance in seconds that joins the "
                 "arrivals of one emission, or a column time_s that is equal for them"
             )
-        records.source[0].require(*TIME.columns, standard=True)
+        lacks = records.source[0].lacks("column time_s", ["time_s"])
+        still = (
+            "if targets do not move, a tolerance of inf combines the measurements of each sensor"
+        )
+        raise ColumnError(f"{lacks.reason}; {still}", column="time_s")
     reason = (
         "{kind} is given twice for this sensor and time_s {time}: if there are several targets, "
         "group the rows by a column"

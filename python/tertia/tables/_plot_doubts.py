@@ -9,7 +9,7 @@ import numpy as np
 from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.sensors import PositionSensor, Radar
 from tertia.tables._doubts import doubt
-from tertia.tables._sensors import Sensors
+from tertia.tables._sensors import REACH_OF_A_PLANE, Sensors
 from tertia.tracker import Plots
 
 # plots of a sensor below which nothing is said of it
@@ -20,6 +20,9 @@ _INSTANT, _SECTOR, _SECTORS = 0.05, np.pi / 6, 5
 _SHARE = 0.5
 # mean resultant of the turn of a beam less that expected, above which there is a beam
 _TURNS = 0.6
+# scans around a gap, and plots on each side of it, from which the beam is known; share of a turn by
+# which it may be elsewhere after a gap, and by which periods differ from those stated
+_SCANS, _PLOTS, _AWAY, _SLOWER = 20.0, 10, 0.2, 0.01
 # standard deviation of times that are rounded to seconds
 _ROUNDED = 1.0 / np.sqrt(12.0)
 # seconds between the plots of sensors with different time zones
@@ -34,6 +37,7 @@ _PATIENCE, _QUANTILE = 2.0, 0.75
 def doubt_plots(plots: Plots, sensors: Sensors[Any]) -> None:
     """Warn if times are not those of a beam or of other sensors, plots repeat, or are rare."""
     _doubt_clocks(plots, sensors)
+    _doubt_gap(plots, sensors)
     for k, (name, sensor) in enumerate(zip(sensors.names, sensors.items, strict=True)):
         rows = np.flatnonzero((plots.sensor == k) & np.isfinite(plots.time))
         rows = rows[np.argsort(plots.time[rows], kind="stable")]
@@ -45,6 +49,8 @@ def doubt_plots(plots: Plots, sensors: Sensors[Any]) -> None:
             _doubt_copies(name, sensor, plots.time[rows], plots.range[rows], plots.azimuth[rows])
         elif isinstance(sensor, PositionSensor):
             _doubt_interval(name, sensor, plots.time[rows], _targets(plots, rows))
+            if sensors.frame is not None and plots.position is not None:
+                _doubt_places(name, plots.position[rows])
 
 
 def _doubt_clocks(plots: Plots, sensors: Sensors[Any]) -> None:
@@ -68,6 +74,44 @@ def _doubt_clocks(plots: Plots, sensors: Sensors[Any]) -> None:
             )
             # of two sensors one is enough
             return
+
+
+def _doubt_gap(plots: Plots, sensors: Sensors[Any]) -> None:
+    """Warn if clocks seem to have been set forward in the longest gap of all sensors together."""
+    known = np.sort(plots.time[np.isfinite(plots.time)])
+    if len(known) < _FEW:
+        return
+    at = int(np.argmax(np.diff(known)))
+    begin, end = known[at : at + 2]
+    turns = [
+        _turned(plots, k, radar.scan_period, begin, end)
+        for k, radar in enumerate(sensors.items)
+        if isinstance(radar, Radar)
+    ]
+    if max(turns, default=0.0) > _AWAY:
+        doubt(
+            f"no sensor has plots for {end - begin:.3g} s, and the beams of radars did not turn as "
+            f"far as they should: were clocks set forward, {begin - known[0]:.6g} s after the "
+            "beginning? Targets then seem to jump back"
+        )
+
+
+def _turned(plots: Plots, sensor: int, period: float, begin: float, end: float) -> float:
+    """Return by which share of a turn a beam is elsewhere after a gap; 0 if it is not known."""
+    near = np.abs(plots.time - 0.5 * (begin + end)) < 0.5 * (end - begin) + _SCANS * period
+    rows = np.flatnonzero((plots.sensor == sensor) & near & np.isfinite(plots.azimuth))
+    time, azimuth = plots.time[rows] - begin, plots.azimuth[rows]
+    after = time > 0.0
+    if min(after.sum(), (~after).sum()) < _PLOTS or end - begin > _SCANS * period:
+        return 0.0
+    # periods are seldom exactly as stated
+    rates = 2.0 * np.pi / period * (1.0 + np.linspace(-_SLOWER, _SLOWER, 81))
+    beams = np.exp(1j * (azimuth - rates[:, np.newaxis] * time))
+    old, new = (np.mean(beams[:, part], axis=1) for part in (~after, after))
+    best = int(np.argmax(np.abs(old) + np.abs(new)))
+    if min(abs(old[best]), abs(new[best])) < _TURNS:
+        return 0.0
+    return float(np.abs(np.angle(new[best] / old[best]))) / (2.0 * np.pi)
 
 
 def _doubt_times(name: str, radar: Radar, time: FloatArray, azimuth: FloatArray) -> None:
@@ -152,6 +196,17 @@ def _doubt_interval(
             f"{np.median(usual[rare]):.3g} s, and its update_interval is "
             f"{sensor.update_interval:g} s: targets that report less often than every {most:g} s "
             "have no tracks. State a longer update_interval"
+        )
+
+
+def _doubt_places(name: str, place: FloatArray) -> None:
+    """Warn if most reported positions are so far from the origin that the plane is wrong."""
+    away = np.linalg.norm(place, axis=1)
+    away = away[np.isfinite(away)]
+    if len(away) and np.median(away) > REACH_OF_A_PLANE:
+        doubt(
+            f"positions of {name} are about {np.median(away) / 1e3:.0f} km from the origin: are "
+            "latitude and longitude swapped?"
         )
 
 

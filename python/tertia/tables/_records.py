@@ -16,7 +16,7 @@ import numpy as np
 import polars as pl
 
 from tertia.sensors._identities import NO_IDENTITY
-from tertia.tables._doubts import doubt, doubt_summer_time, doubt_time, doubt_unit
+from tertia.tables._doubts import doubt, doubt_clock, doubt_summer_time, doubt_time, doubt_unit
 from tertia.tables._frames import height, names, series
 from tertia.tables._marks import names_without_marks, unmarked, without_marks
 from tertia.tables._names import misspelt, own_names
@@ -37,6 +37,8 @@ from tertia.tables._times import (
 _LOG = logging.getLogger("tertia.tables")
 # bases of identities: decimal numbers, mode 3/A codes in octal, 24-bit addresses in hexadecimal
 IDENTITIES = {"icao_address": 16, "mode_3a": 8, "identity": 10}
+# kinds of quantities that tell rows of several sensors or targets apart
+_LABELS = {"name", "identity", "callsign"}
 _HALF_DAY = 43_200.0
 # in seconds; double precision resolves larger numbers less finely than by a nanosecond
 _COARSE = 2.0**22
@@ -103,8 +105,13 @@ class Records:
         at = self.rows.select(wrong).to_series().arg_true()
         if len(at):
             row = self.rows.row(at[0], named=True)
-            said = reason.format(**row)
+            said = reason.format(**row) + _such(len(at))
             raise self.source[row["part"]].error(said, row["row"], column)
+
+
+def _such(count: int) -> str:
+    """Return the end of a message about the first of so many wrong rows."""
+    return f" ({count} such rows)" if count > 1 else ""
 
 
 def read(
@@ -122,6 +129,7 @@ def read(
     `by` must not have names that are in `results`.
     """
     called = _called(schema, columns, by, results)
+    _doubt_both(source, called)
     readers = [Reader(part, schema, own_names(part, source, called), sensors) for part in source]
     frames = [reader.rows(number) for number, reader in enumerate(readers)]
     for reader, frame in zip(readers, frames, strict=True):
@@ -130,7 +138,10 @@ def read(
     for reader in readers[1:]:
         _require_alike(readers[0], reader)
     rows = _after_midnight(pl.concat(frames, how="vertical_relaxed"), readers)
-    groups = pl.concat(_alike([reader.groups(by) for reader in readers]), how="vertical_relaxed")
+    keys = [reader.groups(by) for reader in readers]
+    for reader, frame, own in zip(readers, frames, keys, strict=True):
+        reader.doubt_clocks(frame, own)
+    groups = pl.concat(_alike(keys), how="vertical_relaxed")
     # the first file that has a column takes precedence
     column = {what: name for one in reversed(readers) for what, name in one.taken.items()}
     standard = {
@@ -167,6 +178,16 @@ def _called(
                 f"cannot group by {name}: the results have a column of this name", column=name
             )
     return called
+
+
+def _doubt_both(source: Source, called: Mapping[str, str]) -> None:
+    """Warn if a file has a column under two names, of which another file has only one."""
+    for name, column in called.items():
+        if all(part.has(column) for part in source):
+            continue
+        for part in source:
+            if part.has(column) and part.column(name) != part.column(column) and part.has(name):
+                doubt(f"{part.called} has {name} and {column}: {column} is used")
 
 
 def _after_midnight(rows: pl.DataFrame, readers: Sequence[Reader]) -> pl.DataFrame:
@@ -264,6 +285,14 @@ class Reader:
             self.part.require(self.called.get(name, name))
         return pl.DataFrame({name: self.part.series(self.called.get(name, name)) for name in by})
 
+    def doubt_clocks(self, rows: pl.DataFrame, groups: pl.DataFrame) -> None:
+        """Warn if clocks were changed while the rows were recorded."""
+        for quantity in self.times_are:
+            name, times = self.standard[quantity], rows[quantity]
+            if not doubt_summer_time(name, times) and quantity == "time":
+                labels = [rows[what] for what, one in self.schema.items() if one.kind in _LABELS]
+                doubt_clock(name, times, [*labels, *groups.get_columns()])
+
     def _is_missing(self, one: Field) -> bool:
         """Return whether a required column with a standard name is missing."""
         given = any(name in self.called for name in one.columns)
@@ -313,7 +342,6 @@ class Reader:
             self.times_are[quantity] = kind_of_times(found)
             if self.problems is None:
                 doubt_time(name, found)
-                doubt_summer_time(name, found)
                 formatted = self.part.time_format is not None
                 if found.dtype.is_numeric() and are_of_day(values, formatted=formatted):
                     self.of_day.add(quantity)
@@ -379,8 +407,7 @@ class Reader:
             for row in rows.to_list():
                 self.problems.setdefault(row, said(row))
             return
-        more = f" ({len(rows)} such rows)" if len(rows) > 1 and "{" in reason else ""
-        raise self.part.error(said(rows[0]) + more, rows[0], column)
+        raise self.part.error(said(rows[0]) + _such(len(rows)), rows[0], column)
 
     def numbers(
         self, values: pl.Series, *, positive: bool = False, degrees: bool = False

@@ -33,7 +33,7 @@ LOCAL = ("east_m", "north_m", "up_m")
 GEODETIC = ("latitude_deg", "longitude_deg", "height_m")
 _DOMAINS = {"latitude_deg": (-90, 90), "longitude_deg": (-180, 360)}
 # in metres; at this distance from the origin, azimuths in the plane are wrong by 0.4 degrees
-_REACH_OF_A_PLANE = 1e6
+REACH_OF_A_PLANE = 1e6
 # properties of a radar, their columns, and factors to the units of the library
 _RADAR = {
     "range_sigma": ("range_sigma_m", 1.0),
@@ -84,6 +84,7 @@ _TRUSTED = "trusted"
 _RANGE_DIFFERENCE_SIGMA = "range_difference_sigma_m"
 # a sensor of which nothing else is given may be one whose positions are in the rows of measurements
 _OF_MOVING = {"name", _TRUSTED, *(column for column, _ in _STATION.values())}
+_UNPLACED = f": give {GEODETIC[0]} and {GEODETIC[1]}, or {LOCAL[0]} and {LOCAL[1]}"
 _MOVING = "; a sensor that moves needs a position here, too, such as its first"
 # in degrees; surveillance radars have larger azimuth sigmas
 _DOUBTFUL_SIGMA = 0.005
@@ -374,13 +375,13 @@ class _Cells:
             others = [name for name in self.row if name != column]
             # usual names are suggested only if the row has no position at all
             placed = not {*LOCAL, *GEODETIC}.isdisjoint(self.row)
-            said = hint([column], others, VERY_NEAR if placed else NEAR) or note
+            said = hint([column], others, VERY_NEAR if placed else NEAR) or ("" if placed else note)
             raise self.error(f"{column} of {self.name} is missing{said}")
         return found
 
     def place(self, columns: Iterable[str]) -> list[float]:
         """Return the coordinates in these columns; an error if one is missing."""
-        note = _MOVING if self.row.keys() <= _OF_MOVING else ""
+        note = _MOVING if self.row.keys() <= _OF_MOVING else _UNPLACED
         return [self.required(column, note) for column in columns]
 
     def sigma(self, column: str) -> float | None:
@@ -404,7 +405,7 @@ def _named(rows: Sequence[Row], noun: str, file: str) -> dict[str, Row]:
         raise RecordError(f"there are no {noun}s", file=file)
     found: dict[str, Row] = {}
     for at, row in enumerate(map(_with_plain_names, rows), start=1):
-        name = str(row.get("name") or "").strip()
+        name = "" if (given := row.get("name")) is None else str(given).strip()
         if not name:
             raise RecordError(f"{noun} {at} has no name", file=file)
         if name in found:
@@ -428,10 +429,8 @@ def _completed(cells: _Cells, found: Row) -> Row:
     added = {} if has(period) or period not in found else {period: found[period]}
     if not has(*LOCAL, *GEODETIC):
         if GEODETIC[0] not in found:
-            raise cells.error(
-                f"{cells.name} has no position, and its recording has none (I034/120): "
-                f"give {GEODETIC[0]} and {GEODETIC[1]}, or {LOCAL[0]} and {LOCAL[1]}"
-            )
+            said = f"{cells.name} has no position, and its recording has none (I034/120)"
+            raise cells.error(said + _UNPLACED)
         added |= {column: found[column] for column in GEODETIC if column in found}
     if period not in {*cells.row, *added}:
         raise cells.error(f"give {period} of {cells.name}: its recording has none (I034/041)")
@@ -445,7 +444,7 @@ def _in_a_system_plane(cells: Sequence[_Cells], origin: Row | None, file: str) -
     positions = [plane.to_local(*place) for place in _coordinates(cells, GEODETIC)]
     for one, place in zip(cells, positions, strict=True):
         distance = float(np.hypot(*place[:2]))
-        if distance > _REACH_OF_A_PLANE:
+        if distance > REACH_OF_A_PLANE:
             doubt(
                 f"{one.name} is {distance / 1e3:.0f} km from the origin: are latitude and "
                 "longitude swapped?"
@@ -544,14 +543,15 @@ def _are_geodetic(cells: Sequence[_Cells], origin: Row | None, file: str) -> boo
             f"there are {local} and {geodetic}; all positions must be given in the same form",
             file=file,
         )
-    if geodetic is None and origin is not None:
-        reason = f"if an origin is given, the sensors must have {GEODETIC[0]} and {GEODETIC[1]}"
+    if local and origin is not None:
+        both = f"{GEODETIC[0]} and {GEODETIC[1]}"
+        reason = f"an origin is for sensors with {both}, not with {local}: leave out one of them"
         raise RecordError(reason, file=file)
-    if local is None and geodetic is None:
+    if local is None and geodetic is None and origin is None:
         # other names of the columns
         there = [name for one in cells for name in one.row]
         return bool(hint([GEODETIC[0]], there)) and not hint([LOCAL[0]], there)
-    return geodetic is not None
+    return local is None
 
 
 def _first_given(cells: Sequence[_Cells], form: Iterable[str]) -> str | None:
@@ -590,10 +590,10 @@ def _on_the_earth(
     if given.shape[1] == len(GEODETIC):
         return positions, axes, frame
     for one, distance in zip(cells, np.linalg.norm(positions, axis=1), strict=True):
-        if distance > _REACH_OF_A_PLANE:
+        if distance > REACH_OF_A_PLANE:
             raise one.error(
                 f"{one.name} is {distance / 1e3:.0f} km from the origin; sensors without "
                 f"{GEODETIC[2]} are placed in a plane and must be within "
-                f"{_REACH_OF_A_PLANE / 1e3:.0f} km; are latitude and longitude swapped?"
+                f"{REACH_OF_A_PLANE / 1e3:.0f} km; are latitude and longitude swapped?"
             )
     return positions[:, :2], in_the_plane(axes), frame

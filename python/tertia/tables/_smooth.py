@@ -5,23 +5,28 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import polars as pl
 
 from tertia import smoothing
-from tertia._arrays import BoolArray, FloatArray, IntArray, finite, real
+from tertia._arrays import BoolArray, FloatArray, IntArray, positive_number, real
 from tertia.geo import SystemPlane
+from tertia.tables._doubts import doubt
 from tertia.tables._frames import Table, extended, names
-from tertia.tables._groups import as_names, by_length, column_name, known, layout
+from tertia.tables._groups import as_names, by_length, column_name, known, layout, split_unit
 from tertia.tables._names import hint
 from tertia.tables._parts import RecordError, Source, source_of
-from tertia.tables._records import TIME, Field, Schema, read
+from tertia.tables._records import TIME, Field, Schema, number, read
 from tertia.tables._sensors import GEODETIC, LOCAL
 from tertia.tables._times import Clock
 from tertia.tables._velocities import fields, true_rates, velocities_of
 
+# noise in stated sigmas that few sensors have
+_MUCH = 10.0
 # in degrees
 _LARGEST = dict(zip(GEODETIC[:2], (90.0, 360.0), strict=True))
 # results for each quantity, and suffixes of their units
@@ -40,6 +45,7 @@ def smooth(
     correlation_time: float | None = None,
     robust: bool = True,
     jerk: float | None = None,
+    n_threads: int | None = None,
 ) -> Table:
     """Smooth positions, or any series, with `tertia.smoothing.smooth`.
 
@@ -56,7 +62,9 @@ def smooth(
         position.
     sigma : float, str or sequence of these
         Standard deviation of the plots, or the column that contains it: one for all axes, or one
-        for each.
+        for each. If they are the columns `east_sigma_m` and `north_sigma_m`, as other functions
+        write them, the covariances in a column `covariance_east_north_m2` are also used; those of
+        other axes have corresponding names.
     velocities : str or sequence of str, optional
         Columns of measured velocities, one for each axis. By default `velocity_east_m_s` and
         `velocity_north_m_s` or, if these are missing, `speed_m_s` (or `speed_kt`) and `course_deg`.
@@ -71,6 +79,8 @@ def smooth(
         Whether to allow for noise that is larger than stated, outliers, and jumps of the position.
     jerk : float, optional
         Intensity of the white jerk; by default the motion of each track is estimated.
+    n_threads : int, optional
+        As for `tertia.smoothing.smooth`.
 
     Returns
     -------
@@ -117,6 +127,7 @@ def smooth(
         correlation_time=correlation_time,
         robust=robust,
         jerk=jerk,
+        n_threads=n_threads,
     )
     return extended(table, found.added)  # type: ignore[no-any-return]
 
@@ -142,6 +153,7 @@ def smoothing_of(
     correlation_time: float | None,
     robust: bool,
     jerk: float | None,
+    n_threads: int | None,
 ) -> SmoothedRows:
     """Smooth the rows of all parts, and return the parts in the same order."""
     axes = as_names(values)
@@ -155,6 +167,7 @@ def smoothing_of(
         "correlation_time": correlation_time,
         "robust": robust,
         "jerk": None if jerk is None else real(jerk, "jerk"),
+        "n_threads": n_threads,
     }
     stated = [one for one in [*sigmas, *spreads] if isinstance(one, str)]
     schema: Schema = {"time": TIME} | {
@@ -163,12 +176,19 @@ def smoothing_of(
             {name: 1.0},
             required=True,
             most=_LARGEST.get(name, math.inf) if geodetic else math.inf,
+            positive=name in stated,
         )
         for name in [*(GEODETIC[:2] if geodetic else axes), *stated]
     }
+    covariances = _names_of_covariances(LOCAL[:2] if geodetic else axes, sigmas)
+    schema = {**schema, **{name: number(name) for name in covariances.values()}}
     if spreads:
         schema = {**schema, **fields(moving)}
     records = read(source, schema, columns=columns, by=as_names(by))
+    for axis, one in zip(GEODETIC[:2] if geodetic else axes, sigmas, strict=False):
+        if isinstance(one, str):
+            lacks = pl.col(axis).is_not_nan() & pl.col(one).is_nan()
+            records.refuse(lacks, f"{one} is missing", one)
     frame = records.rows
     plane = _plane_of(frame) if geodetic else None
     if plane is not None:
@@ -178,11 +198,10 @@ def smoothing_of(
     t = Clock.of(frame["time"]).seconds(frame["time"])
     rows = groups.order[np.lexsort((groups.arranged(t), groups.group))]
     y = frame.select(axes).to_numpy()[rows]
-    variance = np.column_stack([_sigmas(frame, one) for one in sigmas])[rows] ** 2
-    series = [y, variance, t[rows], rows]
+    series = [y, _covariances(frame, "sigma", sigmas, covariances)[rows], t[rows], rows]
     if spreads:
-        variances = np.column_stack([_sigmas(frame, one) for one in spreads]) ** 2
-        series += [velocities_of(frame, moving, plane)[rows], variances[rows]]
+        own = _covariances(frame, "velocity_sigma", spreads)
+        series += [velocities_of(frame, moving, plane)[rows], own[rows]]
     found, spread, marks = _smoothed(groups.lengths, series, plane, options)
     added = _added(found, spread, axes)
     shown = axes
@@ -203,21 +222,21 @@ def _smoothed(
 ) -> tuple[FloatArray, FloatArray, dict[str, BoolArray]]:
     """Return means, sigmas and columns of outliers, in the order in which the rows were read.
 
-    `series` has positions, variances, times, numbers of rows, and velocities with their variances.
+    `series` has positions, covariances, times, numbers of rows, and velocities with covariances.
     """
 
     def track(
         plots: FloatArray,
-        variances: FloatArray,
+        covariances: FloatArray,
         instants: FloatArray,
         places: IntArray,
         *velocity: FloatArray,
     ) -> tuple[IntArray, Any]:
         names = "velocity", "velocity_covariance"
         moving: dict[str, Any] = dict(zip(names, velocity, strict=False))
-        return places, smoothing.smooth(plots, variances, time=instants, **moving, **options)
+        return places, smoothing.smooth(plots, covariances, time=instants, **moving, **options)
 
-    height, axes = series[0].shape
+    (height, axes), factors = series[0].shape, [np.ones(0)]
     found, spread = np.full((2, height, len(_QUANTITIES) * axes), np.nan)
     marked = ["outlier"] if len(series) == 4 else ["outlier", "velocity_outlier"]
     marks = {name: np.zeros(height, dtype=bool) for name in marked}
@@ -226,6 +245,7 @@ def _smoothed(
             raise one
         places, smoothed = one
         found[places], spread[places] = smoothed.mean, smoothed.sigma
+        factors.append(smoothed.noise_factor)
         if plane is not None:
             flat = smoothed.mean.reshape(-1, 6), smoothed.covariance.reshape(-1, 6, 6)
             found[places], spread[places] = (
@@ -233,7 +253,19 @@ def _smoothed(
             )
         for name, mark in marks.items():
             mark[places] = getattr(smoothed, name)
+    _doubt_noise(np.concatenate(factors))
     return found, spread, {f"smoothing_{name}": mark for name, mark in marks.items()}
+
+
+def _doubt_noise(factor: FloatArray) -> None:
+    """Warn if positions scatter as those of several targets do."""
+    large = factor > _MUCH
+    if large.any():
+        tracks = "the track" if len(factor) == 1 else f"{large.sum()} of {len(factor)} tracks"
+        doubt(
+            f"the measurements of {tracks} scatter {np.max(factor):.3g} times as much as sigma "
+            "says: are there several targets? Group their rows by a column; or is sigma wrong?"
+        )
 
 
 def _of_each_axis(
@@ -291,10 +323,33 @@ def _geodetic(plane: SystemPlane, position: FloatArray) -> dict[str, pl.Series]:
     }
 
 
-def _sigmas(frame: pl.DataFrame, sigma: float | str) -> FloatArray:
-    if isinstance(sigma, str):
-        return frame[sigma].to_numpy()
-    return np.full(frame.height, finite(real(sigma, "sigma"), "sigma"))
+def _names_of_covariances(
+    axes: Sequence[str], sigmas: Sequence[float | str]
+) -> dict[tuple[int, int], str]:
+    """Return the columns of the covariances of pairs of axes whose sigmas have the usual names."""
+    own = [k for k, axis in enumerate(axes) if sigmas[k] == column_name(axis, "sigma")]
+    parts = [split_unit(axis) for axis in axes]
+    return {
+        (i, j): f"covariance_{parts[i][0]}_{parts[j][0]}_{parts[i][1]}2"
+        for i, j in combinations(own, 2)
+        if parts[i][1] == parts[j][1] != ""
+    }
+
+
+def _covariances(
+    frame: pl.DataFrame,
+    argument: str,
+    sigmas: Sequence[float | str],
+    names: Mapping[tuple[int, int], str] = MappingProxyType({}),
+) -> FloatArray:
+    """Return the covariances (N, axes, axes); those that are missing are 0."""
+    found = np.zeros((frame.height, len(sigmas), len(sigmas)))
+    for k, one in enumerate(sigmas):
+        own = frame[one].to_numpy() if isinstance(one, str) else positive_number(one, argument)
+        found[:, k, k] = own**2
+    for (i, j), name in names.items():
+        found[:, i, j] = found[:, j, i] = np.nan_to_num(frame[name].to_numpy())
+    return found
 
 
 def _added(found: FloatArray, spread: FloatArray, axes: Sequence[str]) -> pl.DataFrame:

@@ -303,8 +303,11 @@ def scans(time: FloatArray, period: float) -> list[IntArray]:
     known = time[order[: np.count_nonzero(np.isfinite(time))]]
     if not len(known) or known[-1] - known[0] < 1.5 * period:
         return [np.arange(len(time))]
-    edges = np.searchsorted(known, np.arange(known[0] + period, known[-1], period))
-    return [part for part in np.split(order, edges) if len(part)]
+    # not one edge for each period: a single wrong time may be years away
+    number = np.floor((known - known[0]) / period)
+    last = np.ceil((known[-1] - known[0]) / period) - 1.0
+    edges = np.flatnonzero(np.diff(np.minimum(number, last))) + 1
+    return np.split(order, edges)
 
 
 def _thinned(plots: Plots, sensors: int) -> Plots:

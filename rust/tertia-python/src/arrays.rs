@@ -63,6 +63,19 @@ impl Input<'_> {
         Ok(rows)
     }
 
+    /// The rows, samples of at least `minimum` numbers; in shorter ones, a number that is not finite
+    /// is reported first.
+    pub fn samples(&self, name: &'static str, minimum: usize) -> PyResult<Rows<'_>> {
+        let rows = self.rows(name, 0)?;
+        if rows.len() < minimum {
+            for (row, sample) in rows.iter().enumerate() {
+                tertia::require_finite(name, sample)
+                    .map_err(|error| rows.error(RowError { row, error }))?;
+            }
+        }
+        self.rows(name, minimum)
+    }
+
     /// Rows of so many axes.
     pub fn blocks(&self, name: &'static str, axes: usize) -> PyResult<Rows<'_>> {
         let shape = self.shape();

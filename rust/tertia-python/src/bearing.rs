@@ -84,7 +84,8 @@ pub fn estimate_bearing<'py>(
 ) -> PyResult<Estimated<'py>> {
     let bias_sigma = options.bias_sigma;
     let estimator = options.estimator()?;
-    let rows = theta.rows("theta", if omit { 0 } else { estimator.min_count(sigma.is_some()) })?;
+    let rows =
+        theta.samples("theta", if omit { 0 } else { estimator.min_count(sigma.is_some()) })?;
     let stated = sigma.as_ref().map(|s| s.rows("sigma", 0)).transpose()?;
     let labels = groups.as_ref().map(|g| g.rows("groups", 0)).transpose()?;
     let blocks = estimator.blocks(rows.len());

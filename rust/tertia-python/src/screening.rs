@@ -48,7 +48,7 @@ fn two_columns<'py>(
     n_threads: Threads,
     kernel: impl Fn(&[f64], &mut [f64], &mut [f64]) -> tertia::Result<()> + Sync + Send,
 ) -> PyResult<Two<'py>> {
-    let rows = y.rows("y", 3)?;
+    let rows = y.samples("y", 3)?;
     let (mut first, mut second) = (rows.output(py)?, rows.output(py)?);
     let outputs = first.rows()?.zip(second.rows()?);
     let cost = nanoseconds * rows.size();
@@ -67,7 +67,7 @@ pub fn leave_one_out_mask<'py>(
     // also where there is no row to find it out
     LeaveOneOutRule::try_new(k, Statistics::Frozen, Direction::Forward, true, 1)
         .map_err(value_error)?;
-    let rows = y.rows("y", 3)?;
+    let rows = y.samples("y", 3)?;
     let mut outlier = rows.output(py)?;
     let cost = STREAM_NS * rows.size();
     rows.each(
@@ -218,7 +218,7 @@ fn screen_rows<'py, S>(
     + Sync
     + Send,
 ) -> PyResult<Screened<'py>> {
-    let rows = y.rows("y", minimum)?;
+    let rows = y.samples("y", minimum)?;
     let (mut outlier, mut cleaned) = (rows.output(py)?, rows.output(py)?);
     let none = Summary { mean: 0.0, variance: 0.0, threshold: 0.0 };
     let mut summaries = repeated(none, rows.count())?;
@@ -288,7 +288,7 @@ fn one_by_one<'py>(
     minimum: usize,
     test: impl Fn(usize, f64, &Moments) -> tertia::Result<screening::OutlierTest> + Sync + Send,
 ) -> PyResult<(Array<'py>, Array<'py>)> {
-    let rows = y.rows("y", minimum)?;
+    let rows = y.samples("y", minimum)?;
     let (x, row) = (x.as_array().to_vec(), row.as_array().to_vec());
     let moments = |y: &[f64]| Ok(Some(Moments::of("y", y)?));
     let others = per_row(py, &rows, None, moments)?;
@@ -340,7 +340,7 @@ fn extreme<'py>(
     minimum: usize,
     test: impl Fn(&[f64]) -> tertia::Result<(usize, screening::OutlierTest)> + Sync + Send,
 ) -> PyResult<Extreme<'py>> {
-    let rows = y.rows(name, minimum)?;
+    let rows = y.samples(name, minimum)?;
     let results = per_row(py, &rows, (0, 0.0, 0.0), |y| {
         let (index, result) = test(y)?;
         Ok((index as i64, result.statistic, result.pvalue))

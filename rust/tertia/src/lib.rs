@@ -100,6 +100,6 @@ pub mod tracker;
 pub mod trajectory;
 pub mod weights;
 
-pub use base::error::{Error, Result};
+pub use base::error::{Error, Result, require_finite};
 pub use base::moments::Moments;
 pub use base::{batch, interrupt, missing};

@@ -31,7 +31,7 @@ from tertia.cli.terminal.say import (
     fail,
     note,
     print_table,
-    progress,
+    working,
 )
 from tertia.fusion import FusionMethod
 from tertia.tables._fuse_series import FusedTarget, fusion_of
@@ -92,20 +92,21 @@ def fuse_series(
     (empty, NA, nan, null, None, -).
     """
     write.check_suffixes(output, plot_file)
-    found = fusion_of(
-        read.tables(*files),
-        columns=column_names(column),
-        values=value,
-        by=by or [],
-        sigma=_by_sensor("--sigma", sigma or []),
-        bias_sigma=_by_sensor("--bias-sigma", bias_sigma or []),
-        alpha=alpha,
-        acceleration_sigma=acceleration_sigma,
-        period=period or None,
-        method=method,
-        n_threads=n_threads,
-        progress=progress("Fusing"),
-    )
+    with working("Fusing") as over:
+        found = fusion_of(
+            read.tables(*files),
+            columns=column_names(column),
+            values=value,
+            by=by or [],
+            sigma=_by_sensor("--sigma", sigma or []),
+            bias_sigma=_by_sensor("--bias-sigma", bias_sigma or []),
+            alpha=alpha,
+            acceleration_sigma=acceleration_sigma,
+            period=period or None,
+            method=method,
+            n_threads=n_threads,
+            progress=over,
+        )
     if found.fitted:
         _print_fitted(found.fitted)
     print_table(found.sensors, text=[*(by or []), "sensor"])

@@ -20,9 +20,10 @@ from tertia.cli.terminal.options import (
     PlotFile,
     Recordings,
     SensorFile,
+    Threads,
     column_names,
 )
-from tertia.cli.terminal.say import FAILED, progress
+from tertia.cli.terminal.say import FAILED, working
 from tertia.location import LIGHT, Location, LocationMethod
 from tertia.sensors import ByKind, Kind
 from tertia.tables._groups import group_name
@@ -136,6 +137,7 @@ def locate(
         float | None,
         typer.Option(metavar="P", help="Write protection levels with this risk."),
     ] = None,
+    n_threads: Threads = None,
     output: MapOutput = None,
     measurements: MeasurementOutput = None,
     plot_file: PlotFile = None,
@@ -153,28 +155,30 @@ def locate(
         source = read.tables(*files)
     stations = read.read_stations(sensors, source)
     maps.check(output, stations)
-    found = locations_of(
-        source,
-        sensors=stations,
-        columns=column_names(column),
-        by=by or [],
-        tolerance=tolerance,
-        method=method,
-        max_range=max_range,
-        pooled=pooled,
-        redundancy=redundancy,
-        range_difference_correlation=range_difference_correlation,
-        propagation_speed=propagation_speed,
-        propagation_speed_sigma=propagation_speed_sigma,
-        wind_sigma=wind_sigma,
-        multipath=multipath,
-        height=height,
-        height_sigma=height_sigma,
-        initial=positions.start(initial, stations.dimension),
-        probability=probability,
-        risk=risk,
-        progress=progress("Locating"),
-    )
+    with working("Locating") as over:
+        found = locations_of(
+            source,
+            sensors=stations,
+            columns=column_names(column),
+            by=by or [],
+            tolerance=tolerance,
+            method=method,
+            max_range=max_range,
+            pooled=pooled,
+            redundancy=redundancy,
+            range_difference_correlation=range_difference_correlation,
+            propagation_speed=propagation_speed,
+            propagation_speed_sigma=propagation_speed_sigma,
+            wind_sigma=wind_sigma,
+            multipath=multipath,
+            height=height,
+            height_sigma=height_sigma,
+            initial=positions.start(initial, stations.dimension),
+            probability=probability,
+            risk=risk,
+            n_threads=n_threads,
+            progress=over,
+        )
     positions.print_all(found, by or [])
     positions.say_groups(
         found.targets,

@@ -19,7 +19,7 @@ from tertia.cli.terminal.options import (
     Threads,
     column_names,
 )
-from tertia.cli.terminal.say import WRONG_USAGE, fail, progress
+from tertia.cli.terminal.say import WRONG_USAGE, fail, working
 from tertia.location import LIGHT
 from tertia.sensors import Bias
 from tertia.tables._positions import Located
@@ -106,25 +106,26 @@ def reconstruct(
     options: dict[str, Any] = {"degree": _degree(degree), "bias": _bias(bias)}
     stations = read.read_stations(sensors)
     maps.check(output, stations)
-    found = paths_of(
-        read.tables(*files),
-        sensors=stations,
-        columns=column_names(column),
-        by=by or [],
-        tolerance=tolerance,
-        spatial=spatial,
-        order=order,
-        smoother=smoother,
-        window=window,
-        jerk=jerk,
-        propagation_speed=propagation_speed,
-        propagation_speed_sigma=propagation_speed_sigma,
-        wind_sigma=wind_sigma,
-        initial=positions.start(initial, stations.dimension),
-        n_threads=n_threads,
-        progress=progress("Reconstructing"),
-        **options,
-    )
+    with working("Reconstructing") as over:
+        found = paths_of(
+            read.tables(*files),
+            sensors=stations,
+            columns=column_names(column),
+            by=by or [],
+            tolerance=tolerance,
+            spatial=spatial,
+            order=order,
+            smoother=smoother,
+            window=window,
+            jerk=jerk,
+            propagation_speed=propagation_speed,
+            propagation_speed_sigma=propagation_speed_sigma,
+            wind_sigma=wind_sigma,
+            initial=positions.start(initial, stations.dimension),
+            n_threads=n_threads,
+            progress=over,
+            **options,
+        )
     positions.print_all(found, by or [])
     positions.say_groups(
         found.targets,

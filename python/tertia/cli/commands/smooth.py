@@ -9,7 +9,14 @@ import typer
 
 from tertia._result import counted
 from tertia.cli.files import read, write
-from tertia.cli.terminal.options import By, ColumnNames, Output, Recordings, column_names
+from tertia.cli.terminal.options import (
+    By,
+    ColumnNames,
+    Output,
+    Recordings,
+    Threads,
+    column_names,
+)
 from tertia.cli.terminal.say import note, print_table, working
 from tertia.tables._smooth import smoothing_of
 
@@ -70,6 +77,7 @@ def smooth(
             help="Intensity of the white jerk; by default, each track's motion is estimated."
         ),
     ] = None,
+    n_threads: Threads = None,
     output: Output = None,
 ) -> dict[str, Any]:
     """Smooth positions over time, allowing for outliers and jumps.
@@ -91,6 +99,7 @@ def smooth(
             correlation_time=correlation_time,
             robust=robust,
             jerk=jerk,
+            n_threads=n_threads,
         )
     rows = pl.concat([found.rows, found.added], how="horizontal")
     if output is None:

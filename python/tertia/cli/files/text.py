@@ -21,6 +21,8 @@ _BEGIN = 1 << 16
 _COMMENT = "#"
 # separators; if several give the same number of columns, the first is used
 _SEPARATORS = ",;\t|"
+# first line by which spreadsheets are told the separator
+_SEPARATOR_LINE = re.compile(r"sep=.", re.IGNORECASE)
 _NUMBER = r"\s*[+-]?\d+([.,]\d*)?([eE][+-]?\d+)?\s*"
 _GZIP = b"\x1f\x8b"
 _DAMAGED = (EOFError, zlib.error, gzip.BadGzipFile)
@@ -76,7 +78,9 @@ class Dialect:
 
 
 def _comments(lines: list[str]) -> int:
-    """Return the number of comment lines before the header, which may also begin with `#`."""
+    """Return the number of lines before the header, which may also begin with `#`."""
+    if lines and _SEPARATOR_LINE.fullmatch(lines[0]):
+        return 1
     count = next((k for k, line in enumerate(lines) if not line.startswith(_COMMENT)), len(lines))
     if not 0 < count < len(lines):
         return 0

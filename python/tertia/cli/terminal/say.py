@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn, TypeVar
 
@@ -11,7 +11,7 @@ import typer
 from rich import box
 from rich.console import Console
 from rich.measure import Measurement
-from rich.progress import track
+from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
 
@@ -62,27 +62,26 @@ def _number(value: float) -> str:
     return "" if math.isnan(value) else f"{value:.3g}"
 
 
-def progress(what: str) -> Callable[[Collection[T]], Iterable[T]]:
-    """Return a progress bar over items, if the output is a terminal."""
+@contextmanager
+def working(what: str) -> Iterator[Callable[[Collection[T]], Iterable[T]]]:
+    """Show that processing is under way, if the output is a terminal.
 
-    def over(items: Collection[T]) -> Iterable[T]:
-        console = Console(stderr=True)
-        return track(
-            items,
-            what,
-            total=len(items),
-            console=console,
-            transient=True,
-            disable=not console.is_terminal,
-        )
-
-    return over
-
-
-def working(what: str) -> AbstractContextManager[object]:
-    """Show that processing is under way, if the output is a terminal."""
+    Yields a function that iterates over items; the bar then shows how many of them are done.
+    """
     console = Console(stderr=True)
-    return console.status(what) if console.is_terminal else nullcontext()
+    with Progress(
+        *Progress.get_default_columns(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    ) as bar:
+        task = bar.add_task(what, total=None)
+
+        def over(items: Collection[T]) -> Iterable[T]:
+            # a share of one item says nothing
+            return bar.track(items, len(items), task_id=task) if len(items) > 1 else items
+
+        yield over
 
 
 def print_table(

@@ -101,7 +101,10 @@ pub enum Error {
     )]
     SingularJoint,
     /// The sample is shorter than the method needs.
-    #[error("{argument} has {count} measurements; at least {minimum} are needed")]
+    #[error(
+        "{argument} has {count} measurement{}; at least {minimum} are needed",
+        if *count == 1 { "" } else { "s" }
+    )]
     TooFew {
         /// Name of the argument.
         argument: &'static str,
@@ -262,7 +265,10 @@ pub(crate) fn require_significance(significance: f64) -> Result<()> {
 }
 
 /// Fails with the first value of `y` that is not finite.
-pub(crate) fn require_finite(argument: &'static str, y: &[f64]) -> Result<()> {
+///
+/// # Errors
+/// The value and its index.
+pub fn require_finite(argument: &'static str, y: &[f64]) -> Result<()> {
     require_each(argument, y, f64::is_finite, "every measurement must be a finite number")
 }
 
@@ -302,6 +308,14 @@ pub(crate) fn require_times(times: &[f64], largest: f64) -> Result<()> {
     let (argument, requirement) = ("time", "time must not decrease");
     let (index, value) = (before + 1, times[before + 1]);
     Err(Error::InvalidMeasurement { argument, index, value, requirement })
+}
+
+/// Fails with the first value of a sample that is not finite, or if it has too few values.
+pub(crate) fn require_sample(argument: &'static str, y: &[f64], minimum: usize) -> Result<()> {
+    if y.len() < minimum {
+        require_finite(argument, y)?;
+    }
+    require_count(argument, y.len(), minimum)
 }
 
 /// Fails if there are fewer than `minimum` measurements.

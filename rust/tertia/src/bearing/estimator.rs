@@ -7,7 +7,7 @@ use super::workspace::Workspace;
 use super::{groups, paper, robust};
 use crate::base::angle::{principal, require_period};
 use crate::base::error::{
-    Error, Result, require, require_correlation, require_count, require_each, require_positive,
+    Error, Result, require, require_correlation, require_each, require_positive, require_sample,
     require_significance,
 };
 use crate::base::moments::Moments;
@@ -115,7 +115,7 @@ impl Estimator {
     ) -> Result<Estimate> {
         assert_eq!(theta.len(), outlier.len());
         assert!([known.sigma, known.groups].iter().flatten().all(|k| k.len() == theta.len()));
-        require_count("theta", theta.len(), self.min_count(known.sigma.is_some()))?;
+        require_sample("theta", theta, self.min_count(known.sigma.is_some()))?;
         let wanted = "it must be a positive number, from 1e-100 to 1e100";
         require_each("sigma", known.sigma.unwrap_or(&[]), |s| SIGMAS.contains(&s), wanted)?;
         workspace.read(theta, self.period)?;

@@ -5,7 +5,7 @@
 
 use super::summary::Summary;
 use crate::base::angle::median;
-use crate::base::error::{Result, require, require_correlation, require_count};
+use crate::base::error::{Result, require, require_correlation, require_sample};
 use crate::base::moments::Moments;
 use pulp::{Simd, WithSimd};
 
@@ -116,7 +116,7 @@ impl BurstRule {
         workspace: &mut BurstWorkspace,
     ) -> Result<Summary> {
         assert_eq!(y.len(), outlier.len());
-        require_count("y", y.len(), 3)?;
+        require_sample("y", y, 3)?;
         let mut kept = Moments::of("y", y)?;
         let (mut centre, mut scale) = self.start(y, workspace)?;
         let ln_n = (y.len().max(FEWEST_FOR_PENALTY) as f64).ln();

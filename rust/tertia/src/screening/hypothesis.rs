@@ -6,7 +6,7 @@ use crate::base::distribution::{
     student_two_sided, student_two_sided_quantile,
 };
 use crate::base::error::{
-    Result, require, require_count, require_each, require_finite, require_positive,
+    Result, require, require_count, require_each, require_finite, require_positive, require_sample,
     require_significance,
 };
 use crate::base::moments::Moments;
@@ -185,7 +185,7 @@ fn require_others(x: f64, others: &Moments, minimum: usize) -> Result<()> {
 /// If the slices differ in length.
 pub fn thompson_tau(y: &[f64], statistic: &mut [f64], pvalue: &mut [f64]) -> Result<()> {
     assert!(y.len() == statistic.len() && y.len() == pvalue.len());
-    require_count("y", y.len(), 3)?;
+    require_sample("y", y, 3)?;
     let moments = Moments::of("y", y)?;
     let mut scratch = Vec::new();
     for (i, (t, p)) in statistic.iter_mut().zip(pvalue).enumerate() {
@@ -202,7 +202,7 @@ pub fn thompson_tau(y: &[f64], statistic: &mut [f64], pvalue: &mut [f64]) -> Res
 /// # Errors
 /// Fewer than 3 values, a value that is not finite, deviations out of range.
 pub fn grubbs(y: &[f64]) -> Result<(usize, OutlierTest)> {
-    require_count("y", y.len(), 3)?;
+    require_sample("y", y, 3)?;
     let moments = Moments::of("y", y)?;
     let index = index_of_largest(y.iter().map(|&v| moments.deviation(v).abs()));
     let others = moments_of_others(y, index, &moments, &mut Vec::new())?;
@@ -218,7 +218,7 @@ pub fn grubbs(y: &[f64]) -> Result<(usize, OutlierTest)> {
 /// Fewer than 2 variances, one that is negative or not finite, or all zero; degrees of freedom
 /// below 1.
 pub fn cochran(variances: &[f64], degrees_of_freedom: f64) -> Result<(usize, OutlierTest)> {
-    require_count("variances", variances.len(), 2)?;
+    require_sample("variances", variances, 2)?;
     require_finite("variances", variances)?;
     require_degrees(degrees_of_freedom)?;
     require_each("variances", variances, |d| d >= 0.0, "a variance must not be negative")?;

@@ -2,7 +2,7 @@
 
 use super::others::moments_of_cleaned;
 use super::summary::Summary;
-use crate::base::error::{Error, Result, require_count, require_positive};
+use crate::base::error::{Error, Result, require_positive, require_sample};
 use crate::base::moments::Moments;
 
 /// What replaces an outlier.
@@ -48,7 +48,7 @@ impl KSigmaRule {
         scratch: &mut Vec<f64>,
     ) -> Result<Summary> {
         assert_eq!(y.len(), outlier.len());
-        require_count("y", y.len(), 2)?;
+        require_sample("y", y, 2)?;
         let moments = Moments::of("y", y)?;
         let threshold = self.k * moments.variance().sqrt();
         cleaned.copy_from_slice(y);

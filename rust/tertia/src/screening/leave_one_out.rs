@@ -2,7 +2,7 @@
 
 use super::others::{MIN_COUNT, moments_of_cleaned, moments_of_kept, moments_of_others};
 use super::summary::Summary;
-use crate::base::error::{Result, require, require_count, require_positive};
+use crate::base::error::{Result, require, require_positive, require_sample};
 use crate::base::moments::Moments;
 
 /// Repeated passes that replace outliers consume the whole sample below k = 2.1617; refused below
@@ -96,7 +96,7 @@ impl LeaveOneOutRule {
         scratch: &mut Vec<f64>,
     ) -> Result<Summary> {
         assert_eq!(y.len(), outlier.len());
-        require_count("y", y.len(), MIN_COUNT)?;
+        require_sample("y", y, MIN_COUNT)?;
         cleaned.copy_from_slice(y);
         outlier.fill(false);
         let mut moments = Moments::of("y", y)?;

@@ -2,7 +2,7 @@
 
 use super::leave_one_out::threshold;
 use super::others::MIN_COUNT;
-use crate::base::error::{Result, require_count, require_positive};
+use crate::base::error::{Result, require_positive, require_sample};
 use crate::base::moments::{BLOCK, Moments};
 use pulp::{Simd, WithSimd};
 
@@ -26,7 +26,7 @@ use pulp::{Simd, WithSimd};
 pub fn mask(y: &[f64], k: f64, outlier: &mut [bool]) -> Result<()> {
     assert_eq!(y.len(), outlier.len());
     require_positive("k", k)?;
-    require_count("y", y.len(), MIN_COUNT)?;
+    require_sample("y", y, MIN_COUNT)?;
     let moments = pulp::Arch::new().dispatch(Mark { y, k, outlier });
     moments.checked("y", &[y]).map(|_| ())
 }

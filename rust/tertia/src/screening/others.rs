@@ -1,6 +1,6 @@
 //! Mean and variance of the others (M2), (M3), for one value or for every value of a sample.
 
-use crate::base::error::{Error, Result, require_count};
+use crate::base::error::{Error, Result, require_sample};
 use crate::base::moments::Moments;
 use pulp::{Simd, WithSimd};
 
@@ -59,7 +59,7 @@ pub(super) fn moments_of_others(
 /// If the three slices differ in length.
 pub fn statistics(y: &[f64], mean: &mut [f64], variance: &mut [f64]) -> Result<()> {
     assert!(y.len() == mean.len() && y.len() == variance.len());
-    require_count("y", y.len(), MIN_COUNT)?;
+    require_sample("y", y, MIN_COUNT)?;
     let moments = Moments::of("y", y)?;
     let extremes = pulp::Arch::new().dispatch(Downdate {
         moments: &moments,
