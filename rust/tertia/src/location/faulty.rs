@@ -40,11 +40,15 @@ pub(super) struct Outliers {
 #[derive(Default)]
 struct Count {
     instants: f64,
+    /// Instants with outliers, or with two positions that call others outliers.
     disturbed: f64,
+    /// Those of them with a position.
+    located: f64,
     /// Measurements of each kind at each station, arrivals at each receiver, and outliers among them.
     measured: Vec<f64>,
     outliers: Vec<f64>,
-    /// By how much they are larger than the limits from which on they are outliers, and these.
+    /// By how much outliers other than arrivals are larger than the limits from which on they are
+    /// marked, and these.
     excesses: Vec<f64>,
     limits: Vec<f64>,
     /// Outliers among ranges, and those that are too long.
@@ -82,8 +86,9 @@ impl Locator {
         let mut sample = Vec::with_capacity(count);
         for at in (0..count).map(|i| i * instants.len() / count) {
             let (instant, fix) = (&instants[at], &fixes[at]);
-            if fix.status == Status::None && self.expects_outliers(instant, fix) {
-                seen.add(&self.heard(instant, &marks[at * width..(at + 1) * width]));
+            if self.expects_outliers(instant, fix) {
+                let marks = &marks[at * width..(at + 1) * width];
+                seen.add(&self.heard(instant, marks), fix.status);
             }
             sample.push(*instant);
         }
@@ -92,9 +97,7 @@ impl Locator {
         }
         let mut outliers = Outliers::FEW;
         for _ in 0..ROUNDS {
-            // of two positions that are equally good the better one tells
-            let locator = self.deciding().with_outliers(outliers);
-            let next = locator.count(&sample, workspace).all();
+            let next = self.with_outliers(outliers).count(&sample, workspace).all();
             if next.odds <= outliers.odds {
                 break;
             }
@@ -110,7 +113,11 @@ impl Locator {
         let redundancy = usize::try_from(fix.degrees_of_freedom).unwrap_or(0);
         let known = |(v, sigma): (&f64, &f64)| v.is_nan() || !sigma.is_nan();
         let says = || self.grows && instant.values.iter().zip(instant.sigmas).all(known);
-        self.loss(redundancy, has_arrivals) != Loss::SQUARE && (has_arrivals || says())
+        let located = fix.status == Status::None;
+        match has_arrivals {
+            true => redundancy > 0 && (located || fix.status == Status::Ambiguous),
+            false => located && self.loss(redundancy, false) != Loss::SQUARE && says(),
+        }
     }
 
     fn count<const D: usize>(&self, sample: &[Instant<'_>], workspace: &mut Workspace<D>) -> Count {
@@ -125,12 +132,17 @@ impl Locator {
                 residual: &mut residual,
                 outlier: &mut outlier,
             };
-            let fix = self.locate(instant, &mut out, workspace);
-            if fix.status == Status::None && self.expects_outliers(instant, &fix) {
-                count.add(&self.heard(instant, &outlier));
-                let redundancy = fix.degrees_of_freedom as usize;
-                let loss = self.loss(redundancy, self.has_arrivals(instant));
-                count.add_sizes(&residual, &outlier, loss);
+            // of two positions that are equally good the better one tells; arrivals have two also
+            // where it is the worse one
+            let timed = self.has_arrivals(instant);
+            let locator = if timed { *self } else { self.deciding() };
+            let fix = locator.locate(instant, &mut out, workspace);
+            if self.expects_outliers(instant, &fix) {
+                count.add(&self.heard(instant, &outlier), fix.status);
+                if !timed {
+                    let loss = self.loss(fix.degrees_of_freedom as usize, false);
+                    count.add_sizes(&residual, &outlier, loss);
+                }
             }
         }
         count
@@ -170,7 +182,7 @@ impl Locator {
 }
 
 impl Count {
-    fn add(&mut self, instant: &Heard) {
+    fn add(&mut self, instant: &Heard, status: Status) {
         let Heard { heard, wrong } = instant;
         self.measured.resize(heard.len(), 0.0);
         self.outliers.resize(heard.len(), 0.0);
@@ -179,7 +191,10 @@ impl Count {
             self.outliers[place] += f64::from(u8::from(wrong));
         }
         self.instants += 1.0;
-        self.disturbed += f64::from(u8::from(wrong.contains(&true)));
+        let with_outliers = wrong.contains(&true);
+        let is_disturbed = with_outliers || status == Status::Ambiguous;
+        self.disturbed += f64::from(u8::from(is_disturbed));
+        self.located += f64::from(u8::from(with_outliers));
     }
 
     fn add_sizes(&mut self, residual: &[f64], outlier: &[bool], loss: Loss) {
@@ -201,27 +216,36 @@ impl Count {
     fn is_many(&self) -> bool {
         let each = self.measured.iter().sum::<f64>() / self.instants;
         let expected = self.instants * (1.0 - (1.0 - FEW).powf(each));
-        self.disturbed > expected + SURELY * (expected + 1.0).sqrt()
+        self.located > 0.0 && self.disturbed > expected + SURELY * (expected + 1.0).sqrt()
     }
 
-    /// The outliers, also those that are too small to be marked: their sizes are taken as exponential.
+    /// The outliers; those of other kinds than arrivals with what is too small to be marked: their
+    /// sizes are taken as exponential.
     fn all(&mut self) -> Outliers {
         if !self.is_many() {
             return Outliers::FEW;
         }
-        let excess = median(&mut self.excesses);
-        let mean = (excess / std::f64::consts::LN_2).clamp(SHORTEST, FLAT);
-        let share = (self.share() * (median(&mut self.limits) / mean).exp()).clamp(FEW, MOST);
+        let marked = self.share();
+        if marked <= FEW {
+            return Outliers::FEW;
+        }
+        let (mut mean, mut share) = (FLAT, marked);
+        if !self.excesses.is_empty() {
+            let excess = median(&mut self.excesses);
+            mean = (excess / std::f64::consts::LN_2).clamp(SHORTEST, FLAT);
+            share *= (median(&mut self.limits) / mean).exp();
+        }
+        let share = share.min(MOST);
         let odds = share / (1.0 - share) * (1.0 - FEW) / FEW * FLAT / mean;
         let late = ((self.long + 1.0) / (self.ranges + 2.0)).clamp(RARE, 1.0 - RARE);
         Outliers { odds, late }
     }
 
     /// The share of outliers of the measurement in the middle, as one that is always wrong says
-    /// nothing of the others.
+    /// nothing of the others. Instants without a position have as many as the others with some.
     fn share(&self) -> f64 {
         let known = self.outliers.iter().zip(&self.measured).filter(|(_, count)| **count > 0.0);
         let mut shares: Vec<f64> = known.map(|(outliers, count)| outliers / count).collect();
-        median(&mut shares)
+        median(&mut shares) * self.disturbed / self.located
     }
 }

@@ -238,7 +238,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
 
     /// Goes down from the start of another minimum: Huber's steps would lead to the best one.
     fn rival(&self, start: Vector<N>, scratch: &mut Vec<f64>) -> Minimum<N> {
-        let few = self.problem.measurements.len() < N + RIVALRY && !self.loss.expects_many();
+        let few = self.problem.measurements.len() < N + RIVALRY && !self.tells_many_apart();
         if few || self.unknown || self.loss == Loss::SQUARE {
             return self.refine(start, scratch);
         }
@@ -246,6 +246,12 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         let (end, normal) =
             self.problem.descend(&mut state, self.loss, 1.0, TUKEY_STEPS, TUKEY_TOLERANCE);
         Minimum { state, normal, end, scale: 1.0, others: [[0.0; N]; N] }
+    }
+
+    /// Whether every set of measurements that agree may be the right one: not of arrivals, where
+    /// the emission makes more of them agree.
+    fn tells_many_apart(&self) -> bool {
+        N == D && self.loss.expects_many()
     }
 
     fn is_better(&self, p: &Vector<N>, q: &Vector<N>, scratch: &mut Vec<f64>) -> bool {
@@ -289,7 +295,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         let nearest = own.map(|(_, &cost)| cost).fold(f64::INFINITY, f64::min);
         let mut rival: Option<Minimum<N>> = None;
         let mut found = [None; RIVALS_OF_MANY];
-        let rivals = if self.loss.expects_many() { RIVALS_OF_MANY } else { RIVALS };
+        let rivals = if self.tells_many_apart() { RIVALS_OF_MANY } else { RIVALS };
         for slot in &mut found[..rivals] {
             for minimum in [Some(best), rival].into_iter().flatten() {
                 for (point, cost) in points.iter().zip(costs.iter_mut()) {
