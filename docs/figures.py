@@ -37,7 +37,6 @@ from studies import (
     initiation,
     instant,
     invented,
-    late_fixes,
     late_ranges,
     location,
     location_arrivals,
@@ -152,7 +151,6 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "arrivals": location_arrivals.counts,
         "late arrivals": location_arrivals.late,
         "faulty receiver": location_arrivals.faulty,
-        "late ranges": late_fixes.late,
     },
     "association.md": {
         "gates": association.gates,
