@@ -28,7 +28,15 @@ type Located<'py> = (
 );
 /// A wind in units of the speed, its covariance, and the measurements as they would be in still air.
 type Blown<'py> = ([f64; 2], [[f64; 2]; 2], Array<'py>);
-type Found<'py> = (Output<'py>, Output<'py>, Output<'py>, Output<'py, bool>, [Array<'py>; 8]);
+
+/// Positions, covariances, residuals and marks of outliers, and what besides came out.
+struct Found<'py> {
+    position: Output<'py>,
+    covariance: Output<'py>,
+    residual: Output<'py>,
+    outlier: Output<'py, bool>,
+    fixes: Vec<Fix>,
+}
 
 /// Cost of an instant per measurement, for the choice of threads.
 const LOCATE_NS: f64 = 500.0;
@@ -232,33 +240,32 @@ pub fn locate<'py>(
         speed.sigma = (speed.sigma * growth.sqrt()).min(speed_sigma);
         locator = locator.with_speed_sigma(speed.sigma);
     }
+    let alone = is_alone.then_some(&free[..]);
+    let mut found = locate_batch(py, &locator, &batch, alone, wind.as_ref(), n_threads)?;
     if batch.count() > 1 && name == "robust" {
         let instants = batch.instants();
-        locator = release(py, LOCATE_NS * batch.values.size(), || match batch.d {
-            2 => locator.of_batch::<2>(&instants, &mut Workspace::default()),
-            _ => locator.of_batch::<3>(&instants, &mut Workspace::default()),
+        let seen = (&*found.outlier.values()?, &found.fixes[..]);
+        let other = release(py, LOCATE_NS * batch.values.size(), || match batch.d {
+            2 => locator.of_batch::<2>(&instants, seen, &mut Workspace::default()),
+            _ => locator.of_batch::<3>(&instants, seen, &mut Workspace::default()),
         })?;
+        if let Some(locator) = other {
+            found = locate_batch(py, &locator, &batch, None, wind.as_ref(), n_threads)?;
+        }
     }
-    let (position, covariance, residual, outlier, fixes) = locate_batch(
-        py,
-        &locator,
-        &batch,
-        is_alone.then_some(&free[..]),
-        wind.as_ref(),
-        n_threads,
-    )?;
     let still = |wind: Wind| {
         let values = batch.values.values.iter().copied();
         Ok::<_, PyErr>((wind.mean, wind.covariance, array(py, &[values.len()], values)?))
     };
     let wind = wind.map(still).transpose()?;
     let Contradiction { growth, factor, degrees_of_freedom, common } = contradiction;
+    let columns = fix_columns(py, batch.values.batch(), &found.fixes)?;
     Ok((
-        position,
-        covariance,
-        residual,
-        outlier,
-        fixes,
+        found.position,
+        found.covariance,
+        found.residual,
+        found.outlier,
+        columns,
         [growth, factor, degrees_of_freedom, common],
         ((speed.share, speed.sigma), wind),
     ))
@@ -314,7 +321,7 @@ fn adapt(
     Ok(found)
 }
 
-/// Positions, covariances, residuals, marks of outliers, and [`fix_columns`].
+/// Locates the instants of a batch.
 fn locate_batch<'py>(
     py: Python<'py>,
     locator: &Locator,
@@ -377,8 +384,7 @@ fn locate_batch<'py>(
         })
     })?;
     done.map_err(|failure| rows.error(failure))?;
-    let found = fix_columns(py, rows.batch(), &fixes)?;
-    Ok((position, covariance, residual, outlier, found))
+    Ok(Found { position, covariance, residual, outlier, fixes })
 }
 
 /// Covariances and dilutions at positions, of stations with their axes, and of the standard deviations

@@ -143,7 +143,7 @@ impl<const D: usize, const N: usize> WithSimd for Descent<'_, D, N> {
         for at in 0..LANES / S::F64_LANES {
             let lanes = Lanes { simd, at, cut: false };
             let mut p = Vector::load_all(simd, &block.state, at);
-            if loss != Loss::Square {
+            if loss != Loss::SQUARE {
                 lanes.approach(&block.measured, &mut p, huber);
             }
             let (normal, found) = lanes.descend(&block.measured, &mut p, loss, tolerance);
@@ -164,7 +164,7 @@ impl<const D: usize, const N: usize> WithSimd for Descent<'_, D, N> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::descent::{self, TUKEY};
+    use super::super::descent::{self, Cost, TUKEY};
     use super::*;
     use crate::sensors::Kind;
 
@@ -202,7 +202,7 @@ mod tests {
                 assert!(block.fits(instant));
                 block.set(lane, instant, &start);
             }
-            for loss in [Loss::Square, Loss::Tukey(TUKEY)] {
+            for loss in [Loss::SQUARE, Loss::Alike(Cost::Tukey(TUKEY))] {
                 for i in 0..3 {
                     block.state[i] = [start[i]; LANES];
                 }
@@ -256,7 +256,7 @@ mod tests {
             let measurements = instant(lane);
             let problem = descent::Problem::<2, 3> { measurements: &measurements, extent: 5e3 };
             let mut x = start;
-            problem.descend(&mut x, Loss::Huber(descent::HUBER), 1.0, 8, 0.5);
+            problem.descend(&mut x, Loss::Alike(Cost::Huber(descent::HUBER)), 1.0, 8, 0.5);
             let (_, normal) = problem.descend(&mut x, loss, 1.0, 50, 1e-9);
             let arrival = block.arrival(lane, 5e3, &mut Vec::new()).unwrap();
             for i in 0..3 {

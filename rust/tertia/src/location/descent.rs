@@ -14,10 +14,10 @@ pub(super) const NEAR: f64 = 1e-9;
 /// Huber's and Tukey's constants for an efficiency of 95 % with normal noise.
 pub(super) const HUBER: f64 = 1.345;
 pub(super) const TUKEY: f64 = 4.685;
-/// `ε √(2π)/((1 − ε) s)`: a share ε = 1 % of faults, spread evenly over s = 50 σ, all of them late;
-/// or over twice as much, late or early.
-const LATE: f64 = 5.063_9e-4;
-const EITHER: f64 = 0.5 * LATE;
+/// Faults are spread evenly over so many σ, or where they are late or early over twice as many.
+pub(super) const FLAT: f64 = 50.0;
+/// `ε √(2π)/((1 − ε) s)`: a share ε = 1 % of faults, spread over s = 50 σ.
+const ONE_SIDE: f64 = 5.063_9e-4;
 /// Of twenty faults by multipath and other causes one is early.
 const RARELY_EARLY: f64 = 20.0;
 /// Damping where a step fails for the first time, what it grows by, and the largest.
@@ -32,21 +32,36 @@ pub(super) const ROUNDING: f64 = 1e-12;
 /// Farther than so many extents of the problem nothing converges any more.
 pub(super) const FAR: f64 = 1e6;
 
-/// What a residual costs.
+/// What the residuals of an instant cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Loss {
+    /// Of all kinds alike.
+    Alike(Cost),
+    /// A mixture of noise and faults, with odds of faults for arrivals, ranges and other kinds.
+    Mixture { arrivals: Faults, ranges: Faults, others: Faults },
+}
+
+/// What a residual costs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Cost {
     /// `u²/2`
     Square,
     /// `u²/2` up to c, linear beyond.
     Huber(f64),
     /// `c²/6 (1 − (1 − (u/c)²)³)` up to c, constant beyond.
     Tukey(f64),
-    /// `−ln (e^(−u²/2) + κ)/(1 + κ)`, with one κ for late arrivals and another for early ones: the
-    /// likelihood of normal noise and rare faults of any size.
-    Mixture { late: f64, early: f64 },
+    /// `−ln (e^(−u²/2) + κ)/(1 + κ)`: the likelihood of normal noise and faults of any size.
+    Mixture(Faults),
 }
 
-impl Loss {
+/// κ of late measurements and of early ones.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Faults {
+    pub late: f64,
+    pub early: f64,
+}
+
+impl Cost {
     /// Weight `ψ(u)/u`, cost `ρ(u)` and `ψ'(u)`.
     #[inline]
     pub fn at(self, u: f64) -> (f64, f64, f64) {
@@ -61,8 +76,8 @@ impl Loss {
                 let cost = c * c / 6.0 * (1.0 - rest * rest * rest);
                 (rest * rest, cost, rest * (1.0 - 5.0 * q))
             }
-            Self::Mixture { late, early } => {
-                let faults = if u > 0.0 { late } else { early };
+            Self::Mixture(faults) => {
+                let faults = faults.of(u);
                 let normal = (-0.5 * u * u).exp();
                 let total = normal + faults;
                 let weight = normal / total;
@@ -72,33 +87,10 @@ impl Loss {
         }
     }
 
-    /// Of arrivals, some of which are wrong: late if they came by detours. `odds` are those of a
-    /// fault, in units of those of one in a hundred.
-    pub fn of_arrivals(multipath: bool, odds: f64) -> Self {
-        let [late, early] = if multipath { [LATE, LATE / RARELY_EARLY] } else { [EITHER, EITHER] };
-        Self::Mixture { late: odds * late, early: odds * early }
-    }
-
-    /// Whether arrivals are wrong more often than where nothing tells.
-    pub fn expects_many(self) -> bool {
-        matches!(self, Self::Mixture { late, .. } if late > LATE)
-    }
-
-    /// That of a kind: only arrivals are late rather than early.
-    #[inline(always)]
-    pub fn of(self, kind: Kind) -> Self {
-        match self {
-            Self::Mixture { .. } if kind != Kind::Arrival => {
-                Self::Mixture { late: EITHER, early: EITHER }
-            }
-            _ => self,
-        }
-    }
-
     /// `−ln` of the odds of a fault that has this sign and hardly any size.
     pub fn evidence(self, u: f64) -> f64 {
         match self {
-            Self::Mixture { late, early } => -(if u > 0.0 { late } else { early }).ln(),
+            Self::Mixture(faults) => -faults.of(u).ln(),
             _ => EVIDENCE,
         }
     }
@@ -106,9 +98,80 @@ impl Loss {
     /// Whether a residual is that of a fault.
     pub fn is_fault(self, u: f64) -> bool {
         match self {
-            Self::Mixture { .. } => 0.5 * u * u >= self.evidence(u),
+            Self::Mixture(_) => 0.5 * u * u >= self.evidence(u),
             Self::Tukey(c) => u.abs() >= c,
             _ => false,
+        }
+    }
+
+    /// The size from which on a residual of this sign is that of a fault.
+    pub fn limit(self, u: f64) -> f64 {
+        match self {
+            Self::Mixture(_) => (2.0 * self.evidence(u)).sqrt(),
+            Self::Tukey(c) => c,
+            _ => f64::INFINITY,
+        }
+    }
+}
+
+impl Faults {
+    /// Of so many times the odds of one in a hundred, of which this share is late.
+    fn new(odds: f64, late: f64) -> Self {
+        Self { late: odds * late * ONE_SIDE, early: odds * (1.0 - late) * ONE_SIDE }
+    }
+
+    fn of(self, u: f64) -> f64 {
+        if u > 0.0 { self.late } else { self.early }
+    }
+}
+
+impl Loss {
+    pub const SQUARE: Self = Self::Alike(Cost::Square);
+
+    /// Of arrivals, outliers of which are late if they come by detours.
+    pub fn of_arrivals(multipath: bool, odds: f64) -> Self {
+        let arrivals = match multipath {
+            true => Faults { late: odds * ONE_SIDE, early: odds * ONE_SIDE / RARELY_EARLY },
+            false => Faults::new(odds, 0.5),
+        };
+        let others = Faults::new(1.0, 0.5);
+        Self::Mixture { arrivals, ranges: others, others }
+    }
+
+    /// Of other measurements with so many times the odds of one fault in a hundred; this share of
+    /// the faulty ranges is too long.
+    pub fn of_many(odds: f64, late: f64) -> Self {
+        let others = Faults::new(odds, 0.5);
+        Self::Mixture { arrivals: others, ranges: Faults::new(odds, late), others }
+    }
+
+    /// Whether measurements are wrong more often than where nothing tells.
+    pub fn expects_many(self) -> bool {
+        const FEW: f64 = ONE_SIDE * (1.0 + 1.0 / RARELY_EARLY);
+        matches!(self, Self::Mixture { arrivals, .. } if arrivals.late + arrivals.early > FEW)
+    }
+
+    /// What a fault costs at least.
+    pub fn of_fault(self) -> f64 {
+        match self {
+            Self::Mixture { ranges, others, .. } => -ranges.late.max(others.late).ln(),
+            Self::Alike(_) => TUKEY * TUKEY / 6.0,
+        }
+    }
+
+    /// Whether weights are not ψ'.
+    pub fn is_curved(self) -> bool {
+        matches!(self, Self::Mixture { .. } | Self::Alike(Cost::Tukey(_)))
+    }
+
+    /// That of a kind.
+    #[inline(always)]
+    pub fn of(self, kind: Kind) -> Cost {
+        match self {
+            Self::Alike(cost) => cost,
+            Self::Mixture { arrivals, .. } if kind == Kind::Arrival => Cost::Mixture(arrivals),
+            Self::Mixture { ranges, .. } if kind == Kind::Range => Cost::Mixture(ranges),
+            Self::Mixture { others, .. } => Cost::Mixture(others),
         }
     }
 }
@@ -212,8 +275,7 @@ impl<const D: usize, const N: usize> Problem<'_, D, N> {
         tolerance: f64,
     ) -> (End, Normal<N>) {
         let mut normal = self.normal(p, loss, scale);
-        let newton: &[f64] =
-            if matches!(loss, Loss::Tukey(_) | Loss::Mixture { .. }) { &NEWTON } else { &[] };
+        let newton: &[f64] = if loss.is_curved() { &NEWTON } else { &[] };
         let mut damping = 0.0;
         for _ in 0..steps {
             let taken = newton.iter().find_map(|&share| {

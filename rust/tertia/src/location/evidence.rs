@@ -78,7 +78,7 @@ impl<const D: usize, const N: usize> Record<D, N> {
         let marked = measurements.iter().zip(rows);
         let mut keeps: Vec<bool> =
             marked.map(|(m, row)| !loss.of(m.kind).is_fault(row.residual)).collect();
-        if loss != Loss::Square {
+        if loss != Loss::SQUARE {
             let (lower, _) = normal(rows, &keeps)?;
             // a fault may be part of a compromise: it is told by the others alone
             for (keep, row) in keeps.iter_mut().zip(rows) {
@@ -89,7 +89,7 @@ impl<const D: usize, const N: usize> Record<D, N> {
         let (lower, vector) = normal(rows, &keeps)?;
         // the residuals of least squares with what is kept: those of weights depend on the weights
         let step = lower.solve(&vector);
-        let variance = if loss == Loss::Square { 1.0 } else { KEPT_VARIANCE };
+        let variance = if loss == Loss::SQUARE { 1.0 } else { KEPT_VARIANCE };
         let stations = free.len() / KINDS;
         let mut likelihood = [-0.5 * lower.ln_determinant(); SHARES.len()];
         let mut none = likelihood;

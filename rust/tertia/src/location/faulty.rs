@@ -1,12 +1,13 @@
-//! How many arrivals of a batch are wrong.
+//! How many measurements of a batch are wrong.
 //!
 //! One in a hundred is assumed where nothing tells. Where many are, some of those that agree do so by
 //! chance: a fault costs less then, what is in doubt counts for more, and two positions that explain
-//! the arrivals with one fault more or less cannot be told apart. So the share is that of the batch,
-//! by rounds of location and counting; it is never below one in a hundred, with which healthy batches are
-//! located as single instants are.
+//! the measurements with one fault more or less cannot be told apart. So where more instants have
+//! outliers than that, their share and their size are those of the batch, by rounds of location and
+//! counting. Healthy batches are located as single instants are.
 
-use super::fix::{Instant, Output, Status};
+use super::descent::{FLAT, Loss};
+use super::fix::{Fix, Instant, Output, Status};
 use super::solver::{Locator, Workspace};
 use crate::base::angle::median;
 use crate::sensors::{KINDS, Kind};
@@ -20,6 +21,20 @@ const FEW: f64 = 0.01;
 const MOST: f64 = 0.4;
 /// One-sided 99 % of a normal variable.
 const SURELY: f64 = 2.326;
+/// The least mean size of faults, in σ: shorter ones cannot be told from noise.
+const SHORTEST: f64 = 10.0;
+/// The least share of faulty ranges that are too long, or too short.
+const RARE: f64 = 0.05;
+
+/// How frequent outliers are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Outliers {
+    /// Odds of one, in units of those of one in a hundred that are spread as far as where nothing
+    /// tells.
+    pub odds: f64,
+    /// Share of those among ranges that are too long.
+    pub late: f64,
+}
 
 /// Instants with and without outliers.
 #[derive(Default)]
@@ -29,40 +44,80 @@ struct Count {
     disturbed: f64,
     /// Those of them with a position.
     located: f64,
-    /// Arrivals at each receiver, and outliers among them.
-    arrivals: Vec<f64>,
+    /// Measurements of each kind at each station, arrivals at each receiver, and outliers among them.
+    measured: Vec<f64>,
     outliers: Vec<f64>,
+    /// By how much outliers other than arrivals are larger than the limits from which on they are
+    /// marked, and these.
+    excesses: Vec<f64>,
+    limits: Vec<f64>,
+    /// Outliers among ranges, and those that are too long.
+    ranges: f64,
+    long: f64,
 }
 
-/// Receivers of an emission, and which of their arrivals are outliers.
+/// What was measured, and which of it are outliers.
 struct Heard {
     heard: Vec<bool>,
     wrong: Vec<bool>,
 }
 
+impl Outliers {
+    /// Where nothing tells.
+    pub const FEW: Self = Self { odds: 1.0, late: 0.5 };
+}
+
 impl Locator {
-    /// The same, with the share of outliers that the arrivals of these instants show, if it is more
-    /// than one in a hundred. O(N M), for at most 256 instants.
+    /// The same for a batch of which more than one measurement in a hundred is an outlier, by the
+    /// marks that it has made; none if there are fewer. O(M), and the location of at most 256 instants
+    /// in each round.
     pub fn of_batch<const D: usize>(
         &self,
         instants: &[Instant<'_>],
+        (marks, fixes): (&[bool], &[Fix]),
         workspace: &mut Workspace<D>,
-    ) -> Self {
-        if !instants.iter().any(|instant| self.has_arrivals(instant)) {
-            return *self;
+    ) -> Option<Self> {
+        if !marks.contains(&true) {
+            return None;
         }
         let count = instants.len().min(SAMPLE);
-        let sample: Vec<_> = (0..count).map(|i| instants[i * instants.len() / count]).collect();
-        let mut odds = 1.0;
+        let width = marks.len() / instants.len();
+        let mut seen = Count::default();
+        let mut sample = Vec::with_capacity(count);
+        for at in (0..count).map(|i| i * instants.len() / count) {
+            let (instant, fix) = (&instants[at], &fixes[at]);
+            if self.expects_outliers(instant, fix) {
+                let marks = &marks[at * width..(at + 1) * width];
+                seen.add(&self.heard(instant, marks), fix.status);
+            }
+            sample.push(*instant);
+        }
+        if !seen.is_many() {
+            return None;
+        }
+        let mut outliers = Outliers::FEW;
         for _ in 0..ROUNDS {
-            let share = self.with_odds(odds).count(&sample, workspace).share();
-            let next = share / (1.0 - share) * (1.0 - FEW) / FEW;
-            if next <= odds {
+            let next = self.with_outliers(outliers).count(&sample, workspace).all();
+            if next.odds <= outliers.odds {
                 break;
             }
-            odds = next;
+            outliers = next;
         }
-        self.with_odds(odds)
+        (outliers != Outliers::FEW).then(|| self.with_outliers(outliers))
+    }
+
+    /// Whether outliers of an instant would be marked, and may be as frequent as the batch says: not
+    /// beside sigmas that are trusted, which hold for each instant alone, or that are not known.
+    fn expects_outliers(&self, instant: &Instant<'_>, fix: &Fix) -> bool {
+        let has_arrivals = self.has_arrivals(instant);
+        let redundancy = usize::try_from(fix.degrees_of_freedom).unwrap_or(0);
+        let known = |(v, sigma): (&f64, &f64)| v.is_nan() || !sigma.is_nan();
+        let says = || self.grows && instant.values.iter().zip(instant.sigmas).all(known);
+        let located = fix.status == Status::None;
+        match has_arrivals {
+            true => redundancy > 0 && (located || fix.status == Status::Ambiguous),
+            false => located && self.loss(redundancy, false) != Loss::SQUARE && says(),
+        }
     }
 
     fn count<const D: usize>(&self, sample: &[Instant<'_>], workspace: &mut Workspace<D>) -> Count {
@@ -77,44 +132,45 @@ impl Locator {
                 residual: &mut residual,
                 outlier: &mut outlier,
             };
-            let fix = self.locate(instant, &mut out, workspace);
-            let known = matches!(fix.status, Status::None | Status::Ambiguous);
-            if !known || fix.degrees_of_freedom < 1 {
-                continue;
+            // of two positions that are equally good the better one tells; arrivals have two also
+            // where it is the worse one
+            let timed = self.has_arrivals(instant);
+            let locator = if timed { *self } else { self.deciding() };
+            let fix = locator.locate(instant, &mut out, workspace);
+            if self.expects_outliers(instant, &fix) {
+                count.add(&self.heard(instant, &outlier), fix.status);
+                if !timed {
+                    let loss = self.loss(fix.degrees_of_freedom as usize, false);
+                    count.add_sizes(&residual, &outlier, loss);
+                }
             }
-            let Heard { heard, wrong } = self.heard(instant, &outlier);
-            count.arrivals.resize(heard.len(), 0.0);
-            count.outliers.resize(heard.len(), 0.0);
-            for (receiver, (&heard, &wrong)) in heard.iter().zip(&wrong).enumerate() {
-                count.arrivals[receiver] += f64::from(u8::from(heard));
-                count.outliers[receiver] += f64::from(u8::from(wrong));
-            }
-            let with_outliers = wrong.contains(&true);
-            let is_disturbed = with_outliers || fix.status == Status::Ambiguous;
-            count.instants += 1.0;
-            count.disturbed += f64::from(u8::from(is_disturbed));
-            count.located += f64::from(u8::from(with_outliers));
         }
         count
     }
 
-    /// Which receivers heard an emission, and which of their arrivals are outliers. Differences are
-    /// those of arrivals: if all of them are outliers, that of the first receiver is one, and of the
-    /// others nothing is known.
+    /// What was measured, and which of it are outliers. Differences are those of arrivals: if all of
+    /// them are outliers, that of the first receiver is one, and of the others nothing is known.
     fn heard(&self, instant: &Instant<'_>, outlier: &[bool]) -> Heard {
+        let is_known = |v: &f64| !v.is_nan();
+        let mut heard: Vec<bool> = instant.values.iter().map(is_known).collect();
+        let mut wrong = outlier.to_vec();
+        if !self.has_arrivals(instant) {
+            return Heard { heard, wrong };
+        }
         let receivers = instant.values.len() / KINDS;
         let of = |kind: Kind| kind as usize * receivers..(kind as usize + 1) * receivers;
-        let is_known = |v: &f64| !v.is_nan();
         let (arrivals, differences) = (of(Kind::Arrival), of(Kind::RangeDifference));
-        let mut heard: Vec<bool> = instant.values[arrivals.clone()].iter().map(is_known).collect();
-        let mut wrong = outlier[arrivals].to_vec();
+        let known: Vec<bool> = heard[differences.clone()].to_vec();
+        // of other kinds nothing is asked
+        heard[..arrivals.start].fill(false);
+        wrong[..arrivals.start].fill(false);
         if instant.common(self.correlation).is_none() {
             return Heard { heard, wrong };
         }
-        let known: Vec<bool> = instant.values[differences.clone()].iter().map(is_known).collect();
         let marks = &outlier[differences];
         if known.contains(&true) {
             let is_first = known.iter().zip(marks).all(|(&known, &mark)| mark || !known);
+            let (heard, wrong) = (&mut heard[arrivals.clone()], &mut wrong[arrivals]);
             (heard[0], wrong[0]) = (true, wrong[0] || is_first);
             for (receiver, (known, mark)) in known.into_iter().zip(marks).enumerate() {
                 heard[receiver] |= known && !is_first;
@@ -126,18 +182,70 @@ impl Locator {
 }
 
 impl Count {
-    /// The share of outliers of the receiver in the middle, as one that is always wrong says nothing of
-    /// the others. Instants without a position have as many as the others with some.
-    fn share(&self) -> f64 {
-        let each = self.arrivals.iter().sum::<f64>() / self.instants;
-        let expected = self.instants * (1.0 - (1.0 - FEW).powf(each));
-        let surely = expected + SURELY * (expected + 1.0).sqrt();
-        if self.instants == 0.0 || self.located == 0.0 || self.disturbed <= surely {
-            return FEW;
+    fn add(&mut self, instant: &Heard, status: Status) {
+        let Heard { heard, wrong } = instant;
+        self.measured.resize(heard.len(), 0.0);
+        self.outliers.resize(heard.len(), 0.0);
+        for (place, (&heard, &wrong)) in heard.iter().zip(wrong).enumerate() {
+            self.measured[place] += f64::from(u8::from(heard));
+            self.outliers[place] += f64::from(u8::from(wrong));
         }
-        let heard =
-            self.outliers.iter().zip(&self.arrivals).filter(|(_, arrivals)| **arrivals > 0.0);
-        let mut shares: Vec<f64> = heard.map(|(outliers, arrivals)| outliers / arrivals).collect();
-        (median(&mut shares) * self.disturbed / self.located).clamp(FEW, MOST)
+        self.instants += 1.0;
+        let with_outliers = wrong.contains(&true);
+        let is_disturbed = with_outliers || status == Status::Ambiguous;
+        self.disturbed += f64::from(u8::from(is_disturbed));
+        self.located += f64::from(u8::from(with_outliers));
+    }
+
+    fn add_sizes(&mut self, residual: &[f64], outlier: &[bool], loss: Loss) {
+        let stations = residual.len() / KINDS;
+        let marked = residual.iter().zip(outlier).enumerate().filter(|(_, (_, mark))| **mark);
+        for (place, (&residual, _)) in marked {
+            let kind = Kind::ALL[place / stations];
+            let limit = loss.of(kind).limit(residual);
+            self.excesses.push((residual.abs() - limit).max(0.0));
+            self.limits.push(limit);
+            if kind == Kind::Range {
+                self.ranges += 1.0;
+                self.long += f64::from(u8::from(residual > 0.0));
+            }
+        }
+    }
+
+    /// Whether outliers are more frequent than one in a hundred.
+    fn is_many(&self) -> bool {
+        let each = self.measured.iter().sum::<f64>() / self.instants;
+        let expected = self.instants * (1.0 - (1.0 - FEW).powf(each));
+        self.located > 0.0 && self.disturbed > expected + SURELY * (expected + 1.0).sqrt()
+    }
+
+    /// The outliers; those of other kinds than arrivals with what is too small to be marked: their
+    /// sizes are taken as exponential.
+    fn all(&mut self) -> Outliers {
+        if !self.is_many() {
+            return Outliers::FEW;
+        }
+        let marked = self.share();
+        if marked <= FEW {
+            return Outliers::FEW;
+        }
+        let (mut mean, mut share) = (FLAT, marked);
+        if !self.excesses.is_empty() {
+            let excess = median(&mut self.excesses);
+            mean = (excess / std::f64::consts::LN_2).clamp(SHORTEST, FLAT);
+            share *= (median(&mut self.limits) / mean).exp();
+        }
+        let share = share.min(MOST);
+        let odds = share / (1.0 - share) * (1.0 - FEW) / FEW * FLAT / mean;
+        let late = ((self.long + 1.0) / (self.ranges + 2.0)).clamp(RARE, 1.0 - RARE);
+        Outliers { odds, late }
+    }
+
+    /// The share of outliers of the measurement in the middle, as one that is always wrong says
+    /// nothing of the others. Instants without a position have as many as the others with some.
+    fn share(&self) -> f64 {
+        let known = self.outliers.iter().zip(&self.measured).filter(|(_, count)| **count > 0.0);
+        let mut shares: Vec<f64> = known.map(|(outliers, count)| outliers / count).collect();
+        median(&mut shares) * self.disturbed / self.located
     }
 }

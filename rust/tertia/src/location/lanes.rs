@@ -1,6 +1,6 @@
 //! Steps of several instants at once, in the lanes of vectors.
 
-use super::descent::{HUBER, Loss, ROUNDING};
+use super::descent::{Cost, Faults, HUBER, Loss, ROUNDING};
 use super::lane::{Lane, Lanes};
 use super::total::Total;
 use crate::base::small::REGULAR;
@@ -63,7 +63,7 @@ impl<S: Simd> Lanes<S> {
         let limit = self.splat(tolerance * tolerance);
         let mut done = self.splat(0.0);
         for _ in 0..steps {
-            let normal = self.normal(measured, p, Loss::Huber(HUBER));
+            let normal = self.normal(measured, p, Loss::Alike(Cost::Huber(HUBER)));
             let (step, _) = self.solve(&normal.matrix, &normal.vector);
             let size = self.quadratic(&normal.matrix, &step);
             let still = done.at_most(self.splat(0.0));
@@ -145,7 +145,7 @@ impl<S: Simd> Lanes<S> {
         let zero = self.splat(0.0);
         let zeros = [[zero; N]; N];
         // elsewhere the weights are ψ', or stand for it
-        let curved = matches!(loss, Loss::Tukey(_) | Loss::Mixture { .. });
+        let curved = loss.is_curved();
         let mut normal = Normal { matrix: zeros, curvature: zeros, vector: [zero; N], cost: zero };
         let mut total = Total::new(self, loss);
         for m in measured {
@@ -176,17 +176,17 @@ impl<S: Simd> Lanes<S> {
 
     /// Weight, cost and ψ' of a residual; of a mixture the likelihood in place of the cost.
     #[inline(always)]
-    pub fn loss(self, u: Vector<S>, loss: Loss) -> (Vector<S>, Vector<S>, Vector<S>) {
+    pub fn loss(self, u: Vector<S>, cost: Cost) -> (Vector<S>, Vector<S>, Vector<S>) {
         let one = self.splat(1.0);
-        match loss {
-            Loss::Square => (one, self.splat(0.5) * u * u, one),
+        match cost {
+            Cost::Square => (one, self.splat(0.5) * u * u, one),
             // the cost is not asked for
-            Loss::Huber(c) => {
+            Cost::Huber(c) => {
                 let c = self.splat(c);
                 let weight = one.or(u.abs().at_most(c), c / u.abs());
                 (weight, weight, weight)
             }
-            Loss::Tukey(c) => {
+            Cost::Tukey(c) => {
                 let zero = self.splat(0.0);
                 let q = u * u * self.splat(1.0 / (c * c));
                 let rest = (one - q).or(q.at_most(one), zero);
@@ -194,7 +194,7 @@ impl<S: Simd> Lanes<S> {
                 let cost = self.splat(c * c / 6.0) * (one - weight * rest);
                 (weight, cost, rest * (one - self.splat(5.0) * q))
             }
-            Loss::Mixture { late, early } => {
+            Cost::Mixture(Faults { late, early }) => {
                 let is_early = u.at_most(self.splat(0.0));
                 let faults = self.splat(early).or(is_early, self.splat(late));
                 let all = [early, late].map(|faults| self.splat(1.0 / (1.0 + faults)));

@@ -4,14 +4,14 @@ use super::arrivals;
 use super::block::Arrival;
 use super::candidates::Candidates;
 use super::descent::{
-    self, End, HUBER, HUBER_STEPS, Loss, NEAR, Normal, TOLERANCE, TUKEY, TUKEY_TOLERANCE,
+    self, Cost, End, HUBER, HUBER_STEPS, Loss, NEAR, Normal, TOLERANCE, TUKEY_TOLERANCE,
 };
 use super::doubt::SAFETY;
 use super::fix::Status;
 use super::lenth::{self, Weight};
 use super::starts;
 use crate::base::small::{Factor, Matrix, Vector, norm, quadratic, undetermined};
-use crate::sensors::Measurement;
+use crate::sensors::{Kind, Measurement};
 
 const STEPS: usize = 100;
 const HUBER_TOLERANCE: f64 = 0.1;
@@ -30,10 +30,10 @@ const SAME_MINIMUM: f64 = 25.0;
 /// What of a distance, squared, a point costs at least that is on the slopes of a minimum: of a
 /// parabola half of it.
 const SLOPE: f64 = 0.25;
-/// Other minima looked for.
+/// Other minima looked for, and where outliers are frequent.
 const RIVALS: usize = 3;
-/// What a fault costs, and how many of them are trusted if no point to start from is better.
-const FAULT: f64 = TUKEY * TUKEY / 6.0;
+const RIVALS_OF_MANY: usize = 8;
+/// How many faults are trusted if no point to start from is better.
 const TRUSTED_FAULTS: f64 = 2.0;
 /// What points cost more than the minimum they lead to, of a few measurements and of so many.
 const SLACK: f64 = 10.0;
@@ -132,7 +132,8 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
             Some(minimum) => minimum,
             None => self.refine(points[at], scratch),
         };
-        let most = 0.5 * (measurements.len() as f64 - N as f64) + TRUSTED_FAULTS * FAULT;
+        let most =
+            0.5 * (measurements.len() as f64 - N as f64) + TRUSTED_FAULTS * self.loss.of_fault();
         let from_most = N == D && own.is_empty() && self.start.is_some();
         if from_most && minimum.end == End::Converged && minimum.normal.cost < most {
             return Ok(minimum);
@@ -147,18 +148,19 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
 
     /// Whether the minimum that a start by most measurements led to needs no other starts.
     fn is_trusted(&self, minimum: &Minimum<N>) -> bool {
-        if minimum.end != End::Converged || self.loss == Loss::Square && N == D {
+        if minimum.end != End::Converged || self.loss == Loss::SQUARE && N == D {
             return minimum.end == End::Converged;
         }
         let count = self.problem.measurements.len();
         let cost = minimum.normal.cost;
         if N > D {
-            let hardly = self.loss == Loss::Square || {
-                cost < arrivals::trusted_cost(count, N, self.loss.evidence(1.0))
+            let hardly = self.loss == Loss::SQUARE || {
+                cost < arrivals::trusted_cost(count, N, self.loss.of(Kind::Arrival).evidence(1.0))
             };
             return hardly && self.start.is_some_and(|start| self.is_on_its_side(minimum, &start));
         }
-        cost < 0.5 * count as f64 + FAULT || cost + AMBIGUOUS < FAULT * self.agreeing(minimum)
+        let fault = self.loss.of_fault();
+        cost < 0.5 * count as f64 + fault || cost + AMBIGUOUS < fault * self.agreeing(minimum)
     }
 
     /// Number of stations of which no measurement is a fault. From any other position each has one
@@ -180,7 +182,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
 
     /// The costs of points, or the scales that their residuals have.
     fn cost_all(&self, points: &[Vector<N>], costs: &mut Vec<f64>, scratch: &mut Vec<f64>) {
-        if self.loss == Loss::Square || !self.unknown {
+        if self.loss == Loss::SQUARE || !self.unknown {
             starts::costs(self.problem.measurements, points, self.loss, costs);
         } else {
             costs.clear();
@@ -194,10 +196,10 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         let mut run = |loss, steps, tolerance| {
             self.problem.descend(&mut state, loss, scale, steps, tolerance)
         };
-        let (end, normal) = if self.loss == Loss::Square {
+        let (end, normal) = if self.loss == Loss::SQUARE {
             run(self.loss, STEPS, TOLERANCE)
         } else {
-            run(Loss::Huber(HUBER), HUBER_STEPS, HUBER_TOLERANCE);
+            run(Loss::Alike(Cost::Huber(HUBER)), HUBER_STEPS, HUBER_TOLERANCE);
             run(self.loss, TUKEY_STEPS, TUKEY_TOLERANCE)
         };
         Minimum { state, normal, end, scale, others: [[0.0; N]; N] }
@@ -206,7 +208,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
     /// Goes down from a start.
     fn refine(&self, start: Vector<N>, scratch: &mut Vec<f64>) -> Minimum<N> {
         let mut state = start;
-        if self.loss == Loss::Square {
+        if self.loss == Loss::SQUARE {
             let (end, normal) = self.problem.descend(&mut state, self.loss, 1.0, STEPS, TOLERANCE);
             return Minimum { state, normal, end, scale: 1.0, others: [[0.0; N]; N] };
         }
@@ -216,7 +218,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
             if self.unknown {
                 scale = self.median_scale(&state, scratch);
             }
-            let huber = Loss::Huber(HUBER);
+            let huber = Loss::Alike(Cost::Huber(HUBER));
             self.problem.descend(&mut state, huber, scale, steps, HUBER_TOLERANCE);
         }
         if !self.is_better(&state, &start, scratch) {
@@ -236,14 +238,20 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
 
     /// Goes down from the start of another minimum: Huber's steps would lead to the best one.
     fn rival(&self, start: Vector<N>, scratch: &mut Vec<f64>) -> Minimum<N> {
-        let few = self.problem.measurements.len() < N + RIVALRY;
-        if few || self.unknown || self.loss == Loss::Square {
+        let few = self.problem.measurements.len() < N + RIVALRY && !self.tells_many_apart();
+        if few || self.unknown || self.loss == Loss::SQUARE {
             return self.refine(start, scratch);
         }
         let mut state = start;
         let (end, normal) =
             self.problem.descend(&mut state, self.loss, 1.0, TUKEY_STEPS, TUKEY_TOLERANCE);
         Minimum { state, normal, end, scale: 1.0, others: [[0.0; N]; N] }
+    }
+
+    /// Whether every set of measurements that agree may be the right one: not of arrivals, where
+    /// the emission makes more of them agree.
+    fn tells_many_apart(&self) -> bool {
+        N == D && self.loss.expects_many()
     }
 
     fn is_better(&self, p: &Vector<N>, q: &Vector<N>, scratch: &mut Vec<f64>) -> bool {
@@ -286,8 +294,9 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         let own = points.iter().zip(costs.iter()).filter(|(point, _)| best.is_same(point));
         let nearest = own.map(|(_, &cost)| cost).fold(f64::INFINITY, f64::min);
         let mut rival: Option<Minimum<N>> = None;
-        let mut found = [None; RIVALS];
-        for slot in &mut found {
+        let mut found = [None; RIVALS_OF_MANY];
+        let rivals = if self.tells_many_apart() { RIVALS_OF_MANY } else { RIVALS };
+        for slot in &mut found[..rivals] {
             for minimum in [Some(best), rival].into_iter().flatten() {
                 for (point, cost) in points.iter().zip(costs.iter_mut()) {
                     if minimum.is_below(point, *cost) {
@@ -331,7 +340,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
     fn slack(&self, best: &Minimum<N>, nearest: f64) -> f64 {
         let count = self.problem.measurements.len();
         let most = best.normal.cost + count as f64 + SLACK;
-        if count < MANY || self.unknown || self.loss == Loss::Square {
+        if count < MANY || self.unknown || self.loss == Loss::SQUARE {
             return most;
         }
         most.min(SLACK_OF_MANY + 2.0 * (nearest - best.normal.cost))
@@ -387,7 +396,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         let estimate = lenth::estimate(measurements, position(&start.state), known, weight);
         let mut state = start.state;
         state[..D].copy_from_slice(&estimate.position);
-        let mut normal = self.problem.normal(&state, Loss::Square, 1.0);
+        let mut normal = self.problem.normal(&state, Loss::SQUARE, 1.0);
         for (row, own) in normal.matrix.iter_mut().zip(estimate.covariance.ok_or(Status::Singular)?)
         {
             row[..D].copy_from_slice(&own);

@@ -1,6 +1,7 @@
 //! Positions of instants: what was measured, starts that are trusted, results.
 
-use super::descent::{self, HUBER_STEPS, Loss, NEAR, TOLERANCE, TUKEY, TUKEY_TOLERANCE};
+use super::descent::{self, Cost, HUBER_STEPS, Loss, NEAR, TOLERANCE, TUKEY, TUKEY_TOLERANCE};
+use super::faulty::Outliers;
 use super::fix::{Fix, Instant, Method, Output, Status};
 use super::growth::growth;
 use super::lane::LANES;
@@ -38,15 +39,15 @@ impl<const D: usize> Default for Workspace<D> {
 pub struct Locator {
     method: Method,
     /// Whether covariances grow where residuals are too large.
-    grows: bool,
+    pub(super) grows: bool,
     /// Whether they follow the cost where it is no parabola.
     profiles: bool,
     /// Whether the better of two positions is taken although the other is nearly as good.
     decides: bool,
     /// Whether outliers of arrivals are late rather than early.
     multipath: bool,
-    /// Odds that an arrival is one, in units of those of one in a hundred.
-    odds: f64,
+    /// How frequent they are.
+    outliers: Outliers,
     /// That of range differences.
     pub(super) correlation: f64,
     /// Shares of the variances of the kinds that all stations have in common.
@@ -64,7 +65,7 @@ impl Locator {
             profiles: false,
             decides: false,
             multipath: true,
-            odds: 1.0,
+            outliers: Outliers::FEW,
             correlation: 0.5,
             common: [0.0; KINDS],
             speed_sigma: 0.0,
@@ -94,10 +95,9 @@ impl Locator {
         Self { multipath, ..self }
     }
 
-    /// The same, where the odds that an arrival is an outlier are so many times those of one in a
-    /// hundred.
-    pub fn with_odds(self, odds: f64) -> Self {
-        Self { odds, ..self }
+    /// The same, with outliers that are as frequent as this.
+    pub(super) fn with_outliers(self, outliers: Outliers) -> Self {
+        Self { outliers, ..self }
     }
 
     /// The same, with range differences whose errors have this correlation, at least 0 and below
@@ -165,10 +165,15 @@ impl Locator {
     /// What a residual costs, with so many degrees of freedom.
     pub(super) fn loss(&self, redundancy: usize, of_arrivals: bool) -> Loss {
         match self.method {
-            Method::Robust(least) if redundancy < least.max(1) => Loss::Square,
-            Method::Robust(_) if of_arrivals => Loss::of_arrivals(self.multipath, self.odds),
-            Method::Robust(_) => Loss::Tukey(TUKEY),
-            _ => Loss::Square,
+            Method::Robust(least) if redundancy < least.max(1) => Loss::SQUARE,
+            Method::Robust(_) if of_arrivals => {
+                Loss::of_arrivals(self.multipath, self.outliers.odds)
+            }
+            Method::Robust(_) if self.outliers != Outliers::FEW => {
+                Loss::of_many(self.outliers.odds, self.outliers.late)
+            }
+            Method::Robust(_) => Loss::Alike(Cost::Tukey(TUKEY)),
+            _ => Loss::SQUARE,
         }
     }
 
@@ -247,7 +252,7 @@ impl Locator {
                 }
             }
             let loss = self.loss(first.measurements.len() - N, N > D);
-            let tolerance = if loss == Loss::Square { TOLERANCE } else { TUKEY_TOLERANCE };
+            let tolerance = if loss == Loss::SQUARE { TOLERANCE } else { TUKEY_TOLERANCE };
             block.descend(loss, (HUBER_STEPS, NEAR_HUBER), tolerance);
             for (lane, record) in records.iter_mut().enumerate().filter(|(lane, _)| members[*lane])
             {
@@ -451,7 +456,7 @@ impl Locator {
         let extent = *extent;
         let near = NEAR * (extent + norm(&p));
         let problem = descent::Problem { measurements, extent };
-        let matrix = problem.normal(&state, Loss::Square, 1.0).matrix;
+        let matrix = problem.normal(&state, Loss::SQUARE, 1.0).matrix;
         let blind = measurements.iter().any(|m| m.is_blind(&p, near));
         let inverse = Factor::try_new(&matrix, 0.0).filter(|_| !blind).map(|f| f.inverse());
         let all = inverse.unwrap_or_else(undetermined);

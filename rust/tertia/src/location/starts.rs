@@ -1,6 +1,6 @@
 //! What points to start from cost, several of them side by side.
 
-use super::descent::Loss;
+use super::descent::{Cost, Loss};
 use super::lane::{LANES, Lanes};
 use super::total::Total;
 use crate::base::small;
@@ -35,7 +35,7 @@ impl<const D: usize, const N: usize> WithSimd for Costs<'_, D, N> {
         let Self { measurements, states, loss, costs } = self;
         // a little less than the angle
         let cut = match loss {
-            Loss::Tukey(c) => {
+            Loss::Alike(Cost::Tukey(c)) => {
                 let mut angles = measurements.iter().filter(|m| m.kind.is_angle());
                 angles.all(|m| c < 0.99 * SMALL_TANGENT * m.precision)
             }
@@ -91,7 +91,7 @@ mod tests {
         };
         let points: Vec<_> = (0..21).map(point).collect();
         let mut found = Vec::new();
-        for loss in [Loss::Square, Loss::Tukey(TUKEY), Loss::of_arrivals(true, 1.0)] {
+        for loss in [Loss::SQUARE, Loss::Alike(Cost::Tukey(TUKEY)), Loss::of_arrivals(true, 1.0)] {
             costs(&measurements, &points, loss, &mut found);
             let problem = Problem::<3, 3> { measurements: &measurements, extent: 1e3 };
             for (point, cost) in points.iter().zip(&found) {

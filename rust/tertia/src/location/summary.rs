@@ -1,6 +1,6 @@
 //! Covariance, standard deviation and dilution of precision at a minimum.
 
-use super::descent::{Loss, TUKEY};
+use super::descent::{Cost, Loss, TUKEY};
 use super::doubt::doubt;
 use super::lenth::{self, Weight};
 use super::search::{Minimum, Search, position};
@@ -20,7 +20,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         lenth: Option<Weight>,
         rows: &[Row<N>],
     ) -> Summary<N> {
-        let robust = self.loss != Loss::Square;
+        let robust = self.loss != Loss::SQUARE;
         let reciprocal = 1.0 / minimum.scale;
         let mut spread = Spread::<N>::of(self.problem.measurements);
         let (mut sum, mut total) = (0.0, 0.0);
@@ -33,8 +33,8 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         }
         let dop = spread.dop(D);
         let unit = match self.loss {
-            Loss::Square | Loss::Mixture { .. } => 1.0,
-            _ => Expected::of_tukey(1.0).spread,
+            Loss::Alike(Cost::Tukey(_)) => Expected::of_tukey(1.0).spread,
+            _ => 1.0,
         };
         let kept = (sum / unit, total - N as f64);
         if lenth.is_some() {
@@ -44,7 +44,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         let inverse = Factor::try_new(&minimum.normal.matrix, 0.0)
             .map_or_else(undetermined, |factor| factor.inverse());
         let of = |sigma: f64| match self.loss {
-            Loss::Tukey(_) => Expected::of_tukey(sigma),
+            Loss::Alike(Cost::Tukey(_)) => Expected::of_tukey(sigma),
             _ => Expected::of_square(),
         };
         let mut sigma = 1.0;
