@@ -24,9 +24,8 @@ class Target:
 DIVISIONS = "each step waits for the division of the step before"
 WRITING = "each step writes eleven numbers, and the results do not fit into the caches"
 TRACKER = (
-    "this recording is processed twice, the second time with what was found of false plots; the "
-    "prototype had no registration, existence probabilities, outliers, noise estimates or resumed "
-    "tracks"
+    "the prototype had no registration, existence probabilities, outliers, noise estimates or "
+    "resumed tracks"
 )
 CALL = "checks and results in Python take more time than the kernel"
 HYPOTHESES = (

@@ -37,6 +37,7 @@ from studies import (
     initiation,
     instant,
     invented,
+    late_fixes,
     late_ranges,
     location,
     location_arrivals,
@@ -141,6 +142,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
     },
     "location.md": {
         "faults": location.faults,
+        "late ranges": late_fixes.late,
         "poor geometry": location.poor_geometry,
         "biases": location.biases,
         "far too small": location.far_too_small,
