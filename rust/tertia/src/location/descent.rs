@@ -32,6 +32,21 @@ pub(super) const ROUNDING: f64 = 1e-12;
 /// Farther than so many extents of the problem nothing converges any more.
 pub(super) const FAR: f64 = 1e6;
 
+/// How frequent outliers are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Outliers {
+    /// Odds of one, in units of those of one in a hundred that are spread as far as where nothing
+    /// tells.
+    pub odds: f64,
+    /// Share of those among ranges that are too long.
+    pub late: f64,
+}
+
+impl Outliers {
+    /// Where nothing tells.
+    pub const FEW: Self = Self { odds: 1.0, late: 0.5 };
+}
+
 /// What the residuals of an instant cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Loss {

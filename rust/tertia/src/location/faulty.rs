@@ -6,7 +6,7 @@
 //! outliers than that, their share and their size are those of the batch, by rounds of location and
 //! counting. Healthy batches are located as single instants are.
 
-use super::descent::{FLAT, Loss};
+use super::descent::{FLAT, Loss, Outliers};
 use super::fix::{Fix, Instant, Output, Status};
 use super::solver::{Locator, Workspace};
 use crate::base::angle::median;
@@ -25,16 +25,6 @@ const SURELY: f64 = 2.326;
 const SHORTEST: f64 = 10.0;
 /// The least share of faulty ranges that are too long, or too short.
 const RARE: f64 = 0.05;
-
-/// How frequent outliers are.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Outliers {
-    /// Odds of one, in units of those of one in a hundred that are spread as far as where nothing
-    /// tells.
-    pub odds: f64,
-    /// Share of those among ranges that are too long.
-    pub late: f64,
-}
 
 /// Instants with and without outliers.
 #[derive(Default)]
@@ -60,11 +50,6 @@ struct Count {
 struct Heard {
     heard: Vec<bool>,
     wrong: Vec<bool>,
-}
-
-impl Outliers {
-    /// Where nothing tells.
-    pub const FEW: Self = Self { odds: 1.0, late: 0.5 };
 }
 
 impl Locator {

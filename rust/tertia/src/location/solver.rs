@@ -1,7 +1,8 @@
 //! Positions of instants: what was measured, starts that are trusted, results.
 
-use super::descent::{self, Cost, HUBER_STEPS, Loss, NEAR, TOLERANCE, TUKEY, TUKEY_TOLERANCE};
-use super::faulty::Outliers;
+use super::descent::{
+    self, Cost, HUBER_STEPS, Loss, NEAR, Outliers, TOLERANCE, TUKEY, TUKEY_TOLERANCE,
+};
 use super::fix::{Fix, Instant, Method, Output, Status};
 use super::growth::growth;
 use super::lane::LANES;

@@ -30,8 +30,7 @@ const NOTHING: u32 = u32::MAX;
 /// Corners between which there is nothing.
 const NOWHERE: ([f64; 2], [f64; 2]) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
 
-/// Radar and time of a plot; by what it was detected, and what plans say of the place, if it has been counted
-/// among those that belong to no track.
+/// Radar and time of a plot; if it has been counted, by what it was detected, and what plans say of the place.
 type Begun = (usize, f64, Option<(Option<Detection>, There)>);
 
 /// A plot that was given to a track.
