@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from studies.montecarlo import FloatArray, generator
+from studies.montecarlo import generator
 from studies.pages import markdown, repetitions
 from tertia import metrics
+from tertia._arrays import BoolArray, FloatArray
 from tertia.location import locate
 
 RUNS, INSTANTS, SIGMA = repetitions(4), 200, 0.1
@@ -49,7 +50,7 @@ def late() -> str:
 
 def _one(
     count: int, beside: bool, share: float, delay: float, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray, float]:
+) -> tuple[FloatArray, BoolArray, float]:
     """Return squared errors, whether regions hold, and the share with a position."""
     places = anchors(count, rng)
     truth = rng.uniform([-8.0, -6.0, 0.5], [8.0, 6.0, 2.0], (INSTANTS, 3))
