@@ -92,6 +92,13 @@ def test_covariances_that_other_commands_write(tmp_path: Path) -> None:
     expected = smoothing.smooth(plots, covariance, time=time)
     smoothed = pl.read_parquet(output).select("east_smoothed_m", "north_smoothed_m")
     np.testing.assert_allclose(smoothed, expected.position, rtol=1e-9)
+    # no errors have such an ellipse
+    column = pl.Series([-1e4 if k == 7 else 0.0 for k in range(40)])
+    rows.with_columns(covariance_east_north_m2=column).write_csv(file)
+    done = run(file, *sigmas)
+    said = "line 9: covariance_east_north_m2 is larger than the product of the sigmas"
+    assert done.code == 1
+    assert said in done.err
 
 
 def test_several_targets_in_one_track() -> None:

@@ -189,6 +189,10 @@ def smoothing_of(
         if isinstance(one, str):
             lacks = pl.col(axis).is_not_nan() & pl.col(one).is_nan()
             records.refuse(lacks, f"{one} is missing", one)
+    for (i, j), name in covariances.items():
+        most = pl.col(str(sigmas[i])) * pl.col(str(sigmas[j]))
+        larger = pl.col(name).abs().fill_nan(0.0) > most
+        records.refuse(larger, f"{name} is larger than the product of the sigmas", name)
     frame = records.rows
     plane = _plane_of(frame) if geodetic else None
     if plane is not None:
