@@ -28,6 +28,7 @@ from tertia.tables._identities import (
     identity_columns,
 )
 from tertia.tables._parts import RecordError, Source, source_of
+from tertia.tables._plot_conventions import doubt_plot_conventions
 from tertia.tables._plot_doubts import doubt_plots
 from tertia.tables._records import SENSOR, TIME, Field, Records, Schema, number, read
 from tertia.tables._reports import MOVING, REPORTED, moving_of, reported_of
@@ -283,6 +284,7 @@ def recording_of(
     refuse_unknown(records)
     plots = plots_of(records.rows, clock, radars)
     doubt_plots(plots, radars)
+    doubt_plot_conventions(plots, radars)
     return Recording(plots, radars, clock, identities_in(records), _numbers(records))
 
 
