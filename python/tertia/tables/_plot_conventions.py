@@ -31,8 +31,9 @@ _USUAL, _GAIN, _TIMES, _LEAST = 0.5, 0.3, 3.0, 0.2
 _IDENTIFIED, _ANONYMOUS = 0.75, 0.5
 # another meaning is better if so many more plots agree, and none is looked for beyond this share
 _BETTER, _ENOUGH = 0.05, 0.9
-# if all azimuths are within as many degrees, they may be radians, which is noted already
-_RADIANS = np.radians(2.0 * np.pi)
+# azimuths may be radians if all are within as many degrees, and gradians beyond a circle: both are
+# noted already
+_RADIANS, _FULL = np.radians(2.0 * np.pi), np.radians(361.0)
 _KINDS = ("icao_address", "callsign", "identity", "mode_3a")
 
 _UNCHANGED = np.eye(2)
@@ -100,8 +101,9 @@ def _near_in_time(plots: Plots, sensors: Sensors[Any], chosen: Sequence[int]) ->
     rows = {}
     for k in chosen:
         own = np.flatnonzero((plots.sensor == k) & np.isfinite(plots.time))
-        azimuth = np.abs(plots.azimuth[own])
-        if len(own) >= _FEW and not np.all(azimuth <= _RADIANS):
+        # nan if all are reports of positions
+        largest = np.fmax.reduce(np.abs(plots.azimuth[own]), initial=np.nan)
+        if len(own) >= _FEW and not (largest <= _RADIANS or largest > _FULL):
             rows[k] = own[np.argsort(plots.time[own], kind="stable")]
     found = []
     for two in itertools.combinations(rows, 2):
