@@ -1,10 +1,11 @@
 //! Which tracks are near one another: a first look at all of them, by what fits into caches.
 
 use super::share::mapped;
-use crate::association::{Grid, is_inside};
+use crate::association::Grid;
 use crate::base::error::Result;
 use crate::sensors::Identities;
 use nalgebra::{Matrix4, Vector4};
+use pulp::{Arch, Simd, WithSimd};
 use std::collections::BTreeMap;
 use std::num::NonZero;
 
@@ -20,6 +21,8 @@ const REACH: f64 = 8000.0;
 /// Tracks that one thread looks at at a time, and the time of one, ns.
 const PART: usize = 256;
 const LOOK_NS: f64 = 200.0;
+/// Numbers of a sample that are compared.
+const LANES: usize = 8;
 
 /// A track of a sensor at the instant of the picture, without its biases.
 #[derive(Clone, Debug)]
@@ -48,19 +51,22 @@ pub(super) struct Near {
 
 impl Near {
     /// For each sample, later ones of other sensors; `by_hand` all that are not far away. Samples are looked
-    /// at cell by cell, as in any other order most of what is read is not in the cache.
+    /// at cell by cell, as in any other order most of what is read is not in the cache, and each with those
+    /// that come after it in this order.
     ///
     /// # Errors
     /// A position that is not finite.
     pub fn new(spots: &[Spot], by_hand: bool, n_threads: Option<NonZero<usize>>) -> Result<Self> {
         let layers = layers(spots)?;
-        let parts: Vec<_> = layers.iter().flat_map(|layer| layer.spots.chunks(PART)).collect();
+        let part = |n: usize| (0..n).step_by(PART).map(move |from| from..n.min(from + PART));
+        let parts: Vec<_> = (0..layers.len())
+            .flat_map(|l| part(layers[l].order.len()).map(move |part| (l, part)))
+            .collect();
         let nanoseconds = PART as f64 * LOOK_NS;
-        let found = mapped(parts.into_iter(), nanoseconds, n_threads, |part| {
-            let (mut found, mut near) = (Vec::with_capacity(4 * PART), Vec::new());
-            for (i, spot) in part {
-                let count = look((*i, spot), &layers, by_hand, &mut near);
-                found.extend(near[..count].iter().map(|&j| [*i, j]));
+        let found = mapped(parts.into_iter(), nanoseconds, n_threads, |(l, part)| {
+            let (mut found, mut passed) = (Vec::with_capacity(4 * PART), Vec::new());
+            for at in part {
+                look(&layers[l..], at, by_hand, &mut passed, &mut found);
             }
             Ok(found)
         })?;
@@ -87,36 +93,76 @@ impl Near {
     }
 }
 
-/// Finds the samples of a target that one may be of; returns their number.
-fn look((i, one): (u32, &Spot), layers: &[Layer], by_hand: bool, near: &mut Vec<u32>) -> usize {
-    let mut end = 0;
+/// Finds the samples of a target that one may be of, the one in this place of the first of `layers`, among
+/// those after it; adds the pairs to `found`.
+fn look(
+    layers: &[Layer],
+    at: usize,
+    by_hand: bool,
+    passed: &mut Vec<bool>,
+    found: &mut Vec<[u32; 2]>,
+) {
+    let (i, sensor) = layers[0].order[at];
+    let own = layers[0].lanes.each_ref().map(|lane| lane[at]);
+    let mut after = at + 1;
     for layer in layers {
-        let around = |k: usize| if by_hand { REACH } else { layer.reach(one.variance[k]) };
-        let corner = |sign: f64| std::array::from_fn(|k| one.place[k] + sign * around(k));
-        let (low, high) = (corner(-1.0), corner(1.0));
-        layer.grid.ranges(low, high, &mut |range| {
-            let others = &layer.spots[range];
-            if near.len() < end + others.len() {
-                near.resize(end + others.len(), 0);
+        let around = |k: usize| if by_hand { REACH } else { layer.reach(own[k + 2]) };
+        let corner = |sign: f64| std::array::from_fn(|k| own[k] + sign * around(k));
+        layer.grid.ranges(corner(-1.0), corner(1.0), &mut |range| {
+            let range = range.start.max(after)..range.end;
+            if range.is_empty() {
+                return;
             }
-            // all tests of a sample at once, without a jump: each alone is as good as random, which
-            // processors cannot guess
-            for (j, other) in others {
-                let may_be = by_hand | !one.is_other(other);
-                let is_near = is_inside(other.place, low, high) & may_be;
-                near[end] = *j;
-                end += usize::from((*j > i) & (other.sensor != one.sensor) & is_near);
+            passed.resize(range.len(), false);
+            let lanes = layer.lanes.each_ref().map(|lane| &lane[range.clone()]);
+            Arch::new().dispatch(Test { own, lanes, by_hand, passed });
+            for (&(j, other), &passed) in layer.order[range].iter().zip(&*passed) {
+                if passed && other != sensor {
+                    found.push([i.min(j), i.max(j)]);
+                }
             }
         });
+        after = 0;
     }
-    end
+}
+
+/// Which of several samples may be of the target of one, all tests at once and without a jump: each alone is
+/// as good as random, which processors cannot guess.
+struct Test<'a> {
+    own: [f64; LANES],
+    lanes: [&'a [f64]; LANES],
+    by_hand: bool,
+    passed: &'a mut [bool],
+}
+
+impl WithSimd for Test<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { own, lanes, by_hand, passed } = self;
+        let n = passed.len();
+        let lanes = lanes.map(|lane| &lane[..n]);
+        for (k, passed) in passed.iter_mut().enumerate() {
+            let squared = |at: usize| (own[at] - lanes[at][k]).powi(2);
+            let variance = |at: usize| own[at] + lanes[at][k];
+            let is_near = |axis: usize| squared(axis) <= REACH * REACH;
+            let is_far = |axis: usize| squared(axis) > FAR * variance(axis + 2);
+            // the errors of two sensors may be correlated, which doubles the variance at most
+            let is_faster = |axis: usize| squared(axis + 4) > 2.0 * FAR * variance(axis + 6);
+            let is_other = is_far(0) | is_far(1) | is_faster(0) | is_faster(1);
+            *passed = is_near(0) & is_near(1) & (by_hand | !is_other);
+        }
+    }
 }
 
 /// Samples whose variances are of one size: how far others are sought depends on both.
 struct Layer {
     grid: Grid,
-    /// The samples cell by cell, with their places in the list of all.
-    spots: Vec<(u32, Spot)>,
+    /// Cell by cell, the places of the samples in the list of all, and their sensors.
+    order: Vec<(u32, u32)>,
+    /// What is compared of them, in the same order.
+    lanes: [Vec<f64>; LANES],
     /// Largest variance of a position along an axis.
     largest: f64,
 }
@@ -138,11 +184,15 @@ fn layers(spots: &[Spot]) -> Result<Vec<Layer>> {
     let layer = |places: Vec<usize>| {
         let points: Vec<_> = places.iter().map(|&i| spots[i].place).collect();
         let largest = places.iter().map(|&i| variance(&spots[i])).fold(0.0, f64::max);
-        let mut layer = Layer { grid: Grid::default(), spots: Vec::new(), largest };
+        let lanes = std::array::from_fn(|_| Vec::with_capacity(places.len()));
+        let mut layer = Layer { grid: Grid::default(), order: Vec::new(), lanes, largest };
         let cell = layer.reach(largest).max(1.0);
         layer.grid.fill(&points, cell)?;
-        let by_cell = layer.grid.all().iter().map(|entry| places[entry.index as usize]);
-        layer.spots = by_cell.map(|i| (i as u32, spots[i])).collect();
+        for entry in layer.grid.all() {
+            let i = places[entry.index as usize];
+            layer.order.push((i as u32, spots[i].sensor as u32));
+            layer.lanes.iter_mut().zip(spots[i].lanes()).for_each(|(lane, own)| lane.push(own));
+        }
         Ok(layer)
     };
     sizes.into_values().map(layer).collect()
@@ -171,19 +221,12 @@ impl Spot {
         Self { id, sensor, place, variance, velocity, spread, height, age }
     }
 
-    /// Whether places or velocities are too far apart for one target.
+    /// Place, its variances, velocity, and its variances.
     #[inline]
-    fn is_other(&self, other: &Self) -> bool {
-        let is_far = |k: usize| {
-            let d = self.place[k] - other.place[k];
-            d * d > FAR * (self.variance[k] + other.variance[k])
-        };
-        // the errors of two sensors may be correlated, which doubles the variance at most
-        let is_faster = |k: usize| {
-            let d = self.velocity[k] - other.velocity[k];
-            d * d > 2.0 * FAR * (self.spread[k] + other.spread[k])
-        };
-        is_far(0) | is_far(1) | is_faster(0) | is_faster(1)
+    fn lanes(&self) -> [f64; LANES] {
+        let Self { place: [x, y], variance: [xx, yy], velocity: [u, v], spread: [uu, vv], .. } =
+            *self;
+        [x, y, xx, yy, u, v, uu, vv]
     }
 
     /// Whether the heights are those of two targets.
