@@ -10,6 +10,7 @@ from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.sensors import PositionSensor, Radar
 from tertia.tables._doubts import doubt
 from tertia.tables._sensors import REACH_OF_A_PLANE, Sensors
+from tertia.tables._velocities import doubt_velocities
 from tertia.tracker import Plots
 
 # plots of a sensor below which nothing is said of it
@@ -48,7 +49,12 @@ def doubt_plots(plots: Plots, sensors: Sensors[Any]) -> None:
             _doubt_times(name, sensor, plots.time[rows], plots.azimuth[rows])
             _doubt_copies(name, sensor, plots.time[rows], plots.range[rows], plots.azimuth[rows])
         elif isinstance(sensor, PositionSensor):
-            _doubt_interval(name, sensor, plots.time[rows], _targets(plots, rows))
+            target = _targets(plots, rows)
+            _doubt_interval(name, sensor, plots.time[rows], target)
+            if target is not None and plots.position is not None and plots.velocity is not None:
+                own = rows[target >= 0]
+                moved = plots.time[own], plots.position[own], plots.velocity[own]
+                doubt_velocities(name, target[target >= 0], *moved)
             if sensors.frame is not None and plots.position is not None:
                 _doubt_places(name, plots.position[rows])
 

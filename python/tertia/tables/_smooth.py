@@ -23,7 +23,7 @@ from tertia.tables._parts import RecordError, Source, source_of
 from tertia.tables._records import TIME, Field, Schema, number, read
 from tertia.tables._sensors import GEODETIC, LOCAL
 from tertia.tables._times import Clock
-from tertia.tables._velocities import fields, true_rates, velocities_of
+from tertia.tables._velocities import doubt_velocities, fields, true_rates, velocities_of
 
 # noise in stated sigmas that few sensors have
 _MUCH = 10.0
@@ -206,6 +206,9 @@ def smoothing_of(
     if spreads:
         own = _covariances(frame, "velocity_sigma", spreads)
         series += [velocities_of(frame, moving, plane)[rows], own[rows]]
+        if axes == list(LOCAL[:2]):
+            track = np.repeat(np.arange(len(groups.lengths)), groups.lengths)
+            doubt_velocities("the tracks", track, t[rows], y, series[-2])
     found, spread, marks = _smoothed(groups.lengths, series, plane, options)
     added = _added(found, spread, axes)
     shown = axes

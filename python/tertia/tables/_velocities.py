@@ -2,18 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 import polars as pl
 
-from tertia._arrays import FloatArray
+from tertia._arrays import FloatArray, IntArray
 from tertia.geo import SystemPlane
+from tertia.tables._doubts import doubt
 from tertia.tables._parts import RecordError
 from tertia.tables._records import Field, Schema, number
 
+ComplexArray: TypeAlias = npt.NDArray[np.complex128]
 VELOCITY = ("velocity_east_m_s", "velocity_north_m_s")
 _KNOT = 1852.0 / 3600.0
+# how many times too large speeds are if they are in another unit than stated
+_SPEEDS: Mapping[float, str] = {
+    1.0: "",
+    1 / _KNOT: "speeds were in knots",
+    3.6: "speeds were in km/h",
+    1 / 0.44704: "speeds were in miles per hour",
+    1 / 0.3048: "speeds were in feet per second",
+    _KNOT: "speeds were in m/s",
+}
+# from complex numbers east + i north to those under another convention
+_COURSES: Mapping[str, Callable[[ComplexArray], ComplexArray]] = {
+    "": lambda found: found,
+    "courses were anticlockwise from east, or east and north were exchanged": lambda found: (
+        1j * found.conj()
+    ),
+    "courses were anticlockwise from north": lambda found: -found.conj(),
+    "courses were directions from which targets come": lambda found: -found,
+}
+# steps between positions that are compared, least number of these, and differences as a share of
+# the speed that are too large, or agree
+_STEPS, _FEW, _LARGE, _SMALL = (1, 4), 30, 0.3, 0.15
 COURSE: Schema = {
     "speed": Field("number", {"speed_m_s": 1.0, "speed_kt": _KNOT}),
     "course": Field("number", {"course_deg": np.pi / 180}),
@@ -89,3 +114,43 @@ def _cells(frame: pl.DataFrame, names: Sequence[str]) -> FloatArray:
     missing = np.full(frame.height, np.nan)
     columns = [missing if one is None else one.cast(pl.Float64).to_numpy() for one in there]
     return np.column_stack(columns)
+
+
+def doubt_velocities(
+    name: str, target: IntArray, time: FloatArray, place: FloatArray, velocity: FloatArray
+) -> None:
+    """Warn if velocities contradict the positions, and agree in another unit or convention."""
+    for moved, stated in _movements(target, time, place, velocity):
+        if _difference(moved, stated) < _LARGE:
+            return
+        found = {
+            (unit, course): _difference(moved, turned(stated) / factor)
+            for factor, unit in _SPEEDS.items()
+            for course, turned in _COURSES.items()
+        }
+        best = min(found, key=lambda one: found[one])
+        if found[best] < _SMALL:
+            meant = " and ".join(part for part in best if part)
+            doubt(f"velocities of {name} contradict the positions, and would agree if {meant}")
+            return
+
+
+def _movements(
+    target: IntArray, time: FloatArray, place: FloatArray, velocity: FloatArray
+) -> Iterator[tuple[ComplexArray, ComplexArray]]:
+    """Yield velocities by positions and as stated, over shorter and longer times."""
+    rows = np.flatnonzero(np.isfinite(np.column_stack([time, place, velocity])).all(axis=1))
+    rows = rows[np.lexsort([time[rows], target[rows]])]
+    position, stated = (one[rows] @ np.array([1.0, 1.0j]) for one in (place, velocity))
+    for steps in _STEPS:
+        duration = time[rows[steps:]] - time[rows[:-steps]]
+        known = (target[rows[steps:]] == target[rows[:-steps]]) & (duration > 0.0)
+        if np.sum(known) >= _FEW:
+            moved = (position[steps:] - position[:-steps])[known] / duration[known]
+            yield moved, 0.5 * (stated[steps:] + stated[:-steps])[known]
+
+
+def _difference(moved: ComplexArray, stated: ComplexArray) -> float:
+    """Return the median difference of velocities as a share of the median speed."""
+    speed = float(np.median(np.abs(moved)))
+    return float(np.median(np.abs(moved - stated))) / speed if speed > 0.0 else 0.0
