@@ -48,6 +48,13 @@ FORMS: dict[str, bytes] = {
     "a line that tells spreadsheets the separator": f"sep=;\r\n{EXCEL}".encode(),
     "tabs": text("\t").encode(),
     "tabs and decimal commas": text("\t", ",").encode(),
+    "spaces": text(" ").encode(),
+    "aligned by spaces": "".join(
+        f" {line.replace(',', '     '):20}\n" for line in ["# seen", *PLAIN.splitlines()]
+    )
+    .replace(" # seen", "# seen")
+    .encode(),
+    "spaces and decimal commas": text(" ", ",").encode(),
     "line ends of Windows": PLAIN.replace("\n", "\r\n").encode(),
     "UTF-8 with a mark": EXCEL.encode("utf-8-sig"),
     "UTF-16 with a mark": PLAIN.encode("utf-16"),
@@ -210,6 +217,7 @@ def test_swapped_latitude_and_longitude_are_suspected(write: Callable[..., Path]
     [
         ("45°15'00\"", 45.25), ("45° 15′ 00,0″", 45.25), ("45°15'", 45.25), ("45.25°", 45.25),
         ("45-15-00", 45.25), ("45 15 00.0", 45.25), ("45:15:00", 45.25), ("45d15m0s", 45.25),
+        ("4515.00N", 45.25), ("04515E", 45.25), ("451500N", 45.25), ("0003036W", -0.51),
         ("-0°30'36\"", -0.51), ("−0.51", -0.51), ("0°30'36\"W", -0.51), ("N45°15'", 45.25),
     ],
 )  # fmt: skip
@@ -223,7 +231,7 @@ def test_degrees_minutes_and_seconds(
     assert sexagesimal.equals(plain)
 
 
-@pytest.mark.parametrize("form", ["N45°E", "-45°W", "45°75'", "30-35", "north"])
+@pytest.mark.parametrize("form", ["N45°E", "-45°W", "45°75'", "30-35", "4575N", "north"])
 def test_what_is_no_angle(form: str, write: Callable[..., Path]) -> None:
     done = run("bearing", write(["azimuth_deg", *5 * [form]]))
     assert done.code == 1

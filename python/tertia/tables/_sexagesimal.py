@@ -15,6 +15,11 @@ _MARKED = (
     rf"(?:\s*(?<s>{_DECIMAL})\s*(?:[\"″”s]|''))?)?{_AFTER}"
 )
 _PLAIN = rf"{_SIGN}(?<d>\d{{1,3}})[ :-](?<m>{_WHOLE})[ :-](?<s>{_DECIMAL}){_AFTER}"
+# packed as in NMEA 0183 and in flight plans, 5005.205N or 500512N
+_PACKED = (
+    r"^(?<sign>)(?<before>)(?<d>\d{2,3})(?<m>[0-5]\d(?:[.,]\d+)?)(?<s>[0-5]\d(?:[.,]\d+)?)?"
+    r"(?<after>[NSEW])$"
+)
 _NEGATIVE = ("-", "S", "W")
 
 
@@ -23,8 +28,10 @@ def degrees_of_text(column: pl.Series) -> pl.Series:
 
     South and west are negative. Bearings of a quadrant, such as N45°E, are not accepted.
     """
-    tried = [pl.col("text").str.extract_groups(form) for form in (_MARKED, _PLAIN)]
-    part = pl.when(tried[0].struct.field("d").is_null()).then(tried[1]).otherwise(tried[0])
+    part = pl.col("text").str.extract_groups(_PACKED)
+    for form in (_PLAIN, _MARKED):
+        found = pl.col("text").str.extract_groups(form)
+        part = pl.when(found.struct.field("d").is_null()).then(part).otherwise(found)
     d, m, s = (
         part.struct.field(name).str.replace(",", ".", literal=True).cast(pl.Float64)
         for name in "dms"
@@ -34,8 +41,8 @@ def degrees_of_text(column: pl.Series) -> pl.Series:
     negative = pl.any_horizontal(one.is_in(_NEGATIVE) for one in letters)
     # a sign and a letter, or two letters, contradict each other
     several = pl.sum_horizontal((one != "").cast(pl.Int8) for one in letters) > 1
-    found = pl.when(~several).then(pl.when(negative).then(-sizes).otherwise(sizes))
-    return column.alias("text").to_frame().select(found.alias("found")).to_series()
+    angle = pl.when(~several).then(pl.when(negative).then(-sizes).otherwise(sizes))
+    return column.alias("text").to_frame().select(angle).to_series()
 
 
 def angle_of_text(text: str) -> float:

@@ -73,8 +73,9 @@ class Dialect:
         encoding = encoding_of(begin)
         lines = begin.decode(encoding, "ignore").lstrip("\ufeff").splitlines()
         comments = _comments(lines)
-        header = next((line for line in lines[comments:] if line.strip()), "")
-        return cls(separator_of(header), encoding, comments)
+        header, first = [*filter(str.strip, lines[comments:]), "", ""][:2]
+        separator = " " if _is_spaced(header, first) else separator_of(header)
+        return cls(separator, encoding, comments)
 
 
 def _comments(lines: list[str]) -> int:
@@ -91,6 +92,13 @@ def _comments(lines: list[str]) -> int:
 def separator_of(header: str) -> str:
     """Return the separator that gives most columns in a header."""
     return max(_SEPARATORS, key=lambda one: len(next(csv.reader([header], delimiter=one), ())))
+
+
+def _is_spaced(header: str, first: str) -> bool:
+    """Return whether spaces separate the columns: as many words in the first row as names."""
+    words, names = first.split(), header.split()
+    has_others = any(one in header for one in _SEPARATORS)
+    return len(words) == len(names) > 1 and not has_others and any(map(_is_number, words))
 
 
 def with_point(cell: str) -> str:
@@ -146,7 +154,10 @@ def too_long(path: Path) -> str | None:
             text = file.read().decode(dialect.encoding, "replace").lstrip("\ufeff")
     except (OSError, *_DAMAGED):
         return None
-    rows = csv.reader(text.splitlines()[dialect.comments :], delimiter=dialect.separator)
+    lines = text.splitlines()[dialect.comments :]
+    if dialect.separator == " ":
+        lines = [" ".join(line.split()) for line in lines]
+    rows = csv.reader(lines, delimiter=dialect.separator)
     width = len(next((cells for cells in rows if cells), []))
     for cells in rows:
         if len(cells) > width:
@@ -171,7 +182,7 @@ def read_text(path: Path) -> pl.DataFrame:
 
 def _read(path: Path, dialect: Dialect) -> pl.DataFrame:
     options: dict[str, Any] = {"separator": dialect.separator, "infer_schema": False}
-    if dialect.encoding == "utf-8" and not dialect.comments:
+    if dialect.encoding == "utf-8" and not dialect.comments and dialect.separator != " ":
         try:
             return pl.read_csv(path, glob=False, **options)
         except pl.exceptions.ComputeError as error:
@@ -188,6 +199,8 @@ def _read(path: Path, dialect: Dialect) -> pl.DataFrame:
         doubt(f"{path} is not UTF-8; it is read as Windows-1252")
     for _ in range(dialect.comments):
         text = text.partition("\n")[2]
+    if dialect.separator == " ":
+        text = "\n".join(" ".join(line.split()) for line in text.splitlines())
     return pl.read_csv(io.StringIO(text.lstrip("\ufeff")), **options)
 
 
