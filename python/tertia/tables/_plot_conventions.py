@@ -18,17 +18,17 @@ from tertia.tracker import Plots
 
 # sensors that are compared, plots of each that are, and fewer than which say nothing
 _SENSORS, _PLOTS, _FEW = 6, 100, 30
-# different targets that plots with identities must have, and plots of another sensor at about the
-# same time among which one without an identity is near some by chance
+# different targets that plots with identities must have, or places of those without, and plots of
+# another sensor at about the same time among which some without identities are near by chance
 _TARGETS, _DENSE = 5, 300
 # plots of one target are so near to one another: a share of both ranges, three standard deviations,
 # and the way between the two times at this speed
 _ANGLE, _SIGMAS, _SPEED = 0.01, 3.0, 200.0
 # other conventions are tried if fewer plots agree; one is suggested if so many agree, so many more,
 # and so many times as many; if none is, a warning is given if fewer than the least agree
-_USUAL, _GAIN, _TIMES, _LEAST = 0.5, 0.3, 3.0, 0.2
+_USUAL, _GAIN, _TIMES, _LEAST = 0.5, 0.25, 3.0, 0.2
 # share that must agree under another convention, with identities and without
-_IDENTIFIED, _ANONYMOUS = 0.75, 0.5
+_IDENTIFIED, _ANONYMOUS = 0.75, 0.3
 # another meaning is better if so many more plots agree, and none is looked for beyond this share
 _BETTER, _ENOUGH = 0.05, 0.9
 # azimuths may be radians if all are within as many degrees, and gradians beyond a circle: both are
@@ -46,7 +46,8 @@ _CONVENTIONS: Mapping[str, FloatArray] = {
     "anticlockwise from north": np.diag([-1.0, 1.0]),
     _FROM_SOUTH: np.diag([-1.0, -1.0]),
 }
-_DEGREES = np.array([degrees for degrees in range(-179, 180) if degrees])
+# errors of north in degrees that are tried; without identities, where there are many pairs, fewer
+_DEGREES, _MOST_DEGREES = np.array([degrees for degrees in range(-179, 180) if degrees]), 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,6 +173,12 @@ class _Pairs:
         is_near = east**2 + north**2 <= self.most**2
         return float(np.mean(np.logical_or.reduceat(is_near, self.start)))
 
+    def variety(self, place: FloatArray) -> int:
+        """Return at how many different places plots of both sensors agree."""
+        cell = 2.0 * np.median(self.most)
+        is_near = np.linalg.norm(place[self.first] - place[self.second], axis=1) <= self.most
+        return len(np.unique(np.floor(place[self.first[is_near]] / cell), axis=0))
+
 
 @dataclass(frozen=True, slots=True)
 class _Scene:
@@ -236,8 +243,13 @@ class _Scene:
             float(np.mean([one.agreement(where) for one in touched]))
             for where in (self.place, place)
         )
-        needed = _ANONYMOUS if any(one.kind is None for one in touched) else _IDENTIFIED
+        anonymous = any(one.kind is None for one in touched)
+        needed = _ANONYMOUS if anonymous else _IDENTIFIED
         if before >= _USUAL or after < max(needed, before + _GAIN, _TIMES * before):
+            return 0.0
+        # a few targets at rest may agree by chance
+        places = sum(one.variety(place) for one in touched)
+        if anonymous and places < _TARGETS * len(touched):
             return 0.0
         return float(np.mean([one.agreement(place) for one in self.pairs]))
 
@@ -267,6 +279,8 @@ class _Scene:
             sites = np.array([self.sensors.items[k].position[:2] for k in two])
             said = f"the plots of {names[two[0]]} were those of {names[two[1]]}, and vice versa"
             yield [_Change(said, two, _UNCHANGED, sites[::-1] - sites)]
+        anonymous = any(one.kind is None for one in self.pairs)
+        degrees_tried = _DEGREES[np.abs(_DEGREES) <= _MOST_DEGREES] if anonymous else _DEGREES
         for noun, changed in whose.items():
             yield [
                 _Change(
@@ -276,7 +290,7 @@ class _Scene:
                     _rotation(degrees),
                     np.zeros(2),
                 )
-                for degrees in _DEGREES.tolist()
+                for degrees in degrees_tried.tolist()
             ]
         for k in radars:
             shift = self._shift(k)
