@@ -1,15 +1,14 @@
 //! Plots that may be of a target elsewhere: its replies also reach the radar by way of a building, or by a
-//! side lobe of the antenna (Stevens, Secondary Surveillance Radar, 1988, chapters on reflections and on
-//! interrogation and reply by side lobes).
+//! side lobe of the antenna (Stevens, Secondary Surveillance Radar, 1988).
 
 use super::doubles::Near;
 use super::identity::rarity;
 use super::plot::{Measured, Source};
 use super::settings::Settings;
+use super::suspicion::{EXTENT, Reflection};
 use super::track::{SOONEST, Track};
 use crate::base::plane::Plane;
 use crate::sensors::{Identities, IdentityKind};
-use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
 /// Reflections of a target in a scan of a radar, before any plot.
@@ -18,41 +17,14 @@ const SHARE: f64 = 0.01;
 const LEVELS: f64 = 30.0;
 /// Largest distance of a reflector from its radar, m.
 const FARTHEST: f64 = 30e3;
-/// Standard deviation of this distance by the extent of a reflector, m and as a share.
-const EXTENT: f64 = 60.0;
-const SLANTED: f64 = 0.01;
 /// Standard deviations by which a side lobe may seem nearer than its target.
 const SIGMAS: f64 = 3.0;
 /// Scans by which a radar may have seen a target earlier than when its beam passed it last, and more if the plot
 /// of that scan is yet to be assigned.
 const EARLY: f64 = 0.25;
 const UNASSIGNED: f64 = 1.0;
-/// Scans by which a target at the same range as its side lobe must have begun before it.
-const BEFORE: f64 = 1.5;
-/// By how much the logarithm of the odds may fall by one plot.
-const STEP: f64 = -4.0;
-/// Logarithm of the probability that a target is not seen where its reflection is.
-const UNSEEN: f64 = -3.0;
 /// Plots of a tentative track from which on others may be its reflections.
 const ENOUGH: usize = 2;
-
-/// What a plot is if it is the reflection of a target.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Reflection {
-    plot: usize,
-    /// Distance of the reflector from the radar, 0 for a side lobe, and its variance, m and m².
-    distance: f64,
-    variance: f64,
-    /// Logarithm of the odds of a reflection against another target, before others are known.
-    log_odds: f64,
-    /// Whether the radar has seen the target elsewhere in this scan: the plot is not of itself.
-    is_seen: bool,
-    /// Whether the target may be the reflection instead: it is not confirmed, and nearer by no more than errors,
-    /// or has too few plots.
-    is_unsure: bool,
-    /// First plot of the target, s, where the plot may be of a side lobe: either may be of that if both are new.
-    since: f64,
-}
 
 /// The possible reflections of a scan, by plot.
 #[derive(Default)]
@@ -60,35 +32,6 @@ pub(super) struct Reflections {
     all: Vec<Reflection>,
     /// Identities of plots that no confirmed track has.
     names: Vec<((u8, i64), usize)>,
-}
-
-/// Whether a track is the reflection of a target.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Suspicion {
-    radar: usize,
-    /// Mean distance of the reflector by so many plots, and its variance.
-    distance: f64,
-    variance: f64,
-    plots: f64,
-    /// Logarithm of the odds of a reflection, and the largest by any plot alone.
-    log_odds: f64,
-    most: f64,
-}
-
-impl Reflection {
-    /// Whether it is likelier than another target, although the target may be the reflection instead.
-    pub fn is_mutual(&self) -> bool {
-        self.is_unsure && self.is_likely()
-    }
-
-    fn is_likely(&self) -> bool {
-        self.is_seen && self.log_odds > 0.0
-    }
-
-    /// Whether it is of the target, rather than of a track that began at this time.
-    pub fn is_of_target(&self, begin: f64, period: f64) -> bool {
-        !self.is_unsure && self.since < begin - BEFORE * period
-    }
 }
 
 impl Reflections {
@@ -127,57 +70,7 @@ impl Reflections {
                 }
             }
         }
-        all.sort_by(|a, b| a.plot.cmp(&b.plot).then(a.distance.total_cmp(&b.distance)));
-    }
-}
-
-impl Suspicion {
-    /// By the first plot; none where another target is likelier.
-    pub fn of<'a>(
-        plot: &Measured,
-        reflections: impl Iterator<Item = &'a Reflection>,
-    ) -> Option<Self> {
-        let seen = reflections.filter(|one| one.is_likely());
-        let one = seen.max_by(|a, b| a.log_odds.total_cmp(&b.log_odds))?;
-        let Reflection { distance, variance, log_odds, .. } = *one;
-        Some(Self { radar: plot.radar, distance, variance, plots: 1.0, log_odds, most: log_odds })
-    }
-
-    /// Whether a reflection is likelier than another target.
-    pub fn holds(&self) -> bool {
-        self.log_odds > 0.0
-    }
-
-    /// Weighs one more plot: a reflector stays where it is.
-    pub fn weigh<'a>(
-        &mut self,
-        plot: &Measured,
-        reflections: impl Iterator<Item = &'a Reflection>,
-    ) {
-        if !self.holds() || !plot.identities.is_some() {
-            return;
-        }
-        let own = reflections.filter(|_| plot.radar == self.radar);
-        let weighed = own.map(|one| (self.square(one), one));
-        let Some((square, one)) = weighed.min_by(|a, b| a.0.total_cmp(&b.0)) else {
-            self.log_odds += UNSEEN;
-            return;
-        };
-        if one.is_seen {
-            let log_odds = self.log_odds + (0.5 - 0.5 * square).max(STEP);
-            self.most = self.most.max(one.log_odds);
-            self.log_odds = log_odds.min(self.most);
-            self.plots += 1.0;
-            self.distance += (one.distance - self.distance) / self.plots;
-            self.variance += (one.variance - self.variance) / self.plots;
-        }
-    }
-
-    /// Normalised square of the difference in distance.
-    fn square(&self, one: &Reflection) -> f64 {
-        let extent = EXTENT + SLANTED * self.distance.abs();
-        let variance = one.variance + self.variance / self.plots + extent * extent;
-        (one.distance - self.distance).powi(2) / variance
+        all.sort_unstable_by_key(|one| (one.plot, one.track));
     }
 }
 
@@ -229,7 +122,8 @@ fn of_target(
     let same = rarity(kind, &reply, settings) * height.min(LEVELS);
     let log_odds = (SHARE * (1.0 + side_lobe) * same).ln();
     let since = if distance < error { track.first.time } else { f64::NEG_INFINITY };
-    Some(Reflection { plot: index, distance, variance, log_odds, is_seen, is_unsure, since })
+    let (plot, track) = (index, track.number);
+    Some(Reflection { plot, track, distance, variance, log_odds, is_seen, is_unsure, since })
 }
 
 /// The way from a radar to a target by a reflector on the ground.
@@ -323,41 +217,5 @@ mod tests {
         // at the range of the target, and beyond
         assert!(way([0.0, 2.5], target, 1e3).side_lobe > 100.0);
         assert!(way([2e3, 2.5], target, 1e3).side_lobe < 1e-9);
-    }
-
-    fn reflection(distance: f64, log_odds: f64) -> Reflection {
-        let (is_seen, is_unsure, since) = (true, false, f64::NEG_INFINITY);
-        let (plot, variance) = (0, 1e4);
-        Reflection { plot, distance, variance, log_odds, is_seen, is_unsure, since }
-    }
-
-    fn after(log_odds: f64, plots: &[Option<f64>]) -> bool {
-        let plot = Measured { identities: Identities::of(1), ..Measured::default() };
-        let first = reflection(5e3, log_odds);
-        let mut own = Suspicion::of(&plot, [first].iter()).unwrap();
-        for distance in plots {
-            let found = distance.map(|distance| reflection(distance, log_odds));
-            own.weigh(&plot, found.iter());
-        }
-        own.holds()
-    }
-
-    #[test]
-    fn a_reflector_stays_where_it_is() {
-        let moving: Vec<_> = (1..6).map(|k| Some(5e3 + 400.0 * f64::from(k))).collect();
-        assert!(after(7.0, &[Some(5.1e3); 30]));
-        assert!(after(7.0, &moving[..1]) && !after(7.0, &moving));
-        // a target that is not seen where it should be is no reason for a reflection
-        assert!(after(7.0, &[None, None]) && !after(7.0, &[None; 3]));
-        let plot = Measured::default();
-        assert!(Suspicion::of(&plot, [reflection(5e3, -1.0)].iter()).is_none());
-    }
-
-    #[test]
-    fn a_side_lobe_is_of_the_target_that_began_before() {
-        let own = Reflection { since: 10.0, ..reflection(0.0, 3.0) };
-        assert!(own.is_of_target(20.0, 4.0) && !own.is_of_target(14.0, 4.0));
-        let unsure = Reflection { is_unsure: true, ..own };
-        assert!(!unsure.is_of_target(20.0, 4.0) && unsure.is_mutual());
     }
 }

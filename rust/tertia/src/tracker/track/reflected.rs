@@ -2,8 +2,8 @@
 
 use super::{Stage, Track};
 use crate::tracker::plot::Measured;
-use crate::tracker::reflections::{Reflection, Suspicion};
 use crate::tracker::settings::Settings;
+use crate::tracker::suspicion::{Reflection, Suspicion};
 
 impl Track {
     /// Plots so far; none once it is confirmed.
