@@ -115,7 +115,7 @@ def seen(
     see = directly if wall is None else wall.see
     grid = np.meshgrid(np.arange(SCANS), np.arange(len(aircraft.code)), indexing="ij")
     scan, who = (index.ravel() for index in grid)
-    time = PERIOD * (scan + 0.5)
+    time = np.asarray(PERIOD * (scan + 0.5), np.float64)
     for _ in range(4):
         place, height = aircraft.at(who, time)
         distance, azimuth = see(place, height)
@@ -167,13 +167,23 @@ def judged(table: TrackTable, target: IntArray) -> tuple[int, float, float, floa
     return int(np.sum(is_false)), scans * PERIOD / 60, shares[0], shares[1]
 
 
+def recorded(plots: Plots) -> TrackTable:
+    """Track a whole recording."""
+    return track(plots, [RADAR])
+
+
+def scan_by_scan(plots: Plots) -> TrackTable:
+    """Track as the plots come."""
+    return live(plots, RADAR)
+
+
 def table() -> str:
     """Tabulate false tracks by reflections and side lobes, and what becomes of aircraft."""
     rows = []
     for identities in ("addresses and codes", "codes"):
         for name, defects in DEFECTS.items():
             cells = []
-            for way in (lambda plots: track(plots, [RADAR]), lambda plots: live(plots, RADAR)):
+            for way in (recorded, scan_by_scan):
                 found, extra = [], []
                 for run in range(SCENES):
                     plots, target = scene(
