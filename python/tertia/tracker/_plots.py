@@ -281,6 +281,7 @@ class PlotStatus(enum.IntEnum):
     DUPLICATE = -6
     NO_QUALITY = -7
     UNASSOCIATED = -8
+    REFLECTION = -9
 
     @property
     def message(self) -> str:
@@ -301,6 +302,9 @@ _MESSAGES = {
     PlotStatus.NO_QUALITY: "the position has no valid covariance",
     PlotStatus.UNASSOCIATED: (
         "the azimuth matches no confirmed track, or several in nearly the same direction"
+    ),
+    PlotStatus.REFLECTION: (
+        "the plot is of a target that the radar sees elsewhere, by a reflection or a side lobe"
     ),
 }
 

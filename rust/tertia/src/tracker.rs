@@ -7,7 +7,7 @@
 //!
 //! `estimate <- kinematics, lean; motion <- bank; level, geometry <- plot; mht <- association; geometry, plans,
 //! association, motion <- settings, velocities <- plan, curve, prospects <- window <- filter <- resolution, sight, moving; plan <- correlation;
-//! height, identity, beams, filter, moving, correlation, tree, outliers <- track <- cluster, row, claim, extent, patches, clutter, schedule, doubles, ended, azimuths;
+//! height, identity, beams, filter, moving, correlation, tree, suspicion, outliers <- track <- cluster, row, claim, extent, patches, clutter, schedule, doubles, reflections, ended, azimuths;
 //! outliers <- noise <- strays <- resume <- share <- scan <- live <- kept, control, found <- lag`; `kinematics, motion <- smooth` beside them.
 //! A plot costs O(1) while the number of targets within a gate does not grow; memory is O(tracks).
 
@@ -54,6 +54,7 @@ mod plan;
 mod plans;
 mod plot;
 mod prospects;
+mod reflections;
 mod resolution;
 mod resume;
 mod row;
@@ -66,6 +67,7 @@ mod sight;
 mod smooth;
 mod speed;
 mod strays;
+mod suspicion;
 mod swerve;
 mod table;
 mod tally;

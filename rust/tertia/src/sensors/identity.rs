@@ -69,6 +69,14 @@ impl Identities {
         Self { identity, callsign, icao_address, mode_3a }
     }
 
+    /// Whether any kind that both have differs.
+    pub(crate) fn contradicts(&self, other: &Self) -> bool {
+        let numbers = [both(self.identity, other.identity), both(self.callsign, other.callsign)];
+        let codes =
+            [both(self.icao_address, other.icao_address), both(self.mode_3a, other.mode_3a)];
+        numbers.into_iter().chain(codes).any(|is_same| is_same == Some(false))
+    }
+
     /// The kind that is shared least of those that both have, and whether it is equal; none where they
     /// have no kind in common.
     pub fn compare(&self, other: &Self) -> Option<(IdentityKind, bool)> {

@@ -1,7 +1,7 @@
 //! What the replies of a target have said of its identities, single ones of which may be wrong.
 
 use super::settings::Settings;
-use crate::sensors::{Identities, both};
+use crate::sensors::{Identities, IdentityKind, both};
 use serde::{Deserialize, Serialize};
 
 /// Equal replies in a row after which a track has another identity.
@@ -13,6 +13,23 @@ pub(super) const IDENTITIES: f64 = 4096.0;
 pub(super) const ADDRESS_ERROR: f64 = 1e-9;
 pub(super) const CALLSIGN_ERROR: f64 = 1e-6;
 pub(super) const CODE_ERROR: f64 = 1e-3;
+
+/// How much likelier equal replies are of one target than of two: addresses and callsigns that two targets
+/// have by mistake, and codes that are given to many, as for flights under visual rules.
+const UNSHARED: f64 = 1e6;
+const SHARED_BY_MANY: f64 = 5.0;
+const CODES_OF_MANY: [i16; 5] = [0o0000, 0o1000, 0o1200, 0o2000, 0o7000];
+
+/// How much likelier it is of one target than of two that both give this reply, of this kind.
+pub(super) fn rarity(kind: IdentityKind, reply: &Identities, settings: &Settings) -> f64 {
+    match () {
+        () if !settings.is_shared(kind) => UNSHARED,
+        () if kind == IdentityKind::Code && CODES_OF_MANY.contains(&reply.mode_3a) => {
+            SHARED_BY_MANY
+        }
+        () => IDENTITIES,
+    }
+}
 
 /// The replies of one kind.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

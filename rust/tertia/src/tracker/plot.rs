@@ -210,9 +210,16 @@ pub enum PlotStatus {
     NoQuality,
     /// An azimuth of no track, or of tracks that it does not tell apart.
     Unassociated,
+    /// It is of a target elsewhere, by way of a reflector or a side lobe.
+    Reflection,
 }
 
 impl PlotStatus {
+    /// That of a plot of a track, which may be a reflection.
+    pub(super) fn of(track: u64, is_reflection: bool) -> Self {
+        if is_reflection { Self::Reflection } else { Self::Track(track) }
+    }
+
     /// The number of the track, or a negative number: why the plot was not used.
     pub fn code(self) -> i64 {
         match self {
@@ -226,6 +233,7 @@ impl PlotStatus {
             Self::Provisional(first) => FIRST_PROVISIONAL + first as i64,
             Self::NoQuality => -7,
             Self::Unassociated => -8,
+            Self::Reflection => -9,
         }
     }
 }

@@ -14,6 +14,7 @@ use super::groups::{root, sort, unite};
 use super::noise::Noise;
 use super::origins::Origins;
 use super::plot::{Measured, PlotStatus};
+use super::reflections::Reflections;
 use super::resume::resume;
 use super::row::{Row, Rows};
 use super::schedule::Schedule;
@@ -67,6 +68,7 @@ pub(super) struct Scan {
     places: Vec<u32>,
     /// Where second plots of targets may be.
     seconds: Seconds,
+    reflections: Reflections,
     /// The density where each plot is of second plots and outliers of confirmed tracks.
     others: Vec<f64>,
     shares: Shares,
@@ -117,6 +119,7 @@ impl Scan {
         clutter::note((near.plots, hold), used, &self.seconds, (sky.clutter, radars));
         self.others.clear();
         self.others.extend_from_slice(self.seconds.of_confirmed());
+        self.reflections.find(near, used, (sky.tracks, sky.settings));
         let tracks = (&mut sky.tracks[..], sky.settings);
         strays::find(near, used, tracks, (sky.noise, sky.clutter), &mut self.others);
         let mut schedule = Schedule::at(self.plots.first(), sky.tracks, sky.settings);
@@ -310,7 +313,7 @@ impl Scan {
         }
         let Self { plots, taken, deferred, claims, claimed, places, shares, unused, .. } = self;
         let begun_now = self.begun_now;
-        let (others, seconds) = (&self.others[..], &self.seconds);
+        let (others, seconds, reflections) = (&self.others[..], &self.seconds, &self.reflections);
         // tracks by component
         places.clear();
         places.resize(sky.tracks.len(), NOWHERE);
@@ -331,8 +334,18 @@ impl Scan {
         }
         let mut tracks: Vec<&mut Track> = tracks.into_iter().flatten().collect();
         let (settings, clutter, noise) = (sky.settings, &*sky.clutter, &*sky.noise);
-        let view =
-            View { plots, claimed, deferred, others, seconds, settings, clutter, noise, cells };
+        let view = View {
+            plots,
+            claimed,
+            deferred,
+            others,
+            seconds,
+            reflections,
+            settings,
+            clutter,
+            noise,
+            cells,
+        };
         let limits = settings.limits().filter(|_| confirmed);
         let with_rows = sky.rows.wants(confirmed);
         let same = |a: &Claim, b: &Claim| a.component == b.component;
@@ -367,7 +380,8 @@ impl Scan {
             // a plot of two tracks counts as that of the first
             if !std::mem::replace(&mut taken[given.plot as usize], true) {
                 advanced = true;
-                report(plots[given.plot as usize].index, PlotStatus::Track(track));
+                let status = PlotStatus::of(track, given.is_reflection);
+                report(plots[given.plot as usize].index, status);
             }
             if let Some(radar) = given.outlier {
                 sky.noise[radar].outliers.took();
@@ -450,13 +464,15 @@ impl Scan {
             *sky.next_number += 1;
             let is_double = self.seconds.of_confirmed()[i] + second > density;
             track.believed = density;
-            track.is_counted = !is_double && !clutter.is_fixed(radar, plot);
+            track.suspect(plot, self.reflections.of(i), sky.settings);
+            let is_other = is_double || track.is_reflection();
+            track.is_counted = !is_other && !clutter.is_fixed(radar, plot);
             if track.is_counted {
                 self.unused[plot.radar].add(plot.detection, track.there);
                 sky.clutter[plot.radar].weigh(radar, plot.position);
             }
-            let track_or_not = PlotStatus::Track(track.number);
-            report(plot.index, if is_double { PlotStatus::Duplicate } else { track_or_not });
+            let own = PlotStatus::of(track.number, track.is_reflection());
+            report(plot.index, if is_double { PlotStatus::Duplicate } else { own });
             if sky.rows.wants(false) {
                 sky.rows.push(&Row::of(&track, plot.radar, Some(plot.index)));
             }

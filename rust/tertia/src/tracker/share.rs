@@ -2,26 +2,24 @@
 
 use super::ahead::TOGETHER;
 use super::claim::{Claim, Spread, reach};
-use super::cluster::{Cells, Cluster};
-use super::clutter::Clutter;
-use super::doubles::Seconds;
-use super::noise::Noise;
+use super::cluster::Cluster;
 use super::outliers::Stray;
 use super::plot::Measured;
-use super::prospects::There;
 use super::row::Row;
 use super::settings::Settings;
 use super::track::Track;
 use crate::association::{Assigner, Grid, Pair, is_inside};
 use crate::base::batch::for_each_row;
-use crate::sensors::Detection;
 use std::hint::black_box;
 use std::num::NonZero;
 
 mod columns;
 mod doubt;
+mod view;
 
 use columns::Columns;
+pub(super) use view::View;
+use view::{Begun, Given};
 
 /// Shares per thread, so that a thread on a busy core does not hold up the others.
 pub(super) const SHARES_PER_THREAD: usize = 8;
@@ -29,47 +27,6 @@ pub(super) const SHARES_PER_THREAD: usize = 8;
 const NOTHING: u32 = u32::MAX;
 /// Corners between which there is nothing.
 const NOWHERE: ([f64; 2], [f64; 2]) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-
-/// Radar and time of a plot; if it has been counted, by what it was detected, and what plans say of the place.
-type Begun = (usize, f64, Option<(Option<Detection>, There)>);
-
-/// A plot that was given to a track.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Given {
-    /// Its place: the claim's rank, those of the guard gate after all others of the group.
-    place: u32,
-    pub plot: u32,
-    pub track: u64,
-    /// The first plot of a track that is confirmed by this one.
-    pub begun: Option<Begun>,
-    /// Radar of a plot before that was an outlier, as this one shows.
-    pub outlier: Option<usize>,
-    /// Another one that was no plot of the track.
-    pub stray: Option<Stray>,
-    /// Whether the plot may be of a fixed echo.
-    pub is_still: bool,
-    /// Index of the row, if there is one.
-    row: u32,
-}
-
-/// What all threads see of a scan.
-#[derive(Clone, Copy)]
-pub(super) struct View<'a> {
-    pub plots: &'a [Measured],
-    /// Plots of the claims.
-    pub claimed: &'a [u32],
-    /// Which plots wait.
-    pub deferred: &'a [bool],
-    /// The density of second plots and outliers of confirmed tracks where each plot is.
-    pub others: &'a [f64],
-    /// Where those of others may be.
-    pub seconds: &'a Seconds,
-    pub settings: &'a Settings,
-    pub clutter: &'a [Clutter],
-    pub noise: &'a [Noise],
-    /// Clusters of tracks whose states depend on one another.
-    pub cells: &'a Cells,
-}
 
 /// The work of one thread at a time, and its buffers.
 #[derive(Default)]
@@ -261,7 +218,7 @@ impl Share {
         &mut self,
         group: &[Claim],
         tracks: &mut [&mut Track],
-        View { plots, settings, others, seconds, clutter, noise, .. }: View<'_>,
+        View { plots, settings, others, seconds, reflections, clutter, noise, .. }: View<'_>,
         (confirmed, with_rows): (bool, bool),
     ) {
         let mut own = 0;
@@ -291,6 +248,11 @@ impl Share {
                 let gain = track.evidence_of(measured, gain, density, settings);
                 track.credit(gain, others, measured.radar, settings);
                 track.stand(measured, density, (clutter, noise), settings);
+            }
+            if !confirmed {
+                let reflections = reflections.of(plot as usize);
+                track.wait_for(reflections);
+                track.suspect(measured, reflections, settings);
             }
             track.correct(measured, settings);
             let with_row = with_rows || track.is_confirmed();
@@ -353,7 +315,18 @@ impl Share {
             self.rows.push(Row::of(track, measured.radar, Some(measured.index)));
         }
         let (number, is_still) = (track.number, !track.moved && track.is_confirmed());
-        self.given.push(Given { place, plot, track: number, begun, outlier, stray, is_still, row });
+        let is_reflection = track.is_reflection();
+        self.given.push(Given {
+            place,
+            plot,
+            track: number,
+            begun,
+            outlier,
+            stray,
+            is_still,
+            is_reflection,
+            row,
+        });
     }
 
     /// Clears the results.

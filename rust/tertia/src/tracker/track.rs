@@ -16,6 +16,7 @@ use super::plan::Guide;
 use super::plot::{Measured, Source};
 use super::prospects::{Prospects, There};
 use super::settings::{Confirmation, MAX_DELAY, Settings};
+use super::suspicion::Suspicion;
 use super::swerve::Swerve;
 use super::tree::Tree;
 use crate::base::exponential::exp;
@@ -33,6 +34,7 @@ mod life;
 mod merged;
 mod missed;
 mod moving;
+mod reflected;
 mod sharp;
 mod sighted;
 mod states;
@@ -121,6 +123,7 @@ pub(super) struct Track {
     pub is_counted: bool,
     /// Its plots until it is confirmed.
     basis: Basis,
+    suspicion: Option<Box<Suspicion>>,
 }
 
 /// What the target does if it is not what is shown.
@@ -186,6 +189,7 @@ impl Track {
             believed: f64::INFINITY,
             is_counted: false,
             basis: Basis::default(),
+            suspicion: None,
         };
         if matches!(plot.source, Source::Moving(..)) {
             track.begin(None, settings);
@@ -203,13 +207,6 @@ impl Track {
     /// The identities by the transponder.
     pub fn identities(&self) -> Identities {
         self.known.identities()
-    }
-
-    /// The same, with the code of an emergency in place of its own.
-    pub fn shown_identities(&self) -> Identities {
-        let own = self.identities();
-        let is_emergency = self.emergencies >= EMERGENCY_AFTER && self.emergency >= 0;
-        Identities { mode_3a: if is_emergency { self.emergency } else { own.mode_3a }, ..own }
     }
 
     /// Height; not a number where none was reported.
@@ -326,10 +323,7 @@ impl Track {
     /// Likelihood ratio of height and identity.
     #[inline]
     pub fn named(&self, plot: &Measured, settings: &Settings) -> f64 {
-        let height = match self.vertical {
-            Some(vertical) if plot.height.is_finite() => vertical.ratio(plot.time, plot.height),
-            _ => 1.0,
-        };
+        let height = self.height_ratio(plot);
         let identity = match plot.identities.is_some() {
             true => self.known.ratio(&settings.identities(plot).0, settings),
             false => 1.0,
@@ -475,6 +469,7 @@ impl Track {
         self.set_due(settings);
         let allowance = self.filter.prospects().and_then(Prospects::allowance);
         let speed = self.speed_probability(settings);
+        let is_reflection = self.is_reflection();
         if let Stage::Tentative { hits, plots, evidence, .. } = &mut self.stage {
             *hits += usize::from(counts);
             // after two plots
@@ -486,7 +481,7 @@ impl Track {
             };
             let held = |e: &Expected| settings.held.get(e.radar) == Some(&true);
             let enough = *hits + usize::from(allowance.is_some()) >= *plots;
-            if enough && is_likely && !self.beams.all().iter().any(held) {
+            if enough && is_likely && !is_reflection && !self.beams.all().iter().any(held) {
                 self.confirm(settings);
             }
         }

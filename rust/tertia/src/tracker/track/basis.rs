@@ -58,6 +58,7 @@ impl Track {
     /// A confirmed track stands on its estimate.
     pub(super) fn stand_alone(&mut self) {
         self.basis = Basis::default();
+        self.suspicion = None;
     }
 }
 

@@ -6,9 +6,10 @@ use super::super::filter::Filter;
 use super::super::plot::Measured;
 use super::super::prospects::Expected;
 use super::super::settings::{Confirmation, Settings};
-use super::{Stage, Track};
+use super::{EMERGENCY_AFTER, Stage, Track};
 use crate::base::distribution::normal_two_sided;
 use crate::flightplan::Status;
+use crate::sensors::Identities;
 use crate::tracker::tree::Leaf;
 
 /// Odds of a target below which a track ends that was confirmed by its existence, and scans without a
@@ -114,6 +115,13 @@ impl Track {
     /// Scans of the slowest radar that sees the target, s.
     pub fn period(&self) -> f64 {
         self.period
+    }
+
+    /// The same, with the code of an emergency in place of its own.
+    pub fn shown_identities(&self) -> Identities {
+        let own = self.identities();
+        let is_emergency = self.emergencies >= EMERGENCY_AFTER && self.emergency >= 0;
+        Identities { mode_3a: if is_emergency { self.emergency } else { own.mode_3a }, ..own }
     }
 
     /// Suspends its plan, or resumes it.

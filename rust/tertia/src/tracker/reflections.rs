@@ -1,0 +1,221 @@
+//! Plots that may be of a target elsewhere: its replies also reach the radar by way of a building, or by a
+//! side lobe of the antenna (Stevens, Secondary Surveillance Radar, 1988).
+
+use super::doubles::Near;
+use super::identity::rarity;
+use super::plot::{Measured, Source};
+use super::settings::Settings;
+use super::suspicion::{EXTENT, Reflection};
+use super::track::{SOONEST, Track};
+use crate::base::plane::Plane;
+use crate::sensors::{Identities, IdentityKind};
+use std::f64::consts::TAU;
+
+/// Reflections of a target in a scan of a radar, before any plot.
+const SHARE: f64 = 0.01;
+/// How much likelier equal heights are of one target than of two, at most: aircraft fly at the same levels.
+const LEVELS: f64 = 30.0;
+/// Largest distance of a reflector from its radar, m.
+const FARTHEST: f64 = 30e3;
+/// Standard deviations by which a side lobe may seem nearer than its target.
+const SIGMAS: f64 = 3.0;
+/// Scans by which a radar may have seen a target earlier than when its beam passed it last, and more if the plot
+/// of that scan is yet to be assigned.
+const EARLY: f64 = 0.25;
+const UNASSIGNED: f64 = 1.0;
+/// Plots of a tentative track from which on others may be its reflections.
+const ENOUGH: usize = 2;
+
+/// The possible reflections of a scan, by plot.
+#[derive(Default)]
+pub(super) struct Reflections {
+    all: Vec<Reflection>,
+    /// Identities of plots that no confirmed track has.
+    names: Vec<((u8, i64), usize)>,
+}
+
+impl Reflections {
+    /// Those that may be the plot.
+    pub fn of(&self, plot: usize) -> &[Reflection] {
+        let own = &self.all[self.all.partition_point(|one| one.plot < plot)..];
+        &own[..own.partition_point(|one| one.plot == plot)]
+    }
+
+    /// Finds those among the plots that confirmed tracks have left. Cost O(plots), and O(tracks log plots) where
+    /// any of these has an identity.
+    pub fn find(
+        &mut self,
+        Near { plots, .. }: Near<'_>,
+        (taken, deferred): (&[bool], &[bool]),
+        (tracks, settings): (&[Track], &Settings),
+    ) {
+        let Self { all, names } = self;
+        all.clear();
+        names.clear();
+        let polar = |plot: &Measured| !settings.geometry(plot.radar).is_position();
+        for (i, plot) in plots.iter().enumerate() {
+            if !taken[i] && !deferred[i] && plot.identities.is_some() && polar(plot) {
+                names.extend(each(&settings.identities(plot).0).map(|name| (name, i)));
+            }
+        }
+        if names.is_empty() {
+            return;
+        }
+        names.sort_unstable();
+        for track in tracks.iter().filter(|track| !track.is_reflection()) {
+            for name in each(&track.identities()) {
+                let first = names.partition_point(|(other, _)| *other < name);
+                for &(_, i) in names[first..].iter().take_while(|(other, _)| *other == name) {
+                    all.extend(of_target((i, &plots[i]), (name.0, track), settings));
+                }
+            }
+        }
+        all.sort_unstable_by_key(|one| (one.plot, one.track));
+    }
+}
+
+/// Kinds and numbers of identities.
+fn each(own: &Identities) -> impl Iterator<Item = (u8, i64)> + use<> {
+    let Identities { icao_address, identity, callsign, mode_3a } = *own;
+    let all = [icao_address.into(), identity, callsign, mode_3a.into()];
+    (0..).zip(all).filter(|(_, number)| *number >= 0)
+}
+
+/// The kinds in this order.
+const KINDS: [IdentityKind; 4] =
+    [IdentityKind::Address, IdentityKind::Number, IdentityKind::Callsign, IdentityKind::Code];
+
+/// The plot as a reflection of a target with an identity of this kind; none where it cannot be one.
+fn of_target(
+    (index, plot): (usize, &Measured),
+    (kind, track): (u8, &Track),
+    settings: &Settings,
+) -> Option<Reflection> {
+    let (kind, own) = (KINDS[usize::from(kind)], track.identities());
+    let reply = settings.identities(plot).0;
+    if own.compare(&reply) != Some((kind, true)) || own.contradicts(&reply) {
+        return None;
+    }
+    let radar = &settings.radars[plot.radar];
+    let age = plot.time - track.expected_by(plot.radar)?.seen;
+    if age.abs() > (1.0 + EARLY + UNASSIGNED) * radar.scan_period {
+        return None;
+    }
+    let height = track.height_ratio(plot);
+    if height < 1.0 {
+        return None;
+    }
+    let (place, p) = track.position_at(plot.time);
+    let Path { distance, variance, side_lobe, turned } = Path::of(plot, (place, p), settings);
+    let more = if track.is_confirmed() { 0.0 } else { UNASSIGNED };
+    if age > (turned + EARLY + more) * radar.scan_period {
+        return None;
+    }
+    let error = SIGMAS * variance.sqrt() + EXTENT;
+    if !(-error..=FARTHEST + error).contains(&distance) {
+        return None;
+    }
+    let [x, y] = [0, 1].map(|i| plot.position[i] - place[i]);
+    let flown = settings.max_speed * age.abs() + SIGMAS * (p.xx + p.yy).sqrt();
+    let is_seen = age.abs() < SOONEST * radar.scan_period || f64::hypot(x, y) > flown;
+    let is_unsure = track.hits().is_some_and(|hits| hits < ENOUGH || distance < error);
+    let same = rarity(kind, &reply, settings) * height.min(LEVELS);
+    let log_odds = (SHARE * (1.0 + side_lobe) * same).ln();
+    let since = if distance < error { track.first.time } else { f64::NEG_INFINITY };
+    let (plot, track) = (index, track.number);
+    Some(Reflection { plot, track, distance, variance, log_odds, is_seen, is_unsure, since })
+}
+
+/// The way from a radar to a target by a reflector on the ground.
+struct Path {
+    /// Distance of the reflector from the radar, and its variance.
+    distance: f64,
+    variance: f64,
+    /// Likelihood ratio of the range of the plot: of a side lobe, which sees the target at its range, against
+    /// another target.
+    side_lobe: f64,
+    /// How far the beam has turned since it passed the target, as a share of a scan.
+    turned: f64,
+}
+
+impl Path {
+    /// By which a plot is of the target at `place`: its slant range is the distance of the reflector and the
+    /// slant range from there, (R − d)² = d² − 2 d a cos Δ + a² + h².
+    fn of(plot: &Measured, (place, p): ([f64; 2], Plane), settings: &Settings) -> Self {
+        let radar = &settings.radars[plot.radar];
+        let [east, north, up] = radar.position;
+        let polar = |[x, y]: [f64; 2]| {
+            let range = f64::hypot(x - east, y - north).max(1.0);
+            ([(x - east) / range, (y - north) / range], range)
+        };
+        let ((u, g), (v, a)) = (polar(plot.position), polar(place));
+        let (cosine, sine) = (u[0] * v[0] + u[1] * v[1], u[0] * v[1] - u[1] * v[0]);
+        let (height, unsure) = match plot.source {
+            Source::Slant { prior: [height, variance], .. } => (height, variance),
+            _ => (if plot.height.is_finite() { plot.height - up } else { 0.0 }, 0.0),
+        };
+        let slant = f64::hypot(g, height);
+        // 0 where the plot is at the place of the target
+        let base = (slant - a * cosine).max(1.0);
+        let distance = 0.5 * (g - a) * (g + a) / base;
+        let seen = radar.detecting(plot.detection);
+        let r = seen.noise_at(plot.position, plot.height - up);
+        let along = |c: Plane, w: [f64; 2]| c.form(w);
+        let across = |c: Plane, [x, y]: [f64; 2]| c.form([y, -x]);
+        let by_height = unsure * (height / g).powi(2);
+        let ranges = (g * (1.0 - distance / slant) / base).powi(2) * (along(r, u) + by_height)
+            + ((a - distance * cosine) / base).powi(2) * along(p, v);
+        let azimuths =
+            (distance * sine / base).powi(2) * ((a / g).powi(2) * across(r, u) + across(p, v));
+        let both = along(r, u) + along(p, v);
+        let density = (-0.5 * (g - a).powi(2) / both).exp() / (TAU * both).sqrt();
+        Self {
+            distance,
+            variance: ranges + azimuths,
+            side_lobe: FARTHEST * density,
+            turned: sine.atan2(cosine).rem_euclid(TAU) / TAU,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::checks::assert_within;
+    use crate::sensors::radar_of;
+    use crate::tracker::motion::Motion;
+
+    const NONE: Plane = Plane { xx: 0.0, xy: 0.0, yy: 0.0 };
+
+    /// East and north at an azimuth.
+    fn at(range: f64, azimuth: f64) -> [f64; 2] {
+        [range * azimuth.sin(), range * azimuth.cos()]
+    }
+
+    fn way(reflector: [f64; 2], target: [f64; 2], height: f64) -> Path {
+        let [distance, azimuth] = reflector;
+        let [east, north] = at(distance, azimuth);
+        let leg = f64::hypot(target[0] - east, target[1] - north);
+        let slant = distance + f64::hypot(leg, height);
+        let ground = (slant * slant - height * height).sqrt();
+        let position = at(ground, azimuth);
+        let plot = Measured { position, height, ..Measured::default() };
+        let settings = Settings::new(vec![radar_of([50.0, 1e-3])], Motion::Cv(1.0));
+        Path::of(&plot, (target, NONE), &settings)
+    }
+
+    #[test]
+    fn a_path_leads_back_to_its_reflector() {
+        let target = at(4e4, 1.0);
+        for (distance, azimuth) in [(2e3, 2.5), (9e3, 5.0), (5e3, 1.3)] {
+            for height in [0.0, 1e3, 1e4] {
+                let found = way([distance, azimuth], target, height);
+                assert_within(1e-9, found.distance / distance, 1.0);
+                assert_within(1e-12, found.turned, (azimuth - 1.0) / TAU);
+            }
+        }
+        // at the range of the target, and beyond
+        assert!(way([0.0, 2.5], target, 1e3).side_lobe > 100.0);
+        assert!(way([2e3, 2.5], target, 1e3).side_lobe < 1e-9);
+    }
+}

@@ -1,0 +1,165 @@
+//! What speaks for it that a track is the reflection of a target that its radar sees elsewhere.
+
+use super::plot::Measured;
+use serde::{Deserialize, Serialize};
+
+/// Standard deviation of the distance of a reflector by its extent, m and as a share.
+pub(super) const EXTENT: f64 = 60.0;
+const SLANTED: f64 = 0.01;
+/// Scans by which a target at the same range as its side lobe must have begun before it.
+const BEFORE: f64 = 1.5;
+/// By how much the logarithm of the odds may fall by one plot.
+const STEP: f64 = -4.0;
+/// Logarithm of the probability that a target is not seen where its reflection is.
+const UNSEEN: f64 = -3.0;
+/// Scans for which a reflection lasts on average: a target stays.
+const LASTING: f64 = 15.0;
+
+/// What a plot is if it is the reflection of a target.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Reflection {
+    pub plot: usize,
+    /// Number of the track of the target.
+    pub track: u64,
+    /// Distance of the reflector from the radar, 0 for a side lobe, and its variance, m and m².
+    pub distance: f64,
+    pub variance: f64,
+    /// Logarithm of the odds of a reflection against another target, before others are known.
+    pub log_odds: f64,
+    /// Whether the radar has seen the target elsewhere in this scan: the plot is not of itself.
+    pub is_seen: bool,
+    /// Whether the target may be the reflection instead: it is not confirmed, and nearer by no more than errors,
+    /// or has too few plots.
+    pub is_unsure: bool,
+    /// First plot of the target, s, where the plot may be of a side lobe: either may be of that if both are new.
+    pub since: f64,
+}
+
+/// Whether a track is the reflection of a target.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Suspicion {
+    radar: usize,
+    /// Number of the track of that target.
+    track: u64,
+    /// Mean distance of the reflector by so many plots, and its variance.
+    distance: f64,
+    variance: f64,
+    plots: f64,
+    /// Logarithm of the odds of a reflection, and of those by the first plot.
+    log_odds: f64,
+    first: f64,
+}
+
+impl Reflection {
+    /// Whether it is likelier than another target, although the target may be the reflection instead.
+    pub fn is_mutual(&self) -> bool {
+        self.is_unsure && self.is_likely()
+    }
+
+    fn is_likely(&self) -> bool {
+        self.is_seen && self.log_odds > 0.0
+    }
+
+    /// Whether it is of the target, rather than of a track that began at this time.
+    pub fn is_of_target(&self, begin: f64, period: f64) -> bool {
+        !self.is_unsure && self.since < begin - BEFORE * period
+    }
+}
+
+impl Suspicion {
+    /// By the first plot; none where another target is likelier.
+    pub fn of<'a>(
+        plot: &Measured,
+        reflections: impl Iterator<Item = &'a Reflection>,
+    ) -> Option<Self> {
+        let seen = reflections.filter(|one| one.is_likely());
+        let one = seen.max_by(|a, b| a.log_odds.total_cmp(&b.log_odds))?;
+        let Reflection { track, distance, variance, log_odds, .. } = *one;
+        let (radar, plots, first) = (plot.radar, 1.0, log_odds);
+        Some(Self { radar, track, distance, variance, plots, log_odds, first })
+    }
+
+    /// Whether a reflection is likelier than another target.
+    pub fn holds(&self) -> bool {
+        self.log_odds > 0.0
+    }
+
+    /// Weighs one more plot: a reflector stays where it is.
+    pub fn weigh<'a>(
+        &mut self,
+        plot: &Measured,
+        reflections: impl Iterator<Item = &'a Reflection>,
+    ) {
+        if !self.holds() || !plot.identities.is_some() {
+            return;
+        }
+        let is_own = |one: &&Reflection| one.track == self.track && plot.radar == self.radar;
+        let mut own = reflections.filter(is_own);
+        let Some(one) = own.next() else {
+            self.log_odds += UNSEEN;
+            return;
+        };
+        if one.is_seen {
+            let log_odds = self.log_odds + (0.5 - 0.5 * self.square(one)).max(STEP);
+            self.log_odds = log_odds.min(self.first - self.plots / LASTING);
+            self.plots += 1.0;
+            self.distance += (one.distance - self.distance) / self.plots;
+            self.variance += (one.variance - self.variance) / self.plots;
+        }
+    }
+
+    /// Normalised square of the difference in distance.
+    fn square(&self, one: &Reflection) -> f64 {
+        let extent = EXTENT + SLANTED * self.distance.abs();
+        let variance = one.variance + self.variance / self.plots + extent * extent;
+        (one.distance - self.distance).powi(2) / variance
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensors::Identities;
+
+    fn reflection(distance: f64, log_odds: f64) -> Reflection {
+        let (is_seen, is_unsure, since) = (true, false, f64::NEG_INFINITY);
+        let (plot, track, variance) = (0, 1, 1e4);
+        Reflection { plot, track, distance, variance, log_odds, is_seen, is_unsure, since }
+    }
+
+    fn after(log_odds: f64, plots: &[Option<f64>]) -> bool {
+        let plot = Measured { identities: Identities::of(1), ..Measured::default() };
+        let first = reflection(5e3, log_odds);
+        let mut own = Suspicion::of(&plot, [first].iter()).unwrap();
+        for distance in plots {
+            let found = distance.map(|distance| reflection(distance, log_odds));
+            own.weigh(&plot, found.iter());
+        }
+        own.holds()
+    }
+
+    #[test]
+    fn a_reflector_stays_where_it_is() {
+        let moving: Vec<_> = (1..6).map(|k| Some(5e3 + 400.0 * f64::from(k))).collect();
+        assert!(after(7.0, &[Some(5.1e3); 30]) && !after(7.0, &[Some(5.1e3); 110]));
+        assert!(after(7.0, &moving[..1]) && !after(7.0, &moving));
+        // a target that is not seen where it should be is no reason for a reflection
+        assert!(after(7.0, &[None, None]) && !after(7.0, &[None; 3]));
+        // nor is another target
+        let other = Reflection { track: 2, ..reflection(5e3, 7.0) };
+        let plot = Measured { identities: Identities::of(1), ..Measured::default() };
+        let mut own = Suspicion::of(&plot, [reflection(5e3, 2.0)].iter()).unwrap();
+        own.weigh(&plot, [other].iter());
+        assert!(!own.holds());
+        let plot = Measured::default();
+        assert!(Suspicion::of(&plot, [reflection(5e3, -1.0)].iter()).is_none());
+    }
+
+    #[test]
+    fn a_side_lobe_is_of_the_target_that_began_before() {
+        let own = Reflection { since: 10.0, ..reflection(0.0, 3.0) };
+        assert!(own.is_of_target(20.0, 4.0) && !own.is_of_target(14.0, 4.0));
+        let unsure = Reflection { is_unsure: true, ..own };
+        assert!(!unsure.is_of_target(20.0, 4.0) && unsure.is_mutual());
+    }
+}

@@ -1,0 +1,43 @@
+//! Tracks that may be reflections of other targets.
+
+use super::{Stage, Track};
+use crate::tracker::plot::Measured;
+use crate::tracker::settings::Settings;
+use crate::tracker::suspicion::{Reflection, Suspicion};
+
+impl Track {
+    /// Plots so far; none once it is confirmed.
+    pub fn hits(&self) -> Option<usize> {
+        if let Stage::Tentative { hits, .. } = self.stage { Some(hits) } else { None }
+    }
+
+    /// Requires one more plot if another track has begun with its identity: one is the reflection of the other.
+    pub fn wait_for(&mut self, reflections: &[Reflection]) {
+        if self.hits() == Some(1) && reflections.iter().any(Reflection::is_mutual) {
+            self.require_more();
+        }
+    }
+
+    /// Weighs whether it is a reflection, by a plot that may be one.
+    pub fn suspect(&mut self, plot: &Measured, reflections: &[Reflection], settings: &Settings) {
+        let (begin, period) = (self.first.time, settings.radars[plot.radar].scan_period);
+        let own = reflections.iter().filter(|one| one.is_of_target(begin, period));
+        match &mut self.suspicion {
+            Some(suspicion) => suspicion.weigh(plot, own),
+            None => self.suspicion = Suspicion::of(plot, own).map(Box::new),
+        }
+    }
+
+    /// Whether it is a reflection, more likely than not.
+    pub fn is_reflection(&self) -> bool {
+        self.suspicion.as_ref().is_some_and(|own| own.holds())
+    }
+
+    /// Likelihood ratio of the height of a plot: this target against any.
+    pub fn height_ratio(&self, plot: &Measured) -> f64 {
+        match self.vertical {
+            Some(vertical) if plot.height.is_finite() => vertical.ratio(plot.time, plot.height),
+            _ => 1.0,
+        }
+    }
+}
