@@ -8,13 +8,11 @@ use super::doubles::Seconds;
 use super::noise::Noise;
 use super::outliers::Stray;
 use super::plot::Measured;
-use super::prospects::There;
 use super::row::Row;
 use super::settings::Settings;
 use super::track::Track;
 use crate::association::{Assigner, Grid, Pair, is_inside};
 use crate::base::batch::for_each_row;
-use crate::sensors::Detection;
 use std::hint::black_box;
 use std::num::NonZero;
 
@@ -30,9 +28,6 @@ const NOTHING: u32 = u32::MAX;
 /// Corners between which there is nothing.
 const NOWHERE: ([f64; 2], [f64; 2]) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
 
-/// Radar and time of a plot; if it has been counted, by what it was detected, and what plans say of the place.
-type Begun = (usize, f64, Option<(Option<Detection>, There)>);
-
 /// A plot that was given to a track.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Given {
@@ -41,7 +36,7 @@ pub(super) struct Given {
     pub plot: u32,
     pub track: u64,
     /// The first plot of a track that is confirmed by this one.
-    pub begun: Option<Begun>,
+    pub begun: bool,
     /// Radar of a plot before that was an outlier, as this one shows.
     pub outlier: Option<usize>,
     /// Another one that was no plot of the track.
@@ -294,11 +289,7 @@ impl Share {
             }
             track.correct(measured, settings);
             let with_row = with_rows || track.is_confirmed();
-            let begun = (!confirmed && track.is_confirmed()).then_some((
-                track.first.radar,
-                track.first.time,
-                track.is_counted.then_some((track.first.detection, track.there)),
-            ));
+            let begun = !confirmed && track.is_confirmed();
             let place = group[0].rank + claim.rank;
             self.give(place, plot, track, measured, with_row, (begun, outlier, stray));
         }
@@ -335,7 +326,7 @@ impl Share {
             self.columns.take(plot);
             track.credit(evidence, 0.0, radar, settings);
             let place = group[0].rank + claim.rank + group.len() as u32;
-            self.give(place, plot, track, measured, true, (None, None, None));
+            self.give(place, plot, track, measured, true, (false, None, None));
         }
     }
 
@@ -346,7 +337,7 @@ impl Share {
         track: &Track,
         measured: &Measured,
         with_row: bool,
-        (begun, outlier, stray): (Option<Begun>, Option<usize>, Option<Stray>),
+        (begun, outlier, stray): (bool, Option<usize>, Option<Stray>),
     ) {
         let row = if with_row { self.rows.len() as u32 } else { NOTHING };
         if with_row {
@@ -448,7 +439,7 @@ impl Shares {
     pub fn confirmed(&self) -> Vec<u64> {
         let given = self.shares.iter().flat_map(|share| &share.given);
         let mut numbers: Vec<u64> =
-            given.filter(|given| given.begun.is_some()).map(|given| given.track).collect();
+            given.filter(|given| given.begun).map(|given| given.track).collect();
         numbers.sort_unstable();
         numbers
     }
