@@ -28,6 +28,9 @@ pub(super) struct Fixed {
     /// Scans so far, and as many as count.
     now: f64,
     scans: f64,
+    /// Sides of the cells along and across, m and rad, by the noise when the first plot was counted: what is
+    /// found of the noise later must not move them. 0 before any plot.
+    sides: [f64; 2],
     /// The plots of each cell, and until when they have faded.
     #[serde(serialize_with = "in_order", deserialize_with = "from_list")]
     plots: IntegerMap<(f64, f64)>,
@@ -54,15 +57,11 @@ fn from_list<'de, D: Deserializer<'de>>(
 
 impl Fixed {
     /// A place in sides of cells, and the area of its cell.
-    fn place(radar: &Radar, position: [f64; 2]) -> ([f64; 2], f64) {
+    fn place(&self, radar: &Radar, position: [f64; 2]) -> ([f64; 2], f64) {
         let [x, y] = [0, 1].map(|i| position[i] - radar.position[i]);
         let range = radar.about(position);
-        let side = Self::sides(radar);
-        ([range / side[0], x.atan2(y) / side[1]], side[0] * side[1] * range)
-    }
-
-    fn sides(radar: &Radar) -> [f64; 2] {
-        [radar.range_sigma, radar.azimuth_sigma].map(|sigma| SIDE * sigma)
+        let [along, across] = self.sides;
+        ([range / along, x.atan2(y) / across], along * across * range)
     }
 
     fn at(&self, cell: (i32, i32)) -> f64 {
@@ -71,14 +70,14 @@ impl Fixed {
 
     /// The plots of the cell of a place, and its area.
     fn cell(&self, radar: &Radar, position: [f64; 2]) -> (f64, f64) {
-        let (place, area) = Self::place(radar, position);
+        let (place, area) = self.place(radar, position);
         (self.at((place[0].floor() as i32, place[1].floor() as i32)), area)
     }
 
     /// Whether there are cells in which plots come in many scans, more than chance makes in any cell of an
     /// `area` with this `mean` density. Cost O(cells).
-    pub fn has_sources(&self, radar: &Radar, mean: f64, area: f64) -> bool {
-        let [along, across] = Self::sides(radar);
+    pub fn has_sources(&self, mean: f64, area: f64) -> bool {
+        let [along, across] = self.sides;
         self.plots.iter().any(|(cell, own)| {
             let plots = faded(*own, self.now);
             let range = ((cell >> 32) as f64 + 0.5) * along;
@@ -89,6 +88,9 @@ impl Fixed {
 
     /// Whether there is one at a place, more likely than not. Cost O(1).
     pub fn is_source(&self, radar: &Radar, position: [f64; 2], mean: f64) -> bool {
+        if self.plots.is_empty() {
+            return false;
+        }
         let (plots, area) = self.cell(radar, position);
         plots > 0.0 && SOURCE + self.log_odds(plots, mean * area) > 0.0
     }
@@ -117,7 +119,10 @@ impl Fixed {
 
     /// Counts a plot, in the four cells about it.
     pub fn add(&mut self, radar: &Radar, position: [f64; 2]) {
-        let ([along, across], _) = Self::place(radar, position);
+        if self.plots.is_empty() {
+            self.sides = [radar.range_sigma, radar.azimuth_sigma].map(|sigma| SIDE * sigma);
+        }
+        let ([along, across], _) = self.place(radar, position);
         let halves = |place: f64| {
             let low = (place - 0.5).floor();
             let upper = place - 0.5 - low;
@@ -197,7 +202,7 @@ mod tests {
         // with a source for sure
         let expected = 1.0 + (plots + 1.0) / (scans + 2.0) / (mean * AREA);
         assert_within(1e-6, found.ratio(&radar(), place, mean), expected);
-        let has_sources = |found: &Fixed, mean| found.has_sources(&radar(), mean, 1e11);
+        let has_sources = |found: &Fixed, mean| found.has_sources(mean, 1e11);
         assert!(has_sources(&found, mean) == (plots > OFTEN * scans));
         // one plot is chance, and so are ten where there are many everywhere
         assert!(after(1).ratio(&radar(), place, mean) < 1.1);
@@ -214,6 +219,16 @@ mod tests {
         // elsewhere there is none
         assert_eq!(after(80).ratio(&radar(), [0.0, 40e3], mean), 1.0);
         assert_eq!(Fixed::default().ratio(&radar(), place, mean), 1.0);
+    }
+
+    #[test]
+    fn what_is_found_of_the_noise_does_not_move_the_cells() {
+        let (mean, place, noisy) = (1e-9, middle(PLACE), radar_of([60.0, 1.3e-3]));
+        let mut found = after(10);
+        let before = found.at((333, 0));
+        assert_eq!(found.ratio(&noisy, place, mean), found.ratio(&radar(), place, mean));
+        found.add(&noisy, place);
+        assert_within(1e-9, found.at((333, 0)), before + 1.0);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::azimuths::Azimuths;
 use super::cluster::Clusters;
-use super::clutter::Clutter;
+use super::clutter::{Clutter, Held};
 use super::doubles::Doubles;
 use super::ended::Ended;
 use super::level::Level;
@@ -424,24 +424,25 @@ impl Tracker {
         self.time = self.time.max(end);
     }
 
-    /// Removes the tracks that have ended.
+    /// Removes the tracks that have ended, and counts the plots of those that are not confirmed.
     pub(super) fn bury(&mut self) {
         let Self { tracks, ended, settings, clutter, time, .. } = self;
         let before = tracks.len();
+        let mut held = vec![Held::default(); clutter.len()];
         tracks.retain(|track| {
             let is_alive = track.is_alive(settings);
             if !is_alive {
                 ended.remember(track, settings);
-                if !track.is_confirmed() {
-                    let first = &track.first;
-                    clutter[first.radar].drop(&settings.radars[first.radar], first.position);
-                    for plot in track.later_plots() {
-                        clutter[plot.radar].restore(&settings.radars[plot.radar], plot);
-                    }
+            }
+            if !track.is_confirmed() {
+                match is_alive {
+                    true => track.hold((clutter, &mut held), settings),
+                    false => track.count(clutter, settings),
                 }
             }
             is_alive
         });
+        clutter.iter_mut().zip(held).for_each(|(own, held)| own.hold(held));
         if tracks.len() < before {
             ended.forget(*time);
             settings.plans.free(|number| tracks.iter().all(|t| t.number != number));

@@ -7,7 +7,7 @@
 use super::ahead::Ahead;
 use super::claim::{Claim, Spread, is_near};
 use super::cluster::{Cells, Clusters};
-use super::clutter::{self, Clutter, Counts};
+use super::clutter::{self, Clutter};
 use super::doubles::{self, Doubles, Near, Seconds};
 use super::ended::Ended;
 use super::groups::{root, sort, unite};
@@ -41,10 +41,6 @@ pub(super) struct Scan {
     left_out: Vec<bool>,
     /// The least number of a track that is looked at, and the least index of one.
     first: (u64, usize),
-    /// Plots of each radar that belonged to no track.
-    unused: Vec<Counts>,
-    /// The number of the first track that begins.
-    begun_now: u64,
     /// The plots of all radars.
     grid: Grid,
     points: Vec<[f64; 2]>,
@@ -103,7 +99,6 @@ impl Scan {
         self.load(sky, plots);
         self.leave_out(sky, &mut report);
         self.first = (0, 0);
-        self.begun_now = *sky.next_number;
         self.take(sky, true, [oldest, hold], &mut report);
         let known = Known { settings: sky.settings, clutter: sky.clutter, noise: sky.noise };
         let sought = (known, &mut sky.tracks[..], &mut *sky.rows);
@@ -134,7 +129,7 @@ impl Scan {
                 break;
             }
         }
-        self.count(sky);
+        self.pass(sky);
         plots.clear();
         let waiting = self.plots.iter().zip(&self.deferred).filter(|(_, deferred)| **deferred);
         plots.extend(waiting.map(|(plot, _)| *plot));
@@ -170,9 +165,6 @@ impl Scan {
         self.deferred.clear();
         self.deferred.resize(plots.len(), false);
         self.spread = Spread::of(plots);
-        let settings = sky.settings;
-        self.unused.clear();
-        self.unused.resize(settings.radars.len(), Counts::default());
         let radars = &sky.settings.radars;
         self.points.clear();
         self.points.extend(plots.iter().map(|plot| plot.position));
@@ -311,8 +303,7 @@ impl Scan {
         if self.claims.is_empty() {
             return false;
         }
-        let Self { plots, taken, deferred, claims, claimed, places, shares, unused, .. } = self;
-        let begun_now = self.begun_now;
+        let Self { plots, taken, deferred, claims, claimed, places, shares, .. } = self;
         let (others, seconds, reflections) = (&self.others[..], &self.seconds, &self.reflections);
         // tracks by component
         places.clear();
@@ -393,16 +384,6 @@ impl Scan {
             if let Some(stray) = given.stray {
                 sky.noise[stray.radar].outliers.strayed(&stray);
             }
-            match given.begun {
-                // its first plot is one of these
-                Some((radar, _, Some(place))) if given.track >= begun_now => {
-                    unused[radar].remove(place);
-                }
-                Some((radar, time, Some(place))) => {
-                    sky.clutter[radar].discount(time, &settings.radars[radar], place);
-                }
-                _ => (),
-            }
             if row.is_some_and(|row| row.confirmed) {
                 let plot = &plots[given.plot as usize];
                 sky.noise[plot.radar].saw(track, plot, settings);
@@ -468,7 +449,6 @@ impl Scan {
             let is_other = is_double || track.is_reflection();
             track.is_counted = !is_other && !clutter.is_fixed(radar, plot);
             if track.is_counted {
-                self.unused[plot.radar].add(plot.detection, track.there);
                 sky.clutter[plot.radar].weigh(radar, plot.position);
             }
             let own = PlotStatus::of(track.number, track.is_reflection());
@@ -481,16 +461,18 @@ impl Scan {
         left
     }
 
-    /// Counts the plots that belonged to no track.
-    fn count<R>(&mut self, sky: &mut Sky<'_, R>) {
+    /// Lets the time pass in which plots have been assigned.
+    fn pass<R>(&self, sky: &mut Sky<'_, R>) {
         let settled = || self.plots.iter().zip(&self.deferred).filter(|(_, d)| !**d);
         let (Some((first, _)), Some((last, _))) = (settled().next(), settled().next_back()) else {
             return;
         };
-        for (clutter, (counts, radar)) in
-            sky.clutter.iter_mut().zip(self.unused.iter().zip(&sky.settings.radars))
-        {
-            clutter.count(counts, [first.time, last.time], radar);
+        let times = [first.time, last.time];
+        for (sensor, clutter) in sky.clutter.iter_mut().enumerate() {
+            let own = || settled().map(|(plot, _)| plot).filter(|plot| plot.radar == sensor);
+            let times_of_own = || own().map(|plot| plot.time);
+            let have_one_time = || times_of_own().is_sorted_by(|a, b| a == b);
+            clutter.pass(times, have_one_time, &sky.settings.radars[sensor]);
         }
     }
 }

@@ -18,8 +18,8 @@ mod doubt;
 mod view;
 
 use columns::Columns;
+use view::Given;
 pub(super) use view::View;
-use view::{Begun, Given};
 
 /// Shares per thread, so that a thread on a busy core does not hold up the others.
 pub(super) const SHARES_PER_THREAD: usize = 8;
@@ -256,11 +256,7 @@ impl Share {
             }
             track.correct(measured, settings);
             let with_row = with_rows || track.is_confirmed();
-            let begun = (!confirmed && track.is_confirmed()).then_some((
-                track.first.radar,
-                track.first.time,
-                track.is_counted.then_some((track.first.detection, track.there)),
-            ));
+            let begun = !confirmed && track.is_confirmed();
             let place = group[0].rank + claim.rank;
             self.give(place, plot, track, measured, with_row, (begun, outlier, stray));
         }
@@ -297,7 +293,7 @@ impl Share {
             self.columns.take(plot);
             track.credit(evidence, 0.0, radar, settings);
             let place = group[0].rank + claim.rank + group.len() as u32;
-            self.give(place, plot, track, measured, true, (None, None, None));
+            self.give(place, plot, track, measured, true, (false, None, None));
         }
     }
 
@@ -308,7 +304,7 @@ impl Share {
         track: &Track,
         measured: &Measured,
         with_row: bool,
-        (begun, outlier, stray): (Option<Begun>, Option<usize>, Option<Stray>),
+        (begun, outlier, stray): (bool, Option<usize>, Option<Stray>),
     ) {
         let row = if with_row { self.rows.len() as u32 } else { NOTHING };
         if with_row {
@@ -421,7 +417,7 @@ impl Shares {
     pub fn confirmed(&self) -> Vec<u64> {
         let given = self.shares.iter().flat_map(|share| &share.given);
         let mut numbers: Vec<u64> =
-            given.filter(|given| given.begun.is_some()).map(|given| given.track).collect();
+            given.filter(|given| given.begun).map(|given| given.track).collect();
         numbers.sort_unstable();
         numbers
     }

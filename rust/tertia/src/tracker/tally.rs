@@ -7,31 +7,32 @@ use serde::{Deserialize, Serialize};
 /// False plots and new targets in a scan, at least.
 pub(super) const FEWEST: f64 = 1.0;
 
-/// Plots of a radar, how many of them were detected in each way, and what plans say of their places, summed.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Counts {
-    pub all: usize,
-    pub by: [usize; Detection::ALL.len()],
+/// First plots, and what plans say of their places, summed, with fading weights.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Places {
+    pub plots: f64,
     pub there: There,
 }
 
-impl Counts {
-    pub fn add(&mut self, detection: Option<Detection>, there: There) {
-        self.all += 1;
-        if let Some(detection) = detection {
-            self.by[detection as usize] += 1;
-        }
-        self.there.add(there, 1.0);
+impl Places {
+    /// Lets them fade.
+    pub fn fade(&mut self, kept: f64) {
+        self.plots *= kept;
+        self.there.fade(kept);
     }
 
-    /// Takes away a plot that was added.
-    pub fn remove(&mut self, (detection, there): (Option<Detection>, There)) {
-        self.all = self.all.saturating_sub(1);
-        if let Some(detection) = detection {
-            let own = &mut self.by[detection as usize];
-            *own = own.saturating_sub(1);
-        }
-        self.there.add(there, -1.0);
+    /// Adds one that counts with this weight.
+    pub fn add(&mut self, there: There, weight: f64) {
+        self.plots += weight;
+        self.there.add(there, weight);
+    }
+
+    /// Both together.
+    pub fn with(&self, other: &Self) -> Self {
+        let mut all = *self;
+        all.plots += other.plots;
+        all.there.add(other.there, 1.0);
+        all
     }
 }
 
@@ -52,28 +53,18 @@ impl Tally {
         self.scans *= kept;
     }
 
-    /// Adds those of so many scans.
-    pub fn add(&mut self, counts: &Counts, scans: f64) {
-        self.plots += counts.all as f64;
-        self.by.iter_mut().zip(counts.by).for_each(|(plots, new)| *plots += new as f64);
-        self.scans += scans;
-    }
-
-    /// Removes a plot that was counted with this weight.
-    pub fn remove(&mut self, detection: Option<Detection>, weight: f64) {
-        self.plots = (self.plots - weight).max(0.0);
-        if let Some(detection) = detection {
-            let own = &mut self.by[detection as usize];
-            *own = (*own - weight).max(0.0);
-        }
-    }
-
     /// Adds a plot that counts with this weight.
-    pub fn restore(&mut self, detection: Option<Detection>, weight: f64) {
+    pub fn add(&mut self, detection: Option<Detection>, weight: f64) {
         self.plots += weight;
         if let Some(detection) = detection {
             self.by[detection as usize] += weight;
         }
+    }
+
+    /// Both together.
+    pub fn with(&self, other: &Self) -> Self {
+        let by = std::array::from_fn(|way| self.by[way] + other.by[way]);
+        Self { plots: self.plots + other.plots, by, scans: self.scans + other.scans }
     }
 
     /// Those that are not among others.

@@ -364,7 +364,7 @@ impl Share {
                 track,
                 measured,
                 with_rows || track.is_confirmed(),
-                (None, None, None),
+                (false, None, None),
             );
         }
         if varies.contains(&false) {

@@ -1,18 +1,13 @@
 //! What all threads see of a scan, and what each gives back.
 
-use crate::sensors::Detection;
 use crate::tracker::cluster::Cells;
 use crate::tracker::clutter::Clutter;
 use crate::tracker::doubles::Seconds;
 use crate::tracker::noise::Noise;
 use crate::tracker::outliers::Stray;
 use crate::tracker::plot::Measured;
-use crate::tracker::prospects::There;
 use crate::tracker::reflections::Reflections;
 use crate::tracker::settings::Settings;
-
-/// Radar and time of a plot; if it has been counted, by what it was detected, and what plans say of the place.
-pub(super) type Begun = (usize, f64, Option<(Option<Detection>, There)>);
 
 /// A plot that was given to a track.
 #[derive(Clone, Copy, Debug)]
@@ -22,7 +17,7 @@ pub(in crate::tracker) struct Given {
     pub plot: u32,
     pub track: u64,
     /// The first plot of a track that is confirmed by this one.
-    pub begun: Option<Begun>,
+    pub begun: bool,
     /// Radar of a plot before that was an outlier, as this one shows.
     pub outlier: Option<usize>,
     /// Another one that was no plot of the track.

@@ -1,7 +1,7 @@
 //! What tentative tracks stand on: their plots, and how dense false ones were thought to be.
 
 use super::{Stage, Track};
-use crate::tracker::clutter::Clutter;
+use crate::tracker::clutter::{Clutter, Held};
 use crate::tracker::noise::Noise;
 use crate::tracker::plot::Measured;
 use crate::tracker::settings::{Confirmation, Settings};
@@ -50,9 +50,41 @@ impl Track {
         self.existence.favour(ratio);
     }
 
-    /// The plots of a tentative track after the first, if that has been counted as false.
-    pub fn later_plots(&self) -> &[Weighed] {
-        self.basis.0.get(1..).filter(|_| self.is_counted).unwrap_or_default()
+    /// Adds its plots to those of tentative tracks, as far as they are likely to be false. A single plot tells
+    /// nothing of that. Cost O(plots).
+    pub fn hold(&self, (clutter, held): (&[Clutter], &mut [Held]), settings: &Settings) {
+        let is_false =
+            if self.basis.0.is_empty() { 1.0 } else { 1.0 - self.existence.probability() };
+        for (i, plot) in self.counted().enumerate() {
+            let (own, held) = (&clutter[plot.radar], &mut held[plot.radar]);
+            let radar = &settings.radars[plot.radar];
+            own.add(held, radar, &plot, is_false);
+            if i == 0 {
+                own.add_place(held, radar, (plot.time, self.there));
+            }
+        }
+    }
+
+    /// Counts its plots as false, but for later ones of a fixed echo: it was never confirmed. Cost O(plots).
+    pub fn count(&self, clutter: &mut [Clutter], settings: &Settings) {
+        let (first, radars) = (&self.first, &settings.radars);
+        clutter[first.radar].drop(&radars[first.radar], first.position);
+        for (i, plot) in self.counted().enumerate() {
+            let (radar, own) = (&radars[plot.radar], &mut clutter[plot.radar]);
+            if i == 0 {
+                own.count_place(radar, (plot.time, self.there));
+            }
+            if i == 0 || !own.has_source(radar, plot.position) {
+                own.count(radar, &plot);
+            }
+        }
+    }
+
+    /// Its plots; none if its first one was a second plot of a target, or of a fixed echo.
+    fn counted(&self) -> impl Iterator<Item = Weighed> + '_ {
+        let is_single = self.basis.0.is_empty();
+        let single = is_single.then(|| Weighed::new(&self.first, self.believed));
+        single.into_iter().chain(self.basis.0.iter().copied()).filter(|_| self.is_counted)
     }
 
     /// A confirmed track stands on its estimate.
