@@ -413,3 +413,36 @@ def test_four_healthy_ranges_in_space_are_trusted(missing):
     assert np.mean(removed) < 0.1
     assert np.mean(ratios) < 1.15
     assert np.mean(squares) > 0.65
+
+
+def tags(speed, count, run):
+    """Return a tag's path among anchors with constant offsets of 1 to 10 sigmas, and its errors."""
+    rng = np.random.default_rng([49, count, run])
+    turn = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
+    places = 10.0 * np.column_stack([np.sin(turn), np.cos(turn)])
+    course = rng.uniform(0, 2 * np.pi) + np.cumsum(0.1 * rng.standard_normal(60))
+    path = speed * np.cumsum(np.column_stack([np.sin(course), np.cos(course)]), axis=0)
+    path += rng.uniform(-3.0, 3.0, 2) - path.mean(axis=0)
+    ranges = np.linalg.norm(path[:, np.newaxis] - places, axis=-1)
+    ranges += rng.uniform(0.1, 1.0, count) * rng.choice([-1.0, 1.0], count)
+    ranges += 0.1 * rng.standard_normal(ranges.shape)
+    stations = [Station(place, range_sigma=0.1) for place in places]
+    track = reconstruct(stations, np.arange(60.0), range=ranges)
+    return track, path
+
+
+def test_regions_of_a_tag_at_rest_hold_where_anchors_have_constant_offsets():
+    held = [inside(*tags(0.0, count, run)) for count in (4, 8) for run in range(32)]
+    # where an eighth of the variance of large errors had to drift, too, it was 0.50
+    assert np.mean(held) > 0.7
+
+
+def test_constant_offsets_are_found_from_a_tag_that_walks():
+    held, squares = [], []
+    for run in range(32):
+        track, path = tags(0.2, 4, run)
+        held.append(inside(track, path))
+        squares.append(np.mean(np.sum(np.square(track.position - path), axis=1)))
+    assert np.mean(held) > 0.9
+    # where an eighth of the variance of large errors had to drift, too, it was 0.27 m
+    assert np.sqrt(np.median(squares)) < 0.15

@@ -1,7 +1,7 @@
 //! Contradictions between the stations, in blocks of instants, and the filter of lasting errors.
 
 use super::instant::Instant;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// Share of its information from which a direction is determined.
 const DETERMINED: f64 = 1e-9;
@@ -29,6 +29,7 @@ pub(super) enum Kernel {
 }
 
 /// Variances of constants and drifts, and correlation times.
+#[derive(Clone, Debug)]
 pub(super) struct Point {
     pub constant: Vec<f64>,
     pub drift: Vec<f64>,
@@ -64,12 +65,13 @@ impl Kernel {
     }
 }
 
-/// What is known of the constants.
-pub(super) struct Filtered {
+/// What blocks say of constants with such drifts, whatever is known of the constants before: `ln p(y)` is
+/// that of normal variables with the information A, the scores b and the squares of y.
+pub(super) struct Sums {
     squares: f64,
     log_determinant: f64,
-    pub mean: Vec<f64>,
-    pub covariance: DMatrix<f64>,
+    information: DMatrix<f64>,
+    scores: DVector<f64>,
 }
 
 impl Point {
@@ -78,23 +80,54 @@ impl Point {
         self.constant.iter().chain(&self.drift).all(|v| *v == 0.0)
     }
 
-    /// What is known of the drifts after a time.
-    fn advance(&self, step: f64, x: &mut [f64], p: &mut [f64]) {
-        let (n, c) = (x.len(), self.drift.len());
-        for i in 0..c {
-            let (size, f) = self.kernel.transition(step / self.time[i]);
-            let at: [usize; 2] = [c + i, if size == 2 { 2 * c + i } else { c + i }];
+    /// Whether drifts are the same.
+    pub fn drifts_as(&self, other: &Self) -> bool {
+        let is_none = self.drift.iter().all(|v| *v == 0.0);
+        let is_same = self.time == other.time && self.kernel == other.kernel;
+        self.drift == other.drift && (is_none || is_same)
+    }
+}
+
+/// The filter of drifts, with each constant of 1 and with what was measured.
+struct Drifts<'a> {
+    point: &'a Point,
+    /// Those that drift.
+    columns: Vec<usize>,
+    /// Numbers of the state, the drifts first.
+    n: usize,
+    /// States, one for each constant and the last for what was measured.
+    x: Vec<f64>,
+    p: Vec<f64>,
+    gain: Vec<f64>,
+}
+
+impl<'a> Drifts<'a> {
+    fn new(point: &'a Point) -> Self {
+        let columns: Vec<usize> =
+            (0..point.drift.len()).filter(|i| point.drift[*i] > 0.0).collect();
+        let n = columns.len() * point.kernel.transition(0.0).0;
+        let mut p = vec![0.0; n * n];
+        for i in 0..n {
+            p[i * n + i] = point.drift[columns[i % columns.len()]];
+        }
+        let x = vec![0.0; n * (point.drift.len() + 1)];
+        Self { point, columns, n, x, p, gain: vec![0.0; n] }
+    }
+
+    /// What is known after a time.
+    fn advance(&mut self, step: f64) {
+        let n = self.n;
+        for (i, &column) in self.columns.iter().enumerate() {
+            let (size, f) = self.point.kernel.transition(step / self.point.time[column]);
+            let at: [usize; 2] = [i, if size == 2 { self.columns.len() + i } else { i }];
             let apply = |v: [f64; 2], a: usize| f[a][0] * v[0] + f[a][1] * v[1];
-            let old = at.map(|at| x[at]);
-            let mut rows = Vec::with_capacity(size * n);
-            for a in 0..size {
-                x[at[a]] = apply(old, a);
-                rows.extend((0..n).map(|j| apply(at.map(|at| p[at * n + j]), a)));
+            for j in 0..n {
+                let old = at.map(|at| self.p[at * n + j]);
+                for a in 0..size {
+                    self.p[at[a] * n + j] = apply(old, a);
+                }
             }
-            for (a, row) in rows.chunks_exact(n).enumerate() {
-                p[at[a] * n..(at[a] + 1) * n].copy_from_slice(row);
-            }
-            for row in p.chunks_exact_mut(n) {
+            for row in self.p.chunks_exact_mut(n).chain(self.x.chunks_exact_mut(n)) {
                 let old = at.map(|at| row[at]);
                 for a in 0..size {
                     row[at[a]] = apply(old, a);
@@ -104,10 +137,77 @@ impl Point {
                 for b in 0..size {
                     let unit = f64::from(u8::from(a == b));
                     let kept = f[a][0] * f[b][0] + f[a][1] * f[b][1];
-                    p[at[a] * n + at[b]] += self.drift[i] * (unit - kept);
+                    self.p[at[a] * n + at[b]] += self.point.drift[column] * (unit - kept);
                 }
             }
         }
+    }
+
+    /// Innovations of a row, and their variance.
+    fn step(&mut self, row: &[f64], innovation: &mut [f64]) -> f64 {
+        let n = self.n;
+        let columns = &self.columns;
+        let along = |v: &[f64]| columns.iter().zip(v).map(|(c, v)| row[*c] * v).sum::<f64>();
+        innovation.copy_from_slice(row);
+        if n == 0 {
+            return 1.0;
+        }
+        for (gain, p) in self.gain.iter_mut().zip(self.p.chunks_exact(n)) {
+            *gain = along(p);
+        }
+        let s = 1.0 + along(&self.gain);
+        for (innovation, x) in innovation.iter_mut().zip(self.x.chunks_exact_mut(n)) {
+            *innovation -= along(x);
+            let scaled = *innovation / s;
+            x.iter_mut().zip(&self.gain).for_each(|(x, gain)| *x += gain * scaled);
+        }
+        for (gain, p) in self.gain.iter().zip(self.p.chunks_exact_mut(n)) {
+            let scaled = gain / s;
+            p.iter_mut().zip(&self.gain).for_each(|(p, gain)| *p -= gain * scaled);
+        }
+        s
+    }
+}
+
+impl Sums {
+    /// ln of the likelihood without the noise: squares of innovations, and ln of their determinant.
+    fn innovations(&self, constant: &[f64]) -> Option<(f64, f64)> {
+        let (factor, right) = self.factored(constant)?;
+        let mut gained = right;
+        factor.l_dirty().solve_lower_triangular_mut(&mut gained);
+        let log_determinant = factor.l_dirty().diagonal().iter().map(|v| v.ln()).sum::<f64>();
+        Some((self.squares - gained.norm_squared(), self.log_determinant + 2.0 * log_determinant))
+    }
+
+    /// `I + R A R` and `R b` of the standard deviations R of the constants.
+    fn factored(&self, constant: &[f64]) -> Option<(Cholesky<f64, Dyn>, DVector<f64>)> {
+        let root = |i: usize| constant[i].sqrt();
+        let right = DVector::from_fn(constant.len(), |i, _| root(i) * self.scores[i]);
+        let mut whole = self.information.clone();
+        for i in 0..constant.len() {
+            whole.row_mut(i).scale_mut(root(i));
+            whole.column_mut(i).scale_mut(root(i));
+            whole[(i, i)] += 1.0;
+        }
+        Some((Cholesky::new(whole)?, right))
+    }
+
+    /// The mean and the covariance of constants of these variances. O(P³).
+    pub fn constants(&self, constant: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
+        let size = constant.len();
+        let root = |i: usize| constant[i].sqrt();
+        let Some((factor, right)) = self.factored(constant) else {
+            return (
+                DVector::zeros(size),
+                DMatrix::from_diagonal(&DVector::from_row_slice(constant)),
+            );
+        };
+        let mean = factor.solve(&right);
+        let inverse = factor.inverse();
+        (
+            DVector::from_fn(size, |i, _| root(i) * mean[i]),
+            DMatrix::from_fn(size, size, |i, j| root(i) * inverse[(i, j)] * root(j)),
+        )
     }
 }
 
@@ -144,49 +244,31 @@ impl Blocks {
         blocks
     }
 
-    /// The filter of constants and drifts. Cost: of a block O(P²) for each of its rows.
-    pub fn filter(&self, point: &Point) -> Filtered {
+    /// The filter of drifts, for all constants at once. Cost: of a block O(P²) for each of its rows.
+    pub fn sums(&self, point: &Point) -> Sums {
         let c = self.size;
-        let drifts = point.drift.iter().any(|v| *v > 0.0);
-        let n = match point.kernel {
-            _ if !drifts => c,
-            Kernel::Markov => 2 * c,
-            Kernel::Smooth => 3 * c,
-        };
-        let (mut x, mut p) = (vec![0.0; n], vec![0.0; n * n]);
-        for i in 0..n {
-            p[i * n + i] = if i < c { point.constant[i] } else { point.drift[i % c] };
-        }
+        let mut drifts = Drifts::new(point);
+        let (mut information, mut scores) = (DMatrix::zeros(c, c), DVector::zeros(c));
         let (mut squares, mut log_determinant) = (0.0, 0.0);
-        let mut g = vec![0.0; n];
+        let mut innovation = vec![0.0; c + 1];
         for (k, rows) in self.rows.iter().enumerate() {
-            if k > 0 && drifts {
-                point.advance(self.time[k] - self.time[k - 1], &mut x, &mut p);
+            if k > 0 && drifts.n > 0 {
+                drifts.advance(self.time[k] - self.time[k - 1]);
             }
             for row in rows.chunks_exact(c + 1) {
-                let (h, y) = (&row[..c], row[c]);
-                // constants and drifts, not the rates of drifts
-                let along =
-                    |v: &[f64]| v.chunks_exact(c).take(2).map(|part| dot(h, part)).sum::<f64>();
-                for (g, row) in g.iter_mut().zip(p.chunks_exact(n)) {
-                    *g = along(row);
-                }
-                let s = 1.0 + along(&g);
-                let innovation = y - along(&x);
-                for i in 0..n {
-                    let gain = g[i] / s;
-                    x[i] += gain * innovation;
-                    for j in 0..n {
-                        p[i * n + j] -= gain * g[j];
+                let s = drifts.step(row, &mut innovation);
+                let (h, y) = (&innovation[..c], innovation[c]);
+                for a in 0..c {
+                    scores[a] += h[a] * y / s;
+                    for b in 0..c {
+                        information[(b, a)] += h[a] / s * h[b];
                     }
                 }
-                squares += innovation * innovation / s;
+                squares += y * y / s;
                 log_determinant += s.ln();
             }
         }
-        let covariance = DMatrix::from_fn(c, c, |i, j| 0.5 * (p[i * n + j] + p[j * n + i]));
-        x.truncate(c);
-        Filtered { squares, log_determinant, mean: x, covariance }
+        Sums { squares, log_determinant, information, scores }
     }
 
     /// In how many independent ways constants of these standard deviations contradict surely.
@@ -201,15 +283,16 @@ impl Blocks {
 
     /// ln of the likelihood with the growth of the noise that is likeliest, and that. Below 1 it is
     /// shrunk: errors that last also show where noise is smaller than stated.
-    pub fn likelihood(&self, filtered: &Filtered) -> (f64, f64) {
+    pub fn likelihood(&self, sums: &Sums, constant: &[f64]) -> Option<(f64, f64)> {
         let count = self.count as f64;
-        let growth = if filtered.squares > count {
-            filtered.squares / count.max(1.0)
+        let (squares, log_determinant) = sums.innovations(constant)?;
+        let growth = if squares > count {
+            squares / count.max(1.0)
         } else {
-            (filtered.squares + STATED) / (count + STATED)
+            (squares + STATED) / (count + STATED)
         };
-        let sum = filtered.log_determinant + count * growth.ln() + filtered.squares / growth;
-        (-0.5 * sum, growth)
+        let sum = log_determinant + count * growth.ln() + squares / growth;
+        Some((-0.5 * sum, growth))
     }
 }
 
@@ -242,10 +325,6 @@ fn factored(
     rows
 }
 
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -256,12 +335,14 @@ mod tests {
         let rows = vec![vec![1.0, -0.5, 0.3], vec![0.4, 2.0, -1.2], vec![-1.5, 0.7, 2.1]];
         let blocks = Blocks { size: 2, time: vec![0.0, 1.0, 3.5], rows: rows.clone(), count: 3 };
         for kernel in [Kernel::Markov, Kernel::Smooth] {
-            check(&blocks, &rows, kernel);
+            for drift in [[0.5, 2.0], [0.0, 2.0], [0.0, 0.0]] {
+                check(&blocks, &rows, kernel, drift.to_vec());
+            }
         }
     }
 
-    fn check(blocks: &Blocks, rows: &[Vec<f64>], kernel: Kernel) {
-        let (constant, drift) = (vec![0.8, 1.3], vec![0.5, 2.0]);
+    fn check(blocks: &Blocks, rows: &[Vec<f64>], kernel: Kernel, drift: Vec<f64>) {
+        let constant = vec![0.8, 1.3];
         let point = Point { constant, drift, time: vec![2.0, 7.0], kernel, alone: None };
         let covariance = DMatrix::from_fn(3, 3, |a, b| {
             let own = |i: usize| {
@@ -278,15 +359,17 @@ mod tests {
         let y = DVector::from_fn(3, |a, _| rows[a][2]);
         let cross = DMatrix::from_fn(2, 3, |i, a| point.constant[i] * rows[a][i]);
         let inverse = covariance.clone().try_inverse().unwrap();
-        let filtered = blocks.filter(&point);
-        assert!((filtered.squares - (y.transpose() * &inverse * &y)[0]).abs() < 1e-12);
-        assert!((filtered.log_determinant - covariance.determinant().ln()).abs() < 1e-12);
+        let sums = blocks.sums(&point);
+        let (squares, log_determinant) = sums.innovations(&point.constant).unwrap();
+        assert!((squares - (y.transpose() * &inverse * &y)[0]).abs() < 1e-12);
+        assert!((log_determinant - covariance.determinant().ln()).abs() < 1e-12);
+        let (found, known) = sums.constants(&point.constant);
         let mean = &cross * &inverse * y;
         let prior = DMatrix::from_diagonal(&DVector::from_vec(point.constant.clone()));
         let rest = prior - &cross * inverse * cross.transpose();
         for i in 0..2 {
-            assert!((filtered.mean[i] - mean[i]).abs() < 1e-12);
-            assert!((filtered.covariance[(i, i)] - rest[(i, i)]).abs() < 1e-12);
+            assert!((found[i] - mean[i]).abs() < 1e-12);
+            assert!((known[(i, i)] - rest[(i, i)]).abs() < 1e-12);
         }
     }
 

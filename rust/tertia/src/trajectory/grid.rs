@@ -1,15 +1,26 @@
-//! The grid of scales, shares and correlation times of lasting errors.
+//! The grid of sizes and correlation times of lasting errors.
+//!
+//! The likelihood of any constants follows from one filter of the drifts, so points with the same drift
+//! share it.
 
-use super::contradictions::{Blocks, Kernel, Point};
+use super::contradictions::{Blocks, Kernel, Point, Sums};
 use super::measured::Record;
 use super::prior::Prior;
 use crate::sensors::KINDS;
+use std::cell::RefCell;
+use std::rc::Rc;
 
-/// Standard deviations of lasting errors, in those of the measurements.
-const SCALES: [f64; 7] = [0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
-/// Shares of the variance that drift. None is no error that is exactly the same everywhere: such a
-/// one would be told from another by differences that no station has.
-const SHARES: [f64; 4] = [0.12, 0.35, 0.7, 1.0];
+/// Standard deviations of constants and of drifts, in those of the measurements, if there is one kind.
+const SCALES: Scales = Scales { first: 0.125, ratio: 2.0, count: 8, steps: &[-1, 0, 1, 2, 3, 4] };
+/// If there are several.
+const COARSE: Scales = Scales { first: 0.15, ratio: 3.162, count: 5, steps: &[0, 1, 2] };
+/// Least drift of constants, over them or, if they are larger, over the noise: stations are not steadier.
+/// Without it, errors that change slowly, as with the direction, would be taken for constants.
+const STEADY: f64 = 0.5;
+/// Largest drift.
+const MOST_DRIFT: f64 = 8.0;
+/// Weight of drifts that are small beside their constants, but not the least, over that of others.
+const BETWEEN: f64 = 0.25;
 /// Correlation times, in those of the record.
 const TIMES: [f64; 4] = [0.5, 0.15, 0.05, 0.015];
 /// Correlation times are longer than so many blocks.
@@ -18,16 +29,16 @@ const RESOLVED: f64 = 1.5;
 const NOTHING: f64 = 2.0;
 /// Scales of one kind or all with which nothing must be gained where nothing lasts.
 const PROBES: [f64; 2] = [0.25, 1.0];
-/// Scales where there are several kinds.
-const LEVELS: [f64; 4] = [0.15, 0.5, 1.5, 5.0];
 /// Stations of which one alone may be wrong: with fewer, others would be as likely.
 const SEVERAL: usize = 4;
 /// Those that are tried.
 const SUSPECTS: usize = 4;
 /// Odds that one alone is wrong over any errors that last, scales of its error and of those of the others.
-const ALONE: f64 = 0.2;
+const ALONE: f64 = 0.12;
 const ALONE_SCALES: [f64; 3] = [4.0, 16.0, 64.0];
-const OTHER_SCALES: [f64; 2] = [0.0, 0.5];
+const OTHER_SCALES: [f64; 2] = [0.0, 0.25];
+/// Share of its standard deviation that drifts while suspects are looked for.
+const SUSPECT_DRIFT: f64 = 0.35;
 /// Standard deviation of the logarithms of scales of different kinds.
 const ALIKE: f64 = 1.2;
 /// Probability of no lasting errors from which none are removed.
@@ -41,12 +52,78 @@ const LARGEST: f64 = 0.05;
 /// ln of the likelihood ratio below which a point does not count.
 const FALL: f64 = 6.0;
 
-/// How large a part of lasting errors changes, and how.
+/// Standard deviations of the errors of a kind, in those of the measurements.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Size {
+    constant: f64,
+    drift: f64,
+}
+
+impl Size {
+    const NONE: Self = Self::constant(0.0);
+
+    const fn constant(constant: f64) -> Self {
+        Self { constant, drift: 0.0 }
+    }
+
+    const fn drift(drift: f64) -> Self {
+        Self { constant: 0.0, drift }
+    }
+
+    /// A constant with the least drift.
+    fn steady(constant: f64) -> Self {
+        Self { constant, drift: STEADY * constant.min(1.0) }
+    }
+
+    fn is_possible(&self) -> bool {
+        self.drift <= MOST_DRIFT
+    }
+}
+
+/// Standard deviations in a geometric series, and by how many steps drifts are below the constants.
+struct Scales {
+    first: f64,
+    ratio: f64,
+    count: usize,
+    steps: &'static [isize],
+}
+
+impl Scales {
+    fn level(&self, i: usize) -> f64 {
+        self.first * self.ratio.powi(i as i32)
+    }
+
+    /// Where the least drift of a constant is: a step below it, or what stations are not steadier than.
+    fn least(&self, i: usize) -> usize {
+        let steady = (1..self.count).take_while(|at| self.level(*at) <= STEADY).count();
+        i.saturating_sub(1).min(steady)
+    }
+
+    fn drift(&self, i: usize) -> Option<Size> {
+        Some(Size::drift(self.level(i))).filter(Size::is_possible)
+    }
+
+    /// A constant whose drift is so many steps below it, but not below the least.
+    fn both(&self, i: usize, step: isize) -> Option<Size> {
+        let at = i.saturating_add_signed(-step).max(self.least(i));
+        Some(Size { constant: self.level(i), drift: self.level(at) }).filter(Size::is_possible)
+    }
+}
+
+/// How drifts change.
 #[derive(Clone, Copy, Debug)]
-struct Drift {
-    share: f64,
+struct Course {
     time: f64,
     kernel: Kernel,
+}
+
+/// A point with its probability and the growth of the noise.
+pub(super) struct Weighed {
+    pub point: Point,
+    pub sums: Rc<Sums>,
+    /// First ln of it.
+    pub probability: f64,
+    pub growth: f64,
 }
 
 /// Points at which the likelihood is asked for.
@@ -59,8 +136,11 @@ pub(super) struct Grid<'a> {
     kinds: usize,
     /// Share and time of each column; none where they are found.
     own: Vec<(Option<f64>, Option<f64>)>,
-    shares: Vec<f64>,
-    times: Vec<f64>,
+    /// Whether any share is found.
+    any_share: bool,
+    courses: Vec<Course>,
+    /// Of points with different drifts.
+    sums: RefCell<Vec<(Point, Rc<Sums>)>>,
 }
 
 impl<'a> Grid<'a> {
@@ -94,100 +174,158 @@ impl<'a> Grid<'a> {
             .collect();
         let any_share = own.iter().any(|own| own.0.is_none());
         let any_time = own.iter().any(|own| own.1.is_none() && own.0 != Some(0.0));
-        let shares = if any_share { SHARES.to_vec() } else { vec![0.0] };
         let times = if any_time { times } else { vec![span] };
+        let courses = [Kernel::Markov, Kernel::Smooth]
+            .into_iter()
+            .flat_map(|kernel| times.iter().map(move |&time| Course { time, kernel }))
+            .collect();
         let (sigma, kind) =
             (columns.iter().map(sigma).collect(), columns.iter().map(kind).collect());
-        Self { blocks, sigma, kind, kinds: found.len(), own, shares, times }
+        let (kinds, sums) = (found.len(), RefCell::default());
+        Self { blocks, sigma, kind, kinds, own, any_share, courses, sums }
     }
 
-    fn point(&self, scales: &[f64], Drift { share, time, kernel }: Drift) -> Point {
+    fn point(&self, sizes: &[Size], Course { time, kernel }: Course) -> Point {
         let (constant, drift, times) = (Vec::new(), Vec::new(), Vec::new());
         let mut point = Point { constant, drift, time: times, kernel, alone: None };
         for ((sigma, kind), own) in self.sigma.iter().zip(&self.kind).zip(&self.own) {
-            let variance = (kind.map_or(1.0, |kind| scales[kind]) * sigma).powi(2);
+            let size = kind.map_or(Size::constant(1.0), |kind| sizes[kind]);
             let time = own.1.unwrap_or(time);
+            let (mut constant, mut drift) = (size.constant.powi(2), size.drift.powi(2));
             // what drifts for ever does not
-            let share = if time.is_finite() { own.0.unwrap_or(share) } else { 0.0 };
-            point.constant.push((1.0 - share) * variance);
-            point.drift.push(share * variance);
+            let share = if time.is_finite() { own.0 } else { Some(0.0) };
+            if let Some(share) = share {
+                (constant, drift) =
+                    ((1.0 - share) * (constant + drift), share * (constant + drift));
+            }
+            point.constant.push(constant * sigma * sigma);
+            point.drift.push(drift * sigma * sigma);
             point.time.push(time);
         }
         point
     }
 
     /// Points that count, with their probabilities and the growth of the noise.
-    pub fn weighed(&self) -> Vec<(Point, f64, f64)> {
+    pub fn weighed(&self) -> Vec<Weighed> {
         let mut points = self.searched();
-        let top = points.iter().map(|one| one.1).fold(f64::NEG_INFINITY, f64::max);
-        points.iter_mut().for_each(|one| one.1 = (one.1 - top).exp());
-        points.retain(|one| one.1 > UNLIKELY);
-        let total: f64 = points.iter().map(|one| one.1).sum();
-        points.iter_mut().for_each(|one| one.1 /= total);
-        let nothing: f64 = points.iter().filter(|one| one.0.is_nothing()).map(|one| one.1).sum();
+        let top = points.iter().map(|one| one.probability).fold(f64::NEG_INFINITY, f64::max);
+        points.iter_mut().for_each(|one| one.probability = (one.probability - top).exp());
+        points.retain(|one| one.probability > UNLIKELY);
+        let total: f64 = points.iter().map(|one| one.probability).sum();
+        points.iter_mut().for_each(|one| one.probability /= total);
+        let is_nothing = |one: &&Weighed| one.point.is_nothing();
+        let nothing: f64 = points.iter().filter(is_nothing).map(|one| one.probability).sum();
         if nothing < CERTAIN {
             return points;
         }
-        let size = |point: &Point| -> f64 {
-            let each = point.constant.iter().zip(&point.drift).zip(&self.sigma);
+        let size = |one: &Weighed| -> f64 {
+            let each = one.point.constant.iter().zip(&one.point.drift).zip(&self.sigma);
             each.map(|((constant, drift), sigma)| (constant + drift) / (sigma * sigma)).sum()
         };
-        points.sort_by(|a, b| size(&a.0).total_cmp(&size(&b.0)));
+        points.sort_by(|a, b| size(a).total_cmp(&size(b)));
         let mut left = 0.0;
-        while let Some((_, share, _)) = points.last().filter(|one| left + one.1 <= LARGEST) {
-            left += share;
+        while let Some(last) = points.last().filter(|one| left + one.probability <= LARGEST) {
+            left += last.probability;
             points.pop();
         }
-        points.iter_mut().for_each(|one| one.1 /= 1.0 - left);
+        points.iter_mut().for_each(|one| one.probability /= 1.0 - left);
         points
     }
 
     /// Points that may count, with ln of their probabilities and the growth of the noise.
-    fn searched(&self) -> Vec<(Point, f64, f64)> {
-        let mut own = Vec::new();
-        for kernel in [Kernel::Markov, Kernel::Smooth] {
-            for &share in &self.shares {
-                own.extend(self.times.iter().map(|&time| Drift { share, time, kernel }));
-            }
-        }
-        let each = (own.len() as f64).ln();
-        let total: f64 = SCALES.iter().map(|scale| cauchy(*scale)).sum();
+    fn searched(&self) -> Vec<Weighed> {
+        let mut points = Vec::new();
         match self.kinds {
-            0 => own.iter().map(|own| self.judged(&[], *own, 0.0)).collect(),
+            0 => {
+                let judged = |course: &Course| self.judged(self.point(&[], *course), 0.0);
+                points.extend(self.courses.iter().filter_map(judged));
+            }
             1 => {
-                let none = self.judged(&[0.0], own[0], NOTHING.ln());
+                let none = self.point(&[Size::NONE], self.courses[0]);
+                points.extend(self.judged(none, NOTHING.ln()));
                 if self.blocks.count == 0 {
                     // nothing can tell
-                    return vec![none];
+                    return points;
                 }
-                let some = SCALES.iter().flat_map(|scale| own.iter().map(move |own| (scale, own)));
-                let prior = |scale: f64| (cauchy(scale) / total).ln() - each;
-                let some = some.map(|(scale, own)| self.judged(&[*scale], *own, prior(*scale)));
-                std::iter::once(none).chain(some).chain(self.alone()).collect()
+                for (sizes, prior) in self.sizes(&SCALES) {
+                    let courses = self.courses_of(&sizes);
+                    let prior = prior - (courses.len() as f64).ln();
+                    let judged = |course: &Course| self.judged(self.point(&sizes, *course), prior);
+                    points.extend(courses.iter().filter_map(judged));
+                }
+                points.extend(self.alone());
             }
-            _ => self.several(&own).into_iter().chain(self.alone()).collect(),
+            _ => {
+                points.extend(self.several());
+                points.extend(self.alone());
+            }
         }
+        points
     }
 
-    /// Points with one number of an instant that is far more wrong than the others.
-    fn alone(&self) -> Vec<(Point, f64, f64)> {
-        let (first, last) = (self.shares[0], self.shares[self.shares.len() - 1]);
-        let (slow, fast) = (self.times[0], self.times[self.times.len() / 2]);
-        let drifts = [(first, slow), (last, slow), (last, fast)];
-        let suspects = self.suspects(Drift { share: first, time: slow, kernel: Kernel::Markov });
-        let each = self.kind.len() * ALONE_SCALES.len() * OTHER_SCALES.len() * drifts.len();
+    /// Ways in which errors of these sizes may change: without a drift there is one.
+    fn courses_of(&self, sizes: &[Size]) -> &[Course] {
+        let drifts = self.point(sizes, self.courses[0]).drift.iter().any(|v| *v > 0.0);
+        if drifts { &self.courses } else { &self.courses[..1] }
+    }
+
+    /// A drift in jumps with one of the correlation times, longest first.
+    fn markov(&self, at: usize) -> Course {
+        self.courses[at.min(self.courses.len() / 2 - 1)]
+    }
+
+    /// Sizes of the errors of all kinds, with ln of their probabilities: drifts alone, and constants with
+    /// drifts from twice as large to the least.
+    fn sizes(&self, scales: &Scales) -> Vec<(Vec<Size>, f64)> {
+        let mut all = Vec::new();
+        let mut add = |weight: f64, of: &dyn Fn(&[usize]) -> Option<Vec<Size>>| {
+            let sizes = vectors(scales.count, self.kinds).filter_map(|levels| of(&levels));
+            all.extend(sizes.map(|sizes| {
+                let prior = unlike(&sizes) + weight.ln();
+                (sizes, prior)
+            }));
+        };
+        let of_each = |levels: &[usize], of: &dyn Fn(usize) -> Option<Size>| {
+            levels.iter().map(|i| of(*i)).collect::<Option<Vec<Size>>>()
+        };
+        if self.any_share {
+            let most = scales.count as isize;
+            let least = |levels: &[usize]| of_each(levels, &|i| scales.both(i, most));
+            add(1.0, &|levels| of_each(levels, &|i| scales.drift(i)));
+            add(1.0, &least);
+            for &step in scales.steps {
+                let weight = if step > 1 { BETWEEN } else { 1.0 };
+                let own = |levels: &[usize]| of_each(levels, &|i| scales.both(i, step));
+                add(weight, &|levels| {
+                    own(levels).filter(|own| Some(own) != least(levels).as_ref())
+                });
+            }
+        } else {
+            add(1.0, &|levels| of_each(levels, &|i| Some(Size::constant(scales.level(i)))));
+        }
+        let total = all.iter().map(|(_, prior)| prior.exp()).sum::<f64>().ln();
+        all.iter_mut().for_each(|(_, prior)| *prior -= total);
+        all
+    }
+
+    /// Points with one number of an instant that is far more wrong than the others, always or from some
+    /// time on.
+    fn alone(&self) -> Vec<Weighed> {
+        let (slow, fast) = (self.markov(0), self.markov(self.courses.len() / 4));
+        let size: fn(f64) -> Size = Size::steady;
+        let ways = [(size, slow), (Size::drift, slow), (Size::drift, fast)];
+        let suspects = self.suspects(slow);
+        let each = self.kind.len() * ALONE_SCALES.len() * OTHER_SCALES.len() * ways.len();
         let prior = (ALONE / each as f64).ln();
         let mut points = Vec::new();
-        for (share, time) in drifts {
-            let drift = Drift { share, time, kernel: Kernel::Markov };
-            let of = |scale: f64| self.point(&vec![scale; self.kinds], drift);
+        for (size, course) in ways {
+            let of = |size: Size| self.point(&vec![size; self.kinds], course);
             for (other, scale) in OTHER_SCALES.iter().flat_map(|o| ALONE_SCALES.map(|s| (*o, s))) {
                 for &at in &suspects {
-                    let (mut point, own) = (of(other), of(scale));
+                    let (mut point, own) = (of(size(other)), of(size(scale)));
                     (point.constant[at], point.drift[at]) = (own.constant[at], own.drift[at]);
                     point.alone = Some(at);
-                    let (value, growth) = self.blocks.likelihood(&self.blocks.filter(&point));
-                    points.push((point, value + prior, growth));
+                    points.extend(self.judged(point, prior));
                 }
             }
         }
@@ -195,9 +333,10 @@ impl<'a> Grid<'a> {
     }
 
     /// Numbers of an instant with the largest errors, if there are enough others of their kind.
-    fn suspects(&self, drift: Drift) -> Vec<usize> {
-        let point = self.point(&vec![ALONE_SCALES[0]; self.kinds], drift);
-        let mean = self.blocks.filter(&point).mean;
+    fn suspects(&self, course: Course) -> Vec<usize> {
+        let size = Size { constant: ALONE_SCALES[0], drift: SUSPECT_DRIFT * ALONE_SCALES[0] };
+        let point = self.point(&vec![size; self.kinds], course);
+        let mean = self.sums(&point).constants(&point.constant).0;
         let alike = |kind: Option<usize>| self.kind.iter().filter(|own| **own == kind).count();
         let may = |at: &usize| self.kind[*at].is_some() && alike(self.kind[*at]) >= SEVERAL;
         let mut own: Vec<usize> = (0..mean.len()).filter(may).collect();
@@ -207,63 +346,91 @@ impl<'a> Grid<'a> {
         own
     }
 
-    fn judged(&self, scales: &[f64], drift: Drift, prior: f64) -> (Point, f64, f64) {
-        let point = self.point(scales, drift);
-        let (value, growth) = self.blocks.likelihood(&self.blocks.filter(&point));
-        (point, value + prior, growth)
+    fn judged(&self, point: Point, prior: f64) -> Option<Weighed> {
+        let sums = self.sums(&point);
+        let (value, growth) = self.blocks.likelihood(&sums, &point.constant)?;
+        Some(Weighed { point, sums, probability: value + prior, growth })
     }
 
-    /// Of several kinds: the scales with a likely share and time, and shares and times with the
-    /// likeliest scales, as if these were independent. Scales of kinds are alike, or one kind would
-    /// explain what others do as well.
-    fn several(&self, own: &[Drift]) -> Vec<(Point, f64, f64)> {
-        let middle = own[own.len() / 6];
-        let value = |scales: &[f64], prior: f64| {
-            let (_, value, growth) = self.judged(scales, middle, prior);
-            (value, growth)
-        };
-        let none = vec![0.0; self.kinds];
-        let least = value(&none, 0.0);
-        let probes = PROBES.iter().flat_map(|&scale| {
-            let one = move |kind| (0..self.kinds).map(|k| f64::from(k == kind) * scale).collect();
-            (0..self.kinds).map(one).chain(std::iter::once(vec![scale; self.kinds]))
-        });
-        if !probes.map(|scales: Vec<f64>| value(&scales, 0.0).0).any(|value| value > least.0) {
-            return vec![(self.point(&none, middle), least.0, least.1)];
+    /// Of the drifts of a point.
+    fn sums(&self, point: &Point) -> Rc<Sums> {
+        let mut all = self.sums.borrow_mut();
+        if let Some((_, sums)) = all.iter().find(|(other, _)| other.drifts_as(point)) {
+            return Rc::clone(sums);
         }
-        let count = LEVELS.len().pow(self.kinds as u32);
-        let scales = |number: usize| -> Vec<f64> {
-            let place = |kind| number / LEVELS.len().pow(kind) % LEVELS.len();
-            (0..self.kinds as u32).map(|kind| LEVELS[place(kind)]).collect()
-        };
-        let total: f64 = (0..count).map(|number| unlike(&scales(number)).exp()).sum();
-        let each = -total.ln();
-        let mut found = vec![(none.clone(), least.0 + NOTHING.ln(), least.1)];
-        for scales in (0..count).map(scales) {
-            let (value, growth) = value(&scales, unlike(&scales) + each);
-            found.push((scales, value, growth));
+        let sums = Rc::new(self.blocks.sums(point));
+        all.push((point.clone(), Rc::clone(&sums)));
+        sums
+    }
+
+    /// Of several kinds: the sizes with a likely correlation time, and times with the likeliest sizes that
+    /// drift, as if these were independent. Sizes of kinds are alike, or one kind would explain what others
+    /// do as well.
+    fn several(&self) -> Vec<Weighed> {
+        let middle = self.markov(1);
+        let judged = |sizes: &[Size], prior| self.judged(self.point(sizes, middle), prior);
+        let Some(none) = judged(&vec![Size::NONE; self.kinds], 0.0) else { return Vec::new() };
+        if !self
+            .probes()
+            .any(|sizes| judged(&sizes, 0.0).is_some_and(|one| one.probability > none.probability))
+        {
+            return vec![none];
         }
-        let top = found.iter().map(|one| one.1).fold(f64::NEG_INFINITY, f64::max);
-        let likely = found[1..].iter().max_by(|a, b| a.1.total_cmp(&b.1)).map(|one| one.0.clone());
-        let likely = likely.unwrap_or(none);
-        let values: Vec<f64> = own.iter().map(|own| self.judged(&likely, *own, 0.0).1).collect();
-        let best = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let total = values.iter().map(|value| (value - best).exp()).sum::<f64>().ln() + best;
-        let mut points = Vec::new();
-        for (scales, value, growth) in found.into_iter().filter(|one| one.1 > top - FALL) {
-            if scales.iter().all(|scale| *scale == 0.0) {
-                points.push((self.point(&scales, middle), value, growth));
+        let none = Weighed { probability: none.probability + NOTHING.ln(), ..none };
+        let mut found = Vec::new();
+        for (sizes, prior) in self.sizes(&COARSE) {
+            found.extend(judged(&sizes, prior).map(|one| (sizes, one)));
+        }
+        let top = found.iter().map(|(_, one)| one.probability).fold(none.probability, f64::max);
+        let drifting = found.iter().filter(|(sizes, _)| self.courses_of(sizes).len() > 1);
+        let likely = drifting.max_by(|a, b| a.1.probability.total_cmp(&b.1.probability));
+        let parts = likely.map_or(Vec::new(), |(sizes, _)| self.parts(sizes));
+        let mut points = vec![none];
+        for (sizes, one) in found.into_iter().filter(|(_, one)| one.probability > top - FALL) {
+            if self.courses_of(&sizes).len() == 1 {
+                points.push(one);
                 continue;
             }
-            for (drift, part) in own.iter().zip(&values) {
-                let value = value + part - total;
-                if value > top - FALL {
-                    points.push((self.point(&scales, *drift), value, growth));
+            for (course, part) in self.courses.iter().zip(&parts) {
+                let probability = one.probability + part;
+                if probability > top - FALL {
+                    let point = self.point(&sizes, *course);
+                    let sums = self.sums(&point);
+                    points.push(Weighed { point, sums, probability, growth: one.growth });
                 }
             }
         }
         points
     }
+
+    /// Sizes of one kind or all, of which one must gain where anything lasts.
+    fn probes(&self) -> impl Iterator<Item = Vec<Size>> {
+        let sizes = PROBES.iter().flat_map(|&scale| {
+            [Size::constant(scale), Size { constant: 0.8 * scale, drift: 0.6 * scale }]
+        });
+        let kinds = self.kinds;
+        sizes.flat_map(move |size| {
+            let one =
+                move |kind| (0..kinds).map(|k| if k == kind { size } else { Size::NONE }).collect();
+            (0..kinds).map(one).chain(std::iter::once(vec![size; kinds]))
+        })
+    }
+
+    /// ln of the probabilities of the ways in which errors of these sizes change.
+    fn parts(&self, sizes: &[Size]) -> Vec<f64> {
+        let judged = |course: &Course| self.judged(self.point(sizes, *course), 0.0);
+        let value = |course| judged(course).map_or(f64::NEG_INFINITY, |one| one.probability);
+        let values: Vec<f64> = self.courses.iter().map(value).collect();
+        let best = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let total = values.iter().map(|value| (value - best).exp()).sum::<f64>().ln() + best;
+        values.into_iter().map(|value| value - total).collect()
+    }
+}
+
+/// All vectors of so many numbers below `count`.
+fn vectors(count: usize, size: usize) -> impl Iterator<Item = Vec<usize>> {
+    let place = move |number: usize, at: usize| number / count.pow(at as u32) % count;
+    (0..count.pow(size as u32)).map(move |number| (0..size).map(|at| place(number, at)).collect())
 }
 
 /// A half-Cauchy density of a scale about 1, per logarithm.
@@ -271,9 +438,10 @@ fn cauchy(scale: f64) -> f64 {
     scale / (1.0 + scale * scale)
 }
 
-/// ln of how likely scales are, and that they differ as much.
-fn unlike(scales: &[f64]) -> f64 {
-    let mean = scales.iter().map(|scale| scale.ln()).sum::<f64>() / scales.len() as f64;
-    let differences = scales.iter().map(|scale| -0.5 * ((scale.ln() - mean) / ALIKE).powi(2));
+/// ln of how likely sizes are, and that they differ as much.
+fn unlike(sizes: &[Size]) -> f64 {
+    let logs: Vec<f64> = sizes.iter().map(|size| size.constant.hypot(size.drift).ln()).collect();
+    let mean = logs.iter().sum::<f64>() / logs.len() as f64;
+    let differences = logs.iter().map(|log| -0.5 * ((log - mean) / ALIKE).powi(2));
     cauchy(mean.exp()).ln() + differences.sum::<f64>()
 }

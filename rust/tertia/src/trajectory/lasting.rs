@@ -4,8 +4,8 @@
 //! What a station measures of a kind has an error `c + g(t) + e(t)`: c constant, g a drift with a
 //! correlation time, e new each time. Of the residuals r of an instant about the path, with weights
 //! W and derivatives J, `Λ r` with `Λ = W − W J (J'WJ)^-1 J'W` does not depend on the position: it
-//! is `Λ (c + g + e)`. A Kalman filter of c and g over blocks of instants gives its likelihood. The
-//! variance of c and g, a share of it that drifts, and a correlation time are averaged over a grid.
+//! is `Λ (c + g + e)`. A Kalman filter of g over blocks of instants, for all c at once, gives its
+//! likelihood. The variances of c and g and a correlation time are averaged over a grid.
 //! Only c is removed from the measurements. What may be left of it, and g as large as it is before
 //! anything is known of it, go through the smoother into the covariance of the path.
 
@@ -13,7 +13,7 @@ use super::bias::{add_covariance, smoothed, weights};
 use super::contradictions::Blocks;
 use super::failure::Failure;
 use super::found::{Found, Setting};
-use super::grid::{CERTAIN, Grid};
+use super::grid::{CERTAIN, Grid, Weighed};
 use super::instant::{Instant, responses};
 use super::measured::{Measured, Record, in_domain};
 use super::prior::Prior;
@@ -165,8 +165,8 @@ impl Lasting {
         };
         let mut parts = Vec::new();
         let (mut whole, mut drifting, mut times) = (0.0, 0.0, 0.0);
-        for (point, w, growth) in &grid.weighed() {
-            let filtered = blocks.filter(point);
+        for Weighed { point, sums, probability: w, growth } in &grid.weighed() {
+            let (mean, covariance) = sums.constants(&point.constant);
             lasting.growth += w * growth;
             lasting.nothing += if point.is_nothing() { *w } else { 0.0 };
             if let Some(at) = point.alone {
@@ -178,9 +178,8 @@ impl Lasting {
             drifting += w * drift;
             let weighted = point.drift.iter().zip(&point.time).filter(|(v, _)| **v > 0.0);
             times += w * weighted.map(|(v, time)| v * time).sum::<f64>();
-            let mean = DVector::from_vec(filtered.mean);
             lasting.values += &mean * *w;
-            lasting.constant += filtered.covariance * (w * growth);
+            lasting.constant += covariance * (w * growth);
             for (at, own) in point.drift.iter().enumerate() {
                 lasting.drift[at] += w * growth * own;
                 let left = point.kernel.averaged(times_of_memory / point.time[at]);
