@@ -465,7 +465,8 @@ def test_memory_is_flat(sites: Path, tmp_path: Path) -> None:
                 check=True,
                 timeout=280,
             )
-        peaks.append(1024 * int(done.stderr))
+        # where aircraft turn back at once, a few plots are refused, which is said before
+        peaks.append(1024 * int(done.stderr.split()[-1]))
         rows.append((tmp_path / "out.csv").read_bytes().count(b"\n"))
     assert rows[1] > 190_000
     assert peaks[1] - peaks[0] < 10e6

@@ -96,7 +96,7 @@ def test_one_shot_tells_little_of_the_wind():
 
 
 def test_a_path_in_a_wind():
-    inside, others = [], []
+    inside, others, square, square_of_others = [], [], [], []
     for seed in range(6):
         places, _, _, wind = scene(seed, 6, 1, 7.0)
         instants = np.arange(40.0)
@@ -111,8 +111,12 @@ def test_a_path_in_a_wind():
         plain = reconstruct(stations, instants, **options)
         others.append(squares(plain, path) < stats.chi2.ppf(0.95, 2))
         assert plain.wind is None
+        square.append(np.sum((track.position - path) ** 2, axis=1))
+        square_of_others.append(np.sum((plain.position - path) ** 2, axis=1))
+    # without it, the wind is taken for errors of the stations: regions hold, but are larger
     assert np.mean(inside) > 0.85
-    assert np.mean(others) < 0.5
+    assert np.mean(others) > 0.75
+    assert np.mean(square_of_others) > 25 * np.mean(square)
 
 
 def test_there_is_no_wind_by_default():
