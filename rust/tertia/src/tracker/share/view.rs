@@ -16,7 +16,7 @@ pub(in crate::tracker) struct Given {
     pub(super) place: u32,
     pub plot: u32,
     pub track: u64,
-    /// The first plot of a track that is confirmed by this one.
+    /// Whether the track is confirmed by this plot.
     pub begun: bool,
     /// Radar of a plot before that was an outlier, as this one shows.
     pub outlier: Option<usize>,

@@ -117,7 +117,7 @@ impl Track {
         self.period
     }
 
-    /// The same, with the code of an emergency in place of its own.
+    /// Its identities, with the code of an emergency in place of its own.
     pub fn shown_identities(&self) -> Identities {
         let own = self.identities();
         let is_emergency = self.emergencies >= EMERGENCY_AFTER && self.emergency >= 0;
