@@ -231,6 +231,15 @@ def test_degrees_minutes_and_seconds(
     assert sexagesimal.equals(plain)
 
 
+def test_a_cell_missing_between_spaces(tmp_path: Path) -> None:
+    """Which one is missing cannot be known."""
+    path = tmp_path / "in.csv"
+    path.write_text(text(" ").replace("1.5 B", "1.5  "), encoding="utf-8")
+    done = run("bearing", path)
+    assert done.code == 1
+    assert "line 6 has 2 fields, the header has 3; between spaces, a missing value must" in done.err
+
+
 @pytest.mark.parametrize("form", ["N45°E", "-45°W", "45°75'", "30-35", "4575N", "north"])
 def test_what_is_no_angle(form: str, write: Callable[..., Path]) -> None:
     done = run("bearing", write(["azimuth_deg", *5 * [form]]))

@@ -28,11 +28,11 @@ def _scene() -> pl.DataFrame:
     return pl.DataFrame({name: column.ravel() for name, column in columns.items()})
 
 
-def _told(plots: pl.DataFrame, sensor: Radar | PositionSensor, **options: Any) -> list[str]:
+def _told(plots: pl.DataFrame, *sensors: Radar | PositionSensor, **options: Any) -> list[str]:
     """Return the warnings of `track`."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", tables.RecordWarning)
-        tables.track(plots, sensors=[sensor], **options)
+        tables.track(plots, sensors=sensors, **options)
     return [str(one.message) for one in caught]
 
 
@@ -49,6 +49,10 @@ def test_plots_without_azimuths_are_left_out() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
         told = _told(pl.concat([scene, blind.cast(scene.schema)]), RADAR)
+        other = blind.cast(scene.schema).with_columns(pl.lit("dale").alias("sensor"))
+        both = pl.concat([scene.with_columns(pl.lit("hill").alias("sensor")), other])
+        dale = Radar(range_sigma=50.0, azimuth_sigma=0.001, scan_period=PERIOD, name="dale")
+        told += _told(both, RADAR, dale)
     assert told == []
 
 

@@ -42,10 +42,11 @@ def doubt_plots(plots: Plots, sensors: Sensors[Any]) -> None:
     for k, (name, sensor) in enumerate(zip(sensors.names, sensors.items, strict=True)):
         rows = np.flatnonzero((plots.sensor == k) & np.isfinite(plots.time))
         rows = rows[np.argsort(plots.time[rows], kind="stable")]
+        if isinstance(sensor, Radar):
+            rows = rows[np.isfinite(plots.azimuth[rows])]
         if len(rows) < _FEW:
             continue
         if isinstance(sensor, Radar):
-            rows = rows[np.isfinite(plots.azimuth[rows])]
             _doubt_times(name, sensor, plots.time[rows], plots.azimuth[rows])
             _doubt_copies(name, sensor, plots.time[rows], plots.range[rows], plots.azimuth[rows])
         elif isinstance(sensor, PositionSensor):

@@ -149,15 +149,15 @@ def damage(path: Path) -> str | None:
 def too_long(path: Path) -> str | None:
     """Return a message about the first line with more fields than the header."""
     dialect = Dialect.of(path)
+    if dialect.separator == " ":
+        # the reader has said so
+        return None
     try:
         with _opened(path) as file:
             text = file.read().decode(dialect.encoding, "replace").lstrip("\ufeff")
     except (OSError, *_DAMAGED):
         return None
-    lines = text.splitlines()[dialect.comments :]
-    if dialect.separator == " ":
-        lines = [" ".join(line.split()) for line in lines]
-    rows = csv.reader(lines, delimiter=dialect.separator)
+    rows = csv.reader(text.splitlines()[dialect.comments :], delimiter=dialect.separator)
     width = len(next((cells for cells in rows if cells), []))
     for cells in rows:
         if len(cells) > width:
@@ -200,8 +200,22 @@ def _read(path: Path, dialect: Dialect) -> pl.DataFrame:
     for _ in range(dialect.comments):
         text = text.partition("\n")[2]
     if dialect.separator == " ":
-        text = "\n".join(" ".join(line.split()) for line in text.splitlines())
+        text = _spaced_once(text, dialect.comments)
     return pl.read_csv(io.StringIO(text.lstrip("\ufeff")), **options)
+
+
+def _spaced_once(text: str, comments: int) -> str:
+    """Return rows with one space between cells; a row without one of its cells cannot be read."""
+    rows = [line.split() for line in text.splitlines()]
+    width = len(next(filter(None, rows), []))
+    for number, cells in enumerate(rows, start=comments + 1):
+        if cells and len(cells) != width:
+            reason = (
+                f"line {number} has {len(cells)} fields, the header has {width}; between spaces, a "
+                "missing value must be written as nan"
+            )
+            raise pl.exceptions.ComputeError(reason)
+    return "\n".join(map(" ".join, rows))
 
 
 def _text(contents: bytes, encoding: str) -> str | None:
