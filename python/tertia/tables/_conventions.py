@@ -35,7 +35,7 @@ Change = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
-class _Convention:
+class Convention:
     """Another meaning of the numbers of one kind, and how to get from it to the usual one."""
 
     kind: Kind
@@ -44,28 +44,28 @@ class _Convention:
 
 
 _QUARTER = math.pi / 2
-_CONVENTIONS = (
-    _Convention(
+CONVENTIONS = (
+    Convention(
         "azimuth",
         "anticlockwise from east, or if east and north of the sensors were exchanged",
         lambda angle: _QUARTER - angle,
     ),
-    _Convention("azimuth", "anticlockwise from north", lambda angle: -angle),
-    _Convention(
+    Convention("azimuth", "anticlockwise from north", lambda angle: -angle),
+    Convention(
         "azimuth",
         "clockwise from south, or if they were directions from the target to the sensor",
         lambda angle: angle + math.pi,
     ),
-    _Convention("azimuth", "in gradians, 400 to a turn", lambda angle: 0.9 * angle),
-    _Convention("elevation", "measured from the zenith", lambda angle: _QUARTER - angle),
-    _Convention("elevation", "positive downwards", lambda angle: -angle),
-    _Convention("range", "there and back", lambda metres: metres / 2),
-    _Convention("range", "in feet", lambda feet: 0.3048 * feet),
-    _Convention("range", "in millimetres", lambda millimetres: millimetres / 1000.0),
-    _Convention("range", "in centimetres", lambda centimetres: centimetres / 100.0),
-    _Convention("range", "in kilometres", lambda kilometres: 1000.0 * kilometres),
-    _Convention("range", "in nautical miles", lambda miles: 1852.0 * miles),
-    _Convention(
+    Convention("azimuth", "in gradians, 400 to a turn", lambda angle: 0.9 * angle),
+    Convention("elevation", "measured from the zenith", lambda angle: _QUARTER - angle),
+    Convention("elevation", "positive downwards", lambda angle: -angle),
+    Convention("range", "there and back", lambda metres: metres / 2),
+    Convention("range", "in feet", lambda feet: 0.3048 * feet),
+    Convention("range", "in millimetres", lambda millimetres: millimetres / 1000.0),
+    Convention("range", "in centimetres", lambda centimetres: centimetres / 100.0),
+    Convention("range", "in kilometres", lambda kilometres: 1000.0 * kilometres),
+    Convention("range", "in nautical miles", lambda miles: 1852.0 * miles),
+    Convention(
         "range_difference",
         "the range of the first sensor minus that of the other one",
         lambda metres: -metres,
@@ -89,7 +89,7 @@ def doubt_conventions(targets: Sequence[Target], options: Mapping[str, Any]) -> 
     # if no instant is located, none agrees
     share = np.nan_to_num(share)
     best, meant = 0.0, None
-    for one in _CONVENTIONS:
+    for one in CONVENTIONS:
         if any(one.kind in trial.measured for trial in trials):
             found, worth = _agreement(trials, one)
             if found > best and worth >= _EVIDENCE:
@@ -110,7 +110,7 @@ class _Trial:
     measured: Mapping[str, FloatArray]
     options: Mapping[str, Any]
 
-    def located(self, meant: _Convention | None) -> Location | None:
+    def located(self, meant: Convention | None) -> Location | None:
         """Return the positions, if the numbers follow a convention; None if there are none."""
         measured: dict[str, Any] = dict(self.measured)
         if meant is not None and meant.kind in measured:
@@ -169,7 +169,7 @@ def _at(one: Station, steps: IntArray) -> Station:
     return Station(position, axes=axes, position_sigma=one.position_sigma)
 
 
-def _agreement(trials: Sequence[_Trial], meant: _Convention | None) -> tuple[float, float]:
+def _agreement(trials: Sequence[_Trial], meant: Convention | None) -> tuple[float, float]:
     """Return the share of redundant instants that agree, and their degrees of freedom."""
     tried, agreed, worth = 0, 0, 0.0
     for trial in trials:

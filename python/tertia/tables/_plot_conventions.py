@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from tertia._arrays import FloatArray, IntArray
 from tertia.sensors import PositionSensor, Radar
 from tertia.sensors._identities import is_known
+from tertia.tables._conventions import CONVENTIONS, Change
 from tertia.tables._doubts import doubt
 from tertia.tables._sensors import Sensors
 from tertia.tracker import Plots
@@ -36,27 +37,17 @@ _BETTER, _ENOUGH = 0.05, 0.9
 _RADIANS, _FULL = np.radians(2.0 * np.pi), np.radians(361.0)
 _KINDS = ("icao_address", "callsign", "identity", "mode_3a")
 
-_UNCHANGED = np.eye(2)
-_FROM_SOUTH = "clockwise from south"
-# from the place relative to the radar to that under another convention
-_CONVENTIONS: Mapping[str, FloatArray] = {
-    "anticlockwise from east, or if east and north of the sensors were exchanged": np.array(
-        [[0.0, 1.0], [1.0, 0.0]]
-    ),
-    "anticlockwise from north": np.diag([-1.0, 1.0]),
-    _FROM_SOUTH: np.diag([-1.0, -1.0]),
-}
 # errors of north in degrees that are tried; without identities, where there are many pairs, fewer
 _DEGREES, _MOST_DEGREES = np.array([degrees for degrees in range(-179, 180) if degrees]), 30
 
 
 @dataclass(frozen=True, slots=True)
 class _Change:
-    """Another meaning of the plots of some sensors: their places relative to the sensors."""
+    """Another meaning of the plots of some sensors, and how to get from it to the usual one."""
 
     said: str
     changed: Sequence[int]
-    matrix: FloatArray
+    usual: Change
     # by which the position of each of these sensors changes
     shift: FloatArray
 
@@ -259,8 +250,11 @@ class _Scene:
         place: FloatArray = self.place.copy()
         shift = np.zeros((len(self.sensors.items), 2))
         shift[list(change.changed)] = change.shift
-        local = (self.place[rows] - self.origin[rows]) @ change.matrix.T
-        place[rows] = self.origin[rows] + local + shift[self.sensor[rows]]
+        east, north = (self.place[rows] - self.origin[rows]).T
+        azimuth = change.usual(np.arctan2(east, north) % (2.0 * np.pi))
+        towards = np.column_stack([np.sin(azimuth), np.cos(azimuth)])
+        place[rows] = self.origin[rows] + np.hypot(east, north)[:, np.newaxis] * towards
+        place[rows] += shift[self.sensor[rows]]
         return place
 
     def _changes(self) -> Iterator[Sequence[_Change]]:
@@ -269,16 +263,18 @@ class _Scene:
         radars = [k for k in used if isinstance(self.sensors.items[k], Radar)]
         names = self.sensors.names
         whose = {"azimuths": radars} | {f"the azimuths of {names[k]}": [k] for k in radars}
-        for convention, matrix in _CONVENTIONS.items():
-            # of two radars the same
-            swapped = convention == _FROM_SOUTH and len(radars) == 2
-            said = f"{convention}{', or if the radars were exchanged' if swapped else ''}"
+        for one in CONVENTIONS:
+            if one.kind != "azimuth":
+                continue
+            # of two radars the same as half a turn
+            swapped = len(radars) == 2 and np.isclose(one.usual(np.zeros(1)), np.pi).all()
+            said = f"{one.said}{', or if the radars were exchanged' if swapped else ''}"
             for noun, changed in whose.items():
-                yield [_Change(f"{noun} were {said}", changed, matrix, np.zeros(2))]
+                yield [_Change(f"{noun} were {said}", changed, one.usual, np.zeros(2))]
         for two in itertools.combinations(radars, 2):
             sites = np.array([self.sensors.items[k].position[:2] for k in two])
             said = f"the plots of {names[two[0]]} were those of {names[two[1]]}, and vice versa"
-            yield [_Change(said, two, _UNCHANGED, sites[::-1] - sites)]
+            yield [_Change(said, two, _unchanged, sites[::-1] - sites)]
         anonymous = any(one.kind is None for one in self.pairs)
         degrees_tried = _DEGREES[np.abs(_DEGREES) <= _MOST_DEGREES] if anonymous else _DEGREES
         for noun, changed in whose.items():
@@ -287,7 +283,7 @@ class _Scene:
                     f"{noun} were about {abs(degrees)}° {'larger' if degrees > 0 else 'smaller'}: "
                     "are they relative to magnetic north, to grid north or to a heading?",
                     changed,
-                    _rotation(degrees),
+                    _turned_by(degrees),
                     np.zeros(2),
                 )
                 for degrees in degrees_tried.tolist()
@@ -300,7 +296,7 @@ class _Scene:
                     f"{names[k]} were {_towards(east, 'east', 'west')} and "
                     f"{_towards(north, 'north', 'south')} of its stated position"
                 )
-                yield [_Change(said, [k], _UNCHANGED, shift)]
+                yield [_Change(said, [k], _unchanged, shift)]
 
     def _shift(self, sensor: int) -> FloatArray | None:
         """Return how far a sensor is from where it is stated to be, if plots have identities."""
@@ -325,10 +321,12 @@ def _interval(sensor: Radar | PositionSensor) -> float:
     return sensor.scan_period if isinstance(sensor, Radar) else sensor.update_interval
 
 
-def _rotation(degrees: float) -> FloatArray:
-    """Return the matrix that adds to azimuths."""
-    sine, cosine = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
-    return np.array([[cosine, sine], [-sine, cosine]])
+def _unchanged(azimuth: FloatArray) -> FloatArray:
+    return azimuth
+
+
+def _turned_by(degrees: float) -> Change:
+    return lambda azimuth: azimuth + np.radians(degrees)
 
 
 def _towards(kilometres: float, ahead: str, behind: str) -> str:
