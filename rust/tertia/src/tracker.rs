@@ -26,6 +26,7 @@ mod correlation;
 mod curve;
 mod doubles;
 mod ended;
+mod ending;
 mod estimate;
 mod existence;
 mod extent;

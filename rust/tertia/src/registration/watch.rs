@@ -13,6 +13,8 @@ const WATCHED: usize = 20;
 const ERRORS: f64 = 4.5;
 /// Scans that they cover at least.
 const SCANS: f64 = 1.0 / 16.0;
+/// Innovations by which their number has grown between two looks at the scans that they cover, as a share.
+const MORE: usize = 16;
 /// Share of them that a look leaves out of the next.
 const STEP: usize = 5;
 /// Variance of an innovation over that of the noise above which it says little of the noise.
@@ -45,7 +47,8 @@ impl Watch {
         self.values.push((innovation / variance.sqrt(), variance / noise));
         self.times.push(time);
         let count = self.values.len();
-        if !count.is_multiple_of(WATCHED) || self.cover() < SCANS {
+        let step = WATCHED * (1 + count / (MORE * WATCHED));
+        if !count.is_multiple_of(step) || self.cover() < SCANS {
             return None;
         }
         let growth = self.growth();

@@ -24,6 +24,15 @@ pub(super) struct Claim {
     pub end: u32,
 }
 
+/// The plots of a scan that tracks look for.
+#[derive(Clone, Copy)]
+pub(super) struct Around<'a> {
+    pub grid: &'a Grid,
+    pub plots: &'a [Measured],
+    /// Their times, which are read more often than the rest of them.
+    pub times: &'a [f64],
+}
+
 /// How far from where they are expected the plots of a scan may be, for other reasons than noise of
 /// radars.
 #[derive(Clone, Copy, Debug, Default)]

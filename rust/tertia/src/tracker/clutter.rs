@@ -9,6 +9,7 @@ use super::patches::Patches;
 use super::plot::Measured;
 use super::prospects::There;
 use super::settings::Settings;
+use super::share::run;
 use super::tally::{Places, Tally, estimated, gain_by_way};
 use super::weighed::Weighed;
 use crate::sensors::Radar;
@@ -58,6 +59,14 @@ pub(super) struct Held {
     /// Without those of the first scan.
     since: Tally,
     places: Places,
+}
+
+impl Held {
+    /// Both together.
+    pub fn with(&self, other: &Self) -> Self {
+        let [all, since] = [self.all.with(&other.all), self.since.with(&other.since)];
+        Self { all, since, places: self.places.with(&other.places) }
+    }
 }
 
 impl Clutter {
@@ -175,6 +184,20 @@ impl Clutter {
         if let Some(fixed) = self.fixed.as_mut().filter(|_| plot.is_bare()) {
             fixed.add(radar, plot.position);
         }
+    }
+
+    /// Counts where a plot is that no confirmed track has, unless second plots of targets are as dense there.
+    fn note(&mut self, plot: &Measured, second: f64, radar: &Radar) {
+        if self.patches.is_none() || second > self.density(radar) {
+            return;
+        }
+        let range = self.range(radar);
+        if !self.is_fixed(radar, plot)
+            && let Some(patches) = &mut self.patches
+        {
+            patches.add(plot.position, range);
+        }
+        self.stays(radar, plot);
     }
 
     /// Takes over how dense plots are, and where they come again and again.
@@ -326,27 +349,24 @@ impl Clutter {
 }
 
 /// Counts the plots before `hold` that confirmed tracks have left where they are, unless second plots of
-/// targets are as dense there as false ones.
+/// targets are as dense there as false ones; each radar for itself, on so many threads.
 pub(super) fn note(
     (plots, hold): (&[Measured], f64),
     (taken, deferred): (&[bool], &[bool]),
     seconds: &Seconds,
     (clutter, radars): (&mut [Clutter], &[Radar]),
+    threads: usize,
 ) {
+    let mut left = vec![Vec::new(); radars.len()];
     for i in (0..plots.len()).filter(|&i| !taken[i] && !deferred[i] && plots[i].time < hold) {
-        let (plot, radar) = (&plots[i], &radars[plots[i].radar]);
-        let own = &mut clutter[plot.radar];
-        let Some(range) = own.patches.as_ref().map(|_| own.range(radar)) else { continue };
-        if seconds.density(i) > own.density(radar) {
-            continue;
-        }
-        if !own.is_fixed(radar, plot)
-            && let Some(patches) = &mut own.patches
-        {
-            patches.add(plot.position, range);
-        }
-        own.stays(radar, plot);
+        left[plots[i].radar].push(i);
     }
+    let parts = clutter.iter_mut().zip(radars).zip(left).collect();
+    run(threads, parts, |((own, radar), left): ((&mut Clutter, &Radar), Vec<usize>)| {
+        for (i, plot) in left.into_iter().map(|i| (i, &plots[i])) {
+            own.note(plot, seconds.density(i), radar);
+        }
+    });
 }
 
 #[cfg(test)]

@@ -142,6 +142,12 @@ impl Known {
         if agrees { ratio * IDENTITIES } else { ratio }
     }
 
+    /// Whether it may refuse plots: those of another address.
+    #[inline]
+    pub fn may_refuse(&self, settings: &Settings) -> bool {
+        self.icao_address.code >= 0 || settings.has_addresses() && self.identity.is_sure
+    }
+
     /// Whether the plot has another address than the target, whose own has not changed just before.
     #[inline]
     pub fn refuses(&self, reply: &Identities, settings: &Settings) -> bool {

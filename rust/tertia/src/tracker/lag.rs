@@ -415,7 +415,7 @@ impl LagTracker {
         if hold > until {
             self.tracker.finish(until, sink, 1);
         }
-        self.tracker.bury();
+        self.tracker.bury(1);
     }
 
     /// Logs the rows of a step that was processed.

@@ -2,13 +2,13 @@
 
 use super::azimuths::Azimuths;
 use super::cluster::Clusters;
-use super::clutter::{Clutter, Held};
+use super::clutter::Clutter;
 use super::doubles::Doubles;
 use super::ended::Ended;
 use super::level::Level;
 use super::noise::{Noise, assume, use_found};
 use super::plot::{Measured, Plot, PlotStatus, Plots, keep_followed};
-use super::row::{Row, Rows};
+use super::row::Rows;
 use super::scan::{Scan, Sky};
 use super::settings::Settings;
 use super::share::{SHARES_PER_THREAD, run};
@@ -254,8 +254,9 @@ impl Tracker {
             let report = |plot: usize, status| statuses[plot - first] = status;
             self.stretch(&mut scan, &part, report, rows, n_threads);
         }
-        self.finish(end, rows, 1);
-        self.bury();
+        let threads = threads(n_threads, self.tracks.len());
+        self.finish(end, rows, threads);
+        self.bury(threads);
         Ok(())
     }
 
@@ -271,7 +272,7 @@ impl Tracker {
         let &Part { plots, now, levels, ref index, times: [next, hold, end] } = part;
         let threads = threads(n_threads, self.waiting.len() + now.len());
         self.finish(next.min(end), rows, threads);
-        self.bury();
+        self.bury(threads);
         let assumed = use_found(&mut self.settings.radars, &mut self.noise);
         let stretches: Vec<f64> = self.settings.radars.iter().map(Radar::stretch).collect();
         let convert = |&(_, i): &(f64, usize)| {
@@ -402,51 +403,6 @@ impl Tracker {
         let silence = self.silence();
         let refuse = |index: usize| statuses[index] = PlotStatus::ClockError;
         keep_followed(order, self.time, &mut self.stray, silence, refuse);
-    }
-
-    /// Counts missed detections until `end`.
-    pub(super) fn finish<R: Rows>(&mut self, end: f64, rows: &mut R, threads: usize) {
-        let Self { settings, tracks, .. } = self;
-        let part = part(tracks.len(), threads);
-        let mut missed = vec![Vec::new(); tracks.len().div_ceil(part)];
-        let parts = tracks.chunks_mut(part).zip(&mut missed).collect();
-        run(threads, parts, |(tracks, rows): (&mut [Track], &mut Vec<Row>)| {
-            for track in tracks {
-                track.miss_alternatives(end, settings);
-                track.miss(end, settings, |track, radar| {
-                    if track.is_confirmed() {
-                        rows.push(Row::of(track, radar, None));
-                    }
-                });
-            }
-        });
-        missed.iter().flatten().for_each(|row| rows.push(row));
-        self.time = self.time.max(end);
-    }
-
-    /// Removes the tracks that have ended, and counts the plots of those that are not confirmed.
-    pub(super) fn bury(&mut self) {
-        let Self { tracks, ended, settings, clutter, time, .. } = self;
-        let before = tracks.len();
-        let mut held = vec![Held::default(); clutter.len()];
-        tracks.retain(|track| {
-            let is_alive = track.is_alive(settings);
-            if !is_alive {
-                ended.remember(track, settings);
-            }
-            if !track.is_confirmed() {
-                match is_alive {
-                    true => track.hold((clutter, &mut held), settings),
-                    false => track.count(clutter, settings),
-                }
-            }
-            is_alive
-        });
-        clutter.iter_mut().zip(held).for_each(|(own, held)| own.hold(held));
-        if tracks.len() < before {
-            ended.forget(*time);
-            settings.plans.free(|number| tracks.iter().all(|t| t.number != number));
-        }
     }
 }
 

@@ -5,7 +5,7 @@
 //! the order of the groups: tracks that compete for plots of one radar.
 
 use super::ahead::Ahead;
-use super::claim::{Claim, Spread, is_near};
+use super::claim::{Around, Claim, Spread, is_near};
 use super::cluster::{Cells, Clusters};
 use super::clutter::{self, Clutter};
 use super::doubles::{self, Doubles, Near, Seconds};
@@ -44,6 +44,7 @@ pub(super) struct Scan {
     /// The plots of all radars.
     grid: Grid,
     points: Vec<[f64; 2]>,
+    times: Vec<f64>,
     cell: f64,
     /// Plots that confirmed tracks have left, and where they are.
     left: Vec<u32>,
@@ -111,7 +112,8 @@ impl Scan {
         let used = (&self.taken[..], &self.deferred[..]);
         self.seconds.find(near, used, sky.doubles, sky.settings);
         let radars = &sky.settings.radars;
-        clutter::note((near.plots, hold), used, &self.seconds, (sky.clutter, radars));
+        let counted = (&mut *sky.clutter, &radars[..]);
+        clutter::note((near.plots, hold), used, &self.seconds, counted, sky.threads);
         self.others.clear();
         self.others.extend_from_slice(self.seconds.of_confirmed());
         self.reflections.find(near, used, (sky.tracks, sky.settings));
@@ -168,6 +170,8 @@ impl Scan {
         let radars = &sky.settings.radars;
         self.points.clear();
         self.points.extend(plots.iter().map(|plot| plot.position));
+        self.times.clear();
+        self.times.extend(plots.iter().map(|plot| plot.time));
         for plot in plots {
             sky.clutter[plot.radar].saw(&radars[plot.radar], plot.position);
         }
@@ -204,15 +208,16 @@ impl Scan {
 
     /// Finds the plots near each track.
     fn claim<R>(&mut self, sky: &Sky<'_, R>, confirmed: bool) {
-        let Self { plots, taken, deferred, spread, claims, claimed, shares, .. } = self;
+        let Self { plots, times, taken, deferred, spread, claims, claimed, shares, .. } = self;
         let (oldest, from) = self.first;
         claims.clear();
         claimed.clear();
         let (Some(first), Some(last)) = (plots.first(), plots.last()) else { return };
         let (begin, end) = (first.time, last.time);
         let settings = sky.settings;
-        let around = (if confirmed { &self.grid } else { &self.around }, &plots[..]);
-        let free = |&plot: &u32| !taken[plot as usize] && !deferred[plot as usize];
+        let grid = if confirmed { &self.grid } else { &self.around };
+        let around = Around { grid, plots, times };
+        let free = |plot: u32| !taken[plot as usize] && !deferred[plot as usize];
         let look = |share: &mut Share, first: usize, tracks: &[Track]| {
             for (index, track) in (from + first..).zip(tracks) {
                 if track.is_confirmed() == confirmed && track.number >= oldest {

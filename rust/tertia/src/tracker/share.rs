@@ -1,14 +1,14 @@
 //! The part of a scan that one thread processes, and its results.
 
 use super::ahead::TOGETHER;
-use super::claim::{Claim, Spread, reach};
+use super::claim::{Around, Claim, Spread, reach};
 use super::cluster::Cluster;
 use super::outliers::Stray;
 use super::plot::Measured;
 use super::row::Row;
 use super::settings::Settings;
 use super::track::Track;
-use crate::association::{Assigner, Grid, Pair, is_inside};
+use crate::association::{Assigner, Pair, is_inside};
 use crate::base::batch::for_each_row;
 use std::hint::black_box;
 use std::num::NonZero;
@@ -33,10 +33,10 @@ const NOWHERE: ([f64; 2], [f64; 2]) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2
 pub(super) struct Share {
     claims: Vec<Claim>,
     claimed: Vec<u32>,
-    /// Plots near a track.
-    near: Vec<u32>,
+    /// Radars and indices of plots near a track.
+    near: Vec<(u32, u32)>,
     /// The same before it is known which of them are free and due.
-    inside: Vec<u32>,
+    inside: Vec<(u32, u32)>,
     /// Where each radar may have seen a track: lower left and upper right corner.
     boxes: Vec<([f64; 2], [f64; 2])>,
     pairs: Vec<Pair>,
@@ -62,9 +62,9 @@ impl Share {
         (index, track): (usize, &Track),
         times: (f64, f64),
         settings: &Settings,
-        around: (&Grid, &[Measured]),
+        around: Around<'_>,
         spread: &Spread,
-        free: impl Fn(&u32) -> bool,
+        free: impl Fn(u32) -> bool,
     ) {
         self.near.clear();
         self.find(track, times, settings, around, spread, &free);
@@ -74,7 +74,7 @@ impl Share {
         if let Some(state) = track.forked() {
             self.find(state, times, settings, around, spread, &free);
         }
-        self.claim(index, around.1);
+        self.claim(index);
     }
 
     /// Adds the free plots near a state of a track, by radar and index.
@@ -83,9 +83,9 @@ impl Share {
         track: &Track,
         times: (f64, f64),
         settings: &Settings,
-        (grid, plots): (&Grid, &[Measured]),
+        Around { grid, plots, times: of_plots }: Around<'_>,
         spread: &Spread,
-        free: impl Fn(&u32) -> bool,
+        free: impl Fn(u32) -> bool,
     ) {
         let Self { near, inside, boxes, .. } = self;
         boxes.clear();
@@ -107,40 +107,41 @@ impl Share {
         grid.ranges(low, high, &mut |range| {
             let entries = &grid.all()[range];
             if inside.len() < end + entries.len() {
-                inside.resize(end + entries.len(), 0);
+                inside.resize(end + entries.len(), (0, 0));
             }
             // most are outside: their plots are not read, and none is left out by a jump
             for entry in entries {
                 let (low, high) = boxes[entry.tag as usize];
-                inside[end] = entry.index;
+                inside[end] = (entry.tag, entry.index);
                 end += usize::from(is_inside(entry.point, low, high));
             }
         });
-        near.extend(inside[..end].iter().copied().filter(free));
-        // each plot is a wait for memory, and waits together take no longer than one
-        near[found..].iter().for_each(|&i| _ = black_box(plots[i as usize].touched()));
-        let mut index = 0;
-        near.retain(|&i| {
-            index += 1;
-            let plot = &plots[i as usize];
-            let is_due = || {
-                settings.geometry(plot.radar).is_position()
-                    || track.is_due(plot, &settings.radars[plot.radar])
-            };
-            index <= found || is_due() && !track.refuses(plot, settings)
-        });
+        let is_due = |radar: usize, plot: u32| {
+            let (time, period) = (of_plots[plot as usize], settings.radars[radar].scan_period);
+            settings.geometry(radar).is_position() || track.is_due_at(time, radar, period)
+        };
+        let found_now = inside[..end].iter().copied();
+        near.extend(found_now.filter(|&(radar, i)| free(i) && is_due(radar as usize, i)));
+        if track.may_refuse(settings) {
+            // each plot is a wait for memory, and waits together take no longer than one
+            near[found..].iter().for_each(|&(_, i)| _ = black_box(plots[i as usize].touched()));
+            let mut index = 0;
+            near.retain(|&(_, i)| {
+                index += 1;
+                index <= found || !track.refuses(&plots[i as usize], settings)
+            });
+        }
         if near.len() > 1 {
-            near.sort_unstable_by_key(|&i| (plots[i as usize].radar, i));
+            near.sort_unstable();
             near.dedup();
         }
     }
 
     /// Claims the plots that were found near a track, separately for each radar.
-    fn claim(&mut self, track: usize, plots: &[Measured]) {
-        let radar = |i: u32| plots[i as usize].radar;
-        for own in self.near.chunk_by(|&a, &b| radar(a) == radar(b)) {
+    fn claim(&mut self, track: usize) {
+        for own in self.near.chunk_by(|a, b| a.0 == b.0) {
             let start = self.claimed.len();
-            self.claimed.extend_from_slice(own);
+            self.claimed.extend(own.iter().map(|&(_, plot)| plot));
             self.claims.push(Claim::new(track, start, self.claimed.len()));
         }
     }

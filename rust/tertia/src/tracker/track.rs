@@ -252,8 +252,13 @@ impl Track {
 
     /// Whether this radar can have made a plot of this target at this time.
     pub fn is_due(&self, plot: &Measured, radar: &Radar) -> bool {
-        self.expected_by(plot.radar)
-            .is_none_or(|e| plot.time - e.seen > SOONEST * radar.scan_period)
+        self.is_due_at(plot.time, plot.radar, radar.scan_period)
+    }
+
+    /// The same of a plot at a time, by the index of its radar and the period of its scans.
+    #[inline]
+    pub fn is_due_at(&self, time: f64, radar: usize, period: f64) -> bool {
+        self.expected_by(radar).is_none_or(|e| time - e.seen > SOONEST * period)
     }
 
     /// Log-likelihood ratio of the plot, of this target against any other, with the `odds` of its radar;

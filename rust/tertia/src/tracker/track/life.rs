@@ -74,9 +74,9 @@ impl Track {
                 silence > SCANS_BEFORE * self.period && self.existence.is_below(LEAST_ODDS)
             }
         };
-        let speed = self.speed_probability(settings);
-        let refuted =
-            self.is_confirmed() && self.may_be_clutter() && self.existence.is_refuted(speed);
+        let refuted = self.is_confirmed()
+            && self.may_be_clutter()
+            && self.existence.is_refuted(self.speed_probability(settings));
         !gone && !refuted && silence <= (settings.coasting as f64 + 0.5) * self.period
     }
 
@@ -103,6 +103,12 @@ impl Track {
         let Some(tree) = self.tree.as_deref() else { return own };
         let other = |leaf: &Leaf<Self>| leaf.probability * leaf.track.existence.probability();
         tree.probability * own + tree.others.iter().map(other).sum::<f64>()
+    }
+
+    /// Whether there is an address by which it may refuse plots.
+    #[inline]
+    pub fn may_refuse(&self, settings: &Settings) -> bool {
+        self.known.may_refuse(settings)
     }
 
     /// Whether the plot has another address than the target.

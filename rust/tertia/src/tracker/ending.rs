@@ -1,0 +1,93 @@
+//! Time that passes: scans in which radars miss targets, and tracks that end.
+
+use super::clutter::{Clutter, Held};
+use super::live::Tracker;
+use super::row::{Row, Rows};
+use super::settings::Settings;
+use super::share::run;
+use super::track::Track;
+
+/// Tracks that a thread looks at together: sums over them are the same for any number of threads.
+const TOGETHER: usize = 1024;
+
+/// Which of some tracks go on, and the plots of those of them that are tentative.
+#[derive(Default)]
+struct Survey {
+    is_alive: Vec<bool>,
+    held: Vec<Held>,
+}
+
+impl Survey {
+    /// Looks at tracks. Cost O(tracks + their plots).
+    fn look(&mut self, tracks: &[Track], clutter: &[Clutter], settings: &Settings) {
+        self.held.resize_with(clutter.len(), Held::default);
+        for track in tracks {
+            let is_alive = track.is_alive(settings);
+            if is_alive && !track.is_confirmed() {
+                track.hold((clutter, &mut self.held), settings);
+            }
+            self.is_alive.push(is_alive);
+        }
+    }
+}
+
+impl Tracker {
+    /// Counts missed detections until `end`.
+    pub(super) fn finish<R: Rows>(&mut self, end: f64, rows: &mut R, threads: usize) {
+        let settings = &self.settings;
+        let missed = in_parts(&mut self.tracks, threads, |tracks, rows: &mut Vec<Row>| {
+            for track in tracks {
+                track.miss_alternatives(end, settings);
+                track.miss(end, settings, |track, radar| {
+                    if track.is_confirmed() {
+                        rows.push(Row::of(track, radar, None));
+                    }
+                });
+            }
+        });
+        missed.iter().flatten().for_each(|row| rows.push(row));
+        self.time = self.time.max(end);
+    }
+
+    /// Removes the tracks that have ended, and counts the plots of those that are not confirmed.
+    pub(super) fn bury(&mut self, threads: usize) {
+        let Self { tracks, ended, settings, clutter, time, .. } = self;
+        let known = &*clutter;
+        let found = in_parts(tracks, threads, |tracks, own: &mut Survey| {
+            own.look(tracks, known, settings);
+        });
+        let before = tracks.len();
+        let mut is_alive = found.iter().flat_map(|part| &part.is_alive);
+        tracks.retain(|track| {
+            let is_alive = is_alive.next() == Some(&true);
+            if !is_alive {
+                ended.remember(track, settings);
+                if !track.is_confirmed() {
+                    track.count(clutter, settings);
+                }
+            }
+            is_alive
+        });
+        for (sensor, own) in clutter.iter_mut().enumerate() {
+            let parts = found.iter().map(|part| part.held[sensor]);
+            own.hold(parts.fold(Held::default(), |sum, part| sum.with(&part)));
+        }
+        if tracks.len() < before {
+            ended.forget(*time);
+            settings.plans.free(|number| tracks.iter().all(|t| t.number != number));
+        }
+    }
+}
+
+/// What `look` finds of each part of the tracks, in order.
+fn in_parts<T: Default + Send>(
+    tracks: &mut [Track],
+    threads: usize,
+    look: impl Fn(&mut [Track], &mut T) + Sync,
+) -> Vec<T> {
+    let mut found = Vec::new();
+    found.resize_with(tracks.len().div_ceil(TOGETHER), T::default);
+    let parts = tracks.chunks_mut(TOGETHER).zip(&mut found).collect();
+    run(threads, parts, |(tracks, own)| look(tracks, own));
+    found
+}
