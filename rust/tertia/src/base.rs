@@ -26,6 +26,7 @@ pub(crate) mod moments;
 pub(crate) mod plane;
 #[cfg(test)]
 pub(crate) mod random;
+pub(crate) mod scratch;
 pub(crate) mod skyline;
 pub(crate) mod small;
 pub(crate) mod state;

@@ -7,15 +7,17 @@ use super::near::Sample;
 use super::pairs::{Known, Manual, Pairs, density, key};
 use super::row::Row;
 use super::rule::{Part, Rule};
-use super::share::mapped;
+use super::share::{fill, mapped};
 use super::target::{Target, Tracklet};
 use crate::base::distribution::chi_square_upper;
 use crate::base::error::Result;
+use crate::base::mixed::IntegerMap;
+use crate::base::scratch::Scratch;
 use crate::base::state::{restored, saved};
 use crate::registration::{Errors, Registrar, Update};
 use crate::sensors::{Identities, Radar};
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeSet, HashSet};
+use std::collections::BTreeSet;
 use std::num::NonZero;
 use std::ops::Deref;
 
@@ -85,6 +87,8 @@ pub struct Centre {
     pairs: Pairs,
     manual: Manual,
     next: [u64; 2],
+    #[serde(skip)]
+    samples: Scratch<Vec<Sample>>,
 }
 
 impl Centre {
@@ -103,6 +107,7 @@ impl Centre {
             pairs: Pairs::default(),
             manual: Manual::default(),
             next: [1; 2],
+            samples: Scratch::default(),
         }
     }
 
@@ -140,7 +145,8 @@ impl Centre {
             time - member.last.time <= FORGOTTEN * radars[member.last.sensor].scan_period
         });
         let known = Known::new(self.registrar.errors(), &self.registrar.covariance());
-        let (samples, places) = self.samples(time, &known, n_threads)?;
+        let mut samples = std::mem::take(&mut self.samples.0);
+        let places = self.sample(&mut samples, time, &known, n_threads);
         let density = density(&samples);
         let candidates = self.pairs.look(&samples, &known, &self.manual, density, n_threads)?;
         let groups = grouped(&samples, &candidates, &self.order());
@@ -158,19 +164,22 @@ impl Centre {
         }
         let mut shown: Vec<_> = matched(self.targets.iter(), in_order(&numbers)).collect();
         shown.sort_unstable_by_key(|&(_, g)| g);
-        mapped(shown.into_iter(), SHOWN_NS, n_threads, |(target, g)| {
+        let picture = mapped(shown.into_iter(), SHOWN_NS, n_threads, |(target, g)| {
             self.shown(&groups[g], target, &samples, &places, time)
-        })
+        });
+        self.samples.0 = samples;
+        picture
     }
 
-    /// The tracks that are not old, at a time, without the errors of their sensors; by their ids, with
-    /// their places in the list of members.
-    fn samples(
+    /// Takes the tracks that are not old, at a time, without the errors of their sensors, by their ids;
+    /// returns their places in the list of members.
+    fn sample(
         &self,
+        samples: &mut Vec<Sample>,
         time: f64,
         known: &Known,
         n_threads: Option<NonZero<usize>>,
-    ) -> Result<(Vec<Sample>, Vec<usize>)> {
+    ) -> Vec<usize> {
         let mut live: Vec<_> = self
             .members
             .iter()
@@ -189,7 +198,7 @@ impl Centre {
             let estimate = member.at(time, radar);
             let sensitivity = sensitivity(&estimate.mean, row.height, radar);
             let added = propagated(&sensitivity, known.block(row.sensor, row.sensor), &sensitivity);
-            Ok(Sample {
+            Sample {
                 id,
                 sensor: row.sensor,
                 mean: corrected(&estimate.mean, &sensitivity, &known.errors[row.sensor]),
@@ -199,10 +208,10 @@ impl Centre {
                 height: row.height,
                 age: time - row.time,
                 identities: row.identities,
-            })
+            }
         };
-        let samples = mapped(live.iter(), SAMPLE_NS, n_threads, sample)?;
-        Ok((samples, live.iter().map(|&(_, place)| place).collect()))
+        fill(samples, live.iter(), SAMPLE_NS, n_threads, sample);
+        live.iter().map(|&(_, place)| place).collect()
     }
 
     /// The sensors, best first.
@@ -227,9 +236,9 @@ impl Centre {
             own.chunk_by(|a, b| a == b).map(|same| (same[0], same.len())).collect();
         // the sort is stable: then the older number, then the first group
         common.sort_by_key(|&(_, count)| std::cmp::Reverse(count));
-        let (mut numbers, mut used) = (vec![None; groups.len()], HashSet::new());
+        let (mut numbers, mut used) = (vec![None; groups.len()], IntegerMap::default());
         for ((number, g), _) in common {
-            if numbers[g].is_none() && used.insert(number) {
+            if numbers[g].is_none() && used.insert(number as i64, ()).is_none() {
                 numbers[g] = Some(number);
             }
         }
@@ -245,8 +254,9 @@ impl Centre {
             }
             found.push(number);
         }
-        let kept: HashSet<_> = self.members.iter().filter_map(|one| one.target).collect();
-        self.targets.retain(|target| kept.contains(&target.number));
+        let targets = self.members.iter().filter_map(|one| one.target);
+        let kept: IntegerMap<()> = targets.map(|number| (number as i64, ())).collect();
+        self.targets.retain(|target| kept.contains_key(&(target.number as i64)));
         found
     }
 

@@ -25,7 +25,7 @@ const LOOK_NS: f64 = 200.0;
 const LANES: usize = 8;
 
 /// A track of a sensor at the instant of the picture, without its biases.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Sample {
     /// Which track, in the order of their beginnings.
     pub id: u64,

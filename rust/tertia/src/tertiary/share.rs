@@ -7,6 +7,25 @@ use std::num::NonZero;
 /// Work from which on a batch may be stopped half done, which would leave the picture so.
 const STOPPABLE_NS: f64 = 1e8;
 
+/// Replaces `found` by the results of `work` on all items, in their order, whatever the number of threads, in
+/// memory that is there already: results that are large are neither moved nor first made empty.
+pub(super) fn fill<I: Send, T: Default + Send>(
+    found: &mut Vec<T>,
+    items: impl ExactSizeIterator<Item = I> + Send,
+    nanoseconds: f64,
+    n_threads: Option<NonZero<usize>>,
+    work: impl Fn(I) -> T + Sync,
+) {
+    let cost = (nanoseconds * items.len() as f64).min(STOPPABLE_NS);
+    found.resize_with(items.len(), T::default);
+    let rows = items.zip(found.iter_mut());
+    let work = |(): &mut (), (item, out): (I, &mut T)| {
+        *out = work(item);
+        Ok(())
+    };
+    for_each_row(rows, cost, n_threads, || (), work).expect("nothing fails");
+}
+
 /// The results of `work` on all items, in their order, whatever the number of threads; `nanoseconds` is
 /// the time of one item.
 ///

@@ -175,8 +175,9 @@ impl Clusters {
         cells
     }
 
-    /// Those that were not taken, and those that came back. Final choices are made, members part that
-    /// do not depend on one another, and the best states are shown. `tracks` are by their numbers.
+    /// Takes back the clusters that no thread took and those that threads return. Makes final choices, separates
+    /// members that do not depend on one another, and shows the best state of each track. Cost O(tracks) if
+    /// there is a cluster.
     pub fn close(
         &mut self,
         cells: Cells,
@@ -185,9 +186,14 @@ impl Clusters {
         (settings, limits): (&Settings, &Mht),
     ) {
         let left = cells.cells.into_iter().filter_map(|cell| cell.into_inner().ok().flatten());
-        for mut cluster in left.chain(back) {
-            let is_there = |number: &u64| find(tracks, *number).is_some();
-            let there: Vec<bool> = cluster.members.iter().map(is_there).collect();
+        let clusters: Vec<Cluster> = left.chain(back).collect();
+        if clusters.is_empty() {
+            return;
+        }
+        let places = Places::of(tracks);
+        for mut cluster in clusters {
+            let there: Vec<bool> =
+                cluster.members.iter().map(|number| places.find(*number).is_some()).collect();
             if there.contains(&false) {
                 cluster.keep(&there);
             }
@@ -196,22 +202,11 @@ impl Clusters {
             }
             let mut members: Vec<(u64, usize)> = cluster.members.iter().copied().zip(0..).collect();
             members.sort_unstable();
-            let mut own = Vec::with_capacity(members.len());
-            let mut rest = &mut *tracks;
-            let mut before = 0;
-            for &(number, _) in &members {
-                let Some(at) = find(rest, number) else { continue };
-                let (track, later) =
-                    std::mem::take(&mut rest)[at..].split_first_mut().expect("found");
-                before += at + 1;
-                own.push(track);
-                rest = later;
-            }
-            debug_assert!(before > 0 && own.len() == members.len());
             cluster.members = members.iter().map(|(number, _)| *number).collect();
             for hypothesis in &mut cluster.hypotheses {
                 hypothesis.states = members.iter().map(|(_, i)| hypothesis.states[*i]).collect();
             }
+            let mut own = places.tracks(&cluster.members, tracks);
             cluster.prune(limits);
             cluster.decide(&mut own, settings, limits);
             let joined = cluster.joined(&own);
@@ -282,7 +277,61 @@ impl Cells {
     }
 }
 
-/// Index of the track of this number.
-fn find(tracks: &[Track], number: u64) -> Option<usize> {
-    tracks.binary_search_by_key(&number, |track| track.number).ok()
+/// Numbers and indices of all tracks, by number: a resumed track is not in the order of its number.
+struct Places(Vec<(u64, usize)>);
+
+impl Places {
+    /// Those of these tracks. Cost O(tracks) if they are in order.
+    fn of(tracks: &[Track]) -> Self {
+        let mut places: Vec<_> = tracks.iter().map(|track| track.number).zip(0..).collect();
+        places.sort_unstable();
+        Self(places)
+    }
+
+    /// Index of the track with this number.
+    fn find(&self, number: u64) -> Option<usize> {
+        let at = self.0.binary_search_by_key(&number, |(number, _)| *number).ok()?;
+        Some(self.0[at].1)
+    }
+
+    /// The tracks with these numbers, by number.
+    fn tracks<'a>(&self, numbers: &[u64], tracks: &'a mut [Track]) -> Vec<&'a mut Track> {
+        let mut places: Vec<usize> = numbers.iter().filter_map(|own| self.find(*own)).collect();
+        places.sort_unstable();
+        let (mut found, mut rest, mut before) = (Vec::with_capacity(places.len()), tracks, 0);
+        for at in places {
+            let (track, later) =
+                std::mem::take(&mut rest)[at - before..].split_first_mut().expect("it is there");
+            found.push(track);
+            (rest, before) = (later, at + 1);
+        }
+        found.sort_unstable_by_key(|track| track.number);
+        found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensors::radar_of;
+    use crate::tracker::motion::Motion;
+    use crate::tracker::plot::Measured;
+
+    #[test]
+    fn tracks_are_found_although_one_was_resumed_under_an_older_number() {
+        let settings = Settings::new(vec![radar_of([50.0, 1e-3])], Motion::Cv(1.0));
+        let numbers = [1, 4, 5, 6, 8, 2, 9, 11, 12];
+        let mut tracks: Vec<Track> = numbers
+            .into_iter()
+            .map(|number| Track::new(number, &Measured::default(), 1.0, &settings))
+            .collect();
+        let places = Places::of(&tracks);
+        for (at, number) in numbers.into_iter().enumerate() {
+            assert_eq!(places.find(number), Some(at));
+        }
+        assert_eq!(places.find(3), None);
+        let found = places.tracks(&[2, 5, 9, 12], &mut tracks);
+        let found: Vec<u64> = found.iter().map(|track| track.number).collect();
+        assert_eq!(found, [2, 5, 9, 12]);
+    }
 }

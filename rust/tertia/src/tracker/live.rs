@@ -15,6 +15,7 @@ use super::share::{SHARES_PER_THREAD, run};
 use super::track::Track;
 use crate::base::error::{Error, Result, require, require_positive};
 use crate::base::interrupt::poll;
+use crate::base::scratch::Scratch;
 use crate::base::state::{restored, saved};
 use crate::sensors::Radar;
 use serde::{Deserialize, Serialize};
@@ -60,6 +61,8 @@ pub struct Tracker {
     /// Plots that wait for others that compete with them.
     pub(super) waiting: Vec<Measured>,
     pub(super) azimuths: Azimuths,
+    #[serde(skip)]
+    scan: Scratch<Scan>,
 }
 
 impl Tracker {
@@ -91,6 +94,7 @@ impl Tracker {
             stray,
             waiting,
             azimuths,
+            scan: Scratch::default(),
         })
     }
 
@@ -239,7 +243,7 @@ impl Tracker {
         let last = order.last().map_or(self.time, |(time, _)| *time);
         let end = end.unwrap_or(last).max(last).max(self.time);
         let period = self.period();
-        let mut scan = Scan::default();
+        let mut scan = std::mem::take(&mut self.scan.0);
         let mut rest = &order[..];
         let mut until = f64::NEG_INFINITY;
         while let Some(next) = self.waits().or(rest.first().map(|p| p.0)) {
@@ -254,6 +258,7 @@ impl Tracker {
             let report = |plot: usize, status| statuses[plot - first] = status;
             self.stretch(&mut scan, &part, report, rows, n_threads);
         }
+        self.scan.0 = scan;
         let threads = threads(n_threads, self.tracks.len());
         self.finish(end, rows, threads);
         self.bury(threads);

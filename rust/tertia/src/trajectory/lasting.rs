@@ -407,7 +407,8 @@ fn together<const D: usize, const N: usize>(
 /// Instants in a block: a part of the memory of the smoother.
 fn length(n: usize, memory: f64, columns: usize) -> usize {
     let wished = (memory / IN_MEMORY) as usize;
-    wished.min(n / LEAST_BLOCKS).max(n.div_ceil(MOST_NUMBERS / columns)).max(1)
+    let most = (MOST_NUMBERS / columns).max(1);
+    wished.min(n / LEAST_BLOCKS).max(n.div_ceil(most)).max(1)
 }
 
 /// Time that so many instants take, mostly: they may come in bursts.

@@ -1,6 +1,7 @@
 use super::*;
 use crate::sensors::{Identities, radar_of};
 use crate::tracker::Motion;
+use crate::tracker::row::Row;
 
 #[test]
 fn tracks_are_moved_by_their_numbers_whatever_their_order() {

@@ -1,0 +1,26 @@
+//! Memory that is kept from one call to the next.
+
+use std::fmt;
+
+/// Buffers that are no part of the state that holds them: copies of the state begin with empty ones, and two
+/// states are equal whatever their buffers contain.
+#[derive(Default)]
+pub(crate) struct Scratch<T>(pub T);
+
+impl<T: Default> Clone for Scratch<T> {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
+impl<T> PartialEq for Scratch<T> {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+impl<T> fmt::Debug for Scratch<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Scratch")
+    }
+}
