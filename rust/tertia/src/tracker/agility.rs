@@ -25,8 +25,8 @@ const FREQUENT: f64 = 1.0;
 const SHARP: f64 = 2.0;
 /// Highest level: variances in manoeuvres are a hundred times the usual ones.
 const HIGHEST: f64 = 6.6;
-/// Variance of the velocity by an acceleration that has not been noticed yet, relative to that by one that
-/// has lasted as long as manoeuvres remain unnoticed.
+/// Ratio of the variance of the velocity by an unnoticed acceleration to that by an acceleration that has
+/// lasted for the whole time until it is noticed.
 const UNNOTICED: f64 = 1.3;
 /// How agile a target is: its level is 0 if it manoeuvres no more than usual.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -33,8 +33,8 @@ impl Association {
     }
 }
 
-/// The score of the source for a plot at `z` with the covariance `r`, minus the score at the gate: `½ (1 −
-/// 1/Q) (gate − d²)`; none outside the gate.
+/// The score of the source, minus its value at the gate, for a plot at `z` with the covariance `r`:
+/// `½ (1 − 1/Q) (gate − d²)`; none outside the gate.
 pub(super) fn paper_score(
     estimate: &Estimate<4>,
     z: [f64; 2],

@@ -137,8 +137,8 @@ impl Azimuths {
     }
 }
 
-/// Returns the azimuths of a frame that belong to tracks, with the indices of these tracks. Cost O(T log T +
-/// B log B) for T tracks and B azimuths.
+/// Returns the azimuths of a frame that belong to tracks, with the indices of these tracks. Cost
+/// O(T log T + B log B) for T tracks and B azimuths.
 fn assigned<'a>(
     frame: &'a [Sight],
     tracks: &mut [Track],

@@ -17,7 +17,7 @@ const MEMORY: f64 = 150.0;
 const SIDE: f64 = 3.0;
 /// Logarithm of the prior odds that a cell has a source.
 const SOURCE: f64 = -9.2;
-/// Share of scans with a plot above which a source is one with many plots.
+/// Share of scans above which a cell has plots in many scans.
 const OFTEN: f64 = 0.1;
 /// Largest number of cells. If there are more, at most half of them are kept: those with most plots, and none
 /// with fewer plots than `NONE_LATELY`.
@@ -188,7 +188,7 @@ mod tests {
         fixed
     }
 
-    /// Moves a position by half a cell across the beam: its azimuth is that of an edge.
+    /// Moves a position by half a cell across the beam, because its azimuth is that of an edge.
     fn middle([_, range]: [f64; 2]) -> [f64; 2] {
         let azimuth = 0.5 * SIDE * 1e-3;
         [range * f64::sin(azimuth), range * f64::cos(azimuth)]

@@ -8,7 +8,8 @@ use serde::{Deserialize, Serialize};
 /// Largest sine of the elevation at which a plot without a height is placed: a target that would be seen at a
 /// steeper elevation is lower than assumed.
 const STEEPEST: f64 = 0.95;
-/// A target is straight above the radar if its height exceeds its range by fewer sigmas of the range.
+/// A target whose height exceeds its range is straight above the radar if the excess is less than this number
+/// of sigmas of the range.
 const OVERHEAD_SIGMAS: f64 = 3.0;
 
 /// How positions follow from the measurements of a sensor.

@@ -1,4 +1,4 @@
-//! Estimates the height of a target over time, which distinguishes targets above one another.
+//! Estimates the height of a target over time, by which targets above one another are distinguished.
 
 use crate::base::exponential::exp;
 use crate::sensors::HEIGHT_SIGMA as SIGMA;

@@ -73,8 +73,8 @@ pub fn turn(estimate: &mut Estimate<5>, t: f64, q: f64, walk: f64) {
     estimate.accelerate(Plane { xx: q, xy: 0.0, yy: q }, t);
 }
 
-/// Covariance of position and velocity by an acceleration that was not noticed for `gap` seconds: Γ σ² Γ', Γ
-/// = (gap²/2, gap).
+/// Covariance of position and velocity by an acceleration that was not noticed for `gap` seconds: Γ σ² Γ'
+/// with Γ = (gap²/2, gap).
 pub fn unnoticed(sigma: f64, gap: f64) -> SMatrix<f64, 4, 4> {
     let mut covariance = SMatrix::zeros();
     let square = (sigma * gap).powi(2);

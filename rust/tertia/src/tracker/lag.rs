@@ -1,5 +1,5 @@
-//! Takes late plots: everything after a late plot is processed again, so that final rows are those of plots
-//! in order.
+//! Takes late plots: everything after a late plot is processed again, so that final rows are as if all plots
+//! had come in order.
 //!
 //! Time is divided into steps of half the shortest scan. The plots of a step are sorted by content, not by
 //! arrival, and a step is final when it is older than the lag. Copies of the state are kept at four instants
@@ -50,7 +50,7 @@ pub struct LagTracker {
     shown: Vec<(i64, Row)>,
     /// First step whose rows have not been given out as final.
     open: i64,
-    /// Smaller numbers of tracks are final.
+    /// Track numbers below this one are final.
     numbered: u64,
     /// Latest time, and (`closed`) the time up to which everything was made final.
     now: f64,

@@ -70,8 +70,8 @@ impl Lean {
         self.0.iter().zip(row).map(|(v, h)| v * h).sum()
     }
 
-    /// Updates after a residual of variance 1 whose gradient with respect to the state is `row`, h: V − K h
-    /// V, with K = P h' of the corrected covariance P.
+    /// Updates after a residual of variance 1 whose gradient with respect to the state is h, in `row`:
+    /// V − K h V, with K = P h' of the corrected covariance P.
     pub fn see(&mut self, after: &Estimate<4>, row: &[f64; 4]) {
         let (gain, own) = (after.along(row).0, self.along(row));
         for (v, k) in self.0.iter_mut().zip(gain) {

@@ -96,8 +96,8 @@ impl Lasting {
     }
 }
 
-/// Ratio of a variance to the stated one: that of noise which is independent from scan to scan and has the
-/// same effect on a track as the estimated noise. It is 1 unless it is significantly larger.
+/// Ratio of two variances: of white noise, independent from scan to scan, that has the same effect on a track
+/// as the estimated noise, and of the stated noise. It is 1 unless it is significantly larger.
 fn factor(size: &Size, lasting: &Lasting) -> f64 {
     let variance = size.level.exp();
     match lasting.correlation() {

@@ -1,4 +1,4 @@
-//! Estimates how many plots of a radar are outliers, that is far from their targets, and how far they are.
+//! Estimates how many plots of a radar are outliers, far from their targets, and how far they are.
 
 use serde::{Deserialize, Serialize};
 
@@ -38,8 +38,8 @@ pub(super) struct Outliers {
     /// Number of plots of tracks, and (`taken`) number of outliers among them.
     plots: f64,
     taken: f64,
-    /// Number of plots of tracks while outliers were looked for; number of plots far from missed targets; and
-    /// sum of the squares of their distances.
+    /// Number of plots of tracks while outliers were looked for; (`far`) number of plots far from missed
+    /// targets; and (`squares`) sum of the squares of their distances.
     watched: f64,
     far: f64,
     squares: f64,
@@ -74,7 +74,7 @@ impl Outliers {
         self.plots < FIRST || self.taken > SOME.max(OFTEN * self.plots)
     }
 
-    /// Whether outliers are so many that one of three plots may well be one.
+    /// Whether outliers are so frequent that one of three plots may well be one.
     pub fn are_many(&self) -> bool {
         self.far > MANY * (self.watched + self.far + FEW)
     }
@@ -90,7 +90,7 @@ impl Outliers {
         taken.max(self.far / (self.watched + self.far + FEW))
     }
 
-    /// The same for a single outlier.
+    /// 2π times the probability density of a single outlier, with the same arguments as `density`.
     pub fn spread(&self, square: f64, determinant: f64) -> f64 {
         let size = (0.5 * self.squares / self.far.max(1.0)).max(NEAREST);
         let normal = (-0.5 * square / size).exp() / size;

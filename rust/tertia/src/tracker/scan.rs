@@ -50,7 +50,7 @@ pub(super) struct Scan {
     around: Grid,
     claims: Vec<Claim>,
     sorted: Vec<Claim>,
-    /// Plots that are claimed; each claim refers to some of them in a row.
+    /// Claimed plots; each claim refers to a contiguous part of them.
     claimed: Vec<u32>,
     /// Parent of each plot in its group, as a union-find structure: the root is the lowest plot of the group.
     joined: Vec<u32>,
@@ -202,7 +202,7 @@ impl Scan {
         }
     }
 
-    /// Lets all confirmed, or all tentative tracks claim the free plots near them.
+    /// Lets all confirmed or all tentative tracks claim the free plots near them.
     fn claim<R>(&mut self, sky: &Sky<'_, R>, confirmed: bool) {
         let Self { plots, taken, deferred, spread, claims, claimed, shares, .. } = self;
         let (oldest, from) = self.first;
@@ -398,7 +398,8 @@ impl Scan {
                 None => (),
             }
         });
-        // if no plot was taken, hypotheses leave the others again and again
+        // if no plot was taken, another pass would change nothing: hypotheses would leave the same plots
+        // again
         advanced && shares.are_wanted()
     }
 
@@ -429,7 +430,7 @@ impl Scan {
                 continue;
             }
             (self.taken[i], now[i]) = (true, true);
-            // the more other plots there are besides false ones, the more false tracks they start
+            // second plots and outliers start false tracks, too, where there are any
             let second = self.seconds.of_others(i, |other| self.taken[other]);
             let more = 1.0 + (self.others[i] + second) / density;
             let rare = (false_plots * more, clutter.density(radar), more.ln());
@@ -462,7 +463,7 @@ impl Scan {
         left
     }
 
-    /// Tells the clutter estimates for which time plots have been assigned.
+    /// Tells the clutter estimates over which interval of time plots have been assigned.
     fn pass<R>(&self, sky: &mut Sky<'_, R>) {
         let settled = || self.plots.iter().zip(&self.deferred).filter(|(_, d)| !**d);
         let (Some((first, _)), Some((last, _))) = (settled().next(), settled().next_back()) else {
