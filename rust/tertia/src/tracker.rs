@@ -1,15 +1,18 @@
-//! Scans of plots in, tracks out (Glagovskiy, Lavina, Rudelson 2014, and better).
+//! Turns scans of plots into tracks (Glagovskiy, Lavina, Rudelson 2014, with improvements).
 //!
-//! [`Tracker::track`] takes plots of several radars in the order of time. In every scan the
-//! confirmed tracks take plots first, by the assignment with the largest likelihood, then the
-//! tentative ones; every plot that is left begins a tentative track. Radars see a target at
-//! different times, each once in its scan.
+//! [`Tracker::track`] takes plots of several radars in the order of time. In every scan, the confirmed tracks
+//! take plots first, by the assignment with the largest likelihood, then the tentative tracks do; each
+//! remaining plot starts a tentative track. Radars see a target at different times, each once per scan.
 //!
-//! `estimate <- kinematics, lean; motion <- bank; level, geometry <- plot; mht <- association; geometry, plans,
-//! association, motion <- settings, velocities <- plan, curve, prospects <- window <- filter <- resolution, sight, moving; plan <- correlation;
-//! height, identity, beams, filter, moving, correlation, tree, suspicion, outliers <- track <- cluster, row, claim, extent, patches, clutter, schedule, doubles, reflections, ended, azimuths;
-//! outliers <- noise <- strays <- resume <- share <- scan <- live <- kept, control, found <- lag`; `kinematics, motion <- smooth` beside them.
-//! A plot costs O(1) while the number of targets within a gate does not grow; memory is O(tracks).
+//! Main modules, where those on the right use those on the left: `estimate <- kinematics, lean; motion <-
+//! bank; level, geometry <- plot; mht <- association; geometry, plans, association, motion <- settings,
+//! velocities <- plan, curve, prospects <- window <- filter <- resolution, sight, moving; plan <-
+//! correlation; height, identity, beams, filter, moving, correlation, tree, suspicion, outliers <- track <-
+//! cluster, row, claim, extent, patches, clutter, schedule, doubles, reflections, ended, azimuths; outliers
+//! <- noise <- strays <- resume <- share <- scan <- live <- kept, control, found <- lag`; `kinematics, motion
+//! <- smooth` beside them.
+//!
+//! A plot costs O(1) as long as the number of targets within a gate does not grow; memory is O(tracks).
 
 mod agility;
 mod ahead;

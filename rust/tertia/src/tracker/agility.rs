@@ -1,43 +1,43 @@
-//! How much more than usual a target manoeuvres, by its own innovations.
+//! Estimates from its innovations how much more than usual a target manoeuvres.
 //!
-//! Innovations of a filter whose models fit are not correlated, whatever the noise of plots is (Mehra 1970).
-//! Where a target manoeuvres more often or more sharply than the models expect, each one points the same way
-//! as those before it: the models are then adapted until that is no longer so.
+//! The innovations of a filter whose models fit are not correlated, whatever the size of the noise (Mehra
+//! 1970). If a target manoeuvres more often or more sharply than the models expect, successive innovations
+//! point the same way: the models are then adapted until they no longer do.
 
 use super::motion::ImmModel;
 use crate::base::exponential::exp;
 use crate::base::plane::Plane;
 use serde::{Deserialize, Serialize};
 
-/// Share of the newest innovation, and of the newest interval, in their running means.
+/// Weight of the newest innovation, and of the newest interval, in their running means.
 const MEMORY: f64 = 0.5;
-/// By how much the level follows the product of an innovation and the mean of those before it, in a scan,
-/// the product that keeps it, and the largest one that counts.
+/// The level follows the normalised product of each innovation and the mean of earlier ones: gain per scan,
+/// product at which the level does not change, and largest product that counts.
 const GAIN: f64 = 0.6;
 const KEPT: f64 = 0.02;
 const LARGEST: f64 = 4.0;
-/// Share of the newest square of an innovation in their running mean, and the largest one that counts.
+/// Weight of the newest normalised squared innovation in its running mean, and the largest one that counts.
 const SCATTER: f64 = 0.1;
 const FAR: f64 = 8.0;
-/// Levels from which manoeuvres are more frequent, and from which they are sharper, than usual; noise
-/// alone seldom reaches the first one.
+/// Levels above which manoeuvres are more frequent, and above which they are also sharper, than usual; noise
+/// alone seldom exceeds the first one.
 const FREQUENT: f64 = 1.0;
 const SHARP: f64 = 2.0;
-/// The highest level: variances in manoeuvres are a hundred times the usual one.
+/// Highest level: variances in manoeuvres are a hundred times the usual ones.
 const HIGHEST: f64 = 6.6;
-/// Variance of a velocity by an acceleration that has not been noticed yet, over that by one that has lasted
-/// for such a time.
+/// Ratio of the variance of the velocity by an unnoticed acceleration to that by an acceleration that has
+/// lasted for the whole time until it is noticed.
 const UNNOTICED: f64 = 1.3;
-/// The level of a target: 0 where it manoeuvres no more than usual.
+/// How agile a target is: its level is 0 if it manoeuvres no more than usual.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Agility {
     level: f64,
-    /// Running mean of innovations, m.
+    /// Running mean of the innovations, m.
     lag: [f64; 2],
-    /// Running mean of their normalised squares, over what is expected: less than 1 where noise is less than
-    /// stated.
+    /// Running mean of the normalised squared innovations over the expected value: less than 1 if the noise
+    /// is less than stated.
     scatter: f64,
-    /// Seconds and scans since the last plot, and running means of them.
+    /// Seconds and scans since the last plot, and (`interval`) running means of both.
     since: [f64; 2],
     interval: [f64; 2],
     /// Standard deviation of the usual acceleration in turns, m/s².
@@ -52,7 +52,7 @@ impl Default for Agility {
 }
 
 impl Agility {
-    /// Sees an innovation of covariance `s`. Cost O(1).
+    /// Updates the level by an innovation of covariance `s`. Cost O(1).
     #[inline]
     pub fn saw(&mut self, [x, y]: [f64; 2], s: Plane) {
         let inverse = s.inverse();
@@ -60,7 +60,7 @@ impl Agility {
         let product = inverse.xx * x * a + inverse.xy * (x * b + y * a) + inverse.yy * y * b;
         let step = (0.5 * product).clamp(-LARGEST, LARGEST) - KEPT;
         self.scatter += SCATTER * ((0.5 * inverse.form([x, y])).min(FAR) - self.scatter);
-        // of several radars each plot tells less that is new
+        // with several radars, each plot contains less new information
         let share = self.since[1].min(1.0);
         self.level = (self.level + GAIN * share * step).clamp(0.0, HIGHEST);
         self.lag = [a + MEMORY * (x - a), b + MEMORY * (y - b)];
@@ -70,8 +70,8 @@ impl Agility {
         }
     }
 
-    /// How the target moves in the next seconds, where targets usually move as the model says; `period` is
-    /// that of the scans.
+    /// Returns the model of the target for a prediction over some `seconds`, adapted from the `usual` model
+    /// of targets; `period` is the scan period.
     #[inline]
     pub fn adapted(&mut self, usual: &ImmModel, seconds: f64, period: f64) -> ImmModel {
         self.since[0] += seconds;
@@ -80,7 +80,7 @@ impl Agility {
         self.model(usual)
     }
 
-    /// How the target moves where targets usually move so.
+    /// Returns the model of the target at its present level, adapted from the `usual` model of targets.
     #[inline]
     pub fn model(&self, usual: &ImmModel) -> ImmModel {
         if self.level <= FREQUENT {
@@ -97,8 +97,9 @@ impl Agility {
         }
     }
 
-    /// Variance of the velocity, along any axis, by a manoeuvre that has not been noticed yet: how long that
-    /// takes lies between the interval of plots and a scan, and is less where noise is less than stated.
+    /// Additional variance of the velocity, along any axis, by a manoeuvre that has not been noticed yet. The
+    /// time until a manoeuvre is noticed lies between the interval of plots and a scan; the variance is less
+    /// if the noise is less than stated.
     #[inline]
     pub fn unnoticed(&self) -> f64 {
         let [interval, scans] = self.interval;
@@ -119,7 +120,7 @@ mod tests {
 
     const S: Plane = Plane { xx: 9000.0, xy: 2000.0, yy: 6000.0 };
 
-    /// After plots whose innovations have this mean and so many times the stated noise.
+    /// The agility after plots whose innovations have this mean and `noise` times the stated noise.
     fn after(start: Agility, plots: usize, mean: [f64; 2], noise: f64) -> Agility {
         let (mut found, mut random) = (start, Random::new(3));
         let usual = ImmModel::default();
@@ -154,7 +155,7 @@ mod tests {
             found.turn_sigma > usual.turn_sigma && found.turn_rate_sigma > usual.turn_rate_sigma
         );
         assert!(found.straight_time < usual.straight_time && found.steady_time < usual.steady_time);
-        // but no shorter than manoeuvres are
+        // but the times between manoeuvres are no shorter than manoeuvres
         let mut most = Agility { level: HIGHEST, ..agile };
         let found = most.adapted(&ImmModel { straight_time: 60.0, ..usual }, 4.0, 4.0);
         assert_eq!(found.straight_time, usual.turn_time);
@@ -164,7 +165,7 @@ mod tests {
         let variance =
             UNNOTICED * noise * ((HIGHEST - SHARP).exp() - 1.0) * (0.8 * 4.0_f64).powi(2);
         assert_within(1e-3, most.unnoticed(), variance);
-        // each innovation against the one before: the models expect more than happens
+        // each innovation points against the one before: the models expect more than happens
         for k in 0..40 {
             let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
             agile.adapted(&usual, 4.0, 4.0);

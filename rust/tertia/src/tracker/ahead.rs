@@ -1,15 +1,15 @@
-//! Tracks and plots that are read before they are needed: with thousands of them each is a wait for memory, and
-//! waits together take no longer than one.
+//! Reads tracks and plots before they are needed. With thousands of them, each access waits for memory, and
+//! several waits at the same time take no longer than one.
 
 use super::claim::Claim;
 use super::plot::Measured;
 use super::track::Track;
 use std::hint::black_box;
 
-/// Claims or results that are read together.
+/// Number of claims or results that are read together.
 pub(super) const TOGETHER: usize = 16;
 
-/// How far claims were settled, and how far their tracks and plots were read.
+/// Number of claims that were settled, and number of claims whose tracks and plots were read.
 #[derive(Default)]
 pub(super) struct Ahead {
     settled: usize,
@@ -17,7 +17,7 @@ pub(super) struct Ahead {
 }
 
 impl Ahead {
-    /// Reads tracks and plots of the next of these claims, where so many come now.
+    /// Reads tracks and plots of the next claims; `now` is the number of claims that are settled next.
     pub fn read(
         &mut self,
         now: usize,

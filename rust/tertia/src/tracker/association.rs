@@ -1,4 +1,4 @@
-//! By what plots are given to tracks.
+//! Methods by which plots are assigned to tracks.
 
 use super::estimate::Estimate;
 use super::mht::Mht;
@@ -7,16 +7,17 @@ use crate::base::error::Result;
 use crate::base::plane::Plane;
 use serde::{Deserialize, Serialize};
 
-/// By what plots are given to tracks.
+/// The method by which plots are assigned to tracks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub enum Association {
     /// The largest likelihood ratio against false plots (global nearest neighbour).
     #[default]
     Gnn,
-    /// The score of the source with this ratio Q: neither the size of covariances nor the density of
-    /// false plots counts, and M plots in N scans confirm a track whatever they are.
+    /// The score of the source (Glagovskiy, Lavina, Rudelson 2014) with this ratio Q. It depends neither on
+    /// the size of covariances nor on the density of false plots, and M plots within N scans confirm a track,
+    /// however unlikely.
     Paper(f64),
-    /// As the first, with several hypotheses where plots are not certain.
+    /// As `Gnn`, but with several hypotheses if an assignment is uncertain (multiple-hypothesis tracking).
     Mht(Mht),
 }
 
@@ -32,7 +33,7 @@ impl Association {
     }
 }
 
-/// The score of the source for a plot at `z` with the covariance `r`, less that at the gate:
+/// The score of the source, minus its value at the gate, for a plot at `z` with the covariance `r`:
 /// `½ (1 − 1/Q) (gate − d²)`; none outside the gate.
 pub(super) fn paper_score(
     estimate: &Estimate<4>,

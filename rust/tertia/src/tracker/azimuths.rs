@@ -1,8 +1,8 @@
-//! Azimuths without ranges: which are of which tracks.
+//! Assigns azimuths without ranges to tracks.
 //!
-//! Azimuths of one sensor at one time are a frame, in which a track has one at most. They correct
-//! confirmed tracks after the plots of the same time, and begin none. Tracks that a sensor cannot tell
-//! apart take none of its azimuths: which is whose would be a guess, frame after frame.
+//! The azimuths of one sensor at one time are a frame, in which each track has one azimuth at most. Azimuths
+//! correct confirmed tracks after the plots of the same time, and start no tracks. Tracks that a sensor
+//! cannot tell apart take none of its azimuths: any assignment would be a guess, frame after frame.
 
 use super::plot::{PlotStatus, Plots};
 use super::row::{Row, Rows};
@@ -13,23 +13,23 @@ use crate::association::{Assigner, Pair};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 
-/// Sigmas of a residual by which the azimuths of two tracks differ at least where it is certain which
-/// is whose: half of it is exceeded by one in 160.
+/// Smallest difference between the azimuths of two tracks, in sigmas of a residual, at which their assignment
+/// is certain: one in 160 residuals exceeds half of it in the direction of the other track.
 const APART: f64 = 5.0;
-/// Weight of the frames before, per frame, in the mean number of azimuths that are of no track, and
-/// the least number.
+/// Forgetting factor per frame of the mean number of azimuths that belong to no track, and the smallest mean
+/// number.
 const FADING: f64 = 0.9;
 const FEWEST: f64 = 1.0;
 
-/// Azimuths that wait for plots of their time, and how many were of no track.
+/// Azimuths that wait for the plots of their time, and how many azimuths belonged to no track.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Azimuths {
     waiting: Vec<Sight>,
-    /// Of each sensor; nothing where none measures azimuths alone.
+    /// One entry for each sensor; empty if no sensor measures azimuths alone.
     unused: Vec<Unused>,
 }
 
-/// Azimuths of no track, and frames, with fading weights.
+/// Number of azimuths that belonged to no track, and of frames, with fading weights.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Unused {
     count: f64,
@@ -42,21 +42,21 @@ impl Unused {
         self.frames = FADING * self.frames + 1.0;
     }
 
-    /// In a frame, 1/rad.
+    /// Density of such azimuths in a frame, 1/rad.
     fn density(&self) -> f64 {
         (self.count / self.frames.max(1.0)).max(FEWEST) / TAU
     }
 }
 
-/// A track as a sensor expects it.
+/// A track as a sensor should see it.
 struct Expected {
     track: usize,
     azimuth: f64,
-    /// Variance of the difference from what the sensor measures.
+    /// Variance of the measured azimuth minus the expected one.
     variance: f64,
-    /// Largest difference.
+    /// Largest difference between the measured azimuth and the expected one.
     reach: f64,
-    /// Whether no other one is near.
+    /// Whether the azimuth of no other track is near.
     alone: bool,
 }
 
@@ -73,18 +73,18 @@ impl Azimuths {
         !self.unused.is_empty()
     }
 
-    /// The first one that waits.
+    /// Time of the first waiting azimuth.
     pub fn waits(&self) -> Option<f64> {
         self.waiting.iter().map(|sight| sight.time).min_by(f64::total_cmp)
     }
 
-    /// Forgets what came.
+    /// Forgets all azimuths so far.
     pub fn clear(&mut self) {
         self.waiting.clear();
         self.unused.fill(Unused::default());
     }
 
-    /// Takes the azimuths, and returns all other plots.
+    /// Takes the azimuths out of the plots, and returns all other plots.
     pub fn take<P: Plots + ?Sized>(
         &mut self,
         plots: &P,
@@ -137,7 +137,8 @@ impl Azimuths {
     }
 }
 
-/// The azimuths of a frame that are of tracks, with these. O(T log T + B log B) of tracks and azimuths.
+/// Returns the azimuths of a frame that belong to tracks, with the indices of these tracks. Cost
+/// O(T log T + B log B) for T tracks and B azimuths.
 fn assigned<'a>(
     frame: &'a [Sight],
     tracks: &mut [Track],
@@ -153,7 +154,7 @@ fn assigned<'a>(
     let odds = (p / ((1.0 - p) * unused.density() * frame[0].sigma)).ln();
     let (mut pairs, mut near) = (Vec::new(), vec![false; frame.len()]);
     for (row, one) in expected.iter().enumerate() {
-        // beyond the cut as well
+        // also beyond the cut at ±π
         for middle in [one.azimuth - TAU, one.azimuth, one.azimuth + TAU] {
             let first = order.partition_point(|&i| azimuth(i) < middle - one.reach);
             for &column in order[first..].iter().take_while(|i| azimuth(**i) <= middle + one.reach)
@@ -179,7 +180,7 @@ fn assigned<'a>(
     each.filter_map(|(one, column)| Some((&frame[(*column)? as usize], one.track))).collect()
 }
 
-/// The confirmed tracks by their azimuths.
+/// Returns the confirmed tracks in the order of their expected azimuths.
 fn expected(sight: &Sight, tracks: &[Track], settings: &Settings) -> Vec<Expected> {
     let noise = sight.sigma * sight.sigma;
     let confirmed = tracks.iter().enumerate().filter(|(_, track)| track.is_confirmed());
@@ -213,7 +214,7 @@ fn expected(sight: &Sight, tracks: &[Track], settings: &Settings) -> Vec<Expecte
     expected
 }
 
-/// From −π to π.
+/// The azimuth between −π and π.
 fn wrapped(azimuth: f64) -> f64 {
     (azimuth + PI).rem_euclid(TAU) - PI
 }

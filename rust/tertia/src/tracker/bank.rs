@@ -9,17 +9,17 @@ use nalgebra::{SMatrix, SVector};
 use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 
-/// Models of a bank.
+/// Number of models in a bank.
 pub(super) const MODELS: usize = 3;
 /// Straight flight.
 pub(super) const STRAIGHT: usize = 0;
 /// A turn at an unknown rate.
 pub(super) const TURN: usize = 1;
-/// What a flight plan says.
+/// Motion along a flight plan.
 pub(super) const PLAN: usize = 2;
-/// A change of speed, where there is no plan: in its place.
+/// A change of speed: it takes the place of the plan if there is none.
 pub(super) const SPEED: usize = PLAN;
-/// A model below this probability neither gates nor scores.
+/// A model below this probability is used neither for gates nor for scores.
 const NEGLIGIBLE: f64 = 0.005;
 
 /// Probabilities of the changes from one model (row) to another (column).
@@ -30,13 +30,13 @@ pub(super) type Transition = [[f64; MODELS]; MODELS];
 pub(super) struct Bank {
     pub straight: Estimate<4>,
     pub turn: Estimate<5>,
-    /// What a flight plan says or, where there is none, a change of speed.
+    /// Motion along a flight plan or, if there is no plan, a change of speed.
     pub plan: Estimate<4>,
-    /// They sum to the probability of the bank.
+    /// Probabilities of the models; they sum to the probability of the bank.
     pub probability: [f64; MODELS],
 }
 
-/// Where a model expects the plot.
+/// The position that a model expects, and its probability.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Component {
     pub probability: f64,
@@ -55,7 +55,8 @@ impl Component {
 }
 
 impl Bank {
-    /// Straight flight so far; a turn would begin at a rate with this variance.
+    /// Creates a bank for a target that has flown straight so far. With the probability `turning` it begins a
+    /// turn now, at a rate with this variance.
     pub fn new(straight: Estimate<4>, turning: f64, rate_variance: f64) -> Self {
         let turn = entered(&straight, rate_variance);
         Self { straight, turn, plan: straight, probability: [1.0 - turning, turning, 0.0] }
@@ -89,7 +90,7 @@ impl Bank {
         self.mix_all(transition, after, rate_variance);
     }
 
-    /// The same of any models, whose probabilities are these then.
+    /// As `mix`, for any models; their probabilities become `after`.
     #[inline(never)]
     fn mix_all(&mut self, transition: &Transition, after: [f64; MODELS], rate_variance: f64) {
         let old = *self;
@@ -106,7 +107,7 @@ impl Bank {
         self.probability = after;
     }
 
-    /// Mixes the turn with one that begins from straight flight, of this weight.
+    /// Mixes the turn with one that begins now from straight flight, which has this weight.
     #[inline(always)]
     fn begin_turn(&mut self, weight: f64, rate_variance: f64) {
         let (own, spread) = (1.0 - weight, weight * (1.0 - weight));
@@ -195,13 +196,14 @@ impl Bank {
         );
     }
 
-    /// Corrects all models by a position or a velocity; the probabilities are multiplied by its densities.
+    /// Corrects all models by a position or a velocity, and multiplies the probability of each model by the
+    /// density of the measurement under that model.
     #[inline]
     pub fn correct<const AT: usize>(&mut self, z: [f64; 2], r: Plane) {
         Arch::new().dispatch(Correction::<AT> { bank: self, z, r });
     }
 
-    /// Position and velocity, where the probabilities sum to one.
+    /// Position and velocity by all models, if their probabilities sum to one.
     #[inline(always)]
     pub fn estimate(&self) -> Estimate<4> {
         if self.probability[PLAN] == 0.0 {
@@ -212,7 +214,7 @@ impl Bank {
         moments.estimate()
     }
 
-    /// Adds position and velocity of all models.
+    /// Adds position and velocity of all models, weighted by their probabilities.
     #[inline]
     pub fn add_to(&self, moments: &mut Moments<4>) {
         self.add_weighted(moments, self.probability);
@@ -243,7 +245,7 @@ impl Bank {
         }
     }
 
-    /// Moves all models by this.
+    /// Shifts position and velocity of all models.
     pub fn shift(&mut self, by: &SVector<f64, 4>) {
         self.straight.mean += by;
         self.plan.mean += by;
@@ -260,7 +262,7 @@ impl Bank {
     }
 }
 
-/// A correction of all models, in vectors as wide as the processor has.
+/// A correction of all models, compiled for the widest vectors that the processor has.
 struct Correction<'a, const AT: usize> {
     bank: &'a mut Bank,
     z: [f64; 2],
@@ -296,7 +298,7 @@ pub(super) fn changes(model: &ImmModel, t: f64) -> Transition {
     transition
 }
 
-/// A turn that begins from straight flight.
+/// The state of a turn that begins from straight flight: its rate is 0 with the variance `rate_variance`.
 #[inline]
 pub(super) fn entered(straight: &Estimate<4>, rate_variance: f64) -> Estimate<5> {
     let (mut mean, mut covariance) = ([0.0; 5], [[0.0; 5]; 5]);

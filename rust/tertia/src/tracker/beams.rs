@@ -7,11 +7,11 @@ use serde::{Deserialize, Serialize};
 pub(super) struct Expected {
     pub radar: usize,
     pub time: f64,
-    /// Of the last plot.
+    /// Time of the last plot.
     pub seen: f64,
 }
 
-/// Radars for which a track itself has room.
+/// Number of radars for which there is room in the track itself.
 const FEW: usize = 4;
 
 /// When each radar should see a target next.
@@ -19,7 +19,7 @@ const FEW: usize = 4;
 pub(super) struct Beams {
     few: [Expected; FEW],
     count: usize,
-    /// All of them, where they are more than a few.
+    /// All radars, if there are more than a few.
     many: Vec<Expected>,
 }
 

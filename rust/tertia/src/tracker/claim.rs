@@ -1,4 +1,5 @@
-//! The plots that a track may claim: those near its place when a radar's beam passes.
+//! Finds the plots that a track may claim: those near its predicted position at the time when a radar's beam
+//! passes.
 
 use super::plot::{Measured, Source};
 use super::settings::{MAX_DELAY, Settings};
@@ -7,16 +8,16 @@ use crate::association::Grid;
 use crate::base::plane::Plane;
 use std::f64::consts::PI;
 
-/// Seconds that a plot may be before or after its beam's usual time, as a share of a scan.
+/// Time by which a plot may come earlier or later than the beam is expected, as a share of a scan.
 const BEAM: f64 = 0.1;
-/// A track that may have been seen by a radar, and the plots that may be of it.
+/// A track that a radar may have seen, and the plots of this radar that may belong to it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Claim {
-    /// Index of the track: among all, then among those of its share.
+    /// Index of the track: at first among all tracks, then among those of its share.
     pub track: u32,
     /// Place of the claim in the order of groups.
     pub rank: u32,
-    /// The first plot of its group.
+    /// Lowest plot of its group.
     pub root: u32,
     /// Number of the component of competing tracks and plots of all radars.
     pub component: u32,
@@ -37,9 +38,9 @@ pub(super) struct Around<'a> {
 /// radars.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Spread {
-    /// Lowest and highest height at which plots without one are.
+    /// Lowest and highest height that is assumed for plots without a height.
     placed: Option<[f64; 2]>,
-    /// Largest variance of a position.
+    /// Largest variance of a reported position along an axis, m².
     pub variance: f64,
 }
 
@@ -63,21 +64,21 @@ impl Spread {
 }
 
 impl Claim {
-    /// A claim of a track, by its index among all, to the plots from `start` to `end`.
+    /// A claim of the track with this index to the claimed plots from `start` to `end`.
     pub fn new(track: usize, start: usize, end: usize) -> Self {
         let [track, start, end] = [track, start, end].map(|i| i as u32);
         Self { track, rank: 0, root: 0, component: 0, start, end }
     }
 
-    /// Its plots, of those of all claims.
+    /// Its plots, out of the plots of all claims.
     #[inline]
     pub fn plots<'a>(&self, claimed: &'a [u32]) -> std::slice::Iter<'a, u32> {
         claimed[self.start as usize..self.end as usize].iter()
     }
 }
 
-/// Centre and half widths of the box of possible plots from `begin` to `end`; none where the radar
-/// does not see the track in that time.
+/// Returns centre and half widths of the box in which plots of a track by this radar may be from `begin` to
+/// `end`; none if the radar does not see the track in that time.
 #[inline]
 pub(super) fn reach(
     track: &Track,
@@ -94,11 +95,11 @@ pub(super) fn reach(
     }
     let (time, slack) = match track.expected_by(radar) {
         Some(expected) if !geometry.is_position() => {
-            // near the radar the beam comes earlier or later
+            // near the radar the azimuth changes fast, so the beam comes much earlier or later
             let moved = settings.max_speed * (begin - expected.seen).max(station.scan_period);
             let swing = (moved / (PI * station.about(track.estimate.position()))).min(0.5);
             let late = (MAX_DELAY + swing) * station.scan_period;
-            // the scan in which the radar comes between begin and end
+            // the scan in which the beam passes between begin and end
             let behind = begin - late - expected.time;
             let mut time = expected.time;
             if behind > 0.0 {
@@ -122,10 +123,10 @@ pub(super) fn reach(
     let site = geometry.site(station);
     let sway = track.sway((station, site), (time, centre), spread.placed);
     let more = margin + speed * slack + sway;
-    // no target is farther than it can have flown
+    // no target is farther away than it can have flown
     let scans = (time - track.seen).abs().max(station.scan_period);
     let flown = 2.0 * settings.max_speed * scans + sway;
-    // a plot of two targets is between them
+    // a merged plot of two targets is between them
     let merged = station
         .resolution
         .map_or(0.0, |[range, azimuth]| range.max(azimuth * station.about(centre)));
@@ -138,8 +139,8 @@ pub(super) fn reach(
     (nearest <= station.max_range).then_some((centre, half))
 }
 
-/// Whether a plot may be of the same target as one of those that have `begun` tracks now: of another sensor, or
-/// of the same sensor of positions.
+/// Whether a plot may be of the same target as one of the plots that have just started tracks (`begun`): one
+/// of another sensor, or of the same position sensor.
 pub(super) fn is_near(
     plot: &Measured,
     (grid, plots): (&Grid, &[Measured]),

@@ -1,4 +1,4 @@
-//! Tracks that compete for plots, and the joint hypotheses of their states.
+//! Clusters of tracks that compete for plots, and joint hypotheses about their states.
 
 use super::mht::Mht;
 use super::settings::Settings;
@@ -7,12 +7,12 @@ use super::tree::Branch;
 use serde::{Deserialize, Serialize};
 use std::sync::Mutex;
 
-/// The states of all members of a cluster, and how likely that is.
+/// One state for each member of a cluster, and how likely this combination is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Hypothesis {
-    /// Logarithm of the ratio to the best one.
+    /// Logarithm of the ratio of its probability to that of the best hypothesis.
     pub weight: f64,
-    /// The name of each member's state.
+    /// Number (`Branch::id`) of the state of each member.
     pub states: Vec<u32>,
 }
 
@@ -21,18 +21,18 @@ pub(super) struct Hypothesis {
 pub(super) struct Cluster {
     /// Numbers of the tracks.
     pub members: Vec<u64>,
-    /// The best first.
+    /// Hypotheses, the best first.
     pub hypotheses: Vec<Hypothesis>,
 }
 
 impl Cluster {
-    /// A track of one state.
+    /// A cluster of one track with one state.
     pub fn of(track: &Track) -> Self {
         let hypothesis = Hypothesis { weight: 0.0, states: vec![0] };
         Self { members: vec![track.number], hypotheses: vec![hypothesis] }
     }
 
-    /// Both together: the best products of their hypotheses.
+    /// Returns the union of two clusters with the best combinations of their hypotheses.
     pub fn times(self, other: &Self, limits: &Mht) -> Self {
         let mut members = self.members;
         members.extend(&other.members);
@@ -65,7 +65,7 @@ impl Cluster {
         with.map(weights).sum::<f64>() / all
     }
 
-    /// Leaves out members; of hypotheses that are then the same, only the best stays.
+    /// Leaves out members that are not `kept`; hypotheses that become equal are merged.
     pub fn keep(&mut self, kept: &[bool]) {
         let keep = |i: &mut usize| {
             *i += 1;
@@ -80,7 +80,7 @@ impl Cluster {
         self.merge();
     }
 
-    /// Adds the probabilities of equal hypotheses.
+    /// Merges equal hypotheses and adds their probabilities.
     fn merge(&mut self) {
         let mut merged: Vec<Hypothesis> = Vec::new();
         for hypothesis in self.hypotheses.drain(..) {
@@ -92,8 +92,8 @@ impl Cluster {
         self.hypotheses = merged;
     }
 
-    /// Drops hypotheses that the best excludes by a choice that is final now, or with a state that has
-    /// ended.
+    /// Makes old choices final: drops hypotheses that differ from the best one in a choice that is now final.
+    /// Also drops hypotheses with a state that has ended, except those with the best state.
     fn decide(&mut self, tracks: &mut [&mut Track], settings: &Settings, limits: &Mht) {
         for (member, track) in tracks.iter_mut().enumerate() {
             let memory = (limits.scans as f64 - 0.5) * track.period;
@@ -118,8 +118,8 @@ impl Cluster {
         }
     }
 
-    /// The first member that each one depends on: one of their states has a plot that a state of the
-    /// other has as well.
+    /// Returns for each member the first member of those that depend on one another. Two members depend on
+    /// each other if a state of one and a state of the other have the same plot.
     fn joined(&self, tracks: &[&mut Track]) -> Vec<usize> {
         let mut plots: Vec<(usize, usize)> = Vec::new();
         for (member, track) in tracks.iter().enumerate() {
@@ -138,7 +138,7 @@ impl Cluster {
         joined
     }
 
-    /// The members that depend on this one, as a cluster.
+    /// Returns the members whose first one is `first`, as a cluster.
     fn part(&self, joined: &[usize], first: usize) -> Self {
         let mut part = self.clone();
         let kept: Vec<bool> = joined.iter().map(|own| *own == first).collect();
@@ -152,11 +152,11 @@ fn ln_sum(a: f64, b: f64) -> f64 {
     a.max(b) + (-(a - b).abs()).exp().ln_1p()
 }
 
-/// All clusters, by their first members.
+/// All clusters, in the order of their first members.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Clusters(pub(super) Vec<Cluster>);
 
-/// Clusters while threads take them, and the cluster of each track.
+/// Clusters from which threads take some, and the index of the cluster of each track.
 #[derive(Default)]
 pub(super) struct Cells {
     cells: Vec<Mutex<Option<Cluster>>>,
@@ -164,7 +164,7 @@ pub(super) struct Cells {
 }
 
 impl Clusters {
-    /// The clusters for threads to take.
+    /// Moves the clusters to where threads can take them.
     pub fn open(&mut self) -> Cells {
         let mut cells = Cells::default();
         for (index, cluster) in self.0.drain(..).enumerate() {
@@ -219,7 +219,7 @@ impl Clusters {
         self.0.sort_by_key(|cluster| cluster.members[0]);
     }
 
-    /// Shows the best states of a cluster, and keeps it where there is more than one hypothesis.
+    /// Shows the best states of a cluster, and keeps the members whose states differ between its hypotheses.
     fn settle(&mut self, mut cluster: Cluster, tracks: &mut [&mut Track], limits: &Mht) {
         cluster.prune(limits);
         let states = &cluster.hypotheses[0].states;
@@ -259,7 +259,7 @@ impl Cells {
         self.cells.is_empty()
     }
 
-    /// Number of the cluster of a track.
+    /// Index of the cluster of a track.
     pub fn of(&self, number: u64) -> Option<usize> {
         let at = self.of.binary_search_by_key(&number, |(number, _)| *number).ok()?;
         Some(self.of[at].1 as usize)
@@ -270,7 +270,7 @@ impl Cells {
         self.cells.len()
     }
 
-    /// The cluster of a track, once.
+    /// Takes the cluster of a track; none if it was already taken.
     pub fn take(&self, number: u64) -> Option<Cluster> {
         let cell = &self.cells[self.of(number)?];
         cell.lock().ok()?.take()

@@ -1,4 +1,4 @@
-//! The density of plots that belong to no track.
+//! Estimates the density of false plots (clutter) from the plots of tracks that are not confirmed.
 
 use super::association::Association;
 use super::doubles::Seconds;
@@ -16,47 +16,48 @@ use crate::sensors::Radar;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// Scans over which the mean is taken, and over which it is found whether plots are along routes.
+/// Memory, in scans, of the mean density, and of the share of false plots along routes.
 const MEMORY: f64 = 10.0;
 const ON_ROUTES: f64 = 30.0;
-/// Scans in which plots have been counted before these tell their density.
+/// Number of scans whose plots must have been counted before they determine the density.
 const ENOUGH: f64 = 0.5;
-/// Plots on routes, and elsewhere, before any was seen.
+/// Prior number of false plots on routes, and elsewhere.
 const BEFOREHAND: f64 = 1.0;
-/// Density over the mean above which plots come again and again.
+/// Ratio of the density to its mean above which a plot is attributed to a fixed echo.
 const FIXED: f64 = 100.0;
-/// Range of a radar without limit that has no plots yet, m.
+/// Assumed maximum range of a radar without a limit, until it has plots farther away, m.
 const NEAREST_LIMIT: f64 = 1e4;
 
-/// The density of false plots of one radar.
+/// The density of false plots of one sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Clutter {
     known: Option<f64>,
     /// Plots of tracks that have ended without being confirmed.
     lately: Tally,
-    /// Those of the first scan, when all targets are new, and until when it was, s.
+    /// Those of the first scan, in which all targets are new, and (`opened`) the end of that scan, s.
     opening: Tally,
     opened: f64,
-    /// Where the first ones are, with weights that fade later.
+    /// What flight plans say about the places of the first plots of these tracks; their weights fade more
+    /// slowly.
     places: Places,
-    /// Plots of tracks that may still be confirmed.
+    /// Plots of tentative tracks.
     held: Held,
-    /// Until when they are counted, s.
+    /// Time up to which plots are counted, s.
     until: f64,
     farthest: f64,
-    /// Of a sensor of positions.
+    /// Area of a position sensor.
     extent: Option<Extent>,
-    /// Where they are dense; of radars, if the density is estimated.
+    /// Places where false plots are dense; only for radars whose density is estimated.
     patches: Option<Patches>,
-    /// Where they come again and again, if targets are in the air.
+    /// Fixed echoes; only if targets are in the air.
     fixed: Option<Fixed>,
 }
 
-/// Plots of tentative tracks, which count as far as these are likely to be of false plots.
+/// Plots of tentative tracks, each weighted with the probability that its track consists of false plots.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Held {
     all: Tally,
-    /// Without those of the first scan.
+    /// The plots since the end of the first scan.
     since: Tally,
     places: Places,
 }
@@ -70,7 +71,8 @@ impl Held {
 }
 
 impl Clutter {
-    /// That of a sensor before any plot; a density that is not a number is estimated.
+    /// The clutter of a sensor before its first plot; the density is estimated if that in the settings is
+    /// nan.
     pub fn of(settings: &Settings, sensor: usize) -> Self {
         let extent = settings
             .geometry(sensor)
@@ -82,14 +84,15 @@ impl Clutter {
         Self { extent, patches, fixed, ..Self::new(settings.clutter_density) }
     }
 
-    /// Whether the density of a radar's plots is estimated.
+    /// Whether the density of false plots of a radar is estimated.
     fn is_estimated(settings: &Settings, sensor: usize) -> bool {
         let is_paper = matches!(settings.association, Association::Paper(_));
         let is_position = settings.geometry(sensor).is_position();
         settings.clutter_density.is_nan() && !is_paper && !is_position
     }
 
-    /// Whether it is looked where plots of a sensor come again and again: if targets are in the air.
+    /// Whether fixed echoes of a sensor are looked for: only if targets are in the air and the density is
+    /// estimated.
     pub fn knows_fixed(settings: &Settings, sensor: usize) -> bool {
         settings.heights == Heights::Air && Self::is_estimated(settings, sensor)
     }
@@ -113,19 +116,20 @@ impl Clutter {
         }
     }
 
-    /// Such plots per square metre and scan, new targets included.
+    /// False plots per square metre and scan; first plots of new targets are included.
     pub fn density(&self, radar: &Radar) -> f64 {
         self.known.unwrap_or_else(|| estimated(&self.all(), radar) / self.area(radar))
     }
 
-    /// Those of tracks that have ended, and of tentative ones.
+    /// Plots of ended tracks and of tentative tracks.
     fn all(&self) -> Tally {
         self.lately.with(&self.held.all)
     }
 
-    /// The density where a plot is, as it is known now, where those are not counted that came in the first
-    /// scan, if others are known, or are among so many of the `own` plots of a track. The early ones of a track
-    /// that `stays` may be of a fixed echo. None where it is not estimated, or not yet.
+    /// Density of false plots at the place of a plot, as it is known now. Plots of the first scan are not
+    /// counted if later ones are known, nor is the number of plots that the track has in the same place
+    /// (`own`). If the track `stays` where it is, its early plots may come from a fixed echo. None if the
+    /// density is not estimated, or not yet.
     pub fn known_since(
         &self,
         radar: &Radar,
@@ -147,13 +151,13 @@ impl Clutter {
         Some(mean * ratio * (-gain_by_way(&since, radar, plot.detection)).exp())
     }
 
-    /// Whether two places are alike.
+    /// Whether two positions are in the same square of the map of dense places.
     pub fn is_same_patch(&self, one: [f64; 2], other: [f64; 2]) -> bool {
         self.patches.as_ref().is_some_and(|patches| patches.is_same(one, other))
     }
 
-    /// Logarithm of how much likelier targets are detected so, and here, than false plots are, by
-    /// comparison with all plots of the radar.
+    /// Log-likelihood ratio, target against false plot, of the channels that detected a plot and of its
+    /// place, relative to all plots of the radar.
     pub fn gain(&self, radar: &Radar, plot: &Measured) -> f64 {
         let by_way = gain_by_way(&self.all(), radar, plot.detection);
         let Some(patches) = &self.patches else { return by_way };
@@ -162,24 +166,24 @@ impl Clutter {
         by_way - ratio.max(self.again(radar, plot, mean)).ln()
     }
 
-    /// Density at the place of a plot where plots come again and again, over the mean.
+    /// Ratio of the density at the place of a plot to the mean density, by fixed echoes.
     fn again(&self, radar: &Radar, plot: &Measured, mean: f64) -> f64 {
         let fixed = self.fixed.as_ref().filter(|_| plot.is_bare());
         fixed.map_or(1.0, |fixed| fixed.ratio(radar, plot.position, mean))
     }
 
-    /// Whether a plot is where plots come again and again.
+    /// Whether a plot is at the place of a fixed echo.
     pub fn is_fixed(&self, radar: &Radar, plot: &Measured) -> bool {
         self.again(radar, plot, self.density(radar)) > FIXED
     }
 
-    /// Whether a place is one where plots come again and again, more likely than not.
+    /// Whether a place more likely than not is that of a fixed echo.
     pub fn has_source(&self, radar: &Radar, position: [f64; 2]) -> bool {
         let mean = self.density(radar);
         self.fixed.as_ref().is_some_and(|fixed| fixed.is_source(radar, position, mean))
     }
 
-    /// Notes where a plot is that may be of a fixed echo.
+    /// Counts a plot that may come from a fixed echo.
     pub fn stays(&mut self, radar: &Radar, plot: &Measured) {
         if let Some(fixed) = self.fixed.as_mut().filter(|_| plot.is_bare()) {
             fixed.add(radar, plot.position);
@@ -222,13 +226,13 @@ impl Clutter {
         }
     }
 
-    /// Whether there are such places.
+    /// Whether there are fixed echoes.
     pub fn has_fixed(&self, radar: &Radar) -> bool {
         let (mean, area) = (self.density(radar), self.area(radar));
         self.fixed.as_ref().is_some_and(|fixed| fixed.has_sources(mean, area))
     }
 
-    /// Finds by a first plot whether the density is even.
+    /// Takes the first plot of a track as evidence for or against an even density.
     pub fn weigh(&mut self, radar: &Radar, position: [f64; 2]) {
         let mean = self.density(radar);
         if let Some(patches) = &mut self.patches {
@@ -236,7 +240,7 @@ impl Clutter {
         }
     }
 
-    /// Such plots per scan.
+    /// False plots per scan.
     pub fn plots(&self, radar: &Radar) -> f64 {
         self.density(radar) * self.area(radar)
     }
@@ -252,14 +256,15 @@ impl Clutter {
         radar.max_range.min(self.farthest)
     }
 
-    /// Density of such plots where flights are due over the mean, at least 1; none before a first scan.
+    /// Ratio of the density of false plots where flights are due to the mean density, at least 1; none before
+    /// the first scan.
     pub fn crowding(&self) -> Option<f64> {
         let all = self.places.with(&self.held.places);
         let mean = all.there.due / all.plots.max(f64::MIN_POSITIVE);
         (self.lately.scans > 0.0).then(|| mean.max(1.0))
     }
 
-    /// Share of such plots that are along routes, beyond those that are everywhere.
+    /// Share of false plots that are along routes, in excess of those that are everywhere.
     pub fn on_routes(&self) -> f64 {
         let all = self.places.with(&self.held.places);
         (all.there.routed + BEFOREHAND) / (all.plots + 2.0 * BEFOREHAND)
@@ -272,8 +277,8 @@ impl Clutter {
         }
     }
 
-    /// Plots have been assigned from `begin` to `end`. The first ones of a radar are those of a whole scan if
-    /// they all have one time.
+    /// Notes that plots have been assigned from `begin` to `end`. The first plots of a radar are those of a
+    /// whole scan if they all have the same time.
     pub fn pass(
         &mut self,
         [begin, end]: [f64; 2],
@@ -308,12 +313,12 @@ impl Clutter {
         }
     }
 
-    /// Takes the plots of all tentative tracks in the place of those of before.
+    /// Replaces the plots of tentative tracks by the present ones.
     pub fn hold(&mut self, held: Held) {
         self.held = held;
     }
 
-    /// Adds a plot of a tentative track that is of false plots with this probability.
+    /// Adds to `held` a plot of a tentative track that consists of false plots with this probability.
     pub fn add(&self, held: &mut Held, radar: &Radar, plot: &Weighed, probability: f64) {
         let weight = probability * self.weight(radar, plot.time, MEMORY);
         held.all.add(plot.detection, weight);
@@ -322,7 +327,7 @@ impl Clutter {
         }
     }
 
-    /// Adds where the first plot of such a track was.
+    /// Adds to `held` the place of the first plot of such a track.
     pub fn add_place(&self, held: &mut Held, radar: &Radar, (time, there): (f64, There)) {
         held.places.add(there, self.weight(radar, time, ON_ROUTES));
     }
@@ -336,13 +341,13 @@ impl Clutter {
         }
     }
 
-    /// Counts where the first plot of such a track was.
+    /// Counts the place of the first plot of a track that was never confirmed.
     pub fn count_place(&mut self, radar: &Radar, (time, there): (f64, There)) {
         let weight = self.weight(radar, time, ON_ROUTES);
         self.places.add(there, weight);
     }
 
-    /// Weight of a plot of this time now.
+    /// Present weight of a plot of this time; `memory` is a number of scans.
     fn weight(&self, radar: &Radar, time: f64, memory: f64) -> f64 {
         (-(self.until - time).max(0.0) / radar.scan_period / memory).exp()
     }

@@ -1,4 +1,5 @@
-//! The columns of a table of tracks, in one place: bindings, files and pages follow it.
+//! The columns of a table of tracks. This is their only definition: bindings, files and pages are derived
+//! from it.
 
 use super::row::Row;
 use crate::base::plane::Plane;
@@ -8,13 +9,13 @@ use crate::base::plane::Plane;
 pub struct Column {
     /// Its name.
     pub name: &'static str,
-    /// Its unit; empty where it has none.
+    /// Its unit; empty if it has none.
     pub unit: &'static str,
     /// Shape of its value in a row; empty for a single number.
     pub shape: &'static [usize],
     /// How it is read from a row.
     pub values: Values,
-    /// What it is, as a phrase.
+    /// Its meaning, as a phrase.
     pub doc: &'static str,
 }
 
@@ -23,11 +24,11 @@ pub struct Column {
 pub enum Values {
     /// Writes as many numbers as the column is wide.
     Numbers(fn(&Row, &mut [f64])),
-    /// Writes what is on and above the diagonal of a symmetric matrix, row by row.
+    /// Writes the elements on and above the diagonal of a symmetric matrix, row by row.
     Symmetric(fn(&Row, &mut [f64])),
-    /// An integer; negative where there is none.
+    /// An integer; negative if there is none.
     Integers(fn(&Row) -> i64),
-    /// The number of a callsign; negative where there is none.
+    /// The number of a callsign; negative if there is none.
     Callsigns(fn(&Row) -> i64),
     /// Yes or no.
     Flags(fn(&Row) -> bool),
@@ -45,7 +46,7 @@ impl Column {
         Self { name, unit, shape, values, doc }
     }
 
-    /// Values in a row, as far as they are written.
+    /// Number of values that are stored in a row: only one triangle of a symmetric matrix.
     pub(super) fn stored(&self) -> usize {
         match (self.values, self.shape) {
             (Symmetric(_), [order, ..]) => order * (order + 1) / 2,
@@ -227,7 +228,7 @@ pub const COLUMNS: [Column; 25] = [
     ),
 ];
 
-/// An index, or −1.
+/// The index, or −1 if there is none.
 fn index(index: Option<usize>) -> i64 {
     index.map_or(-1, |index| index as i64)
 }

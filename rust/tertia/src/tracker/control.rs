@@ -1,4 +1,4 @@
-//! What a controller changes while the tracker runs: plans, and which track has which.
+//! What a controller changes while the tracker runs: plans, and the assignment of plans to tracks.
 
 use super::live::Tracker;
 use super::track::Track;
@@ -6,7 +6,7 @@ use crate::flightplan::Plan;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// Why nothing was changed.
+/// Why a command was refused. Nothing has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum Refusal {
     /// No confirmed track has this number.
@@ -15,10 +15,10 @@ pub enum Refusal {
     /// No plan has this number, or it was removed.
     #[error("plan is {0}; there is no plan of this number")]
     NoPlan(usize),
-    /// The motion of the tracker takes no plans.
+    /// The motion model of the tracker does not use plans.
     #[error("motion takes no plans; 'imm' and 'window' do")]
     NoPlans,
-    /// The plan is that of another track.
+    /// The plan belongs to another track.
     #[error("plan is {0}; it is the plan of track {1}")]
     Taken(usize, u64),
     /// The track has no plan.
@@ -29,10 +29,10 @@ pub enum Refusal {
 type Done<T> = Result<T, Refusal>;
 
 impl Tracker {
-    /// Adds a plan; returns its number, one more than that of any before. Cost O(1).
+    /// Adds a plan; returns its number, which is one more than that of the plan added before. Cost O(1).
     ///
     /// # Errors
-    /// A motion that takes no plans.
+    /// A motion model that does not use plans.
     pub fn add_plan(&mut self, plan: Plan) -> Done<usize> {
         if !self.settings.motion.takes_plans() {
             return Err(Refusal::NoPlans);
@@ -40,8 +40,8 @@ impl Tracker {
         Ok(self.settings.plans.add(plan))
     }
 
-    /// Puts a plan in the place of another. A track that has it follows the new one from the leg where it
-    /// is; a plan with the same path at other times changes nothing but the times. Cost O(tracks).
+    /// Replaces a plan by another one. A track that has the old plan follows the new one from the leg on
+    /// which the target is. If the new plan has the same path, nothing changes but the times. Cost O(tracks).
     ///
     /// # Errors
     /// No plan of this number.
@@ -66,12 +66,13 @@ impl Tracker {
         Ok(())
     }
 
-    /// Gives a plan to a confirmed track by hand, until it ends or the plan is removed: the track keeps
-    /// it whatever its identity and its way, but one that it does not follow is blocked as ever. With
-    /// `take`, a track that has this plan loses it, and looks for another. Cost O(tracks).
+    /// Assigns a plan to a confirmed track by hand, until the track ends or the plan is removed. The track
+    /// keeps the plan whatever its identity and its path are, but a plan that the target does not follow is
+    /// blocked as usual. With `take`, another track that has this plan loses it and searches for another
+    /// plan. Cost O(tracks).
     ///
     /// # Errors
-    /// No such track or plan, or a plan of another track that is not taken from it.
+    /// No such track or plan, or a plan that belongs to another track, without `take`.
     pub fn correlate(&mut self, number: u64, plan: usize, take: bool) -> Done<()> {
         self.settings.plans.get(plan).ok_or(Refusal::NoPlan(plan))?;
         if !self.settings.motion.takes_plans() {
@@ -94,7 +95,7 @@ impl Tracker {
         Ok(())
     }
 
-    /// Takes its plan from a confirmed track, which does not find that one again by itself. Cost
+    /// Removes the plan from a confirmed track, which will not find this plan again by itself. Cost
     /// O(tracks).
     ///
     /// # Errors
@@ -107,7 +108,8 @@ impl Tracker {
         Ok(())
     }
 
-    /// Suspends the plan of a confirmed track, also one that it finds later, or resumes it.
+    /// Suspends the plan of a confirmed track, or resumes it; this also applies to a plan that the track
+    /// finds later.
     ///
     /// # Errors
     /// No such track.
@@ -128,7 +130,7 @@ impl Tracker {
     }
 }
 
-/// What a controller changes while the tracker runs.
+/// A command of a controller while the tracker runs.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub enum Command {
     /// [`Tracker::add_plan`]

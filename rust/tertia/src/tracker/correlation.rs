@@ -1,4 +1,5 @@
-//! Which plan a track flies: by its identity, by where it flies, or by hand.
+//! Correlation of a track with the flight plan that its target flies: by its identity, by its path, or by
+//! hand.
 
 use super::plan::Guide;
 use super::settings::Settings;
@@ -6,7 +7,8 @@ use crate::flightplan::{self, Link, Plan, Sighting, Status, decide};
 use crate::sensors::Identities;
 use serde::{Deserialize, Serialize};
 
-/// Plots over which a plan is compared with a track, and after which this starts again.
+/// Number of plots over which a plan is compared with a track, and number after which the comparison starts
+/// again.
 const SEARCH_PLOTS: u8 = 10;
 const SEARCH_AGAIN: u8 = 20;
 
@@ -14,13 +16,13 @@ const SEARCH_AGAIN: u8 = 20;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Correlation {
     status: Status,
-    /// Sums of the scores of each plan, and the plots since they began.
+    /// Sum of the scores of each plan, and (`plots`) number of plots since the comparison with it began.
     scores: Vec<f64>,
     plots: Vec<u8>,
     link: Link,
     /// The identities of the track when it was linked.
     linked_as: Identities,
-    /// Plans that were taken from the track by hand: it does not find them again.
+    /// Plans that were removed from the track by hand: it does not find them again.
     declined: Vec<usize>,
 }
 
@@ -43,7 +45,8 @@ impl Correlation {
         self.status
     }
 
-    /// Compares a track without a plan with all plans, and returns the one that it flies. Cost O(legs).
+    /// Compares a track without a plan with all plans, and returns the plan that its target flies, if one is
+    /// found. Cost O(legs).
     pub fn search(
         &mut self,
         settings: &Settings,
@@ -88,27 +91,27 @@ impl Correlation {
         found.plan
     }
 
-    /// Takes the plan by which the track was found.
+    /// Accepts the plan with which the track was initiated.
     pub fn accept(&mut self) {
         self.status = Status::Accepted;
     }
 
-    /// Begins a link: the one that was found, or one that was made by hand.
+    /// Begins a link to a plan that was found, or to one that was assigned by hand.
     pub fn begin(&mut self, own: Identities, by_hand: bool) {
         let status = if by_hand { Status::Manual } else { self.status };
         let declined = std::mem::take(&mut self.declined);
         *self = Self { status, linked_as: own, declined, ..Self::default() };
     }
 
-    /// Ends a link, or a search; a plan that was taken by hand is not found again.
+    /// Ends a link or a search; a plan that was `taken` from the track by hand is not found again.
     pub fn end(&mut self, taken: Option<usize>) {
         let mut declined = std::mem::take(&mut self.declined);
         declined.extend(taken.filter(|plan| !declined.contains(plan)));
         *self = Self { declined, ..Self::default() };
     }
 
-    /// Whether the link still holds: not where a track does not follow its plan and does not answer its
-    /// identities. One made by hand always does.
+    /// Whether the link still holds: it does not if the track has not followed its plan for several scans, or
+    /// its identity has changed. A link that was made by hand always holds.
     pub fn holds(
         &mut self,
         guide: &Guide,
@@ -122,15 +125,15 @@ impl Correlation {
         let score = flightplan::score(&settings.plans[guide.plan].route, seen);
         let is_same = own.same(&self.linked_as);
         if is_same == Some(true) {
-            // more of it may be known now
+            // the track may have more identities now
             self.linked_as = *own;
         }
-        // a blocked plan may be flown again later: it is kept while the identity is
+        // a blocked plan may be flown again later: the track keeps it as long as it keeps its identity
         let is_kept = guide.monitor.is_blocked() && self.linked_as.is_some();
         self.link.holds(if is_kept { 0.0 } else { score }, is_same == Some(false))
     }
 
-    /// Compares a plan that has been replaced anew.
+    /// Starts the comparison with a plan again, because the plan was replaced.
     pub fn restart(&mut self, plan: usize) {
         if let (Some(sum), Some(plots)) = (self.scores.get_mut(plan), self.plots.get_mut(plan)) {
             (*sum, *plots) = (0.0, 0);
@@ -138,7 +141,7 @@ impl Correlation {
         self.declined.retain(|&declined| declined != plan);
     }
 
-    /// Whether the link holds for a plan that replaces its own.
+    /// Whether the link also holds for a plan that replaces the present one.
     pub fn accepts(&self, plan: &Plan, own: &Identities) -> bool {
         self.status == Status::Manual || !contradicts(plan, own)
     }

@@ -1,11 +1,11 @@
-//! The quadratic through the last plots of a target that manoeuvres: constant acceleration.
+//! Fits a quadratic, that is constant acceleration, to the last plots of a target that manoeuvres.
 
 use super::estimate::Estimate;
 use crate::base::plane::Plane;
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use serde::{Deserialize, Serialize};
 
-/// Of fewer plots the acceleration is mostly noise.
+/// Smallest number of plots: with fewer, the acceleration is mostly noise.
 const FEWEST: usize = 5;
 
 /// Position, velocity and acceleration by least squares.
@@ -13,8 +13,8 @@ const FEWEST: usize = 5;
 pub(super) struct Curve(Estimate<6>);
 
 impl Curve {
-    /// Through plots of this age, position and covariance, the youngest last; none through too few. At
-    /// the age τ the target was at `p − τ v + τ²/2 a`. Cost O(plots).
+    /// Fits the curve to plots with their age, position and covariance, the youngest last; none if there are
+    /// too few. At the age τ the target was at `p − τ v + τ²/2 a`. Cost O(plots).
     pub fn through(
         plots: impl DoubleEndedIterator<Item = (f64, [f64; 2], Plane)> + ExactSizeIterator + Clone,
     ) -> Option<Self> {
@@ -46,7 +46,7 @@ impl Curve {
         Some(Self(Estimate { mean, covariance }))
     }
 
-    /// Goes on with the same acceleration for the time t.
+    /// Predicts the state over the time t, with the same acceleration.
     pub fn advance(&mut self, t: f64) {
         let mut f = SMatrix::<f64, 6, 6>::identity();
         for axis in 0..2 {
@@ -68,7 +68,7 @@ impl Curve {
         }
     }
 
-    /// The acceleration squared, by its covariance.
+    /// Normalised square of the acceleration, by its covariance.
     pub fn significance(&self) -> f64 {
         let Estimate { mean, covariance: p } = &self.0;
         let p = Plane { xx: p[(4, 4)], xy: p[(4, 5)], yy: p[(5, 5)] };
@@ -94,7 +94,8 @@ mod tests {
             assert!((found - expected).abs() < 1e-9, "{found} {expected}");
         }
         let by_hand = Plane { xx: 900.0, xy: 300.0, yy: 400.0 }.inverse().form([1.4, -0.4]);
-        // of equal noise, the variance of an acceleration is that of one axis times the same factor
+        // with equal noise of all plots, the covariance of the acceleration is that of a plot times one
+        // factor
         let factor = curve.0.covariance[(4, 4)] / 900.0;
         assert!((curve.significance() - by_hand / factor).abs() < 1e-9 * by_hand / factor);
         curve.advance(3.0);

@@ -1,4 +1,4 @@
-//! Plots that radars make twice of one target in a scan: duplicates and split plots.
+//! Finds second plots that radars make of one target in a scan: duplicates and split plots.
 
 use super::height::SPAN;
 use super::identity::IDENTITIES;
@@ -9,22 +9,24 @@ use crate::base::plane::Plane;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
-/// Scans of a target over which the share is averaged.
+/// Number of plots of targets over which the share of second plots is averaged.
 const MEMORY: f64 = 1000.0;
-/// Plots of targets, as if so many had been seen before, and the second plots among them: without these
-/// every second plot of the first scans would begin a track.
+/// Prior number of plots of targets, and of second plots among them: without this prior, every second plot in
+/// the first scans would start a track.
 const BEFORE: f64 = 50.0;
 const SECONDS_BEFORE: f64 = 10.0;
-/// Share from which second plots are left out before tracks look for plots, and how many it takes to
-/// know it: targets close together make a few until all have a track.
+/// Share of second plots above which they are left out before tracks search for plots, and number of second
+/// plots from which the share is known: targets close together seem to make a few until all of them have
+/// tracks.
 const OFTEN: f64 = 0.05;
 const ENOUGH: f64 = 15.0;
-/// Distance squared of two plots of one target, in 99 % of all cases.
+/// Normalised distance squared within which two plots of one target are in 99 % of all cases.
 const NEAR: f64 = 9.21;
-/// Difference of the heights of two plots of one target, m, and how much likelier it is than for others.
+/// Largest difference between the heights of two plots of one target, m, and the likelihood ratio, one target
+/// against two, of heights that differ by less.
 const ROUNDED: f64 = 100.0;
 const ONE_HEIGHT: f64 = 0.5 * SPAN / ROUNDED;
-/// Seconds between two plots of one target, as a share of a scan.
+/// Longest time between two plots of one target in a scan, as a share of the scan.
 const SOON: f64 = 0.1;
 
 /// How often a radar makes a second plot of a target.
@@ -35,12 +37,12 @@ pub(super) struct Doubles {
 }
 
 impl Doubles {
-    /// Share of the plots of targets that have a second one.
+    /// Share of the plots of targets that have a second plot.
     fn share(&self) -> f64 {
         (self.seconds + SECONDS_BEFORE) / (self.targets + BEFORE)
     }
 
-    /// Whether there are many.
+    /// Whether the radar makes many second plots.
     pub fn is_often(&self) -> bool {
         self.seconds > ENOUGH && self.seconds > OFTEN * (self.targets + BEFORE)
     }
@@ -52,7 +54,7 @@ impl Doubles {
     }
 }
 
-/// The plots of a scan, and which of them are left out as second ones.
+/// The plots of a scan, and which of them are left out as second plots.
 #[derive(Clone, Copy)]
 pub(super) struct Near<'a> {
     pub grid: &'a Grid,
@@ -60,7 +62,7 @@ pub(super) struct Near<'a> {
     pub left_out: &'a [bool],
 }
 
-/// Finds second plots of radars that make many. Cost O(plots).
+/// Finds the second plots of those radars that make many. Cost O(plots).
 pub(super) fn leave_out(
     (grid, plots): (&Grid, &[Measured]),
     doubles: &[Doubles],
@@ -80,8 +82,8 @@ pub(super) fn leave_out(
     }
 }
 
-/// How much likelier the identities and heights of two plots are if they are of one target, than if they are
-/// not; 0 where they are of two.
+/// Likelihood ratio, one target against two, of the identities and heights of two plots; 0 if these can only
+/// be of two targets.
 fn likeness(a: &Measured, b: &Measured) -> f64 {
     let apart = (a.height - b.height).abs();
     let height = match () {
@@ -97,7 +99,7 @@ fn likeness(a: &Measured, b: &Measured) -> f64 {
         }
 }
 
-/// The plots that its radar may have made of the target of one plot at the same time.
+/// A search for plots that the radar of a plot may have made of the same target at the same time.
 struct Pairs<'a> {
     plot: &'a Measured,
     soon: f64,
@@ -112,7 +114,7 @@ impl<'a> Pairs<'a> {
         Self { plot, soon: SOON * radar.scan_period, r: r.plus(r) }
     }
 
-    /// Calls `look` with the index of each, and its normalised distance squared.
+    /// Calls `look` with the index of each such plot, and its normalised distance squared.
     fn each(&self, grid: &Grid, plots: &[Measured], mut look: impl FnMut(usize, f64)) {
         let Self { plot, soon, r } = self;
         let inverse = r.inverse();
@@ -129,37 +131,40 @@ impl<'a> Pairs<'a> {
     }
 }
 
-/// Where second plots of the targets of a scan may be.
+/// Where second plots of the targets of a scan may be, and how dense.
 #[derive(Default)]
 pub(super) struct Seconds {
-    /// Of the plots of confirmed tracks: the density where each plot is, per square metre and scan, as if
-    /// false plots had the same heights and identities.
+    /// Density, at each plot, of second plots of the plots of confirmed tracks, per square metre and scan. It
+    /// is multiplied by the likelihood ratio of heights and identities, so that it can be compared with the
+    /// density of false plots.
     of_confirmed: Vec<f64>,
-    /// Plots that no confirmed track has, in order, others near them, and the density of second plots of
-    /// these there.
+    /// Pairs of plots that no confirmed track has, in ascending order: a plot, another plot near it, and the
+    /// density of second plots of the other one at the first.
     pairs: Vec<(usize, usize, f64)>,
 }
 
 impl Seconds {
-    /// The density of second plots of those of confirmed tracks, where each plot is.
+    /// Density, at each plot, of second plots of the plots of confirmed tracks.
     pub fn of_confirmed(&self) -> &[f64] {
         &self.of_confirmed
     }
 
-    /// The density where a plot is of second plots of others that no confirmed track has, of those that are
-    /// the first of their targets. Cost O(log pairs).
+    /// Density, at a plot, of second plots of other plots that no confirmed track has, as far as these are
+    /// the first plots of their targets. Cost O(log pairs).
     pub fn of_others(&self, plot: usize, mut is_first: impl FnMut(usize) -> bool) -> f64 {
         let near = &self.pairs[self.pairs.partition_point(|pair| pair.0 < plot)..];
         let own = near.iter().take_while(|pair| pair.0 == plot);
         own.filter(|pair| is_first(pair.1)).map(|pair| pair.2).sum()
     }
 
-    /// The density of second plots where a plot is, if the first of any comes first.
+    /// Density of second plots at a plot, if the plot with the lower index of any two is the first one of its
+    /// target.
     pub fn density(&self, plot: usize) -> f64 {
         self.of_confirmed[plot] + self.of_others(plot, |other| other < plot)
     }
 
-    /// Looks at the plots of a scan, some of which confirmed tracks have. Cost O(plots).
+    /// Finds where second plots may be in a scan, some of whose plots confirmed tracks have taken, and counts
+    /// second plots of these tracks. Cost O(plots).
     pub fn find(
         &mut self,
         Near { grid, plots, left_out }: Near<'_>,
@@ -173,7 +178,7 @@ impl Seconds {
         let mut counts = vec![(0.0, 0.0); doubles.len()];
         let is_taken = |i: usize| taken[i] && !left_out[i];
         let is_free = |i: usize| !taken[i] && !deferred[i];
-        // a target may report its position as often as it likes
+        // a target may report its position to a position sensor any number of times
         let polar = |plot: &Measured| !settings.geometry(plot.radar).is_position();
         for (i, plot) in plots.iter().enumerate().filter(|(_, plot)| polar(plot)) {
             let count = &mut counts[plot.radar];

@@ -1,4 +1,4 @@
-//! Tracks that have ended, as far as others may go on from them.
+//! Remembers tracks that have ended and that new tracks may continue.
 
 use super::plot::Source;
 use super::settings::Settings;
@@ -6,13 +6,14 @@ use super::track::Track;
 use crate::sensors::Identities;
 use serde::{Deserialize, Serialize};
 
-/// Scans for which tracks without identity are remembered, and plots of those that were never confirmed.
+/// Scans for which confirmed tracks without identity are remembered, and the plots of tracks that were never
+/// confirmed.
 const SCANS: f64 = 15.0;
 const SCANS_OF_PLOTS: f64 = 8.0;
-/// Seconds for which tracks with an identity are.
+/// Time for which tracks with an identity are remembered, s.
 pub(super) const REMEMBERED: f64 = 600.0;
 
-/// A plot, or the last estimate, of a track.
+/// Position of a plot or of the last estimate of a track.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Spot {
     pub time: f64,
@@ -39,14 +40,14 @@ impl Spot {
         Self { time: plot.time, position: plot.position, variance: r.xx + r.yy }
     }
 
-    /// Where a track was seen last.
+    /// The estimate of a track at the time of its last plot.
     pub fn last(track: &Track) -> Self {
         let (position, p) = track.position_at(track.seen);
         Self { time: track.seen, position, variance: p.xx + p.yy }
     }
 }
 
-/// Beginning and end of a few plots in which no target was recognised.
+/// Beginning and end of a sequence of a few plots that were not recognised as a target.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Stretch {
     pub first: Spot,
@@ -64,17 +65,17 @@ impl Stretch {
     }
 }
 
-/// What has ended.
+/// Tracks that have ended.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Ended {
-    /// Confirmed ones.
+    /// Confirmed tracks.
     pub tracks: Vec<Track>,
-    /// The others.
+    /// Tracks that were never confirmed.
     pub stretches: Vec<Stretch>,
 }
 
 impl Ended {
-    /// Remembers a track, if it has not gone on as another.
+    /// Remembers a track, unless another track has continued it.
     pub fn remember(&mut self, track: &Track, settings: &Settings) {
         if track.number == 0 {
             return;
@@ -86,7 +87,7 @@ impl Ended {
         }
     }
 
-    /// Forgets what was long ago.
+    /// Forgets tracks that ended too long before `time`.
     pub fn forget(&mut self, time: f64) {
         self.tracks.retain(|track| {
             let scans = SCANS * track.period();

@@ -1,4 +1,4 @@
-//! A mean and a covariance, which models of motion predict and plots correct.
+//! Mean and covariance of a state, which motion models predict and plots correct.
 
 use crate::base::exponential::exp;
 use crate::base::plane::Plane;
@@ -14,7 +14,7 @@ pub struct Estimate<const N: usize> {
     pub covariance: SMatrix<f64, N, N>,
 }
 
-/// Places of the position and of the velocity among the states.
+/// Indices of the position and of the velocity in the state.
 pub(super) const POSITION: usize = 0;
 pub(super) const VELOCITY: usize = 2;
 
@@ -31,14 +31,14 @@ impl<const N: usize> Estimate<N> {
         self.block::<VELOCITY>()
     }
 
-    /// Covariance of two states.
+    /// Covariance of two successive states, the first of which has the index `AT`.
     #[inline(always)]
     pub(super) fn block<const AT: usize>(&self) -> Plane {
         let p = &self.covariance;
         Plane { xx: p[(AT, AT)], xy: p[(AT, AT + 1)], yy: p[(AT + 1, AT + 1)] }
     }
 
-    /// The covariance's columns, which are its rows as well.
+    /// Columns of the covariance, which equal its rows.
     #[inline(always)]
     fn columns(&self) -> &[[f64; N]; N] {
         &self.covariance.data.0
@@ -77,8 +77,8 @@ impl<const N: usize> Estimate<N> {
         exp(-0.5 * inverse.form(y)) / (std::f64::consts::TAU * s.determinant().sqrt())
     }
 
-    /// The moments of this estimate and another one together, of which the latter has this weight and
-    /// the first N states count: `(1 − w) P + w P₂ + w (1 − w) d d'`.
+    /// Moments of the mixture of this estimate and another one, which has this weight and of which the first
+    /// N states count: `(1 − w) P + w P₂ + w (1 − w) d d'`.
     #[inline(always)]
     pub(super) fn blended<const M: usize>(&self, weight: f64, other: &Estimate<M>) -> Self {
         let mut blended = *self;
@@ -99,7 +99,8 @@ impl<const N: usize> Estimate<N> {
         blended
     }
 
-    /// The moments of this estimate and another one together, with these weights.
+    /// Moments of the mixture of this estimate and another one, with these weights, which need not sum to
+    /// one.
     pub(super) fn merged(&self, own: f64, other: &Self, weight: f64) -> Self {
         let mut moments = Moments::about(self.mean);
         moments.add(own / (own + weight), self);
@@ -107,7 +108,7 @@ impl<const N: usize> Estimate<N> {
         moments.estimate()
     }
 
-    /// Adds white acceleration of a spectral density (m²/s³) over the time `t`.
+    /// Adds to the covariance a white acceleration of this spectral density (m²/s³) over the time `t`.
     #[inline(always)]
     pub(super) fn accelerate(&mut self, noise: Plane, t: f64) {
         let p = &mut self.covariance.data.0;
@@ -122,17 +123,17 @@ impl<const N: usize> Estimate<N> {
     }
 }
 
-/// Copies what is above the diagonal below it; `columns[j][i]` is row i, column j.
+/// Copies the elements above the diagonal to those below it; `columns[j][i]` is row i, column j.
 #[inline(always)]
 pub(super) fn mirror<const N: usize>(columns: &mut [[f64; N]; N]) {
     (0..N).for_each(|j| (0..j).for_each(|i| columns[i][j] = columns[j][i]));
 }
 
-/// A weighted sum of estimates, and their moments.
+/// Sums weighted estimates, to compute the moments of their mixture.
 #[derive(Clone, Copy)]
 pub(super) struct Moments<const N: usize> {
     mean: SVector<f64, N>,
-    /// Σ w (P + x x'), about `origin`, so that nothing cancels
+    /// Σ w (P + x x'), relative to `origin` to avoid cancellation.
     square: SMatrix<f64, N, N>,
     origin: SVector<f64, N>,
 }
@@ -160,7 +161,7 @@ impl<const N: usize> Moments<N> {
         }
     }
 
-    /// The estimate with these moments, of weights that sum to one.
+    /// The estimate with these moments; the weights must sum to one.
     #[inline]
     pub fn estimate(&self) -> Estimate<N> {
         let mut covariance = self.square;

@@ -1,19 +1,19 @@
-//! How likely it is that a track is of a target (integrated probabilistic data association; Mušicki,
-//! Evans, Stanković 1994).
+//! Probability that a track belongs to a target (integrated probabilistic data association; Mušicki, Evans,
+//! Stanković 1994).
 
 use super::settings::Settings;
 use crate::base::exponential::exp;
 use serde::{Deserialize, Serialize};
 
-/// New targets that are expected in a scan of a radar.
+/// Expected number of new targets in a scan of a radar.
 const NEW_TARGETS: f64 = 1.0;
 /// Probability that a target is still there after a scan.
 const STAYS: f64 = 0.998;
-/// Odds are cut to this: a target that has just left has no more.
+/// Largest odds. They need not be larger: the target may always have left just now.
 const LARGEST_ODDS: f64 = 1e12;
-/// A chain of plots is given up when its odds are less than this share of those of its first plot.
+/// A chain of plots is given up when its odds fall below this share of the odds of its first plot.
 const HOPELESS: f64 = 0.05;
-/// Odds below which a plot ends a track if it makes a target less likely still.
+/// Odds below which a track ends if its last plot has made a target still less likely.
 const REFUTED: f64 = 1e-4;
 
 /// The odds that there is a target, against a chain of false plots.
@@ -25,17 +25,17 @@ pub(super) struct Existence {
 }
 
 impl Existence {
-    /// Of the first plot, where there are so many false ones in a scan.
+    /// The odds after a first plot, if there are `false_plots` in a scan.
     pub fn of_first(false_plots: f64) -> Self {
         Self { odds: NEW_TARGETS / false_plots.max(1.0), falling: false }
     }
 
-    /// A target is so many times as likely where it was first seen.
+    /// Multiplies the odds, for example if a target is more likely than usual at the place of the first plot.
     pub fn favour(&mut self, ratio: f64) {
         self.odds *= ratio;
     }
 
-    /// Odds below which a chain that began so is given up.
+    /// Odds below which a chain that began with the present odds is given up.
     pub fn hopeless(self) -> f64 {
         HOPELESS * self.odds
     }
@@ -44,19 +44,21 @@ impl Existence {
         self.odds < odds
     }
 
-    /// Whether plots say that there is no target, or its speed does, which has this probability.
+    /// Whether the plots, or the speed of the track, which has the probability `speed`, show that there is no
+    /// target.
     pub fn is_refuted(self, speed: f64) -> bool {
         (self.falling && self.odds < REFUTED) || speed * self.odds.max(1.0) < REFUTED
     }
 
-    /// The target may have left since, where scans take so long.
+    /// Reduces the odds after some time, in which the target may have left; `period` is the scan period, s.
     #[inline]
     pub fn wait(&mut self, seconds: f64, period: f64) {
         let leaves = ((1.0 - STAYS) * seconds / period).min(1.0);
         self.odds *= (1.0 - leaves) / (1.0 + leaves * self.odds);
     }
 
-    /// A radar has seen it: `gain` is the log-likelihood ratio of the plot against a missed detection.
+    /// Updates the odds by a plot of a radar; `gain` is the log-likelihood ratio of the plot against a missed
+    /// detection.
     #[inline]
     pub fn see(&mut self, gain: f64, radar: usize, settings: &Settings) {
         let misses = 1.0 - settings.radars[radar].detection_probability;
@@ -65,7 +67,7 @@ impl Existence {
         self.falling = ratio < 1.0;
     }
 
-    /// A radar has not seen it.
+    /// Updates the odds by a missed detection of a radar.
     #[inline]
     pub fn miss(&mut self, radar: usize, settings: &Settings) {
         self.odds *= settings.missed(radar);
@@ -84,7 +86,8 @@ mod tests {
     use crate::sensors::{Radar, radar_of};
     use crate::tracker::Motion;
 
-    /// A plot whose density is e^`ratio` times that of false plots, as a gain against a miss.
+    /// Log-likelihood ratio against a missed detection of a plot whose density is e^`ratio` times that of
+    /// false plots.
     fn gain(ratio: f64) -> f64 {
         ratio + (0.9_f64 / 0.1).ln()
     }
@@ -130,7 +133,7 @@ mod tests {
             scans += 1;
         }
         assert_eq!(scans, 5);
-        // and after a very long time there is none
+        // after a very long time the target has certainly left
         existence.wait(1e9, 4.0);
         assert_within(1e-300, existence.probability(), 0.0);
     }

@@ -1,12 +1,12 @@
-//! How large an area is from which a sensor without a place of its own reports.
+//! Estimates the area from which a position sensor reports, which has no place of its own.
 
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// Update intervals in which a target can cross the smallest area.
+/// Smallest radius of the area, in distances that the fastest target covers in an update interval.
 const INTERVALS: f64 = 5.0;
 
-/// Mean and variance of the positions that were reported last.
+/// Mean and variance of the positions that were reported recently.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Extent {
     /// Smallest radius, m.
@@ -18,7 +18,7 @@ pub(super) struct Extent {
 }
 
 impl Extent {
-    /// Of nothing yet: as far as targets go in a few intervals.
+    /// The extent before any report: the distance that a target can cover in a few update intervals.
     pub fn new(max_speed: f64, interval: f64) -> Self {
         let least = INTERVALS * max_speed * interval;
         Self { least, weight: 0.0, mean: [0.0; 2], square: [0.0; 2] }
@@ -34,14 +34,14 @@ impl Extent {
         }
     }
 
-    /// Gives all so far less weight.
+    /// Multiplies the weights of all positions so far by `kept`.
     pub fn fade(&mut self, kept: f64) {
         self.weight *= kept;
         self.square = self.square.map(|square| kept * square);
     }
 
-    /// Area of the disc over which positions are spread like these: its radius is two standard
-    /// deviations of an axis, the wider one.
+    /// Area of a disc over which positions are spread as widely as the reported ones: its radius is two
+    /// standard deviations along the wider axis.
     pub fn area(&self) -> f64 {
         let variance = self.square[0].max(self.square[1]) / self.weight.max(1.0);
         PI * (4.0 * variance).max(self.least * self.least)
@@ -72,7 +72,7 @@ mod tests {
         assert_within(1e-12, extent.area(), PI * 2500.0);
         disc(&mut extent, 0.0, 500.0);
         assert_within(0.1, extent.area(), PI * 250_000.0);
-        // the first disc fades to 1.5 % with each of these, but was far away
+        // each of these lets the first disc, which was far away, fade to 1.5 %
         (0..5).for_each(|_| disc(&mut extent, 1e5, 100.0));
         assert_within(0.1, extent.area(), PI * 1e4);
     }

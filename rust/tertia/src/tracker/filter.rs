@@ -1,4 +1,4 @@
-//! The filter of a track, by the model of its motion.
+//! The filter of a track, of the kind that its motion model requires.
 
 use super::agility::Agility;
 use super::bank::{Bank, Component, PLAN, SPEED, TURN, changes};
@@ -16,7 +16,8 @@ use crate::kalman::Singer;
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
-/// A plot that all models exclude, by less than this, says nothing about which is right.
+/// If the density of a plot by all models is less than this, all models exclude it, and it does not change
+/// their probabilities.
 pub(super) const LEAST_DENSITY: f64 = 1e-300;
 /// Standard deviation of the rate of a sharp turn, rad/s.
 const SHARP_RATE: f64 = 0.1;
@@ -26,7 +27,7 @@ const SHARP_RATE: f64 = 0.1;
 pub(super) struct Multiple {
     pub bank: Bank,
     pub guide: Option<Guide>,
-    /// None while the target follows the plan.
+    /// The model of a change of speed; none while the target follows its plan.
     pub speed: Option<SpeedChange>,
     agility: Agility,
 }
@@ -38,12 +39,12 @@ pub(super) enum Filter {
     Singer(Box<Estimate<6>>),
     Multiple(Box<Multiple>),
     Window(Box<Window>),
-    /// Before it is confirmed, where flights are due.
+    /// A track that is not confirmed and began where flights are due, or with a velocity.
     Planned(Box<Prospects>),
 }
 
 impl Filter {
-    /// A filter from a first position and velocity.
+    /// Creates a filter from an initial position and velocity.
     pub fn new(motion: &Motion, start: Estimate<4>) -> Self {
         match motion {
             Motion::Cv(_) => Self::Straight(start),
@@ -59,7 +60,7 @@ impl Filter {
         }
     }
 
-    /// Predicts over the time `t`; `period` is that of the radar's scans.
+    /// Predicts over the time `t`; `period` is the scan period of the radar.
     pub fn predict(&mut self, settings: &Settings, motion: &Motion, t: f64, period: f64) {
         match (self, motion) {
             (Self::Straight(estimate), Motion::Cv(sigma)) => {
@@ -121,7 +122,7 @@ impl Filter {
         }
     }
 
-    /// Variance of the velocity, along any axis, by a manoeuvre that has not been noticed yet.
+    /// Additional variance of the velocity, along any axis, by a manoeuvre that has not been noticed yet.
     pub fn unnoticed(&self) -> f64 {
         let Self::Multiple(multiple) = self else { return 0.0 };
         multiple.agility.unnoticed()
@@ -142,8 +143,8 @@ impl Filter {
         }
     }
 
-    /// How far from straight flight the sharpest of its models is after some seconds, where scans take so
-    /// long.
+    /// Returns how far the sharpest of the models leads from straight flight, as a function of time; `period`
+    /// is the scan period.
     #[inline]
     pub fn swerve(&self, motion: &Motion, period: f64) -> Swerve {
         let (Self::Multiple(multiple), Motion::Imm(usual)) = (self, motion) else {
@@ -154,7 +155,7 @@ impl Filter {
         Swerve::turning(&model, &multiple.bank.turn, begins, period)
     }
 
-    /// Numbers all over it, so that it is in the cache.
+    /// Reads numbers from all parts of the filter, so that it is in the cache.
     #[inline(always)]
     pub fn touched(&self) -> f64 {
         let Self::Multiple(multiple) = self else { return 0.0 };
@@ -162,7 +163,7 @@ impl Filter {
         straight.covariance[(0, 2)] + turn.mean[0] + turn.covariance[(4, 2)] + probability[0]
     }
 
-    /// What flights it may be, if it is not confirmed.
+    /// The flights that the target of a tentative track may be; none for other filters.
     pub fn prospects(&self) -> Option<&Prospects> {
         match self {
             Self::Planned(prospects) => Some(prospects),
@@ -187,7 +188,7 @@ impl Filter {
         }
     }
 
-    /// The plan that it follows, or followed.
+    /// The plan of the track, which the target follows or once followed.
     pub fn guide(&self) -> Option<&Guide> {
         match self {
             Self::Multiple(multiple) => multiple.guide.as_ref(),
@@ -196,7 +197,7 @@ impl Filter {
         }
     }
 
-    /// Sets the plan to follow, if the model can, or removes it.
+    /// Sets the plan of the track, if the motion model can use plans, or removes it.
     pub fn set_guide(&mut self, guide: Option<Guide>) {
         match self {
             Self::Multiple(multiple) => {
@@ -208,7 +209,8 @@ impl Filter {
         }
     }
 
-    /// Goes over to a plan that replaces its own, of which it is on this leg.
+    /// Changes to a plan that replaces the present one; `leg` is the leg of the new plan on which the target
+    /// is.
     pub fn reroute(&mut self, leg: usize) {
         self.leave_plan();
         if let Some(guide) = self.guide_mut() {
@@ -216,7 +218,7 @@ impl Filter {
         }
     }
 
-    /// Suspends its plan, or resumes it.
+    /// Suspends the plan of the track, or resumes it.
     pub fn suspend_plan(&mut self, suspended: bool) {
         if suspended {
             self.leave_plan();
@@ -228,7 +230,7 @@ impl Filter {
         }
     }
 
-    /// Ends what the plan has done to the state so far.
+    /// Merges the models of the plan into the others.
     fn leave_plan(&mut self) {
         match self {
             Self::Multiple(multiple) => multiple.leave_plan(),
@@ -245,7 +247,7 @@ impl Filter {
         }
     }
 
-    /// Follows the plan after a scan.
+    /// Follows the track along its plan after a scan.
     pub fn follow(&mut self, settings: &Settings, time: f64, period: f64) {
         match self {
             Self::Multiple(multiple) => {
@@ -260,7 +262,7 @@ impl Filter {
         }
     }
 
-    /// Moves all models by this.
+    /// Shifts position and velocity of all models.
     pub fn shift(&mut self, by: &SVector<f64, 4>) {
         match self {
             Self::Straight(estimate) => estimate.mean += by,
@@ -283,8 +285,9 @@ impl Filter {
         }
     }
 
-    /// Widens the covariance, as if the target had accelerated unnoticed by `sigma` for `gap` seconds
-    /// with this probability. From a half on, a turn becomes as likely as straight flight.
+    /// Widens the covariance as if the target had, with this probability, accelerated unnoticed by `sigma`
+    /// (m/s²) for `gap` seconds. If the probability is a half or more, a turn becomes at least as likely as
+    /// all other models.
     pub fn widen(&mut self, sigma: f64, gap: f64, probability: f64) {
         let extra = kinematics::unnoticed(sigma, gap) * probability;
         match self {
@@ -306,7 +309,8 @@ impl Filter {
 }
 
 impl Multiple {
-    /// The bank of straight flight and free turns, and the one in which a planned turn is flown.
+    /// The bank of straight flight and free turns and, near a planned turn, the bank in which this turn is
+    /// flown.
     pub(super) fn banks(&self) -> impl Iterator<Item = &Bank> {
         std::iter::once(&self.bank).chain(self.guide.as_ref().and_then(Guide::turning))
     }
@@ -336,7 +340,7 @@ impl Multiple {
         speed.predict(bank, noise, &changes(noise, t), (t, period));
     }
 
-    /// Ends what the plan has done to the state so far.
+    /// Merges the models of the plan into the others.
     fn leave_plan(&mut self) {
         if let Some(guide) = &mut self.guide {
             guide.leave(&mut self.bank, false);
@@ -400,7 +404,7 @@ impl Multiple {
     }
 }
 
-/// Acceleration of zero, with its variance.
+/// Adds an acceleration of zero, with its variance, to position and velocity.
 fn with_acceleration(start: &Estimate<4>, model: &Singer) -> Estimate<6> {
     let mut mean = SVector::<f64, 6>::zeros();
     let mut covariance = SMatrix::<f64, 6, 6>::zeros();
@@ -411,7 +415,8 @@ fn with_acceleration(start: &Estimate<4>, model: &Singer) -> Estimate<6> {
     Estimate { mean, covariance }
 }
 
-/// One step of Singer's model for east and north; states are positions, velocities, accelerations.
+/// Predicts one step of Singer's model, east and north; the states are positions, velocities and
+/// accelerations.
 fn singer(estimate: &mut Estimate<6>, model: &Singer, t: f64) {
     let step = model.over(t).expect("intervals are checked, the model is exact");
     let [f01, f02, f12, f22] = step.f;

@@ -1,37 +1,39 @@
-//! Places at which plots come again and again: echoes of wind turbines, masts and ships at anchor.
+//! Finds fixed echoes, that is places with plots again and again: wind turbines, masts and ships at anchor.
 //!
-//! A map of cells (clutter map). A cell without a source has false plots as the area about it has (Poisson), one
-//! with a source has a plot in some share of the scans, of which nothing is known (uniform). What is in a cell,
-//! and how dense plots are there, follows from the plots so far by Bayes' rule. Plots of tracks are not counted:
-//! a target that stops stays what it is.
+//! The module is a clutter map with cells. In a cell without a source, false plots are as dense as in the
+//! area around it (Poisson distribution); a cell with a source has a plot in some share of the scans, about
+//! which nothing is known beforehand (uniform distribution). Whether there is a source in a cell, and how
+//! dense plots are there, follows from the plots so far by Bayes' rule. Plots of tracks that have moved are
+//! not counted: a target that stops remains a target.
 
 use crate::base::distribution::ln_gamma;
 use crate::base::mixed::IntegerMap;
 use crate::sensors::Radar;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// Scans over which plots are counted: turbines stand still for a while.
+/// Scans over which plots are counted: so many because turbines stand still for a while.
 const MEMORY: f64 = 150.0;
 /// Sides of a cell, in standard deviations of plots.
 const SIDE: f64 = 3.0;
-/// Logarithm of the odds that a cell has a source.
+/// Logarithm of the prior odds that a cell has a source.
 const SOURCE: f64 = -9.2;
-/// Share of scans that are many.
+/// Share of scans above which a cell has plots in many scans.
 const OFTEN: f64 = 0.1;
-/// Most cells. Half of them are kept, those with most plots, and none with fewer than this.
+/// Largest number of cells. If there are more, at most half of them are kept: those with most plots, and none
+/// with fewer plots than `NONE_LATELY`.
 const MANY: usize = 100_000;
 const NONE_LATELY: f64 = 0.1;
 
-/// Plots by cell, along and across, with fading weights.
+/// Plots by cell, along and across the beam, with fading weights.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Fixed {
-    /// Scans so far, and as many as count.
+    /// Number of scans so far, and (`scans`) their number with fading weights.
     now: f64,
     scans: f64,
-    /// Sides of the cells along and across, m and rad, by the noise when the first plot was counted: what is
-    /// found of the noise later must not move them. 0 before any plot.
+    /// Sides of the cells along and across the beam, m and rad, by the noise at the time when the first plot
+    /// was counted: noise that is estimated later must not move the cells. 0 before any plot.
     sides: [f64; 2],
-    /// The plots of each cell, and until when they have faded.
+    /// Number of plots of each cell, and the scan up to which it has faded.
     #[serde(serialize_with = "in_order", deserialize_with = "from_list")]
     plots: IntegerMap<(f64, f64)>,
 }
@@ -56,7 +58,7 @@ fn from_list<'de, D: Deserializer<'de>>(
 }
 
 impl Fixed {
-    /// A place in sides of cells, and the area of its cell.
+    /// A position in units of the sides of cells, and the area of its cell, m².
     fn place(&self, radar: &Radar, position: [f64; 2]) -> ([f64; 2], f64) {
         let [x, y] = [0, 1].map(|i| position[i] - radar.position[i]);
         let range = radar.about(position);
@@ -68,13 +70,13 @@ impl Fixed {
         self.plots.get(&key(cell)).map_or(0.0, |own| faded(*own, self.now))
     }
 
-    /// The plots of the cell of a place, and its area.
+    /// Number of plots in the cell of a position, and the area of this cell, m².
     fn cell(&self, radar: &Radar, position: [f64; 2]) -> (f64, f64) {
         let (place, area) = self.place(radar, position);
         (self.at((place[0].floor() as i32, place[1].floor() as i32)), area)
     }
 
-    /// Whether there are cells in which plots come in many scans, more than chance makes in any cell of an
+    /// Whether there are cells with plots in many scans, more than there are by chance in any cell of an
     /// `area` with this `mean` density. Cost O(cells).
     pub fn has_sources(&self, mean: f64, area: f64) -> bool {
         let [along, across] = self.sides;
@@ -86,7 +88,7 @@ impl Fixed {
         })
     }
 
-    /// Whether there is one at a place, more likely than not. Cost O(1).
+    /// Whether the cell of a position more likely than not has a source. Cost O(1).
     pub fn is_source(&self, radar: &Radar, position: [f64; 2], mean: f64) -> bool {
         if self.plots.is_empty() {
             return false;
@@ -95,15 +97,15 @@ impl Fixed {
         plots > 0.0 && SOURCE + self.log_odds(plots, mean * area) > 0.0
     }
 
-    /// Logarithm of how much likelier so many plots are in a cell with a source than in one where so many are
-    /// `expected` in a scan.
+    /// Log-likelihood ratio of a number of plots: a cell with a source against a cell in which `expected`
+    /// false plots are expected per scan.
     fn log_odds(&self, plots: f64, expected: f64) -> f64 {
         let expected = expected * self.scans;
         let without = plots * expected.ln() - expected - ln_gamma(plots + 1.0);
         -(self.scans + 1.0).ln() - without
     }
 
-    /// Density of false plots at a place over their `mean`, at least 1. Cost O(1).
+    /// Ratio of the density of false plots at a position to their `mean` density, at least 1. Cost O(1).
     pub fn ratio(&self, radar: &Radar, position: [f64; 2], mean: f64) -> f64 {
         if self.plots.is_empty() {
             return 1.0;
@@ -117,7 +119,7 @@ impl Fixed {
         1.0 + odds / (1.0 + odds) * share / (mean * area)
     }
 
-    /// Counts a plot, in the four cells about it.
+    /// Counts a plot, divided among the four cells that are nearest to it.
     pub fn add(&mut self, radar: &Radar, position: [f64; 2]) {
         if self.plots.is_empty() {
             self.sides = [radar.range_sigma, radar.azimuth_sigma].map(|sigma| SIDE * sigma);
@@ -136,7 +138,7 @@ impl Fixed {
         }
     }
 
-    /// Lets so many scans pass. O(1) for each plot that was counted.
+    /// Lets this number of scans pass. Cost O(1) for each plot that was counted.
     pub fn fade(&mut self, scans: f64) {
         self.now += scans;
         self.scans = (-scans / MEMORY).exp() * self.scans + scans;
@@ -154,7 +156,7 @@ impl Fixed {
     }
 }
 
-/// Plots that have faded until then, as they count now.
+/// Number of plots now, if it had faded up to the scan `until`.
 fn faded((plots, until): (f64, f64), now: f64) -> f64 {
     plots * ((until - now) / MEMORY).exp()
 }
@@ -170,11 +172,11 @@ mod tests {
         radar_of([50.0, 1e-3])
     }
 
-    /// The middle of a cell.
+    /// A position in the middle of a cell along the beam.
     const PLACE: [f64; 2] = [0.0, 50_025.0];
     const AREA: f64 = 150.0 * 3e-3 * 50_025.0;
 
-    /// A map with plots in the middle of a cell in so many of 100 scans.
+    /// A map with a plot in the middle of a cell in each of the first `plots` scans of 100.
     fn after(plots: usize) -> Fixed {
         let mut fixed = Fixed::default();
         for scan in 0..100 {
@@ -186,7 +188,7 @@ mod tests {
         fixed
     }
 
-    /// Half a cell across: the azimuth of the place is that of an edge.
+    /// Moves a position by half a cell across the beam, because its azimuth is that of an edge.
     fn middle([_, range]: [f64; 2]) -> [f64; 2] {
         let azimuth = 0.5 * SIDE * 1e-3;
         [range * f64::sin(azimuth), range * f64::cos(azimuth)]
@@ -199,24 +201,24 @@ mod tests {
         let plots: f64 = (0..10).map(|scan| (f64::from(scan - 100) / MEMORY).exp()).sum();
         let scans: f64 = (0..100).map(|scan| (-f64::from(scan) / MEMORY).exp()).sum();
         assert_within(1e-9, found.at((333, 0)), plots);
-        // with a source for sure
+        // it is certain that there is a source
         let expected = 1.0 + (plots + 1.0) / (scans + 2.0) / (mean * AREA);
         assert_within(1e-6, found.ratio(&radar(), place, mean), expected);
         let has_sources = |found: &Fixed, mean| found.has_sources(mean, 1e11);
         assert!(has_sources(&found, mean) == (plots > OFTEN * scans));
-        // one plot is chance, and so are ten where there are many everywhere
+        // one plot is chance, and so are ten if false plots are dense everywhere
         assert!(after(1).ratio(&radar(), place, mean) < 1.1);
         assert!(after(10).ratio(&radar(), place, 0.1 / AREA) < 1.1);
         assert!(has_sources(&after(80), mean) && !has_sources(&after(2), mean));
         let is_source = |fixed: &Fixed, place| fixed.is_source(&radar(), place, mean);
         assert!(is_source(&found, place) && !is_source(&after(1), place));
         assert!(!is_source(&found, [0.0, 40e3]));
-        // if there are thousands a scan, some cell has three by chance
+        // with thousands of false plots per scan, some cell has three by chance
         let mut few = Fixed::default();
         (0..3).for_each(|_| few.add(&radar(), place));
         few.fade(12.0);
         assert!(has_sources(&few, 1e-10) && !has_sources(&few, 2e-8));
-        // elsewhere there is none
+        // there is no source elsewhere
         assert_eq!(after(80).ratio(&radar(), [0.0, 40e3], mean), 1.0);
         assert_eq!(Fixed::default().ratio(&radar(), place, mean), 1.0);
     }
@@ -258,7 +260,7 @@ mod tests {
     #[test]
     fn a_plot_counts_in_the_cells_about_it() {
         let mut fixed = Fixed::default();
-        // a quarter of a cell from the middle along, half across
+        // a quarter of a cell from the middle along the beam, half a cell across
         fixed.add(&radar(), [0.0, 50_025.0 + 37.5]);
         for (cell, plots) in [((333, 0), 0.375), ((333, -1), 0.375), ((334, 0), 0.125)] {
             assert_within(1e-9, fixed.at(cell), plots);

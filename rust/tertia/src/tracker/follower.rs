@@ -1,4 +1,4 @@
-//! The filter of one target whose plots are known.
+//! The filter of a single target whose plots are known.
 
 use super::agility::Agility;
 use super::bank::{Bank, Component, MODELS, SPEED, TURN, changes};
@@ -9,31 +9,32 @@ use crate::base::plane::Plane;
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
-/// A plot that all models exclude says nothing about which is right.
+/// If the density of a plot by all models is less than this, all models exclude it, and it does not change
+/// their probabilities.
 const LEAST_DENSITY: f64 = 1e-300;
-/// Steps of Newton's method, and the distance at which it has arrived, m.
+/// Largest number of steps of Newton's method, and the distance at which it has converged, m.
 const STEPS: usize = 20;
 const ARRIVED: f64 = 1e-4;
 
-/// Straight flight, turns and changes of speed of a target, mixed by their probabilities, as the tracker
-/// does it.
+/// Straight flight, turns and changes of speed of a target, weighted by their probabilities, as in the
+/// tracker.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Follower {
     bank: Bank,
     speed: SpeedChange,
     agility: Agility,
-    /// Of the estimate, s.
+    /// Time of the estimate, s.
     pub time: f64,
 }
 
 impl Follower {
-    /// From a position and velocity, and the probability of a turn.
+    /// Creates a filter from a position and velocity and the probability of a turn.
     pub fn new(model: &ImmModel, start: Estimate<4>, turning: f64, time: f64) -> Self {
         let bank = Bank::new(start, turning, model.turn_rate_sigma.powi(2));
         Self { bank, speed: SpeedChange::new(model), agility: Agility::default(), time }
     }
 
-    /// Predicts to a later time; `period` is that of the scans.
+    /// Predicts to a later time; `period` is the scan period.
     pub fn predict(&mut self, model: &ImmModel, time: f64, period: f64) {
         let t = time - self.time;
         if t > 0.0 {
@@ -59,7 +60,7 @@ impl Follower {
         self.speed.decide(&mut self.bank, model);
     }
 
-    /// Moves the estimate by what its position and velocity were off at a time.
+    /// Shifts the estimate by errors of its position and velocity, which are given for some time.
     pub fn shift(&mut self, time: f64, [east, north, east_rate, north_rate]: [f64; 4]) {
         let ahead = self.time - time;
         let place = [east + ahead * east_rate, north + ahead * north_rate];
@@ -71,7 +72,7 @@ impl Follower {
         self.speed.estimate(&self.bank)
     }
 
-    /// As of the tracks of the tracker.
+    /// Probability that the target turns, as for tracks of the tracker.
     pub fn turn_probability(&self) -> f64 {
         let turning = self.bank.probability[TURN];
         if self.bank.probability[SPEED] > 0.0 {
@@ -80,14 +81,15 @@ impl Follower {
         turning * (1.0 - self.speed.probability(&self.bank))
     }
 
-    /// The plot of covariance `r` by which the estimate moves to this position, by Newton's method; none
-    /// where no plot does.
+    /// Finds the plot of covariance `r` that moves the estimate to this position, by Newton's method; none if
+    /// there is no such plot.
     pub fn plot_behind(&self, position: [f64; 2], r: Plane) -> Option<[f64; 2]> {
         let all = self.bank.models().map(|model| Expected::new(&model, r));
         let count = if all[SPEED].probability > 0.0 { MODELS } else { SPEED };
         let models = &all[..count];
         let aim = Vector2::from(position);
-        // where it was expected the models' weights are known, and one step goes nearly all the way
+        // at the expected position the weights of the models are known, and one step from there nearly
+        // suffices
         let total: f64 = models.iter().map(|model| model.probability).sum();
         let weighted = models.iter().map(|model| model.position * model.probability);
         let mut z = weighted.sum::<Vector2<f64>>() / total;
@@ -98,7 +100,7 @@ impl Follower {
                 return Some(z.into());
             }
             let mut step = slope.try_inverse()? * missing;
-            // half as far until it is nearer
+            // halve the step until it leads nearer
             loop {
                 let there = corrected(models, &(z + step))?;
                 if (aim - there.0).norm() < missing.norm() {
@@ -116,7 +118,7 @@ impl Follower {
     }
 }
 
-/// Where a model expects the target, and how a plot moves it.
+/// The position that a model expects, and how a plot moves it.
 struct Expected {
     probability: f64,
     position: Vector2<f64>,
@@ -140,7 +142,8 @@ impl Expected {
     }
 }
 
-/// The mean position after a plot, and its derivative by that; none where all models exclude it.
+/// Mean position after a plot, and its derivative with respect to the plot; none if all models exclude the
+/// plot.
 fn corrected(models: &[Expected], z: &Vector2<f64>) -> Option<(Vector2<f64>, Matrix2<f64>)> {
     let (mut total, mut mean, mut pull) = (0.0, Vector2::zeros(), Vector2::zeros());
     let (mut gain, mut moved) = (Matrix2::zeros(), Matrix2::zeros());
@@ -148,7 +151,7 @@ fn corrected(models: &[Expected], z: &Vector2<f64>) -> Option<(Vector2<f64>, Mat
         let y = z - model.position;
         let own = model.inverse * y;
         let weight = model.probability * (-0.5 * y.dot(&own)).exp() / model.root;
-        // about the first, where numbers are small
+        // relative to the first model, so that numbers are small
         let place = model.position - models[0].position + model.gain * y;
         total += weight;
         mean += place * weight;
@@ -160,7 +163,7 @@ fn corrected(models: &[Expected], z: &Vector2<f64>) -> Option<(Vector2<f64>, Mat
         return None;
     }
     let (mean, pull) = (mean / total, pull / total);
-    // weights move with the plot
+    // the weights of the models depend on the plot, too
     let slope = (gain - moved) / total + mean * pull.transpose();
     Some((models[0].position + mean, slope))
 }

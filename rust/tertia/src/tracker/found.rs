@@ -1,25 +1,25 @@
-//! What a tracker has found of the plots of its sensors.
+//! What a tracker has estimated about the plots of its sensors.
 
 use super::doubles::Doubles;
 use super::live::Tracker;
 use super::noise::Noise;
 
 impl Tracker {
-    /// Noise of each sensor over what it states, by its last plots of confirmed tracks; nan before there
-    /// are enough.
+    /// Noise factor of each sensor, estimated over stated sigma, by its last plots of confirmed tracks; nan
+    /// until there are enough of them.
     pub fn noise_factors(&self) -> impl Iterator<Item = f64> {
         self.noise.iter().map(Noise::told)
     }
 
-    /// Standard deviations of range (m) and azimuth (rad) of each radar, as they were used last, and as they
-    /// were found; 0 where they are not surely larger than stated.
+    /// Standard deviations of range (m) and azimuth (rad) of each radar: as they were used last, and as they
+    /// were estimated; the latter are 0 unless they are significantly larger than stated.
     pub fn noise(&self) -> Vec<[[f64; 2]; 2]> {
         self.noise.iter().map(|noise| [noise.used, noise.found()]).collect()
     }
 
-    /// Takes over what another tracker has found of the plots of the same sensors: their noise, how many are
-    /// outliers and second plots, and where they come again and again. Returns whether any differs from
-    /// what is stated or usual.
+    /// Takes over what another tracker has estimated about the plots of the same sensors: their noise, the
+    /// shares of outliers and of second plots, the density of false plots and fixed echoes. Returns whether
+    /// any of these differs from what is stated or usual.
     pub(super) fn learn_plots(&mut self, other: &Self) -> bool {
         self.noise.clone_from(&other.noise);
         self.noise.iter_mut().for_each(Noise::restart);

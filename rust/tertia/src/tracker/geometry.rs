@@ -1,31 +1,32 @@
-//! Where the plots of a sensor are in the plane, with and without heights.
+//! Converts plots of a sensor to positions in the plane, with and without heights.
 
 use crate::base::plane::Plane;
 use crate::geo::View;
 use crate::sensors::{HEIGHT_SIGMA, Radar};
 use serde::{Deserialize, Serialize};
 
-/// Steepest sine of an elevation at which a plot without a height is placed: a target seen there is
-/// lower than it is thought to be.
+/// Largest sine of the elevation at which a plot without a height is placed: a target that would be seen at a
+/// steeper elevation is lower than assumed.
 const STEEPEST: f64 = 0.95;
-/// A range that is less than the height by fewer sigmas is straight above the radar.
+/// A target whose height exceeds its range is straight above the radar if the excess is less than this number
+/// of sigmas of the range.
 const OVERHEAD_SIGMAS: f64 = 3.0;
 
-/// What the measurements of a sensor say of a position.
+/// How positions follow from the measurements of a sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant)] // one per sensor
 pub enum Geometry {
-    /// A plane. Ranges without heights are horizontal until a height is known of any target.
+    /// A plane. Ranges without heights are horizontal until the height of any target is known.
     #[default]
     Flat,
-    /// A plane with heights: all ranges are slant.
+    /// A plane with heights: all ranges are slant ranges.
     Space,
-    /// The earth, and the largest slant range.
+    /// The earth as seen from the sensor, and the largest slant range, m.
     Earth(View, f64),
-    /// Positions, with the first standard deviation where they come without a covariance, and velocities
-    /// with the second; not a number where there is none.
+    /// Positions and velocities. The numbers are the standard deviations of positions (m) and of velocities
+    /// (m/s) that come without a covariance; nan if there is none.
     Position([f64; 2]),
-    /// Azimuths alone, with this standard deviation, from the place that each comes with.
+    /// Azimuths alone, with this standard deviation (rad), from the position that comes with each azimuth.
     Azimuth(f64),
 }
 
@@ -33,35 +34,36 @@ pub enum Geometry {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sighted {
     pub position: [f64; 2],
-    /// Covariance for this height.
+    /// Covariance of the position at this height.
     pub noise: Plane,
-    /// Derivative of the position by the height.
+    /// Derivative of the position with respect to the height.
     pub by_height: [f64; 2],
 }
 
 impl Geometry {
-    /// Whether ranges without heights are slant, where heights of other plots are known or not.
+    /// Whether ranges without heights are slant ranges; `known` says whether heights of other plots are
+    /// known.
     pub(super) fn is_slant(&self, known: bool) -> bool {
         known || !matches!(self, Self::Flat)
     }
 
-    /// Whether it reports positions, at any time.
+    /// Whether the sensor reports positions, which may come at any time.
     #[inline]
     pub(super) fn is_position(&self) -> bool {
         matches!(self, Self::Position(_))
     }
 
-    /// Whether it measures azimuths alone.
+    /// Whether the sensor measures azimuths alone.
     pub(super) fn is_azimuth(&self) -> bool {
         matches!(self, Self::Azimuth(_))
     }
 
-    /// Standard deviation of azimuths alone.
+    /// Standard deviation of the azimuths of a sensor that measures azimuths alone, rad.
     pub(super) fn azimuth_sigma(&self) -> Option<f64> {
         if let Self::Azimuth(sigma) = self { Some(*sigma) } else { None }
     }
 
-    /// Height of the sensor.
+    /// Height of the sensor, m.
     pub(super) fn site(&self, radar: &Radar) -> f64 {
         match self {
             Self::Earth(view, _) => view.site().height,
@@ -69,7 +71,7 @@ impl Geometry {
         }
     }
 
-    /// Largest range of its plots.
+    /// Largest range of its plots, m.
     pub(super) fn max_range(&self, radar: &Radar) -> f64 {
         match self {
             Self::Earth(_, limit) => *limit,
@@ -88,8 +90,8 @@ impl Geometry {
         }
     }
 
-    /// A plot whose height is known, with that height's error in the covariance; none where no
-    /// elevation leads to it.
+    /// Places a plot whose height is known; the covariance includes the error of the height. None if no
+    /// elevation leads to this height.
     pub(super) fn see(&self, radar: &Radar, polar: [f64; 2], height: f64) -> Option<Sighted> {
         let mut sighted = self.seen(radar, polar, height)?;
         let [u, v] = sighted.by_height.map(|slope| slope * HEIGHT_SIGMA);
@@ -97,7 +99,7 @@ impl Geometry {
         Some(sighted)
     }
 
-    /// A plot as if its target were at this height, or as near to it as the range allows.
+    /// Places a plot as if its target were at this height, or as near to it as the range allows.
     pub(super) fn placed(&self, radar: &Radar, polar: [f64; 2], height: f64) -> Sighted {
         let site = self.site(radar);
         let most = STEEPEST * polar[0];
@@ -117,7 +119,7 @@ impl Geometry {
     }
 }
 
-/// A plot in a plane at a height below its range.
+/// Places a plot in a plane, with a height that is less than its range.
 fn flat(radar: &Radar, [range, azimuth]: [f64; 2], height: f64) -> Sighted {
     let up = height - radar.position[2];
     let squared = (range * range - up * up).max(f64::MIN_POSITIVE);

@@ -1,8 +1,8 @@
-//! Groups of claims: what is joined, and sorting by counting.
+//! Groups of claims: a union-find structure, and sorting by counting.
 
 use super::claim::Claim;
 
-/// The lowest index that this one is joined to.
+/// Returns the lowest index to which this one is joined.
 pub(super) fn root(joined: &mut [u32], mut i: u32) -> u32 {
     while joined[i as usize] != i {
         joined[i as usize] = joined[joined[i as usize] as usize];
@@ -11,13 +11,13 @@ pub(super) fn root(joined: &mut [u32], mut i: u32) -> u32 {
     i
 }
 
-/// Joins two indices, and all that are joined to them.
+/// Joins two indices, and all indices that are joined to one of them.
 pub(super) fn unite(joined: &mut [u32], a: u32, b: u32) {
     let (a, b) = (root(joined, a), root(joined, b));
     joined[a.max(b) as usize] = a.min(b);
 }
 
-/// Sorts claims by a number below `count`; equal ones stay in their order.
+/// Sorts claims by a number below `count`; claims with equal numbers keep their order.
 pub(super) fn sort(
     claims: &[Claim],
     sorted: &mut Vec<Claim>,

@@ -1,18 +1,18 @@
-//! Heights over time, by which targets above one another are distinguished.
+//! Estimates the height of a target over time, by which targets above one another are distinguished.
 
 use crate::base::exponential::exp;
 use crate::sensors::HEIGHT_SIGMA as SIGMA;
 use serde::{Deserialize, Serialize};
 
-/// Standard deviation of the vertical acceleration in white noise, m/s² per root of a hertz.
+/// Intensity of the white vertical acceleration, m/s² per root of a hertz.
 const ACCELERATION: f64 = 0.7;
-/// Standard deviation of the first vertical rate, m/s.
+/// Standard deviation of the initial vertical rate, m/s.
 const CLIMB: f64 = 10.0;
-/// Variance of a height of which nothing is known: anywhere in 12 km.
+/// Variance of a height about which nothing is known, uniform over 12 km, m².
 const UNKNOWN: f64 = 1.2e7;
-/// Range of wrong heights, m.
+/// Range over which wrong heights are uniform, m.
 pub(super) const SPAN: f64 = 12_000.0;
-/// Probability that a height is wrong.
+/// Probability that a reported height is wrong.
 const WRONG: f64 = 1e-3;
 
 /// Height and vertical rate.
@@ -22,9 +22,9 @@ pub(super) struct Vertical {
     pub height: f64,
     pub vertical_rate: f64,
     variance: [f64; 3],
-    /// The variance of the height grows no further than to this.
+    /// Largest variance of the height, m².
     most: f64,
-    /// Whether the target has reported it.
+    /// Whether the target has reported its height.
     pub reported: bool,
 }
 
@@ -34,7 +34,7 @@ impl Vertical {
         Self { time, height, vertical_rate: 0.0, variance, most: UNKNOWN, reported: true }
     }
 
-    /// A height that nobody has reported.
+    /// A height that is assumed, because none was reported; `most` is its variance.
     pub fn assumed(time: f64, [height, most]: [f64; 2]) -> Self {
         let variance = [most, 0.0, CLIMB * CLIMB];
         Self { time, height, vertical_rate: 0.0, variance, most, reported: false }
@@ -59,7 +59,7 @@ impl Vertical {
         Self { time, height: self.height + t * self.vertical_rate, variance, ..*self }
     }
 
-    /// Likelihood ratio of the height: this target against any.
+    /// Likelihood ratio of a reported height: this target against any other.
     #[inline]
     pub fn ratio(&self, time: f64, height: f64) -> f64 {
         self.at(time).ratio_now(height)
@@ -73,7 +73,7 @@ impl Vertical {
         WRONG + (1.0 - WRONG) * density * SPAN
     }
 
-    /// Corrects by a height, unless it is wrong.
+    /// Corrects by a reported height, unless it is wrong.
     pub fn correct(&mut self, time: f64, height: f64) {
         let now = self.at(time);
         if now.ratio_now(height) < WRONG.sqrt() {
@@ -84,7 +84,7 @@ impl Vertical {
         self.learn(height, SIGMA * SIGMA);
     }
 
-    /// Corrects by what ranges of several radars say of the height.
+    /// Corrects by a height that was inferred from the ranges of several radars.
     pub fn infer(&mut self, time: f64, height: f64, variance: f64) {
         *self = self.at(time);
         self.learn(height, variance);

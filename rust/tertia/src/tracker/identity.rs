@@ -1,26 +1,27 @@
-//! What the replies of a target have said of its identities, single ones of which may be wrong.
+//! The identities of a target by its replies, single ones of which may be wrong.
 
 use super::settings::Settings;
 use crate::sensors::{Identities, IdentityKind, both};
 use serde::{Deserialize, Serialize};
 
-/// Equal replies in a row after which a track has another identity.
+/// Number of equal replies in a row after which the identity of a track changes.
 const CHANGED_AFTER: u8 = 3;
 /// Likelihood ratio of an identity: its own target against any other.
 pub(super) const IDENTITIES: f64 = 4096.0;
-/// Probability that a reply has a wrong address, which has parity; a wrong callsign, which has parity, but
-/// is set by the crew; and a wrong code, which may be garbled, and is changed by air traffic control.
+/// Probabilities that a reply contains a wrong address, which is protected by parity; a wrong callsign, which
+/// is protected by parity but set by the crew; and a wrong code, which may be garbled and is changed by air
+/// traffic control.
 pub(super) const ADDRESS_ERROR: f64 = 1e-9;
 pub(super) const CALLSIGN_ERROR: f64 = 1e-6;
 pub(super) const CODE_ERROR: f64 = 1e-3;
 
-/// How much likelier equal replies are of one target than of two: addresses and callsigns that two targets
-/// have by mistake, and codes that are given to many, as for flights under visual rules.
+/// Likelihood ratios, one target against two, of equal replies: of addresses and callsigns, which two targets
+/// share only by mistake, and of codes that are given to many targets, such as flights under visual rules.
 const UNSHARED: f64 = 1e6;
 const SHARED_BY_MANY: f64 = 5.0;
 const CODES_OF_MANY: [i16; 5] = [0o0000, 0o1000, 0o1200, 0o2000, 0o7000];
 
-/// How much likelier it is of one target than of two that both give this reply, of this kind.
+/// Likelihood ratio, one target against two, of two equal replies of this kind.
 pub(super) fn rarity(kind: IdentityKind, reply: &Identities, settings: &Settings) -> f64 {
     match () {
         () if !settings.is_shared(kind) => UNSHARED,
@@ -34,12 +35,12 @@ pub(super) fn rarity(kind: IdentityKind, reply: &Identities, settings: &Settings
 /// The replies of one kind.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Replies<T> {
-    /// Negative where there was none.
+    /// The identity by the replies; negative if there was none.
     code: T,
-    /// A different one, and how often in a row it was received.
+    /// A different reply, and (`times`) how often in a row it was received.
     other: T,
     times: u8,
-    /// Whether the code may be relied on: not right after a change.
+    /// Whether the code is reliable, which it is not right after a change.
     is_sure: bool,
 }
 
@@ -48,7 +49,7 @@ impl<T: Copy + PartialOrd + From<i8>> Replies<T> {
         Self { code, other: code, times: 0, is_sure: false }
     }
 
-    /// Processes one more reply; the code changes only after several equal ones.
+    /// Processes one more reply; the code changes only after several equal replies.
     fn answer(&mut self, code: T) {
         let none = T::from(0);
         if code < none {
@@ -68,7 +69,7 @@ impl<T: Copy + PartialOrd + From<i8>> Replies<T> {
         }
     }
 
-    /// Takes what was known of it before, unless it is known now.
+    /// Returns the earlier replies, unless an identity of this kind is known now.
     fn or(self, past: Self) -> Self {
         if self.code < T::from(0) { past } else { self }
     }
@@ -110,7 +111,7 @@ impl Known {
         self.callsign.answer(reply.callsign);
     }
 
-    /// Takes the identities of the past of the same target, of kinds that are not known now.
+    /// Adds the identities of the earlier track of the same target, of those kinds that are not known now.
     pub fn or(&self, past: &Self) -> Self {
         Self {
             icao_address: self.icao_address.or(past.icao_address),
@@ -120,9 +121,9 @@ impl Known {
         }
     }
 
-    /// Likelihood ratio of the replies in a plot: of this target against any other. Where both have an
-    /// address, that alone decides. Else each kind that differs is wrong by its own probability; that
-    /// several agree counts once, as false plots of a target have all its identities.
+    /// Likelihood ratio of the replies in a plot: this target against any other. If both have an address, it
+    /// alone decides. Otherwise each kind that differs is wrong with its own probability, and the agreement
+    /// of several kinds counts once, because false plots of a target have all its identities.
     #[inline]
     pub fn ratio(&self, reply: &Identities, settings: &Settings) -> f64 {
         if let Some(is_same) = both(self.icao_address.code, reply.icao_address) {

@@ -1,4 +1,4 @@
-//! Copies of what plots have made of a tracker.
+//! Copies of the state of a tracker, as far as plots change it.
 
 use super::azimuths::Azimuths;
 use super::cluster::Clusters;
@@ -13,7 +13,7 @@ use super::plot::Measured;
 use super::track::Track;
 use serde::{Deserialize, Serialize};
 
-/// What plots have made of a tracker.
+/// The state of a tracker, as far as plots change it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Kept {
     tracks: Vec<Track>,
@@ -32,7 +32,7 @@ pub(super) struct Kept {
 }
 
 impl Tracker {
-    /// A copy of what plots have made of it.
+    /// Returns a copy of the state.
     pub(super) fn keep(&self) -> Kept {
         Kept {
             tracks: self.tracks.clone(),
@@ -51,7 +51,7 @@ impl Tracker {
         }
     }
 
-    /// Goes back to such a copy.
+    /// Restores the state from a copy.
     pub(super) fn restore(&mut self, kept: Kept) {
         let Kept { tracks, clusters, ended, plans, clutter, level, doubles, waiting, .. } = kept;
         let Kept { time, next_number, stray, noise, azimuths, .. } = kept;

@@ -1,20 +1,20 @@
-//! How a mean and a covariance move between two plots: straight on, or in a turn.
+//! Predicts means and covariances between two plots: straight on, or in a turn.
 
 use super::estimate::{Estimate, mirror};
 use crate::base::plane::Plane;
 use nalgebra::SMatrix;
 
-/// Below this angle the functions of a turn are computed by their series.
+/// Angle below which the functions of a turn are computed by their series, rad.
 const SMALL_ANGLE: f64 = 1e-3;
 
-/// Straight and uniform, with white acceleration of the density `q`, m²/s³.
+/// Predicts straight and uniform motion with white acceleration of the spectral density `q`, m²/s³.
 #[inline(always)]
 pub fn straight(estimate: &mut Estimate<4>, t: f64, q: f64) {
     coast(estimate, t);
     estimate.accelerate(Plane { xx: q, xy: 0.0, yy: q }, t);
 }
 
-/// Straight and uniform, without noise.
+/// Predicts straight and uniform motion without noise.
 #[inline(always)]
 pub fn coast(estimate: &mut Estimate<4>, t: f64) {
     let x = &mut estimate.mean.data.0[0];
@@ -37,7 +37,8 @@ pub fn coast(estimate: &mut Estimate<4>, t: f64) {
     }
 }
 
-/// A turn at the rate of the fifth state, linearised; the rate walks.
+/// Predicts a turn at the rate of the fifth state, linearised; `walk` is the intensity of the random walk of
+/// the rate.
 #[inline(always)]
 pub fn turn(estimate: &mut Estimate<5>, t: f64, q: f64, walk: f64) {
     let [vx, vy, w] = [estimate.mean[2], estimate.mean[3], estimate.mean[4]];
@@ -50,7 +51,7 @@ pub fn turn(estimate: &mut Estimate<5>, t: f64, q: f64, walk: f64) {
     estimate.mean[3] = velocity[1];
     let [east, north] = arc.by_rate([vx, vy]);
     let by_rate = [east, north, -t * velocity[1], t * velocity[0]];
-    // G = F P by rows, which are P's columns as well, then G F' above the diagonal
+    // G = F P by rows (the rows of P equal its columns), then G F' on and above the diagonal
     let p = &mut estimate.covariance.data.0;
     let [a, b, c, d, e] = *p;
     let mut g = [[0.0; 5]; 4];
@@ -72,7 +73,8 @@ pub fn turn(estimate: &mut Estimate<5>, t: f64, q: f64, walk: f64) {
     estimate.accelerate(Plane { xx: q, xy: 0.0, yy: q }, t);
 }
 
-/// Covariance of an acceleration that was not noticed for `gap` seconds: Γ σ² Γ', Γ = (gap²/2, gap).
+/// Covariance of position and velocity by an acceleration that was not noticed for `gap` seconds: Γ σ² Γ'
+/// with Γ = (gap²/2, gap).
 pub fn unnoticed(sigma: f64, gap: f64) -> SMatrix<f64, 4, 4> {
     let mut covariance = SMatrix::zeros();
     let square = (sigma * gap).powi(2);
@@ -122,7 +124,7 @@ impl Arc {
         }
     }
 
-    /// Derivatives of the way by the rate, at this velocity.
+    /// Derivatives of the displacement with respect to the rate, for this initial velocity.
     #[inline(always)]
     pub fn by_rate(&self, [vx, vy]: [f64; 2]) -> [f64; 2] {
         let Self { along_rate, across_rate, .. } = self;

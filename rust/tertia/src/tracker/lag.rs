@@ -1,8 +1,9 @@
-//! Late plots: what follows a late plot is processed again, so that final rows are those of plots in order.
+//! Takes late plots: everything after a late plot is processed again, so that final rows are as if all plots
+//! had come in order.
 //!
-//! Time is cut into steps of half the shortest scan. The plots of a step are sorted by content,
-//! not by arrival, and a step is final when it is older than the lag. Copies of the tracks are kept at
-//! four instants of the lag; a late plot goes back to the last one before it.
+//! Time is divided into steps of half the shortest scan. The plots of a step are sorted by content, not by
+//! arrival, and a step is final when it is older than the lag. Copies of the state are kept at four instants
+//! within the lag; after a late plot, processing starts again from the last copy before it.
 
 use super::control::{Command, Refusal};
 use super::kept::Kept;
@@ -20,40 +21,41 @@ use std::num::NonZero;
 #[cfg(test)]
 mod tests;
 
-/// Steps in the shortest scan: the more, the less is done again for plots that come in order.
+/// Number of steps in the shortest scan: the more there are, the less is repeated for plots that come in
+/// order.
 const STEPS: f64 = 2.0;
-/// Copies of the tracks within the lag.
+/// Number of copies of the state within the lag.
 const COPIES: i64 = 4;
-/// The step before all others.
+/// Number of the step before all others.
 const BEFORE_ALL: i64 = i64::MIN;
 
 /// A tracker that takes plots up to `lag` seconds late.
 ///
-/// Rows that are older are final: they do not depend on the order in which plots came. Younger ones may
-/// be replaced.
+/// Rows that are older than the lag are final: they do not depend on the order in which plots came. Younger
+/// rows may still be replaced.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct LagTracker {
     tracker: Tracker,
-    /// s; 0: plots are processed as they come.
+    /// Lag, s; 0: plots are processed as they come.
     lag: f64,
-    /// Tracks at the beginnings of steps, the last of which is that of the step of `now`.
+    /// Copies of the state at the beginnings of steps, the last of which is the step of `now`.
     kept: VecDeque<(i64, Kept)>,
-    /// Plots of steps since the first of these, with their indices.
+    /// Plots of the steps from the first copy on, with their indices.
     journal: BTreeMap<i64, Vec<(Plot, usize)>>,
-    /// What a controller changed, at the ends of steps.
+    /// Commands of a controller, each carried out at the end of its step.
     commands: Vec<(i64, Command)>,
-    /// Rows of steps that are not final, and the next number of a track after each.
+    /// Rows of the steps that are not final, and the number of the next new track after each step.
     steps: VecDeque<Step>,
-    /// What was shown of these rows, by step.
+    /// The rows of these steps that were given out last, by step.
     shown: Vec<(i64, Row)>,
-    /// The first step whose rows were not given out as final.
+    /// First step whose rows have not been given out as final.
     open: i64,
-    /// Tracks with smaller numbers have them for good.
+    /// Track numbers below this one are final.
     numbered: u64,
-    /// The newest time, and that until which all is final.
+    /// Latest time, and (`closed`) the time up to which everything was made final.
     now: f64,
     closed: f64,
-    /// Time of a plot long after the others, perhaps from a wrong clock.
+    /// Time of the last single plot that came long after the others, perhaps from a wrong clock.
     stray: f64,
 }
 
@@ -64,7 +66,7 @@ struct Step {
     rows: Vec<Row>,
 }
 
-/// Collects rows, and the tracks of the plots that were given last.
+/// Collects rows, and the tracks of the plots that are given in the present call.
 struct Sink<'a> {
     rows: Vec<Row>,
     claims: &'a mut [Claim],
@@ -72,7 +74,7 @@ struct Sink<'a> {
     tentative: bool,
 }
 
-/// What became of a plot: its track and the first plot of that, or why it was not used.
+/// The track of a plot and the first plot of this track, or why the plot was not used.
 type Claim = Result<(u64, usize), PlotStatus>;
 
 impl Rows for Sink<'_> {
@@ -104,10 +106,10 @@ impl Plots for Own<'_> {
 }
 
 impl LagTracker {
-    /// A tracker of plots up to so many seconds late.
+    /// Creates a tracker for plots that are up to `lag` seconds late.
     ///
     /// # Errors
-    /// A lag that is negative or not finite, or a lag and a tracker that has had plots.
+    /// A lag that is negative or not finite, or a positive lag with a tracker that has had plots.
     pub fn try_new(tracker: Tracker, lag: f64) -> Result<Self, Error> {
         require("lag", lag, lag >= 0.0 && lag.is_finite(), "0 or a positive number of seconds")?;
         let before = f64::NEG_INFINITY;
@@ -130,30 +132,31 @@ impl LagTracker {
         })
     }
 
-    /// The tracker, with all plots that came.
+    /// The tracker with all plots so far.
     pub fn tracker(&self) -> &Tracker {
         &self.tracker
     }
 
-    /// The same, to be changed; what is changed holds for plots that come later.
+    /// The tracker, to be changed; changes hold for plots that come later.
     pub fn tracker_mut(&mut self) -> &mut Tracker {
         &mut self.tracker
     }
 
-    /// All that the tracker knows, to the last bit.
+    /// Returns the complete state of the tracker as bytes, exact to the last bit.
     ///
     /// # Panics
-    /// Never: what it knows can be written.
+    /// Never: the state can always be written.
     pub fn to_bytes(&self) -> Vec<u8> {
         saved(self)
     }
 
-    /// The tracker that was written; none where these are not such bytes, or damaged.
+    /// Restores a tracker from the result of `to_bytes`; none if these bytes are something else, or are
+    /// damaged.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         restored(bytes)
     }
 
-    /// Changes a plan, or which track has which, from now on; returns the number of a plan that was added.
+    /// Changes a plan, or the plan of a track, from now on; returns the number of a plan that was added.
     ///
     /// # Errors
     /// As the methods of [`Tracker`]; also for a track whose number is not final.
@@ -172,15 +175,15 @@ impl LagTracker {
         Ok(done)
     }
 
-    /// Numbers of the confirmed tracks whose plans are suspended, as far as they are final.
+    /// Numbers of the confirmed tracks whose plans are suspended, as far as the numbers are final.
     pub fn suspended_plans(&self) -> Vec<u64> {
         let mut suspended = self.tracker.suspended_plans();
         suspended.retain(|number| *number < self.next_number_for_good());
         suspended
     }
 
-    /// Numbers and positions of the confirmed tracks, as [`Tracker::extrapolate`]; 2^40 and more where
-    /// the number is not final.
+    /// Numbers and positions of the confirmed tracks, as [`Tracker::extrapolate`]; numbers of 2^40 and more
+    /// are not final.
     pub fn extrapolate(&self, seconds: f64) -> Vec<(i64, [f64; 2])> {
         let first = self.tracker.first_plots();
         let found = self.tracker.extrapolate(seconds).into_iter().zip(first);
@@ -201,9 +204,9 @@ impl LagTracker {
         if self.lag > 0.0 { self.numbered } else { u64::MAX }
     }
 
-    /// Processes plots that came, as [`Tracker::track`]. First come rows that became final; then, of
-    /// each track, those that are new or differ from what was shown, and all after these.
-    /// Cost: that of the plots since the oldest one that is late, or since the last step.
+    /// Processes new plots, as [`Tracker::track`]. First, rows that became final are given out; then, for
+    /// each track, the rows that are not final, from the first one that is new or has changed. Cost: that of
+    /// all plots since the oldest late plot, or since the last step.
     ///
     /// # Errors
     /// As [`Tracker::track`].
@@ -226,7 +229,8 @@ impl LagTracker {
         Ok(())
     }
 
-    /// The same with what a later one has found of the plots; none where they are as stated.
+    /// Returns this tracker with what a later one has estimated about the plots; none if this is all as
+    /// stated or usual.
     #[must_use]
     pub fn knowing(mut self, later: &Self) -> Option<Self> {
         let differs = self.tracker.learn_plots(&later.tracker);
@@ -265,7 +269,7 @@ impl LagTracker {
         }));
     }
 
-    /// Makes all final that came.
+    /// Makes all rows final.
     pub fn finish<R: Rows>(&mut self, rows: &mut R, n_threads: Option<NonZero<usize>>) {
         if self.lag > 0.0 {
             self.close((&mut [], usize::MAX), rows, n_threads);
@@ -297,8 +301,8 @@ impl LagTracker {
         (time / self.step()).floor() as i64
     }
 
-    /// Files plots in the journal, and goes back to the time of the oldest. Returns why they are not
-    /// used, as far as that is known.
+    /// Files plots in the journal, and drops the copies of the state after the oldest of them. Returns why
+    /// plots are not used, as far as that is known.
     fn file<P: Plots + ?Sized>(&mut self, plots: &P, end: Option<f64>) -> Vec<Claim> {
         let first = self.tracker.plots();
         let oldest = self.step_of(self.now - self.lag);
@@ -331,7 +335,7 @@ impl LagTracker {
         claims
     }
 
-    /// Processes the journal until now. Steps before `final_steps` are final.
+    /// Processes the journal from the last copy up to `now`. Steps before `final_steps` become final.
     fn run<R: Rows>(
         &mut self,
         (claims, first): (&mut [Claim], usize),
@@ -355,7 +359,7 @@ impl LagTracker {
         let tentative = rows.wants(false);
         let mut sink = Sink { rows: Vec::new(), claims, first, tentative };
         while let Some(step) = self.next_step(next).filter(|step| *step < head) {
-            // the journal and the last copy tell all that a later call needs
+            // an interruption does no harm: a later call needs only the journal and the last copy
             poll();
             let until = (step + 1) as f64 * self.step();
             let hold = until - WAITING * self.tracker.period();
@@ -377,7 +381,7 @@ impl LagTracker {
         self.forget(final_steps);
     }
 
-    /// The next step that changes anything.
+    /// Returns the next step that changes anything.
     fn next_step(&self, next: i64) -> Option<i64> {
         if !self.tracker.is_empty() {
             return Some(next);
@@ -387,8 +391,7 @@ impl LagTracker {
         commands.chain(plots).min()
     }
 
-    /// Processes the plots of a step and those that wait: until the first time, assigning those before
-    /// the second.
+    /// Processes the waiting plots and those of a step up to `until`, and assigns those before `hold`.
     fn process(
         &mut self,
         scan: &mut Scan,
@@ -418,10 +421,10 @@ impl LagTracker {
         self.tracker.bury(1);
     }
 
-    /// Logs the rows of a step that was processed.
+    /// Carries out the commands of a step that was processed, and logs its rows.
     fn log(&mut self, step: i64, sink: &mut Sink<'_>) {
         for (_, command) in self.commands.iter().filter(|(at, _)| *at == step) {
-            // without what late plots have taken away it changes nothing
+            // if late plots have removed the track or the plan, the command changes nothing
             let _ = command.apply(&mut self.tracker);
         }
         let rows = std::mem::take(&mut sink.rows);
@@ -431,7 +434,7 @@ impl LagTracker {
         }
     }
 
-    /// The last copy; it is taken away where the one before it is near.
+    /// Returns the last copy, and removes it if the one before it is near.
     fn last_kept(&mut self, spacing: i64) -> (i64, Kept) {
         let mut from_last = self.kept.iter().rev().map(|(next, _)| *next);
         let (last, before) = (from_last.next(), from_last.next());
@@ -440,7 +443,7 @@ impl LagTracker {
         last.expect("there is always one")
     }
 
-    /// Gives out the rows of steps that became final. Returns whether tracks have got their numbers.
+    /// Gives out the rows of steps that became final. Returns whether numbers of tracks became final.
     fn settle<R: Rows>(&mut self, final_steps: i64, rows: &mut R) -> bool {
         let before = self.numbered;
         let count = self.steps.partition_point(|step| step.number < final_steps);
@@ -453,8 +456,8 @@ impl LagTracker {
         self.numbered > before
     }
 
-    /// Gives out rows that are not final, as far as they differ from what was shown: of each track all
-    /// from the first that differs. Rows of steps before `changed` are as they were.
+    /// Gives out rows that are not final, as far as they differ from what was given out: for each track, all
+    /// rows from the first that differs. Rows of steps before `changed` are the same as before.
     fn show<R: Rows>(&mut self, final_steps: i64, changed: i64, rows: &mut R) {
         let place = self.shown.partition_point(|(step, _)| *step < final_steps.max(changed));
         let mut old: Vec<Row> = self.shown.drain(place..).map(|(_, row)| row).collect();
@@ -477,7 +480,7 @@ impl LagTracker {
             let to = old.partition_point(|row| row.track <= new[0].track);
             let old = &old[from..to];
             let same = new.iter().zip(old).take_while(|(new, old)| new.is_same(old)).count();
-            // where the last rows have gone the one before them says so
+            // if only the last rows were removed, the row before them is given out again to show this
             let gone = same == new.len() && old.len() > same;
             differing.extend_from_slice(&new[same - usize::from(gone)..]);
         }
@@ -485,7 +488,7 @@ impl LagTracker {
         differing.iter().for_each(|row| rows.push(row));
     }
 
-    /// Forgets what only final steps need.
+    /// Forgets copies, plots and commands that only final steps need.
     fn forget(&mut self, final_steps: i64) {
         while self.kept.len() > 1 && self.kept[1].0 <= final_steps {
             self.kept.pop_front();

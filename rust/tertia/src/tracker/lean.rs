@@ -1,33 +1,33 @@
-//! How far a track leans on a height that is not known exactly.
+//! How the state of a track depends on a height that is not known exactly.
 //!
-//! Its filter knows position and velocity for one height; all plots without a height share the error
-//! of that. Friedland's separation (1969) keeps the derivative of the state by the height beside the
-//! filter: when the height becomes known better the state moves along it, and until then the variance
-//! of the height adds to the covariance.
+//! The filter estimates position and velocity for one assumed height, whose error is common to all plots
+//! without a height. By Friedland's separation (1969), the derivative of the state with respect to the height
+//! is kept beside the filter: when the height becomes better known, the state moves along this derivative,
+//! and until then the variance of the height adds to the covariance.
 
 use super::estimate::Estimate;
 use crate::base::plane::Plane;
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};
 
-/// Derivatives of position and velocity by the height.
+/// Derivatives of position and velocity with respect to the height.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Lean([f64; 4]);
 
 impl Lean {
-    /// That of a first plot with this derivative.
+    /// The derivatives after a first plot, whose position has this derivative.
     pub fn new([x, y]: [f64; 2]) -> Self {
         Self([x, y, 0.0, 0.0])
     }
 
-    /// Derivative of the position, so many seconds later.
+    /// Derivative of the position, `t` seconds later.
     #[inline]
     pub fn position(&self, t: f64) -> [f64; 2] {
         let [x, y, vx, vy] = self.0;
         [x + t * vx, y + t * vy]
     }
 
-    /// How far the state moves with the height.
+    /// Change of the state that corresponds to a change of the height.
     pub fn step(&self, height: f64) -> SVector<f64, 4> {
         SVector::from(self.0) * height
     }
@@ -38,8 +38,8 @@ impl Lean {
         (self.0[0], self.0[1]) = (x, y);
     }
 
-    /// After a plot of noise `r`, whose innovation changes with the height by `by`: V − K by, with the
-    /// gain K = P R⁻¹ of the corrected covariance P.
+    /// Updates after a plot of noise `r` whose innovation has the derivative `by` with respect to the height:
+    /// V − K by, with the gain K = P R⁻¹ of the corrected covariance P.
     pub fn correct(&mut self, after: &Estimate<4>, r: Plane, by: [f64; 2]) {
         let inverse = r.inverse();
         let a = inverse.xx * by[0] + inverse.xy * by[1];
@@ -49,12 +49,12 @@ impl Lean {
         }
     }
 
-    /// Covariance of the velocity by that of the height.
+    /// Covariance of the velocity that is due to this variance of the height.
     pub fn of_velocity(&self, variance: f64) -> Plane {
         along([self.0[2], self.0[3]], variance)
     }
 
-    /// After a velocity of noise `r`: V − K V, as after a plot.
+    /// Updates after a velocity of noise `r`: V − K V, as after a plot.
     pub fn take_velocity(&mut self, after: &Estimate<4>, r: Plane) {
         let inverse = r.inverse();
         let [_, _, vx, vy] = self.0;
@@ -64,13 +64,14 @@ impl Lean {
         }
     }
 
-    /// Derivative of what depends so on the state.
+    /// Derivative, with respect to the height, of a quantity whose gradient with respect to the state is
+    /// `row`.
     pub fn along(&self, row: &[f64; 4]) -> f64 {
         self.0.iter().zip(row).map(|(v, h)| v * h).sum()
     }
 
-    /// After a residual of variance 1 that depends so on the state: V − K h V, with K = P h' of the
-    /// corrected covariance P.
+    /// Updates after a residual of variance 1 whose gradient with respect to the state is h, in `row`:
+    /// V − K h V, with K = P h' of the corrected covariance P.
     pub fn see(&mut self, after: &Estimate<4>, row: &[f64; 4]) {
         let (gain, own) = (after.along(row).0, self.along(row));
         for (v, k) in self.0.iter_mut().zip(gain) {
@@ -78,7 +79,7 @@ impl Lean {
         }
     }
 
-    /// The estimate with the variance of the height.
+    /// The estimate with the variance of the height in its covariance.
     pub fn widened(&self, estimate: &Estimate<4>, variance: f64) -> Estimate<4> {
         let v = SVector::from(self.0);
         let covariance = estimate.covariance + v * v.transpose() * variance;

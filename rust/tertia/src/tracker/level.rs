@@ -1,19 +1,19 @@
-//! The heights of the traffic, for plots that have none.
+//! Mean and variance of the heights of the traffic, as a prior for plots that have no height.
 
 use serde::{Deserialize, Serialize};
 
-/// Aircraft are anywhere from 0 to this, m.
+/// Aircraft are anywhere between 0 and this height, m.
 const HIGHEST: f64 = 12_000.0;
 /// Sine of the steepest elevation at which radars usually see targets.
 const STEEP: f64 = 0.7;
 
-/// Where targets are before any height is known.
+/// Prior of the heights of targets, before any height is known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub enum Heights {
-    /// Anywhere in the height of air traffic.
+    /// Anywhere between the ground and the highest aircraft.
     #[default]
     Air,
-    /// So high above the sensor, with this standard deviation, m.
+    /// At this mean height above the sensor, with this standard deviation, m.
     Above(f64, f64),
 }
 
@@ -27,7 +27,7 @@ pub(super) struct Level {
 }
 
 impl Level {
-    /// That of targets of which no height is known.
+    /// The level before any height is known.
     pub fn of(expected: Heights) -> Self {
         Self { expected, ..Self::default() }
     }
@@ -56,7 +56,7 @@ impl Level {
         if mean - site < top {
             return [mean, variance];
         }
-        // so near that it is below this level: anywhere up to the steepest elevation
+        // so near that the target must be lower: anywhere up to the steepest elevation
         [site + 0.5 * top, top * top / 12.0]
     }
 }

@@ -1,4 +1,4 @@
-//! The tracker: all tracks, and the plots that update them.
+//! The tracker: all tracks and estimates, and how they are updated by plots, scan by scan.
 
 use super::azimuths::Azimuths;
 use super::cluster::Clusters;
@@ -21,12 +21,12 @@ use crate::sensors::Radar;
 use serde::{Deserialize, Serialize};
 use std::num::NonZero;
 
-/// Share of the shortest scan for which plots wait for others that compete with them.
+/// Time for which a plot waits for later plots that compete with it, as a share of the shortest scan.
 pub(super) const WAITING: f64 = 0.125;
 
-/// A part of the plots: times and indices of those that come now, the heights of the traffic at each,
-/// the index under which each is known, and the times: of the next plot, until which plots are
-/// assigned, and of the end.
+/// A part of the plots. `now` contains times and indices of the plots to be processed, `levels` the heights
+/// of the traffic at the time of each plot. `index` returns the index of a plot among all that were given so
+/// far. `times` are the time of the first plot, the time before which plots are assigned, and the end.
 pub(super) struct Part<'a, P: ?Sized, I> {
     pub plots: &'a P,
     pub now: &'a [(f64, usize)],
@@ -35,30 +35,30 @@ pub(super) struct Part<'a, P: ?Sized, I> {
     pub times: [f64; 3],
 }
 
-/// Plots of a scan that are worth a thread: they take a millisecond.
+/// Number of plots in a scan that is worth a thread: it takes about a millisecond to process them.
 const PLOTS_PER_THREAD: usize = 1000;
 
-/// All tracks, and the state of the clutter estimate.
+/// A multi-target tracker: its settings, its tracks, and what it has estimated about the plots.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tracker {
     pub(super) settings: Settings,
     pub(super) tracks: Vec<Track>,
     pub(super) clusters: Clusters,
-    /// Tracks that have ended and may be resumed.
+    /// Ended tracks that may be resumed.
     pub(super) ended: Ended,
     pub(super) clutter: Vec<Clutter>,
-    /// Heights of all plots so far.
+    /// Mean and variance of the heights of all plots so far.
     pub(super) level: Level,
     pub(super) doubles: Vec<Doubles>,
     pub(super) noise: Vec<Noise>,
-    /// Time until which everything is processed.
+    /// Time up to which everything is processed, s.
     pub(super) time: f64,
     pub(super) next_number: u64,
-    /// Plots given so far.
+    /// Number of plots given so far.
     pub(super) plots: usize,
-    /// Time of a plot long after the others, perhaps from a wrong clock.
+    /// Time of the last single plot that came long after the others, perhaps from a wrong clock.
     pub(super) stray: f64,
-    /// Plots that wait for others that compete with them.
+    /// Plots that wait for later plots that compete with them.
     pub(super) waiting: Vec<Measured>,
     pub(super) azimuths: Azimuths,
     #[serde(skip)]
@@ -66,7 +66,7 @@ pub struct Tracker {
 }
 
 impl Tracker {
-    /// A tracker without tracks.
+    /// Creates a tracker without tracks.
     ///
     /// # Errors
     /// Settings outside their domain.
@@ -103,43 +103,44 @@ impl Tracker {
         self.tracks.is_empty() && self.waits().is_none()
     }
 
-    /// First plots of the confirmed tracks.
+    /// Indices of the first plots of the confirmed tracks.
     pub(super) fn first_plots(&self) -> impl Iterator<Item = usize> {
         self.tracks.iter().filter(|track| track.is_confirmed()).map(|track| track.first.index)
     }
 
-    /// Numbers of all tracks, in order.
+    /// Numbers of all tracks, in ascending order.
     pub fn numbers(&self) -> Vec<u64> {
         let mut numbers: Vec<u64> = self.tracks.iter().map(|track| track.number).collect();
         numbers.sort_unstable();
         numbers
     }
 
-    /// The number of the next track.
+    /// Number that the next new track will get.
     pub(super) fn next_number(&self) -> u64 {
         self.next_number
     }
 
-    /// Counts plots that were given.
+    /// Adds to the number of plots given so far.
     pub(super) fn count(&mut self, plots: usize) {
         self.plots += plots;
     }
 
-    /// All that the tracker knows, to the last bit.
+    /// Returns the complete state of the tracker as bytes, exact to the last bit.
     ///
     /// # Panics
-    /// Never: what it knows can be written.
+    /// Never: the state can always be written.
     pub fn to_bytes(&self) -> Vec<u8> {
         saved(self)
     }
 
-    /// The tracker that was written; none where these are not such bytes, or damaged.
+    /// Restores a tracker from the result of `to_bytes`; none if these bytes are something else, or are
+    /// damaged.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         restored(bytes)
     }
 
-    /// Numbers of the confirmed tracks, and their positions so many seconds after `time`: along their
-    /// plans where these are believed, straight on otherwise.
+    /// Returns the numbers of the confirmed tracks and their positions `seconds` after `time`: along the
+    /// flight plan if the target is believed to follow it, otherwise straight on.
     pub fn extrapolate(&self, seconds: f64) -> Vec<(u64, [f64; 2])> {
         let confirmed = self.tracks.iter().filter(|track| track.is_confirmed());
         confirmed
@@ -175,14 +176,15 @@ impl Tracker {
         Ok(())
     }
 
-    /// Takes the radars whose plots are to confirm no tracks for now.
+    /// Sets the radars that confirm no tracks for now.
     pub fn hold(&mut self, radars: Vec<bool>) {
         self.settings.held = radars;
     }
 
-    /// Moves tracks, in order of their numbers, by position and velocity as they are at a time.
+    /// Shifts tracks: `moved` contains the number of a track, a time, and the shift of position and velocity
+    /// at that time, in ascending order of the numbers.
     pub fn shift(&mut self, moved: &[(u64, f64, [f64; 4])]) {
-        // tracks are in this order, but for those that go on under an older number
+        // tracks are in this order, too, except those that continue under an older number
         let mut next: usize = 0;
         for track in &mut self.tracks {
             let before = next.checked_sub(1).map_or(0, |at| moved[at].0);
@@ -197,8 +199,8 @@ impl Tracker {
         }
     }
 
-    /// Begins anew, as if the last plots had not been given: without tracks, but with numbers of tracks
-    /// that were not used before.
+    /// Starts again as if the last `plots` plots had not been given: without tracks, but with numbers of
+    /// tracks that were not used before. The estimates of clutter and noise are kept.
     pub fn restart(&mut self, plots: usize) {
         self.tracks.clear();
         self.settings.plans.free(|_| true);
@@ -214,15 +216,15 @@ impl Tracker {
         self.plots = self.plots.saturating_sub(plots);
     }
 
-    /// Time until which everything is processed, s; negative infinity at first.
+    /// Time up to which everything is processed, s; negative infinity at first.
     pub fn time(&self) -> f64 {
         self.time
     }
 
-    /// Processes plots, in any order among themselves, but after those that came before; by `end` all
-    /// plots have arrived (none: the time of the last one). The status of each plot goes to
-    /// `statuses`, the rows of tracks to `rows`; the same for any number of threads.
-    /// Cost O(P log P + tracks).
+    /// Processes plots, which may be in any order among themselves, but come after those of earlier calls.
+    /// All plots up to `end` have arrived; the default is the time of the last plot. The status of each plot
+    /// is written to `statuses`, the rows of the tracks to `rows`. The results do not depend on the number of
+    /// threads. Cost O(P log P + tracks).
     ///
     /// # Errors
     /// The index of a radar that does not exist, or an end that is not finite.
@@ -248,7 +250,7 @@ impl Tracker {
         let mut until = f64::NEG_INFINITY;
         while let Some(next) = self.waits().or(rest.first().map(|p| p.0)) {
             poll();
-            // with the plots that wait no more than a scan: no target is in it twice
+            // together with the waiting plots no more than a scan, so that no target is in it twice
             until = f64::max(until, next) + (1.0 - 2.0 * WAITING) * period;
             let (now, later) = rest.split_at(rest.partition_point(|(time, _)| *time < until));
             rest = later;
@@ -265,7 +267,7 @@ impl Tracker {
         Ok(())
     }
 
-    /// Processes a part of the plots, after those that wait.
+    /// Processes the waiting plots and then a part of the new ones.
     pub(super) fn stretch<P: Plots + Sync + ?Sized, R: Rows>(
         &mut self,
         scan: &mut Scan,
@@ -319,19 +321,19 @@ impl Tracker {
         assume(&mut self.settings.radars, &assumed);
     }
 
-    /// The first plot that waits.
+    /// Time of the first waiting plot.
     pub(super) fn waits(&self) -> Option<f64> {
         let plot = self.waiting.first().map(|plot| plot.time);
         plot.into_iter().chain(self.azimuths.waits()).min_by(f64::total_cmp)
     }
 
-    /// The shortest scan, s.
+    /// Duration of the shortest scan, s.
     pub(super) fn period(&self) -> f64 {
         let periods = self.settings.radars.iter().map(|radar| radar.scan_period);
         periods.fold(f64::INFINITY, f64::min)
     }
 
-    /// Seconds without plots after which a single one is taken for a wrong clock.
+    /// Time without plots after which a single plot is attributed to a wrong clock, s.
     pub(super) fn silence(&self) -> f64 {
         let periods = self.settings.radars.iter().map(|radar| radar.scan_period);
         (self.settings.coasting as f64 + 0.5) * periods.fold(0.0, f64::max)
@@ -348,7 +350,8 @@ impl Tracker {
         require("end", end, end.is_finite(), "a finite number")
     }
 
-    /// Level of the traffic at the time of each plot, by its index; nothing where all have heights.
+    /// Returns the heights of the traffic at the time of each plot, by the index of the plot; empty if all
+    /// plots have heights.
     pub(super) fn levels<P: Plots + ?Sized>(
         &mut self,
         plots: &P,
@@ -368,7 +371,7 @@ impl Tracker {
         levels
     }
 
-    /// Times and indices of the plots that can be used, by time.
+    /// Returns times and indices of the plots that can be used, in the order of time.
     pub(super) fn order<P: Plots + ?Sized>(
         &mut self,
         plots: &P,
@@ -402,8 +405,8 @@ impl Tracker {
         order
     }
 
-    /// Refuses single plots long after the others: with a wrong clock they would end all tracks. A
-    /// second plot at about that time shows that there was a gap.
+    /// Refuses single plots long after the others: a plot with a wrong clock would end all tracks. A second
+    /// plot at about the same time shows that there was a gap.
     fn refuse_strays(&mut self, order: &mut Vec<(f64, usize)>, statuses: &mut [PlotStatus]) {
         let silence = self.silence();
         let refuse = |index: usize| statuses[index] = PlotStatus::ClockError;
@@ -411,13 +414,14 @@ impl Tracker {
     }
 }
 
-/// Items of a part, where each thread takes several parts, or all of them.
+/// Returns the number of items in a part: each of several threads takes several parts, a single thread takes
+/// all.
 fn part(items: usize, threads: usize) -> usize {
     let parts = if threads > 1 { threads * SHARES_PER_THREAD } else { 1 };
     items.div_ceil(parts).max(1)
 }
 
-/// Adds what is made of each of the items.
+/// Appends the result of `make` for each of the items, in the same order.
 fn extend<T: Sync>(
     found: &mut Vec<Measured>,
     items: &[T],
@@ -436,7 +440,8 @@ fn extend<T: Sync>(
     });
 }
 
-/// Threads for a scan of so many plots: as many as requested, or all cores; one for few plots.
+/// Returns the number of threads for a scan with this number of plots: as many as requested, or as there are
+/// cores, but only one if there are few plots.
 fn threads(n_threads: Option<NonZero<usize>>, plots: usize) -> usize {
     let most = plots / PLOTS_PER_THREAD;
     if most < 2 {

@@ -1,9 +1,10 @@
-//! Limits of several joint hypotheses of which plot is whose (Reid 1979; Blackman 2004).
+//! Limits of multiple-hypothesis tracking, with joint hypotheses of which plot belongs to which track (Reid
+//! 1979; Blackman 2004).
 //!
-//! A track whose plots are certain has one state, as without hypotheses. Otherwise it has a tree: the
-//! state that is shown, and others that it would have by other plots. Tracks that compete for plots are
-//! members of a cluster: its hypotheses say which state of each member they hold, and how likely they
-//! are. Hypotheses share states: K of them need no more than K states of a track.
+//! A track whose plots are certain has one state, as without hypotheses. Otherwise it has a tree: the state
+//! that is shown, and the other states that it would have with other plots. Tracks that compete for plots are
+//! members of a cluster: each of its hypotheses consists of one state of each member and a probability.
+//! Hypotheses share states: K of them need no more than K states of a track.
 
 use crate::base::error::{Result, require};
 use serde::{Deserialize, Serialize};
@@ -11,11 +12,12 @@ use serde::{Deserialize, Serialize};
 /// How many hypotheses are kept, and for how long.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Mht {
-    /// Hypotheses of tracks that compete, at most.
+    /// Largest number of hypotheses of tracks that compete.
     pub max_hypotheses: usize,
     /// Scans after which a choice is final.
     pub scans: usize,
-    /// How much less likely than the best a hypothesis may be: logarithm of the ratio.
+    /// Logarithm of the largest ratio of the probability of the best hypothesis to that of another one that
+    /// is kept.
     pub cut: f64,
 }
 

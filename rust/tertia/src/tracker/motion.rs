@@ -5,18 +5,18 @@ use crate::base::error::{Result, require, require_positive};
 use crate::kalman::Singer;
 use serde::{Deserialize, Serialize};
 
-/// Distances squared that are summed to detect a manoeuvre.
+/// Number of normalised distances squared that are summed to detect a manoeuvre.
 pub(super) const SUMMED: usize = 3;
 
-/// Plots with which a line begins after a quadratic.
+/// Number of plots with which a line begins after a quadratic.
 const LINE: usize = 3;
 
 /// How confirmed targets move.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Motion {
-    /// Straight and uniform, with white acceleration of this standard deviation, m/s².
+    /// Straight and uniform motion, with white acceleration of this standard deviation, m/s².
     Cv(f64),
-    /// Acceleration that fades.
+    /// Singer's model: an acceleration that fades.
     Singer(Singer),
     /// Straight flight, turns and changes of speed, weighted by their probabilities (interacting
     /// multiple models).
@@ -26,8 +26,8 @@ pub enum Motion {
 }
 
 impl Motion {
-    /// Acceleration that a target may have unnoticed, m/s², where scans take 4 s and where they take
-    /// 10 s. The window needs more, as it learns of a turn last.
+    /// Acceleration that a target may have unnoticed, m/s², if scans take 4 s and if they take 10 s. It is
+    /// larger for the window, which detects turns last.
     pub fn guard_acceleration(&self) -> [f64; 2] {
         match self {
             Self::Window(_) => [12.0, 7.0],
@@ -78,7 +78,7 @@ impl Motion {
 pub struct ImmModel {
     /// Standard deviation of the acceleration of straight flight, constant for a scan, m/s².
     pub straight_sigma: f64,
-    /// The same in turns.
+    /// Standard deviation of the acceleration in turns, constant for a scan, m/s².
     pub turn_sigma: f64,
     /// Random walk of the rate of turn, rad/s per root of a second.
     pub turn_rate_walk: f64,
@@ -116,28 +116,29 @@ impl Default for ImmModel {
 /// Lengths of the window, and the gates by which a manoeuvre is detected.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WindowModel {
-    /// Plots in straight flight.
+    /// Number of plots in straight flight.
     pub straight: usize,
-    /// Plots that are kept when a manoeuvre is detected: of a line, or of a quadratic.
+    /// Number of plots that are kept, for a line or a quadratic, when a manoeuvre is detected.
     pub after_turn: usize,
-    /// Whether it is a quadratic.
+    /// Whether a quadratic is fitted to these plots.
     pub is_curved: bool,
-    /// Plots with which a line begins.
+    /// Number of plots with which a line begins after a manoeuvre.
     pub(super) shortest: usize,
-    /// Plots near a turn of the flight plan.
+    /// Number of plots near a turn of the flight plan.
     pub planned_turn: usize,
     /// Distance squared of the inner gate.
     pub(super) inner: f64,
-    /// The same of the outer gate.
+    /// Distance squared of the outer gate.
     pub(super) outer: f64,
-    /// The same of the guard gate.
+    /// Distance squared of the guard gate.
     pub(super) guard: f64,
-    /// Sum of three distances squared that is a manoeuvre.
+    /// Sum of three distances squared above which a manoeuvre is detected.
     pub(super) sum: f64,
 }
 
 impl WindowModel {
-    /// Windows of so many plots, with the gates of the source.
+    /// Creates windows of these numbers of plots, with the gates of the source (Glagovskiy, Lavina, Rudelson
+    /// 2014).
     ///
     /// # Errors
     /// A window that no line can be fitted to.

@@ -1,4 +1,4 @@
-//! What the velocities that sensors report say of a state: as positions do, of the other states.
+//! Corrects states by velocities that sensors report, in the same way as by positions.
 
 use super::bank::{Bank, without_rate};
 use super::estimate::{Estimate, VELOCITY};
@@ -7,11 +7,11 @@ use super::motion::Motion;
 use super::plot::Moving;
 use super::velocities::Velocities;
 
-/// A model below this probability expects no velocity.
+/// A model below this probability is not compared with velocities.
 const NEGLIGIBLE: f64 = 0.005;
 
 impl Filter {
-    /// Whether one of the models expects a velocity so.
+    /// Whether a velocity is in the gate of one of the models.
     pub fn expects(&self, seen: &Moving, velocities: Velocities) -> bool {
         let near = |[distance, _]: [f64; 2]| distance <= velocities.guard;
         match self {
@@ -23,7 +23,7 @@ impl Filter {
         }
     }
 
-    /// Calls `each` with the state by each model, and its probability.
+    /// Calls `each` with the probability of each model, and the state by this model.
     pub fn each_estimate(&self, mut each: impl FnMut(f64, &Estimate<4>)) {
         match self {
             Self::Multiple(multiple) => multiple.banks().for_each(|bank| {
@@ -121,7 +121,7 @@ mod tests {
         let mut filter = Filter::new(&motion, start());
         let Filter::Multiple(multiple) = &mut filter else { unreachable!() };
         multiple.bank.probability = [0.9, 0.1, 0.0];
-        // the turn is that of a target that has turned since
+        // the model of the turn is that of a target that has turned in the meantime
         (multiple.bank.turn.mean[2], multiple.bank.turn.mean[3]) = (150.0, 140.0);
         let (straight, turn) = (multiple.bank.straight, multiple.bank.turn);
         let turned = seen([152.0, 139.0]);
@@ -157,12 +157,12 @@ mod tests {
         right.correct([800.0, 0.0], r);
         let shown = right.shown();
         assert!((shown.mean[2] - 200.0).abs() < 1.0 && shown.covariance[(2, 2)] < 40.0);
-        // it flew the other way
+        // the target flies the other way, so the first velocity was wrong
         let mut wrong = begun();
         wrong.correct([-800.0, 0.0], r);
         let shown = wrong.shown();
         assert!((shown.mean[2] + 200.0).abs() < 10.0, "{}", shown.mean[2]);
-        // and what comes later is wrong again
+        // later velocities of this kind are wrong again
         wrong.take_velocity(&seen([200.0, 0.0]), ALL);
         assert!((wrong.shown().mean[2] - shown.mean[2]).abs() < 1e-6);
         right.take_velocity(&seen([200.0, 0.0]), ALL);

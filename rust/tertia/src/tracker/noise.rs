@@ -1,9 +1,11 @@
-//! Whether the noise of a sensor is what it states, by the plots of its confirmed tracks alone.
+//! Estimates by how much the noise of a sensor differs from its stated noise, from the plots of its confirmed
+//! tracks alone.
 //!
-//! Third differences of four plots, scan by scan, are free of positions, velocities and constant
-//! accelerations; the median of their squares tells the noise, whatever outliers there are. Products of
-//! second differences, one and two scans apart, tell whether errors last: their contrast is free of
-//! accelerations too. Nothing depends on the filters, which the noise that is found changes.
+//! Third differences of plots in four successive scans are free of positions, velocities and constant
+//! accelerations. The median of their squares yields the noise, whatever outliers there are. Products of
+//! second differences, one and two scans apart, show whether errors are correlated from scan to scan: their
+//! contrast is free of accelerations, too. The estimates do not depend on the filters, which use the
+//! estimated noise.
 
 use super::outliers::Outliers;
 use super::plot::{Measured, Source};
@@ -11,65 +13,70 @@ use super::settings::Settings;
 use crate::sensors::{Detection, Radar};
 use serde::{Deserialize, Serialize};
 
-/// Differences over which noise is found, and before which nothing is told or used.
+/// Number of differences over which noise is estimated, and number before which no estimate is returned or
+/// used.
 const WINDOW: f64 = 4000.0;
 const ENOUGH: f64 = 100.0;
-/// Tracks of a sensor that are looked at.
+/// Number of tracks of a sensor that are used at the same time.
 const TRACKS: u64 = 64;
-/// Median of a normal error squared, and the best step of its logarithm to either side.
+/// Median of a squared standard normal error, and the best step, up or down, of the logarithm of its
+/// estimate.
 const MEDIAN: f64 = 0.454_936_423_119_572_7;
 const STEP: f64 = 2.33;
-/// Variances of third and second differences of independent errors.
+/// Variances of third and second differences of independent errors of variance 1.
 const THIRD: f64 = 20.0;
 const SECOND: f64 = 6.0;
-/// Second differences beyond so many sigmas count as that.
+/// Second differences are limited to this number of sigmas.
 const CLIP: f64 = 3.0;
-/// Standard deviations, times the root of the number of differences, of the logarithm of the variance and
-/// of the contrast where errors are independent and where they last (simulated: differences share plots).
+/// Standard deviations, times the root of the number of differences, of the logarithm of the variance, of the
+/// contrast if errors are independent, and of the contrast if they are correlated (simulated, because
+/// differences share plots).
 const SPREAD: f64 = 2.7;
 const CONTRAST: f64 = 3.5;
 const CONTRAST_LASTING: f64 = 2.6;
-/// Sigmas by which noise is larger than stated, and by which errors last, before that is used.
+/// Numbers of sigmas by which noise must exceed the stated noise, and by which errors must be correlated,
+/// before this is used.
 const SURE: f64 = 2.0;
 const SURE_LASTING: f64 = 3.0;
-/// Share of an innovation by which a track usually moves: what noise that lasts does to it depends on that.
+/// Share of an innovation by which a track usually moves: the effect of correlated noise on a track depends
+/// on it.
 const GAIN: f64 = 0.3;
-/// Noise over what is stated for which a recording is tracked again.
+/// Ratio of the estimated to the stated noise above which a recording is tracked again.
 const DIFFERENT: f64 = 1.1;
 /// Largest correlation from scan to scan.
 const MOST: f64 = 0.9;
-/// Two scans differ by less than this share.
+/// Largest difference between the durations of two successive scans, as a share.
 const EVEN: f64 = 0.1;
 
 /// The size of the errors in one coordinate: along or across the beam, or north or east.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Size {
     count: f64,
-    /// Logarithm of the variance, relative to what is stated, as if errors were independent.
+    /// Logarithm of the variance relative to the stated one, as if errors were independent.
     level: f64,
 }
 
 impl Size {
-    /// Sees a third difference, relative to what is stated.
+    /// Updates the size by a third difference, relative to the stated sigma.
     fn saw(&mut self, third: f64) {
         self.count = (self.count + 1.0).min(WINDOW);
-        // the first ones may be far off
+        // the first differences may be far off, so steps are limited
         let step = STEP / self.count.max(10.0);
         let median = THIRD * MEDIAN * self.level.exp();
         self.level += if third * third > median { step } else { -step };
     }
 }
 
-/// How long errors last, from both coordinates.
+/// How far errors are correlated from scan to scan, from both coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Lasting {
     count: f64,
-    /// Mean products of second differences none, one and two scans apart.
+    /// Mean products of second differences zero, one and two scans apart.
     products: [f64; 3],
 }
 
 impl Lasting {
-    /// Sees second differences, the last first, relative to the size of the errors.
+    /// Updates the products by second differences, the last first, relative to the size of the errors.
     fn saw(&mut self, seconds: [f64; 3]) {
         self.count = (self.count + 1.0).min(2.0 * WINDOW);
         let last = seconds.map(|d| (d / SECOND.sqrt()).clamp(-CLIP, CLIP));
@@ -78,7 +85,7 @@ impl Lasting {
         }
     }
 
-    /// Least and largest correlation from scan to scan; none where there may be none.
+    /// Smallest and largest likely correlation from scan to scan; none if errors may be independent.
     fn correlation(&self) -> Option<[f64; 2]> {
         let root = self.count.sqrt();
         let [zero, one, two] = self.products;
@@ -89,14 +96,14 @@ impl Lasting {
     }
 }
 
-/// Variance of noise that is independent from scan to scan and has the same effect on a track as the noise
-/// of this size, over the stated one: 1 unless it is surely more.
+/// Ratio of two variances: of white noise, independent from scan to scan, that has the same effect on a track
+/// as the estimated noise, and of the stated noise. It is 1 unless it is significantly larger.
 fn factor(size: &Size, lasting: &Lasting) -> f64 {
     let variance = size.level.exp();
     match lasting.correlation() {
         _ if size.count < ENOUGH => 1.0,
         Some([least, most]) => {
-            // what is stated is believed as far as correlations allow
+            // the stated noise is believed as far as the likely correlations allow
             let own = correlation(|r| -third_of(r), -variance).clamp(least, most);
             let kept = own * (1.0 - GAIN);
             (variance / third_of(own) * (1.0 + kept) / (1.0 - kept)).max(1.0)
@@ -105,18 +112,19 @@ fn factor(size: &Size, lasting: &Lasting) -> f64 {
     }
 }
 
-/// Variance of third differences of errors with this correlation from scan to scan, over that of
-/// independent ones.
+/// Ratio of the variance of third differences of errors with this correlation from scan to scan to that of
+/// independent errors.
 fn third_of(r: f64) -> f64 {
     (1.0 - r) * (10.0 - r * (5.0 - r)) / 10.0
 }
 
-/// Products of second differences one scan apart over those of none, each less those two apart.
+/// Contrast (c₁ − c₂) / (c₀ − c₂) of the mean products cₖ of second differences k scans apart, for errors
+/// with this correlation from scan to scan.
 fn contrast_of(r: f64) -> f64 {
     -(5.0 - r * (6.0 - r * (4.0 - r))) / (5.0 + r * (1.0 - r * (3.0 - r)))
 }
 
-/// The correlation for which an increasing function has this value.
+/// Returns the correlation for which an increasing function has this value.
 fn correlation(function: impl Fn(f64) -> f64, value: f64) -> f64 {
     let (mut low, mut high) = (0.0, MOST);
     for _ in 0..30 {
@@ -126,17 +134,18 @@ fn correlation(function: impl Fn(f64) -> f64, value: f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// Plots of a track by one sensor, in scans one after the other.
+/// Plots of a track by one sensor in successive scans.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Chain {
     track: u64,
     count: usize,
-    /// The last first.
+    /// Times and positions of the last plots, the last first.
     times: [f64; 2],
     positions: [[f64; 2]; 4],
-    /// Whether heights are those of the tracks: the places of plots with their own are others.
+    /// Whether the plots have no heights and were placed at assumed ones: plots with heights have other
+    /// positions.
     is_slant: bool,
-    /// By what the plots were detected.
+    /// The channels that detected the plots.
     detection: Option<Detection>,
 }
 
@@ -145,7 +154,7 @@ struct Chain {
 pub(super) struct Noise {
     /// Standard deviations of range and azimuth as stated.
     stated: [f64; 2],
-    /// The same as they were used last.
+    /// Standard deviations of range and azimuth as they were used last.
     pub used: [f64; 2],
     sizes: [Size; 2],
     lasting: Lasting,
@@ -166,12 +175,12 @@ impl Noise {
         }
     }
 
-    /// Begins anew with what is known of the noise: plots that come belong to new tracks.
+    /// Starts again with the estimates so far: the plots that follow belong to new tracks.
     pub fn restart(&mut self) {
         self.chains.clear();
     }
 
-    /// Looks at a plot of a confirmed track.
+    /// Updates the estimates by a plot of a confirmed track.
     pub fn saw(&mut self, track: u64, plot: &Measured, settings: &Settings) {
         self.outliers.saw();
         let place = (track % TRACKS) as usize;
@@ -225,12 +234,13 @@ impl Noise {
         };
     }
 
-    /// Whether tracks differ for it.
+    /// Whether the estimated noise is so large that tracks would differ.
     pub fn differs(&self) -> bool {
         self.found().iter().zip(self.stated).any(|(found, stated)| *found > DIFFERENT * stated)
     }
 
-    /// Noise over what is stated, of both coordinates together; nan before there are enough plots.
+    /// Noise factor of both coordinates together, estimated over stated sigma; nan before there are enough
+    /// plots.
     pub fn told(&self) -> f64 {
         let [along, across] = self.sizes.map(|size| {
             let (factor, own) = (factor(&size, &self.lasting), size.level.exp());
@@ -240,7 +250,8 @@ impl Noise {
         if is_known { (along * across).powf(0.25) } else { f64::NAN }
     }
 
-    /// Standard deviations of range and azimuth for tracking, where these are assumed.
+    /// Returns the standard deviations of range and azimuth for tracking: the `assumed` ones, or the
+    /// estimated ones if these are larger.
     pub fn use_with(&mut self, assumed: [f64; 2]) -> [f64; 2] {
         let factors = self.factors();
         self.used = [0, 1].map(|i| {
@@ -250,20 +261,20 @@ impl Noise {
         self.used
     }
 
-    /// Standard deviations of range and azimuth that tracks should have; 0 where they are not surely larger
-    /// than stated.
+    /// Estimated standard deviations of range and azimuth for tracking; 0 unless they are significantly
+    /// larger than stated.
     pub fn found(&self) -> [f64; 2] {
         let factors = self.factors();
         [0, 1].map(|i| if factors[i] > 1.0 { factors[i].sqrt() * self.stated[i] } else { 0.0 })
     }
 
-    /// Variances over those that are stated, along and across the beam.
+    /// Ratios of estimated to stated variances, along and across the beam.
     fn factors(&self) -> [f64; 2] {
         self.sizes.map(|size| factor(&size, &self.lasting))
     }
 }
 
-/// Gives radars the noise that was found; returns what was assumed before.
+/// Gives the radars their estimated noise; returns the noise that was assumed before.
 pub(super) fn use_found(radars: &mut [Radar], noise: &mut [Noise]) -> Vec<[f64; 2]> {
     let assumed: Vec<_> = radars.iter().map(|r| [r.range_sigma, r.azimuth_sigma]).collect();
     let found: Vec<_> = noise.iter_mut().zip(&assumed).map(|(n, own)| n.use_with(*own)).collect();
@@ -276,14 +287,14 @@ pub(super) fn use_found(radars: &mut [Radar], noise: &mut [Noise]) -> Vec<[f64; 
     assumed
 }
 
-/// Gives radars this noise.
+/// Gives the radars these standard deviations.
 pub(super) fn assume(radars: &mut [Radar], sigmas: &[[f64; 2]]) {
     for (radar, sigmas) in radars.iter_mut().zip(sigmas) {
         [radar.range_sigma, radar.azimuth_sigma] = *sigmas;
     }
 }
 
-/// A direction, and the standard deviations along and across it that are stated.
+/// A direction at a plot, and the stated standard deviations along and across it, m.
 fn axes(stated: [f64; 2], plot: &Measured, settings: &Settings) -> ([f64; 2], [f64; 2]) {
     let placed = plot.source.placed();
     if let Some(noise) = placed.filter(|_| settings.geometry(plot.radar).is_position()) {
@@ -304,7 +315,7 @@ mod tests {
     use crate::tracker::{ImmModel, Motion};
     use std::f64::consts::TAU;
 
-    /// The noise found of a radar that states 50 m and .001, by sixteen straight tracks.
+    /// The estimated noise of a radar that states 50 m and 0.001 rad, by sixteen straight tracks.
     fn found(noise: f64, correlation: f64, outliers: usize) -> Noise {
         let radar = radar_of([50.0, 1e-3]);
         let settings = Settings::new(vec![radar.clone()], Motion::Imm(ImmModel::default()));
@@ -320,7 +331,7 @@ mod tests {
                 error = error.map(|e| correlation * e + fresh * normal());
                 let far = if outliers > 0 && scan % outliers == 0 { 20.0 } else { 1.0 };
                 let time = 4.0 * f64::from(scan as u32);
-                // northwards: range north, azimuth east
+                // targets fly north: errors of the range are north, those of the azimuth east
                 let north = 60e3 + 3e3 * f64::from(track as u32) + 50.0 * time;
                 let off = error.map(|e| far * noise * e);
                 let position = [off[1] * 1e-3 * north, north + 50.0 * off[0]];
@@ -341,7 +352,7 @@ mod tests {
         let [range, azimuth] = twice.use_with(stated);
         assert!((1.75..2.1).contains(&(range / 50.0)) && (1.75..2.1).contains(&(azimuth / 1e-3)));
         assert!(twice.differs() && !found(1.0, 0.0, 0).differs());
-        // others may know that it is more
+        // a larger noise may be assumed for other reasons
         assert_eq!(twice.use_with([500.0, 1e-2]), [500.0, 1e-2]);
         assert_within(0.5, found(1.0, 0.0, 12).told(), 1.2);
         assert!(Noise::new(&radar_of(stated)).told().is_nan());
@@ -349,7 +360,7 @@ mod tests {
 
     #[test]
     fn errors_that_last_count_as_more_noise() {
-        // white noise of the same effect: the root of (1 + .49) / (1 - .49)
+        // white noise with the same effect has the factor of the root of (1 + .49) / (1 - .49)
         let mut lasting = found(1.0, 0.7, 0);
         let [range, azimuth] = lasting.use_with([50.0, 1e-3]);
         for factor in [range / 50.0, azimuth / 1e-3] {
@@ -360,7 +371,7 @@ mod tests {
     #[test]
     fn correlations_are_those_of_their_differences() {
         for r in [0.1, 0.3, 0.7] {
-            // covariances of first-order errors, by differences
+            // covariances of the second differences of first-order autoregressive errors
             let c = |k: i32| {
                 let r = |lag: i32| f64::powi(r, lag.abs());
                 6.0 * r(k) - 4.0 * (r(k - 1) + r(k + 1)) + r(k - 2) + r(k + 2)

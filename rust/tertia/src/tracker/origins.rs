@@ -1,25 +1,25 @@
-//! Tracks that a plot of another radar may have led astray: where radars are not aligned, their plots of one
-//! target by turns are no way that a target flies.
+//! Starts second tracks from the first plots of tracks that a plot of another radar may have led astray: if
+//! radars are not aligned, their alternating plots of one target do not form a path that a target can fly.
 
 use super::plot::Measured;
 use super::settings::Settings;
 use super::track::Track;
 use crate::association::Grid;
 
-/// Scans of a radar after the first plot in which the next one is looked for.
+/// Time after the first plot within which the next plot of the radar is looked for, in scans.
 const SCANS: f64 = 1.5;
 
 /// First plots of tentative tracks that only other radars have seen since.
 #[derive(Default)]
 pub(super) struct Origins {
-    /// Indices of the tracks; none once another track has begun there.
+    /// Indices of the tracks; none once another track was started from the same first plot.
     tracks: Vec<Option<usize>>,
-    /// Their first plots, by radar.
+    /// Grid of their first plots, with the radar of each.
     grid: Grid,
 }
 
 impl Origins {
-    /// Of all tracks. Cost O(tracks).
+    /// Finds the first plots in question among all tracks. Cost O(tracks).
     pub fn of(tracks: &[Track], settings: &Settings) -> Self {
         let mut origins = Self::default();
         if settings.radars.len() == 1 || settings.confirmation.plots() < 3 {
@@ -39,9 +39,10 @@ impl Origins {
         origins
     }
 
-    /// A track from the first plot of another one to this plot of the same radar, which that has not taken,
-    /// where there are so many false plots in a scan and per square metre, and, as a logarithm, so many times
-    /// as many of second plots; none where no target can have come from a first plot.
+    /// Starts a track from the first plot of another track to this plot of the same radar, which that track
+    /// has not taken. There are `false_plots` in a scan and `density` false plots per square metre; `others`
+    /// is the logarithm of the factor by which other plots, such as second plots, make false tracks more
+    /// frequent. None if no target can have come from a first plot.
     pub fn track(
         &mut self,
         number: u64,

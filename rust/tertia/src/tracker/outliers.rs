@@ -1,44 +1,45 @@
-//! How many plots of a radar are far from their targets, and how far.
+//! Estimates how many plots of a radar are outliers, far from their targets, and how far they are.
 
 use serde::{Deserialize, Serialize};
 
-/// Least distance squared of an outlier, and the largest.
+/// Smallest and largest normalised distance squared of an outlier.
 const NEAREST: f64 = 9.0;
 pub(super) const FARTHEST: f64 = 3600.0;
-/// Logarithm of the ratio of these distances: where nothing is known, as many are in each ring as wide as its
-/// radius.
+/// Logarithm of the ratio of these distances: if nothing is known about outliers, their distances are uniform
+/// on a logarithmic scale.
 const RINGS: f64 = 3.0;
-/// Plots over which means are taken, and those as if they had been seen before, with the outliers among them.
+/// Number of plots over which means are taken; prior number of plots, and of outliers among them; and prior
+/// number of plots for the share of plots far from missed targets.
 const MEMORY: f64 = 4000.0;
 const BEFORE: f64 = 1000.0;
 const OUTLIERS_BEFORE: f64 = 1.0;
 const FEW: f64 = 100.0;
-/// Plots until which outliers are looked for in any case, and later the share of those that tracks have taken,
-/// and the number.
+/// Number of plots up to which outliers are looked for in any case. Later they are looked for if tracks have
+/// taken more than this share of outliers, and more than this number.
 const FIRST: f64 = 200.0;
 const OFTEN: f64 = 4e-4;
 const SOME: f64 = 0.9;
-/// Share from which it takes one more plot to confirm a track.
+/// Share of outliers above which one more plot is required to confirm a track.
 const MANY: f64 = 0.03;
 
-/// A plot far from where one of a target was missed.
+/// A plot far from the place where a plot of a target was missed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Stray {
     pub radar: usize,
-    /// Square of the distance.
+    /// Normalised distance squared.
     pub square: f64,
-    /// Probability that it is of the target, if outliers are not rare.
+    /// Probability that the plot is of the target, if outliers are not rare.
     pub weight: f64,
 }
 
 /// How many plots of a radar are far from their targets, and how far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Outliers {
-    /// Plots of tracks, and outliers among them.
+    /// Number of plots of tracks, and (`taken`) number of outliers among them.
     plots: f64,
     taken: f64,
-    /// Plots of tracks while others were looked for, plots far from targets that were missed, and the sum of
-    /// the squares of their distances.
+    /// Number of plots of tracks while outliers were looked for; (`far`) number of plots far from missed
+    /// targets; and (`squares`) sum of the squares of their distances.
     watched: f64,
     far: f64,
     squares: f64,
@@ -57,29 +58,29 @@ impl Outliers {
         self.watched += is_watched;
     }
 
-    /// A plot that a track has taken was an outlier.
+    /// Counts a plot that a track has taken and that was an outlier.
     pub fn took(&mut self) {
         self.taken += 1.0;
     }
 
-    /// The target of a plot that was far has gone on as before.
+    /// Counts a plot far from its target, which has continued as before.
     pub fn strayed(&mut self, stray: &Stray) {
         self.far += stray.weight;
         self.squares += stray.weight * stray.square;
     }
 
-    /// Whether it is worth looking for them.
+    /// Whether it is worth looking for outliers.
     pub fn are_sought(&self) -> bool {
         self.plots < FIRST || self.taken > SOME.max(OFTEN * self.plots)
     }
 
-    /// Whether there are so many that one in three plots may well be one.
+    /// Whether outliers are so frequent that one of three plots may well be one.
     pub fn are_many(&self) -> bool {
         self.far > MANY * (self.watched + self.far + FEW)
     }
 
-    /// 2π times the density of outliers at this distance squared from where a plot was expected with a
-    /// covariance of this determinant, per square metre and scan.
+    /// 2π times the density of outliers, per square metre and scan, at this normalised distance squared from
+    /// where a plot was expected; the covariance of the innovation has this determinant.
     pub fn density(&self, square: f64, determinant: f64) -> f64 {
         self.share() * self.spread(square, determinant)
     }
@@ -89,7 +90,7 @@ impl Outliers {
         taken.max(self.far / (self.watched + self.far + FEW))
     }
 
-    /// The density of one outlier.
+    /// 2π times the probability density of a single outlier, with the same arguments as `density`.
     pub fn spread(&self, square: f64, determinant: f64) -> f64 {
         let size = (0.5 * self.squares / self.far.max(1.0)).max(NEAREST);
         let normal = (-0.5 * square / size).exp() / size;

@@ -1,8 +1,8 @@
-//! One scan: which plots belong to which tracks.
+//! Assigns the plots of one scan to tracks.
 //!
-//! Tracks that compete for plots, of any radar, form a component. Components are independent, so
-//! several threads settle them, and a track is in the cache for all its radars. Results are written in
-//! the order of the groups: tracks that compete for plots of one radar.
+//! Tracks that compete for plots of one radar form a group; groups with a track in common form a component.
+//! Components are independent of one another, so several threads settle them, and a track is in the cache for
+//! the plots of all its radars. Results are written in the order of the groups.
 
 use super::ahead::Ahead;
 use super::claim::{Around, Claim, Spread, is_near};
@@ -26,57 +26,58 @@ use super::track::Track;
 use crate::association::Grid;
 use crate::sensors::Radar;
 
-/// Not placed yet.
+/// Marks an index that is not assigned yet.
 const NOWHERE: u32 = u32::MAX;
 
-/// The buffers of a scan.
+/// Buffers of a scan, used again for the next one.
 #[derive(Default)]
 pub(super) struct Scan {
     plots: Vec<Measured>,
-    /// Plots that already have a track.
+    /// Whether each plot already has a track, or is left out.
     taken: Vec<bool>,
     deferred: Vec<bool>,
     spread: Spread,
-    /// Second plots of targets, of radars that make many.
+    /// Whether each plot is left out as a second plot of its target, for radars that make many such plots.
     left_out: Vec<bool>,
-    /// The least number of a track that is looked at, and the least index of one.
+    /// Smallest number and smallest index of the tracks that may claim plots now.
     first: (u64, usize),
-    /// The plots of all radars.
+    /// Grid of the plots of all radars.
     grid: Grid,
     points: Vec<[f64; 2]>,
     times: Vec<f64>,
     cell: f64,
-    /// Plots that confirmed tracks have left, and where they are.
+    /// Plots that no confirmed track has taken, and (`around`) a grid of them.
     left: Vec<u32>,
     around: Grid,
     claims: Vec<Claim>,
     sorted: Vec<Claim>,
-    /// Plots of the claims.
+    /// Claimed plots; each claim refers to a contiguous part of them.
     claimed: Vec<u32>,
-    /// The lowest plot that this one is joined to.
+    /// Parent of each plot in its group, as a union-find structure: the root is the lowest plot of the group.
     joined: Vec<u32>,
-    /// The highest.
+    /// Highest plot of each group, stored at its root.
     last: Vec<u32>,
-    /// For sorting by counting.
+    /// Counters for sorting by counting; before that, the parents of groups in their components.
     counts: Vec<u32>,
-    /// The number of each component.
+    /// Number of each component, stored at its root.
     order: Vec<u32>,
-    /// Where each track is among those that claim plots.
+    /// Index of each track among those that claim plots.
     places: Vec<u32>,
-    /// Where second plots of targets may be.
+    /// Second plots of targets: where they may be, and how dense.
     seconds: Seconds,
     reflections: Reflections,
-    /// The density where each plot is of second plots and outliers of confirmed tracks.
+    /// Density of other plots at each plot: second plots and outliers of confirmed tracks, and the excess of
+    /// false plots along routes.
     others: Vec<f64>,
     shares: Shares,
 }
 
-/// All that plots may change.
+/// What a scan uses and changes: settings, state of the tracker, and rows.
 pub(super) struct Sky<'a, R> {
     pub settings: &'a Settings,
     pub tracks: &'a mut Vec<Track>,
     pub clusters: &'a mut Clusters,
-    /// Tracks that may be resumed.
+    /// Ended tracks that may be resumed.
     pub ended: &'a mut Ended,
     pub clutter: &'a mut [Clutter],
     pub doubles: &'a mut [Doubles],
@@ -87,9 +88,8 @@ pub(super) struct Sky<'a, R> {
 }
 
 impl Scan {
-    /// Assigns plots, sorted by time, to tracks, and begins tracks with the others. Plots that compete
-    /// with one that is not before `hold` wait, unless they are before `oldest`: those that wait are
-    /// returned in `plots`.
+    /// Assigns plots, sorted by time, to tracks, and starts tracks with the others. Plots at or after `hold`,
+    /// and plots from `oldest` on that compete with them, are deferred and returned in `plots`.
     pub fn process<R: Rows>(
         &mut self,
         sky: &mut Sky<'_, R>,
@@ -125,7 +125,7 @@ impl Scan {
         let mut origins = Origins::of(sky.tracks, sky.settings);
         loop {
             self.take(sky, false, [oldest, hold], &mut report);
-            // those that were there before have had their choice
+            // older tracks have already had their choice
             self.first = (*sky.next_number, sky.tracks.len());
             if !self.begin(sky, (&schedule, &mut origins), hold, &mut report) {
                 break;
@@ -137,7 +137,7 @@ impl Scan {
         plots.extend(waiting.map(|(plot, _)| *plot));
     }
 
-    /// Gives plots to tracks, until none is left that one would take.
+    /// Assigns plots to the confirmed or to the tentative tracks, until none of them would take another plot.
     fn take<R: Rows>(
         &mut self,
         sky: &mut Sky<'_, R>,
@@ -184,8 +184,8 @@ impl Scan {
         self.grid.fill_tagged(&self.points, radar, self.cell).expect("plots are finite");
     }
 
-    /// Finds the plots that confirmed tracks have left: where others are most, few of them. Tentative tracks
-    /// look for them farther away.
+    /// Indexes the plots that no confirmed track has taken. Only a few remain in dense traffic, and tentative
+    /// tracks search over larger areas, so this grid has larger cells.
     fn leave(&mut self) {
         let Self { plots, taken, deferred, points, cell, left, around, .. } = self;
         let free = |&i: &u32| !taken[i as usize] && !deferred[i as usize];
@@ -196,7 +196,7 @@ impl Scan {
         around.fill_some((points, some), radar, 2.0 * *cell).expect("plots are finite");
     }
 
-    /// Leaves out second plots of targets, of radars that make many.
+    /// Leaves out second plots of targets, for radars that make many such plots.
     fn leave_out<R>(&mut self, sky: &Sky<'_, R>, report: &mut impl FnMut(usize, PlotStatus)) {
         let Self { grid, plots, left_out, .. } = self;
         doubles::leave_out((grid, plots), sky.doubles, sky.settings, left_out);
@@ -206,7 +206,7 @@ impl Scan {
         }
     }
 
-    /// Finds the plots near each track.
+    /// Lets all confirmed or all tentative tracks claim the free plots near them.
     fn claim<R>(&mut self, sky: &Sky<'_, R>, confirmed: bool) {
         let Self { plots, times, taken, deferred, spread, claims, claimed, shares, .. } = self;
         let (oldest, from) = self.first;
@@ -229,7 +229,7 @@ impl Scan {
         shares.collect(claims, claimed);
     }
 
-    /// Joins plots that the same track claims, and sorts claims by group and by component.
+    /// Joins the plots of each claim into groups, and sorts the claims by component and group.
     fn join(&mut self, cells: &Cells, tracks: &[Track]) {
         let Self { plots, claims, sorted, claimed, joined, last, counts, order, .. } = self;
         joined.clear();
@@ -248,13 +248,13 @@ impl Scan {
         for claim in claims.iter_mut() {
             claim.root = root(joined, claimed[claim.start as usize]);
         }
-        // groups that a track is in are joined in their turn
+        // groups with a track in common form one component
         counts.clear();
         counts.extend_from_slice(joined);
         for pair in claims.windows(2).filter(|pair| pair[0].track == pair[1].track) {
             unite(counts, pair[0].root, pair[1].root);
         }
-        // and groups of tracks whose states depend on one another
+        // so do groups with tracks whose states depend on one another
         if !cells.is_empty() {
             let mut roots = vec![NOWHERE; cells.len()];
             for claim in claims.iter() {
@@ -266,7 +266,7 @@ impl Scan {
                 unite(counts, claim.root, roots[cluster]);
             }
         }
-        // components in the order of their first tracks, so that memory is read in order
+        // components are numbered in the order of their first tracks, so that memory is read in order
         order.clear();
         order.resize(plots.len(), NOWHERE);
         let mut next = 0;
@@ -285,8 +285,8 @@ impl Scan {
         sort(sorted, claims, counts, plots.len(), |claim| claim.component);
     }
 
-    /// Defers plots that compete with one that is not before `hold`, unless they are older than
-    /// `oldest`: with them a target could be among the plots twice.
+    /// Defers plots that compete with a plot at or after `hold`, unless they are older than `oldest`: if
+    /// those were deferred too, the next scan could contain two plots of one target.
     fn defer(&mut self, oldest: f64, hold: f64) {
         for i in 0..self.plots.len() {
             if !self.taken[i] && self.plots[i].time >= oldest {
@@ -296,8 +296,8 @@ impl Scan {
         }
     }
 
-    /// Assigns the plots to the tracks that claim them, within each group in the order of time. Returns
-    /// whether positions are left that tracks would take as well.
+    /// Assigns the plots to the tracks that claim them, group by group in the order of time. Returns whether
+    /// plots of position sensors are left that tracks would take as well.
     fn settle<R: Rows>(
         &mut self,
         sky: &mut Sky<'_, R>,
@@ -310,7 +310,7 @@ impl Scan {
         }
         let Self { plots, taken, deferred, claims, claimed, places, shares, .. } = self;
         let (others, seconds, reflections) = (&self.others[..], &self.seconds, &self.reflections);
-        // tracks by component
+        // tracks in the order of the components
         places.clear();
         places.resize(sky.tracks.len(), NOWHERE);
         let mut count = 0;
@@ -373,7 +373,7 @@ impl Scan {
         let mut advanced = false;
         shares.report(claims.len(), |given, row| {
             let track = place(given.track).map_or(given.track, |at| renamed[at].1);
-            // a plot of two tracks counts as that of the first
+            // a plot that two tracks share is reported for the first of them
             if !std::mem::replace(&mut taken[given.plot as usize], true) {
                 advanced = true;
                 let status = PlotStatus::of(track, given.is_reflection);
@@ -403,12 +403,14 @@ impl Scan {
                 None => (),
             }
         });
-        // hypotheses may leave all of them, again and again
+        // if no plot was taken, another pass would change nothing: hypotheses would leave the same plots
+        // again
         advanced && shares.are_wanted()
     }
 
-    /// Begins tracks with the remaining plots. Returns whether it left some that may be of targets whose
-    /// tracks it has begun: those report more than once.
+    /// Starts tracks with the remaining plots. Returns whether some plots were left because they may be of
+    /// targets whose tracks were just started: several sensors, or a position sensor alone, may report a
+    /// target repeatedly.
     fn begin<R: Rows>(
         &mut self,
         sky: &mut Sky<'_, R>,
@@ -433,7 +435,7 @@ impl Scan {
                 continue;
             }
             (self.taken[i], now[i]) = (true, true);
-            // where there are more of other plots, more false tracks begin
+            // second plots and outliers start false tracks, too, where there are any
             let second = self.seconds.of_others(i, |other| self.taken[other]);
             let more = 1.0 + (self.others[i] + second) / density;
             let rare = (false_plots * more, clutter.density(radar), more.ln());
@@ -466,7 +468,7 @@ impl Scan {
         left
     }
 
-    /// Lets the time pass in which plots have been assigned.
+    /// Tells the clutter estimates over which interval of time plots have been assigned.
     fn pass<R>(&self, sky: &mut Sky<'_, R>) {
         let settled = || self.plots.iter().zip(&self.deferred).filter(|(_, d)| !**d);
         let (Some((first, _)), Some((last, _))) = (settled().next(), settled().next_back()) else {

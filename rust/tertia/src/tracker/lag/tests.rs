@@ -1,4 +1,4 @@
-//! A worked example: three plots of one target, on one axis, in any order.
+//! A worked example: three plots of one target on one axis, given in any order.
 
 use super::*;
 use crate::base::checks::assert_within;
@@ -13,9 +13,9 @@ use crate::tracker::settings::Settings;
 use crate::tracker::track::{Stage, Track};
 use nalgebra::{SMatrix, SVector};
 
-/// Where the target is at time 0, north of two radars, m.
+/// Distance of the target, north of the two radars, at time 0, m.
 const START: f64 = 1e5;
-/// Time, way since then, and radar.
+/// Time (s), measured distance since time 0 (m), and radar.
 const PLOTS: [(f64, f64, usize); 3] = [(4.0, 830.0, 0), (6.0, 1160.0, 1), (8.0, 1620.0, 0)];
 const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
 
@@ -37,7 +37,7 @@ fn plot((time, way, radar_index): (f64, f64, usize)) -> Plot {
     }
 }
 
-/// A track with a state at time 0, 200 m/s to the north.
+/// A tracker with a track whose target flies 200 m/s to the north at time 0.
 fn tracker() -> LagTracker {
     let motion = Motion::Cv(0.1);
     let settings =
@@ -55,7 +55,7 @@ fn tracker() -> LagTracker {
     tracker.tracks.push(track);
     let kept = tracker.keep();
     let mut tracker = LagTracker::try_new(tracker, 10.0).unwrap();
-    // a tracker begins without tracks: this one at time 0
+    // a tracker usually begins without tracks, but this one has a track at time 0
     tracker.kept = VecDeque::from([(0, kept)]);
     tracker
 }
