@@ -21,7 +21,7 @@ fn first_plots_of_targets_that_are_confirmed_are_no_false_plots() {
     let mut tracker = Tracker::try_new(settings).unwrap();
     let (mut statuses, mut rows) = (Vec::new(), Vec::<Row>::new());
     for scan in 0..8 {
-        // thirty aircraft on a circle, outwards
+        // thirty aircraft on a circle, which fly outwards
         let plots: Vec<Plot> = (0..30)
             .map(|k| {
                 let azimuth = 0.2 * f64::from(k);
@@ -48,7 +48,7 @@ fn false_plots_that_tentative_tracks_take_are_false_all_the_same() {
         let plots = false_plots(scan, 4 * 300, 4);
         tracker.track(&plots[..], None, &mut statuses, &mut rows, None).unwrap();
         let mean = 0.25 * zip(&tracker.clutter, &radars).map(|(own, r)| own.plots(r)).sum::<f64>();
-        // in the first scans, chains of two of them seem likely
+        // in the first scans, chains of two false plots seem likely to be targets
         let bound = if scan < 5 { 0.25 } else { 0.1 };
         assert_within(bound, mean / 300.0, 1.0);
     }
@@ -64,7 +64,7 @@ fn second_plots_of_targets_are_no_false_plots() {
         for scan in 0..4 {
             let mut plots = false_plots(scan, 20, 1);
             for k in 0..10 {
-                // aircraft on a circle, outwards
+                // aircraft on a circle, which fly outwards
                 let azimuth = 0.6 * f64::from(k);
                 let time = 4.0 * (f64::from(scan) + azimuth / std::f64::consts::TAU);
                 let range = 4e4 + 200.0 * time;
@@ -77,7 +77,8 @@ fn second_plots_of_targets_are_no_false_plots() {
     assert_within(0.1, false_plots_of(&[0.0, 120.0]) / false_plots_of(&[0.0]), 1.0);
 }
 
-/// False plots of a scan; fractions of squares are as good as random.
+/// False plots of a scan; the fractional parts of multiples of squares are as good as random
+/// numbers.
 fn false_plots(scan: u32, count: u32, radars: usize) -> Vec<Plot> {
     let plot = |k: u32| {
         let square = f64::from(count * scan + k).powi(2);
@@ -88,13 +89,13 @@ fn false_plots(scan: u32, count: u32, radars: usize) -> Vec<Plot> {
     (0..count).map(plot).collect()
 }
 
-/// A plot of this time that has been weighed.
+/// A plot at this time that has been compared with false plots.
 fn plot_at(time: f64) -> Weighed {
     let plot = Measured { time, position: [3e4, 4e4], ..Measured::default() };
     Weighed::new(&plot, 1e-9)
 }
 
-/// Plots of tentative tracks that are false for sure, so many of each.
+/// Plots of tentative tracks that are certainly false: `counts` copies of each.
 fn held(clutter: &Clutter, radar: &Radar, counts: [usize; 2], plots: [&Weighed; 2]) -> Held {
     let mut held = Held::default();
     for (count, plot) in counts.into_iter().zip(plots) {
@@ -103,7 +104,8 @@ fn held(clutter: &Clutter, radar: &Radar, counts: [usize; 2], plots: [&Weighed; 
     held
 }
 
-/// A radar of echoes with .85, of which so many false ones are known, and replies with .95.
+/// A radar with the detection probabilities 0.85 of echoes, of which the number of false ones is
+/// known, and 0.95 of replies.
 fn with_channels(clutter_per_scan: f64) -> Radar {
     let channel = |detection_probability, clutter_per_scan| {
         Some(Channel { detection_probability, sigmas: [50.0, 1e-3], clutter_per_scan })
@@ -119,7 +121,7 @@ fn plots_weigh_what_their_way_of_detection_says() {
     let settings = Settings::new(vec![radar.clone()], Motion::Cv(1.0));
     let mut clutter = Clutter::of(&settings, 0);
     let gain = |clutter: &Clutter, d| gain_by_way(&clutter.all(), &radar, Some(d));
-    // without false plots there are new targets alone, which are detected as others are
+    // without false plots there are only new targets, which are detected as other targets are
     for detection in [Detection::Psr, Detection::Ssr, Detection::PsrSsr] {
         assert!(gain(&clutter, detection).abs() < 1e-14);
     }
@@ -133,7 +135,7 @@ fn plots_weigh_what_their_way_of_detection_says() {
     assert_within(1e-12, clutter.plots(&radar), all);
     assert_within(1e-12, gain(&clutter, Detection::Psr), (share * all / echoes).ln());
     assert_within(1e-12, gain(&clutter, Detection::PsrSsr), all.ln());
-    // those that belong to targets were none
+    // if all these plots belong to targets, there were no false ones
     clutter.hold(Held::default());
     assert!(gain(&clutter, Detection::Psr).abs() < 1e-12);
 }
@@ -144,7 +146,7 @@ fn false_plots_that_are_known_are_not_counted() {
     let settings = Settings::new(vec![radar.clone()], Motion::Cv(1.0));
     let clutter = Clutter::of(&settings, 0);
     assert_within(1e-12, clutter.plots(&radar), 40.0 + 0.95 / 0.9925);
-    // the shares of a density that is known are the same
+    // with a known density, the shares are the same
     let dense = Clutter::of(&Settings { clutter_density: 1e-9, ..settings }, 0);
     assert_within(1e-12, dense.density(&radar), 1e-9);
     let gains = [clutter, dense].map(|own| gain_by_way(&own.lately, &radar, Some(Detection::Psr)));
@@ -165,11 +167,11 @@ fn what_is_known_since_leaves_out_the_first_scan() {
         let times = [0.0, 4.0].map(|end| 4.0 * scan as f64 + end);
         clutter.pass(times, || false, &radar);
         (0..all).for_each(|_| clutter.count(&radar, &plot_at(times[1] - 1e-9)));
-        // that of the first scan is better than none
+        // the density of the first scan is better than none
         let expected = f64::from(if scan == 0 { 300 } else { 20 });
         assert_within(1e-8, since(&clutter).unwrap() / expected, 1.0);
     }
-    // plots of tentative tracks alike: one of the first scan, and two of the last one
+    // likewise for plots of tentative tracks: one in the first scan, and two in the last one
     clutter.hold(held(&clutter, &radar, [1, 2], [2.0, 12.0].map(plot_at).each_ref()));
     let expected = 20.0 + 2.0 / (1.0 + (-0.1_f64).exp());
     assert_within(1e-8, since(&clutter).unwrap() / expected, 1.0);
@@ -191,12 +193,12 @@ fn plots_of_tentative_tracks_count_by_how_likely_they_are_false() {
     let fade = (-0.5_f64).exp();
     clutter.hold(held(&clutter, &radar, [30, 0], [&settled; 2]));
     assert_within(1e-12, clutter.plots(&radar), 90.0 * fade / (fade + 5.0));
-    // what one tracker has found of tentative tracks is known to another for good
+    // another tracker learns what this one has found, with the plots of tentative tracks for good
     let mut other = Clutter::new(f64::NAN);
     other.learn(&clutter);
     other.hold(Held::default());
     assert_within(1e-13, other.plots(&radar), clutter.plots(&radar));
-    // if all of them are confirmed, it is as if their plots had never been counted
+    // if all tentative tracks are confirmed, it is as if their plots had never been counted
     clutter.hold(Held::default());
     assert_within(1e-12, clutter.plots(&radar), 60.0 * fade / (fade + 5.0));
 }

@@ -13,9 +13,9 @@ use crate::tracker::settings::Settings;
 use crate::tracker::track::{Stage, Track};
 use nalgebra::{SMatrix, SVector};
 
-/// Where the target is at time 0, north of two radars, m.
+/// Distance of the target north of two radars at time 0, m.
 const START: f64 = 1e5;
-/// Time, way since then, and radar.
+/// Time, s, distance flown since time 0, m, and radar.
 const PLOTS: [(f64, f64, usize); 3] = [(4.0, 830.0, 0), (6.0, 1160.0, 1), (8.0, 1620.0, 0)];
 const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
 
@@ -37,7 +37,7 @@ fn plot((time, way, radar_index): (f64, f64, usize)) -> Plot {
     }
 }
 
-/// A track with a state at time 0, 200 m/s to the north.
+/// A tracker with one track, whose state at time 0 moves north at 200 m/s.
 fn tracker() -> LagTracker {
     let motion = Motion::Cv(0.1);
     let settings =
@@ -55,7 +55,7 @@ fn tracker() -> LagTracker {
     tracker.tracks.push(track);
     let kept = tracker.keep();
     let mut tracker = LagTracker::try_new(tracker, 10.0).unwrap();
-    // a tracker begins without tracks: this one at time 0
+    // a tracker begins without tracks: this one gets its track at time 0
     tracker.kept = VecDeque::from([(0, kept)]);
     tracker
 }
@@ -106,7 +106,7 @@ fn a_tracker_that_has_had_plots_cannot_have_them_again() {
     tracker.track(&plots[..], Some(9.0), &mut statuses, &mut rows, None).unwrap();
     let refused = LagTracker::try_new(tracker.clone(), 10.0).unwrap_err();
     assert!(refused.to_string().contains("has had no plots"), "{refused}");
-    // without a lag nothing is processed again
+    // without a lag, no plots are processed again
     let mut tracker = LagTracker::try_new(tracker, 0.0).unwrap();
     let later = plot((12.0, 2400.0, 0));
     tracker.track(&[later][..], Some(13.0), &mut statuses, &mut rows, None).unwrap();

@@ -12,7 +12,7 @@ fn tracks_are_moved_by_their_numbers_whatever_their_order() {
         Plot { time: 0.0, range: 4e4, azimuth, radar: 0, height, identities, detection, report }
     });
     tracker.track(&plots[..], None, &mut Vec::new(), &mut Vec::<Row>::new(), None).unwrap();
-    // one goes on under an older number
+    // the order after a track has gone on under an older number
     tracker.tracks.swap(0, 2);
     let before: Vec<_> = tracker.tracks.iter().map(|track| track.estimate.mean[0]).collect();
     let moved =

@@ -12,7 +12,7 @@ pub enum Manoeuvre {
     Positive = 1,
     /// To the left, slower, down.
     Negative = 2,
-    /// It is not known.
+    /// Not known.
     Undetermined = 3,
 }
 
