@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 const BEFOREHAND: f64 = 2.5;
 /// Largest counts of turns flown and not flown.
 const REMEMBERED: [f64; 2] = [9.0, 4.0];
-/// Below this probability of a planned turn the plan is blocked.
+/// Probability of a planned turn below which the plan is blocked.
 const LEAST: f64 = 0.05;
 /// Median distance to the waypoint, in leads, at which a turn begins: aircraft roll in first, and bank
 /// less than plans say.
@@ -258,8 +258,8 @@ impl Guide {
         }
     }
 
-    /// Locates the track along the plan, and checks whether it follows it. `turning` is the probability
-    /// of a turn other than planned.
+    /// Locates the track along the plan, and checks whether the track follows the plan. `turning`
+    /// is the probability of a turn other than the planned one.
     pub fn watch(
         &mut self,
         estimate: &Estimate<4>,
@@ -281,7 +281,7 @@ impl Guide {
         verdict
     }
 
-    /// The turn in whose zone the track is; none where the plan is not believed.
+    /// The turn in whose zone the track is; none if the plan is not believed.
     pub fn near_turn(&self, estimate: &Estimate<4>, settings: &Settings) -> Option<Turn> {
         let is_near = self.in_zone && self.is_believed(settings);
         let leg = self.monitor.leg();
@@ -335,7 +335,7 @@ impl Flown {
         capture_in_wind(&self.turn, position, velocity, self.wind, t).remaining
     }
 
-    /// Speed in the air.
+    /// Airspeed.
     fn speed(&self, velocity: [f64; 2]) -> f64 {
         (velocity[0] - self.wind[0]).hypot(velocity[1] - self.wind[1])
     }
@@ -406,7 +406,7 @@ fn fly_turn(estimate: &mut Estimate<4>, flown: &Flown, t: f64, period: f64) {
     let wind_change = wind_sigma * rate;
     let along = (ROUGHNESS.powi(2) + wind_change.powi(2) + change * change) * period;
     let across = (ROUGHNESS.powi(2) + (RATE_SHARE * speed * rate).powi(2)) * period;
-    // across and along the course in the middle
+    // noise across and along the course in the middle of the prediction
     let (_, now) = parts(estimate);
     let u = Vector2::new(velocity[0] + now[0], velocity[1] + now[1]);
     let u = u.try_normalize(0.0).unwrap_or(Vector2::x());

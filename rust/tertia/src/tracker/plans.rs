@@ -11,7 +11,7 @@ struct Filed {
     track: Option<u64>,
 }
 
-/// Flight plans by their numbers, which are never used again.
+/// Flight plans by their numbers, which are never reused.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Plans(Vec<Option<Filed>>);
 
@@ -24,7 +24,7 @@ impl From<Vec<Plan>> for Plans {
 impl Index<usize> for Plans {
     type Output = Plan;
 
-    /// The plan that a track has: it is there as long as the track has it.
+    /// The plan of a track; tracks leave a plan when it is removed.
     fn index(&self, number: usize) -> &Plan {
         self.get(number).expect("tracks leave plans that are removed")
     }

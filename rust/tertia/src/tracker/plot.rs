@@ -158,7 +158,7 @@ impl Plot {
             .then(self.detection.cmp(&other.detection))
     }
 
-    /// East and north with their covariance; none where the plot is invalid or straight above the
+    /// East and north with their covariance; none if the plot is invalid or straight above the
     /// radar.
     pub fn to_cartesian(&self, radar: &Radar) -> Option<([f64; 2], Plane)> {
         let radar = radar.detecting(self.detection);
@@ -370,9 +370,9 @@ const LONG: f64 = 40.0;
 
 /// Keeps the times, in their order, that follow the ones before or the time `after` within
 /// `silence`, or that come with others after a longer silence; returns the last one. A single time
-/// after a longer silence is refused and becomes the next `stray`, unless it is within `silence` of
-/// the last one. A few times after a very long silence are refused as well, if times from before it
-/// came in the same call: then there was no such silence.
+/// after a longer silence is refused and becomes the next `stray`, unless it lies within `silence`
+/// of the previous `stray`. A few times after a very long silence are refused as well, if times
+/// from before it came in the same call: then there was no such silence.
 pub(super) fn keep_followed(
     order: &mut Vec<(f64, usize)>,
     after: f64,

@@ -325,9 +325,10 @@ mod tests {
         let total: f64 = densities.iter().sum();
         assert!((own.flights[0].probability - densities[1] / total).abs() < 1e-12);
         assert!(own.is_planned() && own.decide().1 == Some(4));
-        // 0.5 from where it was due, and exactly where it was expected then
+        // half a squared distance of 0.5 from where the flight was due, and of 0 from where it was
+        // expected then
         assert_within(1e-9, own.allowance().unwrap(), 0.5 - 0.125_f64.ln());
-        // where there are ten times as many false plots it is less so
+        // with ten times as many false plots, the flight is less likely
         let mut other = prospects(10.0);
         other.predict([1.0; 2], 10.0, 10.0);
         other.correct([0.0, 2000.0], r);

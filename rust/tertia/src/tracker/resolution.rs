@@ -1,7 +1,8 @@
 //! Targets that a radar may not resolve: two of them make one plot (Koch, van Keuk 1997).
 //!
-//! With the difference Δ of two targets along and across the line of sight, the radar makes one plot with
-//! the probability `exp(−½ Δ' R⁻¹ Δ)`, `R = α² / (2 ln 2)`: at the size α of its cell, a half.
+//! With the difference Δ of two targets along and across the line of sight, the radar makes one
+//! plot with the probability `exp(−½ Δ' R⁻¹ Δ)`, `R = α² / (2 ln 2)`, which is a half at the size α
+//! of its cell.
 
 use super::bank::{Bank, Component, MODELS, PLAN, STRAIGHT, TURN};
 use super::estimate::Estimate;

@@ -322,7 +322,7 @@ impl Paths<'_> {
         let speed = f64::hypot(old.estimate.mean[2], old.estimate.mean[3]);
         let hop = |a: &Spot, b: &Spot| {
             let time = b.time - a.time;
-            // most are too late, or too far away for any errors
+            // most spots are too late, or too far away whatever the errors are
             if !(time > 0.0 && time <= longest) {
                 return false;
             }

@@ -16,7 +16,7 @@ const SHARE: f64 = 0.5;
 #[derive(Default)]
 pub(super) struct Schedule {
     due: Vec<usize>,
-    /// Those due that no track has.
+    /// Those of them that no track has.
     free: Vec<usize>,
     /// Density of false plots at each plot relative to the mean, at least 1, and the probability
     /// that a false plot there is one of those along routes.

@@ -23,7 +23,7 @@ pub(super) use view::View;
 
 /// Shares per thread, so that a thread on a busy core does not hold up the others.
 pub(super) const SHARES_PER_THREAD: usize = 8;
-/// Index of no result, or of no row.
+/// Index that stands for no result, or for no row.
 const NOTHING: u32 = u32::MAX;
 /// Corners of an empty box.
 const NOWHERE: ([f64; 2], [f64; 2]) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
@@ -109,8 +109,7 @@ impl Share {
             if inside.len() < end + entries.len() {
                 inside.resize(end + entries.len(), 0);
             }
-            // most entries are outside: their plots are not read, and the loop skips none by a
-            // branch
+            // most entries are outside: their plots are not read, and the loop has no branches
             for entry in entries {
                 let (low, high) = boxes[entry.tag as usize];
                 inside[end] = entry.index;

@@ -332,7 +332,7 @@ mod tests {
         Estimate { mean: SVector::from([1e3, 2e3, 180.0, 90.0]), covariance }
     }
 
-    /// The filter of five states, corrected; returns the density of the plot.
+    /// Corrects the filter with five states; returns the density of the plot.
     fn correct<const AT: usize>(
         x: &mut Vector5<f64>,
         p: &mut Matrix5<f64>,
@@ -472,7 +472,7 @@ mod tests {
     #[test]
     fn a_target_that_brakes_is_followed() {
         let [straight, brakes] = braking(ImmModel::default());
-        // without the model
+        // without the model of changes of speed
         let [_, lags] = braking(ImmModel { steady_time: 1e12, ..ImmModel::default() });
         assert!(straight[0].abs() < 0.3 && straight[1] < 1.0, "{straight:?}");
         assert!(brakes[0] < 3.0 && brakes[1] < 3.0, "{brakes:?}");

@@ -12,8 +12,8 @@ const SLANTED: f64 = 0.01;
 const BEFORE: f64 = 1.5;
 /// Largest fall of the logarithm of the odds by one plot.
 const STEP: f64 = -4.0;
-/// Logarithm of the probability that a reflection has a plot that does not agree with the place of
-/// its target.
+/// Logarithm of the probability that the target of a reflection is not seen where the reflection
+/// requires it to be.
 const UNSEEN: f64 = -3.0;
 /// Mean duration of a reflection, in scans; a target stays longer.
 const LASTING: f64 = 15.0;
@@ -149,9 +149,9 @@ mod tests {
         let moving: Vec<_> = (1..6).map(|k| Some(5e3 + 400.0 * f64::from(k))).collect();
         assert!(after(7.0, &[Some(5.1e3); 30]) && !after(7.0, &[Some(5.1e3); 110]));
         assert!(after(7.0, &moving[..1]) && !after(7.0, &moving));
-        // a target that is not seen where it should be is no reason for a reflection
+        // a target that is not seen where it should be speaks against a reflection
         assert!(after(7.0, &[None, None]) && !after(7.0, &[None; 3]));
-        // nor is another target
+        // so does a reflection of another target
         let other = Reflection { track: 2, ..reflection(5e3, 7.0) };
         let plot = Measured { identities: Identities::of(1), ..Measured::default() };
         let mut own = Suspicion::of(&plot, [reflection(5e3, 2.0)].iter()).unwrap();

@@ -28,7 +28,7 @@ const LATITUDE: f64 = 0.25;
 /// A plot of the history.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Past {
-    /// Seconds ago.
+    /// Age of the plot, s.
     age: f64,
     position: [f64; 2],
     noise: Plane,
@@ -37,7 +37,7 @@ struct Past {
     /// The velocity of the plot, and the rotation of the velocity since then.
     moving: Option<Moving>,
     turned: Matrix2<f64>,
-    /// Whether it was made near a turn of the plan.
+    /// Whether the plot was made near a turn of the plan.
     near_turn: bool,
 }
 

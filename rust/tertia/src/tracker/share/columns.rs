@@ -1,6 +1,6 @@
 //! The plots of a group, numbered as the columns of its assignment.
 
-/// Index of no column.
+/// Index that stands for no column.
 const NOWHERE: u32 = u32::MAX;
 
 /// The plot of each column, and the column of each plot.

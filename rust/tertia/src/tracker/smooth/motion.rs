@@ -42,7 +42,7 @@ pub struct Movement {
     /// Random walk of the rate of turn, rad/s per root of a second, and its standard deviation,
     /// rad/s.
     pub turn_rate: [f64; 2],
-    /// The same of the acceleration along the course, m/s² per root of a second and m/s².
+    /// The same for the acceleration along the course, m/s² per root of a second and m/s².
     pub acceleration: [f64; 2],
     /// Rates of changes from one model (row) to another (column), per second; rows sum to zero.
     pub rates: Matrix<MODELS>,

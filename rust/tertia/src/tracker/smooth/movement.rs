@@ -16,7 +16,7 @@ pub enum Manoeuvre {
     Undetermined = 3,
 }
 
-/// The manoeuvre, of this probability and sign.
+/// The manoeuvre for a model of this probability and a quantity of this sign.
 pub(super) fn likely(probability: f64, value: f64) -> Manoeuvre {
     match () {
         () if probability < 1.0 - LIKELY => Manoeuvre::None,

@@ -214,5 +214,5 @@ impl<const D: usize> Plan<D> {
     }
 }
 
-/// Time after the first measurement from which the first rates are estimated, s.
+/// Time after the first measurement within which measurements determine the first rates, s.
 const BEGINNING: f64 = 30.0;

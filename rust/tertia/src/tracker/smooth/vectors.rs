@@ -121,7 +121,7 @@ fn the_last_state_is_that_of_the_filter() {
     assert_all(1e-11, four(&at[6].moments().mean), expected);
 }
 
-/// Heights every 4 s: level flight, then a climb.
+/// Heights every 4 s: level flight, a climb, and level flight.
 const HEIGHTS: [f64; 10] =
     [3048.0, 3048.0, 3048.0, 3048.0, 3078.48, 3108.96, 3139.44, 3169.92, 3200.4, 3200.4];
 
@@ -139,8 +139,7 @@ fn heights_of_a_climb() {
             at[k] = *with;
         }
     });
-    // the figures of the program agree to fewer digits, as its state at the start is not exactly
-    // that of this one
+    // fewer digits agree than elsewhere, because of the start, about which nothing is known
     let expected = [0.129_956_989_534, 0.999_999_999_729, 0.855_282_409_097];
     assert_all(2e-7, [1, 4, 9].map(|k| at[k].probability[CLIMB]), expected);
     let of = |k: usize| [at[k].moments().mean[0], at[k].own()[CLIMB]];

@@ -9,7 +9,7 @@ use crate::tracker::settings::{Confirmation, Settings};
 use crate::tracker::weighed::Weighed;
 use serde::{Deserialize, Serialize};
 
-/// The plots of a tentative track from the second one on.
+/// The plots of a tentative track, once there are two of them.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Basis(Vec<Weighed>);
 

@@ -19,7 +19,7 @@ const UNNOTICED: f64 = 0.05;
 const NEAR: f64 = 4.6;
 const SURE: f64 = 4.6;
 
-/// Why a track may take a plot outside of its gate.
+/// Why a track may take a plot outside its gate.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::tracker) struct Surprise {
     /// Score of the plot, and the odds of its radar, which the score contains.
