@@ -6,31 +6,33 @@ use std::collections::BTreeMap;
 
 /// Scans over which plots are counted.
 const MEMORY: f64 = 30.0;
-/// Squares from the radar to its largest range.
+/// Number of squares from the radar to its largest range.
 const SQUARES: f64 = 64.0;
-/// Plots that every square is thought to have had, as dense as on average.
+/// Number of plots that every square is assumed to have had at the mean density.
 const BEFOREHAND: f64 = 1.0;
-/// Squares from which those without plots lately are forgotten.
+/// Number of squares beyond which those without recent plots are forgotten, and the faded number of
+/// plots below which a square counts as such.
 const MANY: usize = 20_000;
 const NONE_LATELY: f64 = 1e-3;
-/// Log-odds of an even density before any plot, and by how much plots change them at most: a shower may come at
-/// any time.
+/// Log-odds of an even density before any plot, and the largest change of the log-odds by plots: a
+/// shower may come at any time.
 const EVEN: f64 = 2.0;
 const MOST: f64 = 5.0;
 
-/// Plots that confirmed tracks have left, by square, with fading weights.
+/// Plots that confirmed tracks have not taken, by square, with fading weights.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Patches {
     /// Side of a square, m; 0 before any plot.
     side: f64,
-    /// Scans so far, and as many as count.
+    /// Scans so far, and their number with fading weights.
     now: f64,
     scans: f64,
-    /// The plots of each square, and until when they have faded.
+    /// The plots of each square, and the time up to which they have faded, in scans.
     plots: BTreeMap<(i32, i32), (f64, f64)>,
-    /// What the places of first plots add to the log-odds that the density differs from place to place.
+    /// Contribution of the places of first plots to the log-odds that the density differs from
+    /// place to place.
     uneven: f64,
-    /// First plots of tracks that were never confirmed, of each square.
+    /// First plots of tracks that were never confirmed, by square.
     dropped: BTreeMap<(i32, i32), f64>,
 }
 
@@ -40,12 +42,12 @@ impl Patches {
         (x, y)
     }
 
-    /// Plots in the square of a place, as they count now.
+    /// Plots in the square of a place, faded until now.
     fn at(&self, position: [f64; 2]) -> f64 {
         self.plots.get(&self.square(position)).map_or(0.0, |own| faded(*own, self.now))
     }
 
-    /// How dense false plots are where there were so many, over their `mean`.
+    /// Density of false plots in a square with this number of plots, relative to their `mean`.
     fn local(&self, plots: f64, mean: f64) -> f64 {
         let expected = mean * self.side * self.side * self.scans;
         (BEFOREHAND + plots) / (BEFOREHAND + expected)
@@ -56,8 +58,8 @@ impl Patches {
         self.square(one) == self.square(other)
     }
 
-    /// Density of false plots at a place over their `mean`, at least 1, where so many of the plots of its
-    /// square do not count. Cost O(log squares).
+    /// Density of false plots at a place relative to their `mean`, at least 1; the number `without`
+    /// of the plots in its square does not count. Cost O(log squares).
     pub fn ratio(&self, position: [f64; 2], mean: f64, without: f64) -> f64 {
         if self.plots.is_empty() {
             return 1.0;
@@ -67,27 +69,29 @@ impl Patches {
         1.0 + (local - 1.0) / (1.0 + (EVEN - self.uneven).exp())
     }
 
-    /// Whether first plots of tracks that were never confirmed were denser in some squares of an `area` than in
-    /// others: exponentially distributed densities against an even one. Cost O(squares).
+    /// Whether first plots of tracks that were never confirmed were denser in some squares of an
+    /// `area` than in others: exponentially distributed densities are compared with an even one.
+    /// Cost O(squares).
     pub fn is_uneven(&self, area: f64) -> bool {
         let expected = self.dropped.values().sum::<f64>() * self.side * self.side / area;
         let one = |plots: &f64| ln_gamma(plots + 1.0) + expected - (plots + 1.0) * expected.ln_1p();
         self.dropped.values().map(one).sum::<f64>() > EVEN
     }
 
-    /// Notes the first plot of a track that was never confirmed, of a radar whose largest range this is.
+    /// Notes the first plot of a track that was never confirmed, of a radar with this largest
+    /// range.
     pub fn drop(&mut self, position: [f64; 2], range: f64) {
         self.cover(range);
         *self.dropped.entry(self.square(position)).or_default() += 1.0;
     }
 
-    /// Takes a plot that was counted just now as evidence for or against an even density.
+    /// Uses a plot that has just been counted as evidence for or against an even density.
     pub fn weigh(&mut self, position: [f64; 2], mean: f64) {
         let others = (self.at(position) - 1.0).max(0.0);
         self.uneven = (self.uneven + self.local(others, mean).ln()).clamp(-MOST, MOST);
     }
 
-    /// Counts a plot of a radar whose largest range this is.
+    /// Counts a plot of a radar with this largest range.
     pub fn add(&mut self, position: [f64; 2], range: f64) {
         self.cover(range);
         let (square, now) = (self.square(position), self.now);
@@ -95,7 +99,7 @@ impl Patches {
         *own = (1.0 + faded(*own, now), now);
     }
 
-    /// Makes squares so large that not many more than [`SQUARES`] reach the largest range.
+    /// Enlarges the squares until not many more than [`SQUARES`] reach to the largest range.
     fn cover(&mut self, range: f64) {
         if self.side == 0.0 {
             self.side = range / SQUARES;
@@ -105,7 +109,7 @@ impl Patches {
         }
     }
 
-    /// Twice as large squares.
+    /// Doubles the side of the squares.
     fn join(&mut self) {
         self.side *= 2.0;
         let now = self.now;
@@ -118,7 +122,7 @@ impl Patches {
         }
     }
 
-    /// Lets so many scans pass.
+    /// Lets this number of scans pass.
     pub fn fade(&mut self, scans: f64) {
         self.now += scans;
         let kept = (-scans / MEMORY).exp();
@@ -131,7 +135,7 @@ impl Patches {
     }
 }
 
-/// Plots that have faded until then, as they count now.
+/// Number of plots that had faded `until` then, faded until `now`.
 fn faded((plots, until): (f64, f64), now: f64) -> f64 {
     plots * ((until - now) / MEMORY).exp()
 }

@@ -18,26 +18,26 @@ use crate::flightplan::{
 use nalgebra::{Matrix2, SMatrix, Vector2};
 use serde::{Deserialize, Serialize};
 
-/// Weight of the prior for turns flown and not flown, in turns.
+/// Weight of the prior probability that turns are flown, in turns.
 const BEFOREHAND: f64 = 2.5;
 /// Largest counts of turns flown and not flown.
 const REMEMBERED: [f64; 2] = [9.0, 4.0];
-/// Below this probability of a planned turn the plan is blocked.
+/// Probability of a planned turn below which the plan is blocked.
 const LEAST: f64 = 0.05;
 /// Median distance to the waypoint, in leads, at which a turn begins: aircraft roll in first, and bank
 /// less than plans say.
 const START_MEDIAN: f64 = 1.05;
-/// A turn with this much left is no longer begun, rad.
+/// Remaining angle below which a turn is no longer begun, rad.
 const LITTLE: f64 = 4.0 * std::f64::consts::PI / 180.0;
-/// Share of turns at another rate, while a planned one is ahead.
+/// Factor for turns at another rate while a planned turn is ahead.
 const OTHER_TURNS: f64 = 0.3;
-/// From a turn at any rate to that of the plan, and back.
+/// Probability of a transition from a turn at any rate to the planned turn, and back.
 const TO_PLAN: f64 = 0.1;
 const FROM_PLAN: f64 = 0.003;
-/// The end of a planned turn: before it is due, and when it is.
+/// Probability that a planned turn ends: before its end is due, and when it is due.
 const ENDS_EARLY: f64 = 0.02;
 const ENDS: f64 = 0.7;
-/// From straight flight to keeping to the leg, and back.
+/// Probability per scan of a transition from straight flight to keeping to the leg, and back.
 const TO_LEG: f64 = 0.08;
 const FROM_LEG: f64 = 0.02;
 /// Standard deviation of the cross-track velocity on a leg, m/s, and its correlation time, s.
@@ -56,7 +56,7 @@ const LAG_ACCELERATION: f64 = 2.0;
 const LAG_ACCELERATION_MAX: f64 = 2.0;
 /// Limit of a plot's normalised error.
 const LAG_LARGEST: f64 = 4.0;
-/// Length of a turn's legs where only their directions matter, m.
+/// Length of the legs of a turn where only their directions matter, m.
 const LONG: f64 = 1e7;
 
 /// The plan of a track, and its credibility.
@@ -70,9 +70,9 @@ pub(super) struct Guide {
     /// Turns flown, and turns not flown.
     turns: [f64; 2],
     in_zone: bool,
-    /// The models in which the turn is flown, inside its zone.
+    /// The bank of models in which the turn is flown, while the track is in the zone of the turn.
     turning: Option<Box<Bank>>,
-    /// Distance to the waypoint at the scan before, in leads.
+    /// Distance to the waypoint at the previous scan, in leads.
     ratio: f64,
     /// Mean of the normalised along-track errors of plots.
     lag: f64,
@@ -113,17 +113,17 @@ impl Guide {
         if speed.is_finite() { speed } else { estimate.mean[2].hypot(estimate.mean[3]) }
     }
 
-    /// Whether the plan has a say in the motion.
+    /// Whether the plan takes part in the prediction of the motion.
     pub fn takes_part(&self, settings: &Settings) -> bool {
         self.is_believed(settings) || self.turning.is_some()
     }
 
-    /// Whether the plan has influence.
+    /// Whether the plan is believed: the track conforms to it, and plans have influence.
     fn is_believed(&self, settings: &Settings) -> bool {
         self.conforms && settings.flown_probability > 0.0
     }
 
-    /// Compares a plot with the prediction, for changes of speed.
+    /// Compares a plot with the prediction, in order to detect changes of speed.
     pub fn compare(&mut self, bank: &Bank, z: [f64; 2], r: Plane) {
         let bank = self.turning.as_deref().unwrap_or(bank);
         let is_planned = bank.probability[PLAN] > bank.probability[STRAIGHT];
@@ -189,7 +189,7 @@ impl Guide {
         }
     }
 
-    /// Begins the second bank.
+    /// Begins the second bank, in which the turn is flown.
     fn enter(&mut self, bank: &mut Bank) {
         fold_plan(bank);
         let [flown, not] = self.turns;
@@ -202,27 +202,28 @@ impl Guide {
         self.ratio = f64::INFINITY;
     }
 
-    /// Goes over to a plan that replaces this one, of which the track is on this leg; a second bank has to
-    /// be left before.
+    /// Changes to a plan that replaces this one and on whose leg `leg` the track is; a second bank
+    /// must have been left before.
     pub fn reroute(&mut self, leg: usize) {
         self.monitor.reroute(leg);
         self.history = SpeedHistory::default();
         self.in_zone = false;
     }
 
-    /// Suspends the plan; a second bank has to be left before.
+    /// Suspends the plan; a second bank must have been left before.
     pub fn suspend(&mut self) {
         self.monitor.suspend();
         self.conforms = false;
         self.in_zone = false;
     }
 
-    /// Resumes the plan: it counts once the track is back on it.
+    /// Resumes the plan: it has influence again once the track is back on it.
     pub fn resume(&mut self) {
         self.monitor.resume();
     }
 
-    /// Merges the second bank into the first.
+    /// Merges the second bank into the first. If `counts`, the turn is counted as flown or not
+    /// flown.
     pub fn leave(&mut self, bank: &mut Bank, counts: bool) {
         let Some(turning) = self.turning.take() else { return };
         if counts {
@@ -245,7 +246,7 @@ impl Guide {
         let leg = self.monitor.leg();
         if self.turning.as_ref().is_some_and(|turning| turning.total() < LEAST) {
             self.turns[1] = (self.turns[1] + 1.0).min(REMEMBERED[1]);
-            // a turn that was not flown has no information on where the target is
+            // a turn that was not flown says nothing about where the target is
             self.turning = None;
             bank.scale(bank.total().recip());
             self.monitor.block((leg + 1).min(route.legs() - 1));
@@ -257,8 +258,8 @@ impl Guide {
         }
     }
 
-    /// Locates the track along the plan, and checks whether it follows it. `turning` is the probability
-    /// of a turn other than planned.
+    /// Locates the track along the plan, and checks whether the track follows the plan. `turning`
+    /// is the probability of a turn other than the planned one.
     pub fn watch(
         &mut self,
         estimate: &Estimate<4>,
@@ -280,14 +281,14 @@ impl Guide {
         verdict
     }
 
-    /// The turn in whose zone the track is; none where the plan is not believed.
+    /// The turn in whose zone the track is; none if the plan is not believed.
     pub fn near_turn(&self, estimate: &Estimate<4>, settings: &Settings) -> Option<Turn> {
         let is_near = self.in_zone && self.is_believed(settings);
         let leg = self.monitor.leg();
         is_near.then(|| settings.plans[self.plan].turn(leg, self.speed(estimate)))
     }
 
-    /// Where the target will be, if it follows its plan; none where that is not believed.
+    /// Where the target will be if it follows its plan; none if the plan is not believed.
     pub fn extrapolate(
         &self,
         estimate: &Estimate<4>,
@@ -334,7 +335,7 @@ impl Flown {
         capture_in_wind(&self.turn, position, velocity, self.wind, t).remaining
     }
 
-    /// Speed in the air.
+    /// Airspeed.
     fn speed(&self, velocity: [f64; 2]) -> f64 {
         (velocity[0] - self.wind[0]).hypot(velocity[1] - self.wind[1])
     }
@@ -383,7 +384,7 @@ fn accelerate_along(estimate: &mut Estimate<4>, [x, y]: [f64; 2], q: f64, t: f64
     estimate.accelerate(Plane { xx: q * x * x, xy: q * x * y, yy: q * y * y }, t);
 }
 
-/// The capture arc for as long as it lasts, in the air, then straight on.
+/// Flies the capture arc through the air for as long as it lasts, then straight on.
 fn fly_turn(estimate: &mut Estimate<4>, flown: &Flown, t: f64, period: f64) {
     let Flown { turn, change, wind, wind_sigma } = flown;
     let (position, velocity) = parts(estimate);
@@ -405,7 +406,7 @@ fn fly_turn(estimate: &mut Estimate<4>, flown: &Flown, t: f64, period: f64) {
     let wind_change = wind_sigma * rate;
     let along = (ROUGHNESS.powi(2) + wind_change.powi(2) + change * change) * period;
     let across = (ROUGHNESS.powi(2) + (RATE_SHARE * speed * rate).powi(2)) * period;
-    // across and along the course in the middle
+    // noise across and along the course in the middle of the prediction
     let (_, now) = parts(estimate);
     let u = Vector2::new(velocity[0] + now[0], velocity[1] + now[1]);
     let u = u.try_normalize(0.0).unwrap_or(Vector2::x());
@@ -417,7 +418,7 @@ fn fly_turn(estimate: &mut Estimate<4>, flown: &Flown, t: f64, period: f64) {
     estimate.accelerate(noise, t);
 }
 
-/// Straight along a leg; across it the velocity returns to zero.
+/// Predicts straight flight along a leg; the velocity across the leg returns to zero.
 fn keep_to_leg(estimate: &mut Estimate<4>, course: [f64; 2], t: f64, q: f64) {
     let u = Vector2::from(course);
     let (along, across) = (u * u.transpose(), Matrix2::identity() - u * u.transpose());

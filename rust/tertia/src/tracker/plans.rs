@@ -4,14 +4,14 @@ use crate::flightplan::Plan;
 use serde::{Deserialize, Serialize};
 use std::ops::Index;
 
-/// A plan, and the track that was given it by hand.
+/// A plan, and the track to which it was assigned by hand.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Filed {
     plan: Plan,
     track: Option<u64>,
 }
 
-/// Flight plans by their numbers, which are never used again.
+/// Flight plans by their numbers, which are never reused.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Plans(Vec<Option<Filed>>);
 
@@ -24,7 +24,7 @@ impl From<Vec<Plan>> for Plans {
 impl Index<usize> for Plans {
     type Output = Plan;
 
-    /// The plan that a track has: it is there as long as the track has it.
+    /// The plan of a track; tracks leave a plan when it is removed.
     fn index(&self, number: usize) -> &Plan {
         self.get(number).expect("tracks leave plans that are removed")
     }
@@ -36,17 +36,17 @@ impl Plans {
         self.0.is_empty()
     }
 
-    /// Numbers given so far.
+    /// Number of plans ever added.
     pub(super) fn len(&self) -> usize {
         self.0.len()
     }
 
-    /// A plan; none where it was removed, or there never was one.
+    /// The plan with this number; none if it was removed or never existed.
     pub fn get(&self, number: usize) -> Option<&Plan> {
         self.0.get(number)?.as_ref().map(|filed| &filed.plan)
     }
 
-    /// The plan, unless it was given to a track by hand.
+    /// The plan, unless it was assigned to a track by hand.
     pub(super) fn available(&self, number: usize) -> Option<&Plan> {
         let filed = self.0.get(number)?.as_ref();
         filed.filter(|filed| filed.track.is_none()).map(|filed| &filed.plan)
@@ -58,13 +58,14 @@ impl Plans {
         self.0.len() - 1
     }
 
-    /// Puts a plan in the place of one that is there, or removes that.
+    /// Replaces an existing plan, or removes it.
     pub(super) fn change(&mut self, number: usize, plan: Option<Plan>) {
         let track = self.0[number].take().and_then(|filed| filed.track);
         self.0[number] = plan.map(|plan| Filed { plan, track });
     }
 
-    /// Gives a plan to a track by hand; the track that had it so loses it.
+    /// Assigns a plan to a track by hand. Another track that had this plan by hand loses it, and
+    /// this track loses any other plan that it had by hand.
     pub(super) fn give(&mut self, number: usize, track: u64) {
         self.free(|holder| holder == track);
         if let Some(Some(filed)) = self.0.get_mut(number) {
@@ -72,7 +73,7 @@ impl Plans {
         }
     }
 
-    /// Takes plans that were given by hand from such tracks.
+    /// Releases the plans that were assigned by hand to tracks with such numbers.
     pub(super) fn free(&mut self, of: impl Fn(u64) -> bool) {
         for filed in self.0.iter_mut().flatten() {
             filed.track = filed.track.filter(|&track| !of(track));

@@ -1,4 +1,4 @@
-//! Plots of radars, and why one is not used.
+//! Plots of radars, and the reasons why plots are not used.
 
 use super::geometry::Geometry;
 use super::level::Level;
@@ -8,10 +8,11 @@ use crate::sensors::{Detection, Identities, Radar};
 use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;
 
-/// Largest time, s (3000 years), beyond which the resolution of seconds is lost, and range, m.
+/// Largest time, s (3000 years), beyond which the resolution of times is too coarse; largest range
+/// or height, m.
 const LATEST: f64 = 1e11;
 const FARTHEST: f64 = 1e9;
-/// Codes of tracks without a final number are above all others.
+/// Codes of tracks without a final number are larger than all others.
 const FIRST_PROVISIONAL: i64 = 1 << 40;
 
 /// A position that a sensor reports, or from which it measures an azimuth.
@@ -19,30 +20,31 @@ const FIRST_PROVISIONAL: i64 = 1 << 40;
 pub struct Report {
     /// East and north, m.
     pub position: [f64; 2],
-    /// Covariance; not numbers where the sensor says what it is.
+    /// Covariance; nan if the covariance of the sensor applies.
     pub covariance: Plane,
-    /// East and north, m/s; not numbers where there is none.
+    /// Velocity to the east and north, m/s; nan if there is none.
     pub velocity: [f64; 2],
-    /// Its covariance, as that of the position.
+    /// Covariance of the velocity; nan if that of the sensor applies.
     pub velocity_covariance: Plane,
 }
 
 impl Report {
-    /// A position alone.
+    /// A report of a position alone.
     pub fn of(position: [f64; 2], covariance: Plane) -> Self {
         let none = f64::NAN;
         let velocity_covariance = Plane { xx: none, xy: none, yy: none };
         Self { position, covariance, velocity: [none; 2], velocity_covariance }
     }
 
-    /// Its velocity, with its covariance or that of its sensor; none where it has none.
+    /// The velocity with its covariance, or with that of its sensor; none if there is no valid
+    /// velocity.
     fn moving(&self, sigma: f64) -> Option<Moving> {
         let noise = stated(self.velocity_covariance, sigma)?;
         let holds = self.velocity.iter().all(|v| v.is_finite());
         holds.then_some(Moving { velocity: self.velocity, noise })
     }
 
-    /// All its numbers.
+    /// All numbers of the report.
     fn numbers(&self) -> [f64; 10] {
         let ([x, y], Plane { xx, xy, yy }) = (self.position, self.covariance);
         let [vx, vy] = self.velocity;
@@ -51,7 +53,8 @@ impl Report {
     }
 }
 
-/// A covariance, or that of this standard deviation where it is not given; none where neither is one.
+/// Returns the covariance, or that of the standard deviation `sigma` if it is not given; none if
+/// the result is not positive definite.
 fn stated(covariance: Plane, sigma: f64) -> Option<Plane> {
     let Plane { xx, xy, yy } = covariance;
     let own = if xx.is_nan() && xy.is_nan() && yy.is_nan() {
@@ -66,21 +69,21 @@ fn stated(covariance: Plane, sigma: f64) -> Option<Plane> {
 /// A plot of a radar, or a position.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plot {
-    /// s
+    /// Time, s.
     pub time: f64,
-    /// m
+    /// Range, m.
     pub range: f64,
-    /// rad, clockwise from north
+    /// Azimuth, rad, clockwise from north.
     pub azimuth: f64,
     /// Index of the radar.
     pub radar: usize,
-    /// m; nan where there is none
+    /// Height, m; nan if there is none.
     pub height: f64,
     /// Replies of the transponder.
     pub identities: Identities,
-    /// By what it was detected; none where that is not known.
+    /// Channels that detected the plot; none if they are not known.
     pub detection: Option<Detection>,
-    /// What a sensor of positions reports, in place of range and azimuth.
+    /// Report of a sensor of positions, in place of range and azimuth.
     pub report: Option<Report>,
 }
 
@@ -92,7 +95,7 @@ impl Plot {
         finite && !far && self.range > 0.0 && !self.height.is_infinite()
     }
 
-    /// Why it cannot be used, if so.
+    /// Why the plot cannot be used; none if it can.
     pub(super) fn fault(&self, radar: &Radar, geometry: &Geometry) -> Option<PlotStatus> {
         if let Geometry::Position([sigma, _]) = geometry {
             return self.report_fault(*sigma);
@@ -115,7 +118,7 @@ impl Plot {
         (!holds).then_some(PlotStatus::Invalid)
     }
 
-    /// What becomes of it unless something else is said.
+    /// Status of a plot without a fault, until a track takes it or another reason is found.
     pub(super) fn unused(geometry: &Geometry) -> PlotStatus {
         if geometry.is_azimuth() { PlotStatus::Unassociated } else { PlotStatus::Invalid }
     }
@@ -133,7 +136,7 @@ impl Plot {
         }
     }
 
-    /// Whether this is the same plot again, in the plane.
+    /// Whether this plot repeats another one: same time, source and position in the plane.
     pub(super) fn repeats(&self, other: &Self, radar: &Radar) -> bool {
         let place = |plot: &Self| radar.position_of(plot.range, plot.azimuth, plot.height);
         let source = self.radar == other.radar && self.identities == other.identities;
@@ -141,7 +144,8 @@ impl Plot {
         self.time == other.time && source && same
     }
 
-    /// The order of time, then that of all else: by what plots are, not by when they came.
+    /// Orders plots by time, then by radar and all other contents, so that the order does not
+    /// depend on when the plots arrived.
     pub(super) fn by_content(&self, other: &Self) -> Ordering {
         let numbers = |plot: &Self| [plot.range, plot.azimuth, plot.height];
         let times = self.time.total_cmp(&other.time).then(self.radar.cmp(&other.radar));
@@ -154,7 +158,7 @@ impl Plot {
             .then(self.detection.cmp(&other.detection))
     }
 
-    /// East and north with their covariance; none where the plot is invalid or straight above the
+    /// East and north with their covariance; none if the plot is invalid or straight above the
     /// radar.
     pub fn to_cartesian(&self, radar: &Radar) -> Option<([f64; 2], Plane)> {
         let radar = radar.detecting(self.detection);
@@ -164,7 +168,7 @@ impl Plot {
     }
 }
 
-/// Plots as they are kept elsewhere, so that none are copied.
+/// Plots that are stored elsewhere, so that none need be copied.
 pub trait Plots {
     /// Number of plots.
     fn len(&self) -> usize;
@@ -204,23 +208,23 @@ pub enum PlotStatus {
     Duplicate,
     /// It comes alone, long after the others.
     ClockError,
-    /// It belongs to a track without a final number: index of the first plot of that.
+    /// It belongs to a track without a final number, whose first plot has this index.
     Provisional(usize),
-    /// A position whose accuracy is not known.
+    /// It is a position whose accuracy is not known.
     NoQuality,
-    /// An azimuth of no track, or of tracks that it does not tell apart.
+    /// It is an azimuth that belongs to no track, or that may belong to several tracks.
     Unassociated,
-    /// It is of a target elsewhere, by way of a reflector or a side lobe.
+    /// It is of a target elsewhere, seen by way of a reflector or a side lobe.
     Reflection,
 }
 
 impl PlotStatus {
-    /// That of a plot of a track, which may be a reflection.
+    /// Status of a plot of a track, which may be a reflection.
     pub(super) fn of(track: u64, is_reflection: bool) -> Self {
         if is_reflection { Self::Reflection } else { Self::Track(track) }
     }
 
-    /// The number of the track, or a negative number: why the plot was not used.
+    /// The number of the track, or a negative number that says why the plot was not used.
     pub fn code(self) -> i64 {
         match self {
             Self::Track(number) => number as i64,
@@ -238,7 +242,7 @@ impl PlotStatus {
     }
 }
 
-/// The velocity of a target as it was measured, and its covariance.
+/// The measured velocity of a target, and its covariance.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Moving {
     pub velocity: [f64; 2],
@@ -248,20 +252,20 @@ pub(super) struct Moving {
 /// How the position of a plot is known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) enum Source {
-    /// By range and azimuth in the plane, with the noise of its radar there.
+    /// From range and azimuth in the plane; the covariance is that of the radar at this place.
     #[default]
     Polar,
-    /// With this covariance.
+    /// Given with this covariance.
     Placed(Plane),
-    /// With this covariance, and a velocity.
+    /// Given with this covariance, together with a velocity.
     Moving(Plane, Moving),
-    /// By slant range and azimuth without a height, which has this mean and variance before its track
-    /// is known.
+    /// From slant range and azimuth without a height, which has this prior mean and variance until
+    /// the track of the plot is known.
     Slant { polar: [f64; 2], prior: [f64; 2] },
 }
 
 impl Source {
-    /// The covariance that the position came with.
+    /// The covariance that was given with the position.
     pub fn placed(&self) -> Option<Plane> {
         match *self {
             Self::Placed(noise) | Self::Moving(noise, _) => Some(noise),
@@ -273,7 +277,7 @@ impl Source {
 /// A plot in the plane.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Measured {
-    /// Index among the plots that were given.
+    /// Index among all plots that were passed to the tracker.
     pub index: usize,
     pub time: f64,
     pub radar: usize,
@@ -281,36 +285,38 @@ pub(super) struct Measured {
     pub source: Source,
     pub height: f64,
     pub identities: Identities,
-    /// By what it was detected, where its radar has channels for that.
+    /// Channels that detected the plot, if its radar has such channels.
     pub detection: Option<Detection>,
-    /// Logarithm of how much likelier targets make such plots than false ones come so, by comparison
-    /// with all plots of the radar.
+    /// Logarithm of the factor by which targets are likelier than false plots to be detected by
+    /// these channels and at this place, compared with all plots of the radar.
     pub gain: f64,
 }
 
 impl Measured {
-    /// Numbers all over it, so that it is in the cache.
+    /// Reads numbers in all parts of the plot, so that it is loaded into the cache.
     #[inline(always)]
     pub fn touched(&self) -> f64 {
         self.time + self.height + self.gain
     }
 
-    /// Whether something that is no target of its own may make it: it has neither reply nor height.
+    /// Whether the plot may come from something other than a target: it has neither a reply nor a
+    /// height.
     #[inline]
     pub fn is_bare(&self) -> bool {
         let replied = self.detection.is_some_and(|own| own != Detection::Psr);
         !replied && !self.height.is_finite() && !self.identities.is_some()
     }
 
-    /// The density of false plots that are detected as this one, as if targets made all their plots so,
-    /// where that of all is `density`.
+    /// Density of false plots with which this plot competes: the `density` of all false plots,
+    /// divided by the factor e^`gain` by which targets are likelier than false plots to make such
+    /// plots.
     #[inline]
     pub fn rivals(&self, density: f64) -> f64 {
         if self.gain == 0.0 { density } else { density * exp(-self.gain) }
     }
 
-    /// A plot that can be used, in the plane; `stretch` is that of the radar, `level` that of the
-    /// traffic.
+    /// Brings a valid plot into the plane; `stretch` is that of the radar, `level` the heights of
+    /// the traffic.
     #[inline]
     pub fn new(
         index: usize,
@@ -343,7 +349,7 @@ impl Measured {
         } else if let Some(seen) = geometry.see(radar, polar, height) {
             (own.position, own.source) = (seen.position, Source::Placed(seen.noise));
         } else {
-            // the height is impossible at this range: it is not used
+            // the height is impossible at this range and is not used
             own.height = f64::NAN;
             own.slant(polar, (radar, geometry), level);
         }
@@ -357,14 +363,16 @@ impl Measured {
     }
 }
 
-/// Plots after a silence that is so many times as long as one that tells show that there was one, where
-/// others came before it at the same time.
+/// Number of plots that show that a silence of more than `LONG` times the limit is real, if plots
+/// from before the silence came in the same call.
 const RESUMED: usize = 5;
 const LONG: f64 = 40.0;
 
-/// Keeps times, in their order, that come within a silence `after` the ones before, or with others;
-/// returns the last. A single one after a longer silence is refused, and is the next `stray`; so are few
-/// that come together with plots before the silence: there was none.
+/// Keeps the times, in their order, that follow the ones before or the time `after` within
+/// `silence`, or that come with others after a longer silence; returns the last one. A single time
+/// after a longer silence is refused and becomes the next `stray`, unless it lies within `silence`
+/// of the previous `stray`. A few times after a very long silence are refused as well, if times
+/// from before it came in the same call: then there was no such silence.
 pub(super) fn keep_followed(
     order: &mut Vec<(f64, usize)>,
     after: f64,

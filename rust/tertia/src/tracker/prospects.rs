@@ -1,5 +1,5 @@
-//! A track that begins where flights are due, or with a velocity: it may be one of them, or any other
-//! target, and the velocity may be wrong.
+//! A track that begins where flights are due, or with a velocity: its target may be one of these
+//! flights or any other target, and the velocity may be wrong.
 
 use super::bank::Component;
 use super::estimate::{Estimate, Moments, VELOCITY};
@@ -10,19 +10,21 @@ use crate::base::plane::Plane;
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
-/// Standard deviations of a flight's speed, m/s, and of its course, rad; its acceleration, m/s².
+/// Standard deviations of the speed of a flight, m/s, and of its course, rad; standard deviation of
+/// its acceleration, m/s².
 const SPEED_SIGMA: f64 = 15.0;
 const COURSE_SIGMA: f64 = 4.0 * std::f64::consts::PI / 180.0;
 const STRAIGHT_SIGMA: f64 = 0.3;
-/// Probability of flights from which on one plot less confirms a track, and that of one of them from
-/// which on the track is given its plan.
+/// Probability of flights from which a track needs one plot less for confirmation, and probability
+/// of a single flight from which the track is given its plan.
 const PLANNED: f64 = 0.9;
 const SURE: f64 = 0.95;
 /// Probability below which a flight is left out.
 const LEAST: f64 = 1e-3;
 
-/// What plans say of a place: the density of flights that are due, over the mean and that of false plots, and
-/// the probability that a false plot here is one of those on routes.
+/// What plans say about a place: the density of flights that are due, relative to its mean and to
+/// that of false plots, and the probability that a false plot at this place is one of those along
+/// routes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct There {
     pub due: f64,
@@ -30,7 +32,7 @@ pub(super) struct There {
 }
 
 impl There {
-    /// Adds those of another place with a weight; no less than none are left.
+    /// Adds the values of another place with a weight; the sums are not less than 0.
     pub fn add(&mut self, other: Self, weight: f64) {
         self.due = (self.due + weight * other.due).max(0.0);
         self.routed = (self.routed + weight * other.routed).max(0.0);
@@ -42,12 +44,12 @@ impl There {
     }
 }
 
-/// What plans say of a first plot.
+/// What plans say about a first plot.
 pub(super) struct Expected {
-    /// How many times as likely a target is here as without plans.
+    /// Factor by which a target is likelier here than without plans.
     pub ratio: f64,
     pub there: There,
-    /// Density of false plots where flights are due over its mean.
+    /// Density of false plots where flights are due, relative to the mean.
     pub crowding: f64,
     pub flights: Vec<Flying>,
 }
@@ -56,7 +58,7 @@ pub(super) struct Expected {
 pub(super) struct Flying {
     pub plan: usize,
     pub probability: f64,
-    /// Half the square of the distance from where it is due, in standard deviations.
+    /// Half the squared distance from where it is due, in standard deviations.
     pub square: f64,
     pub velocity: [f64; 2],
 }
@@ -66,25 +68,25 @@ pub(super) struct Flying {
 struct Flight {
     plan: usize,
     probability: f64,
-    /// Half the sum of the squares of the distances of its plots from where they were expected.
+    /// Half the sum of the squared distances of its plots from where they were expected.
     squares: f64,
     estimate: Estimate<4>,
 }
 
-/// What a track may be.
+/// What the target of a track may be.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Prospects {
-    /// Any target, and its probability.
+    /// A target without a plan, and its probability.
     unplanned: Estimate<4>,
     probability: f64,
-    /// Any target with the velocity that came with the first plot, and its probability.
+    /// A target without a plan that has the velocity of the first plot, and its probability.
     moving: Option<(f64, Estimate<4>)>,
     flights: Vec<Flight>,
     crowding: f64,
 }
 
 impl Prospects {
-    /// Of a first plot; `unplanned` is the state of any target.
+    /// Begins with a first plot; `unplanned` is the state of a target without a plan.
     pub fn new(expected: Option<Expected>, unplanned: Estimate<4>) -> Self {
         let (flights, crowding) = expected.map_or((Vec::new(), 1.0), |e| (e.flights, e.crowding));
         let likely = flights.into_iter().filter(|flight| flight.probability > LEAST);
@@ -98,7 +100,7 @@ impl Prospects {
         Self { unplanned, probability: 1.0 - planned, moving: None, flights, crowding }
     }
 
-    /// Whether it may be anything but any target.
+    /// Whether there is any prospect other than a target without a plan and without a velocity.
     pub fn are_any(&self) -> bool {
         self.moving.is_some() || !self.flights.is_empty()
     }
@@ -143,25 +145,26 @@ impl Prospects {
         std::iter::once(self.probability).chain(moving).chain(flights)
     }
 
-    /// The state of any target.
+    /// State of a target without a plan.
     pub fn unplanned(&self) -> &Estimate<4> {
         &self.unplanned
     }
 
-    /// The state of any target, whether its velocity is right or wrong.
+    /// State of a target without a plan, whether the velocity of its first plot is right or wrong.
     pub fn shown(&self) -> Estimate<4> {
         let Some((probability, moving)) = &self.moving else { return self.unplanned };
         self.unplanned.merged(self.probability, moving, *probability)
     }
 
-    /// Whether it is likely a flight.
+    /// Whether the target is likely to be one of the flights.
     fn is_planned(&self) -> bool {
         self.flights.iter().map(|flight| flight.probability).sum::<f64>() > PLANNED
     }
 
-    /// Evidence that two plots may lack, if they are likely of a flight: the probability of false plots at
-    /// least as near to where it is expected, `e^(s - M) s²/2` with half the sum s of the squares of the
-    /// distances and the largest evidence M that there is, is less than the bound `e^(s - M)`.
+    /// Evidence that two plots may lack if they are likely to be of a flight. With half the sum s
+    /// of the squared distances and the largest possible evidence M, the probability of false plots
+    /// at least as near to where the flight is expected, `e^(s - M) s²/2`, is less than the bound
+    /// `e^(s - M)`.
     pub fn allowance(&self) -> Option<f64> {
         let best = |a: &&Flight, b: &&Flight| a.probability.total_cmp(&b.probability);
         let flight = self.flights.iter().max_by(best).filter(|_| self.is_planned())?;
@@ -169,7 +172,8 @@ impl Prospects {
         Some(if self.moving.is_some() { 0.0 } else { s - (0.5 * s * s).ln() })
     }
 
-    /// The mean of all that it may be, and the plan of which it is for sure.
+    /// The mean of all states that the target may have, and the plan of the flight that it
+    /// certainly is, if any.
     pub fn decide(&self) -> (Estimate<4>, Option<usize>) {
         let mut moments = Moments::about(self.unplanned.mean);
         moments.add(self.probability, &self.unplanned);
@@ -181,7 +185,7 @@ impl Prospects {
         (moments.estimate(), sure.map(|flight| flight.plan))
     }
 
-    /// Calls `each` with each state that it may have, and its probability.
+    /// Calls `each` with each state that the target may have, and its probability.
     pub fn each_estimate(&self, mut each: impl FnMut(f64, &Estimate<4>)) {
         each(self.probability, &self.unplanned);
         if let Some((probability, moving)) = &self.moving {
@@ -190,8 +194,8 @@ impl Prospects {
         self.flights.iter().for_each(|flight| each(flight.probability, &flight.estimate));
     }
 
-    /// Calls `each` with the position that each expects, and its probability; where flights are due a plot
-    /// counts less, as there are more false ones.
+    /// Calls `each` with the position that each prospect expects, and its probability. Plots of
+    /// flights count less, as there are more false plots where flights are due.
     pub fn components(&self, mut each: impl FnMut(Component)) {
         let mut one = |probability, e: &Estimate<4>| {
             let (position, covariance) = (e.position(), e.position_covariance());
@@ -206,8 +210,8 @@ impl Prospects {
         }
     }
 
-    /// Predicts over the time `t`; `sigma` is the acceleration of any target, and of one whose velocity
-    /// is known.
+    /// Predicts over the time `t`; the accelerations are those of a target without a plan, and of
+    /// one whose velocity is known, m/s².
     pub fn predict(&mut self, [sigma, moving_sigma]: [f64; 2], t: f64, period: f64) {
         kinematics::straight(&mut self.unplanned, t, sigma * sigma * period);
         if let Some((_, moving)) = &mut self.moving {
@@ -236,7 +240,7 @@ impl Prospects {
             .collect();
         let total = any + moving.unwrap_or(0.0) + each.iter().sum::<f64>();
         if total == 0.0 {
-            // all exclude it, so it says nothing
+            // all prospects exclude the plot, so it says nothing
             return;
         }
         self.probability = any / total;
@@ -248,7 +252,7 @@ impl Prospects {
         }
     }
 
-    /// Changes the state of all that it may be.
+    /// Changes the states of all prospects.
     pub fn each(&mut self, change: impl Fn(&mut Estimate<4>)) {
         change(&mut self.unplanned);
         if let Some((_, moving)) = &mut self.moving {
@@ -258,7 +262,8 @@ impl Prospects {
     }
 }
 
-/// Corrects by a velocity, unless it is too far away; returns its density, whether right or wrong.
+/// Corrects by a velocity, unless it is outside the guard gate; returns its density as that of a
+/// right or wrong velocity.
 fn taken(estimate: &mut Estimate<4>, seen: &Moving, velocities: Velocities) -> f64 {
     let [distance, density] = estimate.expects(seen);
     let [right, wrong] = velocities.either(density);
@@ -269,7 +274,7 @@ fn taken(estimate: &mut Estimate<4>, seen: &Moving, velocities: Velocities) -> f
     right
 }
 
-/// A flight at the same place.
+/// The state of a flight with this velocity at the place of the estimate.
 fn flying(mut estimate: Estimate<4>, velocity: [f64; 2]) -> Estimate<4> {
     let v = Vector2::from(velocity);
     let across = v.dot(&v) * COURSE_SIGMA.powi(2);
@@ -320,9 +325,10 @@ mod tests {
         let total: f64 = densities.iter().sum();
         assert!((own.flights[0].probability - densities[1] / total).abs() < 1e-12);
         assert!(own.is_planned() && own.decide().1 == Some(4));
-        // 0.5 from where it was due, and exactly where it was expected then
+        // half a squared distance of 0.5 from where the flight was due, and of 0 from where it was
+        // expected then
         assert_within(1e-9, own.allowance().unwrap(), 0.5 - 0.125_f64.ln());
-        // where there are ten times as many false plots it is less so
+        // with ten times as many false plots, the flight is less likely
         let mut other = prospects(10.0);
         other.predict([1.0; 2], 10.0, 10.0);
         other.correct([0.0, 2000.0], r);

@@ -11,38 +11,39 @@ use crate::base::plane::Plane;
 use crate::sensors::{Identities, IdentityKind};
 use std::f64::consts::TAU;
 
-/// Reflections of a target in a scan of a radar, before any plot.
+/// Mean number of reflections of a target per scan of a radar, before any plot.
 const SHARE: f64 = 0.01;
-/// How much likelier equal heights are of one target than of two, at most: aircraft fly at the same levels.
+/// Largest factor by which equal heights are likelier for one target than for two: aircraft fly at
+/// the same levels.
 const LEVELS: f64 = 30.0;
 /// Largest distance of a reflector from its radar, m.
 const FARTHEST: f64 = 30e3;
-/// Standard deviations by which a side lobe may seem nearer than its target.
+/// Standard deviations by which the plot of a side lobe may seem nearer than its target.
 const SIGMAS: f64 = 3.0;
-/// Scans by which a radar may have seen a target earlier than when its beam passed it last, and more if the plot
-/// of that scan is yet to be assigned.
+/// Scans by which a radar may have seen a target earlier than when its beam last passed the target,
+/// and the additional scans if the plot of that scan has yet to be assigned.
 const EARLY: f64 = 0.25;
 const UNASSIGNED: f64 = 1.0;
-/// Plots of a tentative track from which on others may be its reflections.
+/// Number of plots of a tentative track from which other plots may be its reflections.
 const ENOUGH: usize = 2;
 
 /// The possible reflections of a scan, by plot.
 #[derive(Default)]
 pub(super) struct Reflections {
     all: Vec<Reflection>,
-    /// Identities of plots that no confirmed track has.
+    /// Identities of plots that no confirmed track has taken, and the indices of these plots.
     names: Vec<((u8, i64), usize)>,
 }
 
 impl Reflections {
-    /// Those that may be the plot.
+    /// The possible reflections that this plot may be.
     pub fn of(&self, plot: usize) -> &[Reflection] {
         let own = &self.all[self.all.partition_point(|one| one.plot < plot)..];
         &own[..own.partition_point(|one| one.plot == plot)]
     }
 
-    /// Finds those among the plots that confirmed tracks have left. Cost O(plots), and O(tracks log plots) where
-    /// any of these has an identity.
+    /// Finds possible reflections among the plots that no confirmed track has taken. Cost O(plots),
+    /// and O(tracks log plots) if any of these plots has an identity.
     pub fn find(
         &mut self,
         Near { plots, .. }: Near<'_>,
@@ -81,11 +82,12 @@ fn each(own: &Identities) -> impl Iterator<Item = (u8, i64)> + use<> {
     (0..).zip(all).filter(|(_, number)| *number >= 0)
 }
 
-/// The kinds in this order.
+/// Kinds of identities in the order of `each`.
 const KINDS: [IdentityKind; 4] =
     [IdentityKind::Address, IdentityKind::Number, IdentityKind::Callsign, IdentityKind::Code];
 
-/// The plot as a reflection of a target with an identity of this kind; none where it cannot be one.
+/// The plot as a reflection of a target that has the same identity of this kind; none if it cannot
+/// be one.
 fn of_target(
     (index, plot): (usize, &Measured),
     (kind, track): (u8, &Track),
@@ -126,21 +128,22 @@ fn of_target(
     Some(Reflection { plot, track, distance, variance, log_odds, is_seen, is_unsure, since })
 }
 
-/// The way from a radar to a target by a reflector on the ground.
+/// The path from a radar to a target by way of a reflector on the ground.
 struct Path {
     /// Distance of the reflector from the radar, and its variance.
     distance: f64,
     variance: f64,
-    /// Likelihood ratio of the range of the plot: of a side lobe, which sees the target at its range, against
-    /// another target.
+    /// Likelihood ratio of the range of the plot: a side lobe, which sees the target at its range,
+    /// against another target.
     side_lobe: f64,
     /// How far the beam has turned since it passed the target, as a share of a scan.
     turned: f64,
 }
 
 impl Path {
-    /// By which a plot is of the target at `place`: its slant range is the distance of the reflector and the
-    /// slant range from there, (R − d)² = d² − 2 d a cos Δ + a² + h².
+    /// The path by which a plot is of the target at `place`: the slant range R of the plot is the
+    /// distance d of the reflector plus the slant range from there to the target,
+    /// `(R − d)² = d² − 2 d a cos Δ + a² + h²`.
     fn of(plot: &Measured, (place, p): ([f64; 2], Plane), settings: &Settings) -> Self {
         let radar = &settings.radars[plot.radar];
         let [east, north, up] = radar.position;
@@ -187,7 +190,7 @@ mod tests {
 
     const NONE: Plane = Plane { xx: 0.0, xy: 0.0, yy: 0.0 };
 
-    /// East and north at an azimuth.
+    /// Position at this range and azimuth, east and north.
     fn at(range: f64, azimuth: f64) -> [f64; 2] {
         [range * azimuth.sin(), range * azimuth.cos()]
     }

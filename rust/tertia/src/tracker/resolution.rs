@@ -1,7 +1,8 @@
 //! Targets that a radar may not resolve: two of them make one plot (Koch, van Keuk 1997).
 //!
-//! With the difference Δ of two targets along and across the line of sight, the radar makes one plot with
-//! the probability `exp(−½ Δ' R⁻¹ Δ)`, `R = α² / (2 ln 2)`: at the size α of its cell, a half.
+//! With the difference Δ of two targets along and across the line of sight, the radar makes one
+//! plot with the probability `exp(−½ Δ' R⁻¹ Δ)`, `R = α² / (2 ln 2)`, which is a half at the size α
+//! of its cell.
 
 use super::bank::{Bank, Component, MODELS, PLAN, STRAIGHT, TURN};
 use super::estimate::Estimate;
@@ -13,23 +14,23 @@ use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector4};
 
 /// Standard deviation of the share that each of two targets has in their plot: a half on average.
 const SHARE_SIGMA: f64 = 0.12;
-/// Probabilities that two targets are not resolved that count, and the largest.
+/// Least probability of a common plot of two targets that counts, and the largest.
 const LEAST: f64 = 1e-3;
 const MOST: f64 = 0.999;
 
-/// The separation of two targets that is not resolved.
+/// The separation of two targets that the radar may not resolve.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Separation {
-    /// First less second.
+    /// Position of the first target less that of the second, m.
     difference: [f64; 2],
-    /// R, in the plane.
+    /// R, in the plane, m².
     cell: Plane,
-    /// Probability of one plot of both.
+    /// Probability that both make one common plot.
     pub probability: f64,
 }
 
 impl Separation {
-    /// Of two estimates at the time of a scan; none where the radar resolves them.
+    /// Separation of two estimates at the time of a scan; none if the radar resolves them.
     pub fn of(a: &Estimate<4>, b: &Estimate<4>, radar: &Radar) -> Option<Self> {
         let difference = [a.mean[0] - b.mean[0], a.mean[1] - b.mean[1]];
         let cell = cell_at(radar, a.position())?;
@@ -41,25 +42,27 @@ impl Separation {
         (probability >= LEAST).then_some(Self { difference, cell, probability })
     }
 
-    /// Logarithm of the probability of two plots.
+    /// Logarithm of the probability that both are resolved.
     pub fn resolved(&self) -> f64 {
         (-self.probability).ln_1p()
     }
 
-    /// Gain of two missed detections, where one in the place of both is likelier.
+    /// Logarithm of the factor by which two missed detections are likelier because both targets may
+    /// have been unresolved: then they are one missed detection.
     pub fn missed(&self, radar: &Radar) -> f64 {
         let p = self.probability;
         (p / (1.0 - radar.detection_probability) + 1.0 - p).ln()
     }
 
-    /// What the covariance of a plot of both is more than that of a plot of one.
+    /// Covariance of a common plot less that of a plot of one target.
     pub fn spread(&self) -> Plane {
         let [x, y] = self.difference;
         let share = SHARE_SIGMA * SHARE_SIGMA;
         Plane { xx: share * x * x, xy: share * x * y, yy: share * y * y }
     }
 
-    /// The normalised distance of a plot to the middle of two estimates, and 2 pi times its density.
+    /// Squared normalised distance of a plot from the middle of two estimates, and 2π times its
+    /// density.
     pub fn compare(&self, [a, b]: [&Estimate<4>; 2], (z, r): ([f64; 2], Plane)) -> (f64, f64) {
         let both = a.position_covariance().plus(b.position_covariance()).scaled(0.25);
         let s = both.plus(r).plus(self.spread());
@@ -68,14 +71,14 @@ impl Separation {
         (d, (-0.5 * d).exp() / s.determinant().sqrt())
     }
 
-    /// Corrects the filter of the first target by a plot of both.
+    /// Corrects the filter of the first target by a common plot.
     pub fn correct(&self, own: &mut Filter, other: &Filter, (z, r): ([f64; 2], Plane)) {
         let by = shifts(&own.models(), &other.models(), (z, r.plus(self.spread())), self.cell);
         own.apply(&by);
     }
 }
 
-/// R at a position; none where the radar resolves all targets.
+/// R at a position; none if the radar resolves all targets.
 fn cell_at(radar: &Radar, position: [f64; 2]) -> Option<Plane> {
     let [range, azimuth] = radar.resolution?;
     let sight = [position[0] - radar.position[0], position[1] - radar.position[1]];
@@ -91,8 +94,8 @@ fn cell_at(radar: &Radar, position: [f64; 2]) -> Option<Plane> {
     })
 }
 
-/// What a plot of two targets says of one model: its likelihood, the shift of its mean by the gain, and
-/// what its covariance loses.
+/// What a common plot says about one model: its likelihood, and the vector u and the matrix M by
+/// which [`Estimate::shift`] changes the mean and the covariance.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Shift {
     pub density: f64,
@@ -100,9 +103,10 @@ pub(super) struct Shift {
     pub loss: Matrix2<f64>,
 }
 
-/// The shifts of the models of the first of two targets by a plot of both: of the four rows
-/// `z = ½ (a + b) + r` and `0 = a − b + u`, u ~ N(0, R), for each model of the other, mixed. Without the
-/// second row the targets would part while they are not resolved. Cost O(models of both).
+/// Shifts of the models of the first target by a common plot. The equations are `z = ½ (a + b) + r`
+/// and `0 = a − b + u`, u ~ N(0, R), two rows each, for each model of the other target; the results
+/// are mixed. Without the second equation the targets would separate while they are not resolved.
+/// Cost O(models of both).
 fn shifts(
     own: &[Component],
     other: &[Component],
@@ -174,7 +178,7 @@ impl Bank {
 }
 
 impl Filter {
-    /// Where each model expects the target, also those without probability.
+    /// Position that each model expects, including models of probability zero.
     fn models(&self) -> Vec<Component> {
         let one = |position, covariance| vec![Component { probability: 1.0, position, covariance }];
         match self {
@@ -188,12 +192,13 @@ impl Filter {
         }
     }
 
-    /// Corrects each model.
+    /// Applies a shift to each model.
     fn apply(&mut self, by: &[Shift]) {
         match self {
             Self::Straight(estimate) => estimate.shift(&by[0]),
             Self::Singer(estimate) => estimate.shift(&by[0]),
-            // the line is that of plots of one target, and what is not confirmed takes no merged ones
+            // the line of a window is fitted to plots of one target, and tentative tracks take no
+            // common plots
             Self::Window(_) | Self::Planned(_) => {}
             Self::Multiple(multiple) => {
                 let (parts, _) = by.as_chunks::<MODELS>();

@@ -1,5 +1,5 @@
-//! Tracks that go on under their number: after a gap, by their identity, or after a manoeuvre that no
-//! gate has followed.
+//! Tracks that are continued under their old number: after a gap, by their identity, or after a
+//! manoeuvre that left all gates.
 
 use super::ended::{Ended, REMEMBERED, Spot, Stretch};
 use super::noise::Noise;
@@ -11,22 +11,22 @@ use std::cell::OnceCell;
 
 /// Largest acceleration of an aircraft, m/s²: 4 g.
 const ACCELERATION: f64 = 40.0;
-/// Scans after which a track without identity is not resumed, and the same where many plots are outliers: several
-/// in a row end tracks, most of all in turns.
+/// Scans after which a track without identity is no longer continued, and the same if many plots
+/// are outliers: several outliers in succession end tracks, most of all in turns.
 const SCANS: f64 = 5.5;
 const SCANS_OF_OUTLIERS: f64 = 13.0;
 /// Longest time without any plot of the aircraft, in scans.
 const LINK: f64 = 2.5;
-/// Scans within which a track is lost by a wrong plot among its first ones.
+/// Largest number of scans within which a young track is lost by a wrong plot among its first ones.
 const SCANS_OF_YOUNG: f64 = 3.5;
-/// Largest change of speed, as a share.
+/// Largest factor by which the speed changes.
 const FASTER: f64 = 1.2;
 /// Margin for errors of positions and velocities, in standard deviations.
 const SIGMAS: f64 = 3.0;
 
-/// Gives new tracks, by number, the numbers of those that they continue, which end. Returns pairs of
-/// numbers in the same order: that of a new track, and the one that it has now. Cost O(tracks), and for
-/// each new track that of the tracks that have not been seen since it began.
+/// Gives new tracks, by number, the numbers of the older tracks that they continue, which end.
+/// Returns pairs in the same order: the number of a new track, and the number that it has now. Cost
+/// O(tracks), and for each new track O(tracks that have not been seen since it began).
 pub(super) fn resume(
     tracks: &mut [Track],
     ended: &mut Ended,
@@ -36,7 +36,7 @@ pub(super) fn resume(
     let mut renamed = Vec::new();
     let Candidates { places, mut silent, others } = Candidates::of(tracks, begun, settings);
     let mut named = Named { others, ..Named::default() };
-    // those that are not confirmed stay as they are
+    // tentative tracks stay as they are
     let hops = OnceCell::new();
     for &number in begun {
         let Ok(at) = places.binary_search_by_key(&number, |(number, _)| *number) else { continue };
@@ -46,13 +46,13 @@ pub(super) fn resume(
         let paths = Paths { ended: &ended.stretches, tracks, hops: &hops, settings, noise };
         let may = |old: &&Track| continues((new, &end), old, &paths);
         let same = |old: &Track| old.identities().same(&own) == Some(true);
-        // most have another identity
+        // most tracks have another identity
         let of_others = |other: &Identities| own.same(other) == Some(false);
         let live = silent.iter().filter(|(identities, _)| !of_others(identities));
         let live = live.map(|&(_, i)| &tracks[i]).filter(may);
         let mut found: Vec<&Track> = live.chain(ended.tracks.iter().filter(may)).collect();
         if found.iter().any(|old| same(old)) {
-            // another track that answers so now is no part of this one's past
+            // if another track has replied with this identity since, no older track is continued
             let is_doubled = tracks.iter().any(|other| {
                 other.number != number
                     && other.is_confirmed()
@@ -84,21 +84,23 @@ pub(super) fn resume(
     renamed
 }
 
-/// Confirmed tracks by identities that targets do not share.
+/// Confirmed tracks with identities that targets do not share.
 #[derive(Default)]
 struct Named {
-    /// Those under a number that they had before, and those that have gone on under another since.
+    /// Indices of the tracks that keep their number, and of new ones that have taken over another
+    /// number.
     others: Vec<usize>,
     renamed: Vec<usize>,
-    /// Identities of the former, in order, once they are needed.
+    /// Identities of the former, sorted, once they are needed.
     sorted: OnceCell<Vec<((usize, i64), usize)>>,
 }
 
 impl Named {
-    /// The track of the same target as a new one, which both have its plots by turns: it turned so sharply
-    /// that some of them were outside of all gates. Cost O(log tracks), after O(tracks log tracks) once.
+    /// Another track of the same target as a new one, if both take its plots by turns: the target
+    /// turned so sharply that some of its plots were outside all gates. Cost O(log tracks), after
+    /// O(tracks log tracks) once.
     fn twin(&self, new: &Track, tracks: &[Track], settings: &Settings) -> Option<usize> {
-        // hypotheses know the tracks that are in doubt
+        // hypotheses take care of such tracks
         if settings.limits().is_some() || names(new, settings).next().is_none() {
             return None;
         }
@@ -116,13 +118,13 @@ impl Named {
         }
         found.sort_unstable();
         let end = Spot::first(new, settings);
-        // one that has been retired was never seen
+        // a track that has ended has no time at which it was seen
         let is_twin = |old: &Track| old.seen.is_finite() && takes_turns((new, &end), old, settings);
         found.into_iter().find(|&at| is_twin(&tracks[at]))
     }
 }
 
-/// Kinds and numbers of the identities of a track that targets do not share.
+/// Kinds and numbers of those identities of a track that targets do not share.
 fn names(track: &Track, settings: &Settings) -> impl Iterator<Item = (usize, i64)> {
     let own = track.identities();
     let kinds = [
@@ -138,8 +140,8 @@ fn names(track: &Track, settings: &Settings) -> impl Iterator<Item = (usize, i64
         .filter_map(|(kind, number)| Some((kind, number?)))
 }
 
-/// Whether two tracks have an identity that targets do not share, are near each other, and no radar has seen
-/// both in one scan.
+/// Whether two tracks have the same identity, which targets do not share, are near each other, and
+/// were not both seen by any radar in one scan.
 fn takes_turns((new, end): (&Track, &Spot), old: &Track, settings: &Settings) -> bool {
     let is_same = match new.identities().compare(&old.identities()) {
         Some((kind, is_same)) => is_same && !settings.is_shared(kind),
@@ -150,7 +152,7 @@ fn takes_turns((new, end): (&Track, &Spot), old: &Track, settings: &Settings) ->
         a.zip(b)
             .map(|(a, b)| (a.seen - b.seen).abs() > SOONEST * settings.radars[radar].scan_period)
     });
-    // one radar at least has seen both
+    // at least one radar must have seen both
     if !is_same || !apart.next().is_some_and(|first| first) || !apart.all(|other| other) {
         return false;
     }
@@ -163,12 +165,12 @@ fn takes_turns((new, end): (&Track, &Spot), old: &Track, settings: &Settings) ->
 /// Tracks that may be of one target.
 #[derive(Default)]
 struct Candidates {
-    /// Numbers and indices of the new tracks, by number.
+    /// Numbers and indices of the new tracks, sorted by number.
     places: Vec<(u64, usize)>,
-    /// Identities and indices of the confirmed tracks that have not been seen since the last of them
-    /// began.
+    /// Identities and indices of the confirmed tracks that have not been seen since the last of the
+    /// new tracks began.
     silent: Vec<(Identities, usize)>,
-    /// Indices of all confirmed tracks under a number that they had before.
+    /// Indices of all confirmed tracks that are not new.
     others: Vec<usize>,
 }
 
@@ -187,7 +189,7 @@ impl Candidates {
             }
         }
         found.places.sort_unstable();
-        // hypotheses know the tracks that are in doubt
+        // hypotheses take care of such tracks
         if settings.limits().is_some() {
             found.others.clear();
         }
@@ -201,7 +203,7 @@ impl Candidates {
     }
 }
 
-/// Whether a new track may be the same target as an older one.
+/// Whether a new track may be of the same target as an older one.
 fn continues((new, end): (&Track, &Spot), old: &Track, paths: &Paths<'_>) -> bool {
     let settings = paths.settings;
     let kind = match new.identities().compare(&old.identities()) {
@@ -211,7 +213,7 @@ fn continues((new, end): (&Track, &Spot), old: &Track, paths: &Paths<'_>) -> boo
             if leads_back(new, old, end, settings) {
                 return true;
             }
-            // where many are, its last plot may have been an outlier
+            // with many outliers, its last plot may have been one
             let [longest, _] = paths.longest(old);
             let other = old.forked().filter(|_| longest > SCANS * old.period());
             return std::iter::once(old).chain(other).any(|state| {
@@ -239,8 +241,8 @@ fn continues((new, end): (&Track, &Spot), old: &Track, paths: &Paths<'_>) -> boo
     gap <= longest && away <= 2.0 * settings.max_speed * gap + errors
 }
 
-/// Whether the way of a new track leads back to where an old one began, which was lost soon after: one of its
-/// few plots was an outlier or a false plot.
+/// Whether a new track leads back to where an old one began, which was lost soon after because one
+/// of its few plots was an outlier or a false plot.
 fn leads_back(new: &Track, old: &Track, end: &Spot, settings: &Settings) -> bool {
     let is_soon = |from: f64, to: f64, scans: f64| to > from && to - from <= scans * old.period();
     is_soon(old.first.time, old.seen, SCANS_OF_YOUNG) && is_soon(old.seen, end.time, SCANS) && {
@@ -251,8 +253,8 @@ fn leads_back(new: &Track, old: &Track, end: &Spot, settings: &Settings) -> bool
     }
 }
 
-/// Whether an aircraft may be so far from an old track after a time: any way there is longer. Most
-/// tracks are not, and this costs the least.
+/// Whether an aircraft may be at this distance from an old track after this time: any path is
+/// longer than the straight line. This test costs least and excludes most tracks.
 fn is_near(old: &Track, end: &Spot, gap: f64) -> bool {
     let mean = &old.estimate.mean;
     let fastest = FASTER * (mean[2].abs() + mean[3].abs());
@@ -274,19 +276,19 @@ fn turned(new: &Track, old: &Track) -> bool {
     is_as_fast && change <= ACCELERATION * (new.time - old.seen) + errors
 }
 
-/// Plots by which an aircraft may have come from one track to another.
+/// Plots by which an aircraft may have got from one track to another.
 struct Paths<'a> {
-    /// Those of tracks that have ended.
+    /// Stretches of tracks that have ended.
     ended: &'a [Stretch],
     tracks: &'a [Track],
-    /// Those and the ones of tracks that are not confirmed, once they are needed.
+    /// These and the stretches of tentative tracks, once they are needed.
     hops: &'a OnceCell<Hops>,
     settings: &'a Settings,
     noise: &'a [Noise],
 }
 
 impl Paths<'_> {
-    /// Longest times since a track was seen, and without any plot of its aircraft, s.
+    /// Longest time since a track was seen, and longest time without any plot of its aircraft, s.
     fn longest(&self, old: &Track) -> [f64; 2] {
         let is_many = |(radar, noise): (usize, &Noise)| {
             old.expected_by(radar).is_some() && noise.outliers.are_many()
@@ -296,7 +298,7 @@ impl Paths<'_> {
         scans.map(|scans| scans * old.period())
     }
 
-    /// Whether no other track is so near that it may be that of the aircraft instead.
+    /// Whether no other confirmed track is so near that it may be that of the aircraft instead.
     fn are_alone(&self, new: &Track, old: &Track, (end, gap): (&Spot, f64)) -> bool {
         let speed = f64::hypot(old.estimate.mean[2], old.estimate.mean[3]);
         let is_other = |track: &&Track| {
@@ -312,15 +314,15 @@ impl Paths<'_> {
         self.hops.get_or_init(|| Hops::new(self.ended, self.tracks, self.settings))
     }
 
-    /// Whether a way leads from where a track was seen last to where another begins, with a plot about
-    /// as often as a radar sees an aircraft. Cost O(stretches nearby) for each that is reached, after
-    /// O(stretches) once.
+    /// Whether a path leads from where a track was last seen to where another begins, with plots
+    /// about as often as a radar sees an aircraft. Cost O(stretches nearby) for each stretch that
+    /// is reached, after O(stretches) once.
     fn lead(&self, old: &Track, begin: &Spot, end: &Spot) -> bool {
         let longest = self.longest(old)[1];
         let speed = f64::hypot(old.estimate.mean[2], old.estimate.mean[3]);
         let hop = |a: &Spot, b: &Spot| {
             let time = b.time - a.time;
-            // most are too late, or too far away for any errors
+            // most spots are too late, or too far away whatever the errors are
             if !(time > 0.0 && time <= longest) {
                 return false;
             }
@@ -372,12 +374,13 @@ impl Paths<'_> {
     }
 }
 
-/// Stretches over which ways may lead, by where they begin.
+/// Stretches that paths may use, searched by the places where they begin.
 struct Hops {
-    /// Those of tracks that are not confirmed; the ones that have ended come before them.
+    /// Stretches of tentative tracks; in the indices, those of tracks that have ended come before
+    /// them.
     tentative: Vec<Stretch>,
     grid: Grid,
-    /// The largest of their first plots.
+    /// Largest variance of their first plots.
     variance: f64,
 }
 
@@ -394,7 +397,7 @@ impl Hops {
         Self { tentative, grid, variance }
     }
 
-    /// The one with this index, after those that have `ended`.
+    /// The stretch with this index; those that have `ended` come first.
     fn get<'a>(&'a self, index: usize, ended: &'a [Stretch]) -> &'a Stretch {
         ended.get(index).unwrap_or_else(|| &self.tentative[index - ended.len()])
     }

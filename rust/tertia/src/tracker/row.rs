@@ -11,47 +11,47 @@ use std::cmp::Ordering;
 /// The state of a track after a plot, or after a scan without one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Row {
-    /// s
+    /// Time, s.
     pub time: f64,
-    /// Number of the track; 2^40 and more where it is not final.
+    /// Number of the track; 2^40 or more if it is not final.
     pub track: i64,
     /// Index of the first plot of the track.
     pub first_plot: usize,
     /// Index of the radar.
     pub radar: usize,
-    /// Index of the plot, in the order of all plots ever given; none where it was missed.
+    /// Index of the plot among all plots ever given; none for a missed detection.
     pub plot: Option<usize>,
     /// Position and velocity.
     pub estimate: Estimate<4>,
-    /// Plot less prediction; nan for a missed detection.
+    /// Innovation: plot less prediction, m; nan for a missed detection.
     pub innovation: [f64; 2],
-    /// Its covariance.
+    /// Covariance of the innovation.
     pub innovation_covariance: Plane,
     /// Probability that the target turns.
     pub turn_probability: f64,
-    /// Probability that its speed changes.
+    /// Probability that the speed of the target changes.
     pub speed_change_probability: f64,
-    /// Probability of the choice of plots, among those that are kept.
+    /// Probability that the choice of plots is right, among the hypotheses that are kept.
     pub association_probability: f64,
     /// Probability that the track is of a target.
     pub existence_probability: f64,
-    /// Height, m; nan where none was reported.
+    /// Height, m; nan if none was reported.
     pub height: f64,
-    /// Vertical rate, up, m/s; nan as the height.
+    /// Vertical rate, positive upward, m/s; nan if no height was reported.
     pub vertical_rate: f64,
     /// Replies of the transponder.
     pub identities: Identities,
-    /// Whether the plot is that of another track as well.
+    /// Whether the plot also belongs to another track.
     pub merged: bool,
     /// Whether the track is confirmed.
     pub confirmed: bool,
-    /// Index of its plan.
+    /// Index of the flight plan.
     pub plan: Option<usize>,
-    /// How it came to that, or why it has none.
+    /// How the plan was assigned to the track, or why the track has none.
     pub plan_status: Status,
-    /// Whether it follows that.
+    /// Whether the track follows its plan.
     pub conforms: bool,
-    /// Whether it stays as it is, whatever comes late.
+    /// Whether the row is final, whatever plots come late.
     pub is_final: bool,
 }
 
@@ -88,7 +88,7 @@ impl Row {
         }
     }
 
-    /// Numbers all over it, so that it is in the cache.
+    /// Reads numbers in all parts of the row, so that it is loaded into the cache.
     #[inline(always)]
     pub(super) fn touched(&self) -> f64 {
         let Self { time, estimate, innovation, existence_probability, height, .. } = self;
@@ -96,13 +96,13 @@ impl Row {
         time + middle + last + innovation[0] + existence_probability + height
     }
 
-    /// The order of time, then of track and radar.
+    /// Orders rows by time, then by track and radar.
     pub(super) fn by_time(&self, other: &Self) -> Ordering {
         let own = (self.track, self.radar);
         self.time.total_cmp(&other.time).then(own.cmp(&(other.track, other.radar)))
     }
 
-    /// Whether it is the same to the last bit.
+    /// Whether both rows are the same to the last bit.
     pub(super) fn is_same(&self, other: &Self) -> bool {
         let numbers = |row: &Self| {
             let Plane { xx, xy, yy } = row.innovation_covariance;
@@ -128,7 +128,7 @@ impl Row {
 
 /// Receives the rows of a tracker.
 pub trait Rows {
-    /// Whether it takes rows of confirmed or of tentative tracks.
+    /// Whether rows of confirmed tracks, or of tentative ones, are wanted.
     fn wants(&self, confirmed: bool) -> bool;
     /// Takes one more row.
     fn push(&mut self, row: &Row);

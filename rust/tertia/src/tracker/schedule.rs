@@ -1,4 +1,4 @@
-//! Which flights are due, where new targets may be theirs.
+//! Which flights are due: new targets may belong to them.
 
 use super::association::Association;
 use super::clutter::Clutter;
@@ -12,19 +12,20 @@ use crate::flightplan::{along, expected, is_due};
 /// Share of new targets that have a plan.
 const SHARE: f64 = 0.5;
 
-/// Plans of flights that may be under way, and what they say of the plots of a scan.
+/// Plans of flights that may be under way, and what they say about the plots of a scan.
 #[derive(Default)]
 pub(super) struct Schedule {
     due: Vec<usize>,
-    /// Those that no track has.
+    /// Those of them that no track has.
     free: Vec<usize>,
-    /// Density of false plots where each plot is over the mean, at least 1, and the probability that a
-    /// false one is of those along routes.
+    /// Density of false plots at each plot relative to the mean, at least 1, and the probability
+    /// that a false plot there is one of those along routes.
     crowds: Vec<[f64; 2]>,
 }
 
 impl Schedule {
-    /// At the time of a plot; none where plans have no say in initiation. Cost O(tracks + plans).
+    /// The schedule at the time of a plot; empty if plans have no influence on initiation. Cost
+    /// O(tracks + plans).
     pub fn at(first: Option<&Measured>, tracks: &[Track], settings: &Settings) -> Self {
         let is_used = settings.initiation
             && settings.motion.takes_plans()
@@ -42,8 +43,8 @@ impl Schedule {
         Self { due, free, crowds: Vec::new() }
     }
 
-    /// Adds to the density of other plots what is more of false ones along routes than elsewhere, where
-    /// plots are not `taken`. Cost O(plots plans).
+    /// Adds to the density of other plots the excess of false plots along routes over the mean, at
+    /// plots that are not `taken`. Cost O(plots plans).
     pub fn crowd(
         &mut self,
         (plots, taken): (&[Measured], &[bool]),
@@ -70,10 +71,12 @@ impl Schedule {
         }
     }
 
-    /// What the plans say of a plot that no track has; nothing of targets before a scan of such plots has
-    /// been seen, as false ones may be where flights are due. Cost O(plans).
+    /// What the plans say about a plot that no track has taken. Until a scan of such plots has been
+    /// seen, they say nothing about targets, as false plots may be where flights are due. Cost
+    /// O(plans).
     ///
-    /// The crowding keeps the mean of the ratio over false plots at 1 or less, as far as it is known.
+    /// The crowding keeps the mean of the ratio over false plots at 1 or less, as far as that mean
+    /// is known.
     pub fn expected(
         &self,
         index: usize,

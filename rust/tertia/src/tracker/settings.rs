@@ -13,26 +13,27 @@ use crate::base::exponential::exp;
 use crate::sensors::{Identities, IdentityKind, Radar};
 use serde::{Deserialize, Serialize};
 
-/// Scans for which the guard acceleration is given, s; between, it is linear.
+/// Scan periods for which the guard acceleration is given, s; it is linear between them and
+/// constant beyond.
 const GUARD_PERIODS: [f64; 2] = [4.0, 10.0];
-/// Identities that are read wrongly no more often than this are addresses.
+/// Largest probability of reading errors at which identities are considered to be addresses.
 const ADDRESSES: f64 = 1e-6;
-/// Mode 3/A codes that mean unlawful interference, no radio, and emergency.
+/// Mode 3/A codes that mean unlawful interference, radio failure and emergency.
 const EMERGENCIES: [i16; 3] = [0o7500, 0o7600, 0o7700];
-/// Share of a scan by which a plot may be late.
+/// Largest delay of a plot, as a share of a scan.
 pub(super) const MAX_DELAY: f64 = 0.25;
 
-/// What confirms a track, and what ends it before and after.
+/// The rule by which a track is confirmed, and is ended before and after its confirmation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Confirmation {
-    /// So many plots, in so many scans.
+    /// M plots within N scans.
     Plots(usize, usize),
-    /// Three plots, and this probability that there is a target.
+    /// Three plots, and at least this probability that there is a target.
     Existence(f64),
 }
 
 impl Confirmation {
-    /// Plots that it takes.
+    /// Number of plots required for confirmation.
     pub(super) fn plots(self) -> usize {
         match self {
             Self::Plots(plots, _) => plots,
@@ -56,42 +57,45 @@ impl Confirmation {
 pub struct Settings {
     /// The radars, to which plots refer by their index.
     pub radars: Vec<Radar>,
-    /// Those that confirm no tracks now, if any: their errors may have changed.
+    /// Whether each radar may not confirm tracks now because its errors may have changed; empty if
+    /// all may.
     pub held: Vec<bool>,
-    /// What their plots say of positions; those that are not here are in a plane.
+    /// How positions follow from the plots of each radar; radars without an entry are in a flat
+    /// plane.
     pub geometry: Vec<Geometry>,
     /// Flight plans.
     pub plans: Plans,
     /// How confirmed targets move.
     pub motion: Motion,
-    /// By what plots are given to tracks.
+    /// How plots are assigned to tracks.
     pub association: Association,
-    /// Distance squared of the guard gate.
+    /// Squared normalised distance at the edge of the guard gate.
     pub guard: f64,
-    /// Acceleration that a target may have unnoticed, m/s², where scans take 4 s and where they take
+    /// Standard deviation of accelerations that may remain unnoticed, m/s², for scans of 4 s and of
     /// 10 s.
     pub guard_acceleration: [f64; 2],
-    /// What confirms a track.
+    /// Rule by which a track is confirmed.
     pub confirmation: Confirmation,
     /// Scans without a plot after which a track ends.
     pub coasting: usize,
-    /// No target is faster, m/s.
+    /// Largest speed of a target, m/s.
     pub max_speed: f64,
-    /// Where targets are whose heights are not known.
+    /// Distribution of the heights of targets that report none.
     pub heights: Heights,
-    /// False plots per square metre and scan; nan: estimated.
+    /// False plots per square metre and scan; nan if the density is to be estimated.
     pub clutter_density: f64,
     /// Probability that an identity is read wrongly.
     pub identity_error_probability: f64,
-    /// Codes that signal an emergency, beside those that always do.
+    /// Codes that signal an emergency, in addition to those that always do.
     pub emergency_codes: Vec<i64>,
-    /// Probability that a planned turn is flown, before any was seen; 0: plans have no influence.
+    /// Probability that a planned turn is flown, before any turn was observed; 0 if plans have no
+    /// influence.
     pub flown_probability: f64,
     /// Whether plans say where new targets are expected.
     pub initiation: bool,
-    /// Velocity of the air, east and north, m/s.
+    /// Wind: velocity of the air, east and north, m/s.
     pub wind: [f64; 2],
-    /// Its standard deviation, m/s.
+    /// Standard deviation of each component of the wind, m/s.
     pub wind_sigma: f64,
 }
 
@@ -99,7 +103,7 @@ impl Settings {
     /// The usual settings, without flight plans.
     ///
     /// # Panics
-    /// Never: the guard gate has a threshold.
+    /// Never: the probability of the guard gate is valid.
     pub fn new(radars: Vec<Radar>, motion: Motion) -> Self {
         Self {
             radars,
@@ -124,39 +128,41 @@ impl Settings {
         }
     }
 
-    /// What the plots of a radar say of positions.
+    /// How positions follow from the plots of a radar.
     #[inline]
     pub(super) fn geometry(&self, radar: usize) -> &Geometry {
         self.geometry.get(radar).unwrap_or(&Geometry::Flat)
     }
 
-    /// Seconds between plots of a radar for the noise of the models, which is set for scans of four
-    /// seconds or more: targets do not fly straighter because positions come more often.
+    /// Scan period of a radar for the noise of the motion models, s. For sensors of positions it is
+    /// at least 4 s: the noise is set for such scans, and targets do not fly straighter because
+    /// their positions are reported more often.
     #[inline]
     pub(super) fn pace(&self, radar: usize) -> f64 {
         let period = self.radars[radar].scan_period;
         if self.geometry(radar).is_position() { period.max(GUARD_PERIODS[0]) } else { period }
     }
 
-    /// Logarithm of the odds that a plot of this radar is of a target that is there, against `others`
-    /// per square metre, before it is compared with the prediction.
+    /// Logarithm of the odds p / ((1 − p) 2π others) that a plot of this radar belongs to a given
+    /// target rather than to the `others` per square metre, before the plot is compared with the
+    /// prediction.
     pub(super) fn odds(&self, radar: usize, others: f64) -> f64 {
         let p = self.radars[radar].detection_probability;
         (p / ((1.0 - p) * others * std::f64::consts::TAU)).ln()
     }
 
-    /// Probability that a target makes no plot of this radar in its gate.
+    /// Probability that this radar makes no plot of a target in the gate of the target.
     #[inline]
     pub(super) fn missed(&self, radar: usize) -> f64 {
         1.0 - self.radars[radar].detection_probability * (1.0 - exp(-0.5 * self.guard))
     }
 
-    /// Whether identities are addresses, which no two targets share, rather than codes.
+    /// Whether identities are addresses, which no two targets share, and not codes.
     pub(super) fn has_addresses(&self) -> bool {
         self.identity_error_probability <= ADDRESSES
     }
 
-    /// Whether targets share identities of this kind, as they share codes.
+    /// Whether several targets may have the same identity of this kind, as is the case with codes.
     pub(super) fn is_shared(&self, kind: IdentityKind) -> bool {
         match kind {
             IdentityKind::Address | IdentityKind::Callsign => false,
@@ -165,12 +171,12 @@ impl Settings {
         }
     }
 
-    /// The identities in a plot without codes of emergencies, and that code; negative where there is
-    /// none.
+    /// The identities in a plot without emergency codes, and the emergency code; negative if there
+    /// is none.
     #[inline]
     pub(super) fn identities(&self, plot: &Measured) -> (Identities, i64) {
         let (mut own, mut emergency) = (plot.identities, -1);
-        // most plots of most sensors
+        // true of most plots of most sensors
         if own.mode_3a < 0 && self.emergency_codes.is_empty() {
             return (own, emergency);
         }
@@ -184,15 +190,14 @@ impl Settings {
         (own, emergency)
     }
 
-    /// Acceleration that a target may have unnoticed where scans take so long, m/s².
+    /// Standard deviation of accelerations that may remain unnoticed at this scan period, m/s².
     pub(super) fn unnoticed(&self, period: f64) -> f64 {
         let [short, long] = GUARD_PERIODS;
         let [first, last] = self.guard_acceleration;
         first + (last - first) * ((period - short) / (long - short)).clamp(0.0, 1.0)
     }
 
-    /// How many hypotheses there may be; none where each radar resolves all targets and there may be
-    /// only one.
+    /// Limits of the hypotheses; none if there is only one and each radar resolves all targets.
     pub(super) fn limits(&self) -> Option<Mht> {
         let merges = self.radars.iter().any(|radar| radar.resolution.is_some());
         match self.association {
@@ -201,7 +206,7 @@ impl Settings {
         }
     }
 
-    /// Checks everything but the radars and the plans.
+    /// Checks all settings except the radars and the plans.
     ///
     /// # Errors
     /// A number outside its domain.
@@ -230,6 +235,8 @@ impl Settings {
         require("identity_error_probability", p, p > 0.0 && p < 1.0, "between 0 and 1")
     }
 
+    /// Checks all settings except the plans.
+    ///
     /// # Errors
     /// A number outside its domain, or no radar.
     pub fn check(&self) -> Result<()> {

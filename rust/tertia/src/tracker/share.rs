@@ -23,12 +23,12 @@ pub(super) use view::View;
 
 /// Shares per thread, so that a thread on a busy core does not hold up the others.
 pub(super) const SHARES_PER_THREAD: usize = 8;
-/// Nothing was given to a claim.
+/// Index that stands for no result, or for no row.
 const NOTHING: u32 = u32::MAX;
-/// Corners between which there is nothing.
+/// Corners of an empty box.
 const NOWHERE: ([f64; 2], [f64; 2]) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
 
-/// The work of one thread at a time, and its buffers.
+/// A part of the work, which one thread does at a time, and its buffers.
 #[derive(Default)]
 pub(super) struct Share {
     claims: Vec<Claim>,
@@ -41,22 +41,22 @@ pub(super) struct Share {
     boxes: Vec<([f64; 2], [f64; 2])>,
     pairs: Vec<Pair>,
     columns: Columns,
-    /// The plot of each claim of a group.
+    /// The plot chosen for each claim of a group.
     choice: Vec<Option<u32>>,
-    /// Claims that were settled by hypotheses.
+    /// Whether each claim of a group was settled by hypotheses.
     settled: Vec<bool>,
-    /// Clusters of the component, and of all that are settled.
+    /// Clusters of the current component, and of all components that are settled.
     clusters: Vec<Cluster>,
     closed: Vec<Cluster>,
     assigner: Assigner,
     given: Vec<Given>,
-    /// Positions that tracks would take and have not taken.
+    /// Plots of sensors of positions that tracks would take and have not taken.
     wanted: Vec<u32>,
     rows: Vec<Row>,
 }
 
 impl Share {
-    /// Claims the free plots near a track, in any of its states.
+    /// Claims the free plots near any state of a track.
     pub fn look(
         &mut self,
         (index, track): (usize, &Track),
@@ -77,7 +77,7 @@ impl Share {
         self.claim(index);
     }
 
-    /// Adds the free plots near a state of a track, by radar and index.
+    /// Adds the free plots near a state of a track, sorted by radar and index.
     fn find(
         &mut self,
         track: &Track,
@@ -109,7 +109,7 @@ impl Share {
             if inside.len() < end + entries.len() {
                 inside.resize(end + entries.len(), (0, 0));
             }
-            // most are outside: their plots are not read, and none is left out by a jump
+            // most entries are outside: their plots are not read, and the loop has no branches
             for entry in entries {
                 let (low, high) = boxes[entry.tag as usize];
                 inside[end] = (entry.tag, entry.index);
@@ -146,7 +146,8 @@ impl Share {
         }
     }
 
-    /// Brings the tracks of a group to the time of their plots, and scores the pairs.
+    /// Predicts the tracks of a group to the time of their plots, and scores the pairs of tracks
+    /// and plots.
     pub fn group(&mut self, group: &[Claim], tracks: &mut [&mut Track], view: View<'_>) {
         let View { plots, claimed, deferred, settings, clutter, .. } = view;
         self.pairs.clear();
@@ -185,7 +186,7 @@ impl Share {
     pub fn assign(&mut self) {
         let Self { pairs, columns, choice, assigner, .. } = self;
         if let [own] = &mut choice[..] {
-            // nobody else wants these plots
+            // no other track claims these plots
             let mut best = 0.0;
             for pair in pairs.iter().filter(|pair| pair.gain.is_finite()) {
                 if pair.gain > best {
@@ -203,8 +204,8 @@ impl Share {
         }
     }
 
-    /// Notes the positions that tracks would have taken: a target may report several times before the
-    /// radars have seen it once.
+    /// Notes the plots of sensors of positions that tracks would also have taken: a target may
+    /// report several times before each radar has seen it once.
     pub fn note_wanted(&mut self) {
         for pair in self.pairs.iter().filter(|pair| pair.gain > 0.0) {
             let plot = self.columns.plot(pair.column);
@@ -224,7 +225,7 @@ impl Share {
     ) {
         let mut own = 0;
         for (row, claim) in group.iter().enumerate() {
-            let pairs = &self.pairs[own..]; // by row
+            let pairs = &self.pairs[own..]; // sorted by row
             let end = pairs.iter().take_while(|pair| pair.row as usize <= row).count();
             own += end;
             let Some(plot) = self.choice[row].filter(|_| !self.settled[row]) else { continue };
@@ -263,7 +264,7 @@ impl Share {
         }
     }
 
-    /// Tracks without a plot take the likeliest remaining one in the guard gate.
+    /// Gives tracks without a plot the likeliest remaining plot in the guard gate.
     pub fn guard(&mut self, group: &[Claim], tracks: &mut [&mut Track], view: View<'_>) {
         let View { plots, claimed, deferred, settings, clutter, noise, .. } = view;
         for row in 0..group.len() {
@@ -341,12 +342,12 @@ impl Share {
 #[derive(Default)]
 pub(super) struct Shares {
     shares: Vec<Share>,
-    /// The share and the index in it of the result for each place.
+    /// The share of the result for each place, and the index of the result in this share.
     places: Vec<(u32, u32)>,
 }
 
 impl Shares {
-    /// The clusters of all shares.
+    /// Removes and returns the clusters of all shares.
     pub fn clusters(&mut self) -> impl Iterator<Item = Cluster> {
         self.shares.iter_mut().flat_map(|share| share.closed.drain(..))
     }
@@ -358,7 +359,7 @@ impl Shares {
         &mut self.shares
     }
 
-    /// Calls `look` with the tracks of each share, and the index of the first of them.
+    /// Calls `look` for each share with its tracks and the index of the first of them.
     pub fn look(
         &mut self,
         threads: usize,
@@ -384,8 +385,8 @@ impl Shares {
         }
     }
 
-    /// Calls `work` with the claims of each share and their tracks; `same` says which claims must stay
-    /// together. Both are sorted by that.
+    /// Calls `work` with the claims of each share and their tracks; claims for which `same` holds
+    /// stay together. Claims and tracks are sorted accordingly.
     pub fn settle(
         &mut self,
         threads: usize,
@@ -414,7 +415,7 @@ impl Shares {
         run(threads, parts, |(claims, tracks, share)| work(share, claims, tracks));
     }
 
-    /// Numbers of the tracks that were confirmed, in order.
+    /// Numbers of the tracks that were confirmed, sorted.
     pub fn confirmed(&self) -> Vec<u64> {
         let given = self.shares.iter().flat_map(|share| &share.given);
         let mut numbers: Vec<u64> =
@@ -423,7 +424,7 @@ impl Shares {
         numbers
     }
 
-    /// Whether positions are left that tracks would take.
+    /// Whether plots of sensors of positions are left that tracks would take.
     pub fn are_wanted(&self) -> bool {
         self.shares.iter().any(|share| !share.wanted.is_empty())
     }
@@ -439,14 +440,14 @@ impl Shares {
         }
         for places in self.places.chunks(TOGETHER) {
             let found = || places.iter().filter_map(|&(index, i)| self.at(index, i));
-            // rows are in the order of components: each is a wait for memory, and waits together take no
-            // longer than one
+            // rows are in the order of components: each is a cache miss, and misses that overlap
+            // take no longer than one
             found().for_each(|(_, row)| _ = black_box(row.map(Row::touched)));
             found().for_each(|(given, row)| report(given, row));
         }
     }
 
-    /// A result, and its row.
+    /// A result and its row; none if there is no such result.
     fn at(&self, share: u32, index: u32) -> Option<(&Given, Option<&Row>)> {
         let share = self.shares.get(share as usize)?;
         let given = &share.given[index as usize];
@@ -454,7 +455,7 @@ impl Shares {
     }
 }
 
-/// Calls `work` on every part, on so many threads.
+/// Calls `work` on every part, on `threads` threads.
 pub(super) fn run<P: Send>(threads: usize, parts: Vec<P>, work: impl Fn(P) + Sync) {
     let done = for_each_row(
         parts.into_iter(),

@@ -1,5 +1,5 @@
-//! Targets that turn so sharply that no gate has followed: plots that no track has taken, near tracks that
-//! radars have missed.
+//! Targets that turn so sharply that they leave all gates: plots that no track has taken, near
+//! tracks that radars have missed.
 
 use super::clutter::Clutter;
 use super::noise::Noise;
@@ -10,10 +10,10 @@ use super::track::Track;
 use super::track::fork::Surprise;
 use crate::association::Grid;
 
-/// Share of outliers from which a plot far from its target is one of these.
+/// Share of outliers from which a plot far from its target is taken for an outlier.
 const OUTLIERS: f64 = 0.01;
 
-/// What is known of plots.
+/// What is known about plots.
 #[derive(Clone, Copy)]
 pub(super) struct Known<'a> {
     pub settings: &'a Settings,
@@ -21,8 +21,8 @@ pub(super) struct Known<'a> {
     pub noise: &'a [Noise],
 }
 
-/// Gives plots that are left to confirmed tracks whose targets may have turned sharply. Returns plots and
-/// numbers of tracks. Cost O(tracks), and for each track that was missed that of the plots near it.
+/// Gives remaining plots to confirmed tracks whose targets may have turned sharply. Returns pairs
+/// of plots and numbers of tracks. Cost O(tracks), and for each missed track O(plots near it).
 pub(super) fn follow<R: Rows>(
     (known, tracks, rows): (Known<'_>, &mut [Track], &mut R),
     around: (&Grid, &[Measured]),
@@ -49,7 +49,7 @@ pub(super) fn follow<R: Rows>(
     given
 }
 
-/// Free plots and the tracks that they may be of, in order.
+/// Free plots and the tracks to which they may belong, sorted.
 fn near(
     known: Known<'_>,
     tracks: &[Track],
@@ -95,7 +95,7 @@ fn best(
     let odds = settings.odds(radar, known.clutter[radar].density(&settings.radars[radar]));
     let found = of_plot.iter().filter_map(|&(_, k)| {
         let track = &tracks[k];
-        // it may have taken another plot meanwhile
+        // the track may have taken another plot meanwhile
         let sharp = track.sharpest(settings).filter(|_| may_be(track, plot, known))?;
         let mut track = track.clone();
         track.predict(plot.time, settings.pace(radar), settings);

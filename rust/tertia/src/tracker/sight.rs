@@ -1,4 +1,5 @@
-//! An azimuth without a range, and what it says of a state: one equation, linear about what is known.
+//! An azimuth without a range, and what it says about a state: one equation, linearised about the
+//! estimate.
 
 use super::bank::Bank;
 use super::estimate::Estimate;
@@ -10,28 +11,29 @@ use crate::sensors::{Kind, Measurement, Row};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
-/// A direction in which a sensor saw a target.
+/// A direction in which a sensor has seen a target.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Sight {
-    /// Index among the plots that were given.
+    /// Index among all plots that were passed to the tracker.
     pub index: usize,
     pub time: f64,
     pub sensor: usize,
-    /// Where the sensor was.
+    /// Position of the sensor.
     pub place: [f64; 2],
     pub azimuth: f64,
     pub sigma: f64,
 }
 
-/// A residual in sigmas, and the derivatives of the expected azimuth by position and velocity.
+/// A residual in sigmas, and the derivatives of the expected azimuth with respect to position and
+/// velocity.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Equation {
     pub residual: f64,
     pub row: [f64; 4],
 }
 
-/// When a target was seen: seconds after the estimate, never positive, and those between plots for the
-/// noise of the models.
+/// When a target was seen: time `t` after the estimate, s, which is never positive, and the time
+/// between plots for the noise of the models, s.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct When {
     pub t: f64,
@@ -39,14 +41,15 @@ pub(super) struct When {
 }
 
 impl When {
-    /// Variance of the position since then, by an acceleration of this standard deviation, m².
+    /// Variance of the position since then, due to an acceleration of this standard deviation, m².
     fn moved(self, sigma: f64) -> f64 {
         sigma * sigma * self.pace * self.t.abs().powi(3) / 3.0
     }
 }
 
 impl Sight {
-    /// What it says of position and velocity so many seconds later.
+    /// The equation for a state of position and velocity; the target was seen `t` seconds after the
+    /// time of this state.
     pub fn equation(&self, state: [f64; 4], t: f64) -> Equation {
         let then = [state[0] + t * state[2], state[1] + t * state[3]];
         let own = Measurement::new(Kind::Azimuth, 0, self.place, self.azimuth, self.sigma);
@@ -56,7 +59,7 @@ impl Sight {
 }
 
 impl Equation {
-    /// Variance of the residual, with that of the target's motion since then.
+    /// Variance of the residual, including the motion of the target since then.
     fn noise(&self, moved: f64) -> f64 {
         let [x, y, ..] = self.row;
         1.0 + moved * (x * x + y * y)
@@ -64,7 +67,8 @@ impl Equation {
 }
 
 impl<const N: usize> Estimate<N> {
-    /// Covariance of the state and what the equation is of, and the variance of that.
+    /// Covariance of the state with a quantity that has these derivatives, and the variance of this
+    /// quantity.
     pub(super) fn along(&self, row: &[f64; 4]) -> ([f64; N], f64) {
         let p = &self.covariance;
         let cross: [f64; N] =
@@ -91,7 +95,7 @@ impl<const N: usize> Estimate<N> {
 }
 
 impl Filter {
-    /// Corrects by an azimuth. A window takes none.
+    /// Corrects by an azimuth. The window takes no azimuths.
     pub(super) fn see(&mut self, motion: &Motion, sight: &Sight, when: When) {
         match (self, motion) {
             (Self::Straight(estimate), Motion::Cv(sigma)) => {
@@ -145,7 +149,7 @@ impl Bank {
 }
 
 impl SpeedChange {
-    /// Corrects by an azimuth, before the bank is.
+    /// Corrects by an azimuth, before the bank is corrected.
     fn see(&mut self, bank: &Bank, sight: &Sight, t: f64, moved: f64) {
         let estimate = self.basis(bank);
         let equation = sight.equation(estimate.mean.data.0[0], t);
@@ -181,7 +185,7 @@ mod tests {
         let seen = sight([1e3, 2e3], (2.9e4_f64 - 500.0).atan2(-4.2e4 - 125.0) + 5e-4);
         let mut now = estimate();
         let density = now.see(&seen, t, moved);
-        // the same in the state of that time
+        // the same correction in the state of that time
         let mut then = estimate();
         let mut back = SMatrix::<f64, 4, 4>::identity();
         (back[(0, 2)], back[(1, 3)]) = (t, t);

@@ -1,4 +1,4 @@
-//! Tracks from all their plots, those that came later as well: two filters of several models.
+//! Tracks smoothed over all their plots, including later ones, by two filters with several models.
 //!
 //! `root <- mixture <- two_filter <- motion, vertical; two_filter <- passes, movement <- flight`
 
@@ -21,16 +21,17 @@ use crate::association::gate::{self, GUARD};
 use crate::base::batch::for_each_row;
 use std::num::NonZero;
 
-/// Cost of a state, ns.
+/// Computing time per state, ns.
 const STATE_NS: f64 = 5000.0;
 
-/// Smooths tracks, of each of which the plots are in the order of time; states are from its first
-/// plot to the last one.
+/// Smooths tracks. The plots of each track are in the order of time; its states extend from its
+/// first plot to the last one.
 ///
-/// Cost O(plots + times) a track; memory for the rows, and 1 kB a plot of the tracks at work.
+/// Cost O(plots + times) per track; memory for the rows, and 1 kB per plot of the tracks that are
+/// being smoothed.
 ///
 /// # Panics
-/// Never: the guard gate has a threshold, and tracks do not fail.
+/// Never: the probability of the guard gate is valid, and tracks do not fail.
 pub fn smooth_tracks(
     movement: &Movement,
     tracks: &[&[TrackPlot]],

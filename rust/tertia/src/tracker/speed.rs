@@ -1,8 +1,9 @@
 //! Changes of speed: an acceleration along the course.
 //!
-//! As long as it is unlikely, it is estimated from the innovations of straight flight alone, of which
-//! it is a bias (Friedland 1969), with its likelihood (Willsky, Jones 1976): that costs little, and
-//! straight flight is not disturbed. Once it is likely it becomes a model of the bank.
+//! As long as an acceleration is unlikely, it is estimated from the innovations of straight flight
+//! alone, in which it is a bias (Friedland 1969), together with its likelihood (Willsky, Jones
+//! 1976): this costs little and does not disturb straight flight. Once it is likely, it becomes a
+//! model of the bank.
 
 use super::bank::{Bank, SPEED, STRAIGHT, TURN, Transition};
 use super::estimate::Estimate;
@@ -13,17 +14,18 @@ use crate::base::plane::Plane;
 use pulp::{Arch, Simd, WithSimd};
 use serde::{Deserialize, Serialize};
 
-/// From the first probability on it is a model of the bank, below the second it no longer is. Where
-/// they are half or twice as large, errors and NEES change by a few per cent.
+/// Probability above which a change of speed becomes a model of the bank, and probability below
+/// which it no longer is one. With half or twice these values, errors and NEES change by a few per
+/// cent.
 const BEGINS: f64 = 0.2;
 const ENDS: f64 = 0.05;
-/// Below this probability it adds nothing to the covariance.
+/// Probability below which a change of speed adds nothing to the covariance.
 const NEGLIGIBLE: f64 = 0.005;
-/// The acceleration fades with this time constant, s.
+/// Time constant with which the acceleration fades, s.
 const FADING: f64 = 5000.0;
-/// Mean time of a manoeuvre until the other kind follows at once, s.
+/// Mean time of a manoeuvre until one of the other kind follows immediately, s.
 const OTHER_TIME: f64 = 1000.0;
-/// The course of a target that is slower counts less, m/s.
+/// Speed below which the course of a target counts less, m/s.
 const SLOWEST: f64 = 1.0;
 /// Limit of the logarithm of the likelihood ratio of a plot.
 const LARGEST: f64 = 50.0;
@@ -31,16 +33,17 @@ const LARGEST: f64 = 50.0;
 /// The acceleration along the course, if the speed changes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct SpeedChange {
-    /// Odds against straight flight, while it is no model of the bank.
+    /// Odds against straight flight, while the change is no model of the bank.
     odds: f64,
     acceleration: f64,
     variance: f64,
-    /// Position and velocity by the acceleration: their covariance with it over its variance.
+    /// Response of position and velocity to the acceleration: their covariance with it, divided by
+    /// its variance.
     pub response: [f64; 4],
 }
 
 impl SpeedChange {
-    /// Nothing is known but how often speeds change.
+    /// A change of speed of which only the frequency is known.
     pub fn new(model: &ImmModel) -> Self {
         Self {
             odds: model.speed_change_time / model.steady_time,
@@ -50,7 +53,7 @@ impl SpeedChange {
         }
     }
 
-    /// Probability of the change, which the models of the bank leave to it.
+    /// Probability of a change of speed, whether or not it is a model of the bank.
     #[inline]
     pub fn probability(&self, bank: &Bank) -> f64 {
         if bank.probability[SPEED] > 0.0 {
@@ -60,8 +63,8 @@ impl SpeedChange {
         odds / (1.0 + odds)
     }
 
-    /// Mixes the models and predicts them over the time `t`; `changes` are those of straight flight and
-    /// turns.
+    /// Mixes the models and predicts them over the time `t`; `changes` are the probabilities of
+    /// transitions between straight flight and turns.
     #[inline]
     pub fn predict(
         &mut self,
@@ -101,7 +104,8 @@ impl SpeedChange {
         self.fade(model, t);
     }
 
-    /// Lets the speed begin to change, or be steady again, while that is no model of the bank.
+    /// Lets the speed begin to change, or become steady again, while the change is no model of the
+    /// bank.
     #[inline(always)]
     fn begin(&mut self, bank: &Bank, model: &ImmModel, changes: &Transition, t: f64) {
         let (begins, ends) = rates(model, t);
@@ -110,7 +114,7 @@ impl SpeedChange {
         let (own, square) = (1.0 - fresh, self.acceleration.powi(2));
         let variance =
             own * self.variance + fresh * (model.acceleration_sigma.powi(2) + own * square);
-        // what returns to straight flight from turns knows nothing of the acceleration
+        // after a turn, straight flight has no information about the acceleration
         let stays = bank.probability[STRAIGHT] * changes[STRAIGHT][STRAIGHT];
         let returns = bank.probability[TURN] * changes[TURN][STRAIGHT];
         let stays = stays / (stays + returns);
@@ -121,7 +125,7 @@ impl SpeedChange {
         self.variance = variance;
     }
 
-    /// The same, and mixes the models of the bank, of which it is one.
+    /// As `begin`, if the change is a model of the bank; also mixes the models.
     #[inline(never)]
     fn mix(&mut self, bank: &mut Bank, model: &ImmModel, changes: &Transition, t: f64) {
         let (begins, ends) = rates(model, t);
@@ -138,7 +142,7 @@ impl SpeedChange {
         let (fresh, square) = (1.0 - own, self.acceleration.powi(2));
         let variance =
             own * self.variance + fresh * (model.acceleration_sigma.powi(2) + own * square);
-        // the others have none, whatever their states
+        // the other models have no acceleration, whatever their states
         let moved = before - bank.plan.mean;
         for (i, v) in self.response.iter_mut().enumerate() {
             *v = own * (*v * self.variance + moved[i] * self.acceleration) / variance;
@@ -147,7 +151,7 @@ impl SpeedChange {
         self.variance = variance;
     }
 
-    /// Moves the model of the bank, which is `by` so much per acceleration.
+    /// Predicts the model of the bank, whose state moves by `by` per unit of acceleration.
     fn accelerate(&self, estimate: &mut Estimate<4>, by: [f64; 4], t: f64, q: f64) {
         kinematics::straight(estimate, t, q);
         let v = self.response;
@@ -174,7 +178,7 @@ impl SpeedChange {
         self.variance = variance;
     }
 
-    /// Corrects by a position or a velocity, before the bank is.
+    /// Corrects by a position or a velocity, before the bank is corrected.
     #[inline]
     pub fn correct<const AT: usize>(&mut self, bank: &Bank, z: [f64; 2], r: Plane) {
         let estimate = self.basis(bank);
@@ -188,7 +192,8 @@ impl SpeedChange {
         self.learn(bank, information, seen, &gains);
     }
 
-    /// No longer relates position and velocity to the acceleration: they were corrected otherwise.
+    /// Forgets the response to the acceleration: position and velocity were corrected in another
+    /// way.
     pub fn forget(&mut self) {
         self.response = [0.0; 4];
     }
@@ -199,14 +204,15 @@ impl SpeedChange {
         if bank.probability[SPEED] > 0.0 { &bank.plan } else { &bank.straight }
     }
 
-    /// Corrects by what a measurement tells of the acceleration: its information, what was seen of it,
-    /// both by the covariance of the innovation, and how far the response goes with the estimate.
+    /// Corrects by what a measurement says about the acceleration: its information, and what was
+    /// `seen` of the acceleration, both weighted with the inverse covariance of the innovation;
+    /// `gains` is the change of the response with that of the estimate.
     #[inline]
     pub fn learn(&mut self, bank: &Bank, information: f64, seen: f64, gains: &[f64; 4]) {
         let is_model = bank.probability[SPEED] > 0.0;
         let p = self.variance;
         let (variance, gain) = if is_model {
-            // the covariance of the innovation has that of the acceleration in it
+            // the covariance of the innovation includes that of the acceleration
             (p * (1.0 - p * information).max(f64::EPSILON), p * seen)
         } else {
             let rest = seen - information * self.acceleration;
@@ -224,7 +230,8 @@ impl SpeedChange {
         self.variance = variance;
     }
 
-    /// Makes it a model of the bank where it has become likely, or no longer.
+    /// Makes the change a model of the bank once it is likely, and removes this model once it is
+    /// unlikely.
     #[inline]
     pub fn decide(&mut self, bank: &mut Bank, model: &ImmModel) {
         let probability = self.probability(bank);
@@ -241,7 +248,7 @@ impl SpeedChange {
         }
     }
 
-    /// Position and velocity if the speed changes, from those of straight flight.
+    /// Position and velocity if the speed changes, computed from those of straight flight.
     #[inline]
     pub fn added_to(&self, straight: &Estimate<4>) -> Estimate<4> {
         let mut with = *straight;
@@ -252,8 +259,8 @@ impl SpeedChange {
         with
     }
 
-    /// Position and velocity by a bank: where this is no model of it, the mean is that of the bank, and
-    /// the covariance has what an acceleration would add.
+    /// Position and velocity of a bank. If the change is no model of the bank, the mean is that of
+    /// the bank, and the covariance includes what an acceleration would add.
     #[inline]
     pub fn estimate(&self, bank: &Bank) -> Estimate<4> {
         let mut estimate = bank.estimate();
@@ -265,7 +272,7 @@ impl SpeedChange {
         estimate
     }
 
-    /// Adds what follows from an acceleration with this second moment to a covariance.
+    /// Adds the effect of an acceleration with this second moment to a covariance.
     #[inline]
     fn spread(&self, estimate: &mut Estimate<4>, square: f64) {
         let v = self.response;
@@ -278,7 +285,7 @@ impl SpeedChange {
     }
 }
 
-/// A prediction of all models, in vectors as wide as the processor has.
+/// A prediction of all models, in vectors as wide as those of the processor.
 struct Prediction<'a> {
     speed: &'a mut SpeedChange,
     bank: &'a mut Bank,
@@ -297,7 +304,8 @@ impl WithSimd for Prediction<'_> {
     }
 }
 
-/// Probabilities that the speed begins to change in the time `t`, and that it is steady again.
+/// Probabilities that the speed begins to change within the time `t`, and that it becomes steady
+/// again.
 #[inline(always)]
 fn rates(model: &ImmModel, t: f64) -> (f64, f64) {
     (1.0 - exp(-t / model.steady_time), 1.0 - exp(-t / model.speed_change_time))
@@ -324,7 +332,7 @@ mod tests {
         Estimate { mean: SVector::from([1e3, 2e3, 180.0, 90.0]), covariance }
     }
 
-    /// The filter of five states, corrected; returns the density of the plot.
+    /// Corrects the filter with five states; returns the density of the plot.
     fn correct<const AT: usize>(
         x: &mut Vector5<f64>,
         p: &mut Matrix5<f64>,
@@ -343,8 +351,9 @@ mod tests {
             / (std::f64::consts::TAU * s.determinant().sqrt())
     }
 
-    /// Nothing changes of its own accord, so that the change of speed is one filter of five states: as a
-    /// model of the bank exactly, before that but for what the acceleration has lost by fading.
+    /// No model changes by itself, so that the change of speed is one filter with five states:
+    /// exactly so if it is a model of the bank, and otherwise except for what the acceleration has
+    /// lost by fading.
     #[test]
     fn a_change_of_speed_is_a_filter_with_one_more_state() {
         let never = 1e18;
@@ -365,7 +374,7 @@ mod tests {
             for k in 0..12 {
                 let basis = if is_model { bank.plan.mean } else { bank.straight.mean };
                 let u = Vector2::new(basis[2], basis[3]).normalize();
-                // a change of speed would end in a turn at last
+                // otherwise the change of speed would end in a turn at some time
                 speed.predict(&mut bank, &model, &changes(&model, PERIOD), (PERIOD, PERIOD));
                 if is_model {
                     bank.probability = [0.5, 0.0, 0.5];
@@ -463,7 +472,7 @@ mod tests {
     #[test]
     fn a_target_that_brakes_is_followed() {
         let [straight, brakes] = braking(ImmModel::default());
-        // without the model
+        // without the model of changes of speed
         let [_, lags] = braking(ImmModel { steady_time: 1e12, ..ImmModel::default() });
         assert!(straight[0].abs() < 0.3 && straight[1] < 1.0, "{straight:?}");
         assert!(brakes[0] < 3.0 && brakes[1] < 3.0, "{brakes:?}");

@@ -1,5 +1,5 @@
-//! Plots far from targets that radars have missed: where a radar makes many, a few of them in a row look like
-//! another target.
+//! Plots far from targets that a radar has missed: if a radar makes many of them, a few in
+//! succession look like another target.
 
 use super::clutter::Clutter;
 use super::doubles::Near;
@@ -12,15 +12,15 @@ use crate::association::Grid;
 use crate::sensors::Radar;
 use std::f64::consts::TAU;
 
-/// Scans for which a target may be missed.
+/// Largest number of scans for which a target may have been missed.
 const LATELY: f64 = 2.5;
-/// Share of them with which plots are looked at that may be outliers.
+/// Least share of outliers that is assumed when a plot is judged to be one.
 const NOT_RARE: f64 = 0.02;
-/// Side of a cell over the farthest at which tracks are looked for: far plots are looked for farther.
+/// Side of a cell relative to the largest distance of the search for tracks.
 const CELL: f64 = 0.5;
 
-/// Adds to the densities of plots that are no false plots what outliers of the targets that were missed make
-/// there. Cost O(tracks + plots), nothing for radars without outliers.
+/// Adds, at each plot, the density of outliers of missed targets to the density of plots that are
+/// not false. Cost O(tracks + plots); none for radars without outliers.
 pub(super) fn find(
     Near { plots, .. }: Near<'_>,
     (taken, deferred): (&[bool], &[bool]),
@@ -67,7 +67,7 @@ pub(super) fn find(
                 sum += likeness * known.spread(d, s.determinant()) / TAU;
             }
         };
-        // those that it has seen just now are most of the ones about the plot
+        // most tracks near the plot are among those that the radar has just seen
         for missed in missed.iter().filter(|missed| is_due(plot.time, missed.earliest, radar)) {
             let (low, high) = ([x - half, y - half], [x + half, y + half]);
             missed.grid.between(low, high, &mut |at| look(missed.tracks[at]));
@@ -85,14 +85,14 @@ pub(super) fn find(
 /// Confirmed tracks that a radar may have missed in a scan.
 struct Missed {
     grid: Grid,
-    /// Their indices among all tracks, and when the radar has seen each last.
+    /// Their indices among all tracks, and the time at which the radar last saw each.
     tracks: Vec<(usize, f64)>,
-    /// The least of these times.
+    /// The earliest of these times.
     earliest: f64,
 }
 
 impl Missed {
-    /// Those of each radar whose outliers are `often` looked for.
+    /// Such tracks of each radar for whose outliers it is worth looking.
     fn by_each(
         often: &[bool],
         plots: &[Measured],
@@ -106,7 +106,8 @@ impl Missed {
         often.iter().enumerate().map(|(radar, often)| often.then(|| by(radar))).collect()
     }
 
-    /// Those that the radar has seen before its plots from `begin` to `end`, and by one of them.
+    /// Tracks that the radar last saw before its plots from `begin` to `end`, and those that it saw
+    /// with one of these plots.
     fn by(
         radar: usize,
         [begin, end]: [f64; 2],
@@ -133,12 +134,12 @@ impl Missed {
     }
 }
 
-/// Whether a radar that has `seen` a target then may see it again at this time.
+/// Whether a radar that saw a target at the time `seen` may see it again at this time.
 fn is_due(time: f64, seen: f64, radar: &Radar) -> bool {
     time - seen > SOONEST * radar.scan_period
 }
 
-/// Whether a target is still seen: one that is not has flown elsewhere.
+/// Whether a target was seen recently; otherwise it may have flown elsewhere.
 fn is_lately(track: &Track, time: f64) -> bool {
     time - track.seen < LATELY * track.period
 }

@@ -1,21 +1,24 @@
-//! What speaks for it that a track is the reflection of a target that its radar sees elsewhere.
+//! Evidence that a track is the reflection of a target that its radar sees elsewhere.
 
 use super::plot::Measured;
 use serde::{Deserialize, Serialize};
 
-/// Standard deviation of the distance of a reflector by its extent, m and as a share.
+/// Standard deviation of the distance of a reflector due to its extent: in m, and as a share of the
+/// distance.
 pub(super) const EXTENT: f64 = 60.0;
 const SLANTED: f64 = 0.01;
-/// Scans by which a target at the same range as its side lobe must have begun before it.
+/// Scans by which a target at the range of a side lobe must have begun before the track of the side
+/// lobe.
 const BEFORE: f64 = 1.5;
-/// By how much the logarithm of the odds may fall by one plot.
+/// Largest fall of the logarithm of the odds by one plot.
 const STEP: f64 = -4.0;
-/// Logarithm of the probability that a target is not seen where its reflection is.
+/// Logarithm of the probability that the target of a reflection is not seen where the reflection
+/// requires it to be.
 const UNSEEN: f64 = -3.0;
-/// Scans for which a reflection lasts on average: a target stays.
+/// Mean duration of a reflection, in scans; a target stays longer.
 const LASTING: f64 = 15.0;
 
-/// What a plot is if it is the reflection of a target.
+/// A plot, regarded as the reflection of a target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Reflection {
     pub plot: usize,
@@ -24,34 +27,37 @@ pub(super) struct Reflection {
     /// Distance of the reflector from the radar, 0 for a side lobe, and its variance, m and m².
     pub distance: f64,
     pub variance: f64,
-    /// Logarithm of the odds of a reflection against another target, before others are known.
+    /// Logarithm of the odds of a reflection against another target, by this plot alone.
     pub log_odds: f64,
-    /// Whether the radar has seen the target elsewhere in this scan: the plot is not of itself.
+    /// Whether the radar has seen the target elsewhere in this scan, so that the plot is not of the
+    /// target itself.
     pub is_seen: bool,
-    /// Whether the target may be the reflection instead: it is not confirmed, and nearer by no more than errors,
-    /// or has too few plots.
+    /// Whether the target may be the reflection instead: its track is tentative, and is nearer by
+    /// no more than errors or has too few plots.
     pub is_unsure: bool,
-    /// First plot of the target, s, where the plot may be of a side lobe: either may be of that if both are new.
+    /// Time of the first plot of the target, s, if the plot may be of a side lobe: if both are new,
+    /// either may be the side lobe of the other.
     pub since: f64,
 }
 
-/// Whether a track is the reflection of a target.
+/// The suspicion that a track is the reflection of a target.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Suspicion {
     radar: usize,
-    /// Number of the track of that target.
+    /// Number of the track of this target.
     track: u64,
-    /// Mean distance of the reflector by so many plots, and its variance.
+    /// Mean distance of the reflector over its plots, and the mean variance.
     distance: f64,
     variance: f64,
     plots: f64,
-    /// Logarithm of the odds of a reflection, and of those by the first plot.
+    /// Logarithm of the odds of a reflection, and the part of the first plot in it.
     log_odds: f64,
     first: f64,
 }
 
 impl Reflection {
-    /// Whether it is likelier than another target, although the target may be the reflection instead.
+    /// Whether a reflection is likelier than another target, but the target may be the reflection
+    /// instead.
     pub fn is_mutual(&self) -> bool {
         self.is_unsure && self.is_likely()
     }
@@ -60,14 +66,14 @@ impl Reflection {
         self.is_seen && self.log_odds > 0.0
     }
 
-    /// Whether it is of the target, rather than of a track that began at this time.
+    /// Whether the target is the original, rather than a track that began at this time.
     pub fn is_of_target(&self, begin: f64, period: f64) -> bool {
         !self.is_unsure && self.since < begin - BEFORE * period
     }
 }
 
 impl Suspicion {
-    /// By the first plot; none where another target is likelier.
+    /// Begins with the first plot; none if another target is likelier.
     pub fn of<'a>(
         plot: &Measured,
         reflections: impl Iterator<Item = &'a Reflection>,
@@ -84,7 +90,7 @@ impl Suspicion {
         self.log_odds > 0.0
     }
 
-    /// Weighs one more plot: a reflector stays where it is.
+    /// Weighs one more plot: the reflector stays where it is.
     pub fn weigh<'a>(
         &mut self,
         plot: &Measured,
@@ -108,7 +114,7 @@ impl Suspicion {
         }
     }
 
-    /// Normalised square of the difference in distance.
+    /// Squared normalised difference in the distance of the reflector.
     fn square(&self, one: &Reflection) -> f64 {
         let extent = EXTENT + SLANTED * self.distance.abs();
         let variance = one.variance + self.variance / self.plots + extent * extent;
@@ -143,9 +149,9 @@ mod tests {
         let moving: Vec<_> = (1..6).map(|k| Some(5e3 + 400.0 * f64::from(k))).collect();
         assert!(after(7.0, &[Some(5.1e3); 30]) && !after(7.0, &[Some(5.1e3); 110]));
         assert!(after(7.0, &moving[..1]) && !after(7.0, &moving));
-        // a target that is not seen where it should be is no reason for a reflection
+        // a target that is not seen where it should be speaks against a reflection
         assert!(after(7.0, &[None, None]) && !after(7.0, &[None; 3]));
-        // nor is another target
+        // so does a reflection of another target
         let other = Reflection { track: 2, ..reflection(5e3, 7.0) };
         let plot = Measured { identities: Identities::of(1), ..Measured::default() };
         let mut own = Suspicion::of(&plot, [reflection(5e3, 2.0)].iter()).unwrap();

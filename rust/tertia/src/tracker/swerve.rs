@@ -1,29 +1,29 @@
-//! How far from straight flight the models of a track expect its target a few seconds later.
+//! How far from straight flight the models of a track expect its target to be a few seconds later.
 
 use super::estimate::Estimate;
 use super::motion::ImmModel;
 use serde::{Deserialize, Serialize};
 
-/// Accelerations along the course, in standard deviations, that changes of speed have.
+/// Acceleration along the course in changes of speed, in standard deviations.
 const SPEEDS: f64 = 3.0;
 
-/// The sharpest of the models of a track.
+/// The strongest deviation from straight flight among the models of a track.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Swerve {
-    /// Density of its white acceleration, m²/s³.
+    /// Density of the white acceleration, m²/s³.
     noise: f64,
-    /// Variance of an acceleration that lasts, and one that is expected, m²/s⁴, m/s².
+    /// Variance of a lasting acceleration, m²/s⁴, and expected acceleration, m/s².
     variance: f64,
     expected: f64,
 }
 
 impl Swerve {
-    /// Of white acceleration alone.
+    /// With white acceleration alone.
     pub fn white(sigma: f64, period: f64) -> Self {
         Self { noise: sigma * sigma * period, ..Self::default() }
     }
 
-    /// Of turns, which may begin with this probability in a scan.
+    /// With turns, which begin with the probability `begins` per scan.
     pub fn turning(model: &ImmModel, turn: &Estimate<5>, begins: f64, period: f64) -> Self {
         let m = &turn.mean;
         let squared = m[2] * m[2] + m[3] * m[3];
@@ -42,7 +42,7 @@ impl Swerve {
         t * t * t * (self.noise / 3.0 + 0.25 * t * self.variance)
     }
 
-    /// How far the target is expected from straight flight after some seconds.
+    /// Expected distance of the target from straight flight after some seconds.
     #[inline]
     pub fn expected(&self, t: f64) -> f64 {
         0.5 * self.expected * t * t
@@ -66,7 +66,7 @@ mod tests {
         assert_within(1e-14, found.expected(2.0), 100.0);
         let rate = 500.0_f64.powi(2) * (4e-4 + 0.1 * 9e-4);
         assert_within(1e-14, found.variance(2.0), 16.0 * 8.0 / 3.0 + 4.0 * rate);
-        // straight on there are changes of speed
+        // in straight flight there may be changes of speed
         let straight = Estimate { mean: SVector::from([0.0, 0.0, 300.0, 0.0, 0.0]), ..turn };
         assert_within(1e-14, Swerve::turning(&model, &straight, 0.1, 4.0).expected(2.0), 3.0);
         assert_within(1e-14, Swerve::white(1.0, 4.0).variance(3.0), 36.0);

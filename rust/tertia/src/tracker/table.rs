@@ -1,4 +1,5 @@
-//! A table of tracks, column by column, filled while the tracker runs: nothing is copied in the end.
+//! A table of tracks, stored by columns and filled while the tracker runs, so that nothing is
+//! copied in the end.
 
 use super::columns::{COLUMNS, Column, Values};
 use super::row::{Row, Rows};
@@ -6,17 +7,17 @@ use crate::base::batch::for_each_row;
 use std::num::NonZero;
 use std::ops::Range;
 
-/// Rows that are read column by column while they are in the cache.
+/// Number of rows that are read column by column while they are in the cache.
 const AT_ONCE: usize = 64;
-/// Numbers of the widest column.
+/// Width of the widest column.
 const WIDEST: usize = 10;
-/// Cost of leaving out the others of so many numbers, each.
+/// Computing time per number when rows of tracks that were never confirmed are removed, ns.
 const KEEP_NS: f64 = 1.0;
 
 /// The values of a column, row after row.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Data {
-    /// Numbers, as many in a row as the column is wide.
+    /// Numbers, several per row if the column is wider than one.
     Numbers(Vec<f64>),
     /// Integers.
     Integers(Vec<i64>),
@@ -25,7 +26,7 @@ pub enum Data {
 }
 
 impl Data {
-    /// Leaves out the values of the rows from this one on, of so many each.
+    /// Removes the rows from index `rows` on; each row has `width` values.
     fn truncate(&mut self, rows: usize, width: usize) {
         match self {
             Self::Numbers(values) => values.truncate(rows * width),
@@ -38,11 +39,11 @@ impl Data {
 /// The rows of a scan or of a recording.
 #[derive(Clone, Debug)]
 pub struct Table {
-    /// Symmetric matrices without what is below the diagonal.
+    /// The columns; of symmetric matrices only the upper triangle.
     columns: Vec<Data>,
-    /// Rows that are not in the columns yet.
+    /// Rows that have not been moved into the columns yet.
     last: Vec<Row>,
-    /// Whether rows of tracks that are not confirmed yet are kept as well.
+    /// Whether rows of tentative tracks are kept as well.
     tentative: bool,
 }
 
@@ -60,8 +61,8 @@ impl Rows for Table {
 }
 
 impl Table {
-    /// A table for rows of confirmed tracks, or of all, with room for so many, as far as there is that
-    /// much memory: what is not used of it takes none.
+    /// A table for rows of confirmed tracks, or of all tracks if `tentative` is set. Room for
+    /// `rows` rows is reserved if there is enough memory; room that is not used takes none.
     pub fn new(tentative: bool, rows: usize) -> Self {
         let empty = |column: &Column| match column.values {
             Values::Numbers(_) | Values::Symmetric(_) => {
@@ -74,12 +75,13 @@ impl Table {
         Self { columns, last: Vec::new(), tentative }
     }
 
-    /// Of all columns, as [`Table::into_columns`] returns them, for more rows of confirmed tracks or of all.
+    /// A table that contains all columns as [`Table::into_columns`] returns them; later rows of
+    /// tentative tracks are kept only if `tentative` is set.
     pub fn of(columns: Vec<Data>, tentative: bool) -> Self {
         Self { columns, last: Vec::new(), tentative }
     }
 
-    /// Leaves out the rows from this one on.
+    /// Removes the rows from index `rows` on.
     pub fn truncate(&mut self, rows: usize) {
         self.flush();
         for (data, column) in self.columns.iter_mut().zip(&COLUMNS) {
@@ -111,7 +113,7 @@ impl Table {
         self.last.clear();
     }
 
-    /// Leaves out the rows of tracks that were never confirmed. Cost O(rows).
+    /// Removes the rows of tracks that were never confirmed. Cost O(rows).
     pub fn keep_confirmed(&mut self, n_threads: Option<NonZero<usize>>) {
         self.flush();
         let column = |name| COLUMNS.iter().position(|column| column.name == name).expect("it is");
@@ -150,8 +152,8 @@ impl Table {
         done.expect("nothing fails");
     }
 
-    /// The columns, symmetric matrices without what is below the diagonal:
-    /// [`Column::completed`] adds it.
+    /// Returns the columns; of symmetric matrices only the upper triangle, which
+    /// [`Column::completed`] completes.
     pub fn into_columns(mut self) -> Vec<Data> {
         self.flush();
         self.columns
@@ -170,15 +172,15 @@ impl Column {
     }
 }
 
-/// Room for so many values, if there is.
+/// An empty vector with room for `values` values, if there is enough memory.
 fn room<T>(values: usize) -> Vec<T> {
     let mut room = Vec::new();
-    // without it, the room grows as it is needed
+    // if there is not, the vector grows as needed
     let _ = room.try_reserve_exact(values);
     room
 }
 
-/// The ranges of successive rows that are kept.
+/// The ranges of consecutive rows that are kept.
 fn runs(kept: impl Iterator<Item = bool>) -> Vec<Range<usize>> {
     let mut runs: Vec<Range<usize>> = Vec::new();
     for (row, _) in kept.enumerate().filter(|(_, kept)| *kept) {
@@ -190,7 +192,7 @@ fn runs(kept: impl Iterator<Item = bool>) -> Vec<Range<usize>> {
     runs
 }
 
-/// Keeps some of the rows, of so many values each.
+/// Keeps these ranges of rows, of `width` values each.
 fn keep<T: Copy>(values: &mut Vec<T>, width: usize, kept: &[Range<usize>]) {
     let mut end = 0;
     for run in kept {
@@ -201,7 +203,7 @@ fn keep<T: Copy>(values: &mut Vec<T>, width: usize, kept: &[Range<usize>]) {
     values.shrink_to_fit();
 }
 
-/// Symmetric matrices of this order, from their upper halves.
+/// Completes symmetric matrices of this order from their upper triangles.
 fn completed(upper: &[f64], order: usize) -> Vec<f64> {
     let half = order * (order + 1) / 2;
     let mut whole = Vec::with_capacity(upper.len() / half * order * order);

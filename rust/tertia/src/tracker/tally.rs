@@ -1,13 +1,13 @@
-//! How many plots of a radar belong to no track.
+//! Number of plots of a radar that belong to no track.
 
 use super::prospects::There;
 use crate::sensors::{Detection, Radar, Way};
 use serde::{Deserialize, Serialize};
 
-/// False plots and new targets in a scan, at least.
+/// Least number of false plots and new targets per scan.
 pub(super) const FEWEST: f64 = 1.0;
 
-/// First plots, and what plans say of their places, summed, with fading weights.
+/// Number of first plots, and the sum of what plans say about their places, with fading weights.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Places {
     pub plots: f64,
@@ -15,19 +15,19 @@ pub(super) struct Places {
 }
 
 impl Places {
-    /// Lets them fade.
+    /// Multiplies the weights by `kept`.
     pub fn fade(&mut self, kept: f64) {
         self.plots *= kept;
         self.there.fade(kept);
     }
 
-    /// Adds one that counts with this weight.
+    /// Adds a first plot with this weight.
     pub fn add(&mut self, there: There, weight: f64) {
         self.plots += weight;
         self.there.add(there, weight);
     }
 
-    /// Both together.
+    /// The sum of both.
     pub fn with(&self, other: &Self) -> Self {
         let mut all = *self;
         all.plots += other.plots;
@@ -36,8 +36,8 @@ impl Places {
     }
 }
 
-/// Plots that belong to no track, how many of them were detected in each way, and the scans in which
-/// they came, with fading weights.
+/// Number of plots that belong to no track, numbers of those detected in each way, and number of
+/// scans, with fading weights.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Tally {
     pub plots: f64,
@@ -46,14 +46,14 @@ pub(super) struct Tally {
 }
 
 impl Tally {
-    /// Lets them fade.
+    /// Multiplies the weights by `kept`.
     pub fn fade(&mut self, kept: f64) {
         self.plots *= kept;
         self.by.iter_mut().for_each(|plots| *plots *= kept);
         self.scans *= kept;
     }
 
-    /// Adds a plot that counts with this weight.
+    /// Adds a plot with this weight.
     pub fn add(&mut self, detection: Option<Detection>, weight: f64) {
         self.plots += weight;
         if let Some(detection) = detection {
@@ -61,13 +61,13 @@ impl Tally {
         }
     }
 
-    /// Both together.
+    /// The sum of both.
     pub fn with(&self, other: &Self) -> Self {
         let by = std::array::from_fn(|way| self.by[way] + other.by[way]);
         Self { plots: self.plots + other.plots, by, scans: self.scans + other.scans }
     }
 
-    /// Those that are not among others.
+    /// What is left without `others`, which are included.
     pub fn less(&self, others: &Self) -> Self {
         let by = std::array::from_fn(|way| (self.by[way] - others.by[way]).max(0.0));
         let plots = (self.plots - others.plots).max(0.0);
@@ -83,8 +83,8 @@ pub(super) fn estimated(tally: &Tally, radar: &Radar) -> f64 {
     (tally.plots / tally.scans.max(f64::MIN_POSITIVE)).max(FEWEST)
 }
 
-/// The ways of a radar, the shares of the plots of targets that they have, and their plots per scan that
-/// belong to no track.
+/// The ways in which a radar detects, the share of each in the plots of targets, and the number of
+/// plots per scan in this way that belong to no track.
 fn each<'a>(tally: &Tally, radar: &'a Radar) -> impl Iterator<Item = (&'a Way, f64, f64)> {
     let ways = radar.ways.as_ref().map_or(&[][..], |ways| ways.all());
     ways.iter().map(|way| {
@@ -96,8 +96,8 @@ fn each<'a>(tally: &Tally, radar: &'a Radar) -> impl Iterator<Item = (&'a Way, f
     })
 }
 
-/// Logarithm of how much likelier targets are detected so than false plots are, wherever they are; 0
-/// where the way is not known.
+/// Logarithm of the factor by which targets are likelier than false plots to be detected in this
+/// way, wherever they are; 0 if the way is not known.
 pub(super) fn gain_by_way(tally: &Tally, radar: &Radar, detection: Option<Detection>) -> f64 {
     let Some(detection) = detection else { return 0.0 };
     let own = each(tally, radar).find(|(way, ..)| way.detection == detection);

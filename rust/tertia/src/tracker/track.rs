@@ -44,102 +44,104 @@ mod unseen;
 
 use basis::Basis;
 
-/// Motion of a track that is not confirmed yet, with an acceleration of 1 m/s².
+/// Motion of tentative tracks: an acceleration of 1 m/s².
 static FIRST_MOTION: Motion = Motion::Cv(1.0);
-/// Emergency codes in a row after which the plan is suspended.
+/// Number of successive emergency codes after which the plan is suspended.
 const EMERGENCY_AFTER: u8 = 2;
 /// Shortest time between plots of the same radar, as a share of a scan.
 pub(super) const SOONEST: f64 = 0.45;
-/// Scans in which at most one false track is confirmed.
+/// Mean number of scans in which at most one false track is confirmed.
 const SCANS_PER_FALSE_TRACK: f64 = 1000.0;
 /// Whether a track is confirmed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) enum Stage {
-    /// Plots and missed detections so far, and the log-likelihood ratio of a target against a chain of
-    /// false plots, less the one required.
+    /// Numbers of plots and missed detections so far, and the log-likelihood ratio of a target against a
+    /// chain of false plots, less the required one (`evidence`).
     Tentative {
         hits: usize,
         misses: usize,
-        /// Plots that it takes to confirm it.
+        /// Number of plots required for confirmation.
         plots: usize,
         evidence: f64,
-        /// Odds of a target below which it is given up.
+        /// Odds of a target below which the track is given up.
         least: f64,
     },
     Confirmed,
 }
 
-/// What every scan reads of each track comes first, so that it is in one or two lines of the cache.
+/// One track. The fields that every scan reads come first, so that they lie in one or two cache lines.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
 pub(super) struct Track {
     pub stage: Stage,
-    /// Until then no radar has missed it.
+    /// Time before which no radar can have missed the target, s.
     due: f64,
     pub existence: Existence,
-    /// Of the estimate.
+    /// Time of the estimate, s.
     pub time: f64,
-    /// Of the last plot.
+    /// Time of the last plot, s.
     pub seen: f64,
-    /// Scans of the slowest radar that sees the target, s.
+    /// Scan period of the slowest radar that sees the target, s.
     pub period: f64,
-    /// And of the quickest sensor that sees it.
+    /// Scan period of the quickest sensor that sees the target, s.
     quickest: f64,
     swerve: Swerve,
-    /// Whether it is no fixed echo: it has moved or has answered, or such echoes are not looked for.
+    /// Whether the track is no fixed echo: the target has moved or has replied, or fixed echoes are not
+    /// searched for.
     pub moved: bool,
     pub number: u64,
-    /// The states that it may have instead.
+    /// The states of the track under other hypotheses.
     pub tree: Option<Box<Tree<Self>>>,
-    /// The one that it may have instead, until the next plot.
+    /// The alternative state between which and the shown one the next plot decides.
     fork: Option<Box<Fork>>,
-    /// Position and velocity of the filter.
+    /// Position and velocity according to the filter.
     pub estimate: Estimate<4>,
     pub filter: Filter,
     /// The first plot.
     pub first: Measured,
-    /// Of the last plot, and its covariance.
+    /// Innovation of the last plot, and its covariance.
     pub innovation: ([f64; 2], Plane),
-    /// Whether the last plot is that of another track as well.
+    /// Whether the last plot belongs to another track as well.
     pub merged: bool,
     beams: Beams,
     pub vertical: Option<Vertical>,
-    /// How far the estimate depends on the height, where plots without one were used.
+    /// Dependence of the estimate on the height, if plots without a height were used.
     lean: Option<Box<Lean>>,
     known: Known,
     pub(super) correlation: Correlation,
     /// Whether its plan is suspended.
     suspended: bool,
-    /// Emergency codes in a row, and the last one of mode 3/A; negative where there was none.
+    /// Number of successive emergency codes, and the last one of mode 3/A; negative if there was none.
     emergencies: u8,
     emergency: i16,
-    /// A plot that may have been of the target, since its last one.
+    /// Plot since the last one of the track that is far from the track but may be of its target.
     pub stray: Option<Stray>,
-    /// What plans say of where its first plot was.
+    /// What flight plans say about the place of its first plot.
     pub there: There,
-    /// Density of false plots where its first plot was, as it was believed then, 1/m².
+    /// Density of false plots at its first plot, as it was estimated at that time, 1/m².
     pub believed: f64,
-    /// Whether its first plot is among those that belong to no track.
+    /// Whether its first plot counts among those that belong to no track: it is neither a second plot of a
+    /// target nor a reflection nor a fixed echo.
     pub is_counted: bool,
-    /// Its plots until it is confirmed.
+    /// Its plots, until it is confirmed.
     basis: Basis,
     suspicion: Option<Box<Suspicion>>,
 }
 
-/// What the target does if it is not what is shown.
+/// The other explanation of a plot far from the track: an acceleration instead of an outlier, or the reverse.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Fork {
     pub state: Track,
-    /// Logarithm of its odds; a few plots would make up for any.
+    /// Logarithm of the odds of this state against the shown one; bounded, as a few plots outweigh any odds.
     log_odds: f64,
-    /// Whether the plot is an outlier then, and its radar.
+    /// Whether the far plot is an outlier if this state is the right one, and the radar of that plot.
     is_outlier: bool,
     radar: usize,
 }
 
 impl Track {
-    /// A track from one plot, of any velocity up to about `max_speed`. To be confirmed it must be
-    /// likelier than the chains that `false_plots` per scan would form.
+    /// Begins a track with one plot, of any velocity up to about `max_speed`. To be confirmed, the track must
+    /// be likelier than the chains of false plots that `false_plots` per scan would form.
     pub fn new(number: u64, plot: &Measured, false_plots: f64, settings: &Settings) -> Self {
         let (r, vertical, lean) = Self::first(plot, settings);
         let v = (0.5 * settings.max_speed).powi(2);
@@ -204,12 +206,12 @@ impl Track {
         matches!(self.stage, Stage::Confirmed)
     }
 
-    /// The identities by the transponder.
+    /// The identities in the replies of the transponder.
     pub fn identities(&self) -> Identities {
         self.known.identities()
     }
 
-    /// Height; not a number where none was reported.
+    /// Height; nan if none was reported.
     pub fn height(&self) -> f64 {
         self.vertical.filter(|own| own.reported).map_or(f64::NAN, |own| own.height)
     }
@@ -218,7 +220,7 @@ impl Track {
         if self.is_confirmed() { &settings.motion } else { &FIRST_MOTION }
     }
 
-    /// Position, and its covariance, at a time not far off.
+    /// Returns the position and its covariance at a time close to that of the estimate.
     #[inline]
     pub fn position_at(&self, time: f64) -> ([f64; 2], Plane) {
         let t = time - self.time;
@@ -228,7 +230,7 @@ impl Track {
         ([x[0] + t * x[2], x[1] + t * x[3]], covariance)
     }
 
-    /// Predicts to a time.
+    /// Predicts the track to a time.
     pub fn predict(&mut self, time: f64, period: f64, settings: &Settings) {
         if time > self.time {
             let motion = self.motion(settings);
@@ -245,12 +247,12 @@ impl Track {
         }
     }
 
-    /// When this radar should see the target, if it has seen it.
+    /// When this radar should see the target next; none if it has not seen the target yet.
     pub fn expected_by(&self, radar: usize) -> Option<&Expected> {
         self.beams.all().iter().find(|expected| expected.radar == radar)
     }
 
-    /// Whether this radar can have made a plot of this target at this time.
+    /// Whether this radar can have made a plot of this target at the time of the plot.
     pub fn is_due(&self, plot: &Measured, radar: &Radar) -> bool {
         self.is_due_at(plot.time, plot.radar, radar.scan_period)
     }
@@ -261,8 +263,8 @@ impl Track {
         self.expected_by(radar).is_none_or(|e| time - e.seen > SOONEST * period)
     }
 
-    /// Log-likelihood ratio of the plot, of this target against any other, with the `odds` of its radar;
-    /// none outside the gate.
+    /// Log-likelihood ratio of the plot: this target against any other source, with the `odds` of the plot's
+    /// radar; none outside the gate.
     #[inline]
     pub fn score(&self, plot: &Measured, odds: f64, settings: &Settings) -> Option<f64> {
         let here = self.brought_here(plot, settings);
@@ -276,8 +278,9 @@ impl Track {
         is_near.then(|| odds + (self.density(z, r) * self.also_moving(plot, settings)).ln())
     }
 
-    /// What a plot adds to the evidence, by the `gain` with which it was taken, where there are so many
-    /// `others` per square metre: the score of the paper is no likelihood.
+    /// Returns what a plot adds to the evidence: the `gain` with which it was taken. The score of the paper
+    /// is no likelihood, and is replaced by the log-likelihood ratio with a density of `others` per square
+    /// metre.
     #[inline]
     pub fn evidence_of(&self, plot: &Measured, gain: f64, others: f64, settings: &Settings) -> f64 {
         if !matches!(settings.association, Association::Paper(_)) {
@@ -288,7 +291,7 @@ impl Track {
         settings.odds(plot.radar, others) + (density * self.also_moving(plot, settings)).ln()
     }
 
-    /// 2 pi times the density of a plot of this target.
+    /// 2π times the probability density of a plot of this target.
     #[inline]
     fn density(&self, z: [f64; 2], r: Plane) -> f64 {
         let mut density = 0.0;
@@ -299,7 +302,7 @@ impl Track {
         density
     }
 
-    /// The least normalised distance squared of a plot to a model.
+    /// Smallest squared normalised distance of a plot from the models of the filter.
     #[inline]
     fn nearest(&self, z: [f64; 2], r: Plane) -> f64 {
         let mut nearest = f64::INFINITY;
@@ -307,12 +310,13 @@ impl Track {
         nearest
     }
 
-    /// Adds the score of a plot of this radar to the evidence: that against a missed detection, less
-    /// how much likelier false plots are by second plots of targets.
+    /// Adds the score of a plot of this radar, which is against a missed detection, to the evidence, less the
+    /// logarithm `others` of the factor by which second plots and outliers of targets increase the density of
+    /// false plots.
     pub fn credit(&mut self, gain: f64, others: f64, radar: usize, settings: &Settings) {
         self.existence.see(gain - others, radar, settings);
         if let Stage::Tentative { evidence, .. } = &mut self.stage {
-            // that against a false plot
+            // here the ratio is that against a false plot
             *evidence += gain + (1.0 - settings.radars[radar].detection_probability).ln() - others;
         }
     }
@@ -320,7 +324,7 @@ impl Track {
     /// Likelihood ratio of height, identity and detection.
     #[inline]
     pub fn also(&self, plot: &Measured, settings: &Settings) -> f64 {
-        // by what it was detected
+        // channels that detected the plot
         let detection = if plot.gain == 0.0 { 1.0 } else { exp(plot.gain) };
         self.named(plot, settings) * detection
     }
@@ -336,7 +340,7 @@ impl Track {
         height * identity
     }
 
-    /// Corrects by a plot, whatever that says of how agile the target is.
+    /// Corrects by a plot, without regard to what the plot says about the agility of the target.
     fn correct_by(&mut self, plot: &Measured, settings: &Settings) {
         self.predict(plot.time, settings.pace(plot.radar), settings);
         if self.lean.is_some() {
@@ -362,7 +366,7 @@ impl Track {
         self.follow(settings.radars[plot.radar].scan_period, settings);
     }
 
-    /// Follows the plan, or searches one.
+    /// Follows the plan, or searches for one.
     fn follow(&mut self, period: f64, settings: &Settings) {
         if settings.plans.is_empty() || !self.is_confirmed() {
             return;
@@ -386,21 +390,21 @@ impl Track {
         }
     }
 
-    /// Links it to a plan, by hand or because it flies that.
+    /// Assigns a plan to the track, by hand or because the target flies the plan.
     pub fn correlate(&mut self, plan: usize, settings: &Settings, by_hand: bool) {
         let leg = settings.plans[plan].route.project(self.estimate.position()).leg;
         self.fork = None;
         self.filter.set_guide(Some(Guide::new(plan, leg, settings.flown_probability)));
         self.filter.suspend_plan(self.suspended);
         if by_hand {
-            // the plan before may have had a say
+            // the previous plan may have influenced the estimate
             self.estimate = self.filter.estimate();
         }
         self.correlation.begin(self.identities(), by_hand);
     }
 
-    /// Takes its plan from it, or all that a search for one has found. One that was `taken` by hand is
-    /// not found again.
+    /// Removes the plan of the track, or the results of the search for one. A plan that was `taken` from the
+    /// track by hand is not found again.
     pub fn decorrelate(&mut self, taken: Option<usize>) {
         self.filter.set_guide(None);
         self.estimate = self.filter.estimate();
@@ -412,12 +416,12 @@ impl Track {
         self.filter.guide().map(|guide| guide.plan)
     }
 
-    /// How it came to its plan, or why it has none.
+    /// How the plan was assigned to the track, or why the track has none.
     pub fn plan_status(&self) -> Status {
         self.correlation.status()
     }
 
-    /// Goes over to a plan in the place of another, or leaves that.
+    /// Replaces the plan of this number by a new one, if the track has it; removes it if there is no new one.
     pub fn change_plan(&mut self, number: usize, old: &Plan, new: Option<&Plan>) {
         if self.plan() != Some(number) {
             return self.correlation.restart(number);
@@ -432,7 +436,7 @@ impl Track {
         }
     }
 
-    /// The track as plans see it.
+    /// The track in the form in which it is compared with plans.
     fn sighting(&self) -> Sighting {
         let (x, p) = (&self.estimate.mean, &self.estimate.covariance);
         let covariance: [f64; 16] = std::array::from_fn(|k| p[(k / 4, k % 4)]);
@@ -440,7 +444,8 @@ impl Track {
         Sighting::new(self.time, [x[0], x[1]], [x[2], x[3]], Some(&covariance), height)
     }
 
-    /// Height, identities, stage and when the radar should come again.
+    /// Takes over the height and the identities of a plot; updates the stage, and when the radar should see
+    /// the target next.
     fn take(&mut self, plot: &Measured, settings: &Settings) {
         if self.lean.is_none() {
             self.take_height(plot);
@@ -460,7 +465,8 @@ impl Track {
         let next = plot.time + period;
         self.period = self.period.max(period);
         self.quickest = self.quickest.min(period);
-        // several reports in an interval are one: copies of a false one would confirm a track
+        // several reports within one interval count as one: otherwise copies of a false plot would
+        // confirm a track
         let counts = self.is_due(plot, &settings.radars[plot.radar]);
         match self.beams.all_mut().iter_mut().find(|expected| expected.radar == plot.radar) {
             Some(expected) => {
@@ -477,7 +483,7 @@ impl Track {
         let is_reflection = self.is_reflection();
         if let Stage::Tentative { hits, plots, evidence, .. } = &mut self.stage {
             *hits += usize::from(counts);
-            // after two plots
+            // only at the second plot
             let less = if *hits == 2 { allowance.unwrap_or(0.0) } else { 0.0 };
             let is_likely = match settings.confirmation {
                 _ if matches!(settings.association, Association::Paper(_)) => true,

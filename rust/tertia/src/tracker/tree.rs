@@ -1,17 +1,17 @@
-//! The states that a track may have, by what its plots were.
+//! The states that a track may have, depending on which plots were its own.
 
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-/// What a track was given when its plots were not certain.
+/// A plot that a track took while its plots were not certain, or a missed detection.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Choice {
     pub time: f64,
-    /// Index of the plot among all; none where it was missed.
+    /// Index of the plot among all plots; none for a missed detection.
     pub plot: Option<usize>,
 }
 
-/// A state by its name among those of its track, and the choices that led to it.
+/// The identifier of a state within its track, and the choices that led to this state.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Branch {
     pub id: u32,
@@ -26,7 +26,7 @@ pub(super) struct Leaf<T> {
     pub probability: f64,
 }
 
-/// All states of a track: the one that is shown is the track that has the tree.
+/// All states of a track; the shown state is the track that owns the tree.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Tree<T> {
     pub own: Branch,

@@ -1,4 +1,4 @@
-//! Velocities that sensors report, right or wrong.
+//! Velocities that sensors report, which may be wrong.
 
 use super::estimate::Estimate;
 use super::motion::Motion;
@@ -7,37 +7,37 @@ use crate::base::exponential::exp;
 use crate::base::plane::Plane;
 use std::f64::consts::{PI, TAU};
 
-/// Share of velocities that are wrong, whatever their covariance is.
+/// Share of velocities that are wrong, whatever covariance they have.
 const OUTLIERS: f64 = 0.02;
 
-/// What velocities may be.
+/// Limits of velocities.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Velocities {
-    /// Square of the distance beyond which one is wrong.
+    /// Squared normalised distance beyond which a velocity is wrong.
     pub guard: f64,
     /// Largest speed, m/s.
     pub max_speed: f64,
 }
 
 impl Velocities {
-    /// Density of wrong ones: any up to the largest speed.
+    /// Density of wrong velocities: any up to the largest speed.
     fn rivals(self) -> f64 {
         1.0 / (PI * self.max_speed * self.max_speed)
     }
 
-    /// Densities of a right one, which has this density, and of a wrong one.
+    /// Densities of a right velocity, from its `density` about the prediction, and of a wrong one.
     pub fn either(self, density: f64) -> [f64; 2] {
         [(1.0 - OUTLIERS) * density, OUTLIERS * self.rivals()]
     }
 
-    /// How much likelier a velocity of this density is by its target than by another, or by none.
+    /// Likelihood ratio of a velocity of this density: its target against another target or none.
     pub fn ratio(self, density: f64) -> f64 {
         self.either(density).into_iter().sum::<f64>() / self.rivals()
     }
 }
 
 impl Moving {
-    /// With the noise of the motion over the seconds since then.
+    /// The velocity with the noise of the motion over the seconds since then.
     pub fn since(self, seconds: f64, motion: &Motion, pace: f64) -> Self {
         let variance = match motion {
             Motion::Cv(sigma) => sigma * sigma * pace * seconds,
@@ -48,14 +48,14 @@ impl Moving {
         self.wider(Plane { xx: variance, xy: 0.0, yy: variance })
     }
 
-    /// With more noise.
+    /// The velocity with more noise.
     pub fn wider(self, by: Plane) -> Self {
         Self { noise: self.noise.plus(by), ..self }
     }
 }
 
 impl<const N: usize> Estimate<N> {
-    /// Square of the distance of a velocity, and its density.
+    /// Squared normalised distance of a velocity, and its density.
     pub(super) fn expects(&self, seen: &Moving) -> [f64; 2] {
         let s = self.velocity_covariance().plus(seen.noise);
         let y = [seen.velocity[0] - self.mean[2], seen.velocity[1] - self.mean[3]];

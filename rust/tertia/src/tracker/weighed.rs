@@ -1,10 +1,10 @@
-//! Plots that have been weighed against false ones.
+//! Plots that have been compared with false plots.
 
 use super::plot::Measured;
 use crate::sensors::Detection;
 use serde::{Deserialize, Serialize};
 
-/// A plot, and the density of false plots that it has been weighed against, 1/m².
+/// A plot, and the density of false plots with which it has been compared, 1/m².
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Weighed {
     pub radar: usize,

@@ -1,5 +1,5 @@
-//! Least squares over the last plots, fewer of them after a manoeuvre was detected, or near a turn of
-//! the flight plan (Glagovskiy, Lavina, Rudelson 2014).
+//! Least squares over the last plots, of which fewer are used after a manoeuvre was detected or
+//! near a turn of the flight plan (Glagovskiy, Lavina, Rudelson 2014).
 
 use super::bank::{entered, without_rate};
 use super::curve::Curve;
@@ -15,28 +15,29 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-/// So many hits in a row on the same side are a manoeuvre.
+/// Number of successive hits on the same side that indicate a manoeuvre.
 const SIDE_HITS: i32 = 4;
-/// The gate grows for no longer a time without plots, scans.
+/// Longest time without plots during which the gate grows, in scans.
 const LONGEST_GAP: f64 = 5.0;
-/// Scans for which a quadratic is used at most.
+/// Largest number of scans for which a quadratic is used.
 const LONGEST_CURVE: usize = 12;
-/// Variance of deviations from a planned turn, as a share of the guard gate's: half its acceleration.
+/// Variance of deviations from a planned turn, as a share of that of the guard gate: half its
+/// acceleration.
 const LATITUDE: f64 = 0.25;
 
 /// A plot of the history.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Past {
-    /// Seconds ago.
+    /// Age of the plot, s.
     age: f64,
     position: [f64; 2],
     noise: Plane,
-    /// The target was at `p + B v` then, if it is at p and has the velocity v now.
+    /// Matrix B: the target was at `p + B v` at that time if it is at p with the velocity v now.
     back: Matrix2<f64>,
-    /// Its velocity, and how the velocity has turned since then.
+    /// The velocity of the plot, and the rotation of the velocity since then.
     moving: Option<Moving>,
     turned: Matrix2<f64>,
-    /// Whether it was made near a turn of the plan.
+    /// Whether the plot was made near a turn of the plan.
     near_turn: bool,
 }
 
@@ -46,27 +47,28 @@ pub(super) struct Window {
     pub guide: Option<Guide>,
     plots: VecDeque<Past>,
     line: Estimate<4>,
-    /// The quadratic of which it is the tangent, and scans since the manoeuvre was detected.
+    /// The quadratic whose tangent is the line, and the number of scans since the manoeuvre was
+    /// detected.
     curve: Option<(Curve, usize)>,
-    /// What is added to the covariance of the line, until the next plot.
+    /// Covariance that is added to that of the line until the next plot.
     extra: SMatrix<f64, 4, 4>,
     /// Seconds since the last plot.
     gap: f64,
     /// Whether the next plot is from the guard gate.
     guarded: bool,
     distances: VecDeque<f64>,
-    /// Hits in a row on the left (positive) or on the right.
+    /// Number of successive hits on the left (positive) or on the right (negative).
     side: i32,
-    /// Plots that may be used.
+    /// Number of plots that may be used.
     length: usize,
-    /// Whether the line is that of the start and all plots since.
+    /// Whether the line follows from the start and all plots since then.
     whole: bool,
-    /// Whether a manoeuvre was detected, a few plots ago at most.
+    /// Whether a manoeuvre was detected not more than a few plots ago.
     manoeuvre: bool,
-    /// Whether the plan turns near here, and whether it has turned since the last plot.
+    /// Whether the plan turns near here, and whether its arc was flown since the last plot.
     near_turn: bool,
     on_arc: bool,
-    /// Whether the target does something else near the turn of its plan.
+    /// Whether the target deviates from its plan near a turn.
     deviates: bool,
 }
 
@@ -91,7 +93,7 @@ impl Window {
         }
     }
 
-    /// Whether the target turns: it was seen to, or its plan does.
+    /// Whether the target turns: a turn was detected, or its plan turns here.
     pub fn turns(&self) -> bool {
         self.manoeuvre || self.on_arc
     }
@@ -101,7 +103,8 @@ impl Window {
         Estimate { mean: self.line.mean, covariance: self.line.covariance + self.extra }
     }
 
-    /// Straight on; near a turn of the plan along its arc, with the gate as wide as the guard gate.
+    /// Predicts straight flight, or flight along the arc near a turn of the plan, with the gate as
+    /// wide as the guard gate.
     pub fn predict(&mut self, settings: &Settings, t: f64, period: f64) {
         if self.gap == 0.0 {
             self.on_arc = false;
@@ -123,7 +126,8 @@ impl Window {
         }
     }
 
-    /// Straight on to where the turn starts, along its arc, and straight on.
+    /// Predicts straight flight to the start of the turn, flight along its arc, and straight flight
+    /// after it.
     fn fly(&mut self, turn: &Turn, t: f64) {
         let velocity = [self.line.mean[2], self.line.mean[3]];
         let (s, _) = turn.project(self.line.position());
@@ -160,7 +164,7 @@ impl Window {
         }
     }
 
-    /// Moves the line and its plots by this.
+    /// Shifts the line and its plots.
     pub fn shift(&mut self, by: &SVector<f64, 4>) {
         self.line.mean += by;
         let velocity = Vector2::new(by[2], by[3]);
@@ -172,7 +176,7 @@ impl Window {
         }
     }
 
-    /// Widens the gate for a plot that is a manoeuvre.
+    /// Widens the gate for a plot that indicates a manoeuvre.
     pub fn widen(&mut self, extra: &SMatrix<f64, 4, 4>) {
         self.extra += extra;
         self.guarded = true;
@@ -221,7 +225,7 @@ impl Window {
         self.guarded = false;
     }
 
-    /// Adds the velocity of the last plot. A quadratic is that of positions alone.
+    /// Adds the velocity of the last plot. A quadratic is fitted to positions alone.
     pub fn take_velocity(&mut self, seen: Moving) {
         if let Some(last) = self.plots.back_mut() {
             last.moving = Some(seen);
@@ -236,8 +240,8 @@ impl Window {
         }
     }
 
-    /// Fits a quadratic, while its acceleration is significant and not for long; then the line begins with
-    /// the last plots.
+    /// Fits a quadratic while its acceleration is significant, for a limited number of scans; then
+    /// the line begins anew with the last plots.
     fn bend(&mut self, model: &WindowModel, scans: usize) {
         let plots = self.plots.iter().map(|past| (past.age, past.position, past.noise));
         let counts = |curve: &Curve| scans == 0 || curve.significance() >= model.inner;
@@ -260,7 +264,7 @@ impl Window {
         }
     }
 
-    /// Whether this plot, with those before it, says that the target manoeuvres.
+    /// Whether this plot, with those before it, shows that the target manoeuvres.
     fn detects(&mut self, model: &WindowModel, z: [f64; 2], r: Plane) -> bool {
         let mut expected = self.line;
         if self.near_turn {
@@ -289,7 +293,7 @@ impl Window {
             || self.side.abs() >= SIDE_HITS
     }
 
-    /// Treats the turn in the window as straight flight.
+    /// Treats a turn within the window as straight flight.
     fn straighten(&mut self) {
         self.on_arc = false;
         self.near_turn = false;
@@ -301,7 +305,8 @@ impl Window {
         }
     }
 
-    /// Locates the target along the plan. If the plan is blocked, the flight counts as straight.
+    /// Locates the target along the plan. If the plan is blocked, the flight is treated as
+    /// straight.
     pub fn follow(&mut self, settings: &Settings, time: f64, period: f64) {
         let line = self.line;
         let Some(guide) = &mut self.guide else { return };
@@ -318,7 +323,8 @@ impl Window {
         }
     }
 
-    /// The line of least squares through the plots, for now; none of less than two.
+    /// The line of least squares through the plots, for the present time; none with fewer than two
+    /// plots.
     fn fitted(&self) -> Option<Estimate<4>> {
         let origin = self.plots.back().filter(|_| self.plots.len() > 1)?.position;
         let mut normal = SMatrix::<f64, 4, 4>::zeros();

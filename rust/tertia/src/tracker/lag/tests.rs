@@ -106,7 +106,7 @@ fn a_tracker_that_has_had_plots_cannot_have_them_again() {
     tracker.track(&plots[..], Some(9.0), &mut statuses, &mut rows, None).unwrap();
     let refused = LagTracker::try_new(tracker.clone(), 10.0).unwrap_err();
     assert!(refused.to_string().contains("has had no plots"), "{refused}");
-    // without a lag nothing is processed again
+    // without a lag, no plots are processed again
     let mut tracker = LagTracker::try_new(tracker, 0.0).unwrap();
     let later = plot((12.0, 2400.0, 0));
     tracker.track(&[later][..], Some(13.0), &mut statuses, &mut rows, None).unwrap();

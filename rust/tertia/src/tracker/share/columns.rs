@@ -1,20 +1,20 @@
 //! The plots of a group, numbered as the columns of its assignment.
 
-/// No column.
+/// Index that stands for no column.
 const NOWHERE: u32 = u32::MAX;
 
-/// Plots by their columns, and the columns of plots.
+/// The plot of each column, and the column of each plot.
 #[derive(Default)]
 pub(super) struct Columns {
     plots: Vec<u32>,
-    /// The column of each plot of the scan.
+    /// Column of each plot of the scan.
     column: Vec<u32>,
-    /// Which columns a row has taken.
+    /// Whether a row has taken the plot of each column.
     taken: Vec<bool>,
 }
 
 impl Columns {
-    /// Begins a group of a scan with so many plots. Cost O(columns of the group before).
+    /// Begins a group of a scan with `plots` plots. Cost O(columns of the previous group).
     pub fn clear(&mut self, plots: usize) {
         for &plot in &self.plots {
             self.column[plot as usize] = NOWHERE;

@@ -1,4 +1,4 @@
-//! Groups whose plots are not certain: joint events, and the states that follow from them.
+//! Groups whose plots are uncertain: joint events, and the states of tracks that follow from them.
 
 use super::{Share, View};
 use crate::association::Pair;
@@ -20,9 +20,9 @@ mod tests;
 enum Taken {
     Nothing,
     Plot(u32),
-    /// A plot in the guard gate, and the probability that the target accelerated.
+    /// A plot in the guard gate.
     Guarded(u32),
-    /// A plot that is also that of another row of the part.
+    /// A plot that also belongs to another row of the part, with the index of this row.
     Shared(u32, usize),
 }
 
@@ -35,7 +35,7 @@ impl Taken {
     }
 }
 
-/// A state of a track, and the gains of its plots by their columns.
+/// A state of a track, and the gains of plots in this state, by column.
 struct Scored {
     id: u32,
     gains: Vec<(u32, f64)>,
@@ -44,16 +44,16 @@ struct Scored {
 /// A hypothesis after an event.
 struct Survivor {
     weight: f64,
-    /// Index of the hypothesis before.
+    /// Index of the hypothesis from which it follows.
     parent: usize,
     taken: Vec<Taken>,
 }
 
-/// Tracks that compete, their hypotheses, and what may follow.
+/// Tracks that compete, their hypotheses, and the hypotheses that may follow.
 pub(in crate::tracker) struct Doubt {
-    /// Their claims, by index in the group.
+    /// Claims of these tracks, by index in the group.
     rows: Vec<usize>,
-    /// Their places in the cluster.
+    /// Places of these tracks in the cluster.
     members: Vec<usize>,
     states: Vec<Vec<Scored>>,
     cluster: Cluster,
@@ -62,8 +62,8 @@ pub(in crate::tracker) struct Doubt {
 }
 
 impl Share {
-    /// The parts of a group with more than one likely event, or more than one hypothesis before. Their
-    /// pairs are removed.
+    /// Returns the parts of a group that have more than one likely event, or had more than one
+    /// hypothesis before; removes their pairs.
     pub fn doubt(
         &mut self,
         group: &[Claim],
@@ -90,7 +90,7 @@ impl Share {
         doubts
     }
 
-    /// Whether there is one likely plot, or none, for the only track of a group.
+    /// Whether the plot of the only track of a group is certain, or it is certain that it has none.
     fn is_certain(&self, cut: f64) -> bool {
         let (mut best, mut second) = (0.0, f64::NEG_INFINITY);
         for pair in self.pairs.iter().filter(|pair| pair.gain.is_finite()) {
@@ -103,7 +103,8 @@ impl Share {
         second < best - cut
     }
 
-    /// All states of the tracks of a group at the time of their plots, with the gains of these.
+    /// All states of the tracks of a group, predicted to the time of their plots, with the gains of
+    /// the plots.
     fn states(
         &mut self,
         group: &[Claim],
@@ -154,8 +155,8 @@ impl Share {
         self.clusters.iter().position(|cluster| cluster.members.contains(&track.number))
     }
 
-    /// The rows that compete for plots of their gates, or depend on one another; rows without either are
-    /// left out.
+    /// Parts of a group whose rows compete for plots in their gates or depend on one another. Rows
+    /// without plots and without other states are left out.
     fn parts(
         &self,
         group: &[Claim],
@@ -202,7 +203,8 @@ impl Share {
         parts.into_iter().filter(counts).collect()
     }
 
-    /// The likely events of a part; none where there is one only, and was one before.
+    /// The likely events of a part; none if there is only one event and there was only one
+    /// hypothesis before.
     fn doubt_of(
         &mut self,
         (rows, states): (Vec<usize>, Vec<Vec<Scored>>),
@@ -235,7 +237,8 @@ impl Share {
         (doubt.survivors.len() > 1 || !was_certain || merges).then_some(doubt)
     }
 
-    /// Finds the likeliest events of all hypotheses; returns whether rows may not have been resolved.
+    /// Finds the likeliest events of all hypotheses; returns whether there are rows that the radar
+    /// may not have resolved.
     fn survive(
         &mut self,
         doubt: &mut Doubt,
@@ -245,7 +248,7 @@ impl Share {
     ) -> bool {
         let Mht { max_hypotheses, cut, .. } = doubt.limits;
         let limits = Limits { count: max_hypotheses, cut };
-        // many hypotheses have the same states here
+        // many hypotheses have the same states of these tracks
         let mut known: Vec<(Vec<u32>, Vec<Event>)> = Vec::new();
         let mut survivors = Vec::new();
         let mut merges = false;
@@ -276,7 +279,8 @@ impl Share {
         merges
     }
 
-    /// Rows that may not have been resolved, in these states, and what a plot of both gains.
+    /// Pairs of rows that the radar may not have resolved, in these states, and the gain of a
+    /// common plot.
     fn unresolved(
         &self,
         doubt: &Doubt,
@@ -318,7 +322,7 @@ impl Share {
         found
     }
 
-    /// Corrects the tracks of a part in all its hypotheses, and shows the best.
+    /// Corrects the tracks of a part in all its hypotheses, and shows the states of the best one.
     pub fn decide(
         &mut self,
         mut doubt: Doubt,
@@ -375,7 +379,8 @@ impl Share {
         }
     }
 
-    /// In each hypothesis, tracks without a plot take the likeliest remaining one in the guard gate.
+    /// Gives tracks without a plot the likeliest remaining plot in the guard gate, in each
+    /// hypothesis.
     fn guard_all(
         &self,
         doubt: &mut Doubt,
@@ -420,14 +425,14 @@ impl Share {
         }
     }
 
-    /// Ends a component.
+    /// Ends a component: its clusters are settled.
     pub fn finish(&mut self) {
         self.closed.append(&mut self.clusters);
     }
 }
 
 impl Doubt {
-    /// The pairs of some states, one for each row.
+    /// The pairs of rows and plots for these states, one per row.
     fn pairs(&self, ids: &[u32]) -> Vec<Pair> {
         let rows = self.states.iter().zip(ids).enumerate();
         let own = rows.filter_map(|(row, (states, id))| {
@@ -439,7 +444,7 @@ impl Doubt {
         .collect()
     }
 
-    /// Keeps the best survivors.
+    /// Keeps the best survivors, within the limits.
     fn prune(&mut self) {
         let Self { survivors, limits, .. } = self;
         survivors.sort_by(|a, b| b.weight.total_cmp(&a.weight));

@@ -1,4 +1,4 @@
-//! What all threads see of a scan, and what each gives back.
+//! What all threads see of a scan, and what each thread returns.
 
 use crate::tracker::cluster::Cells;
 use crate::tracker::clutter::Clutter;
@@ -12,19 +12,20 @@ use crate::tracker::settings::Settings;
 /// A plot that was given to a track.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::tracker) struct Given {
-    /// Its place: the claim's rank, those of the guard gate after all others of the group.
+    /// Place in the order of results: the rank of its claim; plots from the guard gate come after
+    /// all others of the group.
     pub(super) place: u32,
     pub plot: u32,
     pub track: u64,
     /// Whether the track is confirmed by this plot.
     pub begun: bool,
-    /// Radar of a plot before that was an outlier, as this one shows.
+    /// Radar of an earlier plot, which this plot shows to have been an outlier.
     pub outlier: Option<usize>,
-    /// Another one that was no plot of the track.
+    /// An earlier plot that was not taken, which this plot shows to have been an outlier.
     pub stray: Option<Stray>,
     /// Whether the plot may be of a fixed echo.
     pub is_still: bool,
-    /// Whether the track is a reflection, more likely than not.
+    /// Whether the track is more likely a reflection than not.
     pub is_reflection: bool,
     /// Index of the row, if there is one.
     pub(super) row: u32,
@@ -36,11 +37,11 @@ pub(in crate::tracker) struct View<'a> {
     pub plots: &'a [Measured],
     /// Plots of the claims.
     pub claimed: &'a [u32],
-    /// Which plots wait.
+    /// Whether each plot is deferred.
     pub deferred: &'a [bool],
-    /// The density of second plots and outliers of confirmed tracks where each plot is.
+    /// Density of second plots and outliers of confirmed tracks at each plot.
     pub others: &'a [f64],
-    /// Where those of others may be.
+    /// Where second plots of other plots may be.
     pub seconds: &'a Seconds,
     pub reflections: &'a Reflections,
     pub settings: &'a Settings,

@@ -1,4 +1,4 @@
-//! One track: its plots in, its states out.
+//! Smoothing of one track: from its plots to its states.
 
 use super::mixture::Fix;
 use super::motion::{MODELS, Movement, SPEED, STATES, TURN};
@@ -8,89 +8,89 @@ use super::vertical::{self, CLIMB, LEVEL, Vertical};
 use crate::base::plane::Plane;
 use crate::sensors::HEIGHT_SIGMA;
 
-/// What comes later no longer changes a state that is so much older, s.
+/// Age at which a state is no longer changed by later plots, s.
 const SETTLED: f64 = 30.0;
-/// Steps to which heights are rounded, hundreds of feet and 25 ft, m, with the standard deviation
-/// of such heights.
+/// Steps to which heights are rounded (a hundred feet, and 25 ft), m, and the standard deviation of
+/// such heights, m.
 const STEPS: [(f64, f64); 2] = [(30.48, 10.0), (7.62, 6.0)];
-/// Heights that differ by less are the same, and steps differ by less from a multiple, m.
+/// Difference below which heights are equal, and by which a difference may fall short of a step, m.
 const SAME: f64 = 1.0;
 
 /// A plot of a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackPlot {
-    /// s
+    /// Time, s.
     pub time: f64,
     /// East and north, m.
     pub position: [f64; 2],
-    /// Its covariance.
+    /// Covariance of the position, m².
     pub covariance: Plane,
-    /// East and north, m/s; nan where there is none.
+    /// Velocity to the east and north, m/s; nan if there is none.
     pub velocity: [f64; 2],
-    /// Its covariance.
+    /// Covariance of the velocity, m²/s².
     pub velocity_covariance: Plane,
-    /// m; nan where there is none
+    /// Height, m; nan if there is none.
     pub height: f64,
-    /// Whether states are computed by it.
+    /// Whether the plot is used to compute states.
     pub used: bool,
 }
 
 /// A state of a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SmoothedRow {
-    /// s
+    /// Time, s.
     pub time: f64,
-    /// Index among the plots of the track; none between them.
+    /// Index among the plots of the track; none between plots.
     pub plot: Option<usize>,
     /// Position and velocity, m and m/s.
     pub state: [f64; 4],
     /// Their covariance.
     pub covariance: [[f64; 4]; 4],
-    /// Plot less the state without it, m; nan where there is none.
+    /// Innovation: plot less the state without this plot, m; nan if there is none.
     pub innovation: [f64; 2],
-    /// Its covariance.
+    /// Covariance of the innovation.
     pub innovation_covariance: Plane,
-    /// Along the course, m/s².
+    /// Acceleration along the course, m/s².
     pub acceleration: f64,
-    /// Positive to the right, rad/s.
+    /// Rate of turn, positive to the right, rad/s.
     pub turn_rate: f64,
-    /// Probability of a turn, and of a change of speed.
+    /// Probability of a turn.
     pub turn_probability: f64,
-    /// The same of a change of speed.
+    /// Probability of a change of speed.
     pub speed_change_probability: f64,
-    /// m; nan where none is known, as the next two.
+    /// Height, m; nan if none is known, as are the next two.
     pub height: f64,
-    /// m
+    /// Standard deviation of the height, m.
     pub height_sigma: f64,
-    /// m/s
+    /// Vertical rate, positive upward, m/s.
     pub vertical_rate: f64,
-    /// How it moves: across its course, along it, and vertically.
+    /// Movement across the course.
     pub transversal: Manoeuvre,
-    /// Along its course.
+    /// Movement along the course.
     pub longitudinal: Manoeuvre,
-    /// Vertically.
+    /// Vertical movement.
     pub vertical: Manoeuvre,
-    /// To the nearest plot that is used, s.
+    /// Time to the nearest plot that is used, s.
     pub gap: f64,
-    /// Whether the plot does not fit and was left out.
+    /// Whether the plot is an outlier, which was left out.
     pub outlier: bool,
-    /// Whether what comes later would no longer change it.
+    /// Whether later plots would no longer change the row.
     pub is_final: bool,
 }
 
-/// Times of states besides those of plots.
+/// Times of states in addition to those of plots.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Times {
-    /// In order, s.
+    /// Given times, in order, s.
     pub given: Vec<f64>,
-    /// Multiples of this, s.
+    /// Interval whose multiples are times of states, s.
     pub every: Option<f64>,
 }
 
-/// Smooths a track, of which the plots are in the order of time. States are from its first plot to
-/// the last. `guard` is the distance squared beyond which plots are left out.
+/// Smooths a track, whose plots are in the order of time. States extend from its first plot to the
+/// last one. `guard` is the squared normalised distance beyond which plots are left out.
 ///
-/// Cost O(plots + times), memory 1 kB a plot.
+/// Cost O(plots + times), memory 1 kB per plot.
 pub(super) fn smooth(
     movement: &Movement,
     plots: &[TrackPlot],
@@ -130,7 +130,7 @@ pub(super) fn smooth(
     rows
 }
 
-/// The times of plots, and those besides, once each.
+/// The times of the plots and the additional times, in order and each only once.
 fn wanted(plots: &[TrackPlot], times: &Times) -> Vec<f64> {
     let mut wanted: Vec<f64> = plots.iter().map(|plot| plot.time).collect();
     if let (Some(first), Some(last)) = (wanted.first().copied(), wanted.last().copied()) {
@@ -165,7 +165,7 @@ fn with_plot(row: SmoothedRow, i: usize, found: &Passes<STATES, MODELS, 2>) -> S
     SmoothedRow { plot: Some(i), innovation: value, innovation_covariance: covariance, ..row }
 }
 
-/// Time to the nearest of these.
+/// Time to the nearest of these times; infinite if there is none.
 fn gap(times: &[f64], time: f64) -> f64 {
     let after = times.partition_point(|&t| t < time);
     let distance = |k: Option<usize>| k.and_then(|k| times.get(k)).map(|t| (t - time).abs());
@@ -176,8 +176,8 @@ fn gap(times: &[f64], time: f64) -> f64 {
 /// Heights at the wanted times.
 struct Heights {
     solutions: Vec<Option<Solution<2, { vertical::MODELS }>>>,
-    /// Variance of rounding, m², which is added in level flight: all its errors are one error there,
-    /// and no noise that a filter takes the mean of.
+    /// Variance of rounding, m², which is added in level flight: there, rounding is one common
+    /// error and not noise that a filter averages out.
     rounding: f64,
 }
 
@@ -199,7 +199,7 @@ impl Heights {
         Self { solutions, rounding: step * step / 12.0 }
     }
 
-    /// A row without its plot.
+    /// The row of a solution, without a plot.
     fn row(&self, time: f64, place: usize, of: &Solution<STATES, MODELS>) -> SmoothedRow {
         let (mean, p) = (&of.state.mean, &of.state.covariance);
         let (turn, speed) = (of.probability[TURN], of.probability[SPEED]);
@@ -236,7 +236,7 @@ impl Heights {
     }
 }
 
-/// Step to which heights are rounded, 0 where they are not, and their standard deviation.
+/// Step to which heights are rounded, 0 if they are not, and the standard deviation of the heights.
 fn rounding(heights: &[f64]) -> (f64, f64) {
     let mut sorted = heights.to_vec();
     sorted.sort_by(f64::total_cmp);

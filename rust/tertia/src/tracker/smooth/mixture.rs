@@ -4,7 +4,7 @@ use super::root::Root;
 use crate::base::exponential::exp;
 use crate::base::small::{Matrix, Vector};
 
-/// Mean and covariance of N states, the last of which is a model's own.
+/// Mean and covariance of N states, the last of which is specific to a model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State<const N: usize> {
     /// Mean.
@@ -13,27 +13,27 @@ pub struct State<const N: usize> {
     pub covariance: Matrix<N>,
 }
 
-/// What was measured of the first D states, and its covariance.
+/// A measurement of the first D states, and its covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Fix<const D: usize> {
     pub value: Vector<D>,
     pub covariance: Matrix<D>,
-    /// The same of their rates, which are the next D states.
+    /// Measurement of their rates, which are the next D states, and its covariance.
     pub rate: Option<(Vector<D>, Matrix<D>)>,
 }
 
 impl<const D: usize> Fix<D> {
-    /// Values alone.
+    /// A fix without rates.
     pub fn new(value: Vector<D>, covariance: Matrix<D>) -> Self {
         Self { value, covariance, rate: None }
     }
 
-    /// The rates, as values of states.
+    /// The rates as a fix of their own.
     fn of_rates(&self) -> Option<Self> {
         self.rate.map(|(value, covariance)| Self::new(value, covariance))
     }
 
-    /// As it is where time runs backwards.
+    /// The fix when time runs backwards.
     pub fn reversed(&self) -> Self {
         let rate = self.rate.map(|(rate, covariance)| (rate.map(|r| -r), covariance));
         Self { rate, ..*self }
@@ -41,24 +41,24 @@ impl<const D: usize> Fix<D> {
 }
 
 /// M models of N states, and their probabilities, which sum to one. A model of probability zero is
-/// not there. All but the last state are the same quantities in all models.
+/// absent. All states but the last one are the same quantities in all models.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mixture<const N: usize, const M: usize> {
-    /// The state by each model.
+    /// The state of each model.
     pub states: [State<N>; M],
     /// The probability of each model.
     pub probability: [f64; M],
 }
 
 impl<const N: usize> State<N> {
-    /// Independent states.
+    /// A state with independent components.
     pub fn new(mean: Vector<N>, variance: Vector<N>) -> Self {
         let mut covariance = [[0.0; N]; N];
         (0..N).for_each(|i| covariance[i][i] = variance[i]);
         Self { mean, covariance }
     }
 
-    /// `F P F'`, symmetric to the last bit.
+    /// Replaces the covariance P by `F P F'`, symmetric to the last bit.
     #[inline]
     pub fn transform(&mut self, f: &Matrix<N>) {
         let (p, mut g, mut after) = (self.covariance, [[0.0; N]; N], [[0.0; N]; N]);
@@ -82,7 +82,7 @@ impl<const N: usize> State<N> {
         self.covariance = after;
     }
 
-    /// Forgets the own state: nothing but this variance is known of it.
+    /// Forgets the model's own state, which then has mean 0 and this variance.
     #[inline]
     pub fn redraw(&mut self, variance: f64) {
         let own = N - 1;
@@ -94,7 +94,7 @@ impl<const N: usize> State<N> {
         self.covariance[own][own] = variance;
     }
 
-    /// The same seen backwards in time: `signs` is −1 for states that change their sign.
+    /// The state when time runs backwards: `signs` is −1 for components that change their sign.
     #[inline]
     pub fn reversed(&self, signs: &Vector<N>) -> Self {
         let mut reversed = *self;
@@ -107,8 +107,9 @@ impl<const N: usize> State<N> {
         reversed
     }
 
-    /// Updates with the values of a fix, of the states from one on; returns its distance squared, and its
-    /// density but for that and a constant.
+    /// Corrects by the values of a fix of the states from index `from` on. Returns the squared
+    /// normalised distance, and the factor before the exponential of the density, without a
+    /// constant; none if the covariance is singular.
     #[inline(always)]
     fn correct<const D: usize>(&mut self, fix: &Fix<D>, from: usize) -> Option<(f64, f64)> {
         let root = Root::new(&self.spread_at(fix, from))?;
@@ -128,7 +129,7 @@ impl<const N: usize> State<N> {
         Some((distance, root.density()))
     }
 
-    /// What a whitened difference explains: `m + w y` and `P − w w'`.
+    /// Applies a whitened difference y with the whitened covariances w: `m + w y` and `P − w w'`.
     #[inline]
     pub fn explain(&mut self, w: &Vector<N>, y: f64) {
         for i in 0..N {
@@ -139,7 +140,7 @@ impl<const N: usize> State<N> {
         }
     }
 
-    /// Covariance of fix less state.
+    /// Covariance of the difference between fix and state.
     #[inline]
     pub fn spread<const D: usize>(&self, fix: &Fix<D>) -> Matrix<D> {
         self.spread_at(fix, 0)
@@ -152,12 +153,12 @@ impl<const N: usize> State<N> {
         })
     }
 
-    /// Distance squared of a fix, in its covariance; none where that is singular.
+    /// Squared normalised distance of a fix; none if its covariance is singular.
     pub fn distance<const D: usize>(&self, fix: &Fix<D>) -> Option<f64> {
         self.distance_at(fix, 0)
     }
 
-    /// The same of its rates; none where there are none.
+    /// Squared normalised distance of the rates of a fix; none if there are none.
     pub fn distance_of_rate<const D: usize>(&self, fix: &Fix<D>) -> Option<f64> {
         self.distance_at(&fix.of_rates()?, D)
     }
@@ -170,9 +171,9 @@ impl<const N: usize> State<N> {
 }
 
 impl<const N: usize, const M: usize> Mixture<N, M> {
-    /// Mixes the states for changes of the model (row) to another (column): Blom, Bar-Shalom 1988.
-    /// What remains of the probabilities is scaled to one, because backwards they are likelihoods.
-    /// A model that begins draws its own state with its `variance`.
+    /// Mixes the states for changes from one model (row) to another (column): Blom, Bar-Shalom
+    /// 1988. The probabilities are scaled to sum to one, as backwards they are likelihoods. A model
+    /// that begins draws its own state with its `variance`.
     #[inline]
     pub fn mix(&mut self, changes: &Matrix<M>, variance: &[f64; M]) {
         let before = *self;
@@ -188,7 +189,7 @@ impl<const N: usize, const M: usize> Mixture<N, M> {
         self.scale();
     }
 
-    /// The state of a model, with these shares of all models before.
+    /// The state of a model, mixed from all models with these weights.
     #[inline]
     fn mixed(&self, weights: [f64; M], model: usize, variance: f64) -> State<N> {
         let (mut state, shift) = self.shared(weights, model);
@@ -205,15 +206,15 @@ impl<const N: usize, const M: usize> Mixture<N, M> {
         state
     }
 
-    /// Mean and covariance of all models together; nothing of their own states.
+    /// Mean and covariance of all models together, without their own states.
     pub fn moments(&self) -> State<N> {
         let likely = (0..M)
             .fold(0, |best, j| if self.probability[j] > self.probability[best] { j } else { best });
         self.shared(self.probability, likely).0
     }
 
-    /// The same with these weights, computed from the differences to the mean of one model; with the
-    /// difference of both means.
+    /// Mean and covariance with these weights, computed from the differences to the mean of one
+    /// model (`origin`), and the difference of both means.
     #[inline]
     fn shared(&self, weights: [f64; M], origin: usize) -> (State<N>, Vector<N>) {
         let mut shift = [0.0; N];
@@ -245,7 +246,7 @@ impl<const N: usize, const M: usize> Mixture<N, M> {
         (State { mean, covariance }, shift)
     }
 
-    /// Means of the own states of the models, each times its probability.
+    /// Mean of each model's own state, times the probability of the model.
     pub fn own(&self) -> [f64; M] {
         std::array::from_fn(|j| match self.probability[j] {
             0.0 => 0.0,
@@ -253,8 +254,8 @@ impl<const N: usize, const M: usize> Mixture<N, M> {
         })
     }
 
-    /// Corrects all models by a fix, and their probabilities by its densities. A fix by which a
-    /// covariance is singular changes nothing.
+    /// Corrects all models by a fix, and their probabilities by the densities of the fix. A fix
+    /// that gives a singular covariance changes nothing.
     #[inline]
     pub fn correct<const D: usize>(&mut self, fix: &Fix<D>) {
         self.correct_at(fix, 0);
@@ -280,13 +281,14 @@ impl<const N: usize, const M: usize> Mixture<N, M> {
         }
     }
 
-    /// Sets the probabilities by their logarithms, less a constant; false where none is a number.
+    /// Sets the probabilities by their logarithms, up to a constant; returns false if none is
+    /// finite.
     pub fn weigh(&mut self, logarithms: &[f64; M]) -> bool {
         let largest = logarithms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         if !largest.is_finite() {
             return false;
         }
-        // what would not be in the sum is not there at all
+        // a model whose logarithm is not finite is absent
         self.probability = logarithms.map(|l| if l.is_finite() { exp(l - largest) } else { 0.0 });
         self.scale();
         true

@@ -1,8 +1,9 @@
 //! How targets move in the plane: straight on, in a turn, or with a change of speed.
 //!
-//! States are east and north, their velocities, and a model's own: the rate of turn (positive to the
-//! left), or the acceleration along the course. These fade instead of walking, so that their
-//! stationary law is what a manoeuvre begins with, and the motion is the same backwards in time.
+//! States are east and north, their velocities, and a state of the model's own: the rate of turn
+//! (positive to the left), or the acceleration along the course. The own state fades instead of
+//! walking without limit, so that its stationary distribution is that with which manoeuvres begin,
+//! and the motion is the same backwards in time.
 
 use super::mixture::State;
 use super::two_filter::{Models, exponential};
@@ -11,25 +12,25 @@ use crate::base::small::{Matrix, Vector};
 use crate::tracker::kinematics::Arc;
 use crate::tracker::motion::{ImmModel, Motion};
 
-/// East, north, their velocities, and that of the model.
+/// Number of states: east, north, their velocities, and the model's own.
 pub(super) const STATES: usize = 5;
-/// Models.
+/// Number of models.
 pub(super) const MODELS: usize = 3;
-/// Straight and uniform.
+/// Straight and uniform motion.
 pub(super) const STRAIGHT: usize = 0;
-/// A turn at a rate that is not known.
+/// A turn at an unknown rate.
 pub(super) const TURN: usize = 1;
 /// A change of speed.
 pub(super) const SPEED: usize = 2;
-/// Place of the rate of turn or the acceleration among the states.
+/// Index of the rate of turn or the acceleration among the states.
 pub(super) const OWN: usize = 4;
 
-/// Standard deviation of what is not known of a position, m, and a velocity, m/s. It is weight that
-/// no plot has: a millionth of that of a plot.
+/// Standard deviation of an unknown position, m, and of an unknown velocity, m/s. The weight of
+/// such a state is negligible: a millionth of that of a plot.
 const UNKNOWN: [f64; 2] = [30e3, 300.0];
-/// Accelerations are given as constant for so long, s.
+/// Time for which accelerations are stated as constant, s.
 const CONSTANT: f64 = 4.0;
-/// The course of a target that is slower is not linearised, m/s.
+/// Speed below which the course of a target is not linearised, m/s.
 const SLOWEST: f64 = 1.0;
 
 /// Noise and mean durations of the models.
@@ -41,17 +42,17 @@ pub struct Movement {
     /// Random walk of the rate of turn, rad/s per root of a second, and its standard deviation,
     /// rad/s.
     pub turn_rate: [f64; 2],
-    /// The same of the acceleration along the course, m/s² per root of a second and m/s².
+    /// The same for the acceleration along the course, m/s² per root of a second and m/s².
     pub acceleration: [f64; 2],
-    /// Rates of the changes of models (row: from), per second; rows sum to zero.
+    /// Rates of changes from one model (row) to another (column), per second; rows sum to zero.
     pub rates: Matrix<MODELS>,
-    /// Probabilities of the models where nothing is known.
+    /// Probabilities of the models when nothing is known.
     pub stationary: [f64; MODELS],
 }
 
-/// Mean time of a manoeuvre until the other kind follows at once, s.
+/// Mean time of a manoeuvre until one of the other kind follows immediately, s.
 const OTHER_TIME: f64 = 1000.0;
-/// Random walk of the acceleration over its standard deviation, per root of a second.
+/// Random walk of the acceleration relative to its standard deviation, per root of a second.
 const ACCELERATION_WALK: f64 = 0.02;
 
 impl Default for Movement {
@@ -60,11 +61,11 @@ impl Default for Movement {
     }
 }
 
-/// Changes of models are in balance after so long, s.
+/// Time after which changes of models are in balance, s.
 const FOREVER: f64 = 1e6;
 
 impl Movement {
-    /// The models of a motion; none where it is not one that is smoothed.
+    /// The models of a motion; none if this motion is not smoothed.
     pub fn of(motion: &Motion) -> Option<Self> {
         match motion {
             Motion::Imm(model) => Some(Self::with_turns(model)),
@@ -102,7 +103,7 @@ impl Movement {
         }
     }
 
-    /// The share of a random walk with a limit that remains after the time `t`.
+    /// Share of a bounded random walk that remains after the time `t`.
     fn fading([walk, sigma]: [f64; 2], t: f64) -> f64 {
         exp(-0.5 * t * (walk / sigma).powi(2))
     }
@@ -141,7 +142,7 @@ impl Models<STATES, MODELS> for Movement {
 }
 
 impl Movement {
-    /// Moves the mean in a turn at the rate of the state; returns the derivatives.
+    /// Moves the mean along a turn at the rate in the state; returns the derivatives.
     fn turn(&self, state: &mut State<STATES>, t: f64) -> Matrix<STATES> {
         let [x, y, vx, vy, rate] = state.mean;
         let arc = Arc::new(rate, t);
@@ -164,7 +165,7 @@ impl Movement {
         ]
     }
 
-    /// Moves the mean with the acceleration of the state along its course; returns the derivatives.
+    /// Moves the mean with the acceleration in the state along its course; returns the derivatives.
     fn speed(&self, state: &mut State<STATES>, t: f64) -> Matrix<STATES> {
         let [x, y, vx, vy, a] = state.mean;
         let speed = vx.hypot(vy).max(SLOWEST);
@@ -192,7 +193,8 @@ impl Movement {
         ]
     }
 
-    /// Adds white acceleration, and what rate of turn and acceleration have lost by fading.
+    /// Adds white acceleration, and the variance that the rate of turn or the acceleration has lost
+    /// by fading.
     fn add_noise(&self, model: usize, state: &mut State<STATES>, t: f64) {
         let q = self.sigma[model].powi(2) * CONSTANT;
         let p = &mut state.covariance;

@@ -12,11 +12,11 @@ pub enum Manoeuvre {
     Positive = 1,
     /// To the left, slower, down.
     Negative = 2,
-    /// It is not known.
+    /// Not known.
     Undetermined = 3,
 }
 
-/// The manoeuvre, of this probability and sign.
+/// The manoeuvre for a model of this probability and a quantity of this sign.
 pub(super) fn likely(probability: f64, value: f64) -> Manoeuvre {
     match () {
         () if probability < 1.0 - LIKELY => Manoeuvre::None,

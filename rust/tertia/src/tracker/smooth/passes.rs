@@ -1,11 +1,11 @@
-//! Both filters over the measurements of one target, those left out that do not fit.
+//! Both filters over the measurements of one target, without outliers.
 
 use super::mixture::{Fix, Mixture, State};
 use super::two_filter::{Instant, Models, Place, TwoFilter};
 use crate::base::small::{Matrix, Vector};
 use std::ops::Range;
 
-/// A state with the probabilities of the models, and what is expected of their own states.
+/// A state with the probabilities of the models and the means of their own states.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Solution<const N: usize, const M: usize> {
     pub state: State<N>,
@@ -13,35 +13,38 @@ pub(super) struct Solution<const N: usize, const M: usize> {
     pub own: [f64; M],
 }
 
-/// A measurement less the state that all others give, with its covariance and its distance squared.
+/// A measurement less the state given by all others, with its covariance and its squared normalised
+/// distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Innovation<const D: usize> {
     pub value: Vector<D>,
     pub covariance: Matrix<D>,
     pub distance: f64,
-    /// The distance squared of the rate, by all others and this value; 0 where there is none.
+    /// Squared normalised distance of the rate from what all other measurements and this value
+    /// give; 0 if there is no rate.
     pub distance_of_rate: f64,
 }
 
-/// Measurements of one target, in the order of time, and which of them are used.
+/// Measurements of one target, in the order of time, and whether each of them is used.
 pub(super) struct Record<const D: usize> {
     pub time: Vec<f64>,
     pub fixes: Vec<Fix<D>>,
     pub used: Vec<bool>,
 }
 
-/// States at the wanted times, none before the first and after the last measurement that is used,
-/// and the innovation of each measurement.
+/// States at the wanted times, with none before the first or after the last measurement that is
+/// used, and the innovation of each measurement.
 pub(super) struct Passes<const N: usize, const M: usize, const D: usize> {
     pub solutions: Vec<Option<Solution<N, M>>>,
     pub innovations: Vec<Option<Innovation<D>>>,
 }
 
 impl<const D: usize> Record<D> {
-    /// Smooths; rates farther than `guard` from what the measurements say are left out, then measurements
-    /// farther from what all others say, and it is done once more. Of neighbours that are all too far the
-    /// farthest goes: an outlier draws those beside it away, and a manoeuvre that no model has is no reason
-    /// to leave out all its plots.
+    /// Smooths the measurements. Rates farther than `guard` from what the measurements give are
+    /// removed, then measurements farther than `guard` from what all others give, and the filters
+    /// run once more. Of neighbours that are all too far, only the farthest is removed: an outlier
+    /// draws the estimates beside it away, and a manoeuvre that no model describes is no reason to
+    /// leave out all its plots.
     pub fn smooth<L: Models<N, M>, const N: usize, const M: usize>(
         &mut self,
         models: &L,
@@ -66,8 +69,8 @@ impl<const D: usize> Record<D> {
         if places.is_empty() { passes } else { self.pass(models, wanted, true) }
     }
 
-    /// One pass forwards and one backwards, with rates or without. `wanted` has the times of all
-    /// measurements.
+    /// Runs one pass forwards and one backwards, with or without rates. `wanted` includes the times
+    /// of all measurements.
     fn pass<L: Models<N, M>, const N: usize, const M: usize>(
         &self,
         models: &L,
@@ -102,7 +105,8 @@ impl<const D: usize> Record<D> {
         passes
     }
 
-    /// The measurement i, of those of an instant, less the state without it.
+    /// Innovation of the measurement `i` from the state without it; `others` are the measurements
+    /// of the same instant.
     fn innovation<const N: usize, const M: usize>(
         &self,
         i: usize,
@@ -131,10 +135,10 @@ impl<const D: usize> Record<D> {
     }
 }
 
-/// Distance squared of a rate that is wrong in any case, over that of the guard gate.
+/// Squared distance from which a rate is wrong in any case, relative to that of the guard gate.
 const WRONG: f64 = 30.0;
 
-/// Distances beyond `guard` that are larger than those beside them, or beyond `wrong`.
+/// Indices of distances beyond `guard` that are larger than those beside them, or beyond `wrong`.
 fn farthest(distances: &[f64], guard: f64, wrong: f64) -> Vec<usize> {
     let beside = |k: Option<usize>| k.and_then(|k| distances.get(k)).copied().unwrap_or(0.0);
     let neighbours = |k: usize| beside(k.checked_sub(1)).max(beside(Some(k + 1)));
@@ -143,14 +147,14 @@ fn farthest(distances: &[f64], guard: f64, wrong: f64) -> Vec<usize> {
     (0..distances.len()).filter(far).collect()
 }
 
-/// Instants of the measurements that are used, and where results go.
+/// Instants of the measurements that are used, and the rows to which results belong.
 struct Plan<const D: usize> {
     instants: Vec<Instant>,
     fixes: Vec<Fix<D>>,
     row_of_instant: Vec<usize>,
     between: Vec<f64>,
     row_of_between: Vec<usize>,
-    /// Measurements of each wanted time.
+    /// Measurements at each wanted time.
     of_row: Vec<Range<usize>>,
 }
 
@@ -187,7 +191,7 @@ impl<const D: usize> Plan<D> {
         plan
     }
 
-    /// The first measurement, with rates by least squares of those that follow it.
+    /// The first measurement, with rates by least squares from those that follow.
     fn beginning<const N: usize>(&self) -> Option<Vector<N>> {
         let first = self.instants.first()?;
         let origin = self.fixes[first.first].value;
@@ -210,5 +214,5 @@ impl<const D: usize> Plan<D> {
     }
 }
 
-/// Time from the first measurement in which the first rate is found, s.
+/// Time after the first measurement within which measurements determine the first rates, s.
 const BEGINNING: f64 = 30.0;

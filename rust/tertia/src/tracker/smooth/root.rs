@@ -1,4 +1,4 @@
-//! Roots of covariances.
+//! Cholesky factors of covariances.
 
 use crate::base::small::{Matrix, REGULAR};
 
@@ -9,7 +9,7 @@ pub(super) struct Root<const D: usize> {
 }
 
 impl<const D: usize> Root<D> {
-    /// None where the matrix is singular.
+    /// The factor of a matrix; none if the matrix is singular.
     #[inline]
     pub fn new(a: &Matrix<D>) -> Option<Self> {
         let (mut lower, mut reciprocal) = ([[0.0; D]; D], [0.0; D]);
@@ -31,7 +31,7 @@ impl<const D: usize> Root<D> {
         Some(Self { lower, reciprocal })
     }
 
-    /// `L⁻¹ B` in place of B.
+    /// Replaces B by `L⁻¹ B`.
     #[inline]
     pub fn whiten<const N: usize>(&self, b: &mut [[f64; N]; D]) {
         for i in 0..D {

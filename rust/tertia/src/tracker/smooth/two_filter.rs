@@ -1,17 +1,17 @@
-//! A filter forwards and one backwards in time, and what both know together (Fraser, Potter 1969;
+//! A filter forwards and one backwards in time, and the combination of both (Fraser, Potter 1969;
 //! for several models Helmick, Blair, Hoffman 1995).
 //!
-//! Pairs of models in the form of Rauch, Tung, Striebel are not used: chains of improbable models,
-//! linearised far off, come back through small weights.
+//! Pairs of models in the form of Rauch, Tung, Striebel are not used: sequences of improbable
+//! models, linearised far from the truth, return through small weights.
 
 use super::mixture::{Fix, Mixture, State};
 use super::root::Root;
 use crate::base::exponential::exp;
 use crate::base::small::{Matrix, Vector, add};
 
-/// How targets move by each of M models, with N states.
+/// Motion of targets by each of M models with N states.
 pub(super) trait Models<const N: usize, const M: usize> {
-    /// −1 for states that change their sign where time runs backwards.
+    /// −1 for states that change their sign when time runs backwards.
     const SIGNS: Vector<N>;
 
     /// Predicts the state of a model.
@@ -20,21 +20,21 @@ pub(super) trait Models<const N: usize, const M: usize> {
     /// Probabilities of the changes from a model (row) to another (column) in the time `t`.
     fn changes(&self, t: f64) -> Matrix<M>;
 
-    /// Variances of the own states of the models, without measurements.
+    /// Variances of the models' own states before any measurement.
     fn variances(&self) -> [f64; M];
 
-    /// Probabilities of the models where nothing is known.
+    /// Probabilities of the models when nothing is known.
     fn stationary(&self) -> [f64; M];
 
-    /// What is known of a target near this state, but for what all targets have in common: nothing.
+    /// A state about `near` that contains no information but what all targets have in common.
     fn unknown(&self, near: &Vector<N>) -> State<N>;
 
-    /// Models with these probabilities, which know nothing.
+    /// Models with these probabilities, about whose states nothing is known.
     fn begin(&self, near: &Vector<N>, probability: [f64; M]) -> Mixture<N, M> {
         self.start(self.unknown(near), probability)
     }
 
-    /// Models that all begin with this state, but for their own.
+    /// Models that all begin with this state, except for their own states.
     fn start(&self, state: State<N>, probability: [f64; M]) -> Mixture<N, M> {
         let states = self.variances().map(|variance| {
             let mut state = state;
@@ -45,24 +45,24 @@ pub(super) trait Models<const N: usize, const M: usize> {
     }
 }
 
-/// Measurements of one time.
+/// Measurements at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Instant {
     pub time: f64,
-    /// Range of the measurements.
+    /// The measurements are those from `first` to `end`, exclusive.
     pub first: usize,
     pub end: usize,
 }
 
-/// What is smoothed.
+/// A time at which the state is smoothed.
 pub(super) enum Place {
     /// The instant of this index.
     At(usize),
-    /// The time of this index, of those that lie between.
+    /// The additional time with this index.
     Between(usize),
 }
 
-/// Both directions over measurements of one target.
+/// Both directions over the measurements of one target.
 pub(super) struct TwoFilter<'a, L, const D: usize> {
     pub models: &'a L,
     pub instants: &'a [Instant],
@@ -70,11 +70,11 @@ pub(super) struct TwoFilter<'a, L, const D: usize> {
 }
 
 impl<L, const D: usize> TwoFilter<'_, L, D> {
-    /// Calls `each` with every place, backwards in time, and with the states there without the
-    /// measurements of the instant and with them. `between` are times in order, within the first
-    /// and the last instant and at none. They change nothing at the instants.
+    /// Calls `each` for every place, backwards in time, with the state there without the
+    /// measurements of the instant and with them. `between` are additional times, in order, between
+    /// the first and the last instant and at no instant. They change nothing at the instants.
     ///
-    /// Cost O(instants + times), memory one mixture an instant.
+    /// Cost O(instants + times), memory one mixture per instant.
     pub fn run<const N: usize, const M: usize>(
         &self,
         start: Mixture<N, M>,
@@ -90,7 +90,7 @@ impl<L, const D: usize> TwoFilter<'_, L, D> {
         let filtered = self.corrected(&forward[last], last);
         each(Place::At(last), &forward[last], &filtered);
         let near = filtered.moments().reversed(&L::SIGNS).mean;
-        // probabilities backwards are likelihoods: those of no measurement are equal
+        // backwards, probabilities are likelihoods, which are equal without measurements
         let present = self.models.stationary().map(|p| if p > 0.0 { 1.0 } else { 0.0 });
         let mut backward = self.models.begin(&near, present);
         let mut waiting = between.len();
@@ -113,7 +113,8 @@ impl<L, const D: usize> TwoFilter<'_, L, D> {
         }
     }
 
-    /// States before the measurements of each instant, and changes from each to the next.
+    /// States before the measurements of each instant, and the probabilities of changes from each
+    /// instant to the next.
     fn forward<const N: usize, const M: usize>(
         &self,
         start: Mixture<N, M>,
@@ -151,8 +152,8 @@ impl<L, const D: usize> TwoFilter<'_, L, D> {
         self.fixes[first..end].iter()
     }
 
-    /// The mixture after the time `t`. Backwards, probabilities are the likelihoods of what comes
-    /// later, to which changes lead: their matrix is transposed.
+    /// The mixture after the time `t`. Backwards, probabilities are the likelihoods of later
+    /// measurements given the model, and the matrix of changes is transposed.
     fn predicted<const N: usize, const M: usize>(
         &self,
         state: &Mixture<N, M>,
@@ -172,10 +173,11 @@ impl<L, const D: usize> TwoFilter<'_, L, D> {
         state
     }
 
-    /// What a filter forwards and one backwards know together: the product of their densities, over
-    /// that of what both know of a model's own state. The probability of a model is that of the two
-    /// times `∫ N(x; x_f, P_f) N(x; x_b, P_b) / N(own; 0, variance) dx`. Where a covariance is
-    /// singular, it is what is known forwards.
+    /// Combines a forward and a backward filter: the product of their densities, divided by the
+    /// prior density of a model's own state, which both contain. The probability of a model is the
+    /// product of both probabilities and of
+    /// `∫ N(x; x_f, P_f) N(x; x_b, P_b) / N(own; 0, variance) dx`.
+    /// If a covariance is singular, the result is the forward filter.
     fn combined<const N: usize, const M: usize>(
         &self,
         forward: &Mixture<N, M>,
@@ -204,15 +206,16 @@ impl<L, const D: usize> TwoFilter<'_, L, D> {
     }
 }
 
-/// The normalised product of two densities, over that of their last state without measurements; with
-/// its integral, less a constant: the square in its exponent, and the factor before.
+/// The normalised product of two densities, divided by the prior density of their last state, and
+/// its integral without a constant: the square in its exponent, and the factor before the
+/// exponential. None if a covariance is singular.
 #[inline]
 fn product<const N: usize>(
     one: &State<N>,
     other: &State<N>,
     variance: f64,
 ) -> Option<(State<N>, f64, f64)> {
-    // from the narrower one on, so that no digits are lost
+    // starting from the narrower one, so that no digits are lost
     let (near, far) =
         if one.covariance[0][0] <= other.covariance[0][0] { (one, other) } else { (other, one) };
     let mut sum = near.covariance;
@@ -227,7 +230,7 @@ fn product<const N: usize>(
         distance += difference * difference;
         state.explain(row, difference);
     }
-    // both knew the own state so well
+    // both contain the prior of the own state, which counts only once
     let own = N - 1;
     let left = 1.0 - state.covariance[own][own] / variance;
     if left.is_nan() || left <= 0.0 {
@@ -248,8 +251,8 @@ fn transposed<const M: usize>(matrix: &Matrix<M>) -> Matrix<M> {
     std::array::from_fn(|i| std::array::from_fn(|j| matrix[j][i]))
 }
 
-/// `exp(G t)`, of rates of changes per second, row by row: sums of products that are not negative,
-/// so that nothing cancels (uniformisation), of a part of the time, squared.
+/// `exp(G t)`, with the rates G of changes per second: sums of non-negative products, in which
+/// nothing cancels (uniformisation), for a fraction of the time, and repeated squaring.
 pub(super) fn exponential<const M: usize>(rates: &Matrix<M>, t: f64) -> Matrix<M> {
     let fastest = (0..M).map(|i| -rates[i][i]).fold(0.0, f64::max) * t;
     let mut squarings = 0;
@@ -281,9 +284,9 @@ pub(super) fn exponential<const M: usize>(rates: &Matrix<M>, t: f64) -> Matrix<M
     changes
 }
 
-/// `1/k!` of the first that is left out is less than a rounding error.
+/// Number of terms: `1/k!` of the first one that is left out is less than a rounding error.
 const TERMS: u32 = 18;
-/// A million mean durations and more are forever.
+/// Largest number of squarings: a million mean durations or more are infinite.
 const MOST_SQUARINGS: u32 = 20;
 
 fn multiplied<const M: usize>(a: &Matrix<M>, b: &Matrix<M>) -> Matrix<M> {

@@ -19,7 +19,7 @@ const PLOTS: [[f64; 2]; 7] = [
 
 type Target = Mixture<STATES, MODELS>;
 
-/// The target at so many plots and at 14 s.
+/// The target at the first `count` plots, and at 14 s.
 fn smoothed(count: usize) -> (Vec<Target>, Target) {
     let models = Movement::default();
     let state = State::new([0.0, 0.0, 200.0, 0.0, 0.0], [2500.0, 4900.0, 400.0, 400.0, 0.0]);
@@ -51,7 +51,7 @@ fn variances<const N: usize>(state: &State<N>) -> [f64; 4] {
     std::array::from_fn(|i| state.covariance[i][i])
 }
 
-/// Variance of the own state of a model over all models, of which the others have `variance`.
+/// Variance of a model's own state over all models, if the other models have `variance`.
 fn variance_of_own<const N: usize, const M: usize>(
     target: &Mixture<N, M>,
     model: usize,
@@ -121,7 +121,7 @@ fn the_last_state_is_that_of_the_filter() {
     assert_all(1e-11, four(&at[6].moments().mean), expected);
 }
 
-/// Heights each 4 s, of which the last seven climb and stay.
+/// Heights every 4 s: level flight, a climb, and level flight.
 const HEIGHTS: [f64; 10] =
     [3048.0, 3048.0, 3048.0, 3048.0, 3078.48, 3108.96, 3139.44, 3169.92, 3200.4, 3200.4];
 
@@ -139,7 +139,7 @@ fn heights_of_a_climb() {
             at[k] = *with;
         }
     });
-    // the figures are given to as many digits as its start, which is not, allows
+    // fewer digits agree than elsewhere, because of the start, about which nothing is known
     let expected = [0.129_956_989_534, 0.999_999_999_729, 0.855_282_409_097];
     assert_all(2e-7, [1, 4, 9].map(|k| at[k].probability[CLIMB]), expected);
     let of = |k: usize| [at[k].moments().mean[0], at[k].own()[CLIMB]];
@@ -151,7 +151,8 @@ fn heights_of_a_climb() {
     assert_all(3e-7, spread, [25.124_123_954_6, 0.787_872_438_756]);
 }
 
-/// Plots of a flight that turns in its middle, each 4 s, with errors that are no noise but repeat.
+/// Plots every 4 s of a flight that turns in its middle, with errors that are not random but
+/// repeat.
 fn flight(count: usize) -> Record<2> {
     let (mut position, mut course) = ([0.0, 0.0], 0.3_f64);
     let mut fixes = Vec::with_capacity(count);
@@ -170,7 +171,7 @@ fn flight(count: usize) -> Record<2> {
 
 #[test]
 fn backwards_in_time_it_is_the_same() {
-    // where changes between any two models are as frequent one way as the other
+    // changes between any two models are made equally frequent in both directions
     let mut models = Movement::default();
     let likelihood = [1.0, 35.0 / 400.0, 60.0 / 900.0];
     let total: f64 = likelihood.iter().sum();

@@ -1,11 +1,11 @@
-//! How heights change: level, or with a climb that fades.
+//! How heights change: level flight, or a climb whose rate fades.
 
 use super::mixture::State;
 use super::two_filter::{Models, exponential};
 use crate::base::exponential::exp;
 use crate::base::small::{Matrix, Vector};
 
-/// Models.
+/// Number of models.
 pub(super) const MODELS: usize = 2;
 /// Level flight.
 pub(super) const LEVEL: usize = 0;
@@ -19,7 +19,7 @@ const CLIMB_WALK: f64 = 0.5;
 const CLIMB_SIGMA: f64 = 8.0;
 /// Mean duration of level flight and of climbs and descents, s.
 const DURATION: [f64; MODELS] = [300.0, 150.0];
-/// Standard deviation of a height of which nothing is known, m.
+/// Standard deviation of an unknown height, m.
 const UNKNOWN: f64 = 10e3;
 
 /// Level flight and climbs; states are height and vertical rate.

@@ -1,4 +1,4 @@
-//! What the plots of a track say of how agile its target is.
+//! What the plots of a track say about the agility of its target.
 
 use super::Track;
 use crate::base::plane::Plane;
@@ -6,7 +6,7 @@ use crate::tracker::estimate::Estimate;
 use crate::tracker::plot::Measured;
 use crate::tracker::settings::Settings;
 
-/// Distance squared from its first plot beyond which a target has moved.
+/// Squared normalised distance from its first plot beyond which a target has moved.
 const MOVED: f64 = 16.0;
 
 impl Track {
@@ -16,7 +16,8 @@ impl Track {
         self.correct_widened(plot, &estimate, settings);
     }
 
-    /// The same of a plot that was not expected so far off: what the estimate was before it was widened.
+    /// Corrects by a plot for which the estimate was widened; `before` is the estimate before it
+    /// was widened.
     pub(super) fn correct_widened(
         &mut self,
         plot: &Measured,
@@ -36,13 +37,14 @@ impl Track {
         self.moved = self.moved || !plot.is_bare() || self.has_moved(settings);
     }
 
-    /// Whether noise does not explain how far it is from its first plot.
+    /// Whether noise does not explain the distance of the track from its first plot.
     fn has_moved(&self, settings: &Settings) -> bool {
         let (place, noise) = (self.estimate.position(), self.estimate.position_covariance());
         self.is_away((place, noise), settings)
     }
 
-    /// Whether noise does not explain how far a place of this covariance is from its first plot.
+    /// Whether noise does not explain the distance of a place of this covariance from the first
+    /// plot.
     pub(super) fn is_away(&self, (place, noise): ([f64; 2], Plane), settings: &Settings) -> bool {
         let way = [0, 1].map(|i| place[i] - self.first.position[i]);
         noise.plus(self.first_noise(settings)).inverse().form(way) > MOVED
@@ -56,7 +58,7 @@ impl Track {
         })
     }
 
-    /// Sees how far from straight flight its models lead.
+    /// Updates how far from straight flight its models lead.
     pub(super) fn set_swerve(&mut self, settings: &Settings) {
         let period = self.pace(settings);
         self.swerve = self.filter.swerve(self.motion(settings), period);

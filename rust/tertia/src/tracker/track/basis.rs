@@ -1,4 +1,5 @@
-//! What tentative tracks stand on: their plots, and how dense false ones were thought to be.
+//! What tentative tracks are based on: their plots, and the density of false plots that was assumed
+//! for each.
 
 use super::{Stage, Track};
 use crate::tracker::clutter::{Clutter, Held};
@@ -8,13 +9,14 @@ use crate::tracker::settings::{Confirmation, Settings};
 use crate::tracker::weighed::Weighed;
 use serde::{Deserialize, Serialize};
 
-/// The plots of a tentative track from the second one on.
+/// The plots of a tentative track, once there are two of them.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Basis(Vec<Weighed>);
 
 impl Track {
-    /// Adds a plot that was weighed against false plots, which have this density on average. Before it may confirm
-    /// the track, all are weighed again where false plots have turned out to be denser.
+    /// Adds a plot that was compared with false plots of this mean density. Before the plot may
+    /// confirm the track, all its plots are compared again wherever the density of false plots has
+    /// turned out to be higher.
     pub fn stand(
         &mut self,
         plot: &Measured,
@@ -50,8 +52,8 @@ impl Track {
         self.existence.favour(ratio);
     }
 
-    /// Adds its plots to those of tentative tracks, as far as they are likely to be false. A single plot tells
-    /// nothing of that. Cost O(plots).
+    /// Adds its plots to those of tentative tracks, weighted with the probability that they are
+    /// false. A single plot says nothing about this probability. Cost O(plots).
     pub fn hold(&self, (clutter, held): (&[Clutter], &mut [Held]), settings: &Settings) {
         let is_false =
             if self.basis.0.is_empty() { 1.0 } else { 1.0 - self.existence.probability() };
@@ -65,7 +67,8 @@ impl Track {
         }
     }
 
-    /// Counts its plots as false, but for later ones of a fixed echo: it was never confirmed. Cost O(plots).
+    /// Counts its plots as false, as the track was never confirmed; later plots of a fixed echo are
+    /// not counted. Cost O(plots).
     pub fn count(&self, clutter: &mut [Clutter], settings: &Settings) {
         let (first, radars) = (&self.first, &settings.radars);
         clutter[first.radar].drop(&radars[first.radar], first.position);
@@ -80,14 +83,15 @@ impl Track {
         }
     }
 
-    /// Its plots; none if its first one was a second plot of a target, or of a fixed echo.
+    /// Its plots; none if its first one does not count: a second plot of a target, a reflection or
+    /// a fixed echo.
     fn counted(&self) -> impl Iterator<Item = Weighed> + '_ {
         let is_single = self.basis.0.is_empty();
         let single = is_single.then(|| Weighed::new(&self.first, self.believed));
         single.into_iter().chain(self.basis.0.iter().copied()).filter(|_| self.is_counted)
     }
 
-    /// A confirmed track stands on its estimate.
+    /// Drops the plots and the suspicion: a confirmed track is based on its estimate.
     pub(super) fn stand_alone(&mut self) {
         self.basis = Basis::default();
         self.suspicion = None;
@@ -95,8 +99,8 @@ impl Track {
 }
 
 impl Basis {
-    /// Weighs the plots against the density as it is known now, if that is higher. Returns by how much less
-    /// likely a target is, as a logarithm.
+    /// Compares the plots with the density of false plots as it is known now, where that is higher.
+    /// Returns the logarithm of the factor by which a target has become less likely.
     fn weigh(&mut self, clutter: &[Clutter], stays: bool, settings: &Settings) -> f64 {
         let mut loss = 0.0;
         for i in 0..self.0.len() {

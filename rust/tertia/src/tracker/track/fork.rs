@@ -1,5 +1,5 @@
-//! A plot far from where it was expected: the target has accelerated, or the plot is an outlier. The next
-//! plot decides, as it is nearer to what follows from one of them.
+//! A plot far from where it was expected: either the target has accelerated, or the plot is an
+//! outlier. The next plot decides, as it is nearer to what follows from one of the two.
 
 use super::{Fork, Track};
 use crate::base::plane::Plane;
@@ -10,30 +10,32 @@ use crate::tracker::outliers::{Outliers, Stray};
 use crate::tracker::plot::Measured;
 use crate::tracker::settings::Settings;
 
-/// Probability that a target accelerates so much that the guard gate is needed.
+/// Probability that a target accelerates so strongly that the guard gate is needed.
 const UNNOTICED: f64 = 0.05;
 
-/// Distance squared within which the next plot is then, in 90 % of all cases, and by how much more likely it
-/// is, as a logarithm.
+/// Squared normalised distance within which the next plot is in 90 % of all cases if the
+/// explanation is right, and the logarithm of the likelihood ratio from which the decision is
+/// certain.
 const NEAR: f64 = 4.6;
 const SURE: f64 = 4.6;
 
-/// Why a track may take a plot outside of its gate.
+/// Why a track may take a plot outside its gate.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::tracker) struct Surprise {
-    /// Score of the plot, and the odds of its radar in it.
+    /// Score of the plot, and the odds of its radar, which the score contains.
     pub gain: f64,
     pub odds: f64,
-    /// Probability that the target has accelerated, by how much, m/s², and for how long.
+    /// Probability that the target has accelerated, the standard deviation of this acceleration,
+    /// m/s², and its duration, s.
     pub probability: f64,
     pub acceleration: f64,
     pub gap: f64,
-    /// Whether turns of any rate may have begun.
+    /// Whether turns at any rate may have begun.
     pub is_sharp: bool,
 }
 
 impl Fork {
-    /// An estimate with the covariance of both, about what is shown.
+    /// An estimate whose mean is that of the shown one and whose covariance covers both states.
     pub fn widened(&self, shown: &Estimate<4>) -> Estimate<4> {
         let other = &self.state.estimate;
         let p = 1.0 / (1.0 + (-self.log_odds).exp());
@@ -44,8 +46,8 @@ impl Fork {
 }
 
 impl Track {
-    /// As `score`, in the guard gate: either the target has accelerated since it was last seen, with the
-    /// probability that is returned, or the plot has a large error.
+    /// Score of a plot in the guard gate: either the target has accelerated since it was last seen,
+    /// with the probability in the result, or the plot has a large error.
     pub fn guarded_score(
         &self,
         plot: &Measured,
@@ -67,7 +69,7 @@ impl Track {
         let wide = (0.5 * sigma * gap * gap).powi(2);
         let wide = Plane { xx: wide, xy: 0.0, yy: wide };
         if let Association::Paper(q) = settings.association {
-            // always widened
+            // in the paper the gate is always widened
             let score = paper_score(&self.estimate, z, r.plus(wide), q, settings.guard)?;
             return Some(surprise(score + self.also_moving(plot, settings).ln(), 1.0));
         }
@@ -87,8 +89,9 @@ impl Track {
         Some(surprise(odds + density + self.also(plot, settings).ln(), probability))
     }
 
-    /// Whether the target can have come to the place of a plot since it was seen, if it is no faster than
-    /// targets are, or than it was. Other radars may have seen it where it no longer was.
+    /// Whether the target can have reached the place of a plot since it was last seen, if it is no
+    /// faster than the fastest target or than it was. At least one scan is allowed for this: plots
+    /// of other radars may have held the track to its old path.
     pub(super) fn may_reach(&self, plot: &Measured, place: [f64; 2], settings: &Settings) -> bool {
         let (x, p) = (&self.estimate.mean, self.estimate.position_covariance());
         let speed = settings.max_speed.max(f64::hypot(x[2], x[3]));
@@ -99,7 +102,7 @@ impl Track {
         f64::hypot(east, north) <= speed * gap + errors
     }
 
-    /// Corrects by a plot for which the target accelerated.
+    /// Corrects by a plot on the assumption that the target has accelerated.
     pub fn take_guarded(&mut self, plot: &Measured, surprise: &Surprise, settings: &Settings) {
         let Surprise { acceleration, gap, probability, is_sharp, .. } = *surprise;
         let before = self.estimate;
@@ -111,21 +114,22 @@ impl Track {
         self.correct_widened(plot, &before, settings);
     }
 
-    /// Whether a choice may be left to the next plot. Hypotheses do that by themselves, the methods of the
-    /// paper decide at once, and plans are not to be found and lost with states.
+    /// Whether the decision may be left to the next plot. Hypotheses do that by themselves, the
+    /// methods of the paper decide at once, and plans must not be assigned and removed together
+    /// with alternative states.
     fn may_fork(&self, settings: &Settings) -> bool {
         self.is_free(settings) && self.plan().is_none()
     }
 
-    /// Whether neither hypotheses nor the methods of the paper decide.
+    /// Whether neither hypotheses nor the methods of the paper decide about plots.
     pub(super) fn is_free(&self, settings: &Settings) -> bool {
         settings.limits().is_none()
             && !matches!(settings.association, Association::Paper(_))
             && !matches!(settings.motion, Motion::Window(_))
     }
 
-    /// Logarithm of the odds that a plot is an outlier, where so large a share of a radar's plots is, against
-    /// an acceleration that has this `gain`.
+    /// Logarithm of the odds that a plot is an outlier, at the share of outliers of its radar,
+    /// against an acceleration with this `gain`.
     fn outlier_odds(
         &self,
         plot: &Measured,
@@ -141,8 +145,8 @@ impl Track {
         odds + (density * also).ln() - gain
     }
 
-    /// Takes a plot by an acceleration, unless it is more likely that it is one of the outliers of the radar.
-    /// Returns whether it is taken.
+    /// Takes a plot as the result of an acceleration, unless it is more likely one of the outliers
+    /// of the radar. Returns whether the plot is taken.
     pub fn take_or_fork(
         &mut self,
         plot: &Measured,
@@ -171,7 +175,7 @@ impl Track {
             is_outlier: is_taken,
             radar: plot.radar,
         };
-        // what was before two far plots is kept, if both may be outliers
+        // the state before two far plots is kept, as both may be outliers
         let both = before.filter(|one| is_taken && one.is_outlier).map(|mut one| {
             let more = one.state.outlier_odds(plot, (gain, odds), outliers, settings);
             one.log_odds = (one.log_odds + more).max(-SURE);
@@ -181,19 +185,20 @@ impl Track {
         is_taken
     }
 
-    /// Whether a plot is where it is in most cases.
+    /// Whether a plot is as near to its expected position as most plots are.
     fn expects(&self, plot: &Measured, settings: &Settings) -> bool {
         let here = self.brought_here(plot, settings);
         self.nearest(here.position, here.covariance()) < NEAR
     }
 
-    /// A plot that was far from the target, which has gone on as before, as this one shows.
+    /// Returns the last stray plot if this plot shows that the target has gone on as before.
     pub fn gone_on(&mut self, plot: &Measured, settings: &Settings) -> Option<Stray> {
         self.stray.take().filter(|_| self.expects(plot, settings))
     }
 
-    /// Decides by the next plot which of the two it was. Returns the radar if it was an outlier for sure: a
-    /// target that moves as no model does is not where it was expected either.
+    /// Decides by the next plot whether the far plot was due to an acceleration or was an outlier.
+    /// Returns the radar of the far plot if it was certainly an outlier: a target that moves as no
+    /// model does is not where it was expected either.
     pub fn decide(&mut self, plot: &Measured, settings: &Settings) -> Option<usize> {
         let Fork { state, log_odds, is_outlier, radar } = *self.fork.take()?;
         let score = |track: &Self| track.score(plot, 0.0, settings).unwrap_or(f64::NEG_INFINITY);
@@ -208,12 +213,12 @@ impl Track {
         (is_sure && is_outlier == is_other).then_some(radar)
     }
 
-    /// What the target may do instead.
+    /// The alternative state, if there is one.
     pub fn forked(&self) -> Option<&Self> {
         self.fork.as_deref().map(|fork| &fork.state)
     }
 
-    /// The larger of the scores of a plot.
+    /// The larger of the scores of a plot in both states.
     #[inline]
     pub fn best_score(&self, plot: &Measured, odds: f64, settings: &Settings) -> Option<f64> {
         let own = self.score(plot, odds, settings);

@@ -1,4 +1,5 @@
-//! A track and the height of its target: where a plot is for it, and what that says of the height.
+//! A track and the height of its target: where a plot lies at this height, and what the plot says
+//! about the height.
 
 use super::super::estimate::Estimate;
 use super::super::height::Vertical;
@@ -10,36 +11,40 @@ use crate::base::plane::Plane;
 use crate::geo::ellipsoid::RADIUS;
 use crate::sensors::Radar;
 
-/// A height is not learned from a range that says less of it, as a share of what is known.
+/// Least information about the height in a range, as a share of what is already known: heights are
+/// not learned from less.
 const LEAST_INFORMATION: f64 = 0.2;
-/// Variance that a reported height adds to a track below which it is forgotten, m².
+/// Variance of a position due to the error of a reported height below which a track no longer keeps
+/// its dependence on the height, m².
 const LEAST_LEAN: f64 = 1.0;
-/// Plots without a height are looked for this much farther away than heights move them, and so many
-/// sigmas of the height; the steepest slope of a position by the height.
+/// Factor by which the search for plots without a height exceeds the distance that heights move
+/// them; number of sigmas of the height; steepest slope of a position with respect to the height.
 const SWAY_MARGIN: f64 = 1.3;
 const SWAY_SIGMAS: f64 = 4.5;
 const STEEPEST_SLOPE: f64 = 3.1;
-/// Largest square of a height over that of the slant range.
+/// Largest square of a height as a share of the square of the slant range.
 const HIGHEST_SHARE: f64 = 0.81;
-/// A plot at the time of a track's estimate.
+/// A plot moved to the time of a track's estimate.
 pub(super) struct Here {
     pub position: [f64; 2],
-    /// Its noise.
+    /// Noise of the position.
     pub noise: Plane,
-    /// Derivative of the innovation by the height of the target, and the variance of that.
+    /// Derivative of the innovation with respect to the height of the target, and the variance of
+    /// the height.
     by_height: [f64; 2],
     variance: f64,
 }
 
 impl Here {
-    /// Noise and height together.
+    /// Covariance due to the noise and to the height.
     pub fn covariance(&self) -> Plane {
         self.noise.plus(along(self.by_height, self.variance))
     }
 }
 
 impl Track {
-    /// Noise of a first plot, the height that it is placed at, and how it leans on that.
+    /// Noise of a first plot, the height at which it is placed, and the dependence of its position
+    /// on this height.
     pub(super) fn first(
         plot: &Measured,
         settings: &Settings,
@@ -58,7 +63,8 @@ impl Track {
         }
     }
 
-    /// The estimate, with what is uncertain in it because the height is, or what the target does.
+    /// The estimate, with a covariance that includes the uncertainty of the height and of what the
+    /// target does.
     pub fn widened(&self) -> Estimate<4> {
         let mut own = match self.lean.as_ref().zip(self.vertical) {
             Some((lean, vertical)) => {
@@ -72,8 +78,8 @@ impl Track {
         self.fork.as_ref().map_or(own, |fork| fork.widened(&own))
     }
 
-    /// The plot moved to the time of the estimate; for a late plot its noise includes the error of the
-    /// velocity. One without a height is at that of the track.
+    /// Moves a plot to the time of the estimate; the noise of a late plot includes the error of the
+    /// velocity. A plot without a height is placed at the height of the track.
     pub(super) fn brought_here(&self, plot: &Measured, settings: &Settings) -> Here {
         let t = plot.time - self.time;
         let x = &self.estimate.mean;
@@ -112,7 +118,7 @@ impl Track {
         Here { position, noise, by_height, variance }
     }
 
-    /// Height at the time of a plot; that of the traffic where there is none.
+    /// Height at the time of a plot; that of the traffic if the track has none.
     fn vertical_for(&self, plot: &Measured) -> Vertical {
         match (self.vertical, plot.source) {
             (Some(vertical), _) => vertical.at(plot.time),
@@ -121,8 +127,8 @@ impl Track {
         }
     }
 
-    /// Learns the height from a plot whose distance to the expected one depends on it: ranges of
-    /// several radars agree at one height only. Returns whether that moved the track.
+    /// Learns the height from a plot whose innovation depends on it: the ranges of several radars
+    /// agree at one height only. Returns whether this moved the track.
     pub(super) fn infer_height(&mut self, plot: &Measured, here: &Here, y: [f64; 2]) -> bool {
         let inverse = self.estimate.position_covariance().plus(here.noise).inverse();
         let s = here.by_height;
@@ -141,7 +147,8 @@ impl Track {
         true
     }
 
-    /// Moves by position and velocity as they are at a time; so do the states that it may have instead.
+    /// Shifts the track and its alternative states by a position and a velocity that apply at a
+    /// time.
     pub fn shift(&mut self, time: f64, [x, y, vx, vy]: [f64; 4]) {
         let ahead = self.time - time;
         self.filter.shift(&nalgebra::SVector::from([x + ahead * vx, y + ahead * vy, vx, vy]));
@@ -154,7 +161,7 @@ impl Track {
         }
     }
 
-    /// Moves the track as its height changes.
+    /// Moves the track by a change of its height.
     fn move_with(&mut self, height: f64) {
         if let Some(lean) = &self.lean {
             self.filter.shift(&lean.step(height));
@@ -162,7 +169,7 @@ impl Track {
         }
     }
 
-    /// How far the track leans on its height after a plot.
+    /// Updates by a plot how far the track depends on its height.
     pub(super) fn lean_by(&mut self, plot: &Measured, here: &Here) {
         let without = matches!(plot.source, Source::Slant { .. });
         if without || self.lean.is_some() {
@@ -191,8 +198,8 @@ impl Track {
         self.move_with(moved);
     }
 
-    /// How far the height of the target may move its plot of a radar, where plots have no heights: those
-    /// were placed at heights from `lowest` to `highest`.
+    /// How far the height of the target may move its plot of a radar, m, if plots have no heights:
+    /// those were placed at heights from `lowest` to `highest`.
     pub fn sway(
         &self,
         (radar, site): (&Radar, f64),

@@ -1,4 +1,5 @@
-//! Which plots are never a track's, and tracks that go on with the past of another.
+//! Confirmation and end of a track, plots that it refuses, and tracks that continue the past of
+//! another one.
 
 use super::super::correlation::contradicts;
 use super::super::estimate::VELOCITY;
@@ -12,15 +13,16 @@ use crate::flightplan::Status;
 use crate::sensors::Identities;
 use crate::tracker::tree::Leaf;
 
-/// Odds of a target below which a track ends that was confirmed by its existence, and scans without a
-/// plot after which it may: those missed in a row may have one cause.
+/// Odds of a target below which a track ends that was confirmed by its existence, and the scans
+/// without a plot after which it may end: several missed detections in succession may have one
+/// cause.
 const LEAST_ODDS: f64 = 0.01 / 0.99;
 const SCANS_BEFORE: f64 = 2.5;
-/// How much faster than the fastest target a track may seem, as its models are not exact.
+/// Factor by which a track may seem faster than the fastest target, as its models are not exact.
 const TOO_FAST: f64 = 1.25;
 
 impl Track {
-    /// Begins where flights are due.
+    /// Begins with the flights that are due at the first plot.
     pub fn expect(&mut self, expected: Expected, settings: &Settings) {
         self.there = expected.there;
         if let Stage::Tentative { evidence, least, .. } = &mut self.stage {
@@ -31,14 +33,14 @@ impl Track {
         self.begin(Some(expected), settings);
     }
 
-    /// Requires one more plot: one of them may be far from the target.
+    /// Requires one more plot for confirmation: one of the plots may be far from the target.
     pub fn require_more(&mut self) {
         if let Stage::Tentative { plots, .. } = &mut self.stage {
             *plots += 1;
         }
     }
 
-    /// Confirms it, with the plan by which it was found, if there is one.
+    /// Confirms the track, with the plan of the flight that its target turned out to be, if any.
     pub(super) fn confirm(&mut self, settings: &Settings) {
         self.stage = Stage::Confirmed;
         self.stand_alone();
@@ -58,12 +60,13 @@ impl Track {
         }
     }
 
-    /// Whether the track goes on: plots enough at the beginning, and not too long without one.
+    /// Whether the track goes on: it had enough plots at the beginning, and has not been too long
+    /// without one.
     pub fn is_alive(&self, settings: &Settings) -> bool {
         let silence = self.time - self.seen;
         let gone = match (settings.confirmation, self.stage) {
             (Confirmation::Plots(m, n), Stage::Tentative { misses, .. }) => misses > n - m,
-            // one that has moved is lost for want of plots alone
+            // a track that has moved is lost only for want of plots
             (Confirmation::Plots(..), Stage::Confirmed) => {
                 !self.moved && self.existence.is_below(LEAST_ODDS)
             }
@@ -80,13 +83,13 @@ impl Track {
         !gone && !refuted && silence <= (settings.coasting as f64 + 0.5) * self.period
     }
 
-    /// Whether it may have gone from false plot to false plot: it has no reply of a transponder.
+    /// Whether the track may consist of false plots only: no transponder has replied.
     fn may_be_clutter(&self) -> bool {
         !self.identities().is_some()
     }
 
-    /// Probability of its speed, as no target is faster than the largest; 1 while the last plot may be
-    /// an outlier, and with replies.
+    /// Probability of the speed of the track, as no target exceeds the largest speed; 1 while the
+    /// last plot may be an outlier, and for targets that reply.
     pub(super) fn speed_probability(&self, settings: &Settings) -> f64 {
         let [x, y] = [self.estimate.mean[VELOCITY], self.estimate.mean[VELOCITY + 1]];
         let (speed, most) = (f64::hypot(x, y), TOO_FAST * settings.max_speed);
@@ -97,7 +100,7 @@ impl Track {
         0.5 * normal_two_sided((speed - most) / sigma)
     }
 
-    /// Probability that it is of a target, over all states that it may have.
+    /// Probability that the track is of a target, over all its states.
     pub fn existence_probability(&self) -> f64 {
         let own = self.existence.probability();
         let Some(tree) = self.tree.as_deref() else { return own };
@@ -118,19 +121,19 @@ impl Track {
         may_refuse && self.known.refuses(&settings.identities(plot).0, settings)
     }
 
-    /// Scans of the slowest radar that sees the target, s.
+    /// Scan period of the slowest radar that sees the target, s.
     pub fn period(&self) -> f64 {
         self.period
     }
 
-    /// Its identities, with the code of an emergency in place of its own.
+    /// Its identities; an emergency code takes the place of its own code.
     pub fn shown_identities(&self) -> Identities {
         let own = self.identities();
         let is_emergency = self.emergencies >= EMERGENCY_AFTER && self.emergency >= 0;
         Identities { mode_3a: if is_emergency { self.emergency } else { own.mode_3a }, ..own }
     }
 
-    /// Suspends its plan, or resumes it.
+    /// Suspends or resumes its plan.
     pub fn suspend_plan(&mut self, suspended: bool) {
         self.suspended = suspended;
         self.filter.suspend_plan(suspended);
@@ -144,7 +147,7 @@ impl Track {
         self.suspended
     }
 
-    /// Numbers all over it, so that it is in the cache.
+    /// Reads numbers in all parts of the track, so that it is loaded into the cache.
     #[inline(always)]
     pub fn touched(&self) -> f64 {
         let seen = self.beams.all().first().map_or(0.0, |expected| expected.time);
@@ -159,14 +162,14 @@ impl Track {
             + innovation
     }
 
-    /// Ends it: another track goes on with what is returned.
+    /// Ends the track; returns its state, with which another track goes on.
     pub fn retire(&mut self) -> Self {
         let past = self.clone();
         (self.number, self.seen) = (0, f64::NEG_INFINITY);
         past
     }
 
-    /// Goes on with the number, the identities and the plan of a track of the same target.
+    /// Takes over the number, the identities and the plan of an older track of the same target.
     pub fn go_on(&mut self, past: &Self, settings: &Settings) {
         (self.number, self.first.index) = (past.number, past.first.index);
         self.known = self.known.or(&past.known);

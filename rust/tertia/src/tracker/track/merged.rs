@@ -1,4 +1,4 @@
-//! A plot of two targets that the radar did not resolve.
+//! Plots of two targets that the radar did not resolve.
 
 use super::Track;
 use crate::base::plane::Plane;
@@ -6,7 +6,7 @@ use crate::tracker::plot::Measured;
 use crate::tracker::resolution::Separation;
 use crate::tracker::settings::Settings;
 
-/// The plot of two tracks, moved to their time, and its noise.
+/// Moves a common plot of two tracks to their time; returns its position and its noise.
 fn plot_of(tracks: [&Track; 2], plot: &Measured, settings: &Settings) -> ([f64; 2], Plane) {
     let [a, b] = tracks.map(|track| track.brought_here(plot, settings));
     let z = [0, 1].map(|i| 0.5 * (a.position[i] + b.position[i]));
@@ -14,8 +14,8 @@ fn plot_of(tracks: [&Track; 2], plot: &Measured, settings: &Settings) -> ([f64; 
 }
 
 impl Track {
-    /// Gain of a plot of this target and another one, with the `odds` of its radar, against two missed
-    /// detections of targets that are resolved; none outside the gate of both.
+    /// Gain of a common plot of this target and another one, with the `odds` of its radar, against
+    /// two missed detections of resolved targets; none outside the common gate.
     pub fn shared_score(
         &self,
         other: &Self,
@@ -30,13 +30,14 @@ impl Track {
         if distance > settings.guard {
             return None;
         }
-        // the odds are those against one missed detection
+        // the odds are against one missed detection
         let second = (1.0 - radar.detection_probability).ln();
         let also = self.also(plot, settings).max(other.also(plot, settings));
         Some(pair.probability.ln() + odds - second + (density * also).ln())
     }
 
-    /// Corrects by a plot of this target and of another one, whose state is that before the plot.
+    /// Corrects by a common plot of this target and another one, whose state is the one before this
+    /// plot.
     pub fn correct_shared(&mut self, other: &Self, plot: &Measured, settings: &Settings) {
         let radar = &settings.radars[plot.radar];
         let mut other = other.clone();

@@ -6,8 +6,8 @@ use crate::tracker::beams::Expected;
 use crate::tracker::settings::{MAX_DELAY, Settings};
 
 impl Track {
-    /// Counts the scans in which radars should have seen the target before `end`; calls `missed`
-    /// for each.
+    /// Counts the scans before `end` in which radars should have seen the target and did not; calls
+    /// `missed` for each.
     #[inline]
     pub fn miss(&mut self, end: f64, settings: &Settings, missed: impl FnMut(&Self, usize)) {
         if self.due < end {
@@ -39,8 +39,8 @@ impl Track {
         }
     }
 
-    /// Whether a scan without a plot counts: not where the target has left the range of this radar, unless no
-    /// radar has confirmed it before it left that of all.
+    /// Whether a scan without a plot counts: if the target is within the range of this radar, or if
+    /// the track is tentative and has left the ranges of all its radars.
     fn is_missed(&self, station: &Radar, settings: &Settings) -> bool {
         let place = self.estimate.position();
         let is_seen = |e: &Expected| settings.radars[e.radar].covers(place);

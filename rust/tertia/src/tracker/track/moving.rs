@@ -16,7 +16,7 @@ impl Settings {
 }
 
 impl Track {
-    /// Begins where flights are due, or with a velocity.
+    /// Begins with the flights that are due, or with the velocity of the first plot.
     pub(super) fn begin(&mut self, expected: Option<Expected>, settings: &Settings) {
         let mut prospects = Prospects::new(expected, self.estimate);
         if let Source::Moving(_, seen) = &self.first.source {
@@ -27,7 +27,8 @@ impl Track {
         }
     }
 
-    /// Likelihood ratio of all but the position of a plot, of this target against any other.
+    /// Likelihood ratio of all quantities of a plot except its position: this target against any
+    /// other.
     #[inline]
     pub(super) fn also_moving(&self, plot: &Measured, settings: &Settings) -> f64 {
         let also = self.also(plot, settings);
@@ -51,8 +52,9 @@ impl Track {
         settings.velocities().ratio(if total > 0.0 { density / total } else { 0.0 })
     }
 
-    /// The same of a plot far from where the target was expected: if it goes on as before, and if it has
-    /// had an acceleration of this standard deviation for so long.
+    /// Likelihood ratios of the velocity of a plot far from where it was expected: of a target that
+    /// goes on as before, and of one that has had an acceleration of standard deviation `sigma` for
+    /// the time `gap`.
     pub(super) fn velocity_ratios(
         &self,
         plot: &Measured,
@@ -68,7 +70,8 @@ impl Track {
         [self.estimate, accelerated].map(|own| settings.velocities().ratio(own.expects(&seen)[1]))
     }
 
-    /// Corrects by the velocity of a plot, after its position, unless no model expects it.
+    /// Corrects by the velocity of a plot, after its position, unless no model expects this
+    /// velocity.
     #[cold]
     pub(super) fn take_velocity(&mut self, plot: &Measured, seen: Moving, settings: &Settings) {
         let velocities = settings.velocities();
@@ -89,13 +92,13 @@ impl Track {
         }
     }
 
-    /// A velocity as of the time of the estimate.
+    /// The velocity of a plot, with the noise of the motion until the time of the estimate.
     fn moving_here(&self, plot: &Measured, seen: Moving, settings: &Settings) -> Moving {
         let late = (self.time - plot.time).max(0.0);
         seen.since(late, self.motion(settings), settings.pace(plot.radar))
     }
 
-    /// The estimate that is shown: before it is confirmed, of all that it may be.
+    /// The estimate that is shown; before confirmation, that of a target without a plan.
     pub(super) fn shown(&self) -> Estimate<4> {
         match &self.filter {
             Filter::Planned(prospects) => prospects.shown(),

@@ -6,19 +6,21 @@ use crate::tracker::settings::Settings;
 use crate::tracker::suspicion::{Reflection, Suspicion};
 
 impl Track {
-    /// Plots so far; none once it is confirmed.
+    /// Number of plots so far; none once the track is confirmed.
     pub fn hits(&self) -> Option<usize> {
         if let Stage::Tentative { hits, .. } = self.stage { Some(hits) } else { None }
     }
 
-    /// Requires one more plot if another track has begun with its identity: one is the reflection of the other.
+    /// Requires one more plot if another track has begun with the same identity: one of the two is
+    /// the reflection of the other.
     pub fn wait_for(&mut self, reflections: &[Reflection]) {
         if self.hits() == Some(1) && reflections.iter().any(Reflection::is_mutual) {
             self.require_more();
         }
     }
 
-    /// Weighs whether it is a reflection, by a plot that may be one.
+    /// Updates the suspicion that the track is a reflection, by a plot and the `reflections` that
+    /// this plot may be.
     pub fn suspect(&mut self, plot: &Measured, reflections: &[Reflection], settings: &Settings) {
         let (begin, period) = (self.first.time, settings.radars[plot.radar].scan_period);
         let own = reflections.iter().filter(|one| one.is_of_target(begin, period));
@@ -28,7 +30,7 @@ impl Track {
         }
     }
 
-    /// Whether it is a reflection, more likely than not.
+    /// Whether the track is more likely a reflection than not.
     pub fn is_reflection(&self) -> bool {
         self.suspicion.as_ref().is_some_and(|own| own.holds())
     }

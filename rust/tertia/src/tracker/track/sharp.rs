@@ -6,21 +6,22 @@ use crate::base::plane::Plane;
 use crate::tracker::plot::Measured;
 use crate::tracker::settings::Settings;
 
-/// Probability that a target turns so, its acceleration over that of the guard gate, and at most the rate at
-/// which targets turn, a standard deviation, rad/s.
+/// Probability that a target turns so sharply; its acceleration relative to that of the guard gate;
+/// and the standard deviation of the fastest turn rates, rad/s, which limits the acceleration.
 const SHARPLY: f64 = 3e-3;
 const SHARPER: f64 = 6.0;
 const FASTEST: f64 = 0.15;
-/// Scans since which it may have turned, if other radars have seen it meanwhile: gates hold it at first.
+/// Least time for which the target may have been turning, in scans, even if other radars have seen
+/// it meanwhile: at first, gates hold the track to its old path.
 const SINCE: f64 = 1.3;
-/// Probability from which it is believed: noise is not often so large.
+/// Probability from which a sharp turn is believed: noise is not often so large.
 const SURE: f64 = 0.7;
-/// Scans without a plot after which it is not looked for.
+/// Scans without a plot after which sharp turns are no longer searched for.
 const LATELY: f64 = 3.5;
 
 impl Track {
-    /// Acceleration of a sharp turn, m/s²; none where the guard gate allows for it, and for tracks that
-    /// several hypotheses or the methods of the paper decide on.
+    /// Acceleration of a sharp turn, m/s²; none if the guard gate allows for it, or if hypotheses
+    /// or the methods of the paper decide about the plots.
     pub fn sharpest(&self, settings: &Settings) -> Option<f64> {
         let (guard, _) = self.unseen(settings);
         let speed = f64::hypot(self.estimate.mean[2], self.estimate.mean[3]);
@@ -28,13 +29,14 @@ impl Track {
         (sharp > guard && self.is_free(settings)).then_some(sharp)
     }
 
-    /// Whether a radar should have seen it until then, and has not.
+    /// Whether a radar should have seen the target by `end` and has not, although the target was
+    /// seen lately.
     pub fn is_overdue(&self, end: f64) -> bool {
         self.beams.all().iter().any(|expected| expected.time <= end)
             && end - self.seen < LATELY * self.period
     }
 
-    /// The middle of the box in which it is at this time after a sharp turn, and half its width.
+    /// Centre and half width of the box in which the target is at this time after a sharp turn.
     pub fn sharp_reach(&self, time: f64, sharp: f64, settings: &Settings) -> ([f64; 2], f64) {
         let (place, p) = self.position_at(time);
         let gap = (time - self.seen).max(SINCE * self.period);
@@ -43,7 +45,7 @@ impl Track {
         (place, (settings.guard * (2.0 * p.xx.max(p.yy) + wide)).sqrt())
     }
 
-    /// As `guarded_score`, where a sharp turn is likelier than noise.
+    /// Score of a plot outside the guard gate; none unless a sharp turn is likelier than noise.
     pub fn sharp_score(
         &self,
         plot: &Measured,
@@ -66,7 +68,7 @@ impl Track {
         let turned = SHARPLY.ln() - 0.5 * (d + s.determinant().ln()) + as_turned.ln();
         let before = self.density(z, r).ln() + as_before.ln();
         let probability = 1.0 / (1.0 + (before - turned).exp());
-        // a target that may have gone makes no plot
+        // a target that no longer exists makes no plot
         let also = self.also(plot, settings) * self.existence.probability();
         (probability > SURE).then(|| Surprise {
             gain: odds + turned - probability.ln() + also.ln(),

@@ -5,20 +5,22 @@ use crate::base::plane::Plane;
 use crate::tracker::settings::Settings;
 use crate::tracker::sight::{Equation, Sight, When};
 
-/// Largest error of a position as a share of its distance, at which an azimuth is linear in it.
+/// Largest error of a position, as a share of its distance, at which the azimuth is linear in the
+/// position.
 const NEAR: f64 = 0.3;
 
-/// Where a sensor expects to see a target.
+/// Direction in which a sensor expects a target.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::tracker) struct Direction {
     pub azimuth: f64,
     pub variance: f64,
-    /// By how much an acceleration may have changed it.
+    /// Change of the azimuth that an acceleration may have caused.
     pub margin: f64,
 }
 
 impl Track {
-    /// Where a sensor at this place sees the target at this time; none too near to it.
+    /// Direction of the target from a sensor at this place and time; none if the target is too
+    /// near.
     pub fn direction(&self, place: [f64; 2], time: f64) -> Option<Direction> {
         let t = time - self.time;
         let m = &self.estimate.mean;
@@ -36,19 +38,19 @@ impl Track {
         Some(Direction { azimuth: x.atan2(y), variance, margin })
     }
 
-    /// Predicts to a time, at which no radar has seen it.
+    /// Predicts to a time at which no radar has seen the target.
     pub fn predict_between(&mut self, time: f64, settings: &Settings) {
         self.predict(time, self.pace(settings), settings);
     }
 
-    /// Square of the residual over its variance, and that variance in squares of sigma.
+    /// Squared normalised residual, and the variance of the residual in units of sigma².
     pub fn sighted(&self, sight: &Sight) -> (f64, f64) {
         let Equation { residual, row } = self.equation(sight);
         let s = 1.0 + self.estimate.along(&row).1 + self.leaning(&row);
         (residual * residual / s, s)
     }
 
-    /// Corrects by an azimuth; its time counts neither as seen nor as missed.
+    /// Corrects by an azimuth, which counts neither as a plot nor as a missed detection.
     pub fn see(&mut self, sight: &Sight, settings: &Settings) {
         self.predict_between(sight.time, settings);
         let Equation { row, .. } = self.equation(sight);
@@ -68,13 +70,13 @@ impl Track {
         sight.equation(self.estimate.mean.data.0[0], sight.time - self.time)
     }
 
-    /// Variance of what depends so on the state, by the height.
+    /// Variance, due to the height, of a quantity with these derivatives with respect to the state.
     fn leaning(&self, row: &[f64; 4]) -> f64 {
         let Some((lean, vertical)) = self.lean.as_ref().zip(self.vertical) else { return 0.0 };
         lean.along(row).powi(2) * vertical.at(self.time).height_variance()
     }
 
-    /// Seconds between plots for the noise of the models, those of its slowest sensor.
+    /// Scan period of its slowest sensor for the noise of the models, s.
     pub(super) fn pace(&self, settings: &Settings) -> f64 {
         let each = self.beams.all().iter().map(|expected| settings.pace(expected.radar));
         each.fold(0.0, f64::max)

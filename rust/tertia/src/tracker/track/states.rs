@@ -1,11 +1,11 @@
-//! The states that a track may have where its plots are not certain.
+//! The states that a track may have if its plots are not certain.
 
 use super::Track;
 use crate::tracker::settings::Settings;
 use crate::tracker::tree::{Branch, Leaf, Tree};
 
 impl Track {
-    /// The names and choices of all states, that which is shown first; nothing where there is only one.
+    /// The branches of all states, the shown one first; empty if there is only one state.
     pub fn branches(&self) -> impl Iterator<Item = &Branch> {
         let others = |tree: &Tree<Self>| tree.others.len();
         let count = self.tree.as_deref().map_or(0, |tree| 1 + others(tree));
@@ -15,7 +15,7 @@ impl Track {
         })
     }
 
-    /// The choices of a state.
+    /// The branch of the state with this `id`.
     pub fn branch(&self, id: u32) -> Option<&Branch> {
         self.branches().find(|branch| branch.id == id)
     }
@@ -37,13 +37,13 @@ impl Track {
         self.alternatives_mut().iter_mut().for_each(|leaf| change(&mut leaf.track));
     }
 
-    /// The state of this name; the one that is shown where there is no other.
+    /// The state with this `id`; the shown one if no other has it.
     pub fn state(&self, id: u32) -> &Self {
         let leaf = self.alternatives().iter().find(|leaf| leaf.branch.id == id);
         leaf.map_or(self, |leaf| &leaf.track)
     }
 
-    /// Shows the state of this name.
+    /// Shows the state with this `id`.
     pub fn show(&mut self, id: u32) {
         let Some(mut tree) = self.tree.take() else { return };
         if let Some(leaf) = tree.others.iter_mut().find(|leaf| leaf.branch.id == id) {

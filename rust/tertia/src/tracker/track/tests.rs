@@ -13,7 +13,7 @@ fn plot(time: f64, position: [f64; 2]) -> Measured {
     Measured { time, position, height: f64::NAN, ..Measured::default() }
 }
 
-/// A track that was seen twice.
+/// A track with two plots.
 fn track(settings: &Settings) -> Track {
     let mut track = Track::new(1, &plot(0.0, [3e4, 4e4]), 0.0, settings);
     track.correct(&plot(4.0, [3.08e4, 4.06e4]), settings);
@@ -55,7 +55,7 @@ fn a_miss_is_counted_once_per_scan_of_a_radar_that_covers_the_target() {
         track.miss(end, &settings, |track, radar| rows.push((track.time, radar)));
         rows.len()
     };
-    // the radar comes again at 8, and may be late by a quarter of a scan
+    // the radar sees the target again at 8 s, and may be late by a quarter of a scan
     assert_eq!(until(&mut track, 9.0), 0);
     assert_eq!(until(&mut track, 9.1), 1);
     assert_eq!(until(&mut track, 9.1), 1);
@@ -88,7 +88,7 @@ fn what_a_radar_does_not_cover_it_does_not_miss() {
         missed
     };
     assert_eq!(seen_at(5e3, 200.0, true), 1);
-    // it has left the range of the radar by then: that ends a track which no radar has confirmed
+    // the target has left the range of the radar by then: only a tentative track is missed
     assert_eq!(seen_at(8.7e3, 300.0, true), 0);
     assert_eq!(seen_at(8.7e3, 300.0, false), 1);
 }

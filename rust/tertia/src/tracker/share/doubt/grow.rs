@@ -7,21 +7,21 @@ use crate::tracker::share::View;
 use crate::tracker::track::Track;
 use crate::tracker::tree::{Branch, Choice, Leaf};
 
-/// The states of all rows of a part after an event, and those of each survivor by index.
+/// The states of all rows of a part after the events, and the indices of those of each survivor.
 pub(super) struct Grown {
     pub states: Vec<Vec<Leaf<Track>>>,
     of: Vec<Vec<u32>>,
 }
 
 impl Doubt {
-    /// Corrects each state by each of the plots that it has in a survivor.
+    /// Corrects each state by each of the plots that it takes in a survivor.
     pub(super) fn grow(&self, group: &[Claim], tracks: &mut [&mut Track], view: View<'_>) -> Grown {
         let View { plots, settings, clutter, .. } = view;
         let radar = plots[group[0].root as usize].radar;
         let odds = settings.odds(radar, clutter[radar].density(&settings.radars[radar]));
         let mut of = vec![Vec::with_capacity(self.rows.len()); self.survivors.len()];
         let mut all = Vec::with_capacity(self.rows.len());
-        // without their trees, tracks are copied fast
+        // tracks without their trees are copied quickly
         let tree = |row: &usize| tracks[group[*row].track as usize].tree.take();
         let trees: Vec<_> = self.rows.iter().map(tree).collect();
         for i in 0..self.rows.len() {
@@ -69,7 +69,7 @@ impl Doubt {
                         }
                     }
                     (Taken::Shared(plot, at), Some(other)) => {
-                        // it says little about which of the two is there
+                        // the plot says little about which of the two targets is there
                         let (other, _) = state_of(at, other);
                         state.correct_shared(other, &plots[plot as usize], settings);
                     }
@@ -83,7 +83,7 @@ impl Doubt {
         Grown { states: all, of }
     }
 
-    /// The cluster after the events.
+    /// The cluster of hypotheses after the events.
     pub(super) fn hypotheses(&self, grown: &Grown) -> Cluster {
         let next = |(survivor, of): (&Survivor, &Vec<u32>)| {
             let mut states = self.cluster.hypotheses[survivor.parent].states.clone();
