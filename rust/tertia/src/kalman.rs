@@ -1,12 +1,12 @@
 //! Filter and smoother for a series of angles: estimates of the angle, its rate and its acceleration.
 //!
-//! Source: Panasyuk, Pudovkin, Rogachev 2018, (14) to (20), with the misprints corrected. `x = [φ, ω,
-//! a]`; the acceleration is exponentially correlated (Singer 1970), and plots contain the angle only.
-//! Units are those of the caller: of angle, angle per unit of time, and so on.
+//! Source: Panasyuk, Pudovkin, Rogachev 2018, (14) to (20), with the misprints corrected.
+//! `x = [φ, ω, a]`; the acceleration is exponentially correlated (Singer 1970), and plots contain the
+//! angle only. Units are those of the caller: of angle, angle per unit of time, and so on.
 //!
 //! Order of the modules: `model <- state <- adjoint, factored <- backward <- filter <- steps, series <-
-//! shared <- kept <- carried <- tile <- block <- batch, smoother <- fit`; `steady` and `consistency`
-//! depend on none of the others except `model`.
+//! shared <- kept <- carried <- tile <- block <- batch, smoother <-
+//! fit`; `steady` and `consistency` depend on none of the others except `model`.
 
 mod adjoint;
 mod backward;

@@ -29,8 +29,8 @@ pub(super) struct Start {
 
 /// Returns centre, scale and rounding step; `None` if all values are equal. The centre is the mean of
 /// the shorth, the shortest interval with half of the values. The scale comes from the length of the
-/// shorth or the median difference of successive values, whichever is smaller, limited to between 0.3
-/// MAD and MAD, and includes the standard deviation of rounding. O(N log N).
+/// shorth or the median difference of successive values, whichever is smaller, limited to between
+/// 0.3 MAD and MAD, and includes the standard deviation of rounding. O(N log N).
 pub(super) fn start(y: &[f64], rounding: f64, sorted: &mut Vec<f64>) -> Option<Start> {
     sorted.clear();
     sorted.extend_from_slice(y);

@@ -21,8 +21,8 @@ use crate::base::moments::Moments;
 /// The stated sigma contains as much information about the noise as a scatter with this number of
 /// degrees of freedom.
 const STATED_FREEDOM: f64 = 5.0;
-/// Degrees of freedom from which on a noise factor before outliers are known, and a correlation, are
-/// estimated from the scatter.
+/// Degrees of freedom of the scatter from which on a first noise factor, before outliers are known, and
+/// a correlation are estimated.
 const FEWEST: f64 = 4.0;
 /// Largest rounding step that is searched for, in sigmas.
 const LARGEST_STEP: f64 = 4.0;

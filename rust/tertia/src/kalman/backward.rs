@@ -35,12 +35,13 @@ pub(crate) struct Filtered {
 impl Filtered {
     /// Returns the smoothed state, given the smoothed state of the next step.
     ///
-    /// With the gain `C = P F^T (P⁻)^-1`, the state is `x + C (x_next − F x)` and its covariance is `(I
-    /// − C F) P (I − C F)^T + C (Q + P_next) C^T`. With `P = U D U^T`, `P⁻ = V E V^T` and `Z = V^-1 F
-    /// U`, `C = U G V^-1`, `G = D Z^T E^-1`, and `(I − C F) U = U (I − G Z)`: neither a wide nor a
-    /// narrow prior costs digits. The sum is formed from factors, including those of the next step, so
-    /// that small contributions through C are not lost in a large difference. If a direction e is
-    /// unknown, C is the limit for `P + κ e e^T`, κ → ∞, in which `(I − C F) e = 0`.
+    /// With the gain `C = P F^T (P⁻)^-1`, the state is `x + C (x_next − F x)` and its covariance is
+    /// `(I − C F) P (I − C F)^T + C (Q + P_next) C^T`. With `P = U D U^T`, `P⁻ = V E V^T` and
+    /// `Z = V^-1 F U`, the gain is `C = U G V^-1` with `G = D Z^T E^-1`, and
+    /// `(I − C F) U = U (I − G Z)`, so neither a wide nor a narrow prior costs digits. The sum is
+    /// formed from factors, including those of the next step, so that small variances that C transforms
+    /// are not lost beside large ones. If a direction e is unknown, C is the limit for `P + κ e e^T`, κ
+    /// → ∞, in which `(I − C F) e = 0`.
     pub fn smoothed(&self, transition: &Transition, next: &Factored) -> Factored {
         let [f01, f02, f12, f22] = transition.f;
         let f = [[1.0, f01, f02], [0.0, 1.0, f12], [0.0, 0.0, f22]];

@@ -9,8 +9,8 @@ use pulp::Simd;
 pub(super) const TILE: usize = 8;
 
 /// Number of steps that are collected in the cache before they are written to the rows of each series:
-/// memory is slow if a few numbers at a time go to many places in turn. With 11 numbers per step, these
-/// are an odd number of cache lines.
+/// memory is slow if a few numbers at a time go to many places in turn. With 11 numbers per step, a run
+/// fills an odd number of cache lines.
 pub(super) const RUN: usize = 56;
 
 /// Returns room in `buffer` for [`RUN`] steps of `count` series, with these numbers of values per step

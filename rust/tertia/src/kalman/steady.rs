@@ -15,9 +15,9 @@ type Matrix = Matrix3<TwoFloat>;
 const MAX_DOUBLINGS: usize = 60;
 /// Change of the covariance in a doubling, in standard deviations, below which it counts as steady.
 const STEADY: f64 = 1e-13;
-/// Largest change of a steady covariance in an ordinary step, which is the rounding with twice the
-/// digits: a slowly decaying error exceeds its change in a step by up to six orders of magnitude
-/// (measured).
+/// Change of the covariance in an ordinary step up to which it is steady, which is the rounding with
+/// twice the digits: a slowly decaying error exceeds its change in a step by up to six orders of
+/// magnitude (measured).
 const ROUNDING: f64 = 1e-18;
 
 /// Returns the gain and the covariance after a plot to which the filter converges with a plot of
@@ -114,8 +114,8 @@ fn inverse(m: &Matrix) -> Matrix {
     Matrix::from_rows(&rows).map(|value| quotient(value, determinant))
 }
 
-/// Returns `a / b`. Division of the crate by a number with twice the digits is only accurate to double
-/// precision.
+/// Returns `a / b`. The division of `twofloat` by a number with twice the digits is only accurate to
+/// double precision.
 fn quotient(a: TwoFloat, b: TwoFloat) -> TwoFloat {
     let first = a.hi() / b.hi();
     let rest = a - b * first;

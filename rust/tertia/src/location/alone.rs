@@ -21,8 +21,7 @@ use crate::sensors::{KINDS, Kind};
 const CONTRADICTS: f64 = 0.1;
 /// Factors of the variances are 1 and the powers of two up to this exponent.
 const DOUBLINGS: i32 = 13;
-/// Difference in log weight from the most probable hypothesis, beyond which no larger factors are
-/// tried.
+/// Difference in log weight from the most probable hypothesis beyond which no larger factors are tried.
 const UNLIKELY: f64 = 10.0;
 
 /// The position for one size of the sigmas.
@@ -211,7 +210,7 @@ fn growth<const D: usize>(all: &[Hypothesis<D>], best: usize) -> f64 {
 }
 
 /// Returns mean and variance of the squared distance, in the metric `inverse` of the hypothesis `own`,
-/// between its position and the target, if `other` is true.
+/// between its position and the target, if `other` is the true hypothesis.
 fn moments<const D: usize>(
     other: &Hypothesis<D>,
     own: &Hypothesis<D>,

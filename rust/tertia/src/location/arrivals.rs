@@ -9,8 +9,8 @@ const EARLY: f64 = 0.3;
 /// fewer, it leads to a wrong minimum about once in a thousand cases.
 const SPARE: usize = 3;
 
-/// With this number of measurements in excess of the unknowns, a minimum is trusted although some are
-/// faults: one in [`FAULTS_ONE_IN`].
+/// From this number of measurements in excess of the unknowns on, a minimum is trusted although one
+/// measurement in [`FAULTS_ONE_IN`] is a fault.
 const ROBUST: usize = 9;
 const FAULTS_ONE_IN: usize = 12;
 /// Smallest cost of a fault among arrivals.

@@ -1,9 +1,9 @@
 //! Starting points: positions on which as many measurements as coordinates agree.
 //!
-//! An azimuth, or an azimuth and an elevation of one station, define planes. If the range of one station,
-//! or its difference from that of the first station, is known, other ranges define planes too, because the
-//! squares of the coordinates cancel. A point is therefore the intersection of planes, or of a line of
-//! planes with one sphere.
+//! An azimuth, or an azimuth and an elevation of one station, define planes. In combination with the range
+//! of one station, other ranges and range differences define planes too, because the squares of the
+//! coordinates cancel. A point is therefore the intersection of planes, or of a line of planes with one
+//! sphere.
 
 use crate::base::angle::median;
 use crate::base::small::{Matrix, Vector, dot, norm, roots, rotated_back, solve_line};

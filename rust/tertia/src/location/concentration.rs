@@ -22,7 +22,7 @@ const HIGHEST: f64 = 40_000.0 * LOWEST;
 const SPREAD: f64 = 0.7;
 /// Number of these standard deviations within which f is plausible.
 const LIKELY: f64 = 3.0;
-/// First S of tables; the density does not change below.
+/// Smallest S of the tables; for smaller ones the density does not change.
 const SMALLEST: f64 = 1e-6;
 /// Distance of the nodes of tables in ln S.
 const SPACING: f64 = 0.05;
@@ -150,7 +150,8 @@ impl Decay {
             if sum > f64::MIN_POSITIVE {
                 return largest + sum.ln();
             }
-            // with many bearings, only the smallest concentrations contribute: by logarithms
+            // with many bearings, only the smallest concentrations contribute; their logarithms are
+            // added
             let s = misfit_of(i);
             ln_sum_exp(&std::array::from_fn(|k| ln[k] - lambdas[k] * s))
         };

@@ -1,9 +1,10 @@
 //! By how much the measurements of a batch contradict each other more than their sigmas allow.
 //!
-//! The residuals are what a position cannot explain. For kind c, they have the sum of squares `N_c = Σ
-//! r²` and `H_c = Σ (1 − h)` degrees of freedom, with the leverages h, in a least-squares fit without
-//! the outliers. The factor of the variances is updated by `φ_c ← φ_c N_c / H_c`, with new positions
-//! each time; this converges to the maximum of the restricted likelihood (Patterson, Thompson 1971).
+//! The residuals are what a position cannot explain. For kind c, they have the sum of squares
+//! `N_c = Σ r²` and `H_c = Σ (1 − h)` degrees of freedom, with the leverages h, in a least-squares fit
+//! without the outliers. The factor of the variances is updated by `φ_c ← φ_c N_c / H_c`, with new
+//! positions each time; this converges to the maximum of the restricted likelihood (Patterson, Thompson
+//! 1971).
 //!
 //! If outliers are rejected, a kind with few measurements may lose them one after the other as
 //! outliers, until no contradiction is left. Therefore the rounds are repeated from the factors found
@@ -153,8 +154,8 @@ struct Sums {
 
 impl Locator {
     /// Estimates by how much the instants contradict those of their sigmas that are `free` to be wrong
-    /// (5 K marks). With `pooled`, sigmas are relative or unknown, and variances may also shrink. O(N
-    /// M), for at most 256 instants.
+    /// (5 K marks). With `pooled`, sigmas are relative or unknown, and variances may also shrink.
+    /// O(N M), for at most 256 instants.
     pub fn contradiction<const D: usize>(
         &self,
         instants: &[Instant<'_>],

@@ -283,8 +283,8 @@ impl<const D: usize, const N: usize> Problem<'_, D, N> {
     /// Descends until a step is shorter than `tolerance` standard deviations.
     ///
     /// The first choice is a Newton step with ψ'. If the cost curves downward or would increase, steps
-    /// between this and the weighted (Gauss–Newton) step are tried, then the weighted step, then
-    /// shorter steps in its direction with increasing damping.
+    /// between this and the weighted (Gauss–Newton) step are tried, then the weighted step, then ever
+    /// shorter ones with increasing damping.
     pub fn descend(
         &self,
         p: &mut Vector<N>,

@@ -16,9 +16,9 @@ use crate::sensors::{KINDS, Row};
 const SHARES: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 const FLAT: f64 = 2.506_628_274_631_000_5 / 30.0;
 const EVEN: f64 = 15.0;
-/// A measurement is kept if its residual is at most this many sigmas of the residual. With a wider
-/// limit, one fault of five sigmas in each instant would increase the estimated sigma, and then be
-/// kept.
+/// A measurement is kept if its residual is at most this many standard deviations of the residual. With
+/// a wider limit, one fault of five sigmas in each instant would increase the estimated sigma, and then
+/// be kept.
 const KEPT: f64 = 3.0;
 /// Variance of standard normal numbers within this limit.
 const KEPT_VARIANCE: f64 = 0.973_3;

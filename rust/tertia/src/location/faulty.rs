@@ -97,9 +97,9 @@ impl Locator {
         (outliers != Outliers::FEW).then(|| self.with_outliers(outliers))
     }
 
-    /// Whether outliers of an instant would be marked, and may be as frequent as in the rest of the
-    /// batch. This is not the case, unless there are arrivals, if sigmas are trusted, which hold for
-    /// each instant on its own, or if they are unknown.
+    /// Whether outliers of an instant would be marked, and their frequency may be taken from the batch.
+    /// Without arrivals, this requires that sigmas are known and not trusted: trusted sigmas hold for
+    /// each instant on its own.
     fn expects_outliers(&self, instant: &Instant<'_>, fix: &Fix) -> bool {
         let has_arrivals = self.has_arrivals(instant);
         let redundancy = usize::try_from(fix.degrees_of_freedom).unwrap_or(0);

@@ -1,12 +1,12 @@
 //! By how much a covariance grows if residuals are larger than the stated sigmas allow.
 //!
 //! The sum of squares of residuals with ν degrees of freedom is `s ~ φ χ²_ν`, where φ is 1 if the
-//! sigmas are right. The prior is `P(φ = 1) = .8`, and otherwise a half-Cauchy distribution of `√(φ −
-//! 1)` with scale 2 (a random effect of the size of the sigmas: Gelman 2006). The posterior of φ is
-//! then a mixture, and the error of the position is a mixture of normal distributions with covariances
-//! `φ P`. The growth is the factor of P for which the 95 % ellipse contains 95 % of this mixture,
-//! divided by the factor for residuals that just pass a test at 10 %. So the growth is 1 if nothing
-//! contradicts the sigmas.
+//! sigmas are right. The prior is `P(φ = 1) = .8`, and otherwise a half-Cauchy distribution of
+//! `√(φ − 1)` with scale 2 (a random effect of the size of the sigmas: Gelman 2006). The posterior of φ
+//! is then a mixture, and the error of the position is a mixture of normal distributions with
+//! covariances `φ P`. The growth is the factor of P for which the 95 % ellipse contains 95 % of this
+//! mixture, divided by the factor for residuals that just pass a test at 10 %. So the growth is 1 if
+//! nothing contradicts the sigmas.
 //!
 //! For a batch, or for a single instant, one φ applies to everything. If its residuals fail the test,
 //! `P(φ = 1)` is .5, and the growth is the factor of P itself.

@@ -1,7 +1,7 @@
 //! The estimators of Lenth (1981) for azimuths in the plane.
 //!
-//! Errors have a von Mises distribution with concentration κ. With `θ` anticlockwise from east, `s =
-//! sin θ`, `c = cos θ`, distances d and `s* = (y − y_i)/d³`, `c* = (x − x_i)/d³`, the fix solves
+//! Errors have a von Mises distribution with concentration κ. With `θ` anticlockwise from east,
+//! `s = sin θ`, `c = cos θ`, distances d and `s* = (y − y_i)/d³`, `c* = (x − x_i)/d³`, the fix solves
 //!
 //! ```text
 //! | Σ w s s*  −Σ w c s* | |x|   |  Σ w s* z |

@@ -2,10 +2,10 @@
 //!
 //! The bearings have von Mises errors about the directions to the target, as in the azimuthal telemetry
 //! model of Gerber et al. (2018); positions within a given range of any station are equally probable.
-//! The factor f between true and stated σ is common to all bearings, has a log-normal prior and is
-//! integrated out. If a record is pooled, the prior of f for each instant includes what all other
-//! instants say about f. This is the distribution from which the Markov chain of Gerber et al. draws;
-//! here it is computed by quadrature.
+//! The factor f between true and stated σ is common to the bearings of an instant, has a log-normal
+//! prior and is integrated out. If a record is pooled, the prior of f for each instant includes what
+//! all other instants say about f. This is the distribution from which the Markov chain of Gerber et
+//! al. draws; here it is computed by quadrature.
 
 use super::concentration::{
     self, Decay, Evidence, STEPS, Weights, factors, likely, ln_constants, normalise,

@@ -3,9 +3,9 @@
 //!
 //! The linear covariance is that of the tangent plane at the minimum. If an error is not small compared
 //! with the distances, the cost along the ridge grows less than the parabola predicts, and beyond some
-//! distance not at all if the target may be at infinity (profile likelihood: Bates, Watts 1988). The 95
-//! % ellipse is to extend to the points where the cost has grown as much as it does at the 95 % ellipse
-//! of a parabola, by half the quantile of χ², on both sides of each axis.
+//! distance not at all if the target may be at infinity (profile likelihood: Bates, Watts 1988). The
+//! 95 % ellipse is to extend to the points where the cost has grown as much as it does at the 95 %
+//! ellipse of a parabola, by half the quantile of χ², on both sides of each axis.
 
 use super::descent::Loss;
 use super::growth::LIMIT;

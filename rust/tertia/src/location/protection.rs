@@ -41,10 +41,10 @@ struct Mode {
 
 impl Protection {
     /// Returns the protection level in m, a horizontal radius, of a position estimated from the
-    /// measurements that are not marked as outliers. The state has N components with the emission of
-    /// arrivals, which is the last one, and D without. The level is infinite if no radius is large
-    /// enough: faults cannot be detected, are more probable than the risk, or were detected but not
-    /// excluded. Excluded measurements count as faults. O(M^(faults + 1)).
+    /// measurements that are not marked as outliers. The state has N components if the emission of
+    /// arrivals is the last of them, otherwise D. The level is infinite if no radius is large enough:
+    /// faults cannot be detected, are more probable than the risk, or were detected but not excluded.
+    /// Excluded measurements count as faults. O(M^(faults + 1)).
     pub fn level<const D: usize, const N: usize>(&self, located: &Located<'_>) -> f64 {
         if located.is_timed() {
             self.level_with::<D, N>(located)
@@ -260,7 +260,8 @@ mod tests {
         let square = [[1.0, 0.0], [0.0, 1.0], [0.7, 0.7], [0.7, -0.7]];
         let rows = square.map(|gradient| row(gradient, 0.0));
         assert!(MILD.level_of(&rows, 1).unwrap().is_finite());
-        // two measurements more are likelier than the risk, one alone cannot be checked, a fault
+        // none: one fault is more probable than the risk; two measurements cannot check each other; a
+        // fault
         assert!(MILD.level_of(&rows, 0).is_none());
         assert!(MILD.level_of(&rows[..2], 1).is_none());
         let mut wrong = rows;

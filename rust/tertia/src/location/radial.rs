@@ -61,8 +61,9 @@ impl Radial {
     }
 
     /// Returns `P(|x| > r) = E_a[e^(−r² q/2) / q] / √(λ₁ λ₂)`, `q = cos² a/λ₁ + sin² a/λ₂`, by the
-    /// midpoint rule in a, which converges geometrically. For Student's distribution, `(1 + r²
-    /// q/ν)^(−ν/2)` takes the place of the exponential. The probability is 1 for r ≤ 0. O(√(λ₁/λ₂)).
+    /// midpoint rule in a, which converges geometrically. For Student's distribution,
+    /// `(1 + r² q/ν)^(−ν/2)` takes the place of the exponential. The probability is 1 for r ≤ 0.
+    /// O(√(λ₁/λ₂)).
     pub fn outside(&self, r: f64) -> f64 {
         if r <= 0.0 {
             return 1.0;

@@ -16,7 +16,7 @@ use std::f64::consts::TAU;
 
 /// Number of corners of the polygon that represents an ellipse.
 const CORNERS: usize = 180;
-/// Number of points on the ellipse at which the likelihood is compared with the normal one.
+/// Number of points on the ellipse at which the likelihood is compared with a normal one.
 const PLACES: usize = 16;
 /// Largest relative difference at these points up to which the region counts as an ellipse.
 const STRAIGHT: f64 = 0.1;

@@ -17,7 +17,8 @@ const STEPS: usize = 100;
 const HUBER_TOLERANCE: f64 = 0.1;
 const TUKEY_STEPS: usize = 50;
 const RESCALINGS: usize = 12;
-/// A start is better than the result of Huber's steps if its scale is smaller by this factor.
+/// A start is better than the result of Huber's steps only if its scale is smaller by more than this
+/// factor.
 const SMALLER_BY_CHANCE: f64 = 2.0;
 /// Correction of a scale for few measurements: 1 + FEW / (M − N).
 const FEW: f64 = 5.0;
@@ -349,7 +350,8 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         most.min(SLACK_OF_MANY + 2.0 * (nearest - best.normal.cost))
     }
 
-    /// Whether a measurement has no direction to a point, within this share of the extent of its station.
+    /// Whether a point is so close to a station, within this share of the extent, that its direction is
+    /// undefined.
     fn is_blind(&self, p: &Vector<D>, share: f64) -> bool {
         let near = share * self.problem.extent;
         self.problem.measurements.iter().any(|m| m.is_blind(p, near))

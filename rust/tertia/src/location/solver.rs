@@ -338,7 +338,8 @@ impl Locator {
         }
     }
 
-    /// Returns the minimum of the cost. Angles of stations with uncertain positions have the errors there.
+    /// Returns the minimum of the cost. If station positions are uncertain, angles have the errors due to
+    /// this at the minimum.
     fn minimum<const D: usize, const N: usize>(
         &self,
         instant: &Instant<'_>,

@@ -103,8 +103,8 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         sum
     }
 
-    /// Returns the change of the state if the signals are faster by a relative difference `share`: `(J'
-    /// W J)^-1 J' W r` times the share, with the distances r that the signals travel. O(M).
+    /// Returns the change of the state if the signals are faster by a relative difference `share`:
+    /// `(J' W J)^-1 J' W r` times the share, with the distances r that the signals travel. O(M).
     pub fn stretched(&self, minimum: &Minimum<N>, rows: &[Row<N>], share: f64) -> Vector<N> {
         let mut pull = [0.0; N];
         if share == 0.0 {

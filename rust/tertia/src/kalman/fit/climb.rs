@@ -8,7 +8,7 @@ use nalgebra::{Matrix2, Vector2};
 pub(super) const FLAT: f64 = 1e-3;
 /// Largest number of peaks of the grid from which the search climbs.
 const STARTS: usize = 3;
-/// Number of memory times, after which a filter forgets a plot, that are tried.
+/// Number of times that are tried as the memory of a filter, after which it forgets a plot.
 const MEMORIES: usize = 20;
 const ITERATIONS: usize = 60;
 const LONGEST_STEP: f64 = 2.0;

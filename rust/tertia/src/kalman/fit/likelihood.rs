@@ -10,10 +10,11 @@ use std::collections::HashMap;
 use std::f64::consts::{E, PI};
 use std::num::NonZero;
 
-/// Grid of α: the first point multiplied by the length of the recording, the last one multiplied by an
-/// interval, and the factor between points.
+/// Grid of α: α times the length of the recording at the first point, α times an interval at the last
+/// one, and the factor between points.
 const ALPHA: [f64; 3] = [0.3, 10.0, 8.0];
-/// The same for p.
+/// Grid of p: p for the length of the recording at the first point, p for an interval at the last one,
+/// and the factor between points.
 const MOTION: [f64; 3] = [0.1, 30.0, 20.0];
 /// Factors by which the climb may leave the grid downward and upward: α is tiny if the acceleration
 /// grows throughout a recording.
