@@ -150,8 +150,7 @@ impl Decay {
             if sum > f64::MIN_POSITIVE {
                 return largest + sum.ln();
             }
-            // with many bearings, only the smallest concentrations contribute; their logarithms are
-            // added
+            // with many bearings, only the smallest concentrations contribute: add via logarithms
             let s = misfit_of(i);
             ln_sum_exp(&std::array::from_fn(|k| ln[k] - lambdas[k] * s))
         };
