@@ -1,9 +1,10 @@
-//! One bearing with its standard deviation from a sample of measured bearings.
+//! Estimation of one bearing with its standard deviation from a sample of measured bearings.
 //!
 //! Source: Manoilov, Pysarchuk, Pavliuk 2006, stages 1 to 3.2 and (M5)–(M7), as printed
-//! ([`Method::Paper`]) and corrected ([`Method::Corrected`]); [`Method::Robust`] is the default of
-//! the Python API.
+//! ([`Method::Paper`]) and corrected ([`Method::Corrected`]). [`Method::Robust`] is the default of the
+//! Python API.
 //!
+//! Order of the modules:
 //! `modes <- acceleration, independent, sticky, information; blocks, start <- slow <- hypotheses`
 //! `estimate, rules, hypotheses <- workspace <- paper, robust`
 //! `maxima, robust <- stated <- groups <- estimator`

@@ -1,11 +1,12 @@
-//! The filter of an angle with its rate and acceleration, along a series, and back.
+//! Filter and smoother for a series of angles: estimates of the angle, its rate and its acceleration.
 //!
-//! Source: Panasyuk, Pudovkin, Rogachev 2018, (14) to (20), misprints mended. `x = [φ, ω, a]`,
-//! acceleration with an exponential correlation (Singer 1970), plots of the angle alone. Units are
-//! the caller's: an angle, its rate per unit of time, and so on.
+//! Source: Panasyuk, Pudovkin, Rogachev 2018, (14) to (20), with the misprints corrected.
+//! `x = [φ, ω, a]`; the acceleration is exponentially correlated (Singer 1970), and plots contain the
+//! angle only. Units are those of the caller: of angle, angle per unit of time, and so on.
 //!
-//! Order: `model <- state <- adjoint, factored <- backward <- filter <- steps, series <- shared <-
-//! kept <- carried <- tile <- block <- batch, smoother <- fit`; `steady` and `consistency` stand alone.
+//! Order of the modules: `model <- state <- adjoint, factored <- backward <- filter <- steps, series <-
+//! shared <- kept <- carried <- tile <- block <- batch, smoother <-
+//! fit`; `steady` and `consistency` depend on none of the others except `model`.
 
 mod adjoint;
 mod backward;
@@ -49,7 +50,7 @@ mod tests {
         Singer::try_new(0.05, (4e-6_f64 / 0.36).sqrt(), false).unwrap().over(4.0).unwrap()
     }
 
-    /// V1 of exact rational arithmetic.
+    /// Values of exact rational arithmetic.
     #[test]
     fn one_step() {
         let state = State {
@@ -82,7 +83,7 @@ mod tests {
         assert_all_close(&factored.state().covariance, &covariance);
     }
 
-    /// Steps added up are one long step, and the exact model is that of the printed one's limit.
+    /// Several steps are equal to one long step in the exact model.
     #[test]
     fn exact_steps_compose() {
         for alpha in [0.0, 1e-9, 0.01, 0.3, 2.0] {
@@ -101,7 +102,7 @@ mod tests {
         states
     }
 
-    /// Unknown angle and rate against a prior that is nearly so, forwards and backwards.
+    /// Unknown angle and rate give the limit of a very wide prior, in the filter and in the smoother.
     #[test]
     fn the_start_is_the_limit_of_a_wide_prior() {
         let singer = Singer::try_new(0.05, 0.02, true).unwrap();
@@ -122,7 +123,7 @@ mod tests {
             Filter::from_state(prior, None)
         };
         let forwards = [unknown, given(1e13)].map(|filter| run(&series, filter));
-        // the smoother loses the digits of P0/R
+        // with a wide prior, the smoother loses as many digits as P0/R has
         let backwards = [unknown, given(1e6)].map(|filter| {
             let mut states = vec![State::UNKNOWN; z.len()];
             smooth(&series, filter, &mut Workspace::default(), |i, state| states[i] = *state);
@@ -160,7 +161,7 @@ mod tests {
         for (x, y) in last.covariance.iter().zip(steady.1) {
             assert!((x - y).abs() < 1e-13 * y.abs());
         }
-        // the same as step by step
+        // the same, step by step
         let mut filter = Filter::new(1e-5, None);
         for (i, &z) in z.iter().enumerate() {
             if i > 0 {

@@ -1,37 +1,38 @@
-//! Location: a position at one instant from ranges, azimuths, elevations, range differences and
-//! times of arrival of several stations, some of them wrong.
+//! Location: estimates a position at one instant from ranges, azimuths, elevations, range differences
+//! and times of arrival of several stations, some of which may be wrong.
 //!
-//! Azimuths turn clockwise from north; positions are local east, north and up in metres. With the
-//! whitened residuals `r_i = (z_i − h_i(p)) / σ_i` the estimate minimises `Σ ρ(r_i)`, where ρ is
-//! half the square, or Tukey's biweight from a start that survives faults. Times of arrival have one
-//! unknown more, the emission, and so have range differences whose errors have a common part: they
-//! are read as arrivals, that of the first station at zero. Their ρ is `−ln` of the density of
-//! normal noise and rare faults.
+//! Azimuths are clockwise from north; positions are local east, north and up in metres. With the
+//! whitened residuals `r_i = (z_i − h_i(p)) / σ_i`, the estimate minimises `Σ ρ(r_i)`. For least
+//! squares, ρ is half the square; the robust method uses Tukey's biweight, from a start that faults do
+//! not spoil. Times of arrival have the time of emission as an additional unknown. Range differences
+//! whose errors have a common part are converted into arrivals, with the arrival at the first station
+//! at zero. For arrivals, ρ is `−ln` of the density of normal noise and rare faults.
 //!
-//! | part | what |
+//! | part | content |
 //! |---|---|
-//! | `fix` | what is asked of an instant, and what comes out |
+//! | `fix` | arguments and results of the location of one instant |
 //! | `record` | the measurements of an instant |
-//! | `candidates` | points that as many measurements as there are coordinates agree on |
-//! | `arrivals` | where times of arrival say that their emission was |
-//! | `descent` | Gauss–Newton with Levenberg's safeguard |
+//! | `candidates` | starting points, each computed from a minimal set of measurements |
+//! | `arrivals` | starting points from times of arrival |
+//! | `descent` | Gauss–Newton and Newton steps with Levenberg damping |
 //! | `block`, `lanes`, `total` | the same for several instants side by side |
-//! | `starts` | what points to start from cost, several side by side |
-//! | `doubt` | what measurements that may be faults add to the covariance |
-//! | `growth` | what residuals add to it that are too large |
-//! | `contradiction` | the same for all instants together |
-//! | `evidence` | how likely measurements are, with sigmas of one size or another |
-//! | `alone` | how large the sigmas are of one instant that has outliers |
-//! | `profile` | where the cost is no parabola |
-//! | `solver` | the way of an instant |
-//! | `search` | start, robust steps, other minima |
+//! | `starts` | costs of starting points, several side by side |
+//! | `doubt` | what doubtful measurements add to the covariance |
+//! | `growth` | growth of the covariance of one instant with residuals that are too large |
+//! | `contradiction` | the same for all instants of a batch together |
+//! | `evidence` | likelihood of the measurements for given sizes of the sigmas |
+//! | `alone` | size of the errors of a single instant that contradicts its sigmas |
+//! | `faulty` | frequency of outliers in a batch |
+//! | `profile` | the covariance where the cost is not a parabola |
+//! | `solver` | location of instants from reading to results |
+//! | `search` | search for the best minimum: start, robust steps, other minima |
 //! | `summary` | covariance, σ, dilution of precision |
-//! | `lenth` | the estimators of Lenth (1981), for azimuths alone |
-//! | `posterior`, `quadtree`, `concentration` | the density of positions of a few bearings |
+//! | `lenth` | the estimators of Lenth (1981), for azimuths only |
+//! | `posterior`, `quadtree`, `concentration` | the density of positions from two to four bearings |
 //! | `region`, `contour`, `radial` | regions around positions, their outlines, radii |
-//! | `speed` | the speed of the signals, where it is not known exactly |
-//! | `wind` | the wind, where signals are carried by it |
-//! | `medium` | both together |
+//! | `speed` | the speed of the signals if it is not known exactly |
+//! | `wind` | the wind if it carries the signals |
+//! | `medium` | speed and wind together |
 //! | `protection` | protection levels |
 
 // indices are those of the formulas
@@ -81,5 +82,5 @@ pub use solver::{Locator, Workspace};
 pub use speed::Speed;
 pub use wind::Wind;
 
-/// Instants that are located side by side.
+/// Number of instants that are located side by side.
 pub const BLOCK: usize = lane::LANES;

@@ -1,18 +1,18 @@
-//! Extrapolation of EM, which comes nearer by the same share at every step.
+//! Extrapolation of the EM algorithm, whose error decreases by about the same factor at every step.
 
 use super::modes::{MOST_BAD, Modes};
 
-/// Centre, width, persistence; offset, width and share of each bad mode.
+/// Number of parameters: centre, width, persistence; offset, width and share of each bad mode.
 const PARAMETERS: usize = 3 + 3 * MOST_BAD;
 /// Longest extrapolation, in steps.
 const LONGEST: f64 = 16.0;
-/// EM ends where nothing changes by more than this share of a standard error.
+/// EM ends when no parameter changes by more than this share of a standard error.
 const TOLERANCE: f64 = 0.01;
 const MOST_STEPS: usize = 80;
 
 type Point = [f64; PARAMETERS];
 
-/// Repeats a step of EM until nothing changes any more; `step` returns the largest change. After every
+/// Repeats EM steps until they converge; `step` returns the largest change of a parameter. After every
 /// second step the parameters are extrapolated (Varadhan, Roland 2008, scheme S3).
 pub(super) fn converge(modes: &mut Modes, mut step: impl FnMut(&mut Modes) -> f64) {
     for _ in 0..MOST_STEPS / 2 {
@@ -49,7 +49,7 @@ fn point(modes: &Modes) -> Point {
     x
 }
 
-/// The modes at a point, within twice or half of what they were.
+/// Returns the modes at a point, limited to between half and twice their previous values.
 fn at(x: &Point, modes: &Modes) -> Modes {
     let mut found = *modes;
     let within = |value: f64, known: f64| value.clamp(0.5 * known, 2.0 * known);
@@ -71,7 +71,7 @@ mod tests {
     use super::super::modes::{Mode, Shape};
     use super::*;
 
-    /// A step towards a known end that leaves nine tenths of the way.
+    /// A step towards a known end that leaves nine tenths of the distance.
     #[test]
     fn slow_steps_are_extrapolated_to_their_end() {
         let mode = Mode { offset: 3.0, width: 1.0, share: 0.2 };

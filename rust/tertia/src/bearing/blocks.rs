@@ -5,14 +5,14 @@ use crate::base::error::Result;
 use crate::base::moments::Moments;
 use crate::screening::extreme_variance_pvalue;
 
-/// Columns for the blocks of a sample, as long as [`super::Estimator::blocks`] says.
+/// Output columns for the blocks of a sample, of the length that [`super::Estimator::blocks`] returns.
 #[derive(Debug)]
 pub struct BlockOutput<'a> {
-    /// Mean of each block as used; nan: empty block.
+    /// Mean of each block as used; nan if the block is empty.
     pub mean: &'a mut [f64],
-    /// Variance of each block as used; nan: fewer than two measurements.
+    /// Variance of each block as used; nan if the block has fewer than two measurements.
     pub variance: &'a mut [f64],
-    /// Weight of each block; they sum to one.
+    /// Weight of each block; the weights sum to one.
     pub weight: &'a mut [f64],
 }
 
@@ -20,15 +20,16 @@ pub struct BlockOutput<'a> {
 #[derive(Clone, Debug, Default)]
 pub(super) struct BlockTable {
     pub mean: Vec<f64>,
-    /// nan: fewer than two measurements.
+    /// nan for blocks with fewer than two measurements.
     pub variance: Vec<f64>,
-    /// Measurements that are not excluded.
+    /// Number of measurements that are not excluded.
     pub count: Vec<f64>,
     pub weight: Vec<f64>,
 }
 
 impl BlockTable {
-    /// Blocks of `block_size`, the last one with the remainder; nan values are left out.
+    /// Fills the table with blocks of `block_size`; the last one includes the remainder. nan values are
+    /// left out.
     pub fn fill(
         &mut self,
         cleaned: &[f64],
@@ -57,12 +58,12 @@ impl BlockTable {
         self.mean.len()
     }
 
-    /// Degrees of freedom of a block's variance.
+    /// Returns the degrees of freedom of the variance of a block.
     pub fn degrees(&self, j: usize) -> f64 {
         (self.count[j] - 1.0).max(0.0)
     }
 
-    /// `Σ ν_j d_j / Σ ν_j` over the blocks that `used` names.
+    /// Returns `Σ ν_j d_j / Σ ν_j` over the blocks for which `used` is true.
     pub fn pooled_variance(&self, used: impl Fn(usize) -> bool) -> f64 {
         let (mut squares, mut degrees) = (0.0, 0.0);
         for j in (0..self.len()).filter(|&j| used(j) && self.degrees(j) > 0.0) {
@@ -72,8 +73,8 @@ impl BlockTable {
         squares / degrees
     }
 
-    /// Whether the variance of block j is too large against those of the other `used` blocks, by
-    /// the exact F test with Bonferroni's correction (equal sizes: Cochran's test).
+    /// Whether the variance of block j is too large compared with those of the other `used` blocks, by
+    /// the exact F test with Bonferroni's correction (for equal sizes: Cochran's test).
     pub fn variance_is_extreme(
         &self,
         j: usize,
@@ -91,7 +92,8 @@ impl BlockTable {
         extreme_variance_pvalue(self.variance[j], nu, sum, degrees, count) < significance
     }
 
-    /// Weights proportional to `information`, summing to one; infinite ones share it equally.
+    /// Sets weights proportional to `information` that sum to one; if there are infinite ones, these
+    /// share the weight equally.
     pub fn set_weights(&mut self, information: impl Fn(usize) -> f64) {
         let raw: Vec<f64> = (0..self.len()).map(information).collect();
         let largest = raw.iter().copied().fold(0.0, f64::max);
@@ -105,8 +107,8 @@ impl BlockTable {
         }
     }
 
-    /// `Σ p_j m_j`, from the heaviest mean, so that neither a common offset nor a far mean of little
-    /// weight costs digits.
+    /// Returns `Σ p_j m_j`, computed relative to the mean with the largest weight, so that neither a
+    /// common offset nor a distant mean of small weight costs digits.
     pub fn weighted_mean(&self) -> f64 {
         let pairs = || self.weight.iter().zip(&self.mean).filter(|(w, _)| **w > 0.0);
         let heaviest = pairs().max_by(|a, b| a.0.total_cmp(b.0));
@@ -126,7 +128,7 @@ impl BlockTable {
     }
 }
 
-/// Members of block j of `blocks`; the last one takes the remainder.
+/// Returns the members of block j of `blocks`; the last block includes the remainder.
 pub(super) fn block_range(
     j: usize,
     blocks: usize,
@@ -137,7 +139,7 @@ pub(super) fn block_range(
     j * size..end
 }
 
-/// The k2 that the paper takes 'from Student's distribution'.
+/// Returns the k2 that the paper takes 'from Student's distribution'.
 pub(super) fn student_factor(significance: f64, block_size: usize) -> f64 {
     student_two_sided_quantile(significance, block_size as f64 - 1.0)
 }

@@ -1,4 +1,4 @@
-//! Estimation of one sample by any of the methods.
+//! Estimates a bearing from one sample by any of the methods.
 
 use super::blocks::BlockOutput;
 use super::estimate::Estimate;
@@ -15,30 +15,31 @@ use crate::screening::{KSigmaRule, Replacement};
 use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
-/// Larger rounding steps would overflow.
+/// Largest rounding step: larger ones would overflow.
 const LARGEST_ROUNDING: f64 = 1e100;
-/// Squares of smaller or larger sigmas, and their reciprocals, would leave the range of a double.
+/// Range of sigmas: outside, squares or their reciprocals would leave the range of a double.
 const SIGMAS: RangeInclusive<f64> = 1e-100..=1e100;
-/// Where angles scatter by less than this share of the period, they have a direction.
+/// Angles with a standard deviation below this share of the period count as having a direction.
 const NARROW: f64 = 1.0 / 6.0;
-/// Uniform angles have a `n R²` above this in 5 % of cases (Rayleigh's test: `−ln 0.05`).
+/// `n R²` of uniformly distributed angles exceeds this in 5 % of cases (Rayleigh's test: `−ln 0.05`).
 const DIRECTED: f64 = 2.995_732_273_553_991;
 
-/// A method and a period, validated.
+/// A validated method, with period and correlation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Estimator {
     method: Method,
     period: Option<f64>,
-    /// Lag-one correlation of the noise; none: found.
+    /// Lag-one correlation of the noise; `None` if it is not given.
     correlation: Option<f64>,
 }
 
 impl Estimator {
-    /// An estimator of angles with this period (none: data that do not wrap) and this lag-one
-    /// correlation of the noise. None: estimated by the robust method, none in the others.
+    /// Creates an estimator of angles with this period (`None`: values do not wrap) and this lag-one
+    /// correlation of the noise. If the correlation is `None`, the robust method estimates it, and the
+    /// other methods assume white noise.
     ///
     /// # Errors
-    /// A parameter outside its domain.
+    /// If a parameter is outside its domain.
     pub fn try_new(method: Method, period: Option<f64>, correlation: Option<f64>) -> Result<Self> {
         if let Some(period) = period {
             require_period(period)?;
@@ -64,7 +65,7 @@ impl Estimator {
         Ok(Self { method, period, correlation })
     }
 
-    /// Blocks of a sample of `n`; the last one takes the remainder.
+    /// Returns the number of blocks for a sample of `n`; the last block includes the remainder.
     pub fn blocks(&self, n: usize) -> usize {
         let block_size = match &self.method {
             Method::Mean | Method::KSigma(_) => return 0,
@@ -74,7 +75,8 @@ impl Estimator {
         (n / block_size).max(1)
     }
 
-    /// Fewest measurements that the method accepts, with or without a `stated` sigma.
+    /// Returns the smallest number of measurements that the method accepts, with or without a `stated`
+    /// sigma.
     pub fn min_count(&self, stated: bool) -> usize {
         match self.method {
             Method::Mean => 2,
@@ -84,7 +86,7 @@ impl Estimator {
         }
     }
 
-    /// Estimates the bearing of one sample. O(N), robust: O(N) for each step of EM.
+    /// Estimates the bearing of one sample. O(N); for the robust method O(N) for each EM step.
     ///
     /// ```
     /// use tertia::bearing::{BlockOutput, Estimator, Known, Method, Workspace};
@@ -100,11 +102,12 @@ impl Estimator {
     /// ```
     ///
     /// # Errors
-    /// Too few measurements, one that is not finite, deviations out of range, or too few left.
+    /// If there are too few measurements, before or after outliers are excluded, a measurement is not
+    /// finite, or deviations are out of range.
     ///
     /// # Panics
-    /// If `outlier`, or what is known of each measurement, is not as long as `theta`, or a block output not as long as
-    /// [`Estimator::blocks`] says.
+    /// If the lengths of `theta`, `outlier` and the arrays in `known` differ, or if a block output does
+    /// not have the length that [`Estimator::blocks`] returns.
     pub fn estimate(
         &self,
         theta: &[f64],
@@ -155,12 +158,12 @@ impl Estimator {
         })
     }
 
-    /// The standard deviation of a direction of which nothing is known, if so; else 0.
+    /// Returns the standard deviation of a completely unknown direction if `is_unknown`, otherwise 0.
     fn unknown(&self, is_unknown: bool) -> f64 {
         self.period.filter(|_| is_unknown).map_or(0.0, |period| period / 12_f64.sqrt())
     }
 
-    /// Whether the measurements that are kept may be noise all around, without a direction.
+    /// Whether the measurements that are kept may be noise all around, without any direction.
     fn is_undirected(&self, workspace: &mut Workspace, outlier: &[bool]) -> bool {
         let Some(period) = self.period else { return false };
         let Workspace { angle, scratch, .. } = workspace;
@@ -175,8 +178,8 @@ impl Estimator {
         sine * sine + cosine * cosine < DIRECTED * scratch.len() as f64
     }
 
-    /// The estimate of a method other than the robust one: a correlation that is given widens sigma,
-    /// except the paper's, which stays as printed.
+    /// Returns the estimate of a method other than the robust one: a given correlation increases sigma,
+    /// except for the method of the paper, whose sigma remains as printed.
     fn of(
         &self,
         (value, sigma): (f64, f64),
@@ -222,7 +225,7 @@ fn k_sigma(k: f64, workspace: &mut Workspace, outlier: &mut [bool]) -> Result<(f
 fn polarity(angle: &[f64], outlier: &[bool], value: f64) -> f64 {
     let flagged = angle.iter().zip(outlier).filter(|(_, flag)| **flag);
     let balance: f64 = flagged.map(|(v, _)| (v - value).partial_cmp(&0.0)).map(sign).sum();
-    // an empty sum is −0
+    // the sum of no values is −0
     (balance + 0.0) / angle.len() as f64
 }
 
@@ -293,7 +296,7 @@ mod tests {
         }
     }
 
-    /// One block's mean and another one's variance are too large; no single value is at k = 4.
+    /// The mean of one block and the variance of another are too large; no single value is, at k = 4.
     #[test]
     fn the_paper_replaces_blocks() {
         let theta = [
@@ -306,7 +309,7 @@ mod tests {
         assert_close(result.estimate.value, 9.949_805_171_303_07);
         assert_close(result.estimate.sigma, 0.105_587_824_271_096);
         assert!((result.weight.iter().sum::<f64>() - 1.0).abs() < 1e-15);
-        // the quietest block's variance was copied
+        // the variance of the block with the smallest one was copied
         assert_eq!(result.weight[4], result.weight[3]);
     }
 }

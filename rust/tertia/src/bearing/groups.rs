@@ -1,4 +1,4 @@
-//! Groups of measurements, each with a systematic error of its own: stops, hours, sectors.
+//! Groups of measurements, each with its own systematic error: stops, hours or sectors, for example.
 
 use super::estimate::Estimate;
 use super::hypotheses::Hypotheses;
@@ -16,14 +16,14 @@ use crate::base::effects::random_effects;
 use crate::base::error::Result;
 use crate::base::moments::Moments;
 
-/// A group's centre and the errors about it are found in turn, so often.
+/// Number of rounds in which the centres of groups and the errors about them are found in turn.
 const ROUNDS: usize = 2;
-/// Fewest measurements of groups of two or more for the hypotheses about their errors.
+/// Smallest number of measurements, in groups of two or more, for the hypotheses about their errors.
 const FEWEST: usize = 5;
-/// Least sigma of a group, over the spread of the groups.
+/// Smallest sigma of a group, relative to the range of the groups' centres.
 const LEAST: f64 = 1e-3;
 
-/// Groups: centre, expected number of good measurements and number of all.
+/// Groups: centre, expected number of good measurements, and number of all measurements.
 #[derive(Clone, Debug, Default)]
 struct Table {
     centre: Vec<f64>,
@@ -31,8 +31,9 @@ struct Table {
     count: Vec<f64>,
 }
 
-/// Errors within groups are screened together; the groups' means `m_g ± σ/√n_g` have random effects
-/// of the standard deviation `bias_sigma`, or one that is found ([`random_effects`]).
+/// Screens the errors within all groups together. The means of the groups, `m_g ± σ/√n_g`, have random
+/// effects with the standard deviation `bias_sigma`, which is estimated if it is `None`
+/// ([`random_effects`]).
 pub(super) fn estimate(
     rule: &RobustRule,
     correlation: Option<f64>,
@@ -48,7 +49,7 @@ pub(super) fn estimate(
     let count = table.count.len();
     let stuck = stated.is_none() && workspace.angle.iter().all(|v| *v == workspace.angle[0]);
     if count == 1 || stuck || count == groups.len() {
-        // where every measurement has a systematic error of its own, these are random
+        // if each measurement has its own systematic error, these errors are random errors
         let each = count == groups.len();
         let correlation = if each { Some(0.0) } else { correlation };
         let found = together(rule, correlation, stated, workspace, outlier)?;
@@ -75,14 +76,14 @@ pub(super) fn estimate(
     let (pvalue, given) = agreement(&table.centre, &sigma, bias_sigma.unwrap_or(0.0));
     let (value, sigma_of_value, bias) = match bias_sigma {
         None => {
-            // the prior of a systematic error is as wide as one measurement
+            // the prior of a systematic error is as wide as the error of one measurement
             let scale = within.sigma.max(LEAST * spread).max(f64::MIN_POSITIVE);
             let found = random_effects(&table.centre, &sigma, scale);
             (found.mean, found.sigma * table.inflation(groups).sqrt(), found.tau)
         }
         Some(bias) => (given.0, given.1, bias),
     };
-    // each group's mean counts by its variance with that of the systematic error
+    // the weight of the mean of a group includes the variance of the systematic error
     let information: Vec<f64> = sigma.iter().map(|s| 1.0 / (s * s + bias * bias)).collect();
     let total: f64 = information.iter().sum();
     scratch.clear();
@@ -104,7 +105,7 @@ pub(super) fn estimate(
     })
 }
 
-/// Measurements that have no systematic errors, or all the same.
+/// Estimates the bearing from measurements without systematic errors, or with a common one.
 fn together(
     rule: &RobustRule,
     correlation: Option<f64>,
@@ -121,16 +122,16 @@ fn together(
 /// Random errors within groups.
 struct Within {
     sigma: f64,
-    /// Half of Student's quantile.
+    /// Half of the quantile of Student's distribution for two sigmas.
     student: f64,
     correlation: f64,
     rounding: f64,
-    /// nan where no noise is stated.
+    /// nan if no noise is stated.
     noise_factor: f64,
 }
 
 impl Within {
-    /// Standard deviation of the mean of n measurements of an AR(1) process.
+    /// Returns the standard deviation of the mean of n measurements of an AR(1) process.
     fn of_mean(&self, n: f64) -> f64 {
         let (n, phi) = (n.max(1.0), self.correlation);
         // 1 + 2 Σ (1 − j/n) φ^j over j < n
@@ -152,7 +153,7 @@ impl Table {
         Self { centre, good: number.clone(), count: number }
     }
 
-    /// Takes what is found with stated noise, and marks outliers; returns the sigma of each centre.
+    /// Copies the results for stated noise, and marks outliers; returns the sigma of each centre.
     fn take(&mut self, found: &Stated, outlier: &mut [bool]) -> (Within, Vec<f64>) {
         found.mark(outlier);
         self.centre = found.centres.iter().map(|centre| centre.value).collect();
@@ -167,8 +168,8 @@ impl Table {
         (within, found.centres.iter().map(|centre| centre.sigma).collect())
     }
 
-    /// Variance of the groups' mean over what it would be if their errors were independent: those of
-    /// successive groups may be alike.
+    /// Returns the variance of the mean of the groups relative to that with independent errors: the
+    /// errors of successive groups may be correlated.
     fn inflation(&self, groups: &[f64]) -> f64 {
         let mut seen = vec![false; self.centre.len()];
         let first = |g: &&f64| !std::mem::replace(&mut seen[**g as usize], true);
@@ -184,7 +185,7 @@ impl Table {
         high - low
     }
 
-    /// Finds the outliers among the errors about the groups' centres, and these without them.
+    /// Finds outliers among the errors about the centres of the groups, and the errors without them.
     fn screen(
         &mut self,
         rule: &RobustRule,
@@ -205,7 +206,7 @@ impl Table {
             noise_factor: f64::NAN,
         };
         for _ in 0..ROUNDS {
-            // n/(n−1): the centre comes from the same measurements
+            // n/(n−1), because the centre is estimated from the same measurements
             let error = |&i: &usize| {
                 let g = groups[i] as usize;
                 let n = self.good[g].max(2.0);
@@ -257,15 +258,15 @@ impl Table {
                 self.centre[g] += sum[g] / good[g];
                 self.good[g] = good[g];
             } else {
-                // nothing good is left: the median is worth one measurement
+                // no good measurement is left: the median counts as one measurement
                 self.good[g] = 1.0;
             }
         }
     }
 }
 
-/// p-value of the agreement of the groups' means with systematic errors of this size; their weighted
-/// mean and its sigma, which grows where they disagree at 5 %.
+/// Returns the p-value of the agreement of the means of the groups with systematic errors of this size,
+/// and their weighted mean with its sigma, which is increased if they disagree at 5 %.
 fn agreement(x: &[f64], sigma: &[f64], bias: f64) -> (f64, (f64, f64)) {
     let weight: Vec<f64> = sigma.iter().map(|s| 1.0 / (s * s + bias * bias)).collect();
     let total: f64 = weight.iter().sum();

@@ -1,4 +1,4 @@
-//! What a record may be: clean, or contaminated in one of several ways.
+//! Hypotheses about a record: it is clean, or contaminated in one of several ways.
 
 use super::acceleration::converge;
 use super::independent;
@@ -11,83 +11,82 @@ use crate::base::autoregression::Autoregression;
 use crate::base::flicker::Flicker;
 use crate::base::moments::Moments;
 
-/// Penalty per parameter over that of Schwarz (1978), `½ ln N`: his finds one-sided outliers of three
-/// sigmas too late.
+/// Penalty per parameter, relative to that of Schwarz (1978), `½ ln N`, with which one-sided outliers of
+/// three sigmas would be found too late.
 const PENALTY: f64 = 0.8;
-/// The same for sigma: what is too doubtful to be left out may still be bad.
+/// The same for the weights in sigma: outliers that are too doubtful to be left out may still be bad.
 const PENALTY_OF_SIGMA: f64 = 0.4;
-/// Beyond these distances values are taken for bad at the start: one kind, two kinds.
+/// Scores beyond these distances count as bad at the start: for one kind and for two kinds of bad values.
 const FAR: f64 = 2.5;
 const FAR_OF_TWO: f64 = 2.2;
-/// Offset and widths of a bad mode at the start.
+/// Offset, and widths with one and two kinds, of a bad mode at the start.
 const OFFSET: f64 = 4.0;
 const WIDTH: f64 = 1.5;
 const WIDTH_OF_TWO: f64 = 1.2;
 const LARGEST_START: f64 = 0.45;
 const LARGEST_START_OF_TWO: f64 = 0.4;
 const PERSISTENCE: f64 = 0.5;
-/// Least width of the good mode, in units of the scale at the start, and of any mode in those of the
-/// rounding step.
+/// Smallest width of the good mode, in units of the scale at the start, and of any mode, in rounding steps.
 const LEAST_WIDTH: f64 = 0.3;
 const LEAST_STEPS: f64 = 0.5;
-/// Steps of EM for each side before one is chosen.
+/// Number of EM steps for each side before one side is chosen.
 const STEPS_OF_SIDE: usize = 6;
-/// Scores are cut here: farther values are bad whatever their distance.
+/// Scores are limited to this size: values farther away are bad, whatever their distance.
 pub(super) const MAX_SCORE: f64 = 1e3;
-/// Lag-one correlation of the modes from which they may persist, in its standard errors.
+/// Lag-one correlation of the modes, in its standard errors, from which on they may persist.
 const LEAST_PERSISTENCE: f64 = 1.5;
-/// Share of bad measurements from which they may as well be the good ones.
+/// Share of bad measurements above which the bad ones may just as well be the good ones.
 const LEAST_OF_MIRROR: f64 = 0.45;
-/// Hypotheses of less weight do not count.
+/// Weight below which hypotheses are left out.
 const LEAST_WEIGHT: f64 = 1e-5;
-/// Prior probability of 1/f noise. It is considered where a correlation adds at least so much to the
-/// logarithm of the likelihood, and of the mixtures for those that are at most so far behind.
+/// Prior probability of 1/f noise. It is considered if a correlation adds at least [`LEAST_GAIN`] to the
+/// log likelihood, and for mixtures whose log weight is at most [`FAR_BEHIND`] below the highest.
 const FLICKER: f64 = 0.1;
 const LEAST_GAIN: f64 = 2.0;
 const FAR_BEHIND: f64 = 7.0;
-/// Exponents above this are as good as infinite.
+/// Larger exponents are limited to this: they are practically infinite.
 const LARGEST_EXPONENT: f64 = 500.0;
-/// Levels and errors about them are found in turn, so often.
+/// Number of rounds in which levels and the errors about them are found in turn.
 const ROUNDS: usize = 2;
-/// Penalty for the length of the blocks, and variance and correlation of their levels; the same for sigma.
+/// Penalty for the block length, and the variance and correlation of the levels; the same in sigma.
 const PENALTY_OF_LEVELS: f64 = 3.0 * PENALTY;
-/// Fewest levels that show how they vary.
+/// Smallest number of levels from which their variation can be seen.
 const FEWEST_LEVELS: f64 = 4.0;
-/// Fewest good measurements in the degrees of freedom of a hypothesis.
+/// Smallest number of good measurements assumed in the degrees of freedom of a hypothesis.
 const LEAST_GOOD: f64 = 2.5;
 
-/// One hypothesis: a mixture, or none (clean).
+/// One hypothesis: a mixture, or a clean record (`modes` is `None`).
 #[derive(Clone, Debug, Default)]
 pub(super) struct Hypothesis {
     pub modes: Option<Modes>,
-    /// Probabilities of the bad modes of each measurement, as many as there are modes.
+    /// Probabilities of the bad modes for each measurement: as many numbers as there are bad modes.
     pub bad: Vec<f64>,
     log_likelihood: f64,
     parameters: f64,
-    /// What the correlation adds to the logarithm of the likelihood.
+    /// Increase of the log likelihood by the correlation.
     gain: f64,
-    /// What 1/f noise adds for sigma.
+    /// Increase of the log weight in sigma by the possibility of 1/f noise.
     gain_of_sigma: f64,
-    /// Counts in the variance only.
+    /// Whether the hypothesis counts in the variance only.
     doubt: bool,
-    /// Weight in the estimate, and in its variance.
+    /// Weights in the estimate and in its variance.
     pub weight: f64,
     pub weight_of_variance: f64,
-    /// Estimate, in scores, and its variance with white noise.
+    /// Estimate in scores, and its variance for white noise.
     pub value: f64,
     pub variance: f64,
     /// Standard deviation of good measurements.
     pub width: f64,
     /// Expected number of good measurements.
     pub good: f64,
-    /// Variance of the mean of the good ones over that with white noise, and their correlation.
+    /// Variance of the mean of the good measurements relative to white noise, and their correlation.
     pub inflation: f64,
     pub correlation: f64,
-    /// Levels of a record that moves; none: the level is constant.
+    /// Levels of a record whose level changes; `None` if it is constant.
     levels: Option<Levels>,
 }
 
-/// Buffers, and the hypotheses of the last record.
+/// The hypotheses about the last record, and buffers.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Hypotheses {
     pub score: Vec<f64>,
@@ -103,12 +102,12 @@ impl Hypothesis {
         self.log_likelihood - 0.5 * (penalty * self.parameters + of_levels) * n.ln()
     }
 
-    /// The same for sigma: the noise may be 1/f noise as well.
+    /// The same for sigma, for which the noise may also be 1/f noise.
     fn log_weight_of_sigma(&self, n: f64) -> f64 {
         self.log_weight(PENALTY_OF_SIGMA, n) + self.gain_of_sigma
     }
 
-    /// The noise may be 1/f noise: this counts in sigma only.
+    /// Allows for 1/f noise, which counts in sigma only.
     fn take(&mut self, flicker: Option<Flicker>) {
         let Some(found) = flicker else { return };
         let odds = FLICKER * (found.gain - self.gain).min(LARGEST_EXPONENT).exp() / (1.0 - FLICKER);
@@ -123,19 +122,19 @@ impl Hypothesis {
         self.modes.map_or(0, |modes| modes.kinds())
     }
 
-    /// Probability that a measurement is good.
+    /// Returns the probability that a measurement is good.
     pub fn is_good(&self, i: usize) -> f64 {
         let kinds = self.kinds();
         1.0 - self.bad[i * kinds..(i + 1) * kinds].iter().sum::<f64>()
     }
 
-    /// The measurements that are rather good, with their places.
+    /// Returns the measurements that are more probably good than bad, with their indices.
     fn kept<'a>(&self, y: &'a [f64]) -> impl Iterator<Item = (usize, f64)> + use<'a, '_> {
         y.iter().copied().enumerate().filter(|&(i, _)| self.is_good(i) > 0.5)
     }
 
-    /// Takes the levels about which the hypothesis was fitted to residuals in this unit: what they add to the
-    /// likelihood, and to the variance. `step` is that of rounding, in this unit.
+    /// Adds what changing `levels` contribute to likelihood and variance. The hypothesis was fitted to the
+    /// residuals from these levels in units of `unit`; `step` is the rounding step in this unit.
     fn move_along(
         &mut self,
         levels: Levels,
@@ -164,7 +163,7 @@ impl Hypothesis {
         (0..n).map(|i| self.is_good(i)).sum::<f64>().max(LEAST_GOOD)
     }
 
-    /// Variance of the centre with white noise.
+    /// Returns the variance of the centre for white noise.
     fn white_variance(&self, y: &[f64], step: f64) -> f64 {
         let good = self.expected_good(y.len());
         let white = match self.modes {
@@ -174,7 +173,7 @@ impl Hypothesis {
         white * good / (good - 1.0)
     }
 
-    /// What a measurement counts in the centre, before division by their sum.
+    /// Returns the weight of a measurement in the centre, before the weights are normalised.
     pub fn information(&self, i: usize) -> f64 {
         let factor = self.levels.as_ref().map_or(1.0, |levels| levels.factor[levels.block(i)]);
         factor * self.information_of_mode(i)
@@ -192,26 +191,26 @@ impl Hypothesis {
 }
 
 impl Hypotheses {
-    /// Takes the scores of a record.
+    /// Computes the scores of a record.
     pub fn read(&mut self, y: &[f64], start: &Start) {
         let score = |v: &f64| ((v - start.centre) / start.scale).clamp(-MAX_SCORE, MAX_SCORE);
         self.score.clear();
         self.score.extend(y.iter().map(score));
     }
 
-    /// `Σ w_m f_m` over the hypotheses.
+    /// Returns the mean `Σ w_m f_m` over the hypotheses.
     pub fn mean(&self, f: impl Fn(&Hypothesis) -> f64) -> f64 {
         self.list.iter().map(|h| h.weight * f(h)).sum()
     }
 
-    /// The same with the weights for the variance.
+    /// Returns the mean with the weights for the variance.
     pub fn mean_of_variance(&self, f: impl Fn(&Hypothesis) -> f64) -> f64 {
         self.list.iter().map(|h| h.weight_of_variance * f(h)).sum()
     }
 
-    /// Fits every hypothesis to the scores and weighs them; `step` is the rounding step in scores,
-    /// `correlation` that of the noise (none: unknown), `moving` whether the level may move. O(N) for each
-    /// step of EM.
+    /// Fits every hypothesis to the scores and weights it. `step` is the rounding step in scores,
+    /// `correlation` that of the noise (`None`: unknown), and `moving` allows the level to change. O(N) for
+    /// each EM step.
     pub fn fit(&mut self, step: f64, correlation: Option<f64>, moving: bool) {
         self.list.clear();
         let cut = std::mem::take(&mut self.score);
@@ -231,7 +230,7 @@ impl Hypotheses {
         self.weigh(step);
     }
 
-    /// Adds the clean hypothesis and the mixtures, with `bursts` or without.
+    /// Adds the clean hypothesis and the mixtures, the latter also with bursts if `bursts` is set.
     fn add_all(&mut self, y: &[f64], step: f64, bursts: bool) {
         let floor = [LEAST_WIDTH.max(LEAST_STEPS * step), LEAST_STEPS * step];
         self.add_clean(y, floor[0]);
@@ -252,7 +251,7 @@ impl Hypotheses {
         }
     }
 
-    /// Correlation of the good measurements of each hypothesis from the `first` on.
+    /// Estimates the correlation of the good measurements for each hypothesis from index `first` on.
     fn correlate(&mut self, first: usize, y: &[f64], correlation: Option<f64>) {
         for h in &mut self.list[first..] {
             (h.inflation, h.correlation) = (1.0, 0.0);
@@ -271,7 +270,7 @@ impl Hypotheses {
         self.list.iter().max_by(|a, b| weight(a).total_cmp(&weight(b)))
     }
 
-    /// The noise about a constant level may be 1/f noise.
+    /// Allows for 1/f noise about a constant level.
     fn add_flicker(&mut self, y: &[f64]) {
         let n = y.len() as f64;
         for k in 0..self.list.len() {
@@ -286,7 +285,7 @@ impl Hypotheses {
         }
     }
 
-    /// Adds the same hypotheses about a level that moves, with blocks of this size.
+    /// Adds the same hypotheses about a level that changes, with blocks of this size.
     fn add_slow(&mut self, y: &[f64], step: f64, size: usize) {
         let (constant, n) = (self.list.len(), y.len() as f64);
         let medians = Levels::medians(y, size);
@@ -329,8 +328,8 @@ impl Hypotheses {
         });
     }
 
-    /// Where about half of the record is bad, nothing tells which half: adds the mixture in which the
-    /// good and the bad measurements of a fitted one change places, to count in sigma.
+    /// If about half of the record is bad, the data do not show which half. Adds the mixture in which the
+    /// good and the bad measurements of a fitted one change places; it counts in sigma only.
     fn add_mirror(&mut self, which: usize, y: &[f64]) {
         let Some(modes) = self.list[which].modes.filter(|m| m.shape == Shape::OneSided) else {
             return;
@@ -342,7 +341,7 @@ impl Hypotheses {
         }
     }
 
-    /// Adds a fitted mixture; returns its place.
+    /// Adds a fitted mixture; returns its index.
     fn add(&mut self, modes: Modes, y: &[f64]) -> usize {
         let mut bad = vec![0.0; y.len() * modes.kinds()];
         self.evidence.resize(y.len(), 0.0);
@@ -395,7 +394,7 @@ impl Hypotheses {
         modes
     }
 
-    /// Whether good and bad measurements of a mixture follow their like.
+    /// Whether good measurements tend to follow good ones, and bad ones bad ones.
     fn persist(&self, which: usize) -> bool {
         let hypothesis = &self.list[which];
         let n = self.evidence.len();
@@ -406,7 +405,7 @@ impl Hypotheses {
         square > 0.0 && product / square * (n as f64).sqrt() >= LEAST_PERSISTENCE
     }
 
-    /// Weights, and estimate, variance and correlation of each hypothesis that counts.
+    /// Computes the weights, and the estimate and variance of each hypothesis that is kept.
     fn weigh(&mut self, step: f64) {
         let Self { score, list, .. } = self;
         let n = score.len() as f64;
@@ -433,7 +432,7 @@ impl Hypotheses {
     }
 }
 
-/// Weights by their logarithms, so that they sum to one.
+/// Computes weights from their logarithms, so that they sum to one.
 fn normalise(
     list: &mut [Hypothesis],
     log_weight: impl Fn(&Hypothesis) -> f64,
@@ -449,11 +448,11 @@ fn normalise(
 
 fn mean_and_squares(y: &[f64]) -> (f64, f64) {
     let moments = Moments::of("theta", y).map(|m| (m.mean(), m.sum_of_squares()));
-    // scores are finite, and their squares were checked with the measurements
+    // scores are finite, and the squares of the measurements have been checked
     moments.unwrap_or((0.0, f64::INFINITY))
 }
 
-/// Number, sum and sum of squares of the values beyond a limit on one side (±1) or on both (0).
+/// Returns number, sum and sum of squares of the values beyond a limit on one side (±1) or on both (0).
 fn beyond(y: &[f64], limit: f64, side: f64) -> (f64, f64, f64) {
     let hit = |v: &&f64| if side == 0.0 { v.abs() > limit } else { *v * side > limit };
     let add = |(n, s, q): (f64, f64, f64), v: &f64| (n + 1.0, s + v, q + v * v);

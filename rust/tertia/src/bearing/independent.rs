@@ -1,20 +1,21 @@
-//! Modes that do not persist: each measurement for itself.
+//! Modes that do not persist: the mode of each measurement is independent of the others.
 
 use super::modes::{Modes, Sums, excess};
 use crate::base::exponential::{LARGEST_EXPONENT, exp};
 use pulp::{Simd, WithSimd};
 
 const LANES: usize = 8;
-/// Ratios below this were not cut.
+/// Ratios up to this have not been limited.
 const LARGE: f64 = 1e290;
 
-/// Expected sums of the bad modes. O(N), nothing is stored.
+/// Computes the expected sums of the bad modes. O(N), without storage.
 struct Expect<'a, const KINDS: usize> {
     modes: &'a Modes,
     y: &'a [f64],
 }
 
-/// Polynomials of the log density ratios, and ratios of the shares, to those of the good mode.
+/// Returns the coefficients of the log density ratios of the bad modes to the good one, and the ratios
+/// of the shares.
 fn coefficients<const KINDS: usize>(modes: &Modes) -> [([f64; 3], f64); KINDS] {
     let good = modes.good_share();
     std::array::from_fn(|j| (modes.log_ratio(j), modes.bad[j].share / good))
@@ -30,13 +31,14 @@ impl<const KINDS: usize> WithSimd for Expect<'_, KINDS> {
         let (chunks, rest) = self.y.as_chunks::<LANES>();
         let mut padded = [modes.centre; LANES];
         padded[..rest.len()].copy_from_slice(rest);
-        // lanes beyond the end count for nothing
+        // lanes beyond the end do not count
         let ones = [1.0; LANES];
         let last: [f64; LANES] = std::array::from_fn(|i| f64::from(u8::from(i < rest.len())));
         for k in 0..=chunks.len() {
             let (chunk, present) =
                 if k < chunks.len() { (&chunks[k], &ones) } else { (&padded, &last) };
-            // lane by lane within each mode: the other way round two modes are not vectorised
+            // lane by lane within each mode: in the other order the loops for two modes are not
+            // vectorised
             let (mut r, mut excess) = ([[0.0; LANES]; KINDS], [LARGEST_EXPONENT; LANES]);
             for j in 0..KINDS {
                 for i in 0..LANES {
@@ -76,7 +78,7 @@ impl<const KINDS: usize> WithSimd for Expect<'_, KINDS> {
     }
 }
 
-/// One E step.
+/// Runs one E step.
 pub(super) fn expect(modes: &Modes, y: &[f64]) -> Sums {
     let arch = pulp::Arch::new();
     match modes.kinds() {
@@ -85,8 +87,8 @@ pub(super) fn expect(modes: &Modes, y: &[f64]) -> Sums {
     }
 }
 
-/// Probabilities of the bad modes, `KINDS` for each measurement, and the log-likelihood without its
-/// part `−½ N ln 2π`.
+/// Computes the probabilities of the bad modes, `KINDS` for each measurement, and the evidence of each
+/// measurement relative to the good mode.
 struct Posterior<'a, const KINDS: usize> {
     modes: &'a Modes,
     y: &'a [f64],
@@ -119,8 +121,8 @@ impl<const KINDS: usize> WithSimd for Posterior<'_, KINDS> {
     }
 }
 
-/// Fills the probabilities of the bad modes, `kinds` for each measurement; returns the
-/// log-likelihood without its part `−½ N ln 2π`.
+/// Writes the probabilities of the bad modes, as many for each measurement as there are; returns the
+/// log likelihood without its term `−½ N ln 2π`.
 pub(super) fn posterior(modes: &Modes, y: &[f64], bad: &mut [f64], evidence: &mut [f64]) -> f64 {
     let arch = pulp::Arch::new();
     match modes.kinds() {

@@ -1,26 +1,28 @@
-//! How well a mixture determines the centre of its good mode.
+//! Accuracy with which a mixture determines the centre of its good mode.
 
 use super::modes::{Modes, Shape};
 
-/// Parameters of the largest mixture: centre, width, and offset, width, share of two bad modes.
+/// Number of parameters of the largest mixture: centre, width, and offset, width, share of two bad
+/// modes.
 const MOST: usize = 8;
-/// Added to the diagonal of the scaled information, so that a mode of a single measurement, whose
-/// parameters nothing determines, does not make it singular.
+/// Added to the diagonal of the scaled information, so that it does not become singular if the
+/// parameters of a mode with a single measurement are undetermined.
 const RIDGE: f64 = 1e-6;
-/// Least root of an information: where a single measurement is a mode, the score of its centre is the
-/// rounding error of the measurement, and must not be scaled up.
+/// Smallest square root of an information: if a single measurement forms a mode, the score of its
+/// centre is the rounding error of the measurement, which must not be scaled up.
 const LEAST_SCALE: f64 = 1e-6;
-/// The other parameters may cost at most this much of the variance...
+/// Largest factor by which the uncertainty of the other parameters may increase the variance.
 const LARGEST_LOSS: f64 = 25.0;
-/// ...and less, by `1 + 5 (step/width)²`, where the measurements are rounded: a mixture fits a few
+/// With rounded measurements, this factor is divided by `1 + 5 (step/width)²`: a mixture fits a few
 /// different values so well that their scores hardly differ.
 const LOSS_OF_ROUNDING: f64 = 5.0;
-/// Least squares of the measurements, over what their widths expect.
+/// Smallest sum of squares of the measurements, relative to the sum expected from the widths.
 const LEAST_SQUARES: f64 = 1e-6;
 
-/// Variance of μ from the outer products of the scores of all parameters (Berndt, Hall, Hall, Hausman
-/// 1974), with the expected scores under the probabilities of the `bad` modes. Where a width is at its
-/// floor, the scores are smaller than their expectation, and are scaled up. `step` is that of rounding. O(N).
+/// Returns the variance of μ from the outer products of the scores of all parameters (Berndt, Hall,
+/// Hall, Hausman 1974); the scores are their expected values under the probabilities of the `bad`
+/// modes. If a width is at its lower limit, the scores are smaller than expected, and are scaled up.
+/// `step` is the rounding step. O(N).
 pub(super) fn variance_of_centre(modes: &Modes, y: &[f64], bad: &[f64], step: f64) -> f64 {
     let (kinds, wide) = (modes.kinds(), modes.shape == Shape::Wide);
     let size = if wide { 4 } else { 2 + 3 * kinds };
@@ -72,9 +74,9 @@ pub(super) fn variance_of_centre(modes: &Modes, y: &[f64], bad: &[f64], step: f6
     inverse_first(&mut products, size).clamp(1.0, largest) / information
 }
 
-/// First element of the inverse of a positive definite matrix, given by its lower triangle.
+/// Returns the first element of the inverse of a positive definite matrix, given by its lower triangle.
 fn inverse_first(a: &mut [[f64; MOST]; MOST], size: usize) -> f64 {
-    // eliminated from the last parameter to the first, what remains is one over that element
+    // after elimination from the last parameter to the first, the reciprocal of that element remains
     for p in (1..size).rev() {
         for q in 0..p {
             let factor = a[p][q] / a[p][p];

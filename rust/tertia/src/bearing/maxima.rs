@@ -1,35 +1,36 @@
-//! The likelihood of one centre, with measurements whose noise is stated, and its maxima.
+//! The likelihood of a centre for measurements whose noise is stated, and its maxima.
 
 use crate::base::exponential::exp;
 use pulp::{Simd, WithSimd};
 
-/// Share of bad measurements.
+/// Prior probability that a measurement is bad.
 const BAD: f64 = 0.1;
-/// Where they lie, in sigmas to either side.
+/// Bad measurements are spread evenly over this many sigmas to either side.
 const REACH: f64 = 20.0;
-/// Density of a bad measurement, as probable as it is, over the largest of a good one: the odds, times
-/// `√(2π)`, over the whole reach.
+/// Density of bad measurements multiplied by the odds of a bad one, relative to the largest density of
+/// a good one: the odds multiplied by `√(2π)` and divided by the whole range of bad ones.
 const RATIO: f64 = BAD / (1.0 - BAD) * 2.506_628_274_631_000_5 / (2.0 * REACH);
-/// Scores are cut here, so that their squares can be taken: 0 remains of the density.
+/// Scores are limited to this size, so that their squares are finite; the density of a good one is 0
+/// there.
 pub(super) const FARTHEST: f64 = 1e3;
 const LANES: usize = 8;
-/// Factors of a product that does not underflow.
+/// Number of factors of a product that does not underflow.
 const PRODUCTS: usize = 64;
-/// Measurements from which modes are looked for, at most.
+/// Largest number of measurements from which modes are searched for.
 const STARTS: usize = 32;
-/// Modes of less weight than this share of the largest do not count...
+/// Weight of a mode, relative to the largest one, below which it is left out.
 const LEAST_WEIGHT: f64 = 0.05;
-/// ...and are not looked for where the logarithm of the likelihood is smaller by this.
+/// No mode is searched for from a start whose log likelihood is this much below the highest.
 const FAR_BELOW: f64 = 15.0;
-/// The climb ends where the centre changes by less than this share of its standard error.
+/// The climb ends when the centre changes by less than this share of its standard error.
 const TOLERANCE: f64 = 1e-8;
 const MOST_STEPS: usize = 100;
-/// Modes closer than this share of their standard error are one.
+/// Modes closer than this share of their standard error count as one.
 const SAME: f64 = 0.3;
-/// Least share of its information that a mode has in spite of doubtful measurements.
+/// Smallest share of the information that is left to a mode by doubtful measurements.
 const LEAST_INFORMATION: f64 = 0.1;
 
-/// Measurements of one group, and their places in the record.
+/// Measurements of one group, with their indices in the record.
 #[derive(Clone, Default)]
 pub(super) struct Sample {
     pub place: Vec<usize>,
@@ -41,12 +42,12 @@ pub(super) struct Sample {
 struct Mode {
     centre: f64,
     variance: f64,
-    /// The logarithm of its share in the posterior at first, then the share.
+    /// Logarithm of its posterior probability at first, then this probability.
     weight: f64,
 }
 
-/// The likelihood about a centre: its logarithm, `W = Σ g/σ²`, `Σ g (y − μ)/σ²` and
-/// `Σ g (1 − g) z²/σ²`, with the probability g to be good.
+/// The likelihood at a centre: its logarithm, `W = Σ g/σ²`, `Σ g (y − μ)/σ²` and `Σ g (1 − g) z²/σ²`,
+/// where g is the probability that a measurement is good.
 struct Around {
     log_likelihood: f64,
     information: f64,
@@ -57,19 +58,19 @@ struct Around {
 /// Mean over the modes.
 pub(super) struct Fit {
     pub value: f64,
-    /// Mean variance of the modes with white noise, and variance of their centres.
+    /// Mean variance of the modes for white noise, and variance of their centres.
     pub within: f64,
     pub between: f64,
-    /// Probability of each measurement to be good, and what it counts in `value`.
+    /// Probability that each measurement is good, and its weight in `value`.
     pub good: Vec<f64>,
     pub influence: Vec<f64>,
-    /// `Σ g z²` and `Σ g − 1` of the likeliest mode, z in stated sigmas.
+    /// `Σ g z²` and `Σ g − 1` of the most probable mode, with z in stated sigmas.
     pub squares: f64,
     pub freedom: f64,
 }
 
 impl Fit {
-    /// Nothing tells that a single measurement is bad.
+    /// Result for a single measurement, of which nothing can show that it is bad.
     fn of_one(value: f64, sigma: f64) -> Self {
         let (good, influence) = (vec![1.0], vec![1.0]);
         let within = sigma * sigma;
@@ -78,7 +79,7 @@ impl Fit {
 }
 
 impl Sample {
-    /// The sample of each group, numbered from 0; none: all are one.
+    /// Returns the sample of each group; groups are numbered from 0, and `None` is a single group.
     pub fn by_group(y: &[f64], sigma: &[f64], groups: Option<&[f64]>) -> Vec<Self> {
         let group = |i: usize| groups.map_or(0, |groups| groups[i] as usize);
         let count = (0..y.len()).map(group).max().map_or(0, |last| last + 1);
@@ -92,7 +93,7 @@ impl Sample {
         samples
     }
 
-    /// The mean over the modes, with sigmas that are so many times what is stated.
+    /// Returns the mean over the modes if the true sigmas are the stated ones multiplied by `factor`.
     pub fn fit(&self, factor: f64) -> Fit {
         if let ([y], [sigma]) = (&*self.y, &*self.sigma) {
             return Fit::of_one(*y, factor * sigma);
@@ -105,7 +106,7 @@ impl Sample {
         let (mut good, mut influence) = (vec![0.0; n], vec![0.0; n]);
         for &Mode { centre, weight, .. } in &modes {
             let g: Vec<f64> = (0..n).map(|k| self.is_good(k, centre, factor).0).collect();
-            // one of them is good
+            // given that at least one measurement is good
             let some = 1.0 - g.iter().map(|g| 1.0 - g).product::<f64>();
             let counts = |k: usize| g[k] / (self.sigma[k] * self.sigma[k]);
             let total: f64 = (0..n).map(counts).sum();
@@ -134,7 +135,7 @@ impl Sample {
         }
     }
 
-    /// Probability of a measurement to be good, and its distance in sigmas.
+    /// Returns the probability that a measurement is good, and its distance from the centre in sigmas.
     fn is_good(&self, k: usize, centre: f64, factor: f64) -> (f64, f64) {
         let z = score(self.y[k] - centre, factor * self.sigma[k]);
         let density = exp(-0.5 * z * z);
@@ -145,7 +146,7 @@ impl Sample {
         pulp::Arch::new().dispatch(Sums { sample: self, centre, factor })
     }
 
-    /// The modes that count.
+    /// Returns the modes that are not left out, with weights that sum to one.
     fn modes(&self, factor: f64) -> Vec<Mode> {
         let starts = self.starts();
         let around: Vec<Around> = starts.iter().map(|&c| self.around(c, factor)).collect();
@@ -170,7 +171,8 @@ impl Sample {
         modes
     }
 
-    /// Different measurements in order: all, or some between which equally many lie.
+    /// Returns different measurements in ascending order: all, or some at equal distances in this
+    /// order.
     fn starts(&self) -> Vec<f64> {
         let mut sorted = self.y.clone();
         sorted.sort_unstable_by(f64::total_cmp);
@@ -182,9 +184,9 @@ impl Sample {
         (0..STARTS).map(|k| sorted[k * (n - 1) / (STARTS - 1)]).collect()
     }
 
-    /// The next maximum, by Newton's steps, which are at most twice those of EM. Its variance is that of
-    /// the observed information, `Σ g/σ² − Σ g (1 − g) z²/σ²` (Louis 1982), never below that of
-    /// measurements that are all good.
+    /// Climbs to the next maximum by Newton's steps, which are limited to twice the EM steps. The
+    /// variance is that of the observed information, `Σ g/σ² − Σ g (1 − g) z²/σ²` (Louis 1982), and
+    /// never smaller than if all measurements were good.
     fn climb(&self, start: f64, factor: f64) -> Mode {
         let mut centre = start;
         let mut around = self.around(centre, factor);
@@ -202,8 +204,8 @@ impl Sample {
         Mode { centre, variance, weight: log_likelihood + 0.5 * variance.ln() }
     }
 
-    /// Variance of the weighted mean over that with white noise: with `a = g/σ`,
-    /// `Σ a_i a_j φ^|i−j| / Σ a²`.
+    /// Returns the variance of the weighted mean relative to white noise: `Σ a_i a_j φ^|i−j| / Σ a²`
+    /// with `a = g/σ`.
     pub fn inflation(&self, good: &[f64], correlation: f64) -> f64 {
         let (mut squares, mut products, mut before) = (0.0, 0.0, 0.0);
         for k in 0..good.len() {
@@ -220,8 +222,8 @@ impl Sample {
     }
 }
 
-/// Whether the slope changes its sign between this start and the one that it points to. Both may have
-/// a maximum of their own.
+/// Whether the slope changes its sign between this start and the neighbour towards which it points.
+/// Both then are starts of a climb, as each may lead to its own maximum.
 fn leads_to_maximum(around: &[Around], k: usize) -> bool {
     let slope = |k: usize| around.get(k).map(|a| a.slope);
     let (after, before) = (slope(k + 1), k.checked_sub(1).and_then(slope));
@@ -234,7 +236,7 @@ fn score(deviation: f64, sigma: f64) -> f64 {
     (deviation / sigma).clamp(-FARTHEST, FARTHEST)
 }
 
-/// The sums of [`Around`].
+/// Computes the sums of [`Around`].
 struct Sums<'a> {
     sample: &'a Sample,
     centre: f64,
@@ -251,10 +253,10 @@ impl WithSimd for Sums<'_> {
         let [mut information, mut slope, mut doubt] = [zero; 3];
         let mut log_likelihood = 0.0;
         for (y, sigma) in y.chunks(LANES * PRODUCTS).zip(sigma.chunks(LANES * PRODUCTS)) {
-            // logarithms are taken of products
+            // logarithms are taken of products of several densities
             let mut product = [1.0; LANES];
             for (y, sigma) in y.chunks(LANES).zip(sigma.chunks(LANES)) {
-                // lanes beyond the end count for nothing
+                // lanes beyond the end do not count
                 let (mut deviation, mut width, mut there) = (zero, [1.0; LANES], zero);
                 for i in 0..y.len() {
                     (deviation[i], width[i], there[i]) = (y[i] - centre, factor * sigma[i], 1.0);

@@ -1,26 +1,27 @@
-//! Modes of a contaminated record: the good measurements, and one or two kinds of bad ones.
+//! Modes of a contaminated record: the good measurements, and one or two kinds of bad measurements.
 
 use crate::base::exponential::LARGEST_EXPONENT;
 
-/// Bad modes at most.
+/// Largest number of bad modes.
 pub(super) const MOST_BAD: usize = 2;
-/// A bad mode beside the good one is at least this far away, in sigmas of the good one...
+/// Smallest distance of a bad mode beside the good one, in sigmas of the good one.
 const LEAST_OFFSET: f64 = 2.0;
-/// ...and at least this wide.
+/// Smallest width of such a mode, in sigmas of the good one.
 const LEAST_WIDTH: f64 = 0.5;
-/// A bad mode about the good one is at least this wide.
+/// Smallest width of a bad mode about the good one, in sigmas of the good one.
 const LEAST_WIDE: f64 = 2.5;
-/// The bad modes have at most this share together.
+/// Largest share of all bad modes together.
 const LARGEST_SHARE: f64 = 0.5;
-/// Each of them has at least this many measurements.
+/// Smallest expected number of measurements of each bad mode.
 const LEAST_COUNT: f64 = 0.25;
-/// Stands for none where it is divided by.
+/// Replaces a count of zero in divisors.
 const NONE: f64 = 1e-9;
 const LEAST_PERSISTENCE: f64 = 1e-4;
 const LARGEST_PERSISTENCE: f64 = 0.98;
 
-/// What is taken from all log ratios of a value, so that [`exp`](crate::base::exponential::exp) cuts
-/// none of them and the larger one remains so; beside such a ratio the good mode counts for nothing.
+/// Returns what must be subtracted from all log ratios of a value so that
+/// [`exp`](crate::base::exponential::exp) limits none of them, and the order of large ones is
+/// preserved; compared with such a ratio, the good mode is negligible.
 #[inline(always)]
 pub(super) fn excess(log_ratios: &[f64]) -> f64 {
     let mut largest = LARGEST_EXPONENT;
@@ -30,28 +31,29 @@ pub(super) fn excess(log_ratios: &[f64]) -> f64 {
     largest - LARGEST_EXPONENT
 }
 
-/// Where the bad measurements are.
+/// Position of the bad measurements.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Shape {
-    /// On one side of the good ones.
+    /// On one side of the good measurements.
     OneSided,
-    /// About the good ones, on both sides: a wide mode with the same centre.
+    /// On both sides of the good measurements: a wide mode with the same centre.
     Wide,
-    /// On either side, with a mode of its own each.
+    /// On both sides, each side with its own mode.
     TwoSided,
 }
 
 /// A bad mode.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Mode {
-    /// Its centre less that of the good one.
+    /// Centre of this mode minus that of the good mode.
     pub offset: f64,
     pub width: f64,
     pub share: f64,
 }
 
-/// A mixture `(1 − ε) N(μ, σ²) + Σ ε_j N(μ + d_j, τ_j²)` whose modes may persist: with probability κ
-/// a measurement has the mode of the one before, otherwise one by the shares (κ = 0: independent).
+/// A mixture `(1 − ε) N(μ, σ²) + Σ ε_j N(μ + d_j, τ_j²)` whose modes may persist: with probability κ, a
+/// measurement has the mode of the measurement before it; otherwise its mode is drawn with the shares
+/// as probabilities (κ = 0: independent measurements).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Modes {
     pub shape: Shape,
@@ -61,16 +63,16 @@ pub(super) struct Modes {
     pub persistence: f64,
 }
 
-/// Expected counts and sums of the measurements of each bad mode.
+/// Expected numbers and sums of the measurements of each bad mode.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Sums {
     pub count: [f64; MOST_BAD],
     pub first: [f64; MOST_BAD],
     pub second: [f64; MOST_BAD],
-    /// Measurements whose mode was drawn by the shares: good, and of each bad mode.
+    /// Expected number of measurements whose mode was drawn: the good one, and each bad one.
     pub drawn_good: f64,
     pub drawn: [f64; MOST_BAD],
-    /// Measurements that have the mode of the one before.
+    /// Expected number of measurements that kept the mode of the measurement before.
     pub persisted: f64,
 }
 
@@ -83,7 +85,7 @@ pub(super) struct Totals {
 }
 
 impl Shape {
-    /// Parameters of a mixture of this shape, without persistence.
+    /// Returns the number of parameters of a mixture of this shape, without persistence.
     pub fn parameters(self) -> f64 {
         match self {
             Shape::OneSided => 5.0,
@@ -94,17 +96,17 @@ impl Shape {
 }
 
 impl Modes {
-    /// Number of bad modes.
+    /// Returns the number of bad modes.
     pub fn kinds(&self) -> usize {
         if self.shape == Shape::TwoSided { 2 } else { 1 }
     }
 
-    /// Share of the good measurements.
+    /// Returns the share of the good measurements.
     pub fn good_share(&self) -> f64 {
         1.0 - self.bad[..self.kinds()].iter().map(|m| m.share).sum::<f64>()
     }
 
-    /// Coefficients of `ln N(y; μ + d_j, τ_j²) − ln N(y; μ, σ²)` as a polynomial in y − μ.
+    /// Returns the coefficients of `ln N(y; μ + d_j, τ_j²) − ln N(y; μ, σ²)` as a polynomial in y − μ.
     pub fn log_ratio(&self, j: usize) -> [f64; 3] {
         let Mode { offset, width, .. } = self.bad[j];
         let (good, bad) = (1.0 / (self.width * self.width), 1.0 / (width * width));
@@ -112,7 +114,7 @@ impl Modes {
         [constant, offset * bad, 0.5 * (good - bad)]
     }
 
-    /// The [`excess`] of the log ratios of a value.
+    /// Returns the [`excess`] of the log ratios of a value.
     pub fn excess(&self, y: f64) -> f64 {
         let z = y - self.centre;
         let mut log = [f64::NEG_INFINITY; MOST_BAD];
@@ -123,8 +125,9 @@ impl Modes {
         excess(&log)
     }
 
-    /// One M step (Dempster, Laird, Rubin 1977); `floor` has the least widths of the good mode and
-    /// of the bad ones. Returns the largest change of centre, logarithmic width and shares, over that of one standard error.
+    /// Runs one M step (Dempster, Laird, Rubin 1977); `floor` contains the smallest widths of the good
+    /// mode and of the bad modes. Returns the largest change of centre, log width, shares and
+    /// persistence, in standard errors.
     pub fn update(&mut self, sums: &Sums, totals: &Totals, floor: [f64; 2]) -> f64 {
         let (kinds, previous) = (self.kinds(), *self);
         let over = |values: &[f64; MOST_BAD]| values[..kinds].iter().sum::<f64>();
@@ -169,7 +172,7 @@ impl Modes {
         }
     }
 
-    /// The mixture in which the good mode and the only bad one change places.
+    /// Returns the mixture in which the good mode and the only bad mode change places.
     pub fn mirrored(&self) -> Self {
         let Mode { offset, width, .. } = self.bad[0];
         let bad = Mode { offset: -offset, width: self.width, share: self.good_share() };
@@ -179,7 +182,7 @@ impl Modes {
         found
     }
 
-    /// Cuts the shares of the bad modes so that half of the measurements are good.
+    /// Limits the shares of the bad modes so that at least half of the measurements are good.
     pub fn limit_shares(&mut self) {
         let all = 1.0 - self.good_share();
         if all > LARGEST_SHARE {

@@ -7,10 +7,10 @@ use crate::base::error::{Error, Result};
 use crate::base::moments::Moments;
 use crate::screening::thompson_tau;
 
-/// Fewest blocks for a test among blocks.
+/// Smallest number of blocks for a test among blocks.
 const MIN_BLOCKS: usize = 3;
 
-/// Stages 1 to 4 as printed: (value, sigma).
+/// Runs stages 1 to 4 as printed; returns value and sigma.
 pub(super) fn as_printed(
     rule: &PaperRule,
     workspace: &mut Workspace,
@@ -20,13 +20,13 @@ pub(super) fn as_printed(
     // 1: single outliers
     rule.leave_one_out(true)?.screen(angle, outlier, cleaned, scratch)?;
     blocks.fill(cleaned, rule.block_size, scratch)?;
-    // 3.1: blocks with an outlying mean; their variances stay
+    // 3.1: blocks with an outlying mean; their variances are kept
     let mut flagged = vec![false; blocks.len()];
     if blocks.len() >= MIN_BLOCKS {
         let means = blocks.mean.clone();
         rule.leave_one_out(true)?.screen(&means, &mut flagged, &mut blocks.mean, scratch)?;
     }
-    // 3.2 (M5): blocks with too large a variance become copies of the quietest
+    // 3.2 (M5): blocks with too large a variance become copies of the block with the smallest variance
     let extreme = extreme_variances(rule, blocks, &vec![true; blocks.len()]);
     let donor = (0..blocks.len())
         .fold(0, |best, j| if blocks.variance[j] < blocks.variance[best] { j } else { best });
@@ -43,7 +43,7 @@ pub(super) fn as_printed(
     Ok((blocks.weighted_mean(), total.recip().sqrt()))
 }
 
-/// (M5) among the `used` blocks.
+/// Returns which of the `used` blocks have too large a variance by (M5).
 fn extreme_variances(rule: &PaperRule, blocks: &BlockTable, used: &[bool]) -> Vec<bool> {
     let total: f64 =
         blocks.variance.iter().zip(used).filter(|(_, used)| **used).map(|(d, _)| 1.0 / d).sum();
@@ -60,8 +60,9 @@ fn extreme_variances(rule: &PaperRule, blocks: &BlockTable, used: &[bool]) -> Ve
     (0..blocks.len()).map(|j| used[j] && is_extreme(j)).collect()
 }
 
-/// Exclusion instead of copying, exact tests among blocks, and the sigma of this mean:
-/// `σ² = s² Σ p_j²/r_j`, s² pooled over the blocks used, r_j their sizes.
+/// Runs the corrected algorithm: blocks are excluded instead of copied, the tests among blocks are
+/// exact, and sigma is that of the weighted mean, `σ² = s² Σ p_j²/r_j`, with s² pooled over the blocks
+/// that are used and their sizes r_j.
 pub(super) fn corrected(
     rule: &PaperRule,
     significance: f64,
@@ -93,7 +94,7 @@ pub(super) fn corrected(
     Ok((blocks.weighted_mean(), (pooled * spread).sqrt()))
 }
 
-/// Drops the blocks whose mean deviates too much from the others by Grubbs' test.
+/// Excludes the blocks whose mean deviates too much from the others by Grubbs' test.
 fn reject_means(blocks: &BlockTable, significance: f64, used: &mut [bool]) -> Result<()> {
     let members: Vec<usize> = (0..blocks.len()).filter(|&j| used[j]).collect();
     if members.len() < MIN_BLOCKS {
@@ -109,7 +110,7 @@ fn reject_means(blocks: &BlockTable, significance: f64, used: &mut [bool]) -> Re
     Ok(())
 }
 
-/// Marks every measurement of a flagged block.
+/// Marks all measurements of the flagged blocks as outliers.
 fn flag_members(flagged: &[bool], size: usize, outlier: &mut [bool]) {
     let n = outlier.len();
     for j in (0..flagged.len()).filter(|&j| flagged[j]) {

@@ -1,4 +1,4 @@
-//! The default estimator: the mean over all hypotheses of what the record may be.
+//! The default estimator: the mean over all hypotheses about the record.
 
 use super::blocks::{BlockTable, block_range};
 use super::estimate::Estimate;
@@ -11,15 +11,15 @@ use crate::base::error::Result;
 use crate::base::moments::Moments;
 use std::f64::consts::PI;
 
-/// Fewest measurements.
+/// Smallest number of measurements.
 pub(super) const MIN_COUNT: usize = 5;
-/// Blocks that disagree at this significance widen sigma.
+/// Significance level at which a disagreement of the blocks increases sigma.
 pub(super) const SIGNIFICANCE: f64 = 0.05;
-/// A block counts in that test from this share of the mean weight.
+/// Weight of a block, relative to the mean weight, above which it counts in that test.
 const LEAST_BLOCK: f64 = 0.1;
 
-/// `θ = Σ w_m μ_m` over the hypotheses, with the variance `Σ v_m (σ_m² + (μ_m − θ)²)`; polarity is left
-/// to the caller.
+/// Estimates `θ = Σ w_m μ_m` over the hypotheses, with the variance `Σ v_m (σ_m² + (μ_m − θ)²)`. The
+/// caller computes the polarity.
 pub(super) fn estimate(
     rule: &RobustRule,
     correlation: Option<f64>,
@@ -40,7 +40,7 @@ pub(super) fn estimate(
     let between = hypotheses.mean_of_variance(|h| (h.value - value).powi(2));
     let width = start.scale * hypotheses.mean(|h| h.width);
     let mut variance = start.scale * start.scale * (within + between);
-    // weight of each measurement: value = Σ influence y
+    // weight of each measurement in the estimate: value = Σ influence y
     let influence = scratch;
     influence.clear();
     influence.resize(angle.len(), 0.0);
@@ -53,7 +53,7 @@ pub(super) fn estimate(
     for (i, flag) in outlier.iter_mut().enumerate() {
         *flag = hypotheses.mean(|h| h.is_good(i)) < 0.5;
     }
-    // as they entered the estimate: the farthest ones cut
+    // the values as used in the estimate: the farthest ones are limited
     for ((c, &y), &z) in cleaned.iter_mut().zip(&*angle).zip(&hypotheses.score) {
         *c = if z.abs() < MAX_SCORE { y } else { start.centre + start.scale * z };
     }
@@ -78,8 +78,8 @@ pub(super) fn estimate(
     })
 }
 
-/// Share of the error of rounding that remains in the mean of readings of this standard deviation: the
-/// first harmonic, `exp(−2 π² (s²/q² − 1/12))` with the step q.
+/// Returns the share of the rounding error that remains in the mean of readings with this standard
+/// deviation: the first harmonic, `exp(−2 π² (s²/q² − 1/12))` with the step q.
 pub(super) fn rest_of_rounding(spread: f64, step: f64) -> f64 {
     if step > 0.0 {
         (-2.0 * PI * PI * ((spread / step).powi(2) - 1.0 / 12.0).max(0.0)).exp()
@@ -88,7 +88,8 @@ pub(super) fn rest_of_rounding(spread: f64, step: f64) -> f64 {
     }
 }
 
-/// All readings are equal: nothing but the rounding step tells how far they may be off.
+/// Returns the estimate if all readings are equal: only the rounding step shows how large the error may
+/// be.
 fn stuck(
     rule: &RobustRule,
     angle: &[f64],
@@ -111,9 +112,9 @@ fn stuck(
     }
 }
 
-/// p-value of the agreement of the blocks' means, `F = Q/(L−1)`, `Q = Σ W_j (m_j − θ)²/σ²`, with weights
-/// W_j that sum to one and the variance σ² of θ; beyond the 5 % point F₀ the variance grows by F/F₀. nan
-/// for fewer than two blocks.
+/// Returns the p-value of the agreement of the block means, `F = Q/(L−1)`, `Q = Σ W_j (m_j − θ)²/σ²`,
+/// with weights W_j that sum to one and the variance σ² of θ. If F exceeds its upper 5 % point F₀, the
+/// variance is multiplied by F/F₀. The p-value is nan if there are fewer than two blocks.
 fn agreement(blocks: &BlockTable, value: f64, within: f64, good: f64, variance: &mut f64) -> f64 {
     let least = LEAST_BLOCK / blocks.len() as f64;
     let counting = || (0..blocks.len()).filter(|&j| blocks.weight[j] > least);
@@ -131,8 +132,8 @@ fn agreement(blocks: &BlockTable, value: f64, within: f64, good: f64, variance: 
 }
 
 impl BlockTable {
-    /// Blocks of measurements with weights that sum to one; counts and variances are those of the
-    /// measurements that are not outliers.
+    /// Fills the table with blocks of measurements whose weights sum to one. Counts and variances are
+    /// those of the measurements that are not outliers.
     pub(super) fn fill_weighted(
         &mut self,
         y: &[f64],

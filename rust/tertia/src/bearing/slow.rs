@@ -1,7 +1,8 @@
-//! Records whose level moves slowly: the finder drifts, or the target moves.
+//! Records whose level changes slowly because the direction finder drifts or the target moves.
 //!
-//! The level runs in straight lines between the middles of blocks, and their levels are an AR(1) process.
-//! So a drift is not taken for outliers, and what moves slowly counts in sigma by how the blocks differ.
+//! The level consists of straight lines between the middles of blocks, and the levels of the blocks are
+//! an AR(1) process. Thus a drift is not mistaken for outliers, and sigma includes slow changes through
+//! the differences of the blocks.
 
 use super::blocks::block_range;
 use super::start::{MAD_TO_SIGMA, OUTSIDE, rounding_sigma};
@@ -10,30 +11,32 @@ use crate::base::autoregression::Autoregression;
 use crate::base::distribution::student_two_sided_quantile;
 use std::f64::consts::PI;
 
-/// Shortest blocks, and fewest.
+/// Shortest block length.
 const SHORTEST: usize = 5;
+/// Smallest number of blocks.
 const FEWEST: usize = 6;
-/// More blocks than so many may follow bursts.
+/// With more blocks than this, the levels may follow bursts.
 const MANY: usize = 24;
-/// Degrees of freedom of the errors about medians, among which outliers may be.
+/// Degrees of freedom of the errors about medians, which may include outliers.
 const FREEDOM: f64 = 3.0;
-/// Share of the variance of a mean of a block that lines between such means take from the errors.
+/// Lines between the means of blocks reduce the variance of the errors by this share of the variance of
+/// such a mean.
 const LINES: f64 = 5.0 / 6.0;
 /// Errors beyond this many sigmas may be outliers.
 const NEAR: f64 = 3.0;
-/// Least expected number of good measurements of a block whose level counts.
+/// Smallest expected number of good measurements of a block whose level counts.
 const LEAST_GOOD: f64 = 1.0;
 
 /// Levels of the blocks of a record.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Levels {
-    /// Measurements of a block; the last one takes the remainder.
+    /// Number of measurements of a block; the last block includes the remainder.
     size: usize,
-    /// nan: nothing good is in the block.
+    /// Level of each block; nan if the block has no good measurements.
     pub level: Vec<f64>,
-    /// What a good measurement of each block counts: all blocks count by their length.
+    /// Weight of a good measurement of each block, by which each block counts according to its length.
     pub factor: Vec<f64>,
-    /// Mean number of good measurements of a block.
+    /// Mean number of good measurements per block.
     pub good: f64,
 }
 
@@ -42,7 +45,7 @@ impl Levels {
         (i / self.size).min(self.level.len() - 1)
     }
 
-    /// Medians of blocks of this size. O(N).
+    /// Returns the medians of blocks of this size. O(N).
     pub fn medians(y: &[f64], size: usize) -> Self {
         let blocks = y.len() / size;
         let middle = |j: usize| median(&mut y[block_range(j, blocks, size, y.len())].to_vec());
@@ -50,7 +53,8 @@ impl Levels {
         Self { size, level, factor: vec![1.0; blocks], good: y.len() as f64 / blocks as f64 }
     }
 
-    /// Means of the good measurements of the same blocks; `good` is their probability. O(N).
+    /// Returns the means of the good measurements of the same blocks; `good` is their probability.
+    /// O(N).
     pub fn means(&self, y: &[f64], good: impl Fn(usize) -> f64) -> Self {
         let blocks = self.level.len();
         let mut found = Self { size: self.size, ..Self::default() };
@@ -69,9 +73,9 @@ impl Levels {
         found
     }
 
-    /// The measurements about straight lines between the levels at the middles of their blocks, as large
-    /// as they would be about the true level: lines leave `1 − 5/(6 n)` of the variance of n measurements.
-    /// O(N).
+    /// Computes the residuals of the measurements from straight lines between the levels at the middles
+    /// of the blocks. They are enlarged to the size of the errors about the true level, because the
+    /// lines leave only `1 − 5/(6 n)` of the variance with n measurements per block. O(N).
     pub fn residuals(&self, y: &[f64], fallback: &Self, residual: &mut Vec<f64>) {
         let blocks = self.level.len();
         let grown = (1.0 - LINES / self.good.max(2.0)).powf(-0.5);
@@ -90,8 +94,8 @@ impl Levels {
         }));
     }
 
-    /// Reads the levels that count; returns how many these are, and the logarithm of their evidence over
-    /// that of levels that differ by noise of this variance only.
+    /// Reads the levels that count. Returns their number, and the log of their evidence relative to
+    /// levels that differ only by noise of this variance.
     pub fn read(&self, noise: f64, errors: &mut Autoregression) -> (f64, f64) {
         let noise = noise.max(f64::MIN_POSITIVE);
         let counting = || self.level.iter().enumerate().filter(|(_, l)| !l.is_nan());
@@ -102,16 +106,17 @@ impl Levels {
     }
 }
 
-/// Variance of the mean of levels by their scatter, so that twice its root holds 95 %.
+/// Returns the variance of the mean of the levels from their scatter, such that twice its square root
+/// covers 95 %.
 pub(super) fn variance_of_mean(errors: &Autoregression, count: f64) -> f64 {
     let student = 0.5 * student_two_sided_quantile(OUTSIDE, (count - 1.0).max(1.0));
     student * student * errors.variance() / count * errors.inflation()
 }
 
-/// Lengths of blocks with which the record is more likely than with a constant level, by medians, errors
-/// with heavy tails and this penalty: the best one, and a long one, whose medians do not follow bursts.
-/// Unless the good measurements are `correlated`, only a long one tells bursts and a level that moves
-/// apart. `step` is that of rounding. O(N log N).
+/// Returns the block lengths with which the record is more likely than with a constant level, for
+/// medians, errors with heavy tails and this penalty: the best one, and a long one whose medians do not
+/// follow bursts. Unless the good measurements are `correlated`, only a long block length can
+/// distinguish bursts from a changing level. `step` is the rounding step. O(N log N).
 pub(super) fn block_sizes(
     y: &[f64],
     step: f64,
@@ -142,7 +147,8 @@ pub(super) fn block_sizes(
     best.into_iter().chain(long.filter(|_| long != best)).collect()
 }
 
-/// Log-likelihood of errors with heavy tails, their scale, which has a `least` value, and their correlation.
+/// Returns the log likelihood of errors with heavy tails, their scale, which is at least `least`, and
+/// their correlation.
 fn within(residual: &[f64], least: f64, errors: &mut Autoregression) -> (f64, f64, f64) {
     let mut absolute: Vec<f64> = residual.iter().map(|r| r.abs()).collect();
     let scale = (MAD_TO_SIGMA * median(&mut absolute)).max(least);
@@ -154,8 +160,8 @@ fn within(residual: &[f64], least: f64, errors: &mut Autoregression) -> (f64, f6
     (likelihood, scale, errors.correlation())
 }
 
-/// Variance of the mean of n values of an AR(1) process over that of white ones; a negative correlation
-/// counts as none.
+/// Returns the variance of the mean of n values of an AR(1) process relative to white noise; a negative
+/// correlation counts as zero.
 pub(super) fn inflation(phi: f64, n: f64) -> f64 {
     let phi = phi.max(0.0);
     (1.0 + phi) / (1.0 - phi) - 2.0 * phi * (1.0 - phi.powf(n)) / (n * (1.0 - phi).powi(2))

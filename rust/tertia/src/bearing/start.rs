@@ -1,18 +1,21 @@
-//! Where the search for modes begins: centre and scale that survive 40 % of bad measurements.
+//! Start values of the search for modes: centre and scale that remain useful with 40 % of bad
+//! measurements.
 
 use crate::base::angle::median;
 use std::f64::consts::SQRT_2;
 
-/// Outside two sigmas of a normal variable.
+/// Probability outside two sigmas of a normal variable.
 pub(super) const OUTSIDE: f64 = 0.0455;
-/// MAD and length of the shorth of the normal distribution to its standard deviation.
+/// Standard deviation of the normal distribution divided by its MAD.
 pub(super) const MAD_TO_SIGMA: f64 = 1.4826;
+/// Length of the shorth of the normal distribution divided by its standard deviation.
 const SHORTH_TO_SIGMA: f64 = 2.0 * 0.6745;
-/// The shorth of a few values can be far too short: least scale over the MAD.
+/// Smallest scale relative to the MAD: the shorth of a few values can be far too short.
 const LEAST_SHARE_OF_MAD: f64 = 0.3;
-/// Readings closer than this share of their median and middle half differ by the rounding of doubles.
+/// Readings that differ by less than this share of their median plus interquartile range are equal
+/// except for the rounding of doubles.
 const SAME: f64 = 1e-13;
-/// Intervals whose lengths differ by less than this share have the same length.
+/// Intervals whose lengths differ by less than this share count as equally long.
 const SAME_LENGTH: f64 = 1e-9;
 
 /// Centre, scale and rounding step of a record.
@@ -20,12 +23,14 @@ const SAME_LENGTH: f64 = 1e-9;
 pub(super) struct Start {
     pub centre: f64,
     pub scale: f64,
-    /// Zero if unknown.
+    /// Rounding step; zero if unknown.
     pub step: f64,
 }
 
-/// `None` if all values are equal. Centre: mean of the shorth, the shorter half; scale: its length,
-/// between .3 MAD and MAD, with the standard deviation of rounding. O(N log N).
+/// Returns centre, scale and rounding step; `None` if all values are equal. The centre is the mean of
+/// the shorth, the shortest interval with half of the values. The scale comes from the length of the
+/// shorth or the median difference of successive values, whichever is smaller, limited to between
+/// 0.3 MAD and MAD, and includes the standard deviation of rounding. O(N log N).
 pub(super) fn start(y: &[f64], rounding: f64, sorted: &mut Vec<f64>) -> Option<Start> {
     sorted.clear();
     sorted.extend_from_slice(y);
@@ -39,7 +44,7 @@ pub(super) fn start(y: &[f64], rounding: f64, sorted: &mut Vec<f64>) -> Option<S
     let step = if rounding > 0.0 { rounding } else { seen_step(sorted, different) };
     let half = n / 2 + 1;
     let length = |k: usize| sorted[k + half - 1] - sorted[k];
-    // of equal ones the first, also where they differ by rounding
+    // the first of intervals that are equally long, even if they differ by rounding
     let shorter = |k: usize, best: usize| length(k) < length(best) * (1.0 - SAME_LENGTH);
     let first = (0..=n - half).fold(0, |best, k| if shorter(k, best) { k } else { best });
     let shortest = length(first) / SHORTH_TO_SIGMA;
@@ -60,30 +65,31 @@ pub(super) fn start(y: &[f64], rounding: f64, sorted: &mut Vec<f64>) -> Option<S
         .max(LEAST_SHARE_OF_MAD * mad)
         .min(mad)
         .hypot(rounding_sigma(step));
-    // more than half of the readings are equal, and not rounded: those of the others that are nearest
+    // more than half of the readings are equal, and not rounded: a small scale from the range of all
     let least = 0.1 * spread / n as f64;
     Some(Start { centre, scale: if scale > 0.0 { scale } else { least }, step })
 }
 
-/// Standard deviation of rounding.
+/// Returns the standard deviation of rounding.
 pub(super) fn rounding_sigma(step: f64) -> f64 {
     step / 12_f64.sqrt()
 }
 
-/// Whether a difference of two readings is more than the rounding of doubles.
+/// Returns a test of whether a difference of two readings is larger than the rounding of doubles.
 fn differs(sorted: &[f64]) -> impl Fn(f64) -> bool + use<> {
     let n = sorted.len();
     let tolerance = SAME * (sorted[n / 2].abs() + sorted[3 * n / 4] - sorted[n / 4]);
     move |d| d > tolerance
 }
 
-/// Rounding step of sorted readings, if it can be seen and is at most `largest`; else zero.
+/// Returns the rounding step of sorted readings if it can be seen and is at most `largest`, otherwise
+/// zero.
 pub(super) fn step_within(sorted: &[f64], largest: f64) -> f64 {
     let step = seen_step(sorted, differs(sorted));
     if step <= largest { step } else { 0.0 }
 }
 
-/// The smallest difference of two readings, if some readings are equal; else zero.
+/// Returns the smallest difference of two readings if some readings are equal, otherwise zero.
 fn seen_step(sorted: &[f64], different: impl Fn(f64) -> bool) -> f64 {
     let gaps = || sorted.windows(2).map(|pair| pair[1] - pair[0]);
     if gaps().all(&different) {

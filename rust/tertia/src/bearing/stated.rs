@@ -1,9 +1,10 @@
-//! Records whose noise is stated: the standard deviation of each measurement, from one measurement on.
+//! Records with stated noise, that is the standard deviation of each measurement; a single measurement
+//! is sufficient.
 //!
-//! With the noise factor f, a measurement of the sigma σ is good, `N(y; μ, f² σ²)`, or bad and anywhere
-//! within ±20 f σ. The likelihood of μ has a mode wherever measurements agree; the bearing is the mean
-//! over the modes, and its variance counts how far these are apart: two measurements that contradict
-//! each other do not tell which is bad.
+//! With the noise factor f, a measurement with the stated sigma σ is good, `N(y; μ, f² σ²)`, or bad and
+//! anywhere within ±20 f σ. The likelihood of μ has a mode wherever measurements agree. The bearing is
+//! the mean over the modes, and its variance includes their distances: if two measurements contradict
+//! each other, it is not known which one is bad.
 
 use super::estimate::Estimate;
 use super::maxima::{FARTHEST, Fit, Sample};
@@ -17,20 +18,23 @@ use crate::base::distribution::chi_square_upper_real;
 use crate::base::error::Result;
 use crate::base::moments::Moments;
 
-/// The stated sigma tells as much of the noise as the scatter of this many degrees of freedom.
+/// The stated sigma contains as much information about the noise as a scatter with this number of
+/// degrees of freedom.
 const STATED_FREEDOM: f64 = 5.0;
-/// Degrees of freedom from which the scatter tells a noise factor before outliers are known, and a
-/// correlation.
+/// Degrees of freedom of the scatter from which on a first noise factor, before outliers are known, and
+/// a correlation are estimated.
 const FEWEST: f64 = 4.0;
-/// Largest rounding step that is looked for, in sigmas.
+/// Largest rounding step that is searched for, in sigmas.
 const LARGEST_STEP: f64 = 4.0;
-/// Of two measurements that contradict each other neither is more probably bad.
+/// Limit of the probability to be good, below which a measurement is an outlier: of two measurements
+/// that contradict each other, neither is marked.
 const EVEN: f64 = 0.5 - 1e-6;
-/// Centres and noise factor are found in turn, at most so often, and until the factor changes by less.
+/// Largest number of rounds in which centres and noise factor are found in turn.
 const ROUNDS: usize = 4;
+/// Relative change of the noise factor below which the rounds end.
 const LEAST_CHANGE: f64 = 0.01;
 
-/// Centre of measurements with one systematic error.
+/// Centre of the measurements with one systematic error.
 pub(super) struct Centre {
     pub value: f64,
     pub sigma: f64,
@@ -38,23 +42,26 @@ pub(super) struct Centre {
     pub good: f64,
 }
 
-/// What is found of all measurements.
+/// Results for all measurements.
 pub(super) struct Stated {
     pub centres: Vec<Centre>,
-    /// Probability of each measurement to be good, and what it counts in its centre.
+    /// Probability that each measurement is good, and its weight in its centre.
     pub good: Vec<f64>,
     pub influence: Vec<f64>,
-    /// Noise over what is stated, at least 1; p-value of the scatter if the noise is as stated.
+    /// Noise divided by the stated noise, at least 1, and p-value of the scatter if the noise is as
+    /// stated.
     pub noise_factor: f64,
     pub pvalue: f64,
-    /// Standard deviation of a measurement, if all had the same: the root of the harmonic mean.
+    /// Standard deviation of a measurement if all had the same: the square root of the harmonic mean of
+    /// the variances.
     pub sigma: f64,
     pub correlation: f64,
-    /// Error of rounding that remains in a mean.
+    /// Rounding error that remains in a mean.
     pub rounding: f64,
 }
 
-/// The robust estimate with the `sigma` of each measurement. O(N) for each mode and step of EM.
+/// Returns the robust estimate for the given `sigma` of each measurement. O(N) for each mode and EM
+/// step.
 pub(super) fn estimate(
     rule: &RobustRule,
     correlation: Option<f64>,
@@ -88,7 +95,8 @@ impl Stated {
         }
     }
 
-    /// Finds the centre of each group, numbered from 0 (none: all are one), and what they share.
+    /// Finds the centre of each group and what the groups have in common. Groups are numbered from 0;
+    /// `None` is a single group.
     pub fn of(
         rule: &RobustRule,
         correlation: Option<f64>,
@@ -134,16 +142,18 @@ impl Stated {
     }
 }
 
-/// Rounding step of measurements some of which are equal, 0 if none are: noise of the stated size makes
-/// readings on steps that are larger than a few sigmas all equal, so a larger gap is none.
+/// Returns the rounding step of measurements some of which are equal, 0 if none are. With steps of more
+/// than a few sigmas, noise of the stated size would make all readings equal, so a larger gap is not a
+/// rounding step.
 fn seen_step(y: &[f64], sigma: &[f64]) -> f64 {
     let mut sorted = y.to_vec();
     sorted.sort_unstable_by(f64::total_cmp);
     step_within(&sorted, LARGEST_STEP * harmonic(sigma))
 }
 
-/// Centres and noise factor in turn. A sample of which nearly half is bad must not be mistaken for
-/// noise, nor noise for bad measurements: the first factor is that of the median deviation.
+/// Finds centres and noise factor in turn. A sample of which nearly half is bad must not be mistaken
+/// for noise, nor noise for bad measurements; therefore the first factor is that of the median
+/// deviation.
 fn fit(samples: &[Sample]) -> (f64, Vec<Fit>) {
     let mut factor = first_factor(samples);
     let mut fits: Vec<Fit> = samples.iter().map(|sample| sample.fit(factor)).collect();
@@ -159,8 +169,8 @@ fn fit(samples: &[Sample]) -> (f64, Vec<Fit>) {
     (factor, fits)
 }
 
-/// Noise factor of so many squares of residuals: the stated variance is the prior mean, and the noise
-/// is not taken for less.
+/// Returns the noise factor for a sum of squared residuals: the stated variance is the mean of the
+/// prior, and the noise is never assumed to be smaller than stated.
 fn grown(squares: f64, freedom: f64) -> f64 {
     ((STATED_FREEDOM + squares) / (STATED_FREEDOM + freedom)).max(1.0).sqrt()
 }
@@ -184,13 +194,13 @@ fn first_factor(samples: &[Sample]) -> f64 {
     grown(freedom * found * found, freedom)
 }
 
-/// Standard deviation whose information is the mean of all.
+/// Returns the standard deviation whose information is the mean of all.
 fn harmonic(sigma: &[f64]) -> f64 {
     let information: f64 = sigma.iter().map(|s| s.powi(-2)).sum();
     (sigma.len() as f64 / information).sqrt()
 }
 
-/// Correlation of successive good residuals, 0 for too few.
+/// Returns the correlation of successive good residuals; 0 if there are too few.
 fn correlation_of(samples: &[Sample], fits: &[Fit], good: &[f64]) -> f64 {
     let mut residual = vec![0.0; good.len()];
     for (sample, fit) in samples.iter().zip(fits) {

@@ -1,32 +1,33 @@
 //! Modes that persist: bursts of bad measurements as a hidden Markov chain.
 //!
-//! The chain has one parameter more than the mixture: `P(j | i) = κ δ_ij + (1 − κ) π_j` with the
-//! shares π, which are its stationary distribution whatever κ. Forward and backward pass (Baum and
-//! others 1970) cost O(N) for each mode.
+//! The chain has one parameter more than the mixture: `P(j | i) = κ δ_ij + (1 − κ) π_j` with the shares
+//! π, which are its stationary distribution for any κ. The forward and backward passes (Baum and others
+//! 1970) cost O(N) for each mode.
 
 use super::modes::{MOST_BAD, Modes, Sums, excess};
 use crate::base::exponential::exp;
 use pulp::{Simd, WithSimd};
 
-/// Modes with the good one.
+/// Largest number of modes, including the good one.
 const MOST: usize = MOST_BAD + 1;
 
 const LANES: usize = 8;
-/// Ratios below this were not cut.
+/// Ratios up to this have not been limited.
 const LARGE: f64 = 1e290;
-/// Sums outside of this are made 1; times a ratio they remain finite.
+/// Sums outside this range are scaled to 1; sums within it remain finite when multiplied by a ratio.
 const USUAL: std::ops::Range<f64> = 1e-100..1e3;
 
-/// Buffers of the two passes, a column for each mode.
+/// Buffers of the two passes, with a column for each mode.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Passes {
-    /// Densities of each bad mode over that of the good one.
+    /// Density of each bad mode relative to the good mode.
     ratio: [Vec<f64>; MOST_BAD],
-    /// Proportional to the joint densities of the measurements so far and the mode of the last.
+    /// Proportional to the joint density of the measurements so far and the mode of the last one.
     forward: [Vec<f64>; MOST],
-    /// Proportional to the density of the later measurements given the mode.
+    /// Proportional to the density of the later measurements, given the mode.
     backward: [Vec<f64>; MOST],
-    /// The next measurement and the later ones given its mode; 0 after the last.
+    /// Proportional to the density of the next and all later measurements, given the mode of the next
+    /// one; 0 after the last.
     ahead: [Vec<f64>; MOST],
 }
 
@@ -55,8 +56,9 @@ impl<const KINDS: usize> WithSimd for Ratios<'_, KINDS> {
     }
 }
 
-/// One E step. Unless `bad` is empty, it gets the probabilities of the bad modes, as many for each
-/// measurement as there are, and the log-likelihood is returned, without its part `−½ N ln 2π`.
+/// Runs one E step. Unless `bad` is empty, the probabilities of the bad modes are written to it, as
+/// many for each measurement as there are bad modes, and the log likelihood is returned without its
+/// term `−½ N ln 2π`.
 pub(super) fn expect(
     modes: &Modes,
     y: &[f64],
@@ -80,7 +82,7 @@ pub(super) fn expect(
     (sums, likelihood)
 }
 
-/// The chain: its persistence κ, the shares π of the modes, the good one first, and `(1 − κ) π`.
+/// The chain: persistence κ, shares π of the modes with the good one first, and `(1 − κ) π`.
 struct Sticky {
     persistence: f64,
     share: [f64; MOST],
@@ -97,8 +99,8 @@ impl Sticky {
 }
 
 impl Passes {
-    /// Columns for n measurements, and beyond them, to whole lanes, good ones after which nothing
-    /// comes.
+    /// Resizes the columns for n measurements. They are padded to whole lanes with good measurements
+    /// after which nothing follows.
     fn make_room(&mut self, n: usize) {
         let whole = n.next_multiple_of(LANES);
         for ratio in &mut self.ratio {
@@ -117,14 +119,14 @@ impl Passes {
         }
     }
 
-    /// Forward and backward pass over so many modes, side by side, because each step waits for the one
-    /// before. Returns the logarithm of the density of all measurements over that with good modes only.
+    /// Runs forward and backward pass over `MODES` modes side by side, because each step depends on the
+    /// one before. Returns the log of the density of all measurements relative to good modes only.
     fn both<const MODES: usize>(&mut self, chain: &Sticky, n: usize) -> f64 {
         let Self { ratio, forward, backward, ahead } = self;
         let ratio = ratio.each_ref().map(|r| &r[..n]);
         let [forward, backward, ahead] =
             [forward, backward, ahead].map(|columns| columns.each_mut().map(|c| &mut c[..n]));
-        // the good mode is what ratios refer to
+        // ratios are relative to the good mode
         let density = |t: usize, j: usize| if j == 0 { 1.0 } else { ratio[j - 1][t] };
         let Sticky { persistence, share, renewed } = *chain;
         let (mut log, mut last) = (0.0, 1.0);
@@ -164,8 +166,8 @@ impl Passes {
         log + last.ln()
     }
 
-    /// The log-likelihood with good modes only and what was cut from ratios, without its part
-    /// `−½ N ln 2π`.
+    /// Returns the log likelihood with good modes only, plus what was subtracted from log ratios,
+    /// without its term `−½ N ln 2π`.
     fn log_likelihood(&self, modes: &Modes, y: &[f64]) -> f64 {
         let ratio = &self.ratio[..modes.kinds()];
         let of = |t: usize| {
@@ -177,7 +179,7 @@ impl Passes {
     }
 }
 
-/// The expected sums after both passes.
+/// Computes the expected sums after both passes.
 struct Collect<'a, const MODES: usize> {
     sticky: &'a Sticky,
     y: &'a [f64],
@@ -240,7 +242,7 @@ impl<const MODES: usize> WithSimd for Collect<'_, MODES> {
         }
         let mut sums = Sums::default();
         let total = |lanes: &[f64; LANES]| lanes.iter().sum::<f64>();
-        // the mode of the first was drawn
+        // the mode of the first measurement was drawn
         let first_drawn = passes.first::<MODES>();
         let drawn: [f64; MODES] =
             std::array::from_fn(|j| renewed[j] * total(&drawn[j]) + first_drawn[j]);
@@ -255,7 +257,7 @@ impl<const MODES: usize> WithSimd for Collect<'_, MODES> {
 }
 
 impl Passes {
-    /// Probabilities of the modes of the first measurement.
+    /// Returns the probabilities of the modes of the first measurement.
     fn first<const MODES: usize>(&self) -> [f64; MODES] {
         let joint: [f64; MODES] = std::array::from_fn(|j| self.forward[j][0] * self.backward[j][0]);
         let all: f64 = joint.iter().sum();

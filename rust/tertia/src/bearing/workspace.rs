@@ -1,11 +1,11 @@
-//! Buffers of an estimate.
+//! Buffers for an estimate.
 
 use super::blocks::BlockTable;
 use super::hypotheses::Hypotheses;
 use crate::base::angle::unwrap_about_median;
 use crate::base::error::Result;
 
-/// Buffers that are reused from row to row.
+/// Buffers that are reused for each row.
 #[derive(Clone, Debug, Default)]
 pub struct Workspace {
     pub(super) angle: Vec<f64>,
@@ -16,7 +16,7 @@ pub struct Workspace {
 }
 
 impl Workspace {
-    /// Takes the angles of one sample, unwrapped.
+    /// Copies the angles of one sample and unwraps them.
     pub(super) fn read(&mut self, theta: &[f64], period: Option<f64>) -> Result<()> {
         self.cleaned.clear();
         self.cleaned.resize(theta.len(), 0.0);

@@ -1,13 +1,14 @@
-//! What the plots after a step say of its state (Bryson, Frazier 1963), backwards along a series.
+//! What later plots say about the state at a step (Bryson, Frazier 1963), computed backwards along a
+//! series.
 
 use super::model::Transition;
 use super::state::{Innovation, State};
 
-/// A variance that later plots make smaller by this factor has lost digits in a difference.
+/// If later plots reduce a variance by more than this factor, the difference has lost digits.
 const LOSS: f64 = 100.0;
 
-/// λ and Λ: the state at a step from all plots is `x − P λ`, its covariance `P − P Λ P`, with the
-/// filtered x and P.
+/// The adjoint vector λ and matrix Λ: the state at a step from all plots is `x − P λ` with covariance
+/// `P − P Λ P`, where x and P are those of the filter.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Adjoint {
     vector: [f64; 3],
@@ -15,7 +16,7 @@ pub(super) struct Adjoint {
 }
 
 impl Adjoint {
-    /// The state from all plots; `None` where too many of its digits would be lost.
+    /// Returns the state from all plots; `None` if too many digits would be lost.
     #[inline(always)]
     pub fn smoothed(&self, filtered: &State) -> Option<State> {
         let [l0, l1, l2] = self.vector;
@@ -45,8 +46,8 @@ impl Adjoint {
         all.then_some(State { mean, covariance })
     }
 
-    /// That of the step before: from after a plot of variance r, if there was one, to before it, and
-    /// back in time. `None` where the plot was needed to start.
+    /// Returns the adjoint of the step before: back from after to before the plot of variance r, if
+    /// there was one, and back over the transition. `None` if the plot was needed to start the filter.
     #[inline(always)]
     pub fn before(
         mut self,
@@ -64,12 +65,13 @@ impl Adjoint {
         Some(self)
     }
 
-    /// The gain is the first row of the filtered covariance over r.
+    /// Goes back from after a plot to before it. The gain is the first row of the filtered covariance
+    /// over r.
     #[inline(always)]
     fn before_plot(&mut self, filtered: &State, innovation: Innovation, r: f64) {
         let (k1, k2) = (filtered.covariance[1] / r, filtered.covariance[2] / r);
         let s = 1.0 / innovation.variance;
-        // (I − K h^T) is the identity but for its first column
+        // (I − K h^T) is the identity except for its first column
         let kept = r * s;
         let [l0, l1, l2] = self.vector;
         self.vector[0] = kept * l0 - k1 * l1 - k2 * l2 - s * innovation.value;

@@ -1,5 +1,5 @@
-//! The state at every step from all plots (Rauch, Tung, Striebel), backwards along the filtered
-//! ones.
+//! The state at every step from all plots (Rauch, Tung, Striebel), computed backwards from the filtered
+//! states.
 
 use super::factored::Factored;
 use super::model::Transition;
@@ -25,7 +25,7 @@ fn transposed(a: &Matrix) -> Matrix {
     [0, 1, 2].map(|j| [a[0][j], a[1][j], a[2][j]])
 }
 
-/// What is filtered at a step, and the direction in which nothing is known, if there is one.
+/// The filtered state at a step, and the direction in which nothing is known, if there is one.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Filtered {
     pub factored: Factored,
@@ -33,14 +33,15 @@ pub(crate) struct Filtered {
 }
 
 impl Filtered {
-    /// The smoothed state, from that of the next step.
+    /// Returns the smoothed state, given the smoothed state of the next step.
     ///
-    /// With the gain `C = P F^T (P⁻)^-1` it is `x + C (x_next − F x)`, and its covariance
+    /// With the gain `C = P F^T (P⁻)^-1`, the state is `x + C (x_next − F x)` and its covariance is
     /// `(I − C F) P (I − C F)^T + C (Q + P_next) C^T`. With `P = U D U^T`, `P⁻ = V E V^T` and
-    /// `Z = V^-1 F U` that is `C = U G V^-1`, `G = D Z^T E^-1`, and `(I − C F) U = U (I − G Z)`:
-    /// neither a wide nor a narrow prior costs digits. The sum is made of factors, those of the next
-    /// step among them, so what C makes of a small difference is not lost in a large one. Where a
-    /// direction e is unknown, C is the limit for `P + κ e e^T`, κ → ∞, in which `(I − C F) e = 0`.
+    /// `Z = V^-1 F U`, the gain is `C = U G V^-1` with `G = D Z^T E^-1`, and
+    /// `(I − C F) U = U (I − G Z)`, so neither a wide nor a narrow prior costs digits. The sum is
+    /// formed from factors, including those of the next step, so that small variances that C transforms
+    /// are not lost beside large ones. If a direction e is unknown, C is the limit for `P + κ e e^T`, κ
+    /// → ∞, in which `(I − C F) e = 0`.
     pub fn smoothed(&self, transition: &Transition, next: &Factored) -> Factored {
         let [f01, f02, f12, f22] = transition.f;
         let f = [[1.0, f01, f02], [0.0, 1.0, f12], [0.0, 0.0, f22]];
@@ -82,8 +83,8 @@ impl Filtered {
         Factored::orthogonalised(mean, rows, &joined(&d, &noise.1, &later.1))
     }
 
-    /// With a variance to begin with in the direction that is unknown; any will do, for it is
-    /// replaced by ∞. `next` is the time to the next step.
+    /// Returns the factors with a finite variance in the unknown direction. Its size is arbitrary,
+    /// because the result is replaced by the limit for ∞. `next` is the time to the next step.
     fn with_unknown(&self, next: f64) -> Factored {
         let Some(direction) = self.unknown else { return self.factored };
         let mut state = self.factored.state();
@@ -100,7 +101,7 @@ fn joined(a: &Vector, b: &Vector, c: &Vector) -> [f64; 9] {
     [a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]]
 }
 
-/// `I − A`.
+/// Returns `I − A`.
 fn complement(a: &Matrix) -> Matrix {
     let mut complement = a.map(|row| row.map(|value| -value));
     for (i, row) in complement.iter_mut().enumerate() {
@@ -109,7 +110,7 @@ fn complement(a: &Matrix) -> Matrix {
     complement
 }
 
-/// The x with `V x = b`, V unit upper triangular.
+/// Returns the x with `V x = b`, where V is unit upper triangular.
 fn solve_upper(v: &Matrix, b: Vector) -> Vector {
     let x1 = b[1] - v[1][2] * b[2];
     [b[0] - v[0][1] * x1 - v[0][2] * b[2], x1, b[2]]

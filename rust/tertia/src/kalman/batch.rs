@@ -1,5 +1,5 @@
-//! Many series at once: side by side in lanes, on threads, with what they have in common computed
-//! once.
+//! Filters and smooths many series at once: side by side in lanes and on several threads; what they
+//! have in common is computed once.
 
 use super::block::run_block;
 use super::filter::Filter;
@@ -15,12 +15,12 @@ use crate::base::batch::{RowError, for_each_row};
 use crate::base::error::Result;
 use std::num::NonZero;
 
-/// Fewer series are not worth lanes.
+/// Smallest number of series for which lanes are worth while.
 const FEWEST_LANES: usize = 4;
-/// Longer rows are not compared with each other.
+/// Longest rows that are compared with each other.
 const LONGEST_COMPARED: usize = 12;
 
-/// Rows of numbers: a single one for all series, or one for each.
+/// Rows of numbers: a single row for all series, or one row for each.
 #[derive(Clone, Copy, Debug)]
 pub struct Table<'a> {
     values: &'a [f64],
@@ -28,17 +28,17 @@ pub struct Table<'a> {
 }
 
 impl<'a> Table<'a> {
-    /// Rows of `width` numbers each.
+    /// Creates a table with rows of `width` numbers.
     pub fn new(values: &'a [f64], width: usize) -> Self {
         Self { values, width }
     }
 
-    /// All numbers.
+    /// Returns all numbers.
     pub(super) fn values(&self) -> &'a [f64] {
         self.values
     }
 
-    /// Rows like these of other numbers.
+    /// Returns a table of other numbers with rows of the same width.
     pub(super) fn with<'b>(&self, values: &'b [f64]) -> Table<'b> {
         Table { values, width: self.width }
     }
@@ -47,7 +47,7 @@ impl<'a> Table<'a> {
         self.values.len() <= self.width
     }
 
-    /// The row of this series, or the only one.
+    /// Returns the row of a series, which may be the only row.
     pub fn row(&self, index: usize) -> &'a [f64] {
         let start = if self.is_single() { 0 } else { index * self.width };
         self.values.get(start..start + self.width).unwrap_or(&[])
@@ -62,7 +62,7 @@ impl<'a> Table<'a> {
     }
 }
 
-/// Series of one length and one model of the motion.
+/// Series of the same length, with one model of the motion.
 #[derive(Clone, Debug)]
 pub struct Batch<'a> {
     z: &'a [f64],
@@ -76,30 +76,32 @@ pub struct Batch<'a> {
     transitions: Transitions,
 }
 
-/// The steps that all series have in common.
+/// The transitions between steps.
 #[derive(Clone, Debug)]
 enum Transitions {
+    /// The same transition between all steps of all series.
     Constant(Transition),
+    /// One transition before each step but the first, the same for all series.
     Each(Vec<Transition>),
-    /// They have none.
+    /// Each series has its own transitions.
     Own,
 }
 
-/// The end of a series.
+/// Results at the end of a series.
 #[derive(Clone, Copy, Debug)]
 pub struct End {
-    /// The last mean, its angle in [0, period).
+    /// Mean after the last step, with the angle in [0, period).
     pub mean: [f64; 3],
-    /// The last covariance.
+    /// Covariance after the last step.
     pub covariance: [f64; 6],
-    /// Logarithm of the likelihood of all plots that had a prior.
+    /// Log likelihood of all plots that have an innovation.
     pub log_likelihood: f64,
-    /// How many had.
+    /// Number of these plots.
     pub count: usize,
 }
 
 impl End {
-    /// Of a series that has not been filtered.
+    /// Result of a series that has not been filtered.
     pub const NONE: Self =
         Self { mean: [0.0; 3], covariance: [0.0; 6], log_likelihood: 0.0, count: 0 };
 
@@ -113,35 +115,36 @@ impl End {
     }
 }
 
-/// Where the results of a series go.
+/// Buffers for the results of a series.
 #[derive(Debug)]
 pub struct Row<'a> {
-    /// States of all steps, as far as there is room.
+    /// States after all steps, as far as there is room.
     pub steps: Steps<'a>,
-    /// What is left in the end.
+    /// Results at the end.
     pub end: End,
 }
 
-/// Memory that a thread uses again.
+/// Memory that a thread reuses.
 #[derive(Default)]
 struct Buffers {
     transitions: Vec<Transition>,
     kept: Vec<f64>,
 }
 
-/// What all series of a batch may have in common.
+/// Start and gains, if all series of a batch have the same.
 struct Common {
     filter: Option<Filter>,
     gains: Option<Gains>,
 }
 
 impl<'a> Batch<'a> {
-    /// `count` series of `steps` plots each. Rows of `variance` have one number, or one for each
-    /// plot; those of `dt` one, or one for each plot but the first; those of `initial` a mean and a
-    /// covariance, row by row. Without them angle and rate are unknown at first.
+    /// Creates a batch of `count` series of `steps` plots each. Rows of `variance` contain one number,
+    /// or one per plot; rows of `dt` contain one number, or one per plot but the first; rows of
+    /// `initial` contain a mean and the rows of a covariance. Without `initial`, angle and rate are
+    /// unknown at the start.
     ///
     /// # Errors
-    /// A period that is not positive, or a time that the model does not allow.
+    /// If the period is not positive, or the model does not allow an interval.
     pub fn try_new(
         (z, steps, count): (&'a [f64], usize, usize),
         variance: Table<'a>,
@@ -165,11 +168,11 @@ impl<'a> Batch<'a> {
         Ok(Self { z, steps, count, variance, dt, initial, model, period, transitions })
     }
 
-    /// Filters all series. `nanoseconds` is an estimate of the work.
+    /// Filters all series. `nanoseconds` is an estimate of the time this takes.
     ///
     /// # Errors
-    /// Of the first series that cannot be filtered: see [`Series::try_new`], [`State::try_new`] and
-    /// [`Singer::over`].
+    /// If a series cannot be filtered, the error of the first such series: see [`Series::try_new`],
+    /// [`State::try_new`] and [`Singer::over`].
     pub fn filter(
         &self,
         rows: &mut [Row<'_>],
@@ -187,11 +190,11 @@ impl<'a> Batch<'a> {
             .map_err(|error| RowError { row: failed[error.row], ..error })
     }
 
-    /// Smooths all series into rows of means and covariances. `nanoseconds` is an estimate of the
-    /// work.
+    /// Smooths all series and writes rows of means and covariances. `nanoseconds` is an estimate of the
+    /// time this takes.
     ///
     /// # Errors
-    /// As of [`Batch::filter`].
+    /// As for [`Batch::filter`].
     pub fn smooth<'b>(
         &self,
         rows: impl ExactSizeIterator<Item = (&'b mut [f64], &'b mut [f64])> + Send,
@@ -219,7 +222,7 @@ impl<'a> Batch<'a> {
         }
     }
 
-    /// The steps of a series.
+    /// Returns the transitions of a series.
     fn transitions<'b>(
         &'b self,
         row: usize,
@@ -243,7 +246,7 @@ impl<'a> Batch<'a> {
         }
     }
 
-    /// The filter before the first plot.
+    /// Returns the filter before the first plot.
     fn start(&self, row: usize) -> Result<Filter> {
         let Some(initial) = &self.initial else {
             return Ok(Filter::new(self.model.acceleration_variance(), self.period));
@@ -260,19 +263,19 @@ impl<'a> Batch<'a> {
         Common { filter, gains }
     }
 
-    /// The gains of series that miss no plot, if all have the same.
+    /// Returns the gains if they are the same for all series without a missing plot.
     fn gains(&self, filter: Filter) -> Option<Gains> {
         if self.count < FEWEST_LANES || !self.variance.is_one_row() {
             return None;
         }
         let z = vec![0.0; self.steps];
-        // what is wrong with them is said of the first series
+        // errors in the input are reported later, for the first series
         let series = Series::try_new(&z, self.noise(0), self.shared_transitions()?).ok()?;
         Some(Gains::new(&series, filter))
     }
 
-    /// Filters rows from `first` on, side by side if there are several; `failed` is the row of an
-    /// error.
+    /// Filters rows from row `first` on, side by side if there are several. If there is an error,
+    /// `failed` is the row to which it belongs.
     fn filter_rows(
         &self,
         common: &Common,
@@ -297,7 +300,7 @@ impl<'a> Batch<'a> {
         Ok(())
     }
 
-    /// False where the rows must be filtered one by one.
+    /// Filters rows side by side. Returns false if they must be filtered one by one.
     fn filter_block(
         &self,
         common: &Common,
@@ -311,7 +314,7 @@ impl<'a> Batch<'a> {
         let mut filters = Vec::with_capacity(LANES);
         for i in 0..rows.len() {
             *failed = first + i;
-            // the block refuses what `Series::try_new` does
+            // the block refuses what `Series::try_new` refuses
             let z = &self.z[(first + i) * self.steps..][..self.steps];
             series.push(Series { z, variance: self.noise(first + i), transition });
             filters.push(common.filter.map_or_else(|| self.start(first + i), Ok)?);

@@ -1,4 +1,5 @@
-//! Several series side by side, one in each lane of a vector: what a step costs is shared.
+//! Filters several series side by side, one in each lane of a vector, so that they share the cost of
+//! each step.
 
 use super::carried::Carried;
 use super::filter::Filter;
@@ -9,10 +10,10 @@ use super::steps::Steps;
 use super::tile::{Group, LANES, Tile};
 use pulp::{Arch, Simd, WithSimd};
 
-/// Filters up to [`LANES`] series of the same length with the same steps between their plots, with
-/// `gains` if they are those of all of them and no plot is missing, and keeps what `out` has room
-/// for. `None` where they must be filtered one by one: a prior that is kept as factors, a start
-/// that takes all steps, or plots and variances that are refused.
+/// Filters up to [`LANES`] series of the same length with the same intervals between their plots, and
+/// writes the results for which `out` has room. `gains` are used if they are those of all series and no
+/// plot is missing. Returns `None` if the series must be filtered one by one: because a prior must be
+/// kept as factors, because the start takes all steps, or because plots or variances are refused.
 pub(super) fn run_block(
     series: &[Series<'_>],
     filters: &[Filter],
@@ -26,7 +27,7 @@ pub(super) fn run_block(
     Arch::new().dispatch(Run { series, filters, gains, start, out, buffer })
 }
 
-/// The step by which the state of a series is known.
+/// Returns the number of steps after which the state of a series is known.
 fn known_from(series: &Series<'_>, filter: &Filter) -> usize {
     if filter.plain().is_some() {
         return 0;
@@ -53,7 +54,7 @@ impl WithSimd for Run<'_, '_, '_, '_> {
         let n = series[0].z.len();
         let mut complete = true;
         for series in series {
-            // row after row, which also brings them into the cache
+            // one row after the other, which also brings them into the cache
             complete &= series.plots()? == n;
         }
         let gains = gains.filter(|_| complete);
@@ -70,7 +71,7 @@ impl WithSimd for Run<'_, '_, '_, '_> {
         }
         let mut widths = out[0].widths();
         if gains.is_some() {
-            // they are the same for all series
+            // variances and covariances are the same for all series
             (widths[1], widths[3]) = (0, 0);
         }
         let mut rooms = rooms(buffer, out.len(), widths);
@@ -101,7 +102,7 @@ impl WithSimd for Run<'_, '_, '_, '_> {
 }
 
 impl Series<'_> {
-    /// The first steps.
+    /// Returns the first `steps` steps of the series.
     fn head(&self, steps: usize) -> Self {
         let variance = match self.variance {
             PerStep::Constant(r) => PerStep::Constant(r),

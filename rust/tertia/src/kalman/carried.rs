@@ -1,4 +1,4 @@
-//! Series in the lanes of a vector: what they carry from step to step.
+//! State of series in the lanes of a vector that is carried from step to step.
 
 use super::kept::TILE;
 use super::model::{predicted_covariance, predicted_mean};
@@ -8,27 +8,27 @@ use super::state::{FACTORS_ABOVE, State, residual};
 use crate::base::vector::{Vector, WIDEST};
 use pulp::Simd;
 
-/// F and Q of a step in all lanes.
+/// F and Q of a transition in all lanes.
 pub(super) type Splat<S> = ([Vector<S>; 4], [Vector<S>; 6]);
 
-/// What the lanes of a vector carry from tile to tile.
+/// Values that the lanes of a vector carry from tile to tile.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub(super) struct Carried<S: Simd> {
     pub mean: [Vector<S>; 3],
     pub covariance: [Vector<S>; 6],
-    /// Sum of the squares of normalised innovations.
+    /// Sum of the squares of normalised innovations, and of logarithms of their variances.
     squares: Vector<S>,
-    /// Product of the variances of innovations.
+    /// Product of the variances of innovations whose logarithms have not been taken.
     product: Vector<S>,
     count: Vector<S>,
-    /// Least R/S: small where a prior was too wide for its noise.
+    /// Smallest R/S: it is small if a prior was too wide for the noise.
     narrowest: Vector<S>,
 }
 
 impl<S: Simd> Carried<S> {
-    /// Of up to as many series as there are lanes; without a state where there are none. `None`
-    /// where a covariance is kept as factors, unless only the mean is used.
+    /// Creates the lanes for up to as many series as there are lanes; the other lanes have no state.
+    /// Returns `None` if a covariance is kept as factors, unless only the mean is used.
     #[inline(always)]
     pub fn new(simd: S, summaries: &[Summary], mean_only: bool) -> Option<Self> {
         let mut rows = [[[0.0; 4]; WIDEST]; 3];
@@ -53,7 +53,7 @@ impl<S: Simd> Carried<S> {
         })
     }
 
-    /// Adds what was found to the summaries of the first steps; `None` where something is refused.
+    /// Adds the results to the summaries of the first steps; returns `None` if something is refused.
     #[inline(always)]
     pub fn finish(
         &self,
@@ -96,9 +96,9 @@ impl<S: Simd> Carried<S> {
         Some(())
     }
 
-    /// [`State::predicted`] and [`State::updated`] in all lanes, in the same order; without a plot,
-    /// gain and innovation are zero. Returns the innovation, nan without a plot, and its variance,
-    /// then 1.
+    /// [`State::predicted`] and [`State::updated`] in all lanes, with the operations in the same order.
+    /// Without a plot, gain and innovation are zero. Returns the innovation (nan without a plot) and
+    /// its variance (1 without a plot).
     #[inline(always)]
     pub fn step(
         &mut self,
@@ -128,7 +128,7 @@ impl<S: Simd> Carried<S> {
         (raw, variance.or(seen, one))
     }
 
-    /// A step of the mean with a gain and 1/S that are known; returns the innovation.
+    /// Computes a step of the mean with known gain and 1/S; returns the innovation.
     #[inline(always)]
     pub fn share(
         &mut self,
@@ -145,7 +145,7 @@ impl<S: Simd> Carried<S> {
         value
     }
 
-    /// Multiplies the variances of a tile's innovations; where the product leaves its range, their
+    /// Multiplies the variances of the innovations of a tile; if the product leaves its range,
     /// logarithms are taken.
     #[inline(always)]
     pub fn multiply(&mut self, simd: S, variances: &[Vector<S>; TILE]) {
@@ -171,7 +171,7 @@ impl<S: Simd> Carried<S> {
     }
 }
 
-/// The innovation: nan without a plot.
+/// Returns the innovation; nan without a plot.
 #[inline(always)]
 fn innovation<S: Simd>(simd: S, z: Vector<S>, x: Vector<S>, period: Option<f64>) -> Vector<S> {
     let difference = z - x;

@@ -1,16 +1,16 @@
-//! The bounds of normalised squared errors.
+//! Bounds of normalised squared errors.
 
 use crate::base::distribution::chi_square_upper_quantile;
 use crate::base::error::{Result, require};
 
-/// Tails of more degrees of freedom take seconds.
+/// Largest number of degrees of freedom: with more, the computation of tails takes seconds.
 const MAX_DEGREES_OF_FREEDOM: usize = 100_000_000;
 
-/// The bounds within which the mean of `count` normalised squared errors of `dimension` components
-/// lies with this probability, if their covariances are right.
+/// Returns the bounds within which the mean of `count` normalised squared errors of `dimension`
+/// components lies with this probability if their covariances are right.
 ///
 /// # Errors
-/// A probability that is none, or no errors.
+/// If the probability is not between 0 and 1, or there are no errors or too many.
 pub fn consistency_bounds(probability: f64, count: usize, dimension: usize) -> Result<[f64; 2]> {
     let holds = probability > 0.0 && probability < 1.0;
     require("probability", probability, holds, "between 0 and 1 (exclusive)")?;

@@ -1,23 +1,24 @@
-//! The same step on factors `P = U D U^T` (Bierman 1977): for a prior that is very much wider than
-//! the noise of a plot, where differences of its covariance would have no digits left.
+//! The step of the filter with factors `P = U D U^T` (Bierman 1977), for a prior that is very much
+//! wider than the noise of a plot: differences of its covariance would have no correct digits left.
 
 use super::model::Transition;
 use super::state::{Innovation, State, residual};
 use crate::base::error::{Error, Result};
 
-/// Below this share of a variance its factors are kept.
+/// Share of a variance that the other components must leave unexplained; with less, the factors are
+/// kept.
 const SMALLEST_SHARE: f64 = 1e-4;
 
-/// Rounding that a covariance may show.
+/// Relative rounding error that a given covariance may have.
 const ROUNDING: f64 = 1e-10;
-/// Larger numbers overflow when squared.
+/// Largest number: larger ones overflow when squared.
 const LARGEST: f64 = 1e100;
 
-/// x and the factors of P.
+/// The mean x and the factors of P.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Factored {
     mean: [f64; 3],
-    /// U_01, U_02, U_12.
+    /// Elements (0, 1), (0, 2) and (1, 2) of U.
     u: [f64; 3],
     d: [f64; 3],
 }
@@ -33,7 +34,7 @@ impl Factored {
         Self { mean: state.mean, u: [u01, u02, u12], d: [d0, d1, p22] }
     }
 
-    /// Q.
+    /// Returns the factors of Q, with mean 0.
     pub fn of_noise(transition: &Transition) -> Self {
         Self::new(&State { mean: [0.0; 3], covariance: transition.q })
     }
@@ -67,25 +68,25 @@ impl Factored {
         }
     }
 
-    /// Multiplies the covariance.
+    /// Multiplies the covariance by a factor.
     pub fn inflate(&mut self, factor: f64) {
         self.d = self.d.map(|d| d * factor);
     }
 
-    /// U and D.
+    /// Returns U and D.
     pub fn factors(&self) -> ([[f64; 3]; 3], [f64; 3]) {
         let [u01, u02, u12] = self.u;
         ([[1.0, u01, u02], [0.0, 1.0, u12], [0.0, 0.0, 1.0]], self.d)
     }
 
-    /// Whether the covariance may be kept as it is: every component has a share of its variance
-    /// that the others leave unexplained.
+    /// Whether the covariance need not be kept as factors: the other components leave a sufficient
+    /// share of the variance of each component unexplained.
     pub fn is_moderate(&self) -> bool {
         let [p00, _, _, p11, ..] = self.state().covariance;
         self.d[0] > SMALLEST_SHARE * p00 && self.d[1] > SMALLEST_SHARE * p11
     }
 
-    /// The x with `P x = b`; components along which P has no variance are 0.
+    /// Returns the x with `P x = b`; components along which P has no variance are 0.
     pub fn solved(&self, b: &[f64; 3]) -> [f64; 3] {
         let [u01, u02, u12] = self.u;
         let y = [b[0] - u01 * (b[1] - u12 * b[2]) - u02 * b[2], b[1] - u12 * b[2], b[2]];
@@ -95,8 +96,8 @@ impl Factored {
         [x0, x1, w2 - u02 * x0 - u12 * x1]
     }
 
-    /// The covariance `A W A^T`, W diagonal, by modified weighted Gram–Schmidt (Thornton): the rows
-    /// of A are made orthogonal from the last one up.
+    /// Returns the factors of the covariance `A W A^T`, with W diagonal, by modified weighted
+    /// Gram–Schmidt (Thornton): the rows of A are made orthogonal from the last one upward.
     pub fn orthogonalised<const N: usize>(
         mean: [f64; 3],
         mut rows: [[f64; N]; 3],
@@ -118,7 +119,7 @@ impl Factored {
         Self { mean, u: [u[0][1], u[0][2], u[1][2]], d }
     }
 
-    /// The rows of `[F U | V]` with the weights of both, `Q = V E V^T`.
+    /// Predicts the state: the rows are `[F U | V]` with the weights of both, where `Q = V E V^T`.
     pub fn predict(&mut self, transition: &Transition) {
         let [f01, f02, f12, f22] = transition.f;
         let [u01, u02, u12] = self.u;
@@ -133,7 +134,7 @@ impl Factored {
         *self = Self::orthogonalised(transition.mean(self.mean), rows, &weight);
     }
 
-    /// Bierman's update: no variance is subtracted from another.
+    /// Updates the state by Bierman's algorithm: no variance is subtracted from another.
     pub fn update(&mut self, z: f64, r: f64, period: Option<f64>) -> Innovation {
         let [u01, u02, u12] = self.u;
         let f = [1.0, u01, u02];
@@ -142,7 +143,7 @@ impl Factored {
         let a1 = a0 + f[1] * v[1];
         let a2 = a1 + f[2] * v[2];
         self.d = [self.d[0] * (r / a0), self.d[1] * (a0 / a1), self.d[2] * (a1 / a2)];
-        // `u01 − u01 d0 / a0` and `u02 − u02 (a1 − r) / a1`, without their cancellation
+        // `u01 − u01 d0 / a0` and `u02 − u02 (a1 − r) / a1`, without cancellation
         self.u = [u01 * (r / a0), u02 * (r / a1), u12 - f[2] / a1 * v[1]];
         let value = residual(z, self.mean[0], period);
         let step = value / a2;
@@ -154,10 +155,10 @@ impl Factored {
 }
 
 impl State {
-    /// A state with this covariance, which may be singular.
+    /// Creates a state with this covariance, which may be singular.
     ///
     /// # Errors
-    /// A number that is not finite, or a matrix that is not a covariance.
+    /// If a number is not finite, or the matrix is not a covariance.
     pub fn try_new(mean: [f64; 3], covariance: &[[f64; 3]; 3]) -> Result<Self> {
         let refuse = |argument, index: &[usize], value: f64, requirement| {
             Err(Error::InvalidElement { argument, index: index.to_vec(), value, requirement })

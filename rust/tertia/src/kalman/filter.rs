@@ -1,21 +1,21 @@
-//! The filter of one target: from no plot at all, or from a given state.
+//! The filter of one target, starting without any knowledge or from a given state.
 
 use super::backward::Filtered;
 use super::factored::Factored;
 use super::model::Transition;
 use super::state::{Innovation, State, residual};
 
-/// A covariance is kept as factors until its ratio to the noise is below this.
+/// Ratio of prior variance to noise below which the covariance is no longer kept as factors.
 const PLAIN_BELOW: f64 = 1e3;
 
-/// The noise before the first plot: whatever is known is narrower.
+/// Noise before the first plot: any prior is narrower.
 const NONE: f64 = f64::INFINITY;
 
-/// What is known of a target.
+/// What is known about a target.
 #[derive(Clone, Copy, Debug)]
 enum Knowledge {
     Nothing,
-    /// One plot with its variance, and the step from then to now.
+    /// One plot with its variance, and the transition from the time of this plot to now.
     Plot {
         z: f64,
         r: f64,
@@ -27,9 +27,9 @@ enum Knowledge {
 
 /// A filter of an angle that may wrap.
 ///
-/// Without an initial state, angle and rate are unknown and the acceleration has the variance that
-/// its model says: exactly, not by large numbers. The angle is known from the first plot on, the
-/// rate from the second.
+/// Without an initial state, angle and rate are unknown, and the acceleration has the variance of its
+/// model. This is treated exactly, not approximated by large variances. The angle is known from the
+/// first plot on, the rate from the second.
 #[derive(Clone, Copy, Debug)]
 pub struct Filter {
     knowledge: Knowledge,
@@ -40,19 +40,19 @@ pub struct Filter {
 }
 
 impl Filter {
-    /// A filter before the first plot, with the variance of the acceleration.
+    /// Creates a filter before the first plot, with the variance of the acceleration.
     pub fn new(acceleration_variance: f64, period: Option<f64>) -> Self {
         let knowledge = Knowledge::Nothing;
         Self { knowledge, acceleration_variance, period, noise: NONE }
     }
 
-    /// A filter from a given state on.
+    /// Creates a filter that starts from a given state.
     pub fn from_state(state: State, period: Option<f64>) -> Self {
         let knowledge = Knowledge::Plain(state);
         Self { knowledge, acceleration_variance: 0.0, period, noise: NONE }
     }
 
-    /// Everything that it knows, as numbers.
+    /// Returns the state of the filter as numbers.
     pub fn saved(&self) -> Vec<f64> {
         let noise = self.noise;
         match &self.knowledge {
@@ -67,7 +67,8 @@ impl Filter {
         }
     }
 
-    /// The same filter after [`Filter::saved`]; `None` for numbers that did not come from there.
+    /// Returns the filter with the state from [`Filter::saved`]; `None` if the numbers do not come from
+    /// there.
     pub fn restored(&self, saved: &[f64]) -> Option<Self> {
         let (&noise, saved) = saved.split_first()?;
         let knowledge = match saved {
@@ -90,7 +91,8 @@ impl Filter {
         Some(Self { knowledge, noise, ..*self })
     }
 
-    /// The state; before the first plot its mean is nan, and what is unknown has the variance ∞.
+    /// Returns the state. Before the first plot its mean is nan; unknown components have the variance
+    /// ∞.
     pub fn state(&self) -> State {
         match &self.knowledge {
             Knowledge::Nothing => State::UNKNOWN,
@@ -109,7 +111,8 @@ impl Filter {
         }
     }
 
-    /// The state where it is known and kept as it is: from where a series may go on by itself.
+    /// Returns the state if it is known and its covariance is not kept as factors: a series can
+    /// continue from it.
     #[inline(always)]
     pub(crate) fn plain(&self) -> Option<State> {
         match self.knowledge {
@@ -118,7 +121,7 @@ impl Filter {
         }
     }
 
-    /// Variance of the acceleration before anything is measured; 0 for a given state.
+    /// Returns the variance of the acceleration before any measurement; 0 for a given state.
     pub(crate) fn acceleration_variance(&self) -> f64 {
         self.acceleration_variance
     }
@@ -128,12 +131,12 @@ impl Filter {
         matches!(self.knowledge, Knowledge::Plain(_) | Knowledge::Factored(_))
     }
 
-    /// Whether there was a plot, or a state was given.
+    /// Whether there has been a plot, or a state was given.
     pub(crate) fn has_plot(&self) -> bool {
         !matches!(self.knowledge, Knowledge::Nothing)
     }
 
-    /// The step since the first plot, while there is but one.
+    /// Returns the transition since the first plot, as long as there is only one plot.
     pub(crate) fn since_first_plot(&self) -> Option<Transition> {
         match self.knowledge {
             Knowledge::Plot { since, .. } => Some(since),
@@ -141,12 +144,12 @@ impl Filter {
         }
     }
 
-    /// Variance of the last plot; ∞ before the first.
+    /// Returns the variance of the last plot; ∞ before the first one.
     pub(crate) fn noise(&self) -> f64 {
         self.noise
     }
 
-    /// Goes on from a state after a plot with this noise.
+    /// Sets the state after a plot with this noise.
     pub(crate) fn set(&mut self, state: State, noise: f64) {
         self.knowledge = Knowledge::Plain(state);
         self.noise = noise;
@@ -156,8 +159,8 @@ impl Filter {
         self.period
     }
 
-    /// The state for the smoother: where only one plot is known, finite and with the direction of
-    /// what is unknown. `None` before the first plot.
+    /// Returns the state for the smoother. If only one plot is known, the covariance is finite, and the
+    /// direction that is unknown is given as well. `None` before the first plot.
     pub(crate) fn filtered(&self) -> Option<Filtered> {
         match &self.knowledge {
             Knowledge::Nothing => None,
@@ -175,7 +178,7 @@ impl Filter {
         }
     }
 
-    /// Goes on in time.
+    /// Predicts the state over a transition.
     pub fn predict(&mut self, transition: &Transition) {
         match &mut self.knowledge {
             Knowledge::Nothing => {}
@@ -183,7 +186,7 @@ impl Filter {
             Knowledge::Plain(state) => {
                 let predicted = state.predicted(transition);
                 if predicted.needs_factors(self.noise) {
-                    // before the prediction has rounded what is known off
+                    // before rounding in the prediction destroys information
                     let mut factored = Factored::new(state);
                     factored.predict(transition);
                     self.knowledge = Knowledge::Factored(factored);
@@ -195,8 +198,8 @@ impl Filter {
         }
     }
 
-    /// Takes in a plot whose innovation, which does not wrap, is known, after a prediction whose
-    /// covariance is so many times what it was. The state must be known.
+    /// Updates the state with a plot whose innovation is known and does not wrap, after the predicted
+    /// covariance has been multiplied by `inflation`. The state must be known.
     pub(crate) fn correct(&mut self, innovation: f64, r: f64, inflation: f64) {
         let period = self.period.take();
         match &mut self.knowledge {
@@ -208,7 +211,8 @@ impl Filter {
         self.period = period;
     }
 
-    /// Takes in a plot z with the variance r. No innovation: the plot was needed to start.
+    /// Updates the state with a plot z of variance r. Returns `None` if the plot was needed to start,
+    /// so that it has no innovation.
     pub fn update(&mut self, z: f64, r: f64) -> Option<Innovation> {
         self.noise = r;
         match &mut self.knowledge {
@@ -217,7 +221,7 @@ impl Filter {
                 None
             }
             Knowledge::Plot { z: z0, r: r0, since } if since.f[0] == 0.0 => {
-                // at the same time: their weighted mean is one plot
+                // at the same time: both plots are replaced by their weighted mean
                 let innovation =
                     Innovation { value: residual(z, *z0, self.period), variance: *r0 + r };
                 let share = *r0 / innovation.variance;
@@ -259,9 +263,10 @@ impl Filter {
     }
 }
 
-/// The state at the second of two plots, where angle and rate were unknown before the first: the
-/// angle has risen by `rise` since, the rate is `rise / T`, and its error is that of both plots, of the acceleration (variance `a`)
-/// since the first, and of its change.
+/// Returns the state at the second of two plots, if angle and rate were unknown before the first. The
+/// angle has increased by `rise` between them, so the rate is `rise / T`; its error is due to both
+/// plots, to the acceleration (variance `a`) at the first plot, and to the change of the acceleration
+/// since then.
 fn two_plots(z0: f64, rise: f64, (r0, r1): (f64, f64), since: &Transition, a: f64) -> State {
     let [t, f02, f12, f22] = since.f;
     let q = &since.q;

@@ -1,9 +1,10 @@
-//! Maximum likelihood for the parameters of the Singer model and the noise of the plots.
+//! Maximum-likelihood estimates of the parameters of the Singer model and of the noise of the plots.
 //!
-//! A point is `x = ln α` and `y = ln p`, where p is what the motion adds within some time, in units
-//! of the noise; the scale of both follows in closed form. The likelihood has a finite limit at
-//! either end of both coordinates. It is climbed by Newton's method from the peaks of a coarse grid
-//! and then compared with its limits. The unit of time is a usual interval.
+//! The coordinates are `x = ln α` and `y = ln p`, where p is the motion added within some time, in
+//! units of the noise; the common scale of noise and motion follows in closed form. The likelihood has
+//! a finite limit at both ends of both coordinates. The search climbs by Newton's method from the peaks
+//! of a coarse grid, and then compares the result with the limits. The unit of time is the usual
+//! interval between plots.
 
 mod climb;
 mod likelihood;
@@ -19,33 +20,36 @@ use std::num::NonZero;
 pub use outliers::fit_noise;
 pub use recording::{Limit, Recording};
 
-/// Intervals of this share of the mean are between plots of different radars, and not usual.
+/// Intervals shorter than this share of the mean are between plots of different radars, and do not
+/// count as usual.
 const BRIEF: f64 = 1e-4;
-/// Of so short a time between its first two plots, a filter knows no more than rounding.
+/// Shortest interval between plots: the rate from two plots that are closer in time would be rounding
+/// only.
 const TOGETHER: f64 = 1e-10;
 
-/// The maximum-likelihood parameters of a recording.
+/// Maximum-likelihood parameters of a recording.
 #[derive(Clone, Debug)]
 pub struct NoiseFit {
-    /// α, σ_a and σ of the plots.
+    /// Estimates of α, σ_a and σ of the plots.
     pub estimates: [f64; 3],
-    /// Their standard uncertainties, to first order; ∞ where the recording does not determine them.
+    /// Standard uncertainties of the estimates, to first order; ∞ if the recording does not determine
+    /// them.
     pub sigma: [f64; 3],
-    /// That of the density `2 σ_a² / α`.
+    /// Standard uncertainty of the density `2 σ_a² / α`.
     pub density_sigma: f64,
-    /// At the maximum.
+    /// Log likelihood at the maximum.
     pub log_likelihood: f64,
-    /// Plots that have a prior.
+    /// Number of plots that have an innovation.
     pub count: usize,
-    /// The limits that the maximum is at.
+    /// Limits at which the maximum is.
     pub limits: Vec<Limit>,
 }
 
 impl NoiseFit {
-    /// Fits a recording. Cost: some 150 filters.
+    /// Fits a recording. The cost is that of about 150 filter runs.
     ///
     /// # Errors
-    /// Plots that a line or a parabola fits exactly, or that are too few in every series.
+    /// If the plots lie exactly on a line or a parabola, or if every series has too few plots.
     fn of(recording: &Recording<'_>, n_threads: Option<NonZero<usize>>) -> Result<Self> {
         let interval = usual_interval(recording.dt.values())?;
         let scaled = |dt: &f64| Some(dt / interval).filter(|&dt| dt >= TOGETHER).unwrap_or(0.0);
@@ -73,7 +77,7 @@ impl NoiseFit {
     }
 }
 
-/// The median of the intervals that are not very short.
+/// Returns the median of the intervals that are not very short.
 fn usual_interval(intervals: &[f64]) -> Result<f64> {
     let mut positive: Vec<f64> = intervals.iter().copied().filter(|&dt| dt > 0.0).collect();
     let mean = positive.iter().sum::<f64>() / positive.len() as f64;
@@ -87,7 +91,7 @@ fn usual_interval(intervals: &[f64]) -> Result<f64> {
     Ok(0.5 * (below + above))
 }
 
-/// Standard errors of the logarithms of α, both sigmas, and the density.
+/// Returns the standard errors of the logarithms of α, σ_a, σ, and the density.
 fn relative_errors(likelihood: &mut Likelihood<'_>, peak: &Peak) -> Result<[f64; 4]> {
     let ([x, y], free) = (peak.at, peak.free);
     let (_, second) = differences(likelihood, peak.at, free)?;
@@ -111,7 +115,7 @@ fn relative_errors(likelihood: &mut Likelihood<'_>, peak: &Peak) -> Result<[f64;
     };
     let slopes = slopes(likelihood, peak.at, determined)?;
     let mut variances = (slopes * covariance * slopes.transpose()).diagonal();
-    // the scale has an error of its own, that of the standard deviation of so many values
+    // the scale has an error of its own: that of the standard deviation of `count` values
     let of_scale = 1.0 / (2 * likelihood.count()) as f64;
     variances += Vector4::new(0.0, 1.0, 1.0, 4.0) * of_scale;
     let alpha = determined[0];
@@ -120,7 +124,7 @@ fn relative_errors(likelihood: &mut Likelihood<'_>, peak: &Peak) -> Result<[f64;
     Ok([0, 1, 2, 3].map(|i| if known[i] { variances[i].sqrt() } else { f64::INFINITY }))
 }
 
-/// Derivatives of the logarithms of α, both sigmas, and the density.
+/// Returns the derivatives of the logarithms of α, σ_a, σ, and the density.
 fn slopes(
     likelihood: &mut Likelihood<'_>,
     at: [f64; 2],

@@ -1,20 +1,20 @@
-//! States of series side by side, from the lanes of vectors into the rows of each series.
+//! Writes states of several series from the lanes of vectors into the rows of each series.
 
 use super::state::wrapped;
 use super::steps::Steps;
 use crate::base::vector::{Vector, WIDEST};
 use pulp::Simd;
 
-/// Steps whose plots are read and whose states are written at once.
+/// Number of steps whose plots are read and whose states are written together.
 pub(super) const TILE: usize = 8;
 
-/// Steps that are gathered in the cache before each series' room gets its own: memory is slow where
-/// few numbers go to each of many places in turn. With 11 numbers a step, an odd number of cache
-/// lines.
+/// Number of steps that are collected in the cache before they are written to the rows of each series:
+/// memory is slow if a few numbers at a time go to many places in turn. With 11 numbers per step, a run
+/// fills an odd number of cache lines.
 pub(super) const RUN: usize = 56;
 
-/// Room for [`RUN`] steps of `count` series, with so many means, covariances, innovations and their
-/// variances a step; `buffer` keeps it.
+/// Returns room in `buffer` for [`RUN`] steps of `count` series, with these numbers of values per step
+/// for means, covariances, innovations and their variances.
 pub(super) fn rooms(buffer: &mut Vec<f64>, count: usize, widths: [usize; 4]) -> Vec<Steps<'_>> {
     let sizes = widths.map(|width| width * RUN);
     let size = sizes.iter().sum::<usize>();
@@ -33,7 +33,7 @@ pub(super) fn rooms(buffer: &mut Vec<f64>, count: usize, widths: [usize; 4]) -> 
     buffer.chunks_exact_mut(size).take(count).map(split).collect()
 }
 
-/// The states of a vector's lanes after each step of a tile, and their innovations.
+/// States of the lanes of a vector after each step of a tile, and their innovations.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub(super) struct Kept<S: Simd> {
@@ -55,7 +55,7 @@ impl<S: Simd> Kept<S> {
         }
     }
 
-    /// Writes `steps` steps from `from` on, as far as there is room, with angles in [0, period).
+    /// Writes `steps` steps from step `from` on for which there is room, with angles in [0, period).
     #[inline(always)]
     pub fn keep(
         &self,
@@ -98,8 +98,8 @@ impl<S: Simd> Kept<S> {
     }
 }
 
-/// Numbers of each lane one after the other, in groups of four: as many as there are in the
-/// covariances of a tile.
+/// Numbers of each lane one after the other, in groups of four; there is room for the covariances of a
+/// tile.
 #[repr(align(64))]
 pub(super) struct Rows([[[f64; 4]; WIDEST]; 6 * TILE / 4]);
 
@@ -115,7 +115,7 @@ impl Rows {
         }
     }
 
-    /// Writes lane l's numbers, as many as there is room for.
+    /// Writes the numbers of lane l, as many as there is room for.
     #[inline(always)]
     fn write(&self, l: usize, room: &mut [f64]) {
         let (groups, rest) = room.as_chunks_mut::<4>();

@@ -1,4 +1,4 @@
-//! The filter along a series of plots.
+//! Runs the filter along a series of plots.
 
 use super::filter::Filter;
 use super::model::{Singer, Transition};
@@ -8,25 +8,25 @@ use crate::base::error::{Error, Result, require, require_each};
 use pulp::{Arch, Simd, WithSimd};
 use std::f64::consts::TAU;
 
-/// A covariance that changes by less in a step has converged.
+/// Relative change of the covariance in a step below which it counts as converged.
 const CONVERGED: f64 = 2.0 * f64::EPSILON;
-/// Squares of larger plots overflow.
+/// Largest plot: squares of larger ones overflow.
 pub(super) const LARGEST: f64 = 1e150;
 pub(super) const VARIANCES: std::ops::RangeInclusive<f64> = 1e-100..=1e100;
-/// A product of variances is turned into a logarithm when it leaves this range.
+/// Range of a product of variances; outside, its logarithm is taken and the product starts again.
 pub(super) const PRODUCTS: std::ops::Range<f64> = 1e-150..1e150;
 
-/// One number for all steps, or one for each.
+/// One value for all steps, or one for each step.
 #[derive(Clone, Copy, Debug)]
 pub enum PerStep<'a, T> {
-    /// The same everywhere.
+    /// The same value for all steps.
     Constant(T),
-    /// One per step.
+    /// One value per step.
     Each(&'a [T]),
 }
 
 impl<T: Copy> PerStep<'_, T> {
-    /// The one of this step.
+    /// Returns the value for a step.
     #[inline(always)]
     pub fn at(&self, step: usize) -> T {
         match self {
@@ -36,23 +36,23 @@ impl<T: Copy> PerStep<'_, T> {
     }
 }
 
-/// Plots of one target (nan: none), the variances of their noise, and the steps between them.
+/// Plots of one target (nan: none), the variances of their noise, and the transitions between them.
 #[derive(Clone, Copy, Debug)]
 pub struct Series<'a> {
-    /// The plots.
+    /// Plots, nan where there is none.
     pub z: &'a [f64],
-    /// Their variances.
+    /// Variances of the noise of the plots.
     pub variance: PerStep<'a, f64>,
-    /// The step before each plot but the first: one fewer than plots.
+    /// Transition before each plot but the first: one fewer than plots.
     pub transition: PerStep<'a, Transition>,
 }
 
 impl Singer {
-    /// The steps between plots that are `dt` apart, one for all or one for each; `buffer` keeps
-    /// them.
+    /// Returns the transitions between plots that are `dt` apart, where `dt` has one number for all or
+    /// one for each; `buffer` holds them if they differ.
     ///
     /// # Errors
-    /// A time that the model does not allow.
+    /// If the model does not allow an interval.
     pub fn over_all<'a>(
         &self,
         dt: &[f64],
@@ -77,7 +77,7 @@ impl Singer {
 }
 
 impl<T> PerStep<'_, T> {
-    /// The one of this step, where it is.
+    /// Returns a reference to the value for a step.
     #[inline(always)]
     pub(super) fn get(&self, step: usize) -> &T {
         match self {
@@ -88,10 +88,10 @@ impl<T> PerStep<'_, T> {
 }
 
 impl<'a> Series<'a> {
-    /// A series of plots.
+    /// Creates a series of plots.
     ///
     /// # Errors
-    /// An infinite plot, or a variance that is not positive where there is a plot.
+    /// If a plot is infinite, or the variance of a plot is not positive.
     pub fn try_new(
         z: &'a [f64],
         variance: PerStep<'a, f64>,
@@ -104,7 +104,7 @@ impl<'a> Series<'a> {
         Ok(series)
     }
 
-    /// Finds what is refused.
+    /// Returns the error for the first value that is refused.
     fn refuse(&self) -> Result<()> {
         require_plots(self.z)?;
         match self.variance {
@@ -123,11 +123,11 @@ impl<'a> Series<'a> {
         }
     }
 
-    /// How many plots there are; `None` where one, or the variance of its noise, is refused.
+    /// Returns the number of plots; `None` if a plot or the variance of its noise is refused.
     #[inline(always)]
     pub(super) fn plots(&self) -> Option<usize> {
         let (mut count, mut refused) = (0, false);
-        // to the end, because a loop that may leave earlier is not made of vectors
+        // without an early exit, because a loop that has one is not vectorised
         match self.variance {
             PerStep::Constant(r) => {
                 for &z in self.z {
@@ -150,13 +150,13 @@ impl<'a> Series<'a> {
     }
 }
 
-/// Fails unless all plots are finite, or nan for none.
+/// Checks that all plots are finite, or nan where there is none.
 ///
 /// # Errors
-/// See above.
+/// If a plot is infinite or too large.
 pub fn require_plots(z: &[f64]) -> Result<()> {
     let refused = |z: f64| z.abs() > LARGEST;
-    // to the end, because a loop that may leave earlier is not made of vectors
+    // without an early exit, because a loop that has one is not vectorised
     if z.iter().fold(false, |any, &z| any | refused(z)) {
         let requirement = "a plot must be a finite number, or nan for none";
         require_each("z", z, |z| !refused(z), requirement)?;
@@ -164,10 +164,10 @@ pub fn require_plots(z: &[f64]) -> Result<()> {
     Ok(())
 }
 
-/// Fails unless a plot and the variance of its noise can be used.
+/// Checks that a plot and the variance of its noise can be used.
 ///
 /// # Errors
-/// See above.
+/// If one of them cannot be used.
 pub fn require_plot(z: f64, variance: f64) -> Result<()> {
     require("z", z, z.abs() <= LARGEST, "a finite number, or nan for no plot")?;
     let holds = VARIANCES.contains(&variance);
@@ -175,18 +175,18 @@ pub fn require_plot(z: f64, variance: f64) -> Result<()> {
     require("measurement_variance", variance, holds, requirement)
 }
 
-/// The end of a series.
+/// Results at the end of a series.
 #[derive(Clone, Copy, Debug)]
 pub struct Summary {
     /// The filter after the last step.
     pub filter: Filter,
-    /// Logarithm of the likelihood of all plots that had a prior.
+    /// Log likelihood of all plots that have an innovation.
     pub log_likelihood: f64,
-    /// How many had.
+    /// Number of these plots.
     pub count: usize,
 }
 
-/// `−2 ln L` as a sum and a product, so that a logarithm is taken only now and then.
+/// `−2 ln L` as a sum and a product, so that logarithms are rarely computed.
 struct Likelihood {
     squares: f64,
     product: f64,
@@ -205,7 +205,7 @@ impl Likelihood {
         }
     }
 
-    /// So many innovations of one variance, from the sum of their squares.
+    /// Adds `count` innovations with the same variance, given the sum of their squares.
     fn add_all(&mut self, squares: f64, variance: f64, count: usize) {
         self.squares += squares / variance + count as f64 * variance.ln();
         self.count += count;
@@ -216,14 +216,14 @@ impl Likelihood {
     }
 }
 
-/// `ln L` from the sum of ν²/S and of the logarithms flushed so far, the logarithm of the product of
-/// the other S, and their number.
+/// Returns `ln L` from the sum of ν²/S and of the logarithms of S taken so far, the logarithm of the
+/// product of the other S, and the number of innovations.
 pub(super) fn log_likelihood(squares: f64, logarithms: f64, count: usize) -> f64 {
     // no plots: 0, not −0
     0.0 - 0.5 * (squares + logarithms + count as f64 * TAU.ln())
 }
 
-/// [`Series::fill`] with the instructions of this machine: more registers.
+/// [`Series::fill`] compiled for the instructions of this processor, which may have more registers.
 struct Fill<'a, 'b, 'c> {
     series: &'a Series<'a>,
     filter: Filter,
@@ -242,13 +242,13 @@ impl WithSimd for Fill<'_, '_, '_> {
 }
 
 impl Series<'_> {
-    /// Runs `filter` along the series and keeps what `out` has room for. Cost O(steps).
+    /// Runs `filter` along the series and writes the results for which `out` has room. O(steps).
     pub fn fill(&self, filter: Filter, out: &mut Steps<'_>) -> Summary {
         Arch::new().dispatch(Fill { series: self, filter, out })
     }
 
-    /// Runs `filter` from before the first plot to after the last, and shows every step's state
-    /// and innovation (nan where there is none) to `sink`. Cost O(steps).
+    /// Runs `filter` from before the first plot to after the last one, and passes the state and the
+    /// innovation (nan if there is none) of every step to `sink`. O(steps).
     ///
     /// ```
     /// use tertia::kalman::{Filter, PerStep, Series, Singer};
@@ -297,12 +297,12 @@ impl Series<'_> {
 }
 
 impl Series<'_> {
-    /// Variance of the last plot.
+    /// Returns the variance of the last plot.
     pub(super) fn last_variance(&self) -> Option<f64> {
         self.z.iter().rposition(|z| !z.is_nan()).map(|step| self.variance.at(step))
     }
 
-    /// The step after a plot; any after the last.
+    /// Returns the transition after a plot; after the last plot, an arbitrary one.
     #[inline(always)]
     fn transition_after(&self, step: usize) -> &Transition {
         match &self.transition {
@@ -311,8 +311,8 @@ impl Series<'_> {
         }
     }
 
-    /// Goes on from the `state` after the step before `step` for as long as the covariance can be
-    /// kept as it is; returns the step where that ends.
+    /// Continues from the `state` after the step before `step` for as long as the covariance need not
+    /// be kept as factors. Returns the first step that has not been processed.
     #[inline(always)]
     fn run_plain(
         &self,
@@ -357,7 +357,8 @@ impl Series<'_> {
                 }
                 previous = state.covariance;
             }
-            // without noise of the motion the rounding of all steps adds up: the form with least
+            // without process noise, rounding accumulates over all steps, so the form with least
+            // rounding is used
             predicted = if next.q[5] > 0.0 {
                 let covariance = predicted.covariance_after(r, next);
                 State { mean: next.mean(state.mean), covariance }
@@ -376,7 +377,7 @@ fn is_close(a: [f64; 6], b: [f64; 6]) -> bool {
     close(0) && close(1) && close(2) && close(3) && close(4) && close(5)
 }
 
-/// A gain that no longer changes: only the mean is left to compute.
+/// A gain that has converged: only the mean has to be computed.
 struct Converged {
     gain: [f64; 3],
     variance: f64,
@@ -390,7 +391,7 @@ impl Converged {
         Self { gain: [p00 * s, p01 * s, p02 * s], variance, transition }
     }
 
-    /// Goes on to the next step without a plot.
+    /// Continues until the next step without a plot, and returns this step.
     #[inline(always)]
     fn run(
         &self,

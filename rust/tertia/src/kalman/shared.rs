@@ -1,11 +1,11 @@
-//! Gains of all series of a batch: covariances do not depend on what the plots are.
+//! Gains that all series of a batch share: covariances do not depend on the values of the plots.
 
 use super::filter::Filter;
 use super::series::Series;
 use super::steps::Steps;
 
-/// Gain, innovation variance and covariance after each step of series that miss no plot and have
-/// the same noise, steps and start.
+/// Gain, innovation variance and covariance after each step, for series without missing plots that have
+/// the same noise, intervals and start.
 #[derive(Clone, Debug)]
 pub(super) struct Gains {
     pub(super) gain: Vec<[f64; 3]>,
@@ -16,7 +16,7 @@ pub(super) struct Gains {
 }
 
 impl Gains {
-    /// The gains of series like this one, whatever its plots are. Cost O(steps).
+    /// Computes the gains of all series like this one; the values of its plots do not matter. O(steps).
     pub fn new(series: &Series<'_>, filter: Filter) -> Self {
         let n = series.z.len();
         let mut gains = Self {
@@ -41,7 +41,7 @@ impl Gains {
         gains
     }
 
-    /// Keeps what all series have in common from step `start` on, as far as there is room.
+    /// Writes what all series have in common from step `start` on, as far as there is room.
     pub fn put(&self, start: usize, out: &mut Steps<'_>) {
         if !out.variance.is_empty() {
             out.variance[start..].copy_from_slice(&self.variance[start..]);

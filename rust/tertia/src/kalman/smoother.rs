@@ -1,8 +1,8 @@
-//! The state at every step from all plots: the filter forwards, then back.
+//! The state at every step from all plots: the filter runs forwards, then the smoother backwards.
 //!
-//! Backwards it goes by adjoints (Bryson, Frazier 1963), and by factors (Rauch, Tung, Striebel) where
-//! a difference of covariances would lose digits: beside a prior that is very wide, and before angle
-//! and rate are known.
+//! The smoother uses adjoints (Bryson, Frazier 1963). It uses factors (Rauch, Tung, Striebel) where a
+//! difference of covariances would lose digits: with a very wide prior, and before angle and rate are
+//! known.
 
 use super::adjoint::Adjoint;
 use super::backward::Filtered;
@@ -18,12 +18,12 @@ pub struct Workspace {
     steps: Vec<Step>,
 }
 
-/// What the filter knew at a step.
+/// Results of the filter at a step.
 #[derive(Clone, Copy, Debug)]
 struct Step {
     state: State,
     innovation: Innovation,
-    /// Where the state is not kept as it is.
+    /// The state as factors, if it is not kept as a covariance.
     factors: Option<Filtered>,
 }
 
@@ -34,7 +34,7 @@ impl Step {
         Self { state: filter.state(), innovation, factors }
     }
 
-    /// The state as factors; `None` before the first plot.
+    /// Returns the state as factors; `None` before the first plot.
     fn filtered(&self) -> Option<Filtered> {
         let known = self.state.covariance[0].is_finite() && !self.state.mean[0].is_nan();
         self.factors.or_else(|| {
@@ -43,7 +43,7 @@ impl Step {
     }
 }
 
-/// The state of a step from all plots, which the step before needs as factors.
+/// The state at a step from all plots, in the form in which it was computed.
 #[derive(Clone, Copy)]
 enum Smoothed {
     Unknown,
@@ -60,7 +60,7 @@ impl Smoothed {
         }
     }
 
-    /// The step before, by factors.
+    /// Returns the state at the step before, by factors.
     fn before(&self, filtered: Option<Filtered>, transition: &Transition) -> Self {
         let next = match (filtered, self) {
             (None, _) => return Self::Unknown,
@@ -76,8 +76,8 @@ impl Smoothed {
     }
 }
 
-/// The state at every step from all plots; those before the first plot are unknown, as in the
-/// filter. Cost O(steps).
+/// Computes the state at every step from all plots and passes it to `sink`. The states before the first
+/// plot are unknown, as in the filter. O(steps).
 pub fn smooth(
     series: &Series<'_>,
     mut filter: Filter,

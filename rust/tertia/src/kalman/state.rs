@@ -1,4 +1,4 @@
-//! One step: (14) to (20) of the source, misprints mended.
+//! One step of the filter: (14) to (20) of the source, with the misprints corrected.
 
 use super::model::Transition;
 use crate::base::angle::principal;
@@ -7,36 +7,36 @@ use crate::base::angle::principal;
 /// (2, 2) of their covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
-    /// x.
+    /// Mean x.
     pub mean: [f64; 3],
-    /// P.
+    /// Covariance P.
     pub covariance: [f64; 6],
 }
 
-/// What an update did.
+/// Innovation of an update with its variance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Innovation {
-    /// ν = z − x⁻.
+    /// `ν = z − x⁻`.
     pub value: f64,
-    /// S = P⁻ + R.
+    /// `S = P⁻ + R`.
     pub variance: f64,
 }
 
 impl Innovation {
-    /// There was no plot, or nothing to compare it with.
+    /// Result if there was no plot, or no prediction to compare it with.
     pub const NONE: Self = Self { value: f64::NAN, variance: f64::NAN };
 }
 
-/// Above this ratio of prior variance to noise the covariance is kept as factors.
+/// Ratio of prior variance to noise above which the covariance is kept as factors.
 pub(super) const FACTORS_ABOVE: f64 = 1e4;
 
-/// An angle in [0, period).
+/// Returns the angle in [0, period).
 #[inline(always)]
 pub fn wrapped(angle: f64, period: f64) -> f64 {
     if angle.is_nan() || (0.0..period).contains(&angle) { angle } else { principal(angle, period) }
 }
 
-/// `z − x`, turned by whole periods to within half of one.
+/// Returns `z − x`, shifted by whole periods to within half a period.
 #[inline(always)]
 pub(crate) fn residual(z: f64, x: f64, period: Option<f64>) -> f64 {
     let difference = z - x;
@@ -49,13 +49,13 @@ pub(crate) fn residual(z: f64, x: f64, period: Option<f64>) -> f64 {
 }
 
 impl State {
-    /// Nothing is known.
+    /// The state if nothing is known.
     pub const UNKNOWN: Self = Self {
         mean: [f64::NAN; 3],
         covariance: [f64::INFINITY, 0.0, 0.0, f64::INFINITY, 0.0, f64::INFINITY],
     };
 
-    /// `x⁻ = F x`, `P⁻ = F P F^T + Q`.
+    /// Returns the predicted state: `x⁻ = F x`, `P⁻ = F P F^T + Q`.
     #[inline(always)]
     pub fn predicted(&self, transition: &Transition) -> Self {
         Self {
@@ -64,9 +64,10 @@ impl State {
         }
     }
 
-    /// `F P F^T + Q` for the covariance P after the update of this prior with a plot of variance r.
+    /// Returns `F P F^T + Q`, where P is the covariance after an update of this prior with a plot of
+    /// variance r.
     ///
-    /// P is linear in 1/S, so that nearly everything is computed while the division goes on.
+    /// P is linear in 1/S, so nearly everything can be computed while the division is in progress.
     #[inline(always)]
     pub(super) fn covariance_after(&self, r: f64, transition: &Transition) -> [f64; 6] {
         let ([f01, f02, f12, f22], q) = (transition.f, &transition.q);
@@ -88,16 +89,16 @@ impl State {
         ]
     }
 
-    /// Whether an update with a plot of variance r would leave few digits of the covariance.
+    /// Whether an update with a plot of variance r would leave the covariance with few correct digits.
     #[inline(always)]
     pub(crate) fn needs_factors(&self, r: f64) -> bool {
         self.covariance[0] > FACTORS_ABOVE * r
     }
 
-    /// `x + K ν` and `(I − K h^T) P⁻` for a plot z with the variance r.
+    /// Returns `x + K ν` and `(I − K h^T) P⁻` for a plot z of variance r.
     ///
-    /// The first row is `P⁻_0j R / S`: with 1 − K_0 in place of R/S, a precise plot would lose its
-    /// digits.
+    /// The first row is computed as `P⁻_0j R / S`: with 1 − K_0 in place of R/S, the result for a
+    /// precise plot would lose digits.
     #[inline(always)]
     pub fn updated(&self, z: f64, r: f64, period: Option<f64>) -> (Self, Innovation) {
         let [p00, p01, p02, p11, p12, p22] = self.covariance;

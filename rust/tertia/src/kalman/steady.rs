@@ -1,8 +1,8 @@
-//! What the filter converges to, by doubling.
+//! The steady state of the filter, by the doubling algorithm.
 //!
-//! Where plots are precise and the noise of the motion has a lower rank than the state, errors of
-//! the covariance alternate almost undamped from step to step, so rounding would be amplified as
-//! much as P0/R is large. Here numbers have twice the digits.
+//! If plots are precise and the process noise has a lower rank than the state, errors of the covariance
+//! alternate from step to step with hardly any damping, so that rounding would be amplified by as much
+//! as P0/R. Therefore numbers with twice the digits are used.
 
 use super::model::{Singer, Transition};
 use crate::base::error::{Error, Result, require};
@@ -11,21 +11,23 @@ use twofloat::TwoFloat;
 
 type Matrix = Matrix3<TwoFloat>;
 
-/// 2^60 steps.
+/// Largest number of doublings: 2^60 steps.
 const MAX_DOUBLINGS: usize = 60;
-/// A covariance that changes by less, in standard deviations, is steady.
+/// Change of the covariance in a doubling, in standard deviations, below which it counts as steady.
 const STEADY: f64 = 1e-13;
-/// One that an ordinary step changes by more is not, but for the rounding of twice the digits; a
-/// slow error is larger than its change in a step by up to six orders (measured).
+/// Change of the covariance in an ordinary step up to which it is steady, which is the rounding with
+/// twice the digits: a slowly decaying error exceeds its change in a step by up to six orders of
+/// magnitude (measured).
 const ROUNDING: f64 = 1e-18;
 
-/// What the filter converges to with a plot of variance r every `dt`: the gain, and the covariance
-/// after a plot.
+/// Returns the gain and the covariance after a plot to which the filter converges with a plot of
+/// variance r every `dt`.
 ///
-/// The doubling algorithm (Anderson 1978): 2^k steps after k rounds.
+/// The doubling algorithm (Anderson 1978) computes 2^k steps in k rounds.
 ///
 /// # Errors
-/// There is none: no process noise. Or plots are too precise for the digits of a number.
+/// If there is no steady state because there is no process noise, or if the plots are too precise for
+/// double precision.
 pub fn steady_state(model: &Singer, dt: f64, r: f64) -> Result<([f64; 3], [f64; 6])> {
     let transition = model.over(dt)?;
     let (sigma, noise) = (model.acceleration_sigma(), transition.q[5]);
@@ -39,18 +41,18 @@ pub fn steady_state(model: &Singer, dt: f64, r: f64) -> Result<([f64; 3], [f64; 
     };
     let covariance = settled(&transition, dt, r).ok_or_else(refuse)?;
     let [p00, p01, p02, p11, p12, p22] = covariance;
-    // back from units of dt and of the plots' standard deviation
+    // back from units of dt and of the standard deviation of the plots
     let gain = [p00, p01 / dt, p02 / (dt * dt)];
     let rest = [p11 / (dt * dt), p12 / dt.powi(3), p22 / dt.powi(4)];
     let [k0, k1, k2] = gain;
     Ok((gain, [k0, k1, k2, rest[0], rest[1], rest[2]].map(|p| p * r)))
 }
 
-/// The upper triangle of the steady covariance after a plot, in units of `dt` and of the plots'
-/// standard deviation. `None` if it does not settle.
+/// Returns the upper triangle of the steady covariance after a plot, in units of `dt` and of the
+/// standard deviation of the plots; `None` if it does not converge.
 fn settled(transition: &Transition, dt: f64, r: f64) -> Option<[f64; 6]> {
     let (f, q) = scaled(transition, dt, r);
-    // as of a regulator: A is transposed
+    // as for a regulator: A is transposed
     let (mut a, mut information, mut prior) = (f.transpose(), Matrix::zeros(), q);
     information[(0, 0)] = TwoFloat::from(1.0);
     let mut before = Matrix::zeros();
@@ -72,7 +74,7 @@ fn settled(transition: &Transition, dt: f64, r: f64) -> Option<[f64; 6]> {
     None
 }
 
-/// F and Q in units of `dt` and of the plots' standard deviation.
+/// Returns F and Q in units of `dt` and of the standard deviation of the plots.
 fn scaled(transition: &Transition, dt: f64, r: f64) -> (Matrix, Matrix) {
     let ([f01, f02, f12, f22], [q00, q01, q02, q11, q12, q22]) = (transition.f, transition.q);
     let f = Matrix3::new(1.0, f01, f02, 0.0, 1.0, f12, 0.0, 0.0, f22).map(TwoFloat::from);
@@ -85,7 +87,7 @@ fn scaled(transition: &Transition, dt: f64, r: f64) -> (Matrix, Matrix) {
     )
 }
 
-/// The covariance after a plot of variance 1: its first row is the gain.
+/// Returns the covariance after a plot of variance 1; its first row is the gain.
 fn updated(prior: &Matrix) -> Matrix {
     let s = prior[(0, 0)] + 1.0;
     let gain = prior.column(0).map(|p| quotient(p, s));
@@ -96,14 +98,14 @@ fn updated(prior: &Matrix) -> Matrix {
     })
 }
 
-/// The sum of the differences in standard deviations; nan if one is.
+/// Returns the sum of the differences, in standard deviations; nan if one of them is nan.
 fn change(p: &Matrix, before: &Matrix) -> f64 {
     let sigma = p.diagonal().map(|p| f64::from(p).sqrt());
     let difference = (p - before).map(f64::from);
     difference.abs().component_div(&(sigma * sigma.transpose())).sum()
 }
 
-/// Rows are the cross products of columns.
+/// Returns the inverse, whose rows are the cross products of the columns divided by the determinant.
 fn inverse(m: &Matrix) -> Matrix {
     let [a, b, c]: [Vector3<TwoFloat>; 3] = [0, 1, 2].map(|j| m.column(j).into_owned());
     let rows: [RowVector3<TwoFloat>; 3] =
@@ -112,7 +114,8 @@ fn inverse(m: &Matrix) -> Matrix {
     Matrix::from_rows(&rows).map(|value| quotient(value, determinant))
 }
 
-/// `a / b`. The crate's own division by a number of twice the digits has no more than a double.
+/// Returns `a / b`. The division of `twofloat` by a number with twice the digits is only accurate to
+/// double precision.
 fn quotient(a: TwoFloat, b: TwoFloat) -> TwoFloat {
     let first = a.hi() / b.hi();
     let rest = a - b * first;

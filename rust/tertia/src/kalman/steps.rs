@@ -1,22 +1,22 @@
-//! Where the states of a series go.
+//! Room for the states of a series.
 
 use super::state::{Innovation, State, wrapped};
 
-/// The caller's room for the states of all steps. What is not wanted is empty.
+/// Room that the caller provides for the states after all steps; empty for what is not wanted.
 #[derive(Debug)]
 pub struct Steps<'a> {
-    /// Means, three numbers a step.
+    /// Means, three numbers per step.
     pub mean: &'a mut [f64],
-    /// Upper triangles of covariances, six.
+    /// Upper triangles of covariances, six numbers per step.
     pub covariance: &'a mut [f64],
-    /// Innovations.
+    /// Innovations, one per step.
     pub innovation: &'a mut [f64],
-    /// Their variances.
+    /// Variances of the innovations, one per step.
     pub variance: &'a mut [f64],
 }
 
 impl Steps<'_> {
-    /// Numbers of a step in each room; 0 where they are not wanted.
+    /// Returns the numbers per step in each room; 0 for what is not wanted.
     pub(super) fn widths(&self) -> [usize; 4] {
         let width = |room: &[f64], width| if room.is_empty() { 0 } else { width };
         [
@@ -27,8 +27,7 @@ impl Steps<'_> {
         ]
     }
 
-    /// Takes over the first `count` steps of `others` as those from `from` on, as far as there is
-    /// room.
+    /// Copies the first `count` steps of `others` to the steps from `from` on, as far as there is room.
     pub(super) fn take(&mut self, from: usize, count: usize, others: &Steps<'_>) {
         let pairs = [
             (&mut self.mean, &others.mean, 3),
@@ -44,7 +43,7 @@ impl Steps<'_> {
         }
     }
 
-    /// Keeps a step's state, with its angle in [0, period).
+    /// Writes the state and the innovation of a step, with the angle in [0, period).
     #[inline(always)]
     pub fn put(&mut self, step: usize, state: &State, innovation: Innovation, period: Option<f64>) {
         if let Some(mean) = self.mean.get_mut(3 * step..3 * step + 3) {

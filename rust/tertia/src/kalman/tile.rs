@@ -1,4 +1,4 @@
-//! Some steps of series side by side, read from their rows.
+//! Filters a few steps of several series side by side, which are read from their rows.
 
 use super::carried::Carried;
 use super::kept::{self, Kept, TILE};
@@ -10,18 +10,19 @@ use crate::base::vector::Vector;
 use pulp::Simd;
 use std::ops::Range;
 
-/// Series that are filtered together: vectors enough to hide that each waits for its last step.
+/// Number of series that are filtered together: enough vectors to hide the time that each waits for its
+/// previous step.
 pub(super) const LANES: usize = 64;
 
-/// Vectors whose steps alternate, so that none waits for the division of its last one.
+/// Number of vectors whose steps alternate, so that none waits for its own division to finish.
 const GROUP: usize = 4;
 
-/// Steps of all series: rows of four, then of the next four.
+/// A tile of steps of all series: rows with the first four steps, then rows with the next four.
 #[repr(align(64))]
 struct Rows([[[f64; 4]; LANES]; 2]);
 
 impl Rows {
-    /// Takes up to as many steps as are in a tile.
+    /// Copies steps of all series, at most as many as there are in a tile.
     #[inline(always)]
     fn take(&mut self, series: &[&[f64]], steps: Range<usize>) {
         let [low, high] = &mut self.0;
@@ -39,7 +40,7 @@ impl Rows {
         }
     }
 
-    /// The steps of the series in a vector's lanes.
+    /// Returns the steps of the series in the lanes of one vector.
     #[inline(always)]
     fn lanes<S: Simd>(&self, simd: S, at: usize) -> [Vector<S>; TILE] {
         let [a, b, c, d] = Vector::from_rows(simd, &self.0[0], at);
@@ -48,7 +49,8 @@ impl Rows {
     }
 }
 
-/// A group's vectors: plots of a tile and their variances, those of innovations, and states to keep.
+/// Values of the vectors of a group: plots of a tile, variances of plots and of innovations, and states
+/// to be kept.
 #[repr(align(64))]
 pub(super) struct Group<S: Simd> {
     z: [[Vector<S>; TILE]; GROUP],
@@ -59,7 +61,7 @@ pub(super) struct Group<S: Simd> {
 }
 
 impl<S: Simd> Group<S> {
-    /// Memory that each group uses again.
+    /// Allocates memory that each group reuses.
     #[inline(always)]
     pub fn new(simd: S) -> Self {
         let one = [[Vector::splat(simd, 1.0); TILE]; GROUP];
@@ -68,7 +70,7 @@ impl<S: Simd> Group<S> {
     }
 }
 
-/// Some steps of all series.
+/// A few steps of all series.
 pub(super) struct Tile<'a> {
     plots: Vec<&'a [f64]>,
     variances: Vec<&'a [f64]>,
@@ -76,14 +78,16 @@ pub(super) struct Tile<'a> {
     r: Rows,
     transition: PerStep<'a, Transition>,
     period: Option<f64>,
-    /// Its steps; those that were read with them, before; the first of those that are kept together.
+    /// Steps of the tile; number of earlier steps that were read with them; first of the steps that are
+    /// kept together.
     steps: Range<usize>,
     skipped: usize,
     first: usize,
 }
 
 impl<'a> Tile<'a> {
-    /// Of series that have one variance each, or all of them one of each plot.
+    /// Creates a tile for series that either all have one constant variance each, or all have one per
+    /// plot.
     pub fn new(series: &[Series<'a>], period: Option<f64>) -> Self {
         let (mut variances, mut r) = (Vec::new(), [[[1.0; 4]; LANES]; 2]);
         for (l, series) in series.iter().enumerate() {
@@ -105,17 +109,17 @@ impl<'a> Tile<'a> {
         }
     }
 
-    /// Reads plots, and the variances of their noise.
+    /// Reads plots and the variances of their noise.
     #[inline(always)]
     pub fn read(&mut self, steps: Range<usize>, first: usize) {
-        // a whole tile where there are so many steps
+        // a whole tile, if there are as many steps
         let begin = steps.end.saturating_sub(TILE).min(steps.start);
         self.z.take(&self.plots, begin..steps.end);
         self.r.take(&self.variances, begin..steps.end);
         (self.skipped, self.first, self.steps) = (steps.start - begin, first, steps);
     }
 
-    /// Filters the steps in all lanes; keeps the states where there is room.
+    /// Filters the steps in all lanes; keeps the states for which there is room.
     #[inline(always)]
     pub fn run<S: Simd>(
         &self,
@@ -156,7 +160,7 @@ impl<'a> Tile<'a> {
         }
     }
 
-    /// Writes the states of so many vectors where there is room.
+    /// Writes the states of `count` vectors for which there is room.
     #[inline(always)]
     fn keep<S: Simd>(
         &self,
@@ -173,7 +177,7 @@ impl<'a> Tile<'a> {
         }
     }
 
-    /// The step before a plot; none before the first.
+    /// Returns the transition before a plot; before the first plot, that over no time.
     fn transition(&self, i: usize) -> &Transition {
         match (self.steps.start + i).checked_sub(1) {
             Some(step) => self.transition.get(step),
@@ -181,7 +185,7 @@ impl<'a> Tile<'a> {
         }
     }
 
-    /// The means alone, likewise.
+    /// Like [`Tile::run`], for the means only, with gains that are known.
     #[inline(always)]
     pub fn share<S: Simd>(
         &self,

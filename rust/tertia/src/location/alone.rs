@@ -1,13 +1,13 @@
-//! How large the errors are of one instant that contradicts its sigmas and has no company.
+//! Size of the errors of a single instant whose measurements contradict the stated sigmas.
 //!
-//! Where the sigmas are too small, few measurements agree, and these by chance: the others are taken
-//! for outliers, and nothing is left that contradicts. So if the residuals, those of outliers too,
-//! fail a test at 10 %, the noise is either as stated or its variances are larger by a factor φ, with
-//! the prior of [`growth`](super::growth) for residuals that decide about everything.
-//! Each φ has its own outliers, its own position, and its restricted likelihood, averaged over
-//! shares of outliers. The likeliest φ gives the position, or φ = 1 where it needs no outliers. The
-//! error is a mixture of normals about the positions of all of them, and the ellipse of 95 % holds
-//! 95 % of the mixture.
+//! If the sigmas are too small, few measurements agree, and those by chance; the others are taken for
+//! outliers, and the remaining ones show no contradiction. Therefore all residuals, including those of
+//! outliers, are tested at 10 %. If they fail, either the noise is as stated, or its variances are
+//! larger by a factor φ, with the prior of [`growth`](super::growth) for residuals that are the only
+//! evidence about φ. Each φ has its own outliers, its own position, and its own restricted likelihood,
+//! averaged over shares of outliers. The position is that of the most probable φ, or that of φ = 1 if
+//! it needs no outliers. The error is a mixture of normal distributions about the positions for all φ,
+//! and the 95 % ellipse contains 95 % of the mixture.
 
 use super::contradiction::{WIDEST, stretch};
 use super::fix::{Fix, Instant, Output, Status};
@@ -17,17 +17,17 @@ use crate::base::distribution::{chi_square_upper, chi_square_upper_real};
 use crate::base::small::{Factor, Matrix, Vector, quadratic};
 use crate::sensors::{KINDS, Kind};
 
-/// Below this p-value residuals are too large.
+/// p-value below which residuals are too large.
 const CONTRADICTS: f64 = 0.1;
-/// Factors of the variances: 1, and so many powers of two.
+/// Factors of the variances are 1 and the powers of two up to this exponent.
 const DOUBLINGS: i32 = 13;
-/// What is less likely than the likeliest by so much, as a logarithm, does not count.
+/// Difference in log weight from the most probable hypothesis beyond which no larger factors are tried.
 const UNLIKELY: f64 = 10.0;
 
-/// One size of the sigmas.
+/// The position for one size of the sigmas.
 struct Hypothesis<const D: usize> {
     factor: f64,
-    /// Its probability, first as a logarithm.
+    /// Probability of this size; its logarithm until [`settle`] has been called.
     weight: f64,
     fix: Fix,
     position: Vector<D>,
@@ -37,8 +37,8 @@ struct Hypothesis<const D: usize> {
 }
 
 impl Locator {
-    /// Estimates the position of an instant that has no company: [`Locator::locate`]. Those of its
-    /// sigmas that are `free` (5 K marks) may be too small.
+    /// Estimates the position of an instant without a batch, as [`Locator::locate`] does. The sigmas
+    /// marked as `free` (5 K marks) may be too small.
     pub fn locate_alone<const D: usize>(
         &self,
         instant: &Instant<'_>,
@@ -62,7 +62,7 @@ impl Locator {
         all[best].write(growth(&all, best), free, out)
     }
 
-    /// The position with each size of the sigmas, as far as it has one.
+    /// Returns the position for each size of the sigmas, as far as there is one.
     fn hypotheses<const D: usize>(
         &self,
         instant: &Instant<'_>,
@@ -121,7 +121,7 @@ impl Locator {
 }
 
 impl<const D: usize> Hypothesis<D> {
-    /// Writes the position, with a covariance that grows by a factor.
+    /// Writes the position and the residuals, and the covariance multiplied by a factor.
     fn write(&self, growth: f64, free: &[bool], out: &mut Output<'_>) -> Fix {
         out.position.copy_from_slice(&self.position);
         for (to, from) in out.covariance.iter_mut().zip(self.covariance.as_flattened()) {
@@ -129,7 +129,7 @@ impl<const D: usize> Hypothesis<D> {
         }
         out.outlier.copy_from_slice(&self.outlier);
         let unit = self.factor.sqrt();
-        // in units of the sigmas as stated
+        // residuals are in units of the stated sigmas
         for ((to, from), &free) in out.residual.iter_mut().zip(&self.residual).zip(free) {
             *to = if free { unit * from } else { *from };
         }
@@ -144,12 +144,13 @@ impl<const D: usize> Hypothesis<D> {
     }
 }
 
-/// Whether all sigmas are.
+/// Whether all sigmas are known.
 fn is_known(instant: &Instant<'_>) -> bool {
     instant.values.iter().zip(instant.sigmas).all(|(v, sigma)| v.is_nan() || !sigma.is_nan())
 }
 
-/// Prior probability of a factor: half-Cauchy of `√(φ − 1)`, where it is not 1.
+/// Prior probability of a factor φ: [`DOUBTED`] for φ = 1, otherwise `√(φ − 1)` has a half-Cauchy
+/// distribution.
 fn prior(doublings: i32) -> f64 {
     let density = |k: i32| {
         let factor = 2.0_f64.powi(k);
@@ -162,7 +163,7 @@ fn prior(doublings: i32) -> f64 {
     }
 }
 
-/// Whether the errors of angles are small enough for a direction.
+/// Whether the free sigmas of angles are small enough for the angles to show a direction.
 fn has_directions(instant: &Instant<'_>, free: &[bool]) -> bool {
     let stations = free.len() / KINDS;
     (0..free.len()).all(|place| {
@@ -171,8 +172,9 @@ fn has_directions(instant: &Instant<'_>, free: &[bool]) -> bool {
     })
 }
 
-/// Turns weights into probabilities; returns which hypothesis gives the position: that of the sigmas
-/// as stated if it needs no outliers, otherwise the likeliest. None if there is none.
+/// Turns log weights into probabilities and returns the index of the hypothesis that gives the
+/// position: the stated sigmas if they need no outliers, otherwise the most probable ones. Returns
+/// `None` if there is no hypothesis.
 fn settle<const D: usize>(all: &mut [Hypothesis<D>]) -> Option<usize> {
     let likeliest = (0..all.len()).max_by(|&a, &b| all[a].weight.total_cmp(&all[b].weight))?;
     let highest = all[likeliest].weight;
@@ -182,9 +184,9 @@ fn settle<const D: usize>(all: &mut [Hypothesis<D>]) -> Option<usize> {
     Some(if fits { 0 } else { likeliest })
 }
 
-/// The factor of the best one's covariance with which its ellipse of 95 % holds 95 % of the mixture,
-/// 1 at least. The squares of normal errors about another position are about those of a multiple of
-/// χ² with the same mean and variance (Satterthwaite 1946).
+/// Returns the factor, at least 1, by which the covariance of the best hypothesis is multiplied so that
+/// its 95 % ellipse contains 95 % of the mixture. The squared normal errors about another position are
+/// approximated by a multiple of χ² with the same mean and variance (Satterthwaite 1946).
 fn growth<const D: usize>(all: &[Hypothesis<D>], best: usize) -> f64 {
     let own = &all[best];
     let Some(factor) = Factor::try_new(&own.covariance, 0.0) else { return 1.0 };
@@ -207,8 +209,8 @@ fn growth<const D: usize>(all: &[Hypothesis<D>], best: usize) -> f64 {
     (0.5 * (low + high)).exp()
 }
 
-/// Mean and variance of the square of the distance between the target, as one hypothesis has it, and
-/// the position of another with this inverse covariance.
+/// Returns mean and variance of the squared distance, in the metric `inverse` of the hypothesis `own`,
+/// between its position and the target, if `other` is the true hypothesis.
 fn moments<const D: usize>(
     other: &Hypothesis<D>,
     own: &Hypothesis<D>,

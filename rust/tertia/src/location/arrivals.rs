@@ -1,22 +1,24 @@
-//! Starts from times of arrival, in metres: `z = b + |p − s|`, b that of the emission.
+//! Starting points from times of arrival in metres: `z = b + |p − s|`, where b is the emission.
 
 use crate::base::small::{Factor, Matrix, Vector, dot, longest, norm};
 use crate::sensors::{Kind, Measurement};
 
-/// Rank of the arrival that is taken for undisturbed, as a share: more are late than early.
+/// Rank, as a fraction, of the arrival that is taken as undisturbed: more arrivals are late than early.
 const EARLY: f64 = 0.3;
-/// Arrivals beyond the unknowns with which the linear system is trusted: with one less, it leads to a
-/// wrong minimum once in some thousand times.
+/// Number of arrivals in excess of the unknowns from which on the linear system is trusted. With one
+/// fewer, it leads to a wrong minimum about once in a thousand cases.
 const SPARE: usize = 3;
 
-/// With so many measurements beyond the unknowns faults are trusted, one in so many.
+/// From this number of measurements in excess of the unknowns on, a minimum is trusted although one
+/// measurement in [`FAULTS_ONE_IN`] is a fault.
 const ROBUST: usize = 9;
 const FAULTS_ONE_IN: usize = 12;
-/// What the likelihood of arrivals makes of a fault at least.
+/// Smallest cost of a fault among arrivals.
 const COST_OF_FAULT: f64 = 8.3;
 
-/// The solution of `s·p − z b = (|s|² − z²)/2 + c` by least squares, which the squares of the
-/// equations are, if there are enough arrivals and they determine it. O(M).
+/// Solves the squared equations of the arrivals, `s·p − z b = (|s|² − z²)/2 + c`, by least squares;
+/// they are linear in p, b and c. Returns `None` if there are too few arrivals or these leave the state
+/// undetermined. O(M).
 pub(super) fn start<const D: usize, const N: usize>(
     measurements: &[Measurement<D>],
 ) -> Option<Vector<N>> {
@@ -30,7 +32,7 @@ pub(super) fn start<const D: usize, const N: usize>(
         let right = 0.5 * (dot(&m.station, &m.station) - m.value * m.value);
         (s, right)
     };
-    // c is what the means leave
+    // subtraction of the weighted means eliminates c
     let (mut mean, mut middle, mut total) = ([0.0; N], 0.0, 0.0);
     for m in arrivals() {
         let (s, right) = row(m);
@@ -57,7 +59,7 @@ pub(super) fn start<const D: usize, const N: usize>(
     Some(Factor::try_new(&matrix, 0.0)?.solve(&vector))
 }
 
-/// The emission that arrivals at a position tell, some of them late. O(M).
+/// Returns the emission from the arrivals at a position, some of which may be late. O(M).
 pub(super) fn emission<const D: usize>(
     measurements: &[Measurement<D>],
     p: &Vector<D>,
@@ -73,22 +75,23 @@ pub(super) fn emission<const D: usize>(
     *emission
 }
 
-/// The cost up to which a minimum of so many measurements needs no other starts: noise, and a fault
-/// in twelve of them. If another minimum explained as many, most of both would be the same ones.
+/// Returns the cost up to which a minimum of `count` measurements is accepted without other starts:
+/// that of noise and of one fault in twelve measurements. Another minimum that explained as many
+/// measurements would share most of them with this one.
 pub(super) fn trusted_cost(count: usize, unknowns: usize, fault: f64) -> f64 {
     let noise = 0.5 * (count - unknowns) as f64 + 2.0 * (0.5 * count as f64).sqrt();
     let spare = if count < unknowns + ROBUST { 0 } else { count / FAULTS_ONE_IN };
     noise + COST_OF_FAULT.min(fault) * spare as f64
 }
 
-/// The axis of the larger element of a symmetric matrix in the plane.
+/// Returns the eigenvector of the larger eigenvalue of a symmetric matrix in the plane.
 fn across<const D: usize>(a: &Matrix<D>) -> Vector<D> {
     let (sine, cosine) = (0.5 * (2.0 * a[0][1]).atan2(a[0][0] - a[1][1])).sin_cos();
     std::array::from_fn(|i| if i == 0 { cosine } else { sine })
 }
 
-/// A state on the other side of the line or plane that stations are nearest to: if they are on it,
-/// their distances are the same from there. O(M).
+/// Returns the mirror image of a state in the line or plane that is nearest to the stations. If the
+/// stations lie in it, their distances from both positions are the same. O(M).
 pub(super) fn mirrored<const D: usize, const N: usize>(
     measurements: &[Measurement<D>],
     state: &Vector<N>,

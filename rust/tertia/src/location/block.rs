@@ -1,9 +1,9 @@
-//! Instants side by side, one in each lane of a vector, that measured the same kinds at the same
-//! stations: the descent from a start that is trusted.
+//! Descent of several instants from trusted starts side by side, one instant per lane of a vector.
+//! Their measurements must have the same kinds in the same order.
 //!
-//! The steps are those of [`super::descent`], without its safeguards. A lane where a step goes
-//! uphill or takes too long has no minimum here. Lanes do not know of each other, so an instant has
-//! the same result alone and in any company.
+//! The steps are those of [`super::descent`] without the safeguards: if a step goes uphill or the
+//! descent takes too many steps, no minimum is returned for the lane. Lanes are independent, so the
+//! result of an instant does not depend on the instants beside it.
 
 use super::descent::{FAR, Loss};
 use super::lane::{LANES, Lane, Lanes};
@@ -13,7 +13,7 @@ use crate::base::vector::Vector;
 use crate::sensors::{Measurement, Row};
 use pulp::{Arch, Simd, WithSimd};
 
-/// Where a lane arrived, the normal matrix and the cost there.
+/// State in which the descent of a lane ended, with the normal matrix and the cost there.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Arrival<const N: usize> {
     pub state: small::Vector<N>,
@@ -21,7 +21,8 @@ pub(super) struct Arrival<const N: usize> {
     pub cost: f64,
 }
 
-/// Instants and where they are on their way: positions and, of arrivals, their emissions.
+/// Instants and the states of their descents. A state is a position and, if there are arrivals, their
+/// emission.
 #[derive(Debug)]
 pub(super) struct Block<const D: usize, const N: usize> {
     measured: Vec<Measured<D>>,
@@ -30,7 +31,7 @@ pub(super) struct Block<const D: usize, const N: usize> {
     state: [Lane; N],
     matrix: [[Lane; N]; N],
     cost: Lane,
-    /// Positive at a minimum.
+    /// 1 in lanes that have reached a minimum, otherwise 0.
     found: Lane,
 }
 
@@ -49,7 +50,7 @@ impl<const D: usize, const N: usize> Default for Block<D, N> {
 }
 
 impl<const D: usize, const N: usize> Block<D, N> {
-    /// Begins with an instant, in all lanes.
+    /// Starts a block: fills all lanes with one instant.
     pub fn begin(&mut self, measurements: &[Measurement<D>], start: &small::Vector<N>) {
         self.measured.clear();
         for m in measurements {
@@ -66,7 +67,7 @@ impl<const D: usize, const N: usize> Block<D, N> {
         self.state = start.map(|v| [v; LANES]);
     }
 
-    /// Whether an instant measured the same kinds.
+    /// Whether an instant has measurements of the same kinds in the same order as the block.
     pub fn fits(&self, measurements: &[Measurement<D>]) -> bool {
         let alike = |(own, m): (&Measured<D>, &Measurement<D>)| {
             own.kind == m.kind && own.axes.is_some() == m.axes.is_some()
@@ -75,7 +76,7 @@ impl<const D: usize, const N: usize> Block<D, N> {
             && self.measured.iter().zip(measurements).all(alike)
     }
 
-    /// Puts an instant that fits into a lane.
+    /// Puts an instant into a lane; the instant must fit.
     pub fn set(&mut self, lane: usize, measurements: &[Measurement<D>], start: &small::Vector<N>) {
         for (own, m) in self.measured.iter_mut().zip(measurements) {
             for i in 0..D {
@@ -98,13 +99,14 @@ impl<const D: usize, const N: usize> Block<D, N> {
         }
     }
 
-    /// Goes downhill in all lanes, until steps are shorter than `tolerance` standard deviations; to
-    /// Tukey's minimum by way of so many Huber steps, until they are shorter than `near`.
+    /// Descends in all lanes until steps are shorter than `tolerance` standard deviations. If the loss
+    /// is not the square, up to `huber.0` steps with Huber's loss come first, until they are shorter
+    /// than `huber.1` standard deviations.
     pub fn descend(&mut self, loss: Loss, huber: (usize, f64), tolerance: f64) {
         Arch::new().dispatch(Descent { block: self, loss, huber, tolerance });
     }
 
-    /// The minimum of a lane, and the rows there, if it reached one.
+    /// Returns the minimum of a lane, if it reached one, and writes the rows at this minimum.
     pub fn arrival(&self, lane: usize, extent: f64, rows: &mut Vec<Row<N>>) -> Option<Arrival<N>> {
         let state = std::array::from_fn(|i| self.state[i][lane]);
         if self.found[lane] <= 0.0 || small::norm(&state) > FAR * extent {
@@ -168,7 +170,7 @@ mod tests {
     use super::*;
     use crate::sensors::Kind;
 
-    /// What three radars measure of a target, somewhat wrong.
+    /// Measurements of one target by three radars, with errors.
     fn measurements(error: f64, tilted: bool) -> Vec<Measurement<3>> {
         let target = [1000.0, 1500.0, 500.0];
         let axes = [[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]];

@@ -1,18 +1,21 @@
-//! Points to start from: where as many measurements as there are coordinates agree.
+//! Starting points: positions on which as many measurements as coordinates agree.
 //!
-//! An azimuth, or an azimuth and an elevation of one station, are planes. With the range of one
-//! station, or with its difference to the first, other ranges are planes too: the squares of the
-//! coordinates cancel. So a point is where planes meet, or a line of planes and one sphere.
+//! An azimuth, or an azimuth and an elevation of one station, define planes. In combination with the range
+//! of one station, other ranges and range differences define planes too, because the squares of the
+//! coordinates cancel. A point is therefore the intersection of planes, or of a line of planes with one
+//! sphere.
 
 use crate::base::angle::median;
 use crate::base::small::{Matrix, Vector, dot, norm, roots, rotated_back, solve_line};
 use crate::sensors::{Kind, Measurement};
 
-/// Points tried of each sort at most: more are drawn at random, always the same.
+/// Largest number of subsets tried for each kind of point. If there are more, this many are drawn at
+/// random, always in the same sequence.
 const MOST: usize = 64;
-/// Ranges whose spheres lines are drawn through, at most.
+/// Largest number of ranges whose spheres are intersected with lines.
 const SPHERES: usize = 8;
-/// Stations whose measurements are combined: of more of them, some such groups.
+/// Number of stations whose measurements are combined. If there are at least twice as many, several groups
+/// of this size are combined.
 const GROUP: usize = 8;
 const GROUPS: usize = 3;
 /// Constants of Knuth's MMIX generator.
@@ -28,7 +31,7 @@ struct Plane<const D: usize> {
 }
 
 impl<const D: usize> Plane<D> {
-    /// Scaled to a normal of length 1.
+    /// Returns a plane scaled to a normal of length 1; `None` if the normal has no length.
     fn new(normal: Vector<D>, offset: f64, slope: f64) -> Option<Self> {
         let length = norm(&normal);
         let valid = length > 0.0 && length.is_finite();
@@ -40,21 +43,21 @@ impl<const D: usize> Plane<D> {
         })
     }
 
-    /// Through a point.
+    /// Returns the plane through a point.
     fn through(normal: Vector<D>, point: &Vector<D>) -> Option<Self> {
         Self::new(normal, dot(&normal, point), 0.0)
     }
 }
 
-/// What one station measured, or a height.
+/// Measurements of one station, or a height.
 #[derive(Clone, Copy, Debug)]
 struct Sight<const D: usize> {
     index: usize,
     station: Vector<D>,
-    /// Those of the angles, if they are not those of the frame.
+    /// Axes to which the angles refer; `None` for those of the frame.
     axes: Option<Matrix<D>>,
     range: Option<f64>,
-    /// Sine and cosine.
+    /// Sine and cosine of the azimuth.
     azimuth: Option<(f64, f64)>,
     elevation: Option<(f64, f64)>,
     difference: Option<f64>,
@@ -62,7 +65,7 @@ struct Sight<const D: usize> {
     height: Option<f64>,
 }
 
-/// Buffers.
+/// Buffers, and the points found.
 #[derive(Debug)]
 pub(super) struct Candidates<const D: usize> {
     sights: Vec<Sight<D>>,
@@ -80,8 +83,9 @@ impl<const D: usize> Default for Candidates<D> {
 }
 
 impl<const D: usize> Candidates<D> {
-    /// Points of all sorts, of measurements sorted by station: what [`GROUP`] stations agree on, of
-    /// each of [`GROUPS`] groups of many. O(K).
+    /// Finds points of all kinds, for measurements sorted by station. The measurements of all stations are
+    /// combined, or, if there are many, those of [`GROUP`] stations in each of up to [`GROUPS`] groups.
+    /// O(K).
     pub fn find(&mut self, measurements: &[Measurement<D>], extent: f64) {
         self.points.clear();
         self.all.clear();
@@ -94,7 +98,7 @@ impl<const D: usize> Candidates<D> {
             if groups == 1 {
                 sights.extend_from_slice(all);
             } else {
-                // evenly from all
+                // evenly spread over all stations
                 let members = (0..GROUP).map(|i| (i * groups + group) * count / (GROUP * groups));
                 sights.extend(members.map(|at| all[at]));
                 let height = all.last().filter(|last| last.height.is_some());
@@ -105,7 +109,7 @@ impl<const D: usize> Candidates<D> {
             self.combine(MOST / groups);
         }
         if self.points.is_empty() && groups > 1 {
-            // where a few of many tell what the others do not
+            // a few stations among many may determine a point that no group contains
             self.sights.clone_from(&self.all);
             self.combine(MOST);
         }
@@ -114,8 +118,8 @@ impl<const D: usize> Candidates<D> {
         }
     }
 
-    /// The median of the stations' own fixes, coordinate by coordinate, where all of three or more
-    /// stations make one; of measurements sorted by station. O(K).
+    /// Returns the median of the stations' own fixes, coordinate by coordinate, if there are three or more
+    /// stations and each of them has one. The measurements must be sorted by station. O(K).
     pub fn middle(&mut self, measurements: &[Measurement<D>]) -> Option<Vector<D>> {
         let Self { points, coordinates, .. } = self;
         points.clear();
@@ -132,7 +136,8 @@ impl<const D: usize> Candidates<D> {
         }))
     }
 
-    /// Points of the stations that are combined, so many of each sort at most.
+    /// Adds the points of the stations that are combined, from at most `most` subsets for each kind of
+    /// point.
     fn combine(&mut self, most: usize) {
         self.points.extend(self.sights.iter().filter_map(Sight::polar));
         self.planes.clear();
@@ -167,10 +172,10 @@ impl<const D: usize> Candidates<D> {
         });
     }
 
-    /// Lines of planes through the sphere of each range.
+    /// Intersects lines of planes with the sphere of each range.
     fn spheres(&mut self, angles: usize, most: usize) {
         let ranges = self.sights.iter().filter(|sight| sight.range.is_some()).count();
-        // a few spheres are enough
+        // a few spheres are sufficient
         let every = ranges.div_ceil(SPHERES).max(1);
         let most = most / ranges.clamp(1, SPHERES);
         let mut number = 0;
@@ -197,7 +202,7 @@ impl<const D: usize> Candidates<D> {
         self.planes.truncate(angles);
     }
 
-    /// Planes that depend on the range of the first station, which is the origin.
+    /// Adds points from planes that depend on the range of the first station, which is the origin.
     fn hyperbolas(&mut self, angles: usize, most: usize) {
         for sight in &self.sights {
             let Some(d) = sight.difference else { continue };
@@ -211,7 +216,8 @@ impl<const D: usize> Candidates<D> {
         self.planes.truncate(angles);
     }
 
-    /// The same of arrivals, each difference of two of them once, or with a few of many.
+    /// The same for arrivals: every pair of two arrivals once; if there are many arrivals, a few of them
+    /// with all others.
     fn arrivals(&mut self, angles: usize, most: usize) {
         let count = self.sights.iter().filter(|sight| sight.arrival.is_some()).count();
         let every = count.div_ceil(SPHERES).max(1);
@@ -226,7 +232,7 @@ impl<const D: usize> Candidates<D> {
             }
             let origin = sight.station;
             self.planes.truncate(angles);
-            // as seen from the station
+            // relative to this station
             self.planes.iter_mut().for_each(|plane| plane.offset -= dot(&plane.normal, &origin));
             for (index, other) in self.sights.iter().enumerate() {
                 let Some(arrival) = other.arrival.filter(|_| index > at || every > 1) else {
@@ -243,7 +249,7 @@ impl<const D: usize> Candidates<D> {
         self.planes.truncate(angles);
     }
 
-    /// Points all around the stations, where nothing better is known.
+    /// Adds points all around the stations, if nothing better is known.
     fn around(&mut self, extent: f64) {
         const FEW: usize = 8;
         for sight in self.sights.iter().take(FEW) {
@@ -269,7 +275,7 @@ impl<const D: usize> Candidates<D> {
 }
 
 impl<const D: usize> Sight<D> {
-    /// That of a station's measurements.
+    /// Collects the measurements of a station.
     fn of(measurements: &[Measurement<D>]) -> Self {
         let mut sight = Self {
             index: measurements[0].index,
@@ -296,7 +302,7 @@ impl<const D: usize> Sight<D> {
         sight
     }
 
-    /// The point that a station's range, azimuth and (in space) elevation give.
+    /// Returns the point given by a station's range, azimuth and (in space) elevation.
     fn polar(&self) -> Option<Vector<D>> {
         let (range, (sine, cosine)) = (self.range?, self.azimuth?);
         let mut offset = [0.0; D];
@@ -310,12 +316,13 @@ impl<const D: usize> Sight<D> {
         Some(std::array::from_fn(|i| self.station[i] + offset[i]))
     }
 
-    /// A vector in the axes of the station, in those of the frame.
+    /// Converts a vector from the axes of the station to those of the frame.
     fn in_frame(&self, v: Vector<D>) -> Vector<D> {
         self.axes.map_or(v, |axes| rotated_back(&axes, &v))
     }
 
-    /// The planes of the height, of the azimuth, and of the elevation with the azimuth or the range.
+    /// Returns the planes of the height, of the azimuth, and of the elevation with the azimuth or the
+    /// range.
     fn planes(&self) -> [Option<Plane<D>>; 2] {
         if let Some(height) = self.height {
             let normal = std::array::from_fn(|i| if i + 1 == D { 1.0 } else { 0.0 });
@@ -346,7 +353,7 @@ impl<const D: usize> Sight<D> {
         [azimuth, elevation]
     }
 
-    /// Planes of this station's range and range difference, if the range of `other` is known.
+    /// Returns the planes of this station's range and range difference, if the range of `other` is known.
     fn relative_to(&self, other: &Self, range: f64) -> [Option<Plane<D>>; 2] {
         let (s, o) = (&self.station, &other.station);
         let spheres = self.range.filter(|_| self.index != other.index).and_then(|own| {
@@ -362,7 +369,7 @@ impl<const D: usize> Sight<D> {
     }
 }
 
-/// The point `u + v r0` where D planes meet.
+/// Returns the point where D planes meet, as `u + v r0`.
 fn meeting<const D: usize>(planes: &[Plane<D>]) -> Option<(Vector<D>, Vector<D>)> {
     let mut n: Matrix<D> = [[0.0; D]; D];
     let (mut a, mut b) = ([0.0; D], [0.0; D]);
@@ -372,7 +379,7 @@ fn meeting<const D: usize>(planes: &[Plane<D>]) -> Option<(Vector<D>, Vector<D>)
     solve_line(n, a, b)
 }
 
-/// Points where planes meet whose slopes are those of the distance from a station.
+/// Adds the points where planes meet whose slopes refer to the distance from `station`.
 fn hyperbolas<const D: usize>(
     planes: &[Plane<D>],
     station: &Vector<D>,
@@ -389,7 +396,7 @@ fn hyperbolas<const D: usize>(
     }
 }
 
-/// The line `u + v t` where D − 1 planes meet.
+/// Returns the line where D − 1 planes meet, as `u + v t`.
 fn line<const D: usize>(planes: &[Plane<D>]) -> Option<(Vector<D>, Vector<D>)> {
     let mut all = [Plane { normal: [0.0; D], offset: 0.0, slope: 0.0 }; D];
     all[..D - 1].copy_from_slice(planes);
@@ -410,7 +417,7 @@ fn line<const D: usize>(planes: &[Plane<D>]) -> Option<(Vector<D>, Vector<D>)> {
     meeting(&all)
 }
 
-/// Visits all subsets of so many of `n`, or `most` random ones.
+/// Visits all subsets of `size` of `n` indices, or `most` random ones if there are more.
 fn for_each_subset(n: usize, size: usize, most: usize, mut visit: impl FnMut(&[usize])) {
     if n < size {
         return;

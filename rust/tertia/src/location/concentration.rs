@@ -1,51 +1,54 @@
-//! What a few bearings say of their own concentration, and a position where it is unknown.
+//! What a few bearings say about their own concentration, and about a position if it is unknown.
 //!
-//! Bearings are von Mises about the directions to the target, all with the same factor f between
-//! true and stated σ, so that with `S(p) = Σ (1 − cos(θ_i − a_i(p))) / σ_i²`
+//! Bearings have von Mises errors about the directions to the target, all with the same factor f
+//! between true and stated σ. With `S(p) = Σ (1 − cos(θ_i − a_i(p))) / σ_i²`, the likelihood is
 //!
 //! ```text
 //! L(p, λ) = Π c(λ/σ_i²) e^(−λ S(p)),   λ = 1/f²,   c(κ) = 1 / (2π I0(κ) e^−κ),
 //! ```
 //!
-//! and λ integrates out into a function of S alone, which a table holds.
+//! and integration over λ leaves a function of S alone, which is tabulated.
 
 use std::f64::consts::PI;
 
-/// Values of the factor between true and stated σ that are integrated over, evenly in its logarithm.
+/// Number of values of the factor between true and stated σ in the integration, equally spaced in its
+/// logarithm.
 pub const STEPS: usize = 121;
-/// With a stated σ of 5° the concentrations are 1 to 40,000: σ from 57° to .3°.
+/// Limits of λ. With a stated σ of 5°, the concentrations are 1 to 40,000, which corresponds to σ from
+/// 57° to 0.3°.
 const LOWEST: f64 = 0.007_615_435_494_667_714;
 const HIGHEST: f64 = 40_000.0 * LOWEST;
-/// Standard deviation of ln f: a stated σ is right within a factor of two (the prior's opinion).
+/// Prior standard deviation of ln f: a stated σ is assumed to be right within a factor of two.
 const SPREAD: f64 = 0.7;
-/// So many of them hold all that is likely.
+/// Number of these standard deviations within which f is plausible.
 const LIKELY: f64 = 3.0;
-/// Nodes of tables of S: where they begin, below which nothing changes, and their distance in ln S.
+/// Smallest S of the tables; for smaller ones the density does not change.
 const SMALLEST: f64 = 1e-6;
+/// Distance of the nodes of tables in ln S.
 const SPACING: f64 = 0.05;
-/// From here on the asymptotic series of I0 is exact to a double.
+/// Argument from which on the asymptotic series of I0 is accurate to double precision.
 const LARGE: f64 = 30.0;
 
-/// Logarithms of weights or likelihoods of these values.
+/// Logarithms of the weights or likelihoods of the values of the factor.
 pub type Weights = [f64; STEPS];
 
-/// `ln λ` of each step.
+/// Returns `ln λ` of a step.
 fn ln_lambda(step: usize) -> f64 {
     let (low, high) = (LOWEST.ln(), HIGHEST.ln());
     low + (high - low) * step as f64 / (STEPS - 1) as f64
 }
 
-/// λ of each step.
+/// Returns λ of each step.
 pub(super) fn lambdas() -> [f64; STEPS] {
     std::array::from_fn(|step| ln_lambda(step).exp())
 }
 
-/// `f = λ^-½` of each step.
+/// Returns `f = λ^-½` of each step.
 pub(super) fn factors() -> [f64; STEPS] {
     std::array::from_fn(|step| (-0.5 * ln_lambda(step)).exp())
 }
 
-/// Log-normal prior of f with median 1: logarithms of the weights of the steps.
+/// Returns the logarithms of the weights for the log-normal prior of f with median 1.
 pub(super) fn prior() -> Weights {
     let mut ln: Weights =
         std::array::from_fn(|step| -0.5 * (0.5 * ln_lambda(step) / SPREAD).powi(2));
@@ -53,14 +56,15 @@ pub(super) fn prior() -> Weights {
     ln
 }
 
-/// Equal weights of all that is likely. A tree grown for one λ cannot integrate another.
+/// Returns equal weights for all plausible f: a tree of squares that was refined for one λ is not fine
+/// enough to integrate for another.
 pub(super) fn likely() -> Weights {
     std::array::from_fn(|step| {
         if (0.5 * ln_lambda(step)).abs() <= LIKELY * SPREAD { 0.0 } else { f64::NEG_INFINITY }
     })
 }
 
-/// Makes the weights sum to one.
+/// Scales the weights so that they sum to one.
 pub(super) fn normalise(ln: &mut Weights) {
     let total = ln_sum_exp(ln);
     for value in ln {
@@ -73,7 +77,8 @@ fn ln_sum_exp(ln: &Weights) -> f64 {
     largest + ln.iter().map(|v| (v - largest).exp()).sum::<f64>().ln()
 }
 
-/// `I0(x) e^-x`: the power series, or the asymptotic one (Abramowitz, Stegun 9.6.12, 9.7.1).
+/// Returns `I0(x) e^-x` by the power series, or by the asymptotic one (Abramowitz, Stegun 9.6.12,
+/// 9.7.1).
 fn scaled_bessel(x: f64) -> f64 {
     let (mut sum, mut term, mut k) = (1.0, 1.0, 1.0);
     if x < LARGE {
@@ -92,7 +97,7 @@ fn scaled_bessel(x: f64) -> f64 {
     sum / (2.0 * PI * x).sqrt()
 }
 
-/// `Σ_i ln c(λ/σ_i²)` of each step, from the stated `1/σ_i²`.
+/// Returns `Σ_i ln c(λ/σ_i²)` of each step, from the stated `1/σ_i²`.
 pub(super) fn ln_constants(precisions: impl Iterator<Item = f64>) -> Weights {
     let lambdas = lambdas();
     let mut sum = [0.0; STEPS];
@@ -109,15 +114,15 @@ pub(super) fn ln_constants(precisions: impl Iterator<Item = f64>) -> Weights {
     sum
 }
 
-/// `e^(−λ S)` for each λ, at nodes that are evenly spread in ln S.
+/// `e^(−λ S)` for each λ, at nodes that are equally spaced in ln S.
 #[derive(Debug)]
 pub struct Decay {
     nodes: Vec<[f64; STEPS]>,
 }
 
 impl Decay {
-    /// For K stations with these standard deviations (nan: no measurement). O(STEPS nodes), once
-    /// for a batch; the nodes of a smaller S do not depend on the largest.
+    /// Creates the table for K stations with these standard deviations (nan: no measurement), once for
+    /// a batch. The nodes of small S do not depend on the largest S. O(STEPS nodes).
     pub fn new(k: usize, sigmas: &[f64]) -> Self {
         let least = sigmas.iter().copied().fold(f64::INFINITY, f64::min);
         let largest = 2.0 * k as f64 / (least * least);
@@ -127,14 +132,14 @@ impl Decay {
         Self { nodes: (0..count).map(node).collect() }
     }
 
-    /// The node before S, and how far S is on the way to the next one.
+    /// Returns the node before S, and the fraction of the distance to the next one.
     fn place(&self, s: f64) -> (usize, f64) {
         let at = (s.max(SMALLEST) / SMALLEST).ln() / SPACING;
         let node = (at as usize).min(self.nodes.len() - 2);
         (node, at - node as f64)
     }
 
-    /// `ln g(S) = ln Σ w c e^(−λ S)` at the nodes. O(STEPS nodes).
+    /// Returns `ln g(S) = ln Σ w c e^(−λ S)` at the nodes. O(STEPS nodes).
     pub(super) fn evidence(&self, ln_weights: &Weights, ln_constants: &Weights) -> Evidence<'_> {
         let ln: Weights = std::array::from_fn(|k| ln_weights[k] + ln_constants[k]);
         let largest = ln.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -145,15 +150,15 @@ impl Decay {
             if sum > f64::MIN_POSITIVE {
                 return largest + sum.ln();
             }
-            // of many bearings, where only the smallest concentrations are left
+            // with many bearings, only the smallest concentrations contribute: add via logarithms
             let s = misfit_of(i);
             ln_sum_exp(&std::array::from_fn(|k| ln[k] - lambdas[k] * s))
         };
         Evidence { decay: self, ln: self.nodes.iter().enumerate().map(value).collect() }
     }
 
-    /// `ln Π c ∫ e^(−λ S) dp` of each λ, from S and area of the nodes of a quadrature. Each is shared
-    /// between two nodes of the table. O(STEPS nodes).
+    /// Returns `ln Π c ∫ e^(−λ S) dp` of each λ, from S and the area of each node of a quadrature,
+    /// which is divided between the two neighbouring nodes of the table. O(STEPS nodes).
     pub(super) fn ln_likelihood(
         &self,
         ln_constants: &Weights,
@@ -171,17 +176,17 @@ impl Decay {
                 *sum += area * decay;
             }
         }
-        // at least the smallest number: nothing could not be subtracted again
+        // at least the smallest positive number: ln 0 could not be subtracted again
         std::array::from_fn(|k| ln_constants[k] + sum[k].max(f64::MIN_POSITIVE).ln())
     }
 }
 
-/// S of a node.
+/// Returns S of a node.
 fn misfit_of(node: usize) -> f64 {
     SMALLEST * (SPACING * node as f64).exp()
 }
 
-/// `ln g(S)`, linear in ln S between the nodes.
+/// `ln g(S)`, interpolated linearly in ln S between the nodes.
 pub(super) struct Evidence<'a> {
     decay: &'a Decay,
     ln: Vec<f64>,
@@ -199,7 +204,7 @@ mod tests {
     use super::*;
     use crate::base::checks::assert_within;
 
-    /// SciPy's `special.i0e`.
+    /// Values of SciPy's `special.i0e`.
     #[test]
     fn bessel() {
         for (x, expected) in [
@@ -213,7 +218,7 @@ mod tests {
         }
     }
 
-    /// A computation by 121 exponentials in double precision, three bearings of 5°.
+    /// Values of a sum of 121 exponentials in double precision, for three bearings of 5°.
     #[test]
     fn evidence() {
         let sigma = 5_f64.to_radians();

@@ -1,15 +1,16 @@
-//! Contours in the plane by marching squares, and the size of what they enclose.
+//! Contours in the plane by marching squares, and size of the area that they enclose.
 
 use std::f64::consts::PI;
 
-/// Squares along each side of a frame.
+/// Number of squares along each side of a frame.
 const CELLS: usize = 96;
-/// Nodes along a side.
+/// Number of nodes along a side.
 const SIDE: usize = CELLS + 1;
-/// An edge that no contour crosses.
+/// Marks an edge that no contour crosses.
 const NONE: usize = usize::MAX;
 
-/// A rectangle: its centre, the direction of its first axis, and half its sides.
+/// A rectangle, given by its centre, the direction of its first axis, and half the lengths of its
+/// sides.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Frame {
     pub centre: [f64; 2],
@@ -19,8 +20,8 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    /// Around squares, given by their centres and a quarter of their areas, along their principal
-    /// axes.
+    /// Returns a frame around squares, along their principal axes. The squares are given by their
+    /// centres and a quarter of their areas.
     pub fn around(squares: impl Iterator<Item = ([f64; 2], f64)> + Clone) -> Self {
         let mut total = 0.0;
         let mut sum = [0.0; 2];
@@ -70,23 +71,23 @@ impl Frame {
     }
 }
 
-/// Closed lines around an area, which is to their left, and the ellipse with the same moments.
+/// Closed lines around an area, which is to their left, and the ellipse with the same second moments.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outline {
     /// Corners of each line.
     pub rings: Vec<Vec<[f64; 2]>>,
-    /// What they enclose.
+    /// Area that the lines enclose.
     pub area: f64,
-    /// Semi-axes of the ellipse with the second moments of the area.
+    /// Longer semi-axis of the ellipse with the second moments of the area.
     pub semi_major: f64,
-    /// The shorter one.
+    /// Shorter semi-axis of this ellipse.
     pub semi_minor: f64,
-    /// Direction of the longer one, clockwise from north, from 0 to π.
+    /// Direction of the longer semi-axis, clockwise from north, from 0 to π.
     pub orientation: f64,
 }
 
 impl Outline {
-    /// Of lines, by Green's theorem.
+    /// Computes area and moments of closed lines by Green's theorem.
     pub(super) fn of(rings: Vec<Vec<[f64; 2]>>) -> Self {
         let origin = rings.first().map_or([0.0; 2], |ring| ring[0]);
         let (mut area, mut first, mut second) = (0.0, [0.0; 2], [0.0; 3]);
@@ -110,14 +111,14 @@ impl Outline {
         Self { rings, area, semi_major, semi_minor, orientation: bearing(angle) }
     }
 
-    /// Nothing.
+    /// An outline without lines; all numbers are nan.
     pub fn empty() -> Self {
         let nan = f64::NAN;
         let rings = Vec::new();
         Self { rings, area: nan, semi_major: nan, semi_minor: nan, orientation: nan }
     }
 
-    /// Moves it.
+    /// Moves the lines.
     pub(super) fn shift(&mut self, by: [f64; 2]) {
         for corner in self.rings.iter_mut().flatten() {
             *corner = [corner[0] + by[0], corner[1] + by[1]];
@@ -125,13 +126,13 @@ impl Outline {
     }
 }
 
-/// Azimuth, from 0 to π, of an axis at this angle anticlockwise from east.
+/// Returns the azimuth, from 0 to π, of an axis at this angle anticlockwise from east.
 pub(super) fn bearing(angle: f64) -> f64 {
     (0.5 * PI - angle).rem_euclid(PI)
 }
 
-/// Eigenvalues of a symmetric matrix `[a, b; b, c]`, the larger one first, and the direction of its
-/// eigenvector anticlockwise from the first axis.
+/// Returns the eigenvalues of a symmetric matrix `[a, b; b, c]`, the larger one first, and the
+/// direction of its eigenvector anticlockwise from the first axis.
 pub(super) fn principal([a, b, c]: [f64; 3]) -> (f64, f64, f64) {
     let (mean, half) = (0.5 * (a + c), 0.5 * (a - c));
     let radius = half.hypot(b);
@@ -139,15 +140,16 @@ pub(super) fn principal([a, b, c]: [f64; 3]) -> (f64, f64, f64) {
     (mean + radius, small, 0.5 * b.atan2(half))
 }
 
-/// What a contour is of: a function of the plane, all of it or only the part around the centre.
+/// Part of the area in which a function exceeds a level: all of it, or the part that contains the
+/// centre of the frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
     All,
     Centre,
 }
 
-/// The contour of a function where it falls to a level, in a frame, and along which axes the frame
-/// cuts it. O(cells).
+/// Returns the contour in a frame at which a function falls below a level, and for each axis whether
+/// the frame cuts the contour. O(cells).
 pub(super) fn outline(
     frame: &Frame,
     part: Part,
@@ -164,7 +166,7 @@ pub(super) fn outline(
         for (axis, first, step) in [(0, at, CELLS * SIDE), (1, at * SIDE, CELLS)] {
             for node in [first, first + step] {
                 cut[axis] |= values[node] >= 0.0;
-                // so that lines are closed
+                // so that all lines are closed
                 values[node] = f64::NEG_INFINITY;
             }
         }
@@ -176,7 +178,7 @@ pub(super) fn outline(
     (Outline::of(rings(next, |edge| crossing(frame, &values, edge))), cut)
 }
 
-/// Leaves only what is connected with the centre.
+/// Keeps only the part that is connected with the centre.
 fn keep_centre(values: &mut [f64]) {
     let mut kept = vec![false; values.len()];
     let mut open = vec![values.len() / 2];
@@ -197,12 +199,13 @@ fn keep_centre(values: &mut [f64]) {
     }
 }
 
-/// The edge from a node to the next one along an axis.
+/// Returns the index of the edge from a node to the next one along an axis.
 fn edge(i: usize, j: usize, axis: usize) -> usize {
     2 * (i * SIDE + j) + axis
 }
 
-/// Where the contour goes from each edge that it crosses, what is inside to its left.
+/// Returns, for each edge that the contour crosses, the edge where it leaves the square; the inside is
+/// to its left.
 fn segments(values: &[f64], is_inside: impl Fn(usize, usize) -> bool) -> Vec<usize> {
     let mut next = vec![NONE; 2 * SIDE * SIDE];
     for i in 0..CELLS {
@@ -210,14 +213,14 @@ fn segments(values: &[f64], is_inside: impl Fn(usize, usize) -> bool) -> Vec<usi
             let corners = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)];
             let inside = corners.map(|(i, j)| values[i * SIDE + j] >= 0.0);
             let edges = [edge(i, j, 0), edge(i + 1, j, 1), edge(i, j + 1, 0), edge(i, j, 1)];
-            // it comes in where, anticlockwise, the inside ends
+            // the contour enters the square at the edge where, anticlockwise, the inside ends
             let leaves = |k: usize| inside[k] && !inside[(k + 1) % 4];
             let enters = |k: usize| !inside[k] && inside[(k + 1) % 4];
             let starts = (0..4).filter(|&k| leaves(k)).count();
             for k in (0..4).filter(|&k| leaves(k)) {
                 let end = match starts {
                     1 => (0..4).find(|&k| enters(k)).unwrap_or(k),
-                    // of a saddle, around the corner that the centre does not belong to
+                    // at a saddle, around the corner that is not connected with the centre
                     _ if is_inside(i, j) => (k + 1) % 4,
                     _ => (k + 3) % 4,
                 };
@@ -228,7 +231,7 @@ fn segments(values: &[f64], is_inside: impl Fn(usize, usize) -> bool) -> Vec<usi
     next
 }
 
-/// Closed lines of segments.
+/// Joins segments to closed lines.
 fn rings(mut next: Vec<usize>, crossing: impl Fn(usize) -> [f64; 2]) -> Vec<Vec<[f64; 2]>> {
     let mut rings = Vec::new();
     for start in 0..next.len() {
@@ -245,7 +248,7 @@ fn rings(mut next: Vec<usize>, crossing: impl Fn(usize) -> [f64; 2]) -> Vec<Vec<
     rings
 }
 
-/// Where the contour crosses an edge.
+/// Returns the point at which the contour crosses an edge.
 fn crossing(frame: &Frame, values: &[f64], edge: usize) -> [f64; 2] {
     let (node, axis) = (edge / 2, edge % 2);
     let (i, j) = (node / SIDE, node % SIDE);

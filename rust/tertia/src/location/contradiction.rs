@@ -1,22 +1,24 @@
 //! By how much the measurements of a batch contradict each other more than their sigmas allow.
 //!
-//! What a position cannot explain stays in the residuals: of kind c, `N_c = Σ r²` of `H_c = Σ (1 −
-//! h)` degrees of freedom, with leverages h, of least squares without the outliers. The factor
-//! `φ_c ← φ_c N_c / H_c` of the variances, with new positions each time, converges to the maximum
-//! of the restricted likelihood (Patterson, Thompson 1971).
+//! The residuals are what a position cannot explain. For kind c, they have the sum of squares
+//! `N_c = Σ r²` and `H_c = Σ (1 − h)` degrees of freedom, with the leverages h, in a least-squares fit
+//! without the outliers. The factor of the variances is updated by `φ_c ← φ_c N_c / H_c`, with new
+//! positions each time; this converges to the maximum of the restricted likelihood (Patterson, Thompson
+//! 1971).
 //!
-//! Where outliers are rejected, few measurements of a kind may be taken for outliers one after the
-//! other, so that nothing is left that contradicts. So the rounds start once more from the factors
-//! of least squares, and where that leads elsewhere, the larger restricted likelihood counts, of
-//! normal errors and a share of outliers. Sigmas that are far too small leave many instants without
-//! a position: if there are many, all that is redundant there counts as outliers.
+//! If outliers are rejected, a kind with few measurements may lose them one after the other as
+//! outliers, until no contradiction is left. Therefore the rounds are repeated from the factors found
+//! by least squares. If this leads to another result, the one with the larger restricted likelihood is
+//! taken, for normal errors and a share of outliers. Sigmas that are far too small leave many instants
+//! without a position; if there are many of these, all their redundant measurements count as outliers.
 //!
-//! What is stated of a variance but does not scatter is an error that all stations share: position
-//! and stations do not tell it apart from none, so it is part of the covariance.
+//! If the residuals scatter less than the stated variance, the rest of the variance is an error that
+//! all stations share. Such an error cannot be observed with these stations, so it is added to the
+//! covariance.
 //!
-//! An error that lasts is the same contradiction again and again. With the correlation `ρ_l` of
-//! residuals that are l instants apart, about zero, n instants count as `n / (1 + 2 Σ ρ_l²)`
-//! (Bartlett 1935, for squares).
+//! A lasting error repeats the same contradiction at many instants. With the correlation `ρ_l`, about
+//! zero, of residuals that are l instants apart, n instants count as `n / (1 + 2 Σ ρ_l²)` (Bartlett
+//! 1935, for squares).
 
 use super::evidence::{ByShare, Evidence, Kept};
 use super::fix::{Fix, Instant, Output, Status};
@@ -27,42 +29,46 @@ use crate::base::angle::median;
 use crate::base::distribution::{chi_square_upper_quantile, fisher_upper_quantile};
 use crate::sensors::{KINDS, Kind};
 
-/// So many instants, evenly spread, tell enough of a batch.
+/// Largest number of instants of a batch, evenly spread, that are examined.
 const SAMPLE: usize = 256;
-/// Most rounds, and the change of every factor that ends them.
+/// Largest number of rounds.
 const ROUNDS: usize = 12;
+/// Change of the logarithm of every factor below which the rounds end.
 const SETTLED: f64 = 0.01;
-/// Degrees of freedom below which nothing is learnt.
+/// Degrees of freedom of a kind below which nothing can be learnt about it.
 const LEAST_FREEDOM: f64 = 1e-6;
 const OUTSIDE: f64 = 0.05;
-/// Degrees of freedom for which sigmas of one kind count that are as wrong as those of the others:
-/// the few residuals of a kind that others hardly check may agree by chance.
+/// Weight, in degrees of freedom, of the assumption that the sigmas of a kind are as wrong as those of
+/// all kinds together: if other kinds hardly check a kind, its few residuals may agree by chance.
 const ALIKE: f64 = 10.0;
-/// One-sided 99 % of a normal variable; the scatter, in stated variances, below which there is none.
+/// Quantile of the standard normal distribution for a one-sided test at 99 %.
 const SURELY: f64 = 2.326;
+/// Scatter, in stated variances, up to which a kind counts as having none.
 const LEAST_SCATTER: f64 = 1e-6;
-/// Share of outliers from which on they may be sigmas that are too small.
+/// Share of outliers above which they may be due to sigmas that are too small.
 const MANY: f64 = 0.03;
-/// Share of instants without a position from which on they count: a few are lost to outliers alone.
+/// Share of instants without a position above which these count: a few are lost because of outliers
+/// alone.
 const LOST: f64 = 0.3;
-/// Largest standard deviation of the errors of angles, in radians: with larger ones, they show no direction, and
-/// their errors are not normal.
+/// Largest standard deviation of the errors of angles, in radians. With larger ones, angles show no
+/// direction, and their errors are not normal.
 pub(super) const WIDEST: f64 = 0.5;
-/// What a batch says of the errors of each kind of measurement.
+/// Result for a batch: how wrong the sigmas of each kind of measurement are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contradiction {
-    /// Factor of the variances, with what is not known of it: see [`Contradiction::apply`].
+    /// Factor of the variances, enlarged because it is uncertain; [`Contradiction::apply`] multiplies
+    /// by it.
     pub growth: [f64; KINDS],
-    /// The factor alone; 1 where nothing contradicts.
+    /// The estimated factor itself; 1 if nothing contradicts.
     pub factor: [f64; KINDS],
-    /// Degrees of freedom of the factor, less for errors that last.
+    /// Effective degrees of freedom of the factor; lasting errors reduce them.
     pub degrees_of_freedom: [f64; KINDS],
-    /// Share of the stated variance that does not scatter, and must be common to all stations.
+    /// Share of the stated variance that does not show as scatter, and must be common to all stations.
     pub common: [f64; KINDS],
 }
 
 impl Contradiction {
-    /// Nothing contradicts.
+    /// Result if nothing contradicts.
     pub const NONE: Self = Self {
         growth: [1.0; KINDS],
         factor: [1.0; KINDS],
@@ -70,14 +76,15 @@ impl Contradiction {
         common: [0.0; KINDS],
     };
 
-    /// Multiplies standard deviations, of the 5 K measurements of each instant, where they are
-    /// `free`. Those that are not known are taken as 1.
+    /// Multiplies the standard deviations of the 5 K measurements of each instant by the square root of
+    /// the growth, where they are `free`. Unknown standard deviations are taken as 1.
     pub fn apply(&self, sigmas: &mut [f64], free: &[bool]) {
         stretch(sigmas, free, &self.growth);
     }
 
-    /// By how much the variance of what all instants have in common grows: errors that last do not
-    /// average out, so so many instants, with this redundancy, count as those of the degrees of freedom.
+    /// Returns the factor by which the variance of a quantity common to all instants grows. Lasting
+    /// errors do not average out, so `count` instants with this redundancy each are worth only the
+    /// effective degrees of freedom.
     pub fn lasting(&self, redundancy: f64, count: usize) -> f64 {
         let all = redundancy * count.min(SAMPLE) as f64;
         let of = |(growth, own): (&f64, &f64)| match *growth > 1.0 && *own > 0.0 {
@@ -103,7 +110,7 @@ pub(super) fn stretch(sigmas: &mut [f64], free: &[bool], factor: &[f64; KINDS]) 
     }
 }
 
-/// The instants that are asked, and which of their sigmas may be wrong.
+/// The instants of the sample, and which of their sigmas may be wrong.
 struct Problem<'a> {
     sample: &'a [Instant<'a>],
     free: &'a [bool],
@@ -111,7 +118,7 @@ struct Problem<'a> {
 }
 
 impl Problem<'_> {
-    /// Whether angles still have a direction, with these factors of their variances.
+    /// Whether angles still show a direction with these factors of their variances.
     fn has_directions(&self, factor: &[f64; KINDS]) -> bool {
         let stations = self.free.len() / KINDS;
         let is_direction = |instant: &Instant<'_>, place: usize| {
@@ -124,30 +131,31 @@ impl Problem<'_> {
     }
 }
 
-/// What the residuals of all instants add up to.
+/// Sums over the residuals of all instants.
 #[derive(Default)]
 struct Sums {
     square: [f64; KINDS],
     freedom: [f64; KINDS],
-    /// 5 K residuals of each instant, 0 where there is none.
+    /// 5 K residuals of each instant; 0 where there is none.
     residual: Vec<f64>,
-    /// Restricted log likelihood of each instant, by the share of outliers; nan where there is no
-    /// position.
+    /// Restricted log likelihood of each instant for each share of outliers; nan if it has no position.
     likelihood: Vec<ByShare>,
-    /// The same if all that is redundant were outliers.
+    /// The same on the assumption that all redundant measurements are outliers.
     none: Vec<ByShare>,
-    /// Measurements without and with weight.
+    /// Number of rejected measurements.
     rejected: f64,
+    /// Number of measurements that are not rejected.
     kept: f64,
-    /// Instants with redundant measurements that have no position, and that have one.
+    /// Number of instants with redundant measurements but without a position.
     lost: f64,
+    /// Number of instants with redundant measurements and a position.
     found: f64,
 }
 
 impl Locator {
-    /// How the instants contradict their sigmas, where these are `free` to be wrong (5 K marks).
-    /// With `pooled` variances may shrink, too: sigmas are relative, or not known. O(N M), for at
-    /// most 256 instants.
+    /// Estimates by how much the instants contradict those of their sigmas that are `free` to be wrong
+    /// (5 K marks). With `pooled`, sigmas are relative or unknown, and variances may also shrink.
+    /// O(N M), for at most 256 instants.
     pub fn contradiction<const D: usize>(
         &self,
         instants: &[Instant<'_>],
@@ -169,7 +177,7 @@ impl Locator {
         let many = sums.rejected > MANY * sums.kept || sums.lost > MANY * sums.found;
         let doubtful = factor != start || many;
         if doubtful && self.is_robust() {
-            // few measurements of a kind may all be taken for outliers, one after the other
+            // all of the few measurements of a kind may have been rejected one after the other
             let (above, _) = self.plain().settled(&problem, start, workspace);
             let (other, others) = self.settled(&problem, above, workspace);
             if problem.has_directions(&other) && others.explains_better_than(&sums) {
@@ -202,7 +210,8 @@ impl Locator {
         found
     }
 
-    /// The factors to which rounds of estimation lead, and the sums there.
+    /// Repeats rounds of estimation until the factors settle; returns these, and the sums of the last
+    /// round.
     fn settled<const D: usize>(
         &self,
         problem: &Problem<'_>,
@@ -240,8 +249,8 @@ impl Locator {
         }
     }
 
-    /// The variance that the instants have in the median, 1 where sigmas are known; none if nothing
-    /// tells.
+    /// Returns the median over the instants of the estimated variance, which is 1 where sigmas are
+    /// known; `None` if no instant is redundant.
     fn first_factor<const D: usize>(
         &self,
         sample: &[Instant<'_>],
@@ -265,7 +274,7 @@ impl Locator {
         found.filter(|factor| *factor > 0.0 && factor.is_finite())
     }
 
-    /// Finishes an instant of a block, for what it leaves in the workspace.
+    /// Finishes an instant of a block; the results needed here remain in the workspace.
     fn finished<const D: usize>(
         &self,
         instant: &Instant<'_>,
@@ -284,7 +293,7 @@ impl Locator {
         self.one(instant, lane, &mut out, workspace)
     }
 
-    /// Squares and degrees of freedom of the residuals with these factors of the variances.
+    /// Sums squares and degrees of freedom of the residuals for these factors of the variances.
     fn sums<const D: usize>(
         &self,
         problem: &Problem<'_>,
@@ -308,7 +317,7 @@ impl Locator {
         sums
     }
 
-    /// Adds an instant of a block.
+    /// Adds an instant of a block to the sums.
     fn add<const D: usize>(
         &self,
         instant: &Instant<'_>,
@@ -350,12 +359,14 @@ impl Sums {
         }
     }
 
-    /// The factor that all kinds have in common.
+    /// Returns the factor for all kinds together.
     fn common(&self) -> f64 {
         self.square.iter().sum::<f64>() / self.freedom.iter().sum::<f64>()
     }
 
-    /// Whether instants that are located with either are likelier, with the better share of outliers.
+    /// Whether the instants are more likely than with `other`, each with its best share of outliers.
+    /// Only instants are compared that have a likelihood in both; if many have no position, such an
+    /// instant counts as if all its redundant measurements were outliers.
     fn explains_better_than(&self, other: &Self) -> bool {
         let mut sums = [ByShare::default(); 2];
         for at in 0..self.likelihood.len() {
@@ -366,7 +377,7 @@ impl Sums {
             if others[0].is_nan() && other.loses_many() {
                 others = self.none[at];
             }
-            // of what has no position with either, nothing is known
+            // instants without a position in both are left out
             if own[0].is_nan() || others[0].is_nan() {
                 continue;
             }
@@ -384,7 +395,8 @@ impl Sums {
         self.lost > LOST * (self.lost + self.found)
     }
 
-    /// The share of so many instants that counts, of one kind.
+    /// Returns the effective number of instants divided by their number `count`, from the correlation
+    /// of the residuals of one kind.
     fn independent(&self, kind: usize, count: usize) -> f64 {
         let width = self.residual.len() / count;
         let stations = width / KINDS;
@@ -405,7 +417,8 @@ impl Sums {
     }
 }
 
-/// What makes an ellipse of 95 % hold as much if its scale has so many degrees of freedom.
+/// Returns the factor of the covariance with which the 95 % ellipse contains 95 % if its scale was
+/// estimated with this number of degrees of freedom.
 fn student<const D: usize>(freedom: f64) -> f64 {
     let coordinates = D as f64;
     coordinates * fisher_upper_quantile(OUTSIDE, coordinates, freedom)

@@ -1,65 +1,68 @@
-//! Gauss–Newton on weighted, whitened residuals, with Levenberg's safeguard.
+//! Gauss–Newton and Newton steps on weighted, whitened residuals, with Levenberg damping.
 
 use super::doubt::EVIDENCE;
 use crate::base::small::{Factor, Matrix, Vector, norm, quadratic};
 use crate::sensors::{Kind, Measurement, Row};
 
-/// Least squares end where a step is shorter than so many standard deviations.
+/// Least squares end when a step is shorter than this, in standard deviations.
 pub(super) const TOLERANCE: f64 = 1e-9;
-/// Robust steps: Huber's only lead to Tukey's.
+/// Number of robust steps with Huber's loss, which only lead to the vicinity of Tukey's minimum.
 pub(super) const HUBER_STEPS: usize = 8;
 pub(super) const TUKEY_TOLERANCE: f64 = 1e-7;
-/// A point is at a station below this share of the extent.
+/// Share of the extent within which a point counts as being at a station.
 pub(super) const NEAR: f64 = 1e-9;
 /// Huber's and Tukey's constants for an efficiency of 95 % with normal noise.
 pub(super) const HUBER: f64 = 1.345;
 pub(super) const TUKEY: f64 = 4.685;
-/// Faults are spread evenly over so many σ, or where they are late or early over twice as many.
+/// Faults are evenly spread over this many σ if they are on one side, and over twice as many if they
+/// may be late or early.
 pub(super) const FLAT: f64 = 50.0;
-/// `ε √(2π)/((1 − ε) s)`: a share ε = 1 % of faults, spread over s = 50 σ.
+/// `ε √(2π)/((1 − ε) s)` for a share ε = 1 % of faults, spread over s = 50 σ.
 const ONE_SIDE: f64 = 5.063_9e-4;
-/// Of twenty faults by multipath and other causes one is early.
+/// With multipath, early faults are rarer than late ones by this factor.
 const RARELY_EARLY: f64 = 20.0;
-/// Damping where a step fails for the first time, what it grows by, and the largest.
+/// Damping after the first failure of a step.
 const FIRST_DAMPING: f64 = 1e-3;
+/// Factor by which the damping grows.
 const GROWTH: f64 = 10.0;
 const LARGEST_DAMPING: f64 = 1e12;
-/// What of the matrix with weights is added to that of Newton's steps. Where the cost hardly
-/// curves, or curves down, steps with weights alone creep: a hundred of them cross a saddle.
+/// Shares of the weighted matrix that are added to the matrix of Newton's steps, tried in this order.
+/// If the cost hardly curves, or curves downward, steps with the weighted matrix alone are so short
+/// that it takes a hundred to cross a saddle.
 const NEWTON: [f64; 3] = [0.0, 0.1, 0.4];
-/// An increase of the cost that may be rounding.
+/// Relative increase of the cost that may be due to rounding.
 pub(super) const ROUNDING: f64 = 1e-12;
-/// Farther than so many extents of the problem nothing converges any more.
+/// Distance, in extents of the problem, beyond which a descent counts as diverged.
 pub(super) const FAR: f64 = 1e6;
 
-/// How frequent outliers are.
+/// Frequency of outliers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Outliers {
-    /// Odds of one, in units of those of one in a hundred that are spread as far as where nothing
-    /// tells.
+    /// Density of outliers in units of the default, which is one outlier in a hundred measurements with
+    /// sizes spread over [`FLAT`].
     pub odds: f64,
-    /// Share of those among ranges that are too long.
+    /// Share of the outliers among ranges that are too long.
     pub late: f64,
 }
 
 impl Outliers {
-    /// Where nothing tells.
+    /// Default, if nothing is known about the outliers.
     pub const FEW: Self = Self { odds: 1.0, late: 0.5 };
 }
 
-/// What the residuals of an instant cost.
+/// Loss of the residuals of an instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Loss {
-    /// Of all kinds alike.
+    /// The same cost for all kinds.
     Alike(Cost),
     /// A mixture of noise and faults, with odds of faults for arrivals, ranges and other kinds.
     Mixture { arrivals: Faults, ranges: Faults, others: Faults },
 }
 
-/// What a residual costs.
+/// Cost of a residual.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Cost {
-    /// `u²/2`
+    /// `u²/2`.
     Square,
     /// `u²/2` up to c, linear beyond.
     Huber(f64),
@@ -69,7 +72,7 @@ pub(super) enum Cost {
     Mixture(Faults),
 }
 
-/// κ of late measurements and of early ones.
+/// κ of measurements that are late (too long) and early (too short).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Faults {
     pub late: f64,
@@ -77,13 +80,13 @@ pub(super) struct Faults {
 }
 
 impl Cost {
-    /// Weight `ψ(u)/u`, cost `ρ(u)` and `ψ'(u)`.
+    /// Returns weight `ψ(u)/u`, cost `ρ(u)` and `ψ'(u)`.
     #[inline]
     pub fn at(self, u: f64) -> (f64, f64, f64) {
         match self {
             Self::Square => (1.0, 0.5 * u * u, 1.0),
             Self::Huber(c) if u.abs() <= c => (1.0, 0.5 * u * u, 1.0),
-            // as if it were its own weight: steps are shorter, and never fail
+            // the weight in place of ψ' = 0: steps are shorter, and never fail
             Self::Huber(c) => (c / u.abs(), c * (u.abs() - 0.5 * c), c / u.abs()),
             Self::Tukey(c) => {
                 let q = (u / c).powi(2);
@@ -102,7 +105,7 @@ impl Cost {
         }
     }
 
-    /// `−ln` of the odds of a fault that has this sign and hardly any size.
+    /// Returns `−ln` of the odds of a fault for a residual of this sign close to zero.
     pub fn evidence(self, u: f64) -> f64 {
         match self {
             Self::Mixture(faults) => -faults.of(u).ln(),
@@ -119,7 +122,7 @@ impl Cost {
         }
     }
 
-    /// The size from which on a residual of this sign is that of a fault.
+    /// Returns the size from which on a residual of this sign is that of a fault.
     pub fn limit(self, u: f64) -> f64 {
         match self {
             Self::Mixture(_) => (2.0 * self.evidence(u)).sqrt(),
@@ -130,7 +133,7 @@ impl Cost {
 }
 
 impl Faults {
-    /// Of so many times the odds of one in a hundred, of which this share is late.
+    /// Faults with `odds` times the default density, of which the share `late` is late.
     fn new(odds: f64, late: f64) -> Self {
         Self { late: odds * late * ONE_SIDE, early: odds * (1.0 - late) * ONE_SIDE }
     }
@@ -143,7 +146,7 @@ impl Faults {
 impl Loss {
     pub const SQUARE: Self = Self::Alike(Cost::Square);
 
-    /// Of arrivals, outliers of which are late if they come by detours.
+    /// Returns the loss for arrivals, whose outliers are mostly late with `multipath`.
     pub fn of_arrivals(multipath: bool, odds: f64) -> Self {
         let arrivals = match multipath {
             true => Faults { late: odds * ONE_SIDE, early: odds * ONE_SIDE / RARELY_EARLY },
@@ -153,20 +156,20 @@ impl Loss {
         Self::Mixture { arrivals, ranges: others, others }
     }
 
-    /// Of other measurements with so many times the odds of one fault in a hundred; this share of
-    /// the faulty ranges is too long.
+    /// Returns the loss for other measurements with `odds` times the default density of faults; the
+    /// share `late` of the faulty ranges is too long.
     pub fn of_many(odds: f64, late: f64) -> Self {
         let others = Faults::new(odds, 0.5);
         Self::Mixture { arrivals: others, ranges: Faults::new(odds, late), others }
     }
 
-    /// Whether measurements are wrong more often than where nothing tells.
+    /// Whether more outliers are expected than by default.
     pub fn expects_many(self) -> bool {
         const FEW: f64 = ONE_SIDE * (1.0 + 1.0 / RARELY_EARLY);
         matches!(self, Self::Mixture { arrivals, .. } if arrivals.late + arrivals.early > FEW)
     }
 
-    /// What a fault costs at least.
+    /// Returns the smallest cost of a fault.
     pub fn of_fault(self) -> f64 {
         match self {
             Self::Mixture { ranges, others, .. } => -ranges.late.max(others.late).ln(),
@@ -174,12 +177,12 @@ impl Loss {
         }
     }
 
-    /// Whether weights are not ψ'.
+    /// Whether ψ' differs from the weights.
     pub fn is_curved(self) -> bool {
         matches!(self, Self::Mixture { .. } | Self::Alike(Cost::Tukey(_)))
     }
 
-    /// That of a kind.
+    /// Returns the cost of a kind of measurement.
     #[inline(always)]
     pub fn of(self, kind: Kind) -> Cost {
         match self {
@@ -195,19 +198,19 @@ impl Loss {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Normal<const D: usize> {
     pub matrix: Matrix<D>,
-    /// The same with ψ' in place of the weights.
+    /// `J^T W J` with ψ' in place of the weights.
     curvature: Matrix<D>,
     pub vector: Vector<D>,
     pub cost: f64,
 }
 
 impl<const D: usize> Normal<D> {
-    /// At a minimum, from where nothing goes on.
+    /// Returns the normal equations at a minimum, from which no further step is taken.
     pub fn at_minimum(matrix: Matrix<D>, cost: f64) -> Self {
         Self { matrix, curvature: matrix, vector: [0.0; D], cost }
     }
 
-    /// The curvature, with so much of the matrix of the weights.
+    /// Returns the curvature matrix plus this share of the weighted matrix.
     fn mixed(&self, share: f64) -> Matrix<D> {
         let mut mixed = self.curvature;
         for i in 0..D {
@@ -219,28 +222,28 @@ impl<const D: usize> Normal<D> {
     }
 }
 
-/// How a descent ended.
+/// End of a descent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum End {
-    /// At a minimum.
+    /// The descent reached a minimum.
     Converged,
-    /// After all its steps.
+    /// The descent was still moving after the last step.
     Moving,
-    /// Where the measurements do not tell in which direction to go.
+    /// The measurements do not determine the direction of a step.
     Singular,
-    /// Far away.
+    /// The descent went too far away.
     Diverged,
 }
 
-/// The measurements of an instant and the size of their geometry; the state is a position, and of
-/// arrivals also their emission.
+/// The measurements of an instant and the size of their geometry. A state is a position and, if there
+/// are arrivals, their emission.
 pub(super) struct Problem<'a, const D: usize, const N: usize> {
     pub measurements: &'a [Measurement<D>],
     pub extent: f64,
 }
 
 impl<const D: usize, const N: usize> Problem<'_, D, N> {
-    /// The normal equations. O(M).
+    /// Computes the normal equations. O(M).
     pub fn normal(&self, p: &Vector<N>, loss: Loss, scale: f64) -> Normal<N> {
         let zero = [[0.0; N]; N];
         let mut normal = Normal { matrix: zero, curvature: zero, vector: [0.0; N], cost: 0.0 };
@@ -270,17 +273,18 @@ impl<const D: usize, const N: usize> Problem<'_, D, N> {
         normal
     }
 
-    /// The cost alone. O(M).
+    /// Computes the cost only. O(M).
     pub fn cost(&self, p: &Vector<N>, loss: Loss, scale: f64) -> f64 {
         let reciprocal = 1.0 / scale;
         let cost = |m: &Measurement<D>| loss.of(m.kind).at(m.row_at(p).residual * reciprocal).1;
         self.measurements.iter().map(cost).sum()
     }
 
-    /// Goes downhill until a step is shorter than `tolerance` standard deviations.
+    /// Descends until a step is shorter than `tolerance` standard deviations.
     ///
-    /// A step is Newton's with ψ', or one between it and that with weights where the cost curves
-    /// down or would grow; then that with weights, then shorter ones of that.
+    /// The first choice is a Newton step with ψ'. If the cost curves downward or would increase, steps
+    /// between this and the weighted (Gauss–Newton) step are tried, then the weighted step, then ever
+    /// shorter ones with increasing damping.
     pub fn descend(
         &self,
         p: &mut Vector<N>,
@@ -303,7 +307,7 @@ impl<const D: usize, const N: usize> Problem<'_, D, N> {
                     if let Some(factor) = Factor::try_new(&normal.matrix, damping) {
                         match self.step(p, &factor, &normal, loss, scale) {
                             Ok(taken) => break taken,
-                            // what is left is rounding
+                            // the remaining differences are due to rounding
                             Err(size) if size <= tolerance * tolerance => {
                                 return (End::Converged, normal);
                             }
@@ -329,8 +333,9 @@ impl<const D: usize, const N: usize> Problem<'_, D, N> {
         (End::Moving, normal)
     }
 
-    /// A step that does not go uphill: where it leads, the normal equations there, and its square
-    /// in standard deviations. Otherwise that square alone.
+    /// Takes a step that does not increase the cost: returns the new state, the normal equations there,
+    /// and the squared length of the step in standard deviations. Otherwise returns this squared length
+    /// as an error.
     fn step(
         &self,
         p: &Vector<N>,

@@ -1,25 +1,26 @@
-//! What measurements that may be faults add to the covariance of a robust position.
+//! Contribution of doubtful measurements, which may be faults, to the covariance of a robust position.
 //!
-//! Tukey's weights are a compromise between leaving a measurement out and believing it. Where its
-//! residual does not tell which is right, the position may be wrong by what lies between the two,
-//! and `(J^T W J)^-1` does not know. With a flat density of faults the probability of one follows
-//! from the residual that the measurement has when it is left out, and averaging over both
-//! hypotheses (Hoeting, Madigan, Raftery, Volinsky 1999) adds `π (1 − π) d d^T`, d the shift of
-//! the position between them.
+//! Tukey's weights are a compromise between leaving a measurement out and using it. If its residual
+//! does not show which is right, the position may be wrong by the difference between the two, which
+//! `(J^T W J)^-1` does not include. With a flat density of faults, the probability π of a fault follows
+//! from the residual of the measurement from the position without it. Averaging over both hypotheses
+//! (Hoeting, Madigan, Raftery, Volinsky 1999) adds `π (1 − π) d d^T`, where d is the shift of the
+//! position between them.
 
 use crate::base::small::{Matrix, Vector, dot};
 use crate::sensors::Row;
 
-/// −ln of `ε/(1 − ε) √(2π)/s`: a share ε = 1 % of faults, spread evenly over s = 100 σ.
+/// −ln of `ε/(1 − ε) √(2π)/s` for a share ε = 1 % of faults that are evenly spread over s = 100 σ.
 pub(super) const EVIDENCE: f64 = 8.28;
-/// The average over all sizes of a fault is too little for the one that hides best, of four to
-/// five sigmas. So many times the spread make normalised errors of at most 1.3 of five sigmas.
+/// Factor of the added term. The average over all sizes of faults is too small for the faults that are
+/// hardest to detect, those of four to five sigmas. With this factor, normalised errors are at most 1.3
+/// for faults of five sigmas.
 pub(super) const SAFETY: f64 = 6.0;
-/// Share of a measurement in its own prediction from which on nothing else checks it.
+/// Share of a measurement in its own prediction from which on no other measurement checks it.
 const UNCHECKED: f64 = 1.0 - 1e-6;
 
-/// `c Σ π_i (1 − π_i) d_i d_i^T` from the rows of unit variance, their weights, `−ln` of the odds of
-/// a fault before its size is known, and `(J^T W J)^-1`. O(M).
+/// Returns `c Σ π_i (1 − π_i) d_i d_i^T` from rows of unit variance, each with its weight and `−ln` of
+/// the odds of a fault before its size is known, and from `(J^T W J)^-1`. O(M).
 pub(super) fn doubt<const D: usize>(
     rows: impl Iterator<Item = (Row<D>, f64, f64)>,
     inverse: &Matrix<D>,
@@ -36,16 +37,16 @@ pub(super) fn doubt<const D: usize>(
         if own >= UNCHECKED {
             continue;
         }
-        // left out, the residual is r / (1 − w h), its variance 1 + h / (1 − w h)
+        // without the measurement, the residual is r / (1 − w h), its variance 1 + h / (1 − w h)
         let share = (1.0 - own) * (1.0 - own + leverage);
         let odds = (0.5 * residual * residual / share - evidence).exp();
         let probability = odds / (1.0 + odds);
         let spread = SAFETY * probability / (1.0 + odds);
         if spread.is_nan() {
-            // beyond doubt
+            // certainly a fault
             continue;
         }
-        // between no weight and weight 1 the position moves by (J^T W J)^-1 j r / share
+        // between weights 0 and 1 the position moves by (J^T W J)^-1 j r / share
         let shift = residual / share;
         for i in 0..D {
             for j in 0..D {

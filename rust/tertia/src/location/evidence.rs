@@ -1,7 +1,7 @@
-//! How likely the measurements of an instant are, with sigmas of one size or another.
+//! Likelihood of the measurements of an instant for given sizes of the sigmas.
 //!
-//! The restricted likelihood (Patterson, Thompson 1971) of least squares with what a robust fit
-//! keeps, of normal errors and a share of outliers.
+//! The restricted likelihood (Patterson, Thompson 1971) of normal errors and a share of outliers, about
+//! the least-squares fit of the measurements that a robust fit keeps.
 
 use super::descent::Loss;
 use super::fix::Instant;
@@ -10,46 +10,50 @@ use super::solver::{Locator, Workspace};
 use crate::base::small::{Factor, Matrix, Vector, dot};
 use crate::sensors::{KINDS, Row};
 
-/// Shares of outliers. Their density over that of a normal number at 0: even over 30 σ, and falling
-/// with the distance beyond, so that errors of any size are no cheaper as outliers than as noise.
+/// Shares of outliers. Relative to the normal density at 0, the density of outliers is [`FLAT`] up to
+/// [`EVEN`] stated sigmas, and inversely proportional to the residual beyond, so that an error of any
+/// size does not cost less as an outlier than as noise.
 const SHARES: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 const FLAT: f64 = 2.506_628_274_631_000_5 / 30.0;
 const EVEN: f64 = 15.0;
-/// A measurement counts if its residual from the others is of at most so many sigmas, and the
-/// variance of normal numbers of that size. With a wider limit, one fault of five sigmas in each
-/// instant would widen it, and then be kept.
+/// A measurement is kept if its residual is at most this many standard deviations of the residual. With
+/// a wider limit, one fault of five sigmas in each instant would increase the estimated sigma, and then
+/// be kept.
 const KEPT: f64 = 3.0;
+/// Variance of standard normal numbers within this limit.
 const KEPT_VARIANCE: f64 = 0.973_3;
 
-/// Logarithms of likelihoods, by the share of outliers.
+/// Log likelihoods for each share of outliers.
 pub(super) type ByShare = [f64; SHARES.len()];
 
-/// What the residuals of an instant say.
+/// What the residuals of an instant say about the sigmas.
 pub(super) struct Evidence {
-    /// The restricted likelihood.
+    /// Restricted log likelihood.
     pub likelihood: ByShare,
-    /// The same if all that is redundant were outliers.
+    /// Restricted log likelihood if all redundant measurements were outliers.
     pub none: ByShare,
-    /// Numbers of measurements with and without weight.
+    /// Number of measurements that are kept.
     pub kept: usize,
+    /// Number of measurements that are rejected.
     pub rejected: usize,
-    /// Measurements with weight whose sigmas may be wrong.
+    /// Kept measurements whose sigmas may be wrong.
     pub free: Vec<Kept>,
 }
 
-/// A measurement with weight.
+/// A measurement that is kept.
 pub(super) struct Kept {
     pub place: usize,
     pub residual: f64,
-    /// The square of the residual, as that of a normal number, and its degrees of freedom.
+    /// The squared residual, scaled to that of an untruncated normal number, and its degrees of
+    /// freedom.
     pub square: f64,
     pub freedom: f64,
 }
 
 impl Locator {
-    /// What an instant of a block says that has been finished, with sigmas that are `free` to be
-    /// wrong (5 K marks) and have been stretched by the roots of these factors; none where what is
-    /// kept leaves a direction undetermined.
+    /// Returns the evidence of an instant of a block after it has been finished. The sigmas that are
+    /// `free` to be wrong (5 K marks) must have been multiplied by the square roots of these factors.
+    /// Returns `None` if the kept measurements leave a direction undetermined.
     pub(super) fn evidence<const D: usize>(
         &self,
         instant: &Instant<'_>,
@@ -80,14 +84,15 @@ impl<const D: usize, const N: usize> Record<D, N> {
             marked.map(|(m, row)| !loss.of(m.kind).is_fault(row.residual)).collect();
         if loss != Loss::SQUARE {
             let (lower, _) = normal(rows, &keeps)?;
-            // a fault may be part of a compromise: it is told by the others alone
+            // a compromise may hide a fault, so the residual is compared with its own sigma
             for (keep, row) in keeps.iter_mut().zip(rows) {
                 let rest = 1.0 - dot(&lower.solve(&row.gradient), &row.gradient);
                 *keep &= row.residual * row.residual <= KEPT * KEPT * rest.max(0.0);
             }
         }
         let (lower, vector) = normal(rows, &keeps)?;
-        // the residuals of least squares with what is kept: those of weights depend on the weights
+        // residuals of least squares with the kept measurements: a weighted fit would depend on the
+        // weights
         let step = lower.solve(&vector);
         let variance = if loss == Loss::SQUARE { 1.0 } else { KEPT_VARIANCE };
         let stations = free.len() / KINDS;
@@ -103,7 +108,8 @@ impl<const D: usize, const N: usize> Record<D, N> {
             let flat = FLAT * (EVEN / (residual.abs() * unit.sqrt())).min(1.0);
             for (i, share) in SHARES.into_iter().enumerate() {
                 likelihood[i] += ((1.0 - share) * normal + share * flat).ln();
-                // what is not redundant fits, with a determinant of the sigmas as stated
+                // the rest fits exactly; with these terms the determinant becomes that for the stated
+                // sigmas
                 none[i] += redundant * (share * flat).ln()
                     + (1.0 - redundant) * ((1.0 - share).ln() - 0.5 * unit.ln());
             }
@@ -118,7 +124,7 @@ impl<const D: usize, const N: usize> Record<D, N> {
     }
 }
 
-/// The normal equations of the rows that are kept, factorised, and their right side.
+/// Returns the factorised normal equations of the kept rows, and their right side.
 fn normal<const N: usize>(rows: &[Row<N>], keeps: &[bool]) -> Option<(Factor<N>, Vector<N>)> {
     let (mut normal, mut vector): (Matrix<N>, Vector<N>) = ([[0.0; N]; N], [0.0; N]);
     for (row, _) in rows.iter().zip(keeps).filter(|(_, keep)| **keep) {

@@ -1,10 +1,11 @@
-//! How many measurements of a batch are wrong.
+//! Frequency of outliers in a batch.
 //!
-//! One in a hundred is assumed where nothing tells. Where many are, some of those that agree do so by
-//! chance: a fault costs less then, what is in doubt counts for more, and two positions that explain
-//! the measurements with one fault more or less cannot be told apart. So where more instants have
-//! outliers than that, their share and their size are those of the batch, by rounds of location and
-//! counting. Healthy batches are located as single instants are.
+//! One outlier in a hundred measurements is assumed if nothing else is known. If there are many
+//! outliers, some of the measurements that agree do so by chance. A fault then costs less, doubtful
+//! measurements add more to the covariance, and two positions that explain the measurements with one
+//! fault more or less cannot be told apart. Therefore, if more instants have outliers than this
+//! assumption explains, the frequency and the size of outliers are estimated from the batch in rounds
+//! of location and counting. Batches with few outliers are located as single instants are.
 
 use super::descent::{FLAT, Loss, Outliers};
 use super::fix::{Fix, Instant, Output, Status};
@@ -12,50 +13,55 @@ use super::solver::{Locator, Workspace};
 use crate::base::angle::median;
 use crate::sensors::{KINDS, Kind};
 
-/// So many instants, evenly spread, tell enough of a batch.
+/// Largest number of instants of a batch, evenly spread, that are located in each round.
 const SAMPLE: usize = 256;
-/// Rounds: each finds some of those that the one before has overlooked.
+/// Largest number of rounds: each one finds some of the outliers that the previous one missed.
 const ROUNDS: usize = 3;
-/// The share where nothing tells, and the largest.
+/// Share of outliers that is assumed if nothing is known.
 const FEW: f64 = 0.01;
+/// Largest share of outliers.
 const MOST: f64 = 0.4;
-/// One-sided 99 % of a normal variable.
+/// Quantile of the standard normal distribution for a one-sided test at 99 %.
 const SURELY: f64 = 2.326;
-/// The least mean size of faults, in σ: shorter ones cannot be told from noise.
+/// Smallest mean size of faults, in σ: smaller ones cannot be told from noise.
 const SHORTEST: f64 = 10.0;
-/// The least share of faulty ranges that are too long, or too short.
+/// Smallest share of faulty ranges that are too long, and likewise too short.
 const RARE: f64 = 0.05;
 
-/// Instants with and without outliers.
+/// Numbers of instants and measurements with and without outliers.
 #[derive(Default)]
 struct Count {
+    /// Number of instants.
     instants: f64,
-    /// Instants with outliers, or with two positions that call others outliers.
+    /// Number of instants with outliers, or with two positions for which different measurements are
+    /// outliers.
     disturbed: f64,
-    /// Those of them with a position.
+    /// Number of instants with outliers and a position.
     located: f64,
-    /// Measurements of each kind at each station, arrivals at each receiver, and outliers among them.
+    /// Number of measurements of each kind at each station (arrivals at each receiver).
     measured: Vec<f64>,
+    /// Number of outliers among them.
     outliers: Vec<f64>,
-    /// By how much outliers other than arrivals are larger than the limits from which on they are
-    /// marked, and these.
+    /// By how much outliers other than arrivals exceed the limits beyond which they are marked, in σ.
     excesses: Vec<f64>,
+    /// These limits, in σ.
     limits: Vec<f64>,
-    /// Outliers among ranges, and those that are too long.
+    /// Number of outliers among ranges.
     ranges: f64,
+    /// Number of these that are too long.
     long: f64,
 }
 
-/// What was measured, and which of it are outliers.
+/// What was measured, and which measurements are outliers.
 struct Heard {
     heard: Vec<bool>,
     wrong: Vec<bool>,
 }
 
 impl Locator {
-    /// The same for a batch of which more than one measurement in a hundred is an outlier, by the
-    /// marks that it has made; none if there are fewer. O(M), and the location of at most 256 instants
-    /// in each round.
+    /// Returns this locator with the frequency of outliers in a batch, or `None` if not more than one
+    /// measurement in a hundred is an outlier. Marks and fixes are those of a first location of the
+    /// batch. O(M), and the location of at most 256 instants in each round.
     pub fn of_batch<const D: usize>(
         &self,
         instants: &[Instant<'_>],
@@ -91,8 +97,9 @@ impl Locator {
         (outliers != Outliers::FEW).then(|| self.with_outliers(outliers))
     }
 
-    /// Whether outliers of an instant would be marked, and may be as frequent as the batch says: not
-    /// beside sigmas that are trusted, which hold for each instant alone, or that are not known.
+    /// Whether outliers of an instant would be marked, and their frequency may be taken from the batch.
+    /// Without arrivals, this requires that sigmas are known and not trusted: trusted sigmas hold for
+    /// each instant on its own.
     fn expects_outliers(&self, instant: &Instant<'_>, fix: &Fix) -> bool {
         let has_arrivals = self.has_arrivals(instant);
         let redundancy = usize::try_from(fix.degrees_of_freedom).unwrap_or(0);
@@ -117,8 +124,8 @@ impl Locator {
                 residual: &mut residual,
                 outlier: &mut outlier,
             };
-            // of two positions that are equally good the better one tells; arrivals have two also
-            // where it is the worse one
+            // without arrivals, the better of two equally good positions is counted; with arrivals, the
+            // worse one may be right, so the instant counts as ambiguous
             let timed = self.has_arrivals(instant);
             let locator = if timed { *self } else { self.deciding() };
             let fix = locator.locate(instant, &mut out, workspace);
@@ -133,8 +140,9 @@ impl Locator {
         count
     }
 
-    /// What was measured, and which of it are outliers. Differences are those of arrivals: if all of
-    /// them are outliers, that of the first receiver is one, and of the others nothing is known.
+    /// Returns what was measured, and which measurements are outliers. Range differences count as
+    /// arrivals: if all of them are outliers, the arrival at the first receiver is the outlier, and
+    /// nothing is known about the others.
     fn heard(&self, instant: &Instant<'_>, outlier: &[bool]) -> Heard {
         let is_known = |v: &f64| !v.is_nan();
         let mut heard: Vec<bool> = instant.values.iter().map(is_known).collect();
@@ -146,7 +154,7 @@ impl Locator {
         let of = |kind: Kind| kind as usize * receivers..(kind as usize + 1) * receivers;
         let (arrivals, differences) = (of(Kind::Arrival), of(Kind::RangeDifference));
         let known: Vec<bool> = heard[differences.clone()].to_vec();
-        // of other kinds nothing is asked
+        // other kinds do not count
         heard[..arrivals.start].fill(false);
         wrong[..arrivals.start].fill(false);
         if instant.common(self.correlation).is_none() {
@@ -204,8 +212,8 @@ impl Count {
         self.located > 0.0 && self.disturbed > expected + SURELY * (expected + 1.0).sqrt()
     }
 
-    /// The outliers; those of other kinds than arrivals with what is too small to be marked: their
-    /// sizes are taken as exponential.
+    /// Estimates the frequency of outliers. Without arrivals, it includes outliers that are too small
+    /// to be marked, whose sizes are assumed to be exponentially distributed.
     fn all(&mut self) -> Outliers {
         if !self.is_many() {
             return Outliers::FEW;
@@ -226,8 +234,9 @@ impl Count {
         Outliers { odds, late }
     }
 
-    /// The share of outliers of the measurement in the middle, as one that is always wrong says
-    /// nothing of the others. Instants without a position have as many as the others with some.
+    /// Returns the share of outliers: the median over the measurements, because a station that is
+    /// always wrong says nothing about the others. Instants without a position are assumed to have as
+    /// many outliers as the instants with outliers.
     fn share(&self) -> f64 {
         let known = self.outliers.iter().zip(&self.measured).filter(|(_, count)| **count > 0.0);
         let mut shares: Vec<f64> = known.map(|(outliers, count)| outliers / count).collect();

@@ -1,13 +1,13 @@
-//! What is asked of an instant, and what comes out.
+//! Arguments and results of the location of one instant.
 
 /// How a position is estimated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
-    /// Tukey's biweight from so many degrees of freedom on, least squares below.
+    /// Tukey's biweight from this number of degrees of freedom on, least squares below.
     Robust(usize),
     /// Least squares.
     LeastSquares,
-    /// Lenth's maximum likelihood.
+    /// Lenth's maximum-likelihood estimator.
     LenthMle,
     /// Lenth's form of Huber's estimator.
     LenthHuber,
@@ -18,82 +18,82 @@ pub enum Method {
 /// Why an instant has no position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Status {
-    /// It has one.
+    /// There is a position.
     None = 0,
-    /// Fewer measurements than coordinates.
+    /// There are fewer measurements than unknowns.
     TooFew = 1,
-    /// Bearings that are parallel, diverge, or meet behind a station; ranges that do not meet.
+    /// Bearings are parallel, diverge, or meet behind a station; or ranges do not meet.
     NoIntersection = 2,
-    /// Measurements that leave some direction undetermined.
+    /// The measurements leave some direction undetermined.
     Singular = 3,
-    /// Two positions that explain the measurements (almost) equally well.
+    /// Two positions explain the measurements (almost) equally well.
     Ambiguous = 4,
-    /// A position at a station, or straight above one that measures angles.
+    /// The position is at a station, or straight above one that measures angles.
     AtStation = 5,
     /// No minimum was reached.
     NotConverged = 6,
-    /// A position that the measurements do not bound on one side.
+    /// The measurements do not bound the position on one side.
     IllConditioned = 7,
 }
 
-/// What was measured at one instant.
+/// Measurements and stations of one instant.
 #[derive(Clone, Copy, Debug)]
 pub struct Instant<'a> {
-    /// Positions of K stations, K D numbers.
+    /// Positions of K stations: K D numbers.
     pub stations: &'a [f64],
-    /// East, north and up of each station, K D² numbers, to which its angles refer; those of the
-    /// frame if there are none.
+    /// East, north and up axes of each station, to which its angles refer: K D² numbers; `None` for the
+    /// axes of the frame.
     pub axes: Option<&'a [f64]>,
-    /// Ranges, azimuths, elevations, range differences and times of arrival (in metres, from any
-    /// origin), 5 K finite numbers, nan where there is none.
+    /// 5 K values: ranges, azimuths, elevations, range differences and times of arrival (in metres,
+    /// from any origin); nan if there is no measurement, otherwise finite.
     pub values: &'a [f64],
-    /// Their standard deviations; nan if they are unknown and equal.
+    /// Standard deviations of the values; nan if they are unknown and equal.
     pub sigmas: &'a [f64],
-    /// Standard deviations of the coordinates of each station, as surveyed, K numbers; 0 if there
-    /// are none.
+    /// Standard deviations of the surveyed coordinates of each station: K numbers; `None` if there are
+    /// no such errors.
     pub position_sigmas: Option<&'a [f64]>,
-    /// The height of the target and its standard deviation, in space.
+    /// In space: the height of the target and its standard deviation.
     pub height: Option<(f64, f64)>,
-    /// A position near the one looked for.
+    /// A position near the target, from which the search starts.
     pub initial: Option<&'a [f64]>,
 }
 
-/// Where the results go.
+/// Buffers for the results.
 #[derive(Debug)]
 pub struct Output<'a> {
-    /// D numbers.
+    /// Position, D numbers.
     pub position: &'a mut [f64],
-    /// D² numbers.
+    /// Covariance of the position, D² numbers.
     pub covariance: &'a mut [f64],
-    /// 5 K whitened residuals, measured less predicted; nan where nothing was measured.
+    /// 5 K whitened residuals, measured minus predicted; nan where nothing was measured.
     pub residual: &'a mut [f64],
-    /// 5 K marks of measurements without weight.
+    /// 5 K marks of measurements that are outliers.
     pub outlier: &'a mut [bool],
 }
 
-/// What besides the position came out.
+/// Results of one instant besides the position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fix {
-    /// Why there is no position.
+    /// Whether there is a position, and why not.
     pub status: Status,
-    /// Measurements less unknowns, negative where there are too few.
+    /// Number of measurements minus number of unknowns; negative if there are too few measurements.
     pub degrees_of_freedom: i64,
-    /// Sum of all squared residuals.
+    /// Sum of all squared whitened residuals.
     pub statistic: f64,
-    /// Probability of a larger one; nan where σ is estimated.
+    /// Probability of a larger statistic if the sigmas are right; nan if σ is estimated.
     pub pvalue: f64,
-    /// Root of the trace of the covariance for σ = 1; nan where units are mixed.
+    /// Square root of the trace of the covariance for σ = 1; nan if units are mixed.
     pub dop: f64,
-    /// The standard deviation of a measurement where it is estimated, nan otherwise.
+    /// Standard deviation of a measurement if it is estimated, otherwise nan.
     pub sigma: f64,
-    /// Emission of arrivals, in metres from their origin; nan if there are none.
+    /// Emission of the arrivals, in metres from their origin; nan if there are no arrivals.
     pub emission: f64,
-    /// Its standard deviation.
+    /// Standard deviation of the emission.
     pub emission_sigma: f64,
 }
 
 impl Fix {
-    /// That of an instant that has not been located.
+    /// Result of an instant that has not been located.
     pub const UNKNOWN: Self = Self {
         status: Status::TooFew,
         degrees_of_freedom: 0,

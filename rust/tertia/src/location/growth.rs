@@ -1,39 +1,41 @@
-//! By how much a covariance grows where residuals are larger than the stated sigmas allow.
+//! By how much a covariance grows if residuals are larger than the stated sigmas allow.
 //!
-//! Residuals of ν degrees of freedom have the sum of squares `s ~ φ χ²_ν`; φ is 1 where the sigmas
-//! are right. With the prior `P(φ = 1) = .8`, otherwise `√(φ − 1)` half-Cauchy with scale 2 (a
-//! random effect of the size of the sigmas: Gelman 2006), the posterior of φ is a mixture, and
-//! the error of the position a mixture of normals with covariances `φ P`. The growth is the factor
-//! of P for which the ellipse of 95 % holds 95 % of that mixture, relative to the same of residuals
-//! that just pass a test at 10 %. So it is 1 where nothing contradicts, and there it adds nothing.
+//! The sum of squares of residuals with ν degrees of freedom is `s ~ φ χ²_ν`, where φ is 1 if the
+//! sigmas are right. The prior is `P(φ = 1) = .8`, and otherwise a half-Cauchy distribution of
+//! `√(φ − 1)` with scale 2 (a random effect of the size of the sigmas: Gelman 2006). The posterior of φ
+//! is then a mixture, and the error of the position is a mixture of normal distributions with
+//! covariances `φ P`. The growth is the factor of P for which the 95 % ellipse contains 95 % of this
+//! mixture, divided by the factor for residuals that just pass a test at 10 %. So the growth is 1 if
+//! nothing contradicts the sigmas.
 //!
-//! Of a batch, or of an instant without company, one φ decides about everything. If its residuals
-//! fail the test, `P(φ = 1)` is .5, and the growth is that of the ellipse itself.
+//! For a batch, or for a single instant, one φ applies to everything. If its residuals fail the test,
+//! `P(φ = 1)` is .5, and the growth is the factor of P itself.
 
 use crate::base::distribution::chi_square_upper;
 
-/// Probability that sigmas are right; the same where residuals that decide about everything are too
-/// large.
+/// Prior probability that the sigmas are right.
 const RIGHT: f64 = 0.8;
+/// The same if one φ applies to everything and the residuals are too large.
 pub(super) const DOUBTED: f64 = 0.5;
 /// Scale of the half-Cauchy prior of `√(φ − 1)`.
 pub(super) const SCALE: f64 = 2.0;
-/// Values of `√(φ − 1)` besides zero: the first, the last, their number.
+/// First and last value of `√(φ − 1)` besides zero.
 const RANGE: (f64, f64) = (0.1, 100.0);
+/// Number of these values.
 const STEPS: usize = 40;
-/// What lies outside the ellipse.
+/// Probability outside the ellipse.
 pub(super) const OUTSIDE: f64 = 0.05;
-/// `χ²` of two and three coordinates at 5 %.
+/// Limits of `χ²` for two and three coordinates at 5 %.
 pub(super) const LIMIT: [f64; 2] = [5.991_464_547_107_979, 7.814_727_903_251_179];
-/// The normal quantile at 10 %.
+/// Upper normal quantile at 10 %.
 const QUANTILE: f64 = 1.281_551_565_544_600_4;
-/// Steps of the bisection of a logarithm.
+/// Number of steps of the bisection of a logarithm.
 pub(super) const HALVINGS: usize = 40;
-/// Terms of less weight do not count.
+/// Relative weight below which terms are left out.
 const LEAST_WEIGHT: f64 = 1e-12;
 
-/// By how much a covariance of D coordinates grows if residuals of `freedom` degrees of freedom,
-/// not necessarily whole, have this sum of squares. O(1), about 5 µs where it is not 1.
+/// Returns the growth of a covariance of D coordinates if residuals of `freedom` degrees of freedom,
+/// which may be fractional, have this sum of squares. O(1), about 5 µs if the growth is not 1.
 pub(super) fn growth<const D: usize>(statistic: f64, freedom: f64) -> f64 {
     if !contradicts(statistic, freedom) {
         return 1.0;
@@ -42,7 +44,7 @@ pub(super) fn growth<const D: usize>(statistic: f64, freedom: f64) -> f64 {
     (quantile::<D>(statistic, freedom, RIGHT) / agreeing).max(1.0)
 }
 
-/// The same of residuals that decide about everything.
+/// Returns the growth if one φ applies to everything, as in a batch or a single instant.
 pub(super) fn growth_of_all<const D: usize>(statistic: f64, freedom: f64) -> f64 {
     if !contradicts(statistic, freedom) {
         return 1.0;
@@ -50,20 +52,22 @@ pub(super) fn growth_of_all<const D: usize>(statistic: f64, freedom: f64) -> f64
     quantile::<D>(statistic, freedom, DOUBTED).max(1.0)
 }
 
-/// Whether a sum of squares fails a test at 10 %; not that of no degrees of freedom, or nan.
+/// Whether a sum of squares fails a test at 10 %; false without degrees of freedom, and for nan.
 fn contradicts(statistic: f64, freedom: f64) -> bool {
     freedom > 0.0 && statistic > agreeing(freedom)
 }
 
-/// The sum of squares that passes a test at 10 %: the approximation of Wilson, Hilferty (1931).
+/// Returns the largest sum of squares that passes a test at 10 %, by the approximation of Wilson,
+/// Hilferty (1931).
 pub(super) fn agreeing(freedom: f64) -> f64 {
     let v = 2.0 / (9.0 * freedom);
     freedom * (1.0 - v + QUANTILE * v.sqrt()).powi(3)
 }
 
-/// The factor of the ellipse that holds 95 % of the mixture, if sigmas are right with a probability.
+/// Returns the factor with which the ellipse contains 95 % of the mixture, for this prior probability
+/// that the sigmas are right.
 fn quantile<const D: usize>(statistic: f64, freedom: f64, right: f64) -> f64 {
-    // beyond the largest φ everything is in proportion
+    // beyond the largest φ, the result is proportional to the statistic
     let largest = 1.0 + RANGE.1 * RANGE.1;
     let beyond = (statistic / (freedom * largest)).max(1.0);
     let statistic = statistic / beyond;
@@ -97,7 +101,7 @@ fn quantile<const D: usize>(statistic: f64, freedom: f64, right: f64) -> f64 {
     beyond * (0.5 * (low + high)).exp()
 }
 
-/// `P(χ²_D > m LIMIT)`
+/// Returns `P(χ²_D > m LIMIT)`.
 fn upper<const D: usize>(m: f64) -> f64 {
     let x = m * LIMIT[D - 2];
     if D == 2 { (-0.5 * x).exp() } else { chi_square_upper(x, D) }

@@ -1,19 +1,20 @@
-//! Numbers of several instants, side by side.
+//! Values of several instants, side by side.
 
 use crate::base::vector::Vector;
 use pulp::Simd;
 
-/// Instants side by side: two vectors of AVX2, so that one works while the other waits.
+/// Number of instants side by side: two AVX2 vectors, so that the operations of the two can overlap.
 pub(super) const LANES: usize = 8;
 
 pub(super) type Lane = [f64; LANES];
 
-/// The lanes that are computed together.
+/// The lanes that are computed together, as one vector that begins at vector number `at`.
 #[derive(Clone, Copy)]
 pub(super) struct Lanes<S: Simd> {
     pub simd: S,
     pub at: usize,
-    /// Whether angles that are not small are infinite: whatever they are, they cost the same.
+    /// Whether angles that are not small are replaced by infinity, because their cost does not depend
+    /// on their size.
     pub cut: bool,
 }
 

@@ -1,4 +1,4 @@
-//! Steps of several instants at once, in the lanes of vectors.
+//! Steps of several instants side by side, in the lanes of vectors.
 
 use super::descent::{Cost, Faults, HUBER, Loss, ROUNDING};
 use super::lane::{Lane, Lanes};
@@ -8,7 +8,7 @@ use crate::base::vector::Vector;
 use crate::sensors::{Kind, Measurement};
 use pulp::Simd;
 
-/// One measurement of all lanes.
+/// One measurement of each lane.
 #[derive(Clone, Debug)]
 pub(super) struct Measured<const D: usize> {
     pub kind: Kind,
@@ -20,7 +20,7 @@ pub(super) struct Measured<const D: usize> {
     pub axes: Option<[[Lane; D]; D]>,
 }
 
-/// The same in vectors.
+/// A measurement of each lane, loaded into vectors.
 #[derive(Clone, Copy)]
 pub(super) struct Terms<S: Simd, const D: usize> {
     kind: Kind,
@@ -32,16 +32,16 @@ pub(super) struct Terms<S: Simd, const D: usize> {
     axes: Option<[[Vector<S>; D]; D]>,
 }
 
-/// Steps after which a lane is left to others.
+/// Number of steps after which a lane counts as not converged.
 const STEPS: usize = 16;
-/// What `e^−x` is computed for at most.
+/// Largest x for which `e^−x` is computed.
 const LARGEST_DECAY: f64 = 64.0;
-/// From 1/10 to 1.
+/// Reciprocals of 10 to 1.
 const RECIPROCALS: [f64; 10] =
     [1.0 / 10.0, 1.0 / 9.0, 1.0 / 8.0, 1.0 / 7.0, 1.0 / 6.0, 0.2, 0.25, 1.0 / 3.0, 0.5, 1.0];
 
-/// `J^T W J`, the same with ψ' in place of the weights, `J^T W r` and the cost; of the matrices the
-/// lower triangles.
+/// `J^T W J`, the same with ψ' in place of the weights, `J^T W r`, and the cost. Only the lower
+/// triangles of the matrices are used.
 #[derive(Clone, Copy)]
 pub(super) struct Normal<S: Simd, const D: usize> {
     pub matrix: [[Vector<S>; D]; D],
@@ -51,7 +51,7 @@ pub(super) struct Normal<S: Simd, const D: usize> {
 }
 
 impl<S: Simd> Lanes<S> {
-    /// Huber's steps, which never go uphill for long.
+    /// Takes Huber's steps, which need no safeguard, as they do not go uphill for long.
     #[inline(always)]
     pub fn approach<const D: usize, const N: usize>(
         self,
@@ -77,8 +77,8 @@ impl<S: Simd> Lanes<S> {
         }
     }
 
-    /// Newton's steps with ψ', or those with weights where the cost curves down. Returns 1 where a
-    /// minimum is reached, 0 elsewhere.
+    /// Takes Newton steps with ψ', or weighted steps where the cost curves downward. Returns 1 in lanes
+    /// that reached a minimum, 0 in the others.
     #[inline(always)]
     pub fn descend<const D: usize, const N: usize>(
         self,
@@ -109,7 +109,7 @@ impl<S: Simd> Lanes<S> {
             }
             let next = self.normal(measured, &trial, loss);
             let down = next.cost.at_most(normal.cost * slack + tiny);
-            // 1 where the lane goes on
+            // 1 in lanes that are still moving
             let moves = one.or(down, zero) - done;
             let still = moves.at_most(zero);
             for i in 0..N {
@@ -122,7 +122,7 @@ impl<S: Simd> Lanes<S> {
                 }
             }
             normal.cost = normal.cost.or(still, next.cost);
-            // where a short step leads uphill, what is left is rounding
+            // if a short step leads uphill, the remaining difference is due to rounding
             let arrived = (one - done).or(size.at_most(limit), zero);
             found += arrived;
             // not downhill, or done before, or arrived now
@@ -134,7 +134,7 @@ impl<S: Simd> Lanes<S> {
         (normal, found)
     }
 
-    /// The normal equations. O(M).
+    /// Computes the normal equations. O(M).
     #[inline(always)]
     pub fn normal<const D: usize, const N: usize>(
         self,
@@ -144,7 +144,7 @@ impl<S: Simd> Lanes<S> {
     ) -> Normal<S, N> {
         let zero = self.splat(0.0);
         let zeros = [[zero; N]; N];
-        // elsewhere the weights are ψ', or stand for it
+        // for other losses ψ' equals the weights, or is replaced by them
         let curved = loss.is_curved();
         let mut normal = Normal { matrix: zeros, curvature: zeros, vector: [zero; N], cost: zero };
         let mut total = Total::new(self, loss);
@@ -174,13 +174,14 @@ impl<S: Simd> Lanes<S> {
         normal
     }
 
-    /// Weight, cost and ψ' of a residual; of a mixture the likelihood in place of the cost.
+    /// Returns weight, cost and ψ' of a residual; for a mixture, the likelihood takes the place of the
+    /// cost.
     #[inline(always)]
     pub fn loss(self, u: Vector<S>, cost: Cost) -> (Vector<S>, Vector<S>, Vector<S>) {
         let one = self.splat(1.0);
         match cost {
             Cost::Square => (one, self.splat(0.5) * u * u, one),
-            // the cost is not asked for
+            // the cost is not used
             Cost::Huber(c) => {
                 let c = self.splat(c);
                 let weight = one.or(u.abs().at_most(c), c / u.abs());
@@ -208,7 +209,7 @@ impl<S: Simd> Lanes<S> {
         }
     }
 
-    /// `e^−x`: its series at `x/256`, squared eight times; from 64 on as there.
+    /// Returns `e^−x`: the series at `x/256`, squared eight times; for x > 64 the value at 64.
     #[inline(always)]
     fn decay(self, x: Vector<S>) -> Vector<S> {
         let most = self.splat(LARGEST_DECAY);
@@ -224,7 +225,7 @@ impl<S: Simd> Lanes<S> {
         sum
     }
 
-    /// One measurement of each lane.
+    /// Loads one measurement of each lane.
     #[inline(always)]
     pub fn loaded<const D: usize>(self, m: &Measured<D>) -> Terms<S, D> {
         let (simd, at) = (self.simd, self.at);
@@ -247,7 +248,7 @@ impl<S: Simd> Lanes<S> {
         }
     }
 
-    /// The same measurement in all lanes.
+    /// Copies one measurement to all lanes.
     #[inline(always)]
     pub fn repeated<const D: usize>(self, m: &Measurement<D>) -> Terms<S, D> {
         let mut axes = None;
@@ -269,7 +270,7 @@ impl<S: Simd> Lanes<S> {
         }
     }
 
-    /// The whitened residual and its gradient at a state: [`Measurement::row_at`].
+    /// Returns the whitened residual and its gradient at a state, as [`Measurement::row_at`] does.
     #[inline(always)]
     pub fn row_at<const D: usize, const N: usize>(
         self,
@@ -288,7 +289,7 @@ impl<S: Simd> Lanes<S> {
         (residual, gradient)
     }
 
-    /// The whitened residual and its gradient: [`Measurement::row`].
+    /// Returns the whitened residual and its gradient at a position, as [`Measurement::row`] does.
     #[inline(always)]
     fn row<const D: usize>(
         self,
@@ -316,7 +317,8 @@ impl<S: Simd> Lanes<S> {
         (residual, gradient)
     }
 
-    /// The same of an offset from the station, in its axes.
+    /// Returns the residual and its gradient for an offset `d` from the station, in the axes of the
+    /// station.
     #[inline(always)]
     fn row_of<const D: usize>(
         self,
@@ -382,7 +384,7 @@ impl<S: Simd> Lanes<S> {
         sum
     }
 
-    /// `x^T A x` of a lower triangle.
+    /// Returns `x^T A x`, with A given by its lower triangle.
     #[inline(always)]
     fn quadratic<const D: usize>(self, a: &[[Vector<S>; D]; D], x: &[Vector<S>; D]) -> Vector<S> {
         let mut sum = self.splat(0.0);
@@ -396,7 +398,8 @@ impl<S: Simd> Lanes<S> {
         sum
     }
 
-    /// `A^-1 b` by `A = L D L^T` of a lower triangle; and 1 where A is positive definite, else 0.
+    /// Solves `A x = b` by `A = L D L^T`, with A given by its lower triangle; the second result is 1
+    /// where A is positive definite, else 0.
     #[inline(always)]
     fn solve<const D: usize>(
         self,
@@ -412,7 +415,7 @@ impl<S: Simd> Lanes<S> {
             let mut row = a[j];
             let mut pivot = a[j][j];
             for k in 0..j {
-                // what row holds is L D
+                // row holds L D
                 for l in 0..k {
                     row[k] -= row[l] * lower[k][l];
                 }

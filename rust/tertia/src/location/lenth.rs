@@ -1,14 +1,14 @@
 //! The estimators of Lenth (1981) for azimuths in the plane.
 //!
-//! Errors are von Mises with concentration κ. With `θ` anticlockwise from east, `s = sin θ`,
-//! `c = cos θ`, distances d and `s* = (y − y_i)/d³`, `c* = (x − x_i)/d³` the fix solves
+//! Errors have a von Mises distribution with concentration κ. With `θ` anticlockwise from east,
+//! `s = sin θ`, `c = cos θ`, distances d and `s* = (y − y_i)/d³`, `c* = (x − x_i)/d³`, the fix solves
 //!
 //! ```text
 //! | Σ w s s*  −Σ w c s* | |x|   |  Σ w s* z |
 //! |−Σ w s c*   Σ w c c* | |y| = | −Σ w c* z |,   z = s x_i − c y_i,
 //! ```
 //!
-//! with weights `w = ψ(t)/t`, `t = √(2κ(1 − cos(θ − μ)))`, all 1 for maximum likelihood.
+//! with weights `w = ψ(t)/t`, `t = √(2κ(1 − cos(θ − μ)))`; for maximum likelihood all weights are 1.
 
 use crate::base::small::{Factor, Matrix, Vector, norm};
 use crate::sensors::Measurement;
@@ -16,14 +16,14 @@ use std::f64::consts::PI;
 
 /// Tuning constant of both robust forms.
 const CONSTANT: f64 = 1.5;
-/// From here on Andrews' weight is zero.
+/// Residual t from which on Andrews' weight is zero.
 pub(super) const ZERO: f64 = CONSTANT * PI;
 /// Smallest determinant of a regular matrix, relative to its rows.
 const SINGULAR: f64 = 1e-12;
 const STEPS: usize = 500;
 const TOLERANCE: f64 = 1e-10;
 
-/// How an azimuth's weight falls with its residual.
+/// How the weight of an azimuth decreases with its residual.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Weight {
     One,
@@ -49,7 +49,7 @@ impl Weight {
     }
 }
 
-/// The fix, its covariance and the concentration.
+/// The fix, with its covariance and the concentration of the errors.
 pub(super) struct Estimate<const D: usize> {
     pub position: Vector<D>,
     pub covariance: Option<Matrix<D>>,
@@ -57,7 +57,7 @@ pub(super) struct Estimate<const D: usize> {
     pub converged: bool,
 }
 
-/// The fix from a start. `kappa` is estimated unless it is known.
+/// Estimates the fix from a start. `kappa` is estimated if `known_kappa` is `None`.
 pub(super) fn estimate<const D: usize>(
     measurements: &[Measurement<D>],
     start: Vector<D>,
@@ -90,7 +90,7 @@ pub(super) fn estimate<const D: usize>(
     Estimate { position: p, covariance, kappa, converged }
 }
 
-/// The terms of one azimuth: cosine of its residual, (s, c), (s*, c*).
+/// Returns the terms of one azimuth: cosine of its residual, (s, c), (s*, c*).
 fn terms<const D: usize>(m: &Measurement<D>, p: &Vector<D>) -> (f64, [f64; 2], [f64; 2]) {
     // θ is anticlockwise from east, the azimuth clockwise from north
     let (s, c) = (m.cosine, m.sine);
@@ -128,7 +128,7 @@ fn solve<const D: usize>(
     Some(next)
 }
 
-/// κ from the weighted mean cosine, by Lenth's approximation.
+/// Estimates κ from the weighted mean cosine, by Lenth's approximation.
 fn concentration<const D: usize>(
     measurements: &[Measurement<D>],
     p: &Vector<D>,
@@ -148,7 +148,7 @@ fn concentration<const D: usize>(
     1.0 / reciprocal
 }
 
-/// `κ^-1 [Σ w s* s, −½ Σ w (s* c + c* s); ·, Σ w c* c]^-1`
+/// Returns `κ^-1 [Σ w s* s, −½ Σ w (s* c + c* s); ·, Σ w c* c]^-1`.
 fn covariance<const D: usize>(
     measurements: &[Measurement<D>],
     p: &Vector<D>,

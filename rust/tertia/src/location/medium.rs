@@ -1,9 +1,10 @@
-//! The medium of the signals: their speed and the wind, which depend on one another.
+//! The medium of the signals: their speed and the wind, which depend on each other.
 //!
-//! Each is found while the other is as it was found last, until the speed stays. The variance of each
-//! then grows by what the other one leaves open: with the slope b of the wind over the share of the
-//! speed, the information of the share is less by `bᵀ Σ⁻¹ b`, and the covariance Σ of the wind
-//! larger by `b bᵀ` times the variance of the share.
+//! Each of the two is estimated with the other as found last, until the speed no longer changes. The
+//! variance of each then grows by the uncertainty of the other: if b is the derivative of the wind with
+//! respect to the relative difference of the speed, the information about this difference decreases by
+//! `bᵀ Σ⁻¹ b`, and the covariance Σ of the wind increases by `b bᵀ` times the variance of the
+//! difference.
 
 use super::fix::Instant;
 use super::solver::{Locator, Workspace};
@@ -12,11 +13,12 @@ use super::wind::Wind;
 use crate::base::small::{Factor, dot};
 use crate::sensors::KINDS;
 
-/// Rounds at most, and the share of the speed's standard deviation below which a change is the last.
+/// Largest number of rounds.
 const ROUNDS: usize = 20;
+/// Change of the speed, in its standard deviations, below which the rounds end.
 const SETTLED: f64 = 0.02;
 
-/// What is measured, and its standard deviations, 5 K numbers of each instant.
+/// Measurements and their standard deviations, 5 K numbers of each instant.
 #[derive(Clone)]
 struct Measured {
     receivers: usize,
@@ -24,16 +26,16 @@ struct Measured {
     sigmas: Vec<f64>,
 }
 
-/// Speed and wind, and what would be measured in still air at this speed.
+/// Speed and wind, and the measurements as they would be in still air at this speed.
 #[derive(Clone, Debug)]
 pub struct Medium {
-    /// Of the signals.
+    /// Speed of the signals.
     pub speed: Speed,
-    /// None where there may be none.
+    /// Wind; `None` if no wind is assumed.
     pub wind: Option<Wind>,
-    /// 5 K numbers of each instant.
+    /// Measurements in still air, 5 K numbers of each instant.
     pub values: Vec<f64>,
-    /// Their standard deviations.
+    /// Standard deviations of these measurements.
     pub sigmas: Vec<f64>,
 }
 
@@ -46,7 +48,7 @@ impl Measured {
         Self { receivers, values: all(|one| one.values), sigmas: all(|one| one.sigmas) }
     }
 
-    /// The same if signals are faster by this share.
+    /// Returns the measurements if the signals are faster by this share.
     fn faster(&self, share: f64) -> Self {
         let mut all = self.clone();
         let speed = Speed { share, sigma: 0.0 };
@@ -66,8 +68,8 @@ impl Measured {
 }
 
 impl Locator {
-    /// The medium, of which the share of the speed and the wind in units of the speed have these standard
-    /// deviations; 0 where they are known. O(N M).
+    /// Estimates the medium. The arguments are the standard deviations of the relative difference of
+    /// the speed and of the wind in units of the speed, 0 for what is known. O(N M).
     pub fn medium<const D: usize>(
         &self,
         instants: &[Instant<'_>],
@@ -109,7 +111,8 @@ impl Locator {
     }
 }
 
-/// The speed with what the wind leaves open, and in the wind what the speed does.
+/// Returns the speed with the uncertainty due to the wind, and adds the uncertainty due to the speed to
+/// the wind.
 fn widened(speed: Speed, prior: f64, wind: &mut Wind, slope: [f64; 2]) -> Speed {
     let Some(factor) = Factor::try_new(&wind.covariance, 0.0) else { return speed };
     let least = prior.powi(-2);
@@ -127,17 +130,17 @@ mod tests {
     use super::*;
     use crate::base::checks::assert_within;
 
-    /// Of a joint information matrix, the conditional variances become the marginal ones.
+    /// With a joint information matrix, conditional variances become marginal ones.
     #[test]
     fn variances_are_those_of_both_together() {
-        // share, and wind east and north: information of 4, 2, 2 and -1 between share and east
+        // share, and wind east and north: information 4, 2 and 2, and −1 between share and east
         let mut wind = Wind { mean: [0.0; 2], covariance: [[0.5, 0.0], [0.0, 0.5]] };
         let speed = Speed { share: 0.0, sigma: 0.5 };
         let found = widened(speed, 10.0, &mut wind, [0.5, 0.0]);
         assert_within(1e-14, found.sigma.powi(2), 1.0 / 3.5);
         assert_within(1e-14, wind.covariance[0][0], 4.0 / 7.0);
         assert_eq!(wind.covariance[1], [0.0, 0.5]);
-        // but no larger than the prior
+        // the variance is not larger than that of the prior
         let found = widened(speed, 0.5, &mut wind, [9.0, 0.0]);
         assert_within(1e-14, found.sigma, 0.5);
     }

@@ -1,10 +1,11 @@
-//! Two to four bearings: the density of positions, without an approximation.
+//! Two to four bearings: the density of positions, without linearisation.
 //!
-//! The bearings have von Mises errors about the directions to the target, as in the azimuthal
-//! telemetry model of Gerber et al. (2018); positions are evenly likely within a range of any
-//! station. The common factor f between true and stated σ is log-normal and integrated out, where
-//! a record is pooled with what all its other instants say of f: the law from which their Markov
-//! chain draws, by quadrature.
+//! The bearings have von Mises errors about the directions to the target, as in the azimuthal telemetry
+//! model of Gerber et al. (2018); positions within a given range of any station are equally probable.
+//! The factor f between true and stated σ is common to the bearings of an instant, has a log-normal
+//! prior and is integrated out. If a record is pooled, the prior of f for each instant includes what
+//! all other instants say about f. This is the distribution from which the Markov chain of Gerber et
+//! al. draws; here it is computed by quadrature.
 
 use super::concentration::{
     self, Decay, Evidence, STEPS, Weights, factors, likely, ln_constants, normalise,
@@ -13,29 +14,29 @@ use super::contour::{Frame, Outline, Part, outline};
 use super::quadtree::{Node, Ray, Scene, nodes};
 use crate::sensors::{KINDS, Measurement, read};
 
-/// With fewer bearings S can be zero whatever f is, and they say nothing of it.
+/// Smallest number of bearings with information about f: with fewer, S can be zero whatever f is.
 const TELLING: usize = 3;
-/// Near the limit of range: a share of it.
+/// Share of the maximum range from which on a position counts as being at the limit.
 const EDGE: f64 = 0.98;
-/// Shares of instants whose σ is not that of the others, by whatever factor: as likely as each other.
+/// Shares of instants with a factor of their own, of any size. All these shares are equally probable.
 const OUTLYING: [f64; 5] = [0.01, 0.05, 0.1, 0.2, 0.4];
-/// ln of the density outside the range.
+/// ln of the density outside the maximum range.
 const NOWHERE: f64 = f64::NEG_INFINITY;
 
-/// What was measured at an instant: the arguments of [`Instant`](super::Instant), azimuths only.
+/// Measurements and stations of one instant; as [`Instant`](super::Instant), with azimuths only.
 #[derive(Clone, Copy, Debug)]
 pub struct Bearings<'a> {
-    /// Positions of K stations, 2 K numbers.
+    /// Positions of K stations: 2 K numbers.
     pub stations: &'a [f64],
-    /// Axes of each station, 4 K numbers, if not those of the frame.
+    /// Axes of each station, 4 K numbers; `None` for those of the frame.
     pub axes: Option<&'a [f64]>,
-    /// As in [`Instant`](super::Instant): K values of each kind.
+    /// K values of each kind, as in [`Instant`](super::Instant).
     pub values: &'a [f64],
-    /// Stated standard deviations, right up to a common factor.
+    /// Stated standard deviations, correct up to a common factor.
     pub sigmas: &'a [f64],
 }
 
-/// Mean and covariance of the position.
+/// Mean and covariance of the position, with the expected factor of the sigmas.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Summary {
     /// Expected position.
@@ -44,12 +45,12 @@ pub struct Summary {
     pub covariance: [[f64; 2]; 2],
     /// Expected factor between true and stated σ.
     pub factor: f64,
-    /// Share of the mass at the limit of range.
+    /// Probability that the target is at the limit of the range.
     pub edge: f64,
 }
 
 impl Summary {
-    /// That of too few bearings.
+    /// Result for too few bearings.
     pub const UNKNOWN: Self = Self {
         mean: [f64::NAN; 2],
         covariance: [[f64::NAN; 2]; 2],
@@ -58,28 +59,28 @@ impl Summary {
     };
 }
 
-/// A region, and the circle about the mean.
+/// A region of highest density.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Density {
-    /// ln of the density on the contour that holds so much of the mass.
+    /// ln of the density on the contour that contains the given probability.
     pub ln_level: f64,
     /// The contour.
     pub outline: Outline,
 }
 
-/// The bearings of an instant, and the law of f.
+/// The bearings of an instant, and the constants of their likelihood for each f.
 #[derive(Debug)]
 pub struct Posterior {
     origin: [f64; 2],
     rays: Vec<Ray>,
-    /// Where each stands in the instant.
+    /// Index of each bearing among the values of the instant.
     places: Vec<usize>,
     max_range: f64,
     constants: Weights,
 }
 
 impl Posterior {
-    /// Reads bearings; `None` where there are fewer than two.
+    /// Reads bearings; `None` if there are fewer than two.
     pub fn new(bearings: &Bearings<'_>, max_range: f64) -> Option<Self> {
         let Bearings { stations, axes, values, sigmas } = *bearings;
         debug_assert_eq!(values.len() * 2, stations.len() * KINDS);
@@ -97,12 +98,13 @@ impl Posterior {
         (rays.len() >= 2).then_some(Self { origin, rays, places, max_range, constants })
     }
 
-    /// Logarithm of the likelihood of each f, where the bearings tell.
+    /// Returns the logarithm of the likelihood of each f; `None` if the bearings contain no information
+    /// about f.
     pub fn ln_likelihood(&self, decay: &Decay) -> Option<Weights> {
         (self.rays.len() >= TELLING).then(|| self.telling(decay, &self.nodes(decay, &likely())))
     }
 
-    /// Mean, covariance and factor, f having these weights before the instant.
+    /// Returns mean, covariance and factor, for these prior weights of f.
     pub fn summary(&self, decay: &Decay, weights: &Weights) -> Summary {
         let nodes = self.nodes(decay, weights);
         let mass = Mass::of(&nodes);
@@ -127,7 +129,7 @@ impl Posterior {
         }
     }
 
-    /// The region of highest density that holds so much of the mass.
+    /// Returns the region of highest density that contains the target with this probability.
     pub fn region(&self, decay: &Decay, weights: &Weights, probability: f64) -> Density {
         let evidence = self.evidence(decay, weights);
         let mut nodes = nodes(&self.scene(), &evidence);
@@ -152,7 +154,7 @@ impl Posterior {
         Density { ln_level: level - mass.ln_total, outline }
     }
 
-    /// Radius about a point that holds so much of the mass.
+    /// Returns the radius about `centre` that contains the target with this probability.
     pub fn radius(
         &self,
         decay: &Decay,
@@ -177,7 +179,8 @@ impl Posterior {
         rings.last().map_or(f64::NAN, |ring| ring.0)
     }
 
-    /// Writes the residuals at a position, with σ larger by a factor; returns the number of bearings.
+    /// Writes the residuals at a position, with σ multiplied by a factor; returns the number of
+    /// bearings.
     pub fn residuals(&self, factor: f64, p: [f64; 2], out: &mut [f64]) -> usize {
         let p = [0, 1].map(|axis| p[axis] - self.origin[axis]);
         for (ray, &place) in self.rays.iter().zip(&self.places) {
@@ -203,10 +206,10 @@ impl Posterior {
     }
 }
 
-/// The weights of each instant of a record from those of all others: `ln prior + Σ_{j≠l} ln m_j`,
-/// where a share of the instants has a factor of its own, of any size: one bearing that is reversed
-/// would otherwise be worth more than a hundred good instants. The share is integrated out. The
-/// prior where fewer than two instants tell. O(instants).
+/// Returns the weights of f for each instant of a record, given the likelihoods of all other instants:
+/// `ln prior + Σ_{j≠l} ln m_j`. A share of the instants has a factor of its own, of any size; otherwise
+/// a single reversed bearing would outweigh more than a hundred good instants. The share is integrated
+/// out. If fewer than two instants contain information about f, the weights are the prior. O(instants).
 pub fn pooled(likelihoods: &[Option<Weights>]) -> Vec<Weights> {
     let prior = concentration::prior();
     if likelihoods.iter().flatten().count() < 2 {
@@ -245,14 +248,15 @@ pub fn pooled(likelihoods: &[Option<Weights>]) -> Vec<Weights> {
     likelihoods.iter().map(without).collect()
 }
 
-/// The likelihood of a factor that the instant shares with others, or not.
+/// Returns the likelihood of the common factor if the instant has a factor of its own with this
+/// probability.
 fn or_own_factor(ln: &Weights, share: f64) -> Weights {
     let largest = ln.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let mean = ln.iter().map(|v| (v - largest).exp()).sum::<f64>() / STEPS as f64;
     ln.map(|v| largest + ((1.0 - share) * (v - largest).exp() + share * mean).ln())
 }
 
-/// How the mass of a density is spread over nodes.
+/// Distribution of the probability over the nodes of a quadrature.
 struct Mass<'a> {
     nodes: &'a [Node],
     shares: Vec<f64>,

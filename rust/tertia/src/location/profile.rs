@@ -1,30 +1,35 @@
-//! Where the linear covariance fails: how far along its longest axis the measurements allow.
+//! Covariance where the linear one fails: how far along its longest axis the measurements allow the
+//! position to be.
 //!
-//! The covariance is that of the tangent plane at the minimum. Where an error is not small compared
-//! with the distances, the cost along the ridge grows by less than the parabola says, and not at
-//! all beyond some distance if the target may as well be at infinity (the profile likelihood of
-//! Bates, Watts 1988). The ellipse of 95 % is to reach to where the cost has grown by what it grows
-//! by at the ellipse of a parabola, half the quantile of χ², on both sides of each axis.
+//! The linear covariance is that of the tangent plane at the minimum. If an error is not small compared
+//! with the distances, the cost along the ridge grows less than the parabola predicts, and beyond some
+//! distance not at all if the target may be at infinity (profile likelihood: Bates, Watts 1988). The
+//! 95 % ellipse is to extend to the points where the cost has grown as much as it does at the 95 %
+//! ellipse of a parabola, by half the quantile of χ², on both sides of each axis.
 
 use super::descent::Loss;
 use super::growth::LIMIT;
 use super::search::{Minimum, Search, position};
 use crate::base::small::{Factor, Matrix, Vector, add, dot, longest, norm};
 
-/// A standard deviation of this share of the distance to the nearest station is not small: the
-/// linear covariance is 3 % too small at .14, and right at .06.
+/// Standard deviations above this fraction of the distance to the nearest station are not small: the
+/// linear covariance is 3 % too small at 0.14, and right at 0.06.
 const SMALL: f64 = 0.08;
-/// What is so many extents of the problem away is at infinity.
+/// Points beyond this multiple of the extent of the problem count as infinitely distant.
 const INFINITY: f64 = 1e3;
-/// Steps back to the ridge, and halvings of the distance.
+/// Number of steps back to the ridge.
 const RELAXATIONS: usize = 3;
+/// Number of halvings of the interval that contains the distance.
 const HALVINGS: usize = 12;
-/// Weight of the axis in steps that must not follow it.
+/// Weight of the axis in the normal matrix, which keeps steps perpendicular to the axis.
 const STIFF: f64 = 1e4;
 
 impl<const D: usize, const N: usize> Search<'_, D, N> {
-    /// The covariance of a minimum where it is curved, none where it is nearly not; an error where
-    /// the ellipse of 95 % has no end; costs are in `unit`. O(M) where it is not curved.
+    /// Returns the covariance of a minimum with curvature taken into account, or `None` if the
+    /// curvature is negligible. Costs are in units of `unit`. O(M) without curvature.
+    ///
+    /// # Errors
+    /// If the 95 % ellipse is unbounded.
     pub fn curved(
         &self,
         minimum: &Minimum<N>,
@@ -41,7 +46,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         for _ in 0..D {
             let (axis, variance) = longest(&rest);
             let sigma = variance.sqrt();
-            // false for nan and infinity, too
+            // also stops for nan and infinity
             if !(sigma > SMALL * nearest && sigma < f64::INFINITY) {
                 break;
             }
@@ -61,13 +66,13 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         Ok(curved.then_some(found))
     }
 
-    /// The distance along an axis to the end of the region of 95 %, if it has one.
+    /// Returns the distance along an axis to the end of the 95 % region; `None` if it has no end.
     fn reach(&self, minimum: &Minimum<N>, axis: &Vector<D>, sigma: f64, unit: f64) -> Option<f64> {
         let goal = minimum.normal.cost + 0.5 * LIMIT[D - 2] * unit;
         let limit = INFINITY * (self.problem.extent + norm(&position::<D, N>(&minimum.state)));
         let (mut near, mut far) = (0.0, LIMIT[D - 2].sqrt() * sigma);
         let mut ridge = minimum.state;
-        // the emission is where it fits
+        // the emission is free: it follows the position
         let axis: Vector<N> = std::array::from_fn(|i| if i < D { axis[i] } else { 0.0 });
         loop {
             let from = std::array::from_fn(|i| ridge[i] + (far - near) * axis[i]);
@@ -91,7 +96,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         Some(high)
     }
 
-    /// The lowest point near another one, across an axis, and its cost.
+    /// Returns the point of lowest cost near `from`, on steps perpendicular to an axis, and its cost.
     fn relaxed(&self, from: Vector<N>, axis: &Vector<N>, scale: f64) -> (Vector<N>, f64) {
         let loss: Loss = self.loss;
         let mut p = from;
@@ -119,6 +124,6 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
     }
 }
 
-/// The measurements do not bound the position in some direction.
+/// Error: the measurements do not bound the position in some direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Unbounded;

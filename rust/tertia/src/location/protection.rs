@@ -1,9 +1,11 @@
-//! The radius that a position with undetected faults exceeds with a stated risk.
+//! Protection level: the radius that the error of a position exceeds with a stated risk, undetected
+//! faults included.
 //!
-//! Solution separation (Blanch et al. 2012), in the plane: for every set k of at most so many
-//! measurements there is the position without them, with its covariance `P_k`, and a threshold on
-//! its distance from the position of all. If all sets pass, the error without faults, or under the
-//! faults of k, is outside a radius R about the position with a probability of at most
+//! Solution separation (Blanch et al. 2012) in the plane. For every set k of measurements that may be
+//! faulty together, the position without this set is computed, with its covariance `P_k` and a
+//! threshold on its distance from the position with all measurements. If all sets pass this test, the
+//! error, without faults or with faults in one of the sets, exceeds the radius R with a probability of
+//! at most
 //!
 //! ```text
 //! P(|N(0, P_0)| > R) + Σ_k p_k P(|N(0, P_k)| > R − T_k) + P(more faults than guarded),
@@ -17,10 +19,10 @@ use crate::base::distribution::chi_square_upper_quantile;
 use crate::base::small::{Factor, Matrix, Vector, rotated};
 use crate::sensors::Row;
 
-/// What is guarded against, and how surely.
+/// The faults that are guarded against, and the probabilities of the protection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Protection {
-    /// Probability that the error exceeds the level.
+    /// Probability that the error exceeds the protection level.
     pub risk: f64,
     /// Probability that a measurement is faulty.
     pub fault_probability: f64,
@@ -38,10 +40,11 @@ struct Mode {
 }
 
 impl Protection {
-    /// The level of a position from the measurements that are not marked: a horizontal radius; the
-    /// emission of arrivals is the N-th unknown. Infinite where no radius is enough, because faults
-    /// could not be seen, are likelier than the risk, or were seen and not excluded. Those excluded
-    /// count as faults. O(M^(faults + 1)).
+    /// Returns the protection level in m, a horizontal radius, of a position estimated from the
+    /// measurements that are not marked as outliers. The state has N components if the emission of
+    /// arrivals is the last of them, otherwise D. The level is infinite if no radius is large enough:
+    /// faults cannot be detected, are more probable than the risk, or were detected but not excluded.
+    /// Excluded measurements count as faults. O(M^(faults + 1)).
     pub fn level<const D: usize, const N: usize>(&self, located: &Located<'_>) -> f64 {
         if located.is_timed() {
             self.level_with::<D, N>(located)
@@ -61,7 +64,7 @@ impl Protection {
         }
     }
 
-    /// The same of whitened rows.
+    /// Returns the level from whitened rows; `None` if no radius is large enough.
     fn level_of<const D: usize>(&self, rows: &[Row<D>], faults: usize) -> Option<f64> {
         let all = Sums::of(rows);
         let (inverse, shift) = all.solve()?;
@@ -81,7 +84,7 @@ impl Protection {
                 let mut rest = all;
                 set.iter().for_each(|&row| rest.remove(&rows[row]));
                 match rest.solve() {
-                    // what cannot be seen is a risk whatever the radius
+                    // faults of this set cannot be detected: they contribute to the risk at any radius
                     None => unguarded += probability,
                     Some((without, moved)) => {
                         let separation: Vector<D> = std::array::from_fn(|i| moved[i] - shift[i]);
@@ -109,17 +112,17 @@ impl Protection {
             error.outside(r) + modes.iter().map(of).sum::<f64>() + unguarded
         };
         let radius = falling_root(|r| (risk(r) / self.risk).ln(), error.longest());
-        // that of least squares, about a position that need not be theirs
+        // the radius is about the least-squares position, from which the given one differs by the shift
         Some(radius + shift[0].hypot(shift[1]))
     }
 
-    /// Probability that so many stated measurements are faulty, and no other.
+    /// Returns the probability that exactly `size` given measurements out of `count` are faulty.
     fn probability_of(&self, size: usize, count: usize) -> f64 {
         let p = self.fault_probability;
         p.powi(size as i32) * (1.0 - p).powi((count - size) as i32)
     }
 
-    /// Probability of more faults.
+    /// Returns the probability that more than `faults` of `count` measurements are faulty.
     fn more_than(&self, faults: usize, count: usize) -> f64 {
         (faults + 1..=count)
             .map(|size| combinations(count, size) * self.probability_of(size, count))
@@ -127,7 +130,7 @@ impl Protection {
     }
 }
 
-/// `J^T J` and `J^T r`
+/// `J^T J` and `J^T r`.
 #[derive(Clone, Copy)]
 struct Sums<const D: usize> {
     matrix: Matrix<D>,
@@ -154,19 +157,19 @@ impl<const D: usize> Sums<D> {
         }
     }
 
-    /// Covariance, and how far from the position the minimum is.
+    /// Returns the covariance, and the step from the position to the least-squares minimum.
     fn solve(&self) -> Option<(Matrix<D>, Vector<D>)> {
         let inverse = Factor::try_new(&self.matrix, 0.0)?.inverse();
         Some((inverse, rotated(&inverse, &self.vector)))
     }
 }
 
-/// How far the position without some measurements is from that with them.
+/// Difference between the position without a set of measurements and the position with it.
 struct Separation {
-    /// Eigenvalues of its covariance `P_k − P_0`.
+    /// Eigenvalues of the covariance `P_k − P_0` of the difference.
     large: f64,
     small: f64,
-    /// Its components along the axes.
+    /// Components of the difference along the principal axes.
     along: f64,
     across: f64,
 }
@@ -180,7 +183,7 @@ impl Separation {
         Self { large, small, along, across }
     }
 
-    /// `d^T (P_k − P_0)⁺ d`; zero where the set does not change the position.
+    /// Returns `d^T (P_k − P_0)⁺ d`; zero if the set does not change the position.
     fn statistic(&self, rank: usize) -> f64 {
         let share = |d: f64, variance: f64| if variance > 0.0 { d * d / variance } else { 0.0 };
         let second = if rank > 1 { share(self.across, self.small) } else { 0.0 };
@@ -196,7 +199,7 @@ fn combinations(count: usize, size: usize) -> f64 {
     (0..size).map(|i| (count - i.min(count)) as f64 / (i + 1) as f64).product()
 }
 
-/// The next set of the same size in the order of a dictionary.
+/// Advances to the next set of the same size in lexicographic order; false after the last one.
 fn advance(set: &mut [usize], count: usize) -> bool {
     let size = set.len();
     let Some(at) = (0..size).rev().find(|&i| set[i] < count - size + i) else { return false };
@@ -232,8 +235,8 @@ mod tests {
         assert_within(1e-12, MILD.more_than(0, 2), 1e-4 * (2.0 - 1e-4));
     }
 
-    /// Five arrival times with the emission time as the third unknown, and three of them mirrored;
-    /// values of a computation in double precision.
+    /// Five arrival times and mirror images of three of them, with the emission time as the third
+    /// unknown. The expected values were computed independently in double precision.
     #[test]
     fn arrival_times() {
         let stations =
@@ -257,7 +260,8 @@ mod tests {
         let square = [[1.0, 0.0], [0.0, 1.0], [0.7, 0.7], [0.7, -0.7]];
         let rows = square.map(|gradient| row(gradient, 0.0));
         assert!(MILD.level_of(&rows, 1).unwrap().is_finite());
-        // two measurements more are likelier than the risk, one alone cannot be checked, a fault
+        // none: one fault is more probable than the risk; two measurements cannot check each other; a
+        // fault
         assert!(MILD.level_of(&rows, 0).is_none());
         assert!(MILD.level_of(&rows[..2], 1).is_none());
         let mut wrong = rows;

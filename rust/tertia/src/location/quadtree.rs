@@ -1,21 +1,23 @@
-//! The positions that a few bearings allow: a tree of squares, finer where the density is.
+//! Quadrature over the positions that a few bearings allow: a tree of squares, finer where the density
+//! is high.
 
 use super::concentration::Evidence;
 
-/// Squares across the box of the prior, and how often they may be divided.
+/// Number of squares across the square that contains all positions within range.
 const ACROSS: usize = 16;
+/// Largest number of times that a square is divided.
 const LEVELS: usize = 11;
-/// A square is divided where it may hold this share of the mass, and its density may be so much
-/// higher, in ln, than at its centre.
+/// A square is divided if it may contain this share of the probability and its ln density may exceed
+/// that at its centre by [`CHANGE`].
 const SHARE: f64 = 0.003;
 const CHANGE: f64 = 0.05;
-/// Half a diagonal, somewhat more than `√½`.
+/// Half the diagonal of a square of side 1, with a margin: slightly more than `√½`.
 const RADIUS: f64 = 0.71;
-/// Gauss points of a square of side 1, from its centre: `1 / (2 √3)`.
+/// Distance of the Gauss points of a square of side 1 from its axes: `1 / (2 √3)`.
 const GAUSS: f64 = 0.288_675_134_594_812_9;
 const CORNERS: [[f64; 2]; 4] = [[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]];
 
-/// A bearing: from where, its direction, and `1/σ²`.
+/// A bearing: station, direction (east, north) and `1/σ²`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ray {
     pub station: [f64; 2],
@@ -23,15 +25,15 @@ pub(super) struct Ray {
     pub precision: f64,
 }
 
-/// The bearings of an instant, and how far their target may be from the nearest station.
+/// The bearings of an instant, and the largest distance of the target from the nearest station.
 pub(super) struct Scene<'a> {
     pub rays: &'a [Ray],
     pub max_range: f64,
 }
 
 impl Scene<'_> {
-    /// `S(p) = Σ (1 − cos(θ_i − a_i(p))) / σ_i²`, and the distance from the nearest station; by dot
-    /// products, without an angle.
+    /// Returns `S(p) = Σ (1 − cos(θ_i − a_i(p))) / σ_i²`, and the distance from the nearest station, by
+    /// dot products, without computing angles.
     pub fn misfit(&self, p: [f64; 2]) -> (f64, f64) {
         let (mut sum, mut nearest) = (0.0, f64::INFINITY);
         for ray in self.rays {
@@ -42,7 +44,8 @@ impl Scene<'_> {
         (sum, nearest)
     }
 
-    /// The least S within so much of a point: every bearing turned towards it.
+    /// Returns a lower bound of S within a radius around a point: every direction is turned towards its
+    /// bearing as far as the radius allows.
     fn least_misfit(&self, p: [f64; 2], radius: f64) -> f64 {
         let mut sum = 0.0;
         for ray in self.rays {
@@ -60,7 +63,7 @@ impl Scene<'_> {
         sum
     }
 
-    /// Centre and side of the square around all positions within range.
+    /// Returns centre and side of the square around all positions within range.
     fn frame(&self) -> ([f64; 2], f64) {
         let mut centre = [0.0; 2];
         let mut side = 0.0_f64;
@@ -76,7 +79,7 @@ impl Scene<'_> {
 }
 
 impl Ray {
-    /// Cosine of the angle between bearing and direction to a point, and the range.
+    /// Returns the cosine of the angle between the bearing and the direction to a point, and the range.
     fn cosine(&self, p: [f64; 2]) -> (f64, f64) {
         let (x, y) = (p[0] - self.station[0], p[1] - self.station[1]);
         let range = (x * x + y * y).sqrt();
@@ -84,7 +87,7 @@ impl Ray {
         ((along / range.max(f64::MIN_POSITIVE)).clamp(-1.0, 1.0), range)
     }
 
-    /// Bearing less direction to a point, clockwise, in standard deviations.
+    /// Returns the bearing minus the direction to a point, clockwise, in standard deviations.
     pub fn residual(&self, p: [f64; 2]) -> f64 {
         let (x, y) = (p[0] - self.station[0], p[1] - self.station[1]);
         let [east, north] = self.direction;
@@ -96,12 +99,12 @@ impl Ray {
 struct Square {
     centre: [f64; 2],
     side: f64,
-    /// ln of the density at the centre, and of the highest that it may have.
+    /// ln of the density at the centre, and an upper bound of it in the square.
     ln: f64,
     ln_bound: f64,
 }
 
-/// A point of the quadrature, the area that it stands for, S and ln of the density there.
+/// A point of the quadrature, with the area that it represents, and S and ln of the density there.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Node {
     pub p: [f64; 2],
@@ -112,7 +115,7 @@ pub(super) struct Node {
     pub nearest: f64,
 }
 
-/// Nodes of a quadrature of the density `g(S(p))` within range. O(nodes · bearings).
+/// Returns the nodes of a quadrature of the density `g(S(p))` within range. O(nodes · bearings).
 pub(super) fn nodes(scene: &Scene<'_>, evidence: &Evidence<'_>) -> Vec<Node> {
     let square = |centre: [f64; 2], side: f64| {
         let (misfit, nearest) = scene.misfit(centre);

@@ -1,4 +1,4 @@
-//! Distances of a normal error from its mean, in the plane.
+//! Distribution of the distance of a normal error from its mean, in the plane.
 
 use super::contour::principal;
 use crate::base::exponential::exp;
@@ -6,15 +6,17 @@ use pulp::{Arch, Simd, WithSimd};
 use std::f64::consts::FRAC_PI_2;
 use std::sync::LazyLock;
 
-/// Angles in a quarter turn, and how many more an elongated ellipse needs for each time that it is
-/// longer than wide: the error falls as `exp(−4 MORE)`.
+/// Number of angles in a quarter turn. For an elongated ellipse it is [`MORE`] times the ratio of its
+/// axes, with which the error of the sum is about `exp(−4 MORE)`, but at most [`MOST`].
 const ANGLES: f64 = 16.0;
 const MORE: f64 = 6.0;
 const MOST: f64 = 12_288.0;
-/// Angles side by side, and of how many there are tables: [`ANGLES`], twice as many, and so on.
+/// Angles that are computed side by side.
 const LANES: usize = 8;
+/// Number of tables of angles: for [`ANGLES`] angles, twice as many, and so on.
 const TABLES: usize = 4;
-/// Squares of cosines and sines at the middles of so many parts of a quarter turn.
+/// Squares of cosines and sines at the midpoints of the equal parts of a quarter turn, one entry per
+/// table.
 static SQUARES: LazyLock<[Vec<[[f64; LANES]; 2]>; TABLES]> = LazyLock::new(|| {
     std::array::from_fn(|table| {
         let count = (ANGLES as usize) << table;
@@ -29,38 +31,39 @@ static SQUARES: LazyLock<[Vec<[[f64; LANES]; 2]>; TABLES]> = LazyLock::new(|| {
         (0..count / LANES).map(lanes).collect()
     })
 });
-/// Least variance, as a share of the larger one: a narrower ellipse is a line, and no angles are
-/// enough.
+/// Smallest variance, relative to the larger one. A narrower ellipse is practically a line, for which
+/// no number of angles would be sufficient.
 const LINE: f64 = (MORE / MOST) * (MORE / MOST);
 const STEPS: usize = 100;
 const TOLERANCE: f64 = 1e-13;
 
-/// A normal error in the plane, or Student's where its size is estimated.
+/// A normal error in the plane, or an error with Student's distribution if σ is estimated.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Radial {
     /// Variances along the axes, the larger one first.
     large: f64,
     small: f64,
-    /// Degrees of freedom, infinite where σ is known.
+    /// Degrees of freedom of σ; infinite if σ is known.
     freedom: f64,
 }
 
 impl Radial {
-    /// Of covariance `[a, b; b, c]`; `None` where it is not positive.
+    /// Error with covariance `[a, b; b, c]`; `None` if it is not positive definite.
     pub fn try_new(covariance: [f64; 3], freedom: f64) -> Option<Self> {
         let (large, small, _) = principal(covariance);
         let known = small > 0.0 && large.is_finite();
         known.then_some(Self { large, small: small.max(LINE * large), freedom })
     }
 
-    /// The larger standard deviation.
+    /// Returns the larger standard deviation.
     pub fn longest(&self) -> f64 {
         self.large.sqrt()
     }
 
-    /// `P(|x| > r) = E_a[e^(−r² q/2) / q] / √(λ₁ λ₂)`, `q = cos² a/λ₁ + sin² a/λ₂`, by midpoints in
-    /// a, which converge like a geometric series; of Student's with `(1 + r² q/ν)^(−ν/2)` in place
-    /// of the exponential. One below zero. O(√(λ₁/λ₂)).
+    /// Returns `P(|x| > r) = E_a[e^(−r² q/2) / q] / √(λ₁ λ₂)`, `q = cos² a/λ₁ + sin² a/λ₂`, by the
+    /// midpoint rule in a, which converges geometrically. For Student's distribution,
+    /// `(1 + r² q/ν)^(−ν/2)` takes the place of the exponential. The probability is 1 for r ≤ 0.
+    /// O(√(λ₁/λ₂)).
     pub fn outside(&self, r: f64) -> f64 {
         if r <= 0.0 {
             return 1.0;
@@ -89,13 +92,13 @@ impl Radial {
         sum / count / (self.large * self.small).sqrt()
     }
 
-    /// The r with `P(|x| > r) = p`.
+    /// Returns the r with `P(|x| > r) = p`.
     pub fn quantile(&self, p: f64) -> f64 {
         falling_root(|r| self.outside(r).ln() - p.ln(), self.longest())
     }
 }
 
-/// `Σ e^(−h q)/q`, `q = c² along + s² across`.
+/// Computes `Σ e^(−h q)/q`, `q = c² along + s² across`.
 struct Tail<'a> {
     squares: &'a [[[f64; LANES]; 2]],
     along: f64,
@@ -120,8 +123,9 @@ impl WithSimd for Tail<'_> {
     }
 }
 
-/// Where a function that falls on positive numbers is zero, from the scale of its argument: by
-/// false position with halved ends (Illinois). Infinite where it stays positive.
+/// Returns the positive argument at which a decreasing function is zero, by false position with halved
+/// end values (Illinois). The search starts from `scale`. The result is infinite if the function stays
+/// positive.
 pub(super) fn falling_root(f: impl Fn(f64) -> f64, scale: f64) -> f64 {
     let (mut low, mut high) = (0.0, scale);
     let (mut above, mut below) = (f(0.0), f(high));
@@ -141,7 +145,7 @@ pub(super) fn falling_root(f: impl Fn(f64) -> f64, scale: f64) -> f64 {
     }
     let mut last = 0.0;
     for _ in 0..STEPS {
-        // far out the logarithm of a tail has no value
+        // far in the tail, the logarithm of the probability is −∞
         let share = if below.is_finite() { above / (above - below) } else { 0.5 };
         let middle = low + share * (high - low);
         let value = f(middle);
@@ -170,10 +174,10 @@ mod tests {
         let round = Radial::try_new([4.0, 0.0, 4.0], f64::INFINITY).unwrap();
         assert_within(1e-14, round.outside(3.0), (-9.0 / 8.0_f64).exp());
         assert_within(1e-12, round.quantile(0.5), 2.0 * (2.0 * 2_f64.ln()).sqrt());
-        // a summation of 256 angles in double precision
+        // the sum over 256 angles, computed independently in double precision
         let long = Radial::try_new([100.0, 30.0, 64.0], f64::INFINITY).unwrap();
         assert_within(1e-12, long.outside(30.0), 0.007_498_227_201_251_222);
-        // a circle and Student's errors: Fisher's distribution
+        // a circle with Student's errors: the squared radius has Fisher's distribution
         let few = Radial::try_new([1.0, 0.0, 1.0], 3.0).unwrap();
         assert_within(1e-12, few.outside(2.0), (1.0_f64 + 4.0 / 3.0).powf(-1.5));
         let line = Radial::try_new([1.0, 0.0, 1e-8], f64::INFINITY).unwrap();

@@ -1,4 +1,4 @@
-//! What was measured at one instant, without gaps.
+//! The measurements of one instant, without missing values.
 
 use super::arrivals;
 use super::block::Block;
@@ -10,29 +10,30 @@ use super::starts;
 use crate::base::small::{Vector, dot, norm};
 use crate::sensors::{KINDS, Kind, Measurement, Row, read};
 
-/// Where a height stands in the instant.
+/// Place of a height, which is not among the values of an instant.
 pub(super) const NOWHERE: usize = usize::MAX;
 
-/// Measurements and where the search for their position stands; the state is a position and, of
-/// arrivals, their emission.
+/// The measurements of an instant, and the state of the search for its position. A state is a position
+/// and, if there are arrivals, their emission.
 #[derive(Clone, Debug)]
 pub(super) struct Record<const D: usize, const N: usize> {
     pub measurements: Vec<Measurement<D>>,
-    /// Where each stands in the instant, if a station measured it.
+    /// Index of each measurement among the values of the instant, or [`NOWHERE`].
     pub places: Vec<usize>,
-    /// The size of the geometry.
+    /// Size of the geometry: the largest distance, station or measured, from the first station.
     pub extent: f64,
-    /// Whether the standard deviation is to be estimated.
+    /// Whether the standard deviation of the measurements has to be estimated.
     pub unknown: bool,
-    /// The variance that differences have from the first station, if they are read as arrivals.
+    /// Variance that range differences have from the first station, if they are converted into
+    /// arrivals.
     pub common: Option<f64>,
-    /// A start, and the minimum it led to.
+    /// A start, and the minimum to which it led.
     pub start: Option<Vector<N>>,
     pub first: Option<Minimum<N>>,
-    /// The points of which the start is the best, and their costs; none if it is trusted.
+    /// The points of which the start is the best, and their costs; empty if the start is trusted.
     pub points: Vec<Vector<N>>,
     pub costs: Vec<f64>,
-    /// Residuals and their derivatives there.
+    /// Residuals and their derivatives at the minimum.
     pub rows: Vec<Row<N>>,
 }
 
@@ -54,8 +55,8 @@ impl<const D: usize, const N: usize> Default for Record<D, N> {
 }
 
 impl Instant<'_> {
-    /// The variance that range differences have from the first station, if any: that of their
-    /// correlation, and what its survey adds.
+    /// Returns the variance that range differences have from the first station, if there is any: from
+    /// their correlation, and from the uncertain position of the station.
     pub(super) fn common(&self, correlation: f64) -> Option<f64> {
         let k = self.values.len() / KINDS;
         let differences =
@@ -66,7 +67,7 @@ impl Instant<'_> {
         (common > 0.0).then_some(common)
     }
 
-    /// Standard deviation of a station's coordinates.
+    /// Returns the standard deviation of a station's coordinates.
     fn survey(&self, station: usize) -> f64 {
         self.position_sigmas.map_or(0.0, |sigmas| sigmas[station])
     }
@@ -82,8 +83,8 @@ impl<const D: usize, const N: usize> Record<D, N> {
         (self.extent, self.unknown) = (0.0, false);
     }
 
-    /// Collects what was measured, station by station; differences that share an error as arrivals,
-    /// that of the first station at zero.
+    /// Collects the measurements station by station. Range differences with a common error become
+    /// arrivals, with the arrival at the first station at zero.
     pub fn read(&mut self, instant: &Instant<'_>, correlation: f64) {
         self.clear();
         let Instant { stations, axes, values, sigmas, .. } = *instant;
@@ -138,13 +139,14 @@ impl<const D: usize, const N: usize> Record<D, N> {
         Search { problem, loss, unknown: *unknown, start: *start, first: *first, decides: false }
     }
 
-    /// Whether errors of the stations' positions are errors of angles.
+    /// Whether uncertain station positions cause errors of angles.
     pub fn is_blurred(&self, instant: &Instant<'_>) -> bool {
         let angles = self.measurements.iter().filter(|m| m.kind.is_angle());
         !self.unknown && angles.into_iter().any(|m| instant.survey(m.index) > 0.0)
     }
 
-    /// Gives angles the errors that those of their stations' positions make at a position.
+    /// Sets the sigmas of angles to include the errors from uncertain station positions, at a position
+    /// `p`.
     pub fn blur(&mut self, instant: &Instant<'_>, p: &Vector<D>) {
         for (m, &place) in self.measurements.iter_mut().zip(&self.places) {
             if m.kind.is_angle() {
@@ -158,7 +160,7 @@ impl<const D: usize, const N: usize> Record<D, N> {
         self.first = None;
     }
 
-    /// Whitened residuals and marks of differences in place of those of arrivals.
+    /// Converts whitened residuals and outlier marks of arrivals back into those of range differences.
     pub fn tell_differences(&self, out: &mut Output<'_>) {
         let reference = self.places[0];
         let sigma = |at: usize| self.measurements[at].precision.recip();
@@ -176,7 +178,7 @@ impl<const D: usize, const N: usize> Record<D, N> {
     }
 }
 
-/// Instants side by side, all of them with arrivals or none.
+/// Buffers for instants side by side, either all with arrivals or all without.
 #[derive(Debug)]
 pub(super) struct Room<const D: usize, const N: usize> {
     pub records: Vec<Record<D, N>>,
@@ -195,8 +197,8 @@ impl<const D: usize, const N: usize> Default for Room<D, N> {
 }
 
 impl<const D: usize, const N: usize> Room<D, N> {
-    /// Reads an instant, and looks for a start for a loss of so many measurements if there is one:
-    /// where many measurements agree, or the best point of all where a few do.
+    /// Reads an instant, and finds a start if `loss` returns a loss for its number of measurements: a
+    /// start that many measurements support, otherwise the best of the candidate points.
     pub fn read(
         &mut self,
         at: usize,

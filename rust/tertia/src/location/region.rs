@@ -1,8 +1,9 @@
 //! The region around a position that contains the target with a given probability.
 //!
-//! Where the errors are small against the distances it is an ellipse: `d^T C^-1 d ≤ c`, with `c` of
-//! the chi-square distribution, or of Fisher's where σ is estimated. Elsewhere it is the contour of
-//! the likelihood, which stands still where the linear covariance does not know of a bend.
+//! If the errors are small compared with the distances, the region is an ellipse: `d^T C^-1 d ≤ c`,
+//! with `c` from the chi-square distribution, or from Fisher's distribution if σ is estimated.
+//! Otherwise it is bounded by a contour of the likelihood, which also follows a curved region, whereas
+//! the linear covariance does not.
 
 use super::contour::{Frame, Outline, Part, bearing, outline, principal};
 use super::fix::Instant;
@@ -13,31 +14,33 @@ use crate::base::small::{Factor, Matrix, Vector, quadratic};
 use crate::sensors::{KINDS, Kind, Measurement, Row};
 use std::f64::consts::TAU;
 
-/// Corners of an ellipse.
+/// Number of corners of the polygon that represents an ellipse.
 const CORNERS: usize = 180;
-/// Places on the ellipse where the likelihood is compared, and how much it may differ.
+/// Number of points on the ellipse at which the likelihood is compared with a normal one.
 const PLACES: usize = 16;
+/// Largest relative difference at these points up to which the region counts as an ellipse.
 const STRAIGHT: f64 = 0.1;
-/// The frame is so much larger than the ellipse, and grows where it cuts the contour.
+/// The frame of a contour is larger than the ellipse by this factor; where it cuts the contour, it
+/// grows by [`GROWTH`], at most [`GROWN`] times.
 const MARGIN: f64 = 1.25;
 const GROWTH: f64 = 1.6;
 const GROWN: usize = 12;
 
-/// A position, and what it was estimated from.
+/// A position and the measurements from which it was estimated.
 #[derive(Clone, Copy, Debug)]
 pub struct Located<'a> {
-    /// What was measured.
+    /// The measurements.
     pub instant: Instant<'a>,
-    /// Correlation of range differences.
+    /// Correlation of the errors of range differences.
     pub correlation: f64,
-    /// Measurements that were left out.
+    /// Marks of measurements that were left out.
     pub outlier: &'a [bool],
-    /// D numbers.
+    /// The position, D numbers.
     pub position: &'a [f64],
 }
 
 impl Located<'_> {
-    /// Whether the emission is an unknown, too.
+    /// Whether the emission is an additional unknown.
     pub(super) fn is_timed(&self) -> bool {
         let count = self.instant.values.len() / KINDS;
         let any = |kind: Kind| {
@@ -48,12 +51,12 @@ impl Located<'_> {
             || any(Kind::RangeDifference) && self.instant.common(self.correlation).is_some()
     }
 
-    /// The position, counted from the first station.
+    /// Returns the position relative to the first station.
     pub(super) fn offset<const D: usize>(&self) -> Vector<D> {
         std::array::from_fn(|i| self.position[i] - self.instant.stations[i])
     }
 
-    /// The measurements that were not left out, and the number of those that were.
+    /// Returns the measurements that were not left out, and the number of those that were.
     pub(super) fn kept<const D: usize, const N: usize>(&self) -> (Vec<Measurement<D>>, usize) {
         let mut record = Record::<D, N>::default();
         record.read(&self.instant, self.correlation);
@@ -71,20 +74,20 @@ impl Located<'_> {
     }
 }
 
-/// How large the error of a position is.
+/// Size of the error of a position.
 #[derive(Clone, Copy, Debug)]
 pub struct Spread<'a> {
-    /// D² numbers.
+    /// Covariance of the position, D² numbers.
     pub covariance: &'a [f64],
-    /// The standard deviation of a measurement where it was estimated, 1 where it is known.
+    /// Standard deviation of a measurement if it was estimated, 1 if it is known.
     pub sigma: f64,
-    /// Degrees of freedom of that estimate, infinite where it is known.
+    /// Degrees of freedom of this estimate; infinite if σ is known.
     pub freedom: f64,
 }
 
 impl Spread<'_> {
-    /// The region that contains the target with a probability, from above. O(CORNERS), and O(cells ·
-    /// M) where it is not an ellipse.
+    /// Returns the region, seen from above, that contains the target with this probability. O(CORNERS)
+    /// for an ellipse, otherwise O(cells · M).
     pub fn region(&self, located: &Located<'_>, probability: f64) -> Outline {
         let nothing = Outline::empty();
         let matrix = self.horizontal();
@@ -112,7 +115,7 @@ impl Spread<'_> {
             let frame = Frame { centre: [0.0; 2], cosine, sine, half };
             return likelihood.outline(level, frame, located);
         }
-        // as much area as the ellipse
+        // the polygon has the area of the ellipse
         let corner = TAU / CORNERS as f64;
         let scale = (corner / corner.sin()).sqrt();
         let ring = (0..CORNERS).map(|i| {
@@ -132,8 +135,8 @@ impl Spread<'_> {
         }
     }
 
-    /// The radius about the position that contains the target with a probability, from above, of
-    /// normal errors.
+    /// Returns the radius of the circle about the position that contains the target, seen from above,
+    /// with this probability, for normal errors.
     pub fn radius(&self, probability: f64) -> f64 {
         let radial = Radial::try_new(self.horizontal(), self.freedom);
         radial.map_or(f64::NAN, |radial| radial.quantile(1.0 - probability))
@@ -144,7 +147,7 @@ impl Spread<'_> {
         [self.covariance[0], self.covariance[1], self.covariance[d + 1]]
     }
 
-    /// c of the ellipse.
+    /// Returns the limit c of the ellipse.
     fn level(&self, probability: f64) -> f64 {
         if self.freedom.is_finite() {
             2.0 * fisher_upper_quantile(1.0 - probability, 2.0, self.freedom)
@@ -154,11 +157,11 @@ impl Spread<'_> {
     }
 }
 
-/// The likelihood about a position in the plane, the highest over all emissions.
+/// The likelihood around a position in the plane, maximised over the emission.
 struct Likelihood {
     measurements: Vec<Measurement<2>>,
     p: Vector<2>,
-    /// `2 J^T r`, `J^T J` and the sum of squares at the position.
+    /// `J^T r`, `J^T J` and the sum of squares at the position; `slope` is twice `J^T r`.
     slope: Vector<2>,
     matrix: Matrix<2>,
     cost: f64,
@@ -195,7 +198,7 @@ impl Likelihood {
         Factor::try_new(&own.matrix, 0.0).is_some().then_some(own)
     }
 
-    /// Minus twice the logarithm of the likelihood ratio, at an offset from the position.
+    /// Returns minus twice the logarithm of the likelihood ratio at an offset from the position.
     fn ratio(&self, d: [f64; 2]) -> f64 {
         let p: Vector<2> = std::array::from_fn(|i| self.p[i] + d[i]);
         let (mut cost, mut emission) = (0.0, Emission::default());
@@ -205,12 +208,13 @@ impl Likelihood {
             cost += residual * residual;
         }
         cost -= emission.share(emission.residual, emission.residual);
-        // a robust position is not where the sum of squares has no slope
+        // the sum of squares has a slope at a robust position, which is removed here
         cost - self.cost + self.slope[0] * d[0] + self.slope[1] * d[1]
     }
 
-    /// By how much C is larger than `(J^T J)^-1`, in the direction where it is least so: what was
-    /// added because sigmas contradict each other, but not what was added for the bend.
+    /// Returns the factor by which C is larger than `(J^T J)^-1` in the direction where it is smallest.
+    /// It contains what was added to C because sigmas contradict each other, but not what was added
+    /// because of the curvature.
     fn growth(&self) -> f64 {
         let product = |i: usize, j: usize| {
             (0..2).map(|k| self.covariance[i][k] * self.matrix[k][j]).sum::<f64>()
@@ -228,7 +232,7 @@ impl Likelihood {
         })
     }
 
-    /// The part of the contour that holds the position, in a frame about it.
+    /// Returns the part of the contour around the position, in a frame that grows until it contains it.
     fn outline(&self, level: f64, mut frame: Frame, located: &Located<'_>) -> Outline {
         frame.half = frame.half.map(|v| MARGIN * v);
         let level = level * self.growth();
@@ -244,7 +248,7 @@ impl Likelihood {
             (found, cut) = trace(&frame);
         }
         if cut != [false; 2] {
-            // it has no end
+            // the region is unbounded
             (found.area, found.semi_major) = (f64::INFINITY, f64::INFINITY);
         }
         found.shift([located.position[0], located.position[1]]);
@@ -252,7 +256,8 @@ impl Likelihood {
     }
 }
 
-/// Sums over arrivals, with the derivative of the residual with the emission as second factor.
+/// Sums over arrivals. One factor of each product is the derivative of the residual with respect to the
+/// emission.
 #[derive(Default)]
 struct Emission {
     information: f64,
@@ -271,7 +276,7 @@ impl Emission {
         }
     }
 
-    /// What the best emission takes of a sum of products.
+    /// Returns what is subtracted from a sum of products when the emission is eliminated.
     fn share(&self, a: f64, b: f64) -> f64 {
         if self.information > 0.0 { a * b / self.information } else { 0.0 }
     }

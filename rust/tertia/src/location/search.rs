@@ -1,4 +1,4 @@
-//! The minimum that explains an instant best: start, robust steps, other minima.
+//! Search for the minimum that explains an instant best: start, robust steps, other minima.
 
 use super::arrivals;
 use super::block::Arrival;
@@ -17,38 +17,42 @@ const STEPS: usize = 100;
 const HUBER_TOLERANCE: f64 = 0.1;
 const TUKEY_STEPS: usize = 50;
 const RESCALINGS: usize = 12;
-/// A start is better than Huber's fit where its scale is smaller by this factor.
+/// A start is better than the result of Huber's steps only if its scale is smaller by more than this
+/// factor.
 const SMALLER_BY_CHANCE: f64 = 2.0;
-/// Correction of a scale for few measurements.
+/// Correction of a scale for few measurements: 1 + FEW / (M − N).
 const FEW: f64 = 5.0;
-/// Median of the size of a standard normal number.
+/// Median of the absolute value of a standard normal number.
 const NORMAL_MEDIAN: f64 = 0.674_489_750_196_081_7;
-/// Minima whose likelihoods differ less than by a factor of 20 cannot be told apart: ln 20.
+/// Minima whose likelihoods differ by less than a factor of 20 cannot be told apart: ln 20.
 const AMBIGUOUS: f64 = 2.995_732_273_553_991;
-/// Points within so many standard deviations, squared, belong to one minimum.
+/// Points within this squared distance of a minimum, in squared sigmas, belong to it.
 const SAME_MINIMUM: f64 = 25.0;
-/// What of a distance, squared, a point costs at least that is on the slopes of a minimum: of a
-/// parabola half of it.
+/// A point on the slope of a minimum costs more than it by at least this share of its squared distance, in
+/// sigmas. For a parabola the share would be a half.
 const SLOPE: f64 = 0.25;
-/// Other minima looked for, and where outliers are frequent.
+/// Largest number of other minima that are searched for.
 const RIVALS: usize = 3;
+/// The same if outliers are frequent.
 const RIVALS_OF_MANY: usize = 8;
-/// How many faults are trusted if no point to start from is better.
+/// Number of faults up to which a minimum is accepted without a search for others, if the start is the
+/// median of the stations' fixes.
 const TRUSTED_FAULTS: f64 = 2.0;
-/// What points cost more than the minimum they lead to, of a few measurements and of so many.
+/// How much more a point may cost than the minimum it leads to: for few measurements, and
+/// ([`SLACK_OF_MANY`]) for [`MANY`] or more.
 const SLACK: f64 = 10.0;
 const SLACK_OF_MANY: f64 = 4.0;
 const MANY: usize = 8;
-/// Degrees of freedom from which on every start may lead to a minimum of its own. With fewer, any
-/// few measurements would, and those count that Huber's steps lead to.
+/// Degrees of freedom from which on every start may lead to its own minimum. With fewer, any few
+/// measurements would form one, so only the minima that Huber's steps lead to count.
 const RIVALRY: usize = 4;
-/// Where a descent creeps closer than this, it would end at a station: close to one, its azimuth
-/// can be anything.
+/// A descent that is still moving within this share of the extent from a station would end at the station:
+/// close to it, the azimuth can take any value.
 const APPROACHED: f64 = 1e-2;
-/// A start is clearly on the side of a minimum if its distance is this share of that of the mirror
-/// image at most.
+/// A start is clearly on the side of a minimum if its distance is at most this share of its distance from
+/// the mirror image.
 const CLEARLY: f64 = 0.3;
-/// Largest cost of a point where as many measurements as coordinates meet.
+/// Largest cost of a point at which as many measurements as unknowns meet.
 const MEETING: f64 = 1e-6;
 
 /// A minimum of the cost.
@@ -58,21 +62,20 @@ pub(super) struct Minimum<const N: usize> {
     pub normal: Normal<N>,
     pub end: End,
     pub scale: f64,
-    /// Where outliers are frequent: what other minima add to the covariance, that are too unlikely to
-    /// be ambiguous.
+    /// If outliers are frequent: covariance from other minima that are too unlikely to be ambiguous.
     pub others: Matrix<N>,
 }
 
-/// One instant on its way through the solver; the state has D coordinates and, of arrivals, their
+/// Search for the position of one instant. The state has D coordinates and, if there are arrivals, their
 /// emission.
 pub(super) struct Search<'a, const D: usize, const N: usize> {
     pub problem: descent::Problem<'a, D, N>,
     pub loss: Loss,
     pub unknown: bool,
-    /// A start, and where it led to.
+    /// A start, and the minimum to which it led.
     pub start: Option<Vector<N>>,
     pub first: Option<Minimum<N>>,
-    /// Whether the better of two minima is taken although the other is nearly as good.
+    /// Whether the better of two minima is taken even if the other one is nearly as good.
     pub decides: bool,
 }
 
@@ -97,8 +100,8 @@ impl<const D: usize, const N: usize> Default for Buffers<D, N> {
 }
 
 impl<const D: usize, const N: usize> Search<'_, D, N> {
-    /// The best minimum, if no other explains the measurements as well; with the points of which its
-    /// start is the best, and their costs, if it is.
+    /// Returns the best minimum, or an error if another one explains the measurements as well. If the start
+    /// is the best of several points, these and their costs are given; otherwise both are empty.
     pub fn minimum(
         &self,
         initial: Option<Vector<D>>,
@@ -146,7 +149,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         self.rivalled(minimum, points, costs, scratch)
     }
 
-    /// Whether the minimum that a start by most measurements led to needs no other starts.
+    /// Whether the minimum reached from a start that most measurements support needs no other starts.
     fn is_trusted(&self, minimum: &Minimum<N>) -> bool {
         if minimum.end != End::Converged || self.loss == Loss::SQUARE && N == D {
             return minimum.end == End::Converged;
@@ -163,8 +166,8 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         cost < 0.5 * count as f64 + fault || cost + AMBIGUOUS < fault * self.agreeing(minimum)
     }
 
-    /// Number of stations of which no measurement is a fault. From any other position each has one
-    /// at least, if the stations locate the target alone.
+    /// Returns the number of stations without a fault. At any other position each of them would have at
+    /// least one, provided that each station alone determines a position.
     fn agreeing(&self, minimum: &Minimum<N>) -> f64 {
         let stations = self.problem.measurements.chunk_by(|a, b| a.index == b.index);
         let agrees = |m: &Measurement<D>| {
@@ -173,14 +176,14 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         stations.filter(|station| station.iter().all(agrees)).count() as f64
     }
 
-    /// Whether a start tells a minimum from its mirror image.
+    /// Whether a start is clearly closer to a minimum than to its mirror image.
     fn is_on_its_side(&self, minimum: &Minimum<N>, start: &Vector<N>) -> bool {
         let mirrored = arrivals::mirrored(self.problem.measurements, &minimum.state);
         let distance = |x: &Vector<N>| norm::<D>(&std::array::from_fn(|i| x[i] - start[i]));
         distance(&minimum.state) < CLEARLY * distance(&mirrored)
     }
 
-    /// The costs of points, or the scales that their residuals have.
+    /// Computes the costs of points, or the scales of their residuals if σ is unknown.
     fn cost_all(&self, points: &[Vector<N>], costs: &mut Vec<f64>, scratch: &mut Vec<f64>) {
         if self.loss == Loss::SQUARE || !self.unknown {
             starts::costs(self.problem.measurements, points, self.loss, costs);
@@ -190,7 +193,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         }
     }
 
-    /// Goes down from a start that is trusted: Huber's steps are not compared with it.
+    /// Descends from a trusted start: the result of Huber's steps is not compared with it.
     pub fn refine_steadily(&self, start: Vector<N>) -> Minimum<N> {
         let (mut state, scale) = (start, 1.0);
         let mut run = |loss, steps, tolerance| {
@@ -205,7 +208,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         Minimum { state, normal, end, scale, others: [[0.0; N]; N] }
     }
 
-    /// Goes down from a start.
+    /// Descends from a start.
     fn refine(&self, start: Vector<N>, scratch: &mut Vec<f64>) -> Minimum<N> {
         let mut state = start;
         if self.loss == Loss::SQUARE {
@@ -236,7 +239,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         Minimum { state, normal, end, scale, others: [[0.0; N]; N] }
     }
 
-    /// Goes down from the start of another minimum: Huber's steps would lead to the best one.
+    /// Descends from the start of another minimum, where Huber's steps would lead to the best one.
     fn rival(&self, start: Vector<N>, scratch: &mut Vec<f64>) -> Minimum<N> {
         let few = self.problem.measurements.len() < N + RIVALRY && !self.tells_many_apart();
         if few || self.unknown || self.loss == Loss::SQUARE {
@@ -248,23 +251,23 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         Minimum { state, normal, end, scale: 1.0, others: [[0.0; N]; N] }
     }
 
-    /// Whether every set of measurements that agree may be the right one: not of arrivals, where
-    /// the emission makes more of them agree.
+    /// Whether every set of measurements that agree may be the right one. This does not apply to arrivals:
+    /// with the emission as an unknown, more of them agree by chance.
     fn tells_many_apart(&self) -> bool {
         N == D && self.loss.expects_many()
     }
 
     fn is_better(&self, p: &Vector<N>, q: &Vector<N>, scratch: &mut Vec<f64>) -> bool {
         if self.unknown {
-            // the least of many scales is too small by chance
+            // the smallest of many scales is too small by chance
             let factor = SMALLER_BY_CHANCE;
             return self.median_scale(p, scratch) <= factor * self.median_scale(q, scratch);
         }
         self.problem.cost(p, self.loss, 1.0) <= self.problem.cost(q, self.loss, 1.0)
     }
 
-    /// σ from the size of the residual of the middle of those that a fit does not make small, with
-    /// the correction of Rousseeuw and Leroy (1987) for few measurements.
+    /// Estimates σ from the ⌈(M + N)/2⌉-th smallest residual, the middle one of those that a fit does not
+    /// make small, with the correction of Rousseeuw and Leroy (1987) for few measurements.
     fn median_scale(&self, x: &Vector<N>, scratch: &mut Vec<f64>) -> f64 {
         scratch.clear();
         scratch.extend(self.problem.measurements.iter().map(|m| m.row_at(x).residual.abs()));
@@ -278,7 +281,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         (correction * size / NORMAL_MEDIAN).max(f64::MIN_POSITIVE.sqrt())
     }
 
-    /// The better of a minimum and those that other candidates lead to; an error if two are
+    /// Returns the best of a minimum and those that other candidates lead to, or an error if two are
     /// equally good.
     fn rivalled(
         &self,
@@ -335,8 +338,9 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         }
     }
 
-    /// By how much points cost more than the minimum they lead to: as a rule at most this, and of
-    /// many measurements not much more than the nearest of the best one.
+    /// Returns how much more a point costs, as a rule at most, than the minimum it leads to. With many
+    /// measurements, this is not much more than the excess of the cheapest point (`nearest`) of the best
+    /// minimum.
     fn slack(&self, best: &Minimum<N>, nearest: f64) -> f64 {
         let count = self.problem.measurements.len();
         let most = best.normal.cost + count as f64 + SLACK;
@@ -346,13 +350,14 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         most.min(SLACK_OF_MANY + 2.0 * (nearest - best.normal.cost))
     }
 
-    /// Whether a measurement has no direction within this share of the extent.
+    /// Whether a point is so close to a station, within this share of the extent, that its direction is
+    /// undefined.
     fn is_blind(&self, p: &Vector<D>, share: f64) -> bool {
         let near = share * self.problem.extent;
         self.problem.measurements.iter().any(|m| m.is_blind(p, near))
     }
 
-    /// Fails where a minimum is none, or not one point.
+    /// Returns an error if a descent did not end at a minimum, or if the minimum is not a single point.
     pub fn checked(&self, minimum: Minimum<N>) -> Result<Minimum<N>, Status> {
         let p = &position(&minimum.state);
         if self.is_blind(p, NEAR) {
@@ -369,7 +374,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
             End::Moving => return Err(Status::NotConverged),
             End::Converged => {}
         }
-        // without a scale there is no covariance, but a position
+        // without a scale there is a position, but no covariance
         let scaled = !minimum.scale.is_nan();
         if scaled && Factor::try_new(&minimum.normal.matrix, 0.0).is_none() {
             return Err(Status::Singular);
@@ -377,7 +382,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         Ok(minimum)
     }
 
-    /// Lenth's estimate, from the least-squares position.
+    /// Returns Lenth's estimate, starting from the least-squares position.
     pub fn lenth(
         &self,
         initial: Option<Vector<D>>,
@@ -387,7 +392,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         let start = self.checked(self.minimum(initial, (&[], &[]), buffers)?)?;
         let measurements = self.problem.measurements;
         if self.unknown && measurements.len() == N {
-            // nothing is left to estimate κ from
+            // no redundancy from which κ could be estimated
             let mut minimum = Minimum { scale: f64::NAN, ..start };
             minimum.normal.matrix = undetermined();
             return Ok(minimum);
@@ -414,7 +419,7 @@ impl<const N: usize> Minimum<N> {
         Self { state, normal, end: End::Converged, scale: 1.0, others: [[0.0; N]; N] }
     }
 
-    /// Averages over other minima and their costs, as over faults in doubt.
+    /// Adds the spread of other minima, given with their costs, as for doubtful measurements.
     fn allow_for<'a>(&mut self, minima: impl Iterator<Item = &'a (Vector<N>, f64)>) {
         for (state, cost) in minima {
             let spread = SAFETY * (self.normal.cost - cost).exp();
@@ -427,13 +432,13 @@ impl<const N: usize> Minimum<N> {
         }
     }
 
-    /// Whether a point is within the error of this one.
+    /// Whether a point is within the error of this minimum.
     fn is_same(&self, point: &Vector<N>) -> bool {
         let difference = std::array::from_fn(|i| point[i] - self.state[i]);
         quadratic(&self.normal.matrix, &difference) <= SAME_MINIMUM
     }
 
-    /// Whether a point with this cost is on the slopes above this one.
+    /// Whether a point with this cost is on the slope of this minimum.
     fn is_below(&self, point: &Vector<N>, cost: f64) -> bool {
         let difference = std::array::from_fn(|i| point[i] - self.state[i]);
         let square = quadratic(&self.normal.matrix, &difference);
@@ -441,12 +446,12 @@ impl<const N: usize> Minimum<N> {
     }
 }
 
-/// The coordinates of a state.
+/// Returns the coordinates of a state.
 pub(super) fn position<const D: usize, const N: usize>(state: &Vector<N>) -> Vector<D> {
     std::array::from_fn(|i| state[i])
 }
 
-/// A position with the emission that arrivals have from there.
+/// Returns a position with the emission that the arrivals have there.
 fn state<const D: usize, const N: usize>(
     measurements: &[Measurement<D>],
     p: &Vector<D>,
@@ -460,7 +465,7 @@ fn state<const D: usize, const N: usize>(
     state
 }
 
-/// The same of positions; of those that are numbers.
+/// Converts positions into states; positions that are not finite are left out.
 pub(super) fn states<const D: usize, const N: usize>(
     measurements: &[Measurement<D>],
     from: &[Vector<D>],
@@ -472,7 +477,7 @@ pub(super) fn states<const D: usize, const N: usize>(
     to.extend(finite.map(|p| state(measurements, p, scratch)));
 }
 
-/// Index of the least number that is finite, if any is.
+/// Returns the index of the smallest finite number, if there is one.
 pub(super) fn least(costs: &[f64]) -> Option<usize> {
     let (mut at, mut least) = (None, f64::INFINITY);
     for (i, &cost) in costs.iter().enumerate() {

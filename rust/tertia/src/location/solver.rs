@@ -1,4 +1,4 @@
-//! Positions of instants: what was measured, starts that are trusted, results.
+//! Location of instants: reads the measurements, descends from trusted starts, and writes the results.
 
 use super::descent::{
     self, Cost, HUBER_STEPS, Loss, NEAR, Outliers, TOLERANCE, TUKEY, TUKEY_TOLERANCE,
@@ -15,16 +15,17 @@ use crate::base::distribution::chi_square_upper;
 use crate::base::small::{Factor, Matrix, Vector, add, norm, undetermined};
 use crate::sensors::KINDS;
 
-/// The same from a start that is trusted.
+/// Huber's steps from a trusted start end when they are shorter than this, in standard deviations.
 const NEAR_HUBER: f64 = 0.5;
-/// Descents with the errors that surveyed stations make of angles at the position before.
+/// Number of repeated descents, each with the errors of angles that uncertain station positions cause at
+/// the position before.
 const SURVEYS: usize = 2;
 
 /// Buffers of a thread.
 #[derive(Debug)]
 pub struct Workspace<const D: usize> {
     pub(super) own: Room<D, D>,
-    // of arrivals, whose emission is one unknown more
+    // with arrivals, whose emission is an additional unknown
     pub(super) plane: Room<2, 3>,
     pub(super) space: Room<3, 4>,
 }
@@ -39,26 +40,26 @@ impl<const D: usize> Default for Workspace<D> {
 #[derive(Clone, Copy, Debug)]
 pub struct Locator {
     method: Method,
-    /// Whether covariances grow where residuals are too large.
+    /// Whether covariances grow if residuals are too large.
     pub(super) grows: bool,
-    /// Whether they follow the cost where it is no parabola.
+    /// Whether covariances follow the cost where it is not a parabola.
     profiles: bool,
-    /// Whether the better of two positions is taken although the other is nearly as good.
+    /// Whether the better of two positions is taken even if the other one is nearly as good.
     decides: bool,
-    /// Whether outliers of arrivals are late rather than early.
+    /// Whether outliers of arrivals are mostly late.
     multipath: bool,
-    /// How frequent they are.
+    /// Frequency of outliers.
     outliers: Outliers,
-    /// That of range differences.
+    /// Correlation of the errors of range differences.
     pub(super) correlation: f64,
-    /// Shares of the variances of the kinds that all stations have in common.
+    /// Share of the variance of each kind that all stations have in common.
     common: [f64; KINDS],
-    /// Standard deviation of the share by which signals may be faster.
+    /// Standard deviation of the relative error of the speed of the signals.
     speed_sigma: f64,
 }
 
 impl Locator {
-    /// An estimator by this method.
+    /// Returns an estimator with this method.
     pub fn new(method: Method) -> Self {
         Self {
             method,
@@ -73,58 +74,58 @@ impl Locator {
         }
     }
 
-    /// The same, with covariances that grow where the residuals of an instant are larger than
+    /// Returns this estimator with covariances that grow if the residuals of an instant are larger than
     /// their sigmas allow.
     pub fn growing(self) -> Self {
         Self { grows: true, ..self }
     }
 
-    /// The same, with covariances that hold where errors are not small compared with distances, and
-    /// no position where its ellipse has no end.
+    /// Returns this estimator with covariances that are right even if errors are not small compared with
+    /// the distances, and without a position if the 95 % ellipse has no end.
     pub fn profiling(self) -> Self {
         Self { profiles: true, ..self }
     }
 
-    /// The same, for the cost of the best position alone: whether another is nearly as good, and how
-    /// far the cost stays low about it, does not matter.
+    /// Returns this estimator for the cost of the best position only: it ignores whether another position
+    /// is nearly as good, and how far the cost stays low around the best one.
     pub(super) fn deciding(self) -> Self {
         Self { profiles: false, decides: true, ..self }
     }
 
-    /// The same; outliers of arrivals are late rather than early, or either.
+    /// Returns this estimator with outliers of arrivals that are mostly late, or equally late and early.
     pub fn with_multipath(self, multipath: bool) -> Self {
         Self { multipath, ..self }
     }
 
-    /// The same, with outliers that are as frequent as this.
+    /// Returns this estimator with this frequency of outliers.
     pub(super) fn with_outliers(self, outliers: Outliers) -> Self {
         Self { outliers, ..self }
     }
 
-    /// The same, with range differences whose errors have this correlation, at least 0 and below
-    /// 1: a share of their variance is that of the first station, which all have in common.
+    /// Returns this estimator with this correlation of the errors of range differences, at least 0 and
+    /// below 1: the share of their variance that is due to the first station.
     pub fn with_correlation(self, correlation: f64) -> Self {
         Self { correlation, ..self }
     }
 
-    /// The same, with covariances that have errors which all stations share: these parts of the
-    /// stated variances of each kind.
+    /// Returns this estimator with covariances that include errors which all stations share: these shares
+    /// of the stated variances of each kind.
     pub fn with_common(self, common: [f64; KINDS]) -> Self {
         Self { common, ..self }
     }
 
-    /// The same, with covariances that include an error of the speed of the signals: a share of this
-    /// standard deviation of the distances that they travel.
+    /// Returns this estimator with covariances that include an error of the speed of the signals, whose
+    /// relative value has this standard deviation.
     pub fn with_speed_sigma(self, speed_sigma: f64) -> Self {
         Self { speed_sigma, ..self }
     }
 
-    /// Estimates the positions of instants, [`location::BLOCK`](super::BLOCK) of them side by side
-    /// at best. Where that fails, position and covariance are nan. The result does not depend on
-    /// the company.
+    /// Estimates the positions of instants, preferably [`location::BLOCK`](super::BLOCK) at a time, which
+    /// are processed side by side. Position and covariance are nan for instants that cannot be located. The
+    /// result for an instant does not depend on the others.
     ///
     /// # Panics
-    /// If there is not an output and a fix for each instant.
+    /// If the numbers of instants, outputs and fixes differ.
     pub fn locate_all<const D: usize>(
         &self,
         instants: &[Instant<'_>],
@@ -142,7 +143,7 @@ impl Locator {
         }
     }
 
-    /// Estimates the position of one instant: [`Locator::locate_all`].
+    /// Estimates the position of one instant, as [`Locator::locate_all`] does.
     pub fn locate<const D: usize>(
         &self,
         instant: &Instant<'_>,
@@ -153,17 +154,17 @@ impl Locator {
         self.one(instant, 0, out, workspace)
     }
 
-    /// Whether outliers are looked for.
+    /// Whether outliers are searched for.
     pub(super) fn is_robust(&self) -> bool {
         matches!(self.method, Method::Robust(_))
     }
 
-    /// The same by least squares.
+    /// Returns this estimator with least squares as the method.
     pub(super) fn plain(&self) -> Self {
         Self { method: Method::LeastSquares, ..*self }
     }
 
-    /// What a residual costs, with so many degrees of freedom.
+    /// Returns the loss for this number of degrees of freedom.
     pub(super) fn loss(&self, redundancy: usize, of_arrivals: bool) -> Loss {
         match self.method {
             Method::Robust(least) if redundancy < least.max(1) => Loss::SQUARE,
@@ -178,7 +179,7 @@ impl Locator {
         }
     }
 
-    /// Finishes an instant of a block, or locates one with arrivals alone.
+    /// Finishes an instant of a block, with the emission as an unknown if there are arrivals.
     pub(super) fn one<const D: usize>(
         &self,
         instant: &Instant<'_>,
@@ -194,7 +195,7 @@ impl Locator {
         }
     }
 
-    /// Whether there are arrivals, or differences of them.
+    /// Whether there are arrivals, or range differences that are converted into arrivals.
     pub(super) fn has_arrivals(&self, instant: &Instant<'_>) -> bool {
         let k = instant.values.len() / KINDS;
         let [.., differences, arrivals] =
@@ -203,7 +204,7 @@ impl Locator {
         any(arrivals) || any(differences) && instant.common(self.correlation).is_some()
     }
 
-    /// Reads instants, and goes down from the starts that are trusted side by side.
+    /// Reads instants, and descends from their trusted starts side by side.
     pub(super) fn descend<const D: usize>(
         &self,
         instants: &[Instant<'_>],
@@ -258,14 +259,14 @@ impl Locator {
             for (lane, record) in records.iter_mut().enumerate().filter(|(lane, _)| members[*lane])
             {
                 let arrival = block.arrival(lane, record.extent, &mut record.rows);
-                // others are left to the safeguards
+                // other records are left to the descent with safeguards
                 record.first = arrival.map(Minimum::of);
                 tried[lane] = true;
             }
         }
     }
 
-    /// The position of a record, from the minimum that its start led to or from others.
+    /// Computes the results of a record, from the minimum that its start led to or from others.
     fn finish<const D: usize, const N: usize>(
         &self,
         instant: &Instant<'_>,
@@ -337,7 +338,8 @@ impl Locator {
         }
     }
 
-    /// The minimum of the cost, for surveyed stations with the errors that they make of angles there.
+    /// Returns the minimum of the cost. If station positions are uncertain, angles have the errors due to
+    /// this at the minimum.
     fn minimum<const D: usize, const N: usize>(
         &self,
         instant: &Instant<'_>,
@@ -363,7 +365,8 @@ impl Locator {
         Ok(minimum)
     }
 
-    /// The covariance of a position, with what residuals, curvature and common errors add to it.
+    /// Returns the covariance of a position, including the effects of residuals, curvature and common
+    /// errors.
     fn covariance<const D: usize, const N: usize>(
         &self,
         record: &Record<D, N>,
@@ -385,7 +388,7 @@ impl Locator {
         Ok(covariance)
     }
 
-    /// Writes residuals in units of `sigma`, and outliers; returns the sum of the squares.
+    /// Writes residuals in units of `sigma`, and outliers; returns the sum of the squared residuals.
     fn judge<const D: usize, const N: usize>(
         &self,
         record: &Record<D, N>,
@@ -420,9 +423,9 @@ impl Locator {
         }
     }
 
-    /// The covariance that stations would have at a position, the arguments as in [`Instant`],
-    /// `sigmas` nan for what they do not measure; infinite where it is not determined. Returns the
-    /// dilution. O(K).
+    /// Computes the covariance that a position estimated by the stations would have, for arguments as in
+    /// [`Instant`] with `sigmas` that are nan for what stations do not measure. It is infinite if the
+    /// position is not determined. Returns the dilution of precision. O(K).
     pub fn accuracy<const D: usize>(
         &self,
         instant: &Instant<'_>,
@@ -475,7 +478,7 @@ impl Locator {
     }
 }
 
-/// The first station, from which positions are counted: a common offset costs no digits.
+/// Returns the first station. Positions are relative to it, so that large coordinates do not cost digits.
 fn first<const D: usize>(stations: &[f64]) -> Vector<D> {
     std::array::from_fn(|i| stations[i])
 }

@@ -1,42 +1,47 @@
-//! The speed of the signals, where it is known with a standard deviation.
+//! The speed of the signals, if it is known with a standard deviation.
 //!
-//! A share γ by which the signals are faster makes all distances they travel longer by it. All instants
-//! of a batch have the speed in common. Of the share, the posterior is taken about its mode: the prior
-//! is normal, and a measurement that does not fit costs no more than a fault does.
+//! If the signals are faster than stated by a relative difference γ (`share`), all distances that they
+//! travel are longer by the same factor 1 + γ. All instants of a batch have the speed in common. The
+//! posterior of γ is approximated about its mode; its prior is normal, and a measurement that does not
+//! fit costs no more than a fault.
 
 use super::fix::{Fix, Instant, Output, Status};
 use super::solver::{Locator, Workspace};
 use crate::sensors::{KINDS, Kind};
 
-/// So many instants, evenly spread, tell enough of a batch; so many show where the mode is.
+/// Largest number of instants of a batch, evenly spread, from which the speed is estimated.
 const SAMPLE: usize = 256;
+/// Largest number of instants, evenly spread, with which the mode is located roughly.
 const FEW: usize = 32;
-/// Shares are looked at up to so many standard deviations, in so many steps on either side.
+/// Range of γ in the rough search, in standard deviations of the prior on either side.
 const FARTHEST: f64 = 3.0;
+/// Number of steps of the rough search on either side.
 const STEPS: i32 = 20;
-/// Narrowings of the interval about the mode, each by the golden section.
+/// Number of times that the interval about the mode is narrowed by the golden section.
 const NARROWINGS: usize = 24;
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
-/// Cost of a fault: that of a residual from which on a measurement is more probably one.
+/// Cost of a fault: that of the residual from which on a measurement is more probably a fault.
 const FAULT: f64 = 8.28;
-/// The cost, above that of the mode, up to which it is taken for a parabola.
+/// Cost, relative to that of the mode, up to which the cost is taken as a parabola.
 const PARABOLA: f64 = 2.0;
 const HALVINGS: usize = 40;
 
-/// By which share signals are faster than stated, and its standard deviation.
+/// Relative difference between the true and the stated speed of the signals, with its standard
+/// deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Speed {
-    /// 0.01 for one in a hundred.
+    /// Relative difference, positive for faster signals: 0.01 is one per cent.
     pub share: f64,
-    /// In the same unit.
+    /// Standard deviation of the relative difference.
     pub sigma: f64,
 }
 
 impl Speed {
-    /// The speed is as stated.
+    /// A speed that is exactly as stated.
     pub const EXACT: Self = Self { share: 0.0, sigma: 0.0 };
 
-    /// Converts what travelled, and its standard deviations, 5 K numbers of each instant.
+    /// Stretches all distances that signals travelled, and likewise their standard deviations: 5 K
+    /// numbers of each instant.
     pub fn apply(&self, numbers: &mut [f64], receivers: usize) {
         for instant in numbers.chunks_mut(KINDS * receivers) {
             for kind in [Kind::Range, Kind::RangeDifference, Kind::Arrival] {
@@ -47,15 +52,15 @@ impl Speed {
     }
 }
 
-/// An instant at some speed.
+/// The cost of an instant at some speed, and its position if it could be located.
 struct Trial {
     cost: f64,
     position: Option<Vec<f64>>,
 }
 
 impl Locator {
-    /// The speed of the signals, of which a share of this standard deviation is not known. O(N M), for at
-    /// most 256 instants.
+    /// Estimates the speed of the signals, whose relative difference from the stated speed has a prior
+    /// with this standard deviation. O(N M), for at most 256 instants.
     pub fn speed<const D: usize>(
         &self,
         instants: &[Instant<'_>],
@@ -77,7 +82,7 @@ impl Locator {
                 best = (cost, share);
             }
         }
-        // from here on each instant is followed from where it is at this speed
+        // from here on, the search for each instant starts from its position at this speed
         let followed: Vec<_> = spread(SAMPLE)
             .filter_map(|instant| {
                 let position = self.trial(&instant, best.1, None, workspace).position?;
@@ -95,7 +100,7 @@ impl Locator {
         Speed { share, sigma: width(&mut cost, share, sigma) }
     }
 
-    /// What the residuals of an instant cost if the signals are faster by this share.
+    /// Returns the cost of the residuals of an instant if the signals are faster by this share.
     fn trial<const D: usize>(
         &self,
         instant: &Instant<'_>,
@@ -123,7 +128,7 @@ impl Locator {
             initial: initial.map(Vec::as_slice).or(instant.initial),
             ..*instant
         };
-        // at some speeds, another position is as good: its cost must not count as one of faults
+        // at some speeds another position is as good: this must not count as a cost of faults
         let fix: Fix = self.deciding().locate(&at, &mut out, workspace);
         if fix.status != Status::None {
             return Trial { cost: FAULT * fix.degrees_of_freedom.max(0) as f64, position: None };
@@ -131,13 +136,13 @@ impl Locator {
         let known = || residual.iter().zip(&outlier).filter(|(u, _)| !u.is_nan());
         let squares: f64 = known().map(|(u, _)| u * u).sum();
         let cost = |(u, wrong): (&f64, &bool)| if *wrong { FAULT } else { FAULT.min(0.5 * u * u) };
-        // what is left is the residual of a height
+        // the rest of the statistic is the residual of the height
         let rest = 0.5 * (fix.statistic - squares).max(0.0);
         Trial { cost: known().map(cost).sum::<f64>() + rest, position: Some(position.to_vec()) }
     }
 }
 
-/// Where a cost is lowest, by the golden section.
+/// Returns the argument of the lowest cost by the golden section.
 fn lowest(cost: &mut impl FnMut(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
     let (mut left, mut right) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
     let (mut of_left, mut of_right) = (cost(left), cost(right));
@@ -155,7 +160,7 @@ fn lowest(cost: &mut impl FnMut(f64) -> f64, mut low: f64, mut high: f64) -> f64
     0.5 * (low + high)
 }
 
-/// The standard deviation of a share by the curvature of the cost about its mode.
+/// Returns the standard deviation of γ from the curvature of the cost about its mode.
 fn width(cost: &mut impl FnMut(f64) -> f64, mode: f64, prior: f64) -> f64 {
     let least = cost(mode);
     let mut step = prior;
@@ -167,7 +172,7 @@ fn width(cost: &mut impl FnMut(f64) -> f64, mode: f64, prior: f64) -> f64 {
         }
         step *= 0.5;
     }
-    // where the cost hardly rises, faults hide it: the prior is the least that is known
+    // faults can hide the rise of the cost; the result is at most the sigma of the prior
     if rise > 0.0 { (step / rise.sqrt()).min(prior) } else { prior }
 }
 

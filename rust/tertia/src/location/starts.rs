@@ -1,4 +1,4 @@
-//! What points to start from cost, several of them side by side.
+//! Costs of starting points, several of them side by side.
 
 use super::descent::{Cost, Loss};
 use super::lane::{LANES, Lanes};
@@ -8,7 +8,7 @@ use crate::base::vector::Vector;
 use crate::sensors::{Measurement, SMALL_TANGENT};
 use pulp::{Arch, Simd, WithSimd};
 
-/// The costs of states. O(M) each.
+/// Computes the costs of states. O(M) for each.
 pub(super) fn costs<const D: usize, const N: usize>(
     measurements: &[Measurement<D>],
     states: &[small::Vector<N>],
@@ -33,7 +33,7 @@ impl<const D: usize, const N: usize> WithSimd for Costs<'_, D, N> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { measurements, states, loss, costs } = self;
-        // a little less than the angle
+        // 0.99: the angle is a little smaller than its tangent
         let cut = match loss {
             Loss::Alike(Cost::Tukey(c)) => {
                 let mut angles = measurements.iter().filter(|m| m.kind.is_angle());

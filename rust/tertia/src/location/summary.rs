@@ -7,13 +7,14 @@ use super::search::{Minimum, Search, position};
 use crate::base::small::{Factor, Matrix, Vector, add, norm, undetermined};
 use crate::sensors::{KINDS, Kind, Measurement, Row};
 
-/// Steps to the σ whose weighted residuals are as large as those found.
+/// Number of steps of the iteration for the σ whose expected weighted residuals are as large as the
+/// observed ones.
 const SPREAD_STEPS: usize = 20;
-/// Least sum of the weights beyond what the coordinates use up.
+/// Smallest sum of the weights minus the number of unknowns with which σ is estimated.
 const LEAST_REST: f64 = 1e-9;
 
 impl<const D: usize, const N: usize> Search<'_, D, N> {
-    /// Covariance, σ and dilution, from residuals and their derivatives.
+    /// Returns covariance, σ and dilution of precision from residuals and their derivatives.
     pub fn summary(
         &self,
         minimum: &Minimum<N>,
@@ -73,8 +74,8 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         Summary { covariance, sigma: minimum.scale * sigma, dop, kept }
     }
 
-    /// What errors add to the covariance that all measurements of a kind have in common, of these
-    /// shares of their variances: `Σ s r r'` with `r = (J' W J)^-1 J' W 1`. O(M).
+    /// Returns the covariance due to errors that all measurements of a kind have in common, for these
+    /// shares s of the variances: `Σ s r r'` with `r = (J' W J)^-1 J' W 1`. O(M).
     pub fn shared(
         &self,
         minimum: &Minimum<N>,
@@ -83,7 +84,7 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
     ) -> Matrix<D> {
         let mut sum = [[0.0; D]; D];
         let Some(factor) = Factor::try_new(&minimum.normal.matrix, 0.0) else { return sum };
-        // heights come last, and have no share
+        // heights are the last kind, without a share
         let mut pulls = [[0.0; N]; KINDS + 1];
         for (m, row) in self.problem.measurements.iter().zip(rows) {
             let (weight, ..) = self.loss.of(m.kind).at(row.residual / minimum.scale);
@@ -102,8 +103,8 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         sum
     }
 
-    /// What a share by which signals are faster changes: `(J' W J)^-1 J' W r` with the distances r that
-    /// they travel, times the share. O(M).
+    /// Returns the change of the state if the signals are faster by a relative difference `share`:
+    /// `(J' W J)^-1 J' W r` times the share, with the distances r that the signals travel. O(M).
     pub fn stretched(&self, minimum: &Minimum<N>, rows: &[Row<N>], share: f64) -> Vector<N> {
         let mut pull = [0.0; N];
         if share == 0.0 {
@@ -132,9 +133,9 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
     }
 }
 
-/// What Tukey's weights do to normal errors of some σ, in units of the scale.
+/// Moments of normal errors under Tukey's weights, for errors of some σ in units of the scale.
 pub(super) struct Expected {
-    /// `E w E ψ² / (E ψ')² / σ²`: the variance of an estimate over `σ² / Σ w`.
+    /// `E w E ψ² / (E ψ')² / σ²`: the variance of an estimate divided by `σ² / Σ w`.
     variance: f64,
     /// `E w r² / E w / σ²`
     pub spread: f64,
@@ -145,18 +146,19 @@ impl Expected {
         Self { variance: 1.0, spread: 1.0 }
     }
 
-    /// Moments of the normal distribution; what is beyond c is left out, less than 1e-5 up to σ = 1.
+    /// Returns the moments of the normal distribution; less than 1e-5 of it lies beyond c up to σ = 1,
+    /// and is neglected.
     pub fn of_tukey(sigma: f64) -> Self {
         let q = (sigma.min(1.0) / TUKEY).powi(2);
         let weight = 1.0 - 2.0 * q + 3.0 * q * q;
-        // E w r² and E ψ' are the same
+        // E w r² and E ψ' are equal
         let slope = 1.0 - 6.0 * q + 15.0 * q * q;
         let square = 1.0 - 12.0 * q + 90.0 * q * q - 420.0 * q.powi(3) + 945.0 * q.powi(4);
         Self { variance: weight * square / (slope * slope), spread: slope / weight }
     }
 }
 
-/// What is made of a minimum.
+/// Results computed at a minimum.
 pub(super) struct Summary<const D: usize> {
     pub covariance: Matrix<D>,
     pub sigma: f64,
@@ -165,7 +167,7 @@ pub(super) struct Summary<const D: usize> {
     pub kept: (f64, f64),
 }
 
-/// The information of errors of size 1, where their unit is the same.
+/// Information matrix for errors of size 1, if all measurements have the same unit.
 pub(super) struct Spread<const D: usize> {
     matrix: Matrix<D>,
     mixed: bool,
@@ -190,7 +192,8 @@ impl<const D: usize> Spread<D> {
         }
     }
 
-    /// Root of the trace of the covariance of so many coordinates; nan where units are mixed.
+    /// Returns the square root of the trace of the covariance of the first `coordinates` components;
+    /// nan if units are mixed.
     pub fn dop(&self, coordinates: usize) -> f64 {
         if self.mixed {
             return f64::NAN;

@@ -1,4 +1,4 @@
-//! Angles and sums of costs, in the lanes of vectors.
+//! Angles and sums of costs in the lanes of vectors.
 
 use super::descent::Loss;
 use super::lane::{LANES, Lanes};
@@ -7,9 +7,10 @@ use crate::sensors::{SMALL_TANGENT, TERMS};
 use pulp::Simd;
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
-/// Likelihoods, each 2.5e-4 or more, whose product is a number.
+/// Number of likelihoods, each at least 2.5e-4, whose product does not underflow.
 const FACTORS: usize = 64;
-/// `atan t = t + t³ P(t²)/Q(t²)` up to this t (Moshier's Cephes), the highest power first.
+/// Largest t for which the arc tangent is computed as `atan t = t + t³ P(t²)/Q(t²)` (Moshier's Cephes).
+/// The coefficients begin with the highest power.
 const SMALLER_TANGENT: f64 = 0.66;
 const P: [f64; 5] = [
     -8.750_608_600_031_904e-1,
@@ -27,7 +28,7 @@ const Q: [f64; 6] = [
     1.945_506_571_482_614e2,
 ];
 
-/// The sum of costs; of a mixture, what is added are likelihoods.
+/// Sum of costs; for a mixture, likelihoods are added instead, and their logarithm is taken at the end.
 pub(super) struct Total<S: Simd> {
     lanes: Lanes<S>,
     is_mixture: bool,
@@ -74,7 +75,8 @@ impl<S: Simd> Lanes<S> {
         Vector::load(self.simd, &values, 0)
     }
 
-    /// The angle of a direction: its series, or in lanes where it is not small a rational function.
+    /// Returns the angle of a direction: by its series, or by a rational function in lanes where it is
+    /// not small.
     #[inline(always)]
     pub fn angle(self, sine: Vector<S>, cosine: Vector<S>) -> Vector<S> {
         let t = sine / cosine;
@@ -93,12 +95,12 @@ impl<S: Simd> Lanes<S> {
         angle.or(small, other)
     }
 
-    /// `atan2(sine, cosine)`, to two units of the last place.
+    /// Returns `atan2(sine, cosine)`, accurate to two units in the last place.
     #[inline(always)]
     fn any_angle(self, sine: Vector<S>, cosine: Vector<S>) -> Vector<S> {
         let (zero, a, b) = (self.splat(0.0), sine.abs(), cosine.abs());
         let (less, more) = (a.min(b), a.max(b));
-        // from π/4 where the tangent is large
+        // relative to π/4 if the tangent is large
         let small = less.at_most(self.splat(SMALLER_TANGENT) * more);
         let t = less.or(small, less - more) / more.or(small, less + more);
         let s = t * t;

@@ -1,38 +1,43 @@
-//! A wind that carries the signals, where it is known with a standard deviation.
+//! Wind that carries the signals, known with a standard deviation.
 //!
-//! A signal from p reaches s after the way x, the time times the speed, with `|s − p − β x| = x`; β is the wind
-//! in units of the speed, horizontal, and common to all instants of a batch. To first order the ways are longer
-//! by −β·(s − p), of which the part that all receivers share is one of the emission. The posterior of β is that
-//! of Gauss–Newton steps from a normal prior, in which position and emission of each instant are eliminated.
+//! A signal from p reaches s after the path x (time multiplied by the speed), with `|s − p − β x| = x`.
+//! β is the wind in units of the speed of the signals; it is horizontal, and common to all instants of
+//! a batch. To first order, the wind lengthens the paths by −β·(s − p); the part of this that all
+//! receivers share is absorbed by the emission. The posterior of β is computed by Gauss–Newton steps
+//! with a normal prior, in which position and emission of each instant are eliminated.
 
 use super::fix::{Fix, Instant, Output, Status};
 use super::solver::{Locator, Workspace};
 use crate::base::small::{Factor, Matrix, Vector, dot, norm};
 use crate::sensors::{KINDS, Kind};
 
-/// So many instants, evenly spread, tell enough of a batch.
+/// Largest number of instants of a batch, evenly spread, from which the wind is estimated.
 const SAMPLE: usize = 256;
-/// So many steps allow for the wind before in the standard deviations, lest arrivals be taken for faults.
+/// Number of first steps in which the sigmas of arrivals include the unknown wind, so that arrivals are
+/// not taken for faults.
 const LOOSE: usize = 2;
-/// Steps, and the share of the prior's standard deviation below which one is the last.
+/// Largest number of steps.
 const STEPS: usize = 8;
+/// Length of a step, in standard deviations of the prior, below which it is the last one.
 const STILL: f64 = 1e-4;
-/// A wind is at most so many standard deviations.
+/// Largest wind component, in standard deviations of the prior.
 const FARTHEST: f64 = 6.0;
-/// Components of a wind, and unknowns of an instant at most: a position and the emission.
+/// Number of components of the wind.
 const AXES: usize = 2;
+/// Largest number of unknowns of an instant: a position and the emission.
 const UNKNOWNS: usize = 4;
 
 /// A horizontal wind in units of the speed of the signals.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wind {
-    /// East and north.
+    /// Mean of the components, east and north.
     pub mean: Vector<AXES>,
-    /// Their covariance.
+    /// Covariance of the components.
     pub covariance: Matrix<AXES>,
 }
 
-/// What an instant tells of the wind: its information, the pull on it, and how position and emission follow.
+/// What an instant says about the wind: information matrix, right side of the normal equations, and the
+/// derivatives of position and emission with respect to the wind.
 struct Told {
     information: Matrix<AXES>,
     pull: Vector<AXES>,
@@ -40,8 +45,8 @@ struct Told {
 }
 
 impl Wind {
-    /// What the information of so many degrees of freedom tells after errors that last have been found: the
-    /// variance from measurements grows by this factor, but not beyond the prior.
+    /// Returns the wind with the information from measurements divided by `growth`, because of lasting
+    /// errors. The information of the prior, with this sigma of each component, remains.
     pub fn grown(&self, growth: f64, sigma: f64) -> Self {
         let prior = sigma.powi(-2);
         let Some(mut information) = Factor::try_new(&self.covariance, 0.0).map(|f| f.inverse())
@@ -58,7 +63,7 @@ impl Wind {
         Self { covariance: covariance.unwrap_or(self.covariance), ..*self }
     }
 
-    /// The way of a signal from p to a station, and what the wind changes of it.
+    /// Returns the path of a signal from p to a station, and its derivatives with respect to the wind.
     fn way<const D: usize>(&self, p: &[f64], station: &[f64]) -> (f64, Vector<AXES>) {
         let d: Vector<D> = std::array::from_fn(|i| station[i] - p[i]);
         let beta: Vector<D> = std::array::from_fn(|i| if i < AXES { self.mean[i] } else { 0.0 });
@@ -70,7 +75,8 @@ impl Wind {
         (x, std::array::from_fn(|i| slope * still[i]))
     }
 
-    /// Times of arrival, 5 K numbers in metres, as they would be in still air; `p` is where the target is.
+    /// Converts times of arrival, in 5 K numbers in metres, into those in still air; `p` is the
+    /// position of the target.
     fn still<const D: usize>(&self, values: &mut [f64], stations: &[f64], p: &[f64]) {
         let k = values.len() / KINDS;
         let arrivals = &mut values[Kind::Arrival as usize * k..];
@@ -82,7 +88,8 @@ impl Wind {
 }
 
 impl Locator {
-    /// The wind, each component of which has this standard deviation. O(N M), for at most 256 instants.
+    /// Estimates the wind, each component of which has this standard deviation. O(N M), for at most 256
+    /// instants.
     pub fn wind<const D: usize>(
         &self,
         instants: &[Instant<'_>],
@@ -121,8 +128,9 @@ impl Locator {
         wind
     }
 
-    /// Locates an instant in this wind; from where it was before, if it was located. A wind of the standard
-    /// deviation `allowed` is no fault.
+    /// Locates an instant in this wind, starting from its previous position if there is one, and
+    /// returns what it says about the wind. Sigmas allow for an additional wind with the standard
+    /// deviation `allowed`, so that its effect is not taken for faults.
     fn told<const D: usize>(
         &self,
         instant: &Instant<'_>,
@@ -156,7 +164,7 @@ impl Locator {
         told
     }
 
-    /// Times of arrival of all instants as they would be in still air. O(N M).
+    /// Returns the times of arrival of all instants as they would be in still air. O(N M).
     pub fn in_still_air<const D: usize>(
         &self,
         instants: &[Instant<'_>],
@@ -166,7 +174,7 @@ impl Locator {
         let mut all = Vec::new();
         for instant in instants {
             let mut place = None;
-            // the ways of the second order depend on the place
+            // the second-order terms of the paths depend on the position
             self.told(instant, wind, 0.0, &mut place, workspace);
             let mut values = instant.values.to_vec();
             let place = place.unwrap_or_else(|| middle::<D>(instant.stations));
@@ -203,7 +211,8 @@ impl Locator {
     }
 }
 
-/// Standard deviations with that which a wind gives arrivals far from the middle of the stations.
+/// Returns the standard deviations; those of arrivals include the effect of an unknown wind, which
+/// increases with the distance from the middle of the stations.
 fn loosened<const D: usize>(instant: &Instant<'_>, allowed: f64) -> Vec<f64> {
     let (k, middle) = (instant.values.len() / KINDS, middle::<D>(instant.stations));
     let mut sigmas = instant.sigmas.to_vec();
@@ -215,13 +224,14 @@ fn loosened<const D: usize>(instant: &Instant<'_>, allowed: f64) -> Vec<f64> {
     sigmas
 }
 
-/// Where a target is taken to be before it is located: in the middle of the stations.
+/// Returns the middle of the stations, where a target is assumed to be before it is located.
 fn middle<const D: usize>(stations: &[f64]) -> Vec<f64> {
     let k = stations.len() / D;
     (0..D).map(|i| stations.iter().skip(i).step_by(D).sum::<f64>() / k as f64).collect()
 }
 
-/// What the arrivals of an instant that is located tell, outliers left out.
+/// Returns what the arrivals of a located instant, without outliers, say about the wind; `None` if they
+/// leave position or emission undetermined.
 fn told<const D: usize>(
     instant: &Instant<'_>,
     wind: &Wind,
@@ -285,7 +295,7 @@ mod tests {
 
     const WIND: Wind = Wind { mean: [0.03, -0.02], covariance: [[1e-4, 0.0], [0.0, 1e-4]] };
 
-    /// In the time of the way the air has moved on: the rest is the way through the air.
+    /// During the propagation the air has moved; the rest of the path is that through the air.
     #[test]
     fn the_way_in_a_wind() {
         let (p, station) = ([100.0, 200.0], [900.0, -300.0]);

@@ -1,4 +1,4 @@
-//! The same bits with the instructions of every processor, and as of one series after the other.
+//! Tests that results have the same bits with the instructions of every processor.
 
 use super::super::model::Singer;
 use super::super::state::State;
@@ -17,7 +17,7 @@ struct Case<'a> {
     all: bool,
 }
 
-/// Bits of everything that a block yields.
+/// Returns the bits of all results of a block.
 fn bits(case: &Case<'_>, level: Level) -> Vec<u64> {
     let kept = if case.all { STEPS } else { 0 };
     let mut numbers = [3, 6, 1, 1].map(|n| vec![0.0; n * kept * COUNT]);

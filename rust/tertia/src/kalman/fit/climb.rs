@@ -1,35 +1,38 @@
-//! Where the likelihood of a recording is largest.
+//! Search for the maximum of the likelihood of a recording.
 
 use super::likelihood::{DIFFERENCE, INFINITE_ALPHA, Likelihood};
 use crate::base::error::Result;
 use nalgebra::{Matrix2, Vector2};
 
-/// A curvature below this determines nothing.
+/// Curvature below which a coordinate is not determined.
 pub(super) const FLAT: f64 = 1e-3;
-/// So many peaks of the grid are climbed.
+/// Largest number of peaks of the grid from which the search climbs.
 const STARTS: usize = 3;
-/// Times after which a filter forgets that are tried.
+/// Number of times that are tried as the memory of a filter, after which it forgets a plot.
 const MEMORIES: usize = 20;
 const ITERATIONS: usize = 60;
 const LONGEST_STEP: f64 = 2.0;
 const SHORTER_STEPS: usize = 15;
-/// A step that gains so little is the last one of a rough climb.
+/// Gain of a step below which a rough climb ends.
 const ROUGHLY_SETTLED: f64 = 1.0;
-/// Below this gain steps are taken as they are: differences of the likelihood would soon show
-/// nothing but rounding, by which the peak must not depend on the machine.
+/// Gain below which steps are taken without a comparison of likelihoods: their differences would soon
+/// be rounding errors, and the peak must not depend on those of the machine.
 const NEAR: f64 = 1e-6;
-/// A step that gains so little leaves nothing to be gained, as errors are squared by each.
+/// Gain of a step below which it is the last one: each step squares the error, so nothing is left to be
+/// gained.
 const SETTLED: f64 = 1e-10;
 const POLISHING_STEPS: usize = 3;
-/// A loss that steps nearby may show: rounding.
+/// Loss of likelihood in a step near the peak that may be due to rounding.
 const LOSS: f64 = 1e-9;
+/// Distance from a higher peak below which a climb is given up.
 const BESIDE: f64 = 0.5;
-/// A limit that is so much less likely at first is not climbed.
+/// Difference in log likelihood from the peak beyond which a limit is not climbed.
 const HOPELESS: f64 = 10.0;
-/// A limit is taken if it is as likely as that.
+/// A limit is taken if its log likelihood is at most this much lower than that of the peak.
 const AS_LIKELY: f64 = 1e-8;
 
-/// A point of the largest likelihood; `free` are the coordinates that are not at a limit.
+/// A point of largest likelihood; `free` marks the coordinates that are not at a limit. `value` is the
+/// log likelihood.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Peak {
     value: f64,
@@ -37,7 +40,7 @@ pub(super) struct Peak {
     pub free: [bool; 2],
 }
 
-/// The highest peak, or a limit that is as likely.
+/// Returns the highest peak, or a limit that is as likely.
 pub(super) fn highest_peak(likelihood: &mut Likelihood<'_>) -> Result<Peak> {
     let mut peaks = Vec::new();
     for start in starts(likelihood)? {
@@ -55,7 +58,7 @@ pub(super) fn highest_peak(likelihood: &mut Likelihood<'_>) -> Result<Peak> {
     )
 }
 
-/// The peaks among the best points of a grid of α, the highest first.
+/// Returns the highest peaks among the best points for each α of a grid, the highest first.
 fn starts(likelihood: &mut Likelihood<'_>) -> Result<Vec<[f64; 2]>> {
     let [alphas, motions] = likelihood.grid().map(points);
     let mut ridge = Vec::new();
@@ -77,14 +80,15 @@ fn starts(likelihood: &mut Likelihood<'_>) -> Result<Vec<[f64; 2]>> {
     straightened(likelihood, &peaks)
 }
 
-/// Equally spaced points between the ends, not farther apart than about `step`.
+/// Returns equally spaced points between the ends, with a distance of about `step` at most.
 fn points([low, high, step]: [f64; 3]) -> Vec<f64> {
     let last = 1 + ((high - low) / step) as usize;
     (0..=last).map(|i| low + (high - low) * i as f64 / last as f64).collect()
 }
 
-/// The points where p is that of the time after which a filter forgets: ridges are straight then.
-/// It is the time in which the first point's motion is as large as the error of a mean of plots.
+/// Returns the points in coordinates in which p refers to the time after which a filter forgets a plot;
+/// in these, the ridges of the likelihood are straight. It is the time within which the motion at the
+/// first point is as large as the error of the mean of the plots.
 fn straightened(likelihood: &mut Likelihood<'_>, peaks: &[Peak]) -> Result<Vec<[f64; 2]>> {
     let ratio = |likelihood: &Likelihood<'_>, [x, y]: [f64; 2]| y + likelihood.acceleration(x);
     let ratios: Vec<f64> = peaks.iter().map(|peak| ratio(likelihood, peak.at)).collect();
@@ -102,7 +106,7 @@ fn straightened(likelihood: &mut Likelihood<'_>, peaks: &[Peak]) -> Result<Vec<[
     Ok((0..peaks.len()).map(|i| moved(likelihood, i)).collect())
 }
 
-/// Goes uphill along y, far enough to compare.
+/// Climbs along y, far enough for a comparison.
 fn climb_roughly(likelihood: &mut Likelihood<'_>, start: [f64; 2]) -> Result<Peak> {
     let free = [false, true];
     let mut peak = Peak { value: likelihood.at(start)?.0, at: start, free };
@@ -117,8 +121,8 @@ fn climb_roughly(likelihood: &mut Likelihood<'_>, start: [f64; 2]) -> Result<Pea
     Ok(peak)
 }
 
-/// Goes uphill by Newton's method in the coordinates that are free, within the bounds. Stops beside
-/// a higher peak that has been climbed before.
+/// Climbs by Newton's method in the free coordinates, within the bounds. The climb stops beside a
+/// higher peak that has been found before.
 fn climb(
     likelihood: &mut Likelihood<'_>,
     start: [f64; 2],
@@ -154,10 +158,10 @@ fn climb(
     Ok(peak)
 }
 
-/// Newton's step from a point.
+/// A Newton step from a point.
 struct Step {
     by: Vector2<f64>,
-    /// What the likelihood gains, but for the curvature.
+    /// Gain of the likelihood to first order, without the curvature.
     gain: f64,
     bounds: [[f64; 2]; 2],
 }
@@ -175,7 +179,7 @@ impl Step {
         Ok(Self { by, gain: gradient.dot(&by), bounds })
     }
 
-    /// The point after a share of the step, within the bounds.
+    /// Returns the point after a share of the step, within the bounds.
     fn taken(&self, likelihood: &mut Likelihood<'_>, peak: &Peak, share: f64) -> Result<Peak> {
         let mut at = peak.at;
         for i in (0..2).filter(|&i| peak.free[i]) {
@@ -185,7 +189,7 @@ impl Step {
         Ok(Peak { value: likelihood.at(at)?.0, at, ..*peak })
     }
 
-    /// The first point, with shorter and shorter steps, that is higher.
+    /// Returns the first point that is higher, with ever shorter steps.
     fn uphill(&self, likelihood: &mut Likelihood<'_>, peak: &Peak) -> Result<Option<Peak>> {
         let mut share = 1.0;
         for _ in 0..SHORTER_STEPS {
@@ -199,8 +203,8 @@ impl Step {
     }
 }
 
-/// Newton's step in the free coordinates, uphill, and not too long. A direction that curves upwards
-/// is climbed as if it curved down.
+/// Returns Newton's step in the free coordinates, uphill and of limited length. A direction that curves
+/// upward is treated as if it curved downward.
 fn newton(gradient: Vector2<f64>, second: Matrix2<f64>, free: [bool; 2]) -> Vector2<f64> {
     let along = |slope: f64, curvature: f64| slope / curvature.abs().max(FLAT);
     let step = if free == [true, true] {
@@ -214,7 +218,7 @@ fn newton(gradient: Vector2<f64>, second: Matrix2<f64>, free: [bool; 2]) -> Vect
     step / 1.0_f64.max(step.amax() / LONGEST_STEP)
 }
 
-/// Gradient and second derivatives by central differences, 0 for what is not free.
+/// Returns gradient and second derivatives by central differences; 0 for coordinates that are not free.
 pub(super) fn differences(
     likelihood: &mut Likelihood<'_>,
     at: [f64; 2],
@@ -242,7 +246,7 @@ pub(super) fn differences(
     Ok((gradient, second))
 }
 
-/// The peak, or a limit that is as likely; limits of limits included.
+/// Returns the peak, or a limit that is as likely, including limits of limits.
 fn peak_or_limit(likelihood: &mut Likelihood<'_>, peak: Peak) -> Result<Peak> {
     let mut best = None;
     for (start, free) in limits_beside(likelihood, &peak) {
@@ -256,7 +260,7 @@ fn peak_or_limit(likelihood: &mut Likelihood<'_>, peak: Peak) -> Result<Peak> {
     best.map_or(Ok(peak), |best| peak_or_limit(likelihood, best))
 }
 
-/// Points at limits, each with the coordinates that are free there.
+/// Returns points at limits, each with the coordinates that remain free there.
 fn limits_beside(likelihood: &Likelihood<'_>, peak: &Peak) -> Vec<([f64; 2], [bool; 2])> {
     let ([x, y], [first, second], none) = (peak.at, peak.free, f64::NEG_INFINITY);
     let mut limits = Vec::new();

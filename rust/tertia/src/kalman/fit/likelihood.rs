@@ -1,4 +1,4 @@
-//! The likelihood of a recording, with the scale of noise and motion that is best.
+//! The likelihood of a recording for the best common scale of noise and motion.
 
 use super::recording::{Limit, Recording};
 use crate::base::error::{Error, Result};
@@ -10,32 +10,36 @@ use std::collections::HashMap;
 use std::f64::consts::{E, PI};
 use std::num::NonZero;
 
-/// The grid: α from this over the length to that over an interval, and the factor between.
+/// Grid of α: α times the length of the recording at the first point, α times an interval at the last
+/// one, and the factor between points.
 const ALPHA: [f64; 3] = [0.3, 10.0, 8.0];
-/// Likewise p.
+/// Grid of p: p for the length of the recording at the first point, p for an interval at the last one,
+/// and the factor between points.
 const MOTION: [f64; 3] = [0.1, 30.0, 20.0];
-/// How far beyond the grid is climbed: α is tiny where the acceleration grows all the time.
+/// Factors by which the climb may leave the grid downward and upward: α is tiny if the acceleration
+/// grows throughout a recording.
 const BEYOND: [f64; 2] = [1e4, 10.0];
-/// ln of an α that counts as infinite: there the likelihood is that of the limit to about 1e-6.
+/// ln of an α that counts as infinite: the likelihood differs from that of the limit by about 1e-6
+/// there.
 pub(super) const INFINITE_ALPHA: f64 = 13.815_510_557_964_274;
-/// Likewise p.
+/// The same for p.
 const INFINITE_MOTION: f64 = 16.118_095_650_958_32;
-/// Steps for differences: the likelihood is computed to about 1e-12.
+/// Step of differences: the likelihood is accurate to about 1e-12.
 pub(super) const DIFFERENCE: f64 = 2e-3;
-/// Innovations of this share of the plots are their rounding.
+/// Innovations smaller than this share of the plots are rounding errors of the plots.
 const ROUNDING: f64 = 1e-13;
-/// Cost of a step of the filter, for the choice of threads.
+/// Time per step of the filter, for the choice of the number of threads.
 const STEP_NS: f64 = 20.0;
-/// A product of variances is turned into a logarithm when it leaves this range.
+/// Range of a product of variances; outside, its logarithm is taken and the product starts again.
 const PRODUCTS: std::ops::Range<f64> = 1e-150..1e150;
 
 /// Sums over the innovations of a series.
 #[derive(Clone, Copy, Debug)]
 struct Sums {
-    /// Of ν²/S, and the rounding that it has lost.
+    /// Sum of ν²/S, and the rounding error that it has lost.
     squares: f64,
     lost: f64,
-    /// Of ln S, but for those in the product.
+    /// Sum of ln S, except for those S that are in the product.
     logarithms: f64,
     product: f64,
     count: usize,
@@ -50,7 +54,7 @@ impl Sums {
             if value.is_nan() {
                 continue;
             }
-            // Kahan: derivatives are differences of this sum
+            // Kahan's summation, because derivatives are differences of this sum
             let term = value * value / variance - sums.lost;
             let squares = sums.squares + term;
             sums.lost = (squares - sums.squares) - term;
@@ -66,7 +70,7 @@ impl Sums {
     }
 }
 
-/// The likelihood as a function of `[x, y]`; each value is computed once.
+/// The likelihood as a function of `[x, y]`; each value is computed only once.
 pub(super) struct Likelihood<'a> {
     recording: Recording<'a>,
     rows: Vec<Sums>,
@@ -74,11 +78,11 @@ pub(super) struct Likelihood<'a> {
     innovation: Vec<f64>,
     variance: Vec<f64>,
     n_threads: Option<NonZero<usize>>,
-    /// Of the longest series, in intervals.
+    /// Length of the longest series, in intervals.
     length: f64,
-    /// What noise and motion together are.
+    /// Sum of the noise σ and the motion p σ, before the best scale is applied.
     unit: f64,
-    /// The time within which p is what the motion adds.
+    /// The time to which the motion p refers, in intervals.
     memory: f64,
     found: HashMap<[u64; 2], (f64, [f64; 3])>,
 }
@@ -103,15 +107,15 @@ impl<'a> Likelihood<'a> {
             found: HashMap::new(),
         };
         let (value, _) = likelihood.at([0.1_f64.ln(); 2])?;
-        // in the recording's own unit, sums of squares are of the order of the number of plots
+        // in the unit of the recording itself, sums of squares are of the order of the number of plots
         likelihood.unit =
             likelihood.spread(value, "lies on straight lines; there is no noise to be fitted")?;
         likelihood.remember(1.0);
         Ok(likelihood)
     }
 
-    /// The standard deviation that innovations of this likelihood have in the mean; it must not be
-    /// rounding.
+    /// Returns the typical standard deviation of innovations with this log likelihood, or an error with
+    /// this reason if it is a rounding error.
     pub fn spread(&self, value: f64, reason: &'static str) -> Result<f64> {
         let spread = (-value / self.count() as f64 - 0.5 * (2.0 * PI * E).ln()).exp();
         let known = self.recording.z.iter().filter(|z| !z.is_nan());
@@ -120,7 +124,7 @@ impl<'a> Likelihood<'a> {
         holds.then_some(spread).ok_or(Error::Undetermined { argument: "z", reason })
     }
 
-    /// Innovations in all.
+    /// Returns the number of innovations.
     pub fn count(&self) -> usize {
         self.rows.iter().map(|row| row.count).sum()
     }
@@ -129,7 +133,7 @@ impl<'a> Likelihood<'a> {
         self.length
     }
 
-    /// ln L, and the logarithms of α, σ_a and σ.
+    /// Returns ln L, and the logarithms of α, σ_a and σ.
     pub fn at(&mut self, [x, y]: [f64; 2]) -> Result<(f64, [f64; 3])> {
         let key = [x.to_bits(), y.to_bits()];
         if let Some(&known) = self.found.get(&key) {
@@ -145,7 +149,7 @@ impl<'a> Likelihood<'a> {
         Ok((value, logs))
     }
 
-    /// ln L for the best scale of the variances, and the logarithm of that scale.
+    /// Returns ln L for the best scale of the variances, and the logarithm of this scale.
     fn run(&mut self, [alpha, acceleration_sigma, sigma]: [f64; 3]) -> Result<(f64, f64)> {
         poll();
         let model = Singer::try_new(alpha, acceleration_sigma, true)?;
@@ -178,21 +182,21 @@ impl<'a> Likelihood<'a> {
         Ok((-0.5 * (logarithms + count * ((2.0 * PI * E).ln() + scale)), scale))
     }
 
-    /// Lets p be what the motion adds within this time.
+    /// Makes p refer to the motion added within this time.
     pub fn remember(&mut self, memory: f64) {
         self.memory = memory;
         self.found.clear();
     }
 
-    /// ln (σ_a / (p σ)).
+    /// Returns ln (σ_a / (p σ)).
     pub fn acceleration(&self, x: f64) -> f64 {
-        // p² is σ_a² τ⁴ / σ² times ατ for a slow manoeuvre, 1 / ατ for a fast one; of one slower
-        // than the recording is long, σ_a itself is known
+        // p² is σ_a² τ⁴ / σ² with the memory τ, multiplied by ατ for slow manoeuvres, by 1 / ατ for
+        // fast ones; if manoeuvres are slower than the recording is long, σ_a itself is determined
         let (reach, once) = (x.exp() * self.memory, self.memory / self.length);
         reach.ln_1p() - 0.5 * (reach + once).ln() - 2.0 * self.memory.ln()
     }
 
-    /// ln p that counts as infinite.
+    /// Returns the ln p that counts as infinite.
     pub fn infinite_motion(&self) -> f64 {
         INFINITE_MOTION + self.beyond()
     }
@@ -201,7 +205,7 @@ impl<'a> Likelihood<'a> {
         2.5 * self.memory.ln()
     }
 
-    /// The ends of the grid, of x and of y, with the factor between points.
+    /// Returns the ends of the grid in x and y, each with the logarithm of the factor between points.
     pub fn grid(&self) -> [[f64; 3]; 2] {
         let [[low, high, factor], [least, most, ratio]] = [ALPHA, MOTION];
         let lowest = least.ln() - 2.5 * (self.length / self.memory).ln();
@@ -211,13 +215,13 @@ impl<'a> Likelihood<'a> {
         ]
     }
 
-    /// The least and the largest coordinates to which is climbed.
+    /// Returns the smallest and the largest coordinates of the climb.
     pub fn bounds(&self) -> [[f64; 2]; 2] {
         let ([[alpha, most, _], [motion, ..]], [below, above]) = (self.grid(), BEYOND.map(f64::ln));
         [[alpha - below, most + above], [motion - below, self.infinite_motion()]]
     }
 
-    /// The limits at which a point is.
+    /// Returns the limits at which a point is.
     pub fn limits(&self, [x, y]: [f64; 2]) -> Vec<Limit> {
         let none = f64::NEG_INFINITY;
         let there = [

@@ -1,5 +1,5 @@
-//! The fit without plots that are far off the track: a few outliers would otherwise be all that it
-//! explains.
+//! The fit without plots that are far from the track: otherwise a few outliers would dominate the
+//! result.
 
 use super::NoiseFit;
 use super::recording::Recording;
@@ -13,21 +13,22 @@ use crate::kalman::smoother::{Workspace, smooth};
 use crate::kalman::state::residual;
 use std::num::NonZero;
 
-/// Fewer plots are not fitted.
+/// Smallest number of plots that are fitted.
 const FEWEST_PLOTS: usize = 10;
 const MOST_PASSES: usize = 10;
-/// A plot that alone makes the track says nothing about itself: at least this share of its variance
-/// is left of it.
+/// Smallest variance of a residual, as a share of the variance of a plot: a plot that alone determines
+/// the track has no residual of its own.
 const LEAST_VARIANCE: f64 = 1e-6;
-/// Cost of a step of the smoother, for the choice of threads.
+/// Time per step of the smoother, for the choice of the number of threads.
 const STEP_NS: f64 = 120.0;
 
-/// Fits noise and motion to a recording, and says which plots were left out: those more than `gate`
-/// standard deviations off the track that all the others make, again and again. Without a gate none
-/// are. Cost: some 150 filters, and as much again for each pass that finds outliers.
+/// Fits noise and motion to a recording, and returns the marks of the plots that were left out: those
+/// more than `gate` standard deviations from the track estimated from all other plots, in repeated
+/// passes. Without a gate no plot is left out. The cost is that of about 150 filter runs, and the same
+/// again for each pass that finds outliers.
 ///
 /// # Errors
-/// Fewer than ten plots; plots that a line or a parabola fits exactly; no time between them.
+/// If there are fewer than ten plots, the plots lie exactly on a line or a parabola, or no time passes.
 pub fn fit_noise(
     recording: &Recording<'_>,
     gate: Option<f64>,
@@ -69,7 +70,7 @@ fn present(z: &[f64]) -> usize {
     z.iter().filter(|z| !z.is_nan()).count()
 }
 
-/// Which plots are far from the smoothed track.
+/// Returns marks of the plots that are far from the smoothed track.
 fn far_off(
     recording: &Recording<'_>,
     fit: &NoiseFit,
@@ -89,7 +90,8 @@ fn far_off(
         let filter = Filter::new(model.acceleration_variance(), period);
         smooth(&series, filter, workspace, |step, state| {
             let off = residual(z[step], state.mean[0], period);
-            // z less the smoothed angle has the variance R − P; both shrink alike if z is left out
+            // z minus the smoothed angle has the variance R − P; leaving z out multiplies both by the
+            // same factor
             let spread = (r - state.covariance[0]).max(LEAST_VARIANCE * r);
             far[step] = off * off > gate * gate * spread;
         });

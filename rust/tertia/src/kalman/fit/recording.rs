@@ -1,36 +1,36 @@
-//! What is fitted, and the limits of its likelihood.
+//! The recording that is fitted, and the limits of its likelihood.
 
 use super::super::batch::Table;
 
-/// Series of plots that share the noise and the motion: `count` rows of `steps`, nan where there is
-/// none, and the intervals before each plot but the first, or one number for all.
+/// Series of plots with the same noise and the same motion model: rows of `steps` plots, nan where
+/// there is none, and the intervals before each plot but the first, or one interval for all.
 #[derive(Clone, Copy, Debug)]
 pub struct Recording<'a> {
-    /// The plots.
+    /// Plots, one row of `steps` numbers per series.
     pub z: &'a [f64],
-    /// Of each series.
+    /// Number of steps of each series.
     pub steps: usize,
-    /// The intervals.
+    /// Intervals between plots.
     pub dt: Table<'a>,
-    /// Wrap of the plots.
+    /// Period at which the plots wrap.
     pub period: Option<f64>,
 }
 
-/// Where the likelihood is largest at an end of the parameters.
+/// A limit of the parameters at which the likelihood is largest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Limit {
-    /// α is infinite: only the density counts.
+    /// α is infinite: only the density is determined.
     WhiteAcceleration,
     /// α is 0.
     ConstantAcceleration,
-    /// There is no acceleration.
+    /// There is no acceleration: σ_a is 0.
     ConstantRate,
-    /// Beside the motion the noise is nothing.
+    /// The noise is negligible compared with the motion.
     NoNoise,
 }
 
 impl Limit {
-    /// In words.
+    /// Returns the name of the limit in words.
     pub fn name(self) -> &'static str {
         match self {
             Self::WhiteAcceleration => "white acceleration",

@@ -1,4 +1,4 @@
-//! The same bits with the instructions of every processor.
+//! Tests that results have the same bits with the instructions of every processor.
 
 use super::super::model::Singer;
 use super::*;
@@ -7,7 +7,7 @@ use crate::base::random::noise;
 
 const STEPS: usize = 500;
 
-/// Bits of everything that a series yields.
+/// Returns the bits of all results of a series.
 fn bits(series: &Series<'_>, period: Option<f64>, level: Level) -> Vec<u64> {
     let filter = Filter::new(1e-4, period);
     let [mut mean, mut covariance, mut innovation, mut variance] =
