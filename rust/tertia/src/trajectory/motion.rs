@@ -58,7 +58,7 @@ pub(super) fn mixed<const D: usize, const N: usize>(
 /// Returns the paths of all likely intensities, each with the logarithm of its intensity less some constant;
 /// none if the record does not determine the intensity. If the fitted intensity is well known, these are
 /// intensities around it, and around that of the other family if that is likely. Otherwise the intensities
-/// begin with one that is hardly any and rise until they are unlikely.
+/// begin with one that is practically zero and rise until they are unlikely.
 fn likely<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     found: &Found<D, N>,
