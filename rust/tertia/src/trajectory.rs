@@ -190,7 +190,8 @@ enum Effect<'a> {
 }
 
 impl Effect<'_> {
-    /// Standard deviation of the noise over the stated one, if contradictions between stations determine it.
+    /// Standard deviation of the noise relative to the stated one, if contradictions between stations
+    /// determine it.
     fn noise(&self) -> Option<f64> {
         match self {
             Self::Biases(..) => None,

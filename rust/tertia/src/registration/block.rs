@@ -16,9 +16,9 @@ use std::collections::BTreeMap;
 const MOTION: usize = 6;
 /// Least number of plots of a block.
 const FEWEST: usize = 3;
-/// Standard deviation of the prior of the squared height, over the largest squared height. All blocks of a
-/// target have the same height, so the prior must be wide enough that they do not gain information from it
-/// together.
+/// Standard deviation of the prior of the squared height, relative to the largest squared height. All blocks
+/// of a target have the same height, so the prior must be wide enough that they do not gain information from
+/// it together.
 const WIDE: f64 = 30.0;
 
 /// Normal equations of the errors of the radars of one block, about the errors removed before.
@@ -130,7 +130,7 @@ impl Block {
             None => line(&normal, &right)? / half,
         };
         for side in 0..2 {
-            // the unknown is half the acceleration, in units of the half time squared
+            // the unknown is half the acceleration times the square of half the duration
             normal[4 + side][4 + side] += (2.0 / (half * half * acceleration)).powi(2);
         }
         let spread = Factor::try_new(&normal, 0.0)?.inverse();

@@ -15,9 +15,9 @@ use std::ops::RangeInclusive;
 
 /// Standard deviations of the coefficients and of the drift, in units of that of the measurements.
 const SCALES: [f64; 7] = [0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
-/// Correlation times over the duration of the record.
+/// Correlation times, as fractions of the duration of the record.
 const TIMES: [f64; 4] = [0.5, 0.15, 0.05, 0.015];
-/// Standard deviation of the constant, over the larger of the largest residual and the stated standard
+/// Standard deviation of the constant, relative to the larger of the largest residual and the stated standard
 /// deviation.
 const WIDE: f64 = 10.0;
 /// Prior odds of no coefficients, or of no drift, against a single scale.
@@ -59,7 +59,7 @@ pub struct Calibration {
     pub drift: f64,
     /// Correlation time of the drift; ∞ if there is no drift.
     pub time: f64,
-    /// Variance of a measurement over the stated one, at least 1.
+    /// Variance of a measurement relative to the stated one, at least 1.
     pub growth: f64,
     /// Variance of errors that vary with the direction but are not in the series; 0 if there are none.
     pub remainder: f64,

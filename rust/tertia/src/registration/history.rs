@@ -9,7 +9,7 @@ use super::gaussian::Gaussian;
 use crate::base::interrupt::poll;
 use nalgebra::{DMatrix, DVector};
 
-/// Rates of drift over the assumed one; the first is as probable as all others together.
+/// Rates of drift relative to the assumed one; the first is as probable as all others together.
 const RATES: [f64; 5] = [0.0, 0.25, 1.0, 4.0, 16.0];
 /// Size of a sudden change in standard deviations of the prior.
 const CHANGE: f64 = 3.0;

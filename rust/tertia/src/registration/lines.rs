@@ -4,7 +4,7 @@
 const COUNT: usize = 6;
 /// Number of plots on a line less the parameters of the line, in each axis.
 pub(super) const FREE: f64 = 4.0;
-/// Largest duration of a line over that without gaps.
+/// Largest duration of a line relative to that without gaps.
 const GAPS: f64 = 1.5;
 /// Probability of a turn above which a track is not straight.
 const STRAIGHT: f64 = 0.5;

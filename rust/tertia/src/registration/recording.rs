@@ -26,7 +26,7 @@ const LEFT_OUT: usize = 2;
 const OUTLIER: f64 = 3.5;
 /// Time for which errors of reported positions last, s.
 const LASTING: f64 = 300.0;
-/// Mean square of an unknown height over the largest squared height.
+/// Mean square of an unknown height relative to the largest squared height.
 const MEAN_SQUARE: f64 = 1.0 / 3.0;
 /// Number of redundant measurements that the stated noise is worth.
 pub(super) const STATED: f64 = 10.0;
@@ -242,8 +242,8 @@ impl Sums {
         total
     }
 
-    /// Returns the information of blocks that were corrected for these errors, and their score about the means
-    /// of the prior.
+    /// Returns the information of blocks that were corrected for these errors, and their score about the
+    /// means of the prior.
     fn said(self, errors: &[Errors], unknowns: &Unknowns, mean: &[Errors]) -> Said {
         let order = self.score.len();
         let mut removed = DVector::zeros(order);

@@ -9,7 +9,7 @@ pub const ERRORS: usize = 4;
 /// Index of the clock error.
 pub(super) const CLOCK: usize = 3;
 
-/// Least variance of a position along an axis, over the mean of both axes.
+/// Least variance of a position along an axis, relative to the mean of both axes.
 const THIN: f64 = 1e-9;
 /// Ground range over slant range below which the target is overhead.
 const OVERHEAD: f64 = 1e-3;

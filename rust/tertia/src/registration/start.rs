@@ -19,7 +19,7 @@ const VELOCITIES: f64 = 16.0;
 const SPARE_SPEED: f64 = 3.0;
 const POSITIONS: f64 = 20.0;
 const IN_CHAIN: f64 = 13.8;
-/// Logarithm of the odds of equal identities.
+/// ln of the odds that equal identities add to a pair.
 const IDENTITIES: f64 = 6.0;
 /// Prior ln odds that one radar has large errors, and that all have, against none.
 const ONE: f64 = -3.0;

@@ -31,7 +31,7 @@ const AGREED: f64 = 3.9;
 /// missed for other reasons.
 const LEAST: f64 = 2.0;
 
-/// Whether each radar misses so many of the tracks that it covers that these are to vote.
+/// Returns for each radar whether it misses enough of the tracks that it covers for a vote.
 pub(super) fn suspects<'a>(
     tracks: impl Iterator<Item = &'a Followed>,
     radars: &[Radar],

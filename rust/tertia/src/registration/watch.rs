@@ -17,11 +17,11 @@ const ERRORS: f64 = 4.5;
 const SCANS: f64 = 1.0 / 16.0;
 /// One in this number of innovations, the oldest, is left out of the next examination.
 const STEP: usize = 5;
-/// Largest variance of an innovation over that of the noise with which it is used.
+/// Largest variance of an innovation relative to that of the noise with which it is used.
 const PREDICTED: f64 = 10.0;
 
-/// Latest innovations of a radar along one axis, in standard deviations, and their variance over that of the
-/// noise.
+/// Latest innovations of a radar along one axis, in standard deviations, and their variance relative to that
+/// of the noise.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Watch {
     values: Vec<(f64, f64)>,

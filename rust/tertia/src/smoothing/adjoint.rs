@@ -23,7 +23,7 @@ use nalgebra::{SMatrix, SVector};
 use pulp::{Arch, Simd, WithSimd};
 use std::f64::consts::TAU;
 
-/// Variance of a prediction over that of its plot from which on too many digits are lost.
+/// Variance of a prediction relative to that of its plot from which on too many digits are lost.
 const LOSS: f64 = 1e6;
 
 /// Number of instants at the start that are smoothed with rows of information, for positions, and for
@@ -53,7 +53,7 @@ pub(crate) struct Adjoint<const M: usize, const N: usize> {
     information: Information,
     whitening: Whitening,
     triangle: Vec<f64>,
-    /// The first instant that is filtered by covariances.
+    /// The first instant that is filtered with covariances.
     pub(super) start: usize,
     /// Rows of information of the instants before it.
     opening: Vec<Vec<f64>>,

@@ -22,7 +22,7 @@ const SIGNIFICANCE: f64 = 0.02;
 const JUMP_LIMIT: f64 = 2.0;
 /// Factor by which a jump must explain more than an outlier; otherwise it is an outlier.
 const OVER_OUTLIER: f64 = 1.2;
-/// Least misfit of what is left out in a round, over the largest.
+/// Least misfit of what is left out in a round, relative to the largest.
 const SHARE: f64 = 0.2;
 const ROUNDS: usize = 20;
 /// Number of successive positions that may be a turn if they are left out.

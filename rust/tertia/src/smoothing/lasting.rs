@@ -18,12 +18,12 @@ use crate::base::interrupt::poll;
 use crate::base::small::{Matrix as Square, dot, symmetrise};
 use pulp::Arch;
 
-/// Variance of the first state over that given by the plots that determine it.
+/// Variance of the first state relative to that given by the plots that determine it.
 const VAGUE: f64 = 1e3;
-/// Variance of the first state over that of the smoothed first state, if the latter is known.
+/// Variance of the first state relative to that of the smoothed first state, if the latter is known.
 const VAGUE_AFTER_ALL: f64 = 1e4;
-/// Variance of a jump over that of a plot, and over the square of the jump that the plot shows: the larger
-/// these are, the more digits are lost.
+/// Variance of a jump relative to that of a plot, and relative to the square of the jump that the plot shows:
+/// the larger these are, the more digits are lost.
 const JUMP: [f64; 2] = [1e4, 10.0];
 /// Share of a variance that must remain; what is less is rounding.
 const LEAST_SHARE: f64 = 1e-11;

@@ -28,7 +28,7 @@ impl LastingNoise {
 pub(super) struct Model {
     pub motion: ProcessNoise,
     pub lasting: LastingNoise,
-    /// Standard deviation of velocities over the stated one.
+    /// Standard deviation of velocities relative to the stated one.
     pub velocity_factor: f64,
     /// Time by which velocities lag behind positions.
     pub velocity_time_offset: f64,

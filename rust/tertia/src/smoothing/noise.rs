@@ -23,8 +23,8 @@ const SHARES: [f64; 2] = [0.95, 0.6];
 /// Prior probability that the noise is white, and in these cases that the velocity is a random walk.
 const WHITE: f64 = 0.5;
 const WANDERING: f64 = 0.5;
-/// Prior probability, over that of all others, that the position is a random walk: so small that it hardly
-/// counts unless the plots require it.
+/// Prior probability, relative to that of all others, that the position is a random walk: so small that it
+/// hardly counts unless the plots require it.
 const ROUGH: f64 = 0.02;
 /// Least weight of a model that counts.
 const LEAST_WEIGHT: f64 = 0.02;

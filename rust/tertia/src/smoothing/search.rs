@@ -11,7 +11,7 @@ use super::track::Track;
 /// Prior standard deviations of the logarithms of the noise factor and of that of velocities.
 const FACTOR_SIGMA: f64 = 0.5;
 const VELOCITY_FACTOR_SIGMA: f64 = 1.0;
-/// Unit of the search for the time by which velocities lag, over the median step.
+/// Unit of the search for the time by which velocities lag, relative to the median step.
 const OFFSET_STEP: f64 = 0.25;
 /// Least gain of the log-likelihood by a noise factor other than 1.
 const FACTOR_GAIN: f64 = 2.0;
@@ -154,7 +154,8 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         best
     }
 
-    /// Whether the innovations of the likeliest path near this start are as expected, with the noise as stated.
+    /// Whether the innovations of the likeliest path near this start are as expected if the noise is as
+    /// stated.
     pub fn is_healthy(&mut self, faults: &Faults, near: Near, expected: Expected) -> bool {
         let best = self.best(Family::Jerk, LastingNoise::NONE, Scale::Stated, faults, near);
         let mut found = Found::default();

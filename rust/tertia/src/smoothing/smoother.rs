@@ -225,7 +225,7 @@ mod tests {
         }
     }
 
-    /// Equal axes that are not coupled do not know of each other, nor of missing components.
+    /// Axes that are not coupled must not affect each other, even if components are missing.
     #[test]
     fn axes_are_independent() {
         let times: Vec<f64> = (0..30).map(|i| f64::from(i) + 0.4 * f64::from(i % 3)).collect();

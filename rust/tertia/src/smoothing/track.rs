@@ -81,7 +81,7 @@ impl Trend {
 }
 
 impl<'a> Track<'a> {
-    /// Longest step over the shortest, without steps of zero duration.
+    /// Longest step relative to the shortest, without steps of zero duration.
     pub(super) fn unevenness(&self) -> f64 {
         let steps = self.times.windows(2).map(|pair| pair[1] - pair[0]).filter(|&t| t > 0.0);
         let wider = |(least, most): (f64, f64), t: f64| (least.min(t), most.max(t));

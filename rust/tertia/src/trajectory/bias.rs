@@ -17,7 +17,7 @@ use std::rc::Rc;
 
 /// Change of a bias, in standard errors, that ends the rounds.
 const SETTLED: f64 = 0.01;
-/// Information about a bias, over that with known positions, below which it is rounding.
+/// Information about a bias, relative to that with known positions, below which it is rounding.
 const UNOBSERVABLE: f64 = 1e-9;
 /// Largest share of the information that may come from errors of the positions.
 const SPURIOUS: f64 = 0.1;

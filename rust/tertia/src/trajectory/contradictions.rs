@@ -3,7 +3,7 @@
 use super::instant::Instant;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-/// Information, over the largest possible one, from which a direction is determined.
+/// Information, relative to the largest possible one, from which a direction is determined.
 const DETERMINED: f64 = 1e-9;
 /// Square of a contradiction over its noise from which it is certainly seen.
 const SURE: f64 = 10.0;
@@ -19,7 +19,7 @@ pub(super) struct Blocks {
     pub count: usize,
 }
 
-/// How drifts change: in jumps, as from stop to stop, or smoothly, as with the direction.
+/// How drifts change: abruptly, as from stop to stop, or smoothly, as with the direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Kernel {
     /// Gauss–Markov: `exp(−x)` of the time over the correlation time.
@@ -40,7 +40,8 @@ pub(super) struct Point {
 }
 
 impl Kernel {
-    /// Variance of the mean of a drift over this number of correlation times, over the variance of the drift.
+    /// Variance of the mean of a drift over this number of correlation times, relative to the variance of the
+    /// drift.
     pub fn averaged(self, times: f64) -> f64 {
         match self {
             _ if times < 1e-3 => 1.0,

@@ -36,7 +36,7 @@ pub(super) struct Found<const D: usize, const N: usize> {
     pub anchor: Vec<f64>,
     /// Side of the plane of the stations on which the path is; none if the stations are not in a plane.
     pub sides: Option<Sides<D>>,
-    /// Standard deviation of the noise over the stated one, at least 1.
+    /// Standard deviation of the noise relative to the stated one, at least 1.
     pub scale: f64,
     /// Whether the path is the final one: its covariance includes the doubt about which measurements are
     /// outliers.

@@ -20,10 +20,10 @@ const COARSE: Scales = Scales { first: 0.15, ratio: 3.162, count: 5, steps: &[0,
 const STEADY: f64 = 0.5;
 /// Largest drift.
 const MOST_DRIFT: f64 = 8.0;
-/// Prior weight of drifts that are small beside their constants, but not the least, over that of other
+/// Prior weight of drifts that are small beside their constants, but not the least, relative to that of other
 /// drifts.
 const BETWEEN: f64 = 0.25;
-/// Correlation times over the duration of the record.
+/// Correlation times, as fractions of the duration of the record.
 const TIMES: [f64; 4] = [0.5, 0.15, 0.05, 0.015];
 /// Least correlation time, in blocks.
 const RESOLVED: f64 = 1.5;
@@ -46,8 +46,8 @@ const SUSPECT_DRIFT: f64 = 0.35;
 const ALIKE: f64 = 1.2;
 /// Probability of no lasting errors from which on none are removed.
 pub(super) const CERTAIN: f64 = 0.5;
-/// Probability, over that of the best point, below which a point of the grid is dropped. It is low because
-/// many such points together may matter.
+/// Probability, relative to that of the best point, below which a point of the grid is dropped. It is low
+/// because many such points together may matter.
 const UNLIKELY: f64 = 3e-4;
 /// Total probability of the largest errors, which are dropped if none are removed: a 95 % region need not
 /// cover errors so unlikely, and they would be most of the variance.
@@ -134,9 +134,10 @@ pub(super) struct Weighed {
 pub(super) struct Grid<'a> {
     blocks: &'a Blocks,
     /// Unit of the errors of each column: the standard deviation of its measurements or, if it is given, that
-    /// of the lasting error. Then the number of its kind among those to be estimated; none if the standard
-    /// deviation of the lasting error is given.
+    /// of the lasting error.
     sigma: Vec<f64>,
+    /// Number of the kind of each column among those whose errors are estimated; none if the standard
+    /// deviation of the lasting error is given.
     kind: Vec<Option<usize>>,
     kinds: usize,
     /// Share of the drift and correlation time of each column; none where they are to be estimated.

@@ -6,7 +6,7 @@ use crate::sensors::Kind;
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
-/// Least information of an anchor, over that of an instant that does not determine its position.
+/// Least information of an anchor, relative to that of an instant that does not determine its position.
 pub(super) const LEAST_ANCHOR: f64 = 1e-10;
 
 /// An instant with the effect of biases.

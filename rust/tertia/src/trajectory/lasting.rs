@@ -64,7 +64,7 @@ pub(super) struct Lasting {
     alone: Vec<f64>,
     /// Standard deviations of the errors that all stations of a kind have in common.
     common: Vec<f64>,
-    /// Variance of the other errors, averaged over a block, over the expected one.
+    /// Variance of the other errors, averaged over a block, relative to the expected one.
     growth: f64,
     /// Number of independent contradictions.
     redundant: usize,
@@ -238,7 +238,7 @@ impl Lasting {
             let scatter = squares[kind] / shares[kind] / expected;
             let scatter = scatter * (1.0 + SURELY * (2.0 / shares[kind]).sqrt());
             let variance = |i: &usize| record.own_sigma(self.columns[*i]).powi(2);
-            // the error of a column that is singled out is no error of all stations
+            // the error of a column that is singled out is not shared by all stations
             let contradicted = |i: &usize| {
                 let squares = self.values[*i].powi(2) + self.drift[*i];
                 (1.0 - self.alone[*i]).max(0.0) * squares / variance(i)
@@ -278,7 +278,8 @@ impl Lasting {
         self.nothing >= CERTAIN
     }
 
-    /// Standard deviation of the noise over the stated one, if there are contradictions that determine it.
+    /// Standard deviation of the noise relative to the stated one, if there are contradictions that determine
+    /// it.
     pub fn noise(&self) -> Option<f64> {
         (self.redundant > 0).then(|| self.growth.sqrt())
     }
@@ -467,7 +468,7 @@ pub(super) fn rounds<const D: usize, const N: usize>(
         let small = (0..columns.len()).all(|i| change[i].abs() <= SETTLED * lasting.sigma(i));
         lasting.nothing = 0.0;
         if small || round == ROUNDS {
-            // the result is what was removed
+            // the result must be the values that were removed
             lasting.values = removed;
             break;
         }

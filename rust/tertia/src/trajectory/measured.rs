@@ -36,7 +36,8 @@ pub struct Record<'a> {
     pub own_sigmas: Option<&'a [f64]>,
     /// Correlation of the errors of the range differences of an instant.
     pub correlation: f64,
-    /// Standard deviation of the propagation speed over the speed; this error is the same at all instants.
+    /// Standard deviation of the propagation speed relative to the speed; this error is the same at all
+    /// instants.
     pub speed_sigma: f64,
     /// Covariance of the wind that carries the signals, in units of their speed; the wind is the same at all
     /// instants.

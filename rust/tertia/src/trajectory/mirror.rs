@@ -17,20 +17,20 @@ use crate::base::small::{Matrix, Vector, dot, quadratic};
 use crate::sensors::{KINDS, Kind};
 use nalgebra::DMatrix;
 
-/// Largest distances of stations from their plane, over their extent in it, with which they are near the
-/// plane, and with which they are in it.
+/// Largest distances of stations from their plane, relative to their extent in it, with which they are near
+/// the plane, and with which they are in it.
 const NEAR: f64 = 0.2;
 const EXACT: f64 = 1e-6;
 /// Least vertical component of the normal of a plane that has an upper side.
 const LEVEL: f64 = 0.3;
-/// Distances from the plane at which searches start, over the extent of the stations in it.
+/// Distances from the plane at which searches start, relative to the extent of the stations in it.
 const STARTS: [f64; 4] = [0.1, 0.3, 1.0, 3.0];
-/// Likelihood of a target in the plane, over that of the path, below which the path and its image are
+/// Likelihood of a target in the plane, relative to that of the path, below which the path and its image are
 /// distinct.
 const APART: f64 = 0.01;
 /// Number of instants of a record over those on either side of an instant that is the nearest to the plane.
 const AROUND: usize = 20;
-/// Standard deviation of a distance, over the distance, up to which the distance is well known.
+/// Standard deviation of a distance, relative to the distance, up to which the distance is well known.
 const NEARBY: f64 = 0.1;
 /// Axis of the height.
 const UP: usize = 2;
@@ -316,8 +316,8 @@ impl<const D: usize> Sides<D> {
     }
 }
 
-/// Likelihood that the target is in the plane, over that of the estimated distance, which was found as the
-/// root of its square and has this variance.
+/// Likelihood that the target is in the plane, relative to that of the estimated distance, which was found as
+/// the root of its square and has this variance.
 fn likelihood_of_none(distance: f64, variance: f64) -> f64 {
     let square = distance * distance;
     // variance of half the square

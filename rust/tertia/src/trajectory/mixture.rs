@@ -2,8 +2,8 @@
 
 use crate::base::distribution::normal_two_sided_quantile;
 
-/// Standard deviation of outliers over that of the noise: least value, expected value, and the number of
-/// outliers that the expectation is worth.
+/// Standard deviation of outliers relative to that of the noise: least value, expected value, and the number
+/// of outliers that the expectation is worth.
 const LEAST_WIDTH: f64 = 3.0;
 const WIDTH: f64 = 10.0;
 const WORTH: f64 = 2.0;

@@ -26,7 +26,7 @@ const AGREEING: f64 = 0.8;
 /// Lower bound of the share of a measurement's error that remains in its residual.
 const REDUNDANT: f64 = 0.1;
 /// Number of measurements in a running median, which distinguishes lasting errors from single faults, and the
-/// variance of the median of this number of normal errors, over their variance.
+/// variance of the median of this number of normal errors, relative to their variance.
 const RUNNING: usize = 5;
 const OF_MEDIANS: f64 = 0.287;
 /// Number of running medians from which the lasting errors of a single column are estimated.

@@ -11,7 +11,7 @@ use crate::base::small::{Factor, Vector, dot, norm};
 use crate::sensors::{KINDS, Kind, Measurement};
 use std::f64::consts::TAU;
 
-/// Step of numerical derivatives over the median interval between instants.
+/// Step of numerical derivatives relative to the median interval between instants.
 const STEP: f64 = 0.1;
 /// Window and degree of the polynomials that determine the motion of a station.
 const STATION: Polynomials = Polynomials { window: 5, degree: Some(2) };

@@ -72,7 +72,7 @@ impl Registrar {
     /// threads. The cost is that of [`Registrar::learn`].
     ///
     /// # Errors
-    /// None; the type is that of work on threads.
+    /// None occur; the type is that of work on threads.
     #[allow(clippy::type_complexity)] // two columns
     pub(crate) fn learn_targets(
         &mut self,

@@ -4,7 +4,8 @@ use super::linear::{Group, Row};
 use super::problem::{Model, NU, Problem};
 use crate::base::skyline::Skyline;
 
-/// Bounds of the estimated information of an arrival, over that of Student's distribution of this scale.
+/// Bounds of the estimated information of an arrival, relative to that of Student's distribution of this
+/// scale.
 const INFORMATION: [f64; 2] = [0.3, 1.5];
 
 /// Largest sizes of residuals, in standard deviations, that count for their correlation; one-sided 99 %

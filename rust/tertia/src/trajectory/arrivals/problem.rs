@@ -20,7 +20,7 @@ const NODES: usize = 400;
 /// no significant digits.
 const OFFSET: f64 = 10.0;
 const FAR: [f64; 3] = [10.0, 1.0, 1.0];
-/// Variances that white acceleration adds to the rows of a motion, over white jerk, if a step is 1.
+/// Variances that white acceleration adds to the rows of a motion, relative to white jerk, if a step is 1.
 const ACCELERATION: [f64; 3] = [60.0, 12.0, 0.0];
 /// Shortest step of a motion over its usual step.
 const SHORTEST: f64 = 1e-2;

@@ -74,7 +74,7 @@ pub struct Solution {
     pub site_sigma: Vec<f64>,
     /// Propagation speed and its standard deviation.
     pub speed: (f64, f64),
-    /// Standard deviation of an arrival over the given one.
+    /// Standard deviation of an arrival relative to the given one.
     pub noise_factor: f64,
     /// Standard deviation of path errors, in metres.
     pub path_sigma: f64,

@@ -20,14 +20,14 @@ const HALVINGS: usize = 8;
 /// Share of a step that is taken: with Student's distribution, small residuals pull up to twice as strongly
 /// as the mean information suggests, and whole steps would oscillate about the solution.
 const SHARE: f64 = 0.75;
-/// Longest step of a position, over the extent of the net.
+/// Longest step of a position, relative to the extent of the net.
 const LONGEST: f64 = 0.3;
 /// The search ends if the sum of the squares of a step, in standard deviations, is less than `DECREMENT`, and
 /// the intensities have changed by less than the share `CHANGE`.
 const DECREMENT: f64 = 1e-3;
 const CHANGE: f64 = 2e-2;
 /// Largest change of the logarithm of an intensity in a step; largest factor by which a step is lengthened if
-/// the changes form a geometric series; least intensity over the first one.
+/// the changes form a geometric series; least intensity relative to the first one.
 const JUMP: f64 = 2.3;
 const AHEAD: f64 = 5.0;
 const LOWEST: f64 = 1e-4;

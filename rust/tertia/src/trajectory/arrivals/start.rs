@@ -7,19 +7,19 @@ use super::scene::{Arrival, Scene};
 use crate::base::small::Factor;
 
 /// Largest number of steps in which the scale of the errors decreases; least factor of a decrease; first
-/// scale over the extent.
+/// scale relative to the extent.
 const STEPS: usize = 25;
 const SHRINK: f64 = 0.5;
 const SCALE: f64 = 0.33;
 /// Relative change of the scale below which it has converged.
 const SETTLED: f64 = 1e-2;
-/// Smallest scale for the location of single emissions, over the extent.
+/// Smallest scale for the location of single emissions, relative to the extent.
 const FINEST: f64 = 1e-3;
-/// Longest step over the extent.
+/// Longest step relative to the extent.
 const LONGEST: f64 = 0.3;
-/// Drift of the clocks between nodes, over the extent, for the fit to beacons alone.
+/// Drift of the clocks between nodes, relative to the extent, for the fit to beacons alone.
 const WANDER: f64 = 1e-3;
-/// Standard deviation of positions over the extent.
+/// Standard deviation of positions relative to the extent.
 const FAR: f64 = 3.0;
 /// Least number of arrivals from beacons with which a clock is known.
 const ENOUGH: usize = 3;
