@@ -349,8 +349,8 @@ impl Lasting {
     }
 }
 
-/// Adds the effect of azimuth errors that depend on the direction to the covariance of the states (N, 3D,
-/// 3D).
+/// Adds the effect of azimuth errors that depend on the direction to the covariance of the states
+/// (N, 3D, 3D).
 pub(super) fn add_deviation<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     found: &Found<D, N>,
