@@ -3,20 +3,20 @@
 //!
 //! | part | what | cost |
 //! |---|---|---|
-//! | `lines` | mean squares of plots about short straight lines in their own track | O(N log N) |
+//! | `lines` | mean squares of plots about short straight lines in their track | O(N log N) |
 //! | `noise` | standard deviations of range and azimuth over time, from these mean squares | O(N log N) |
 //! | `row`, `common` | states of the radars' tracks at common instants | O(N log N + M K) |
-//! | `sighting`, `block` | what plots of one target by several radars say of the errors of the radars | O(n K²) |
+//! | `sighting`, `block` | information of plots of one target by several radars about errors | O(n K²) |
 //! | `recording` | the errors of the radars from all blocks of a recording | O(N log N + N K²) |
 //! | `live` | the errors scan by scan, from a few dozen targets | O(K³) a scan |
-//! | `gaussian` | what is known of the errors, and how it ages | O(K³) |
+//! | `gaussian` | estimates of the errors with their covariance, and how they drift | O(K³) |
 //! | `roster` | the tracks by number | O(1) a row |
-//! | `followed` | a track, and what the errors add to their covariances | O(R²) a row of R radars |
-//! | `vote` | sudden changes that are larger than the gates, by the tracks that miss their plots | O(V²) |
-//! | `alarm` | radars whose last plots do not fit their tracks | O(1) a plot |
-//! | `watch` | noise that has grown suddenly, by the last innovations | O(1) a plot |
+//! | `followed` | a track, and the effect of the errors on its covariance | O(R²) a row of R radars |
+//! | `vote` | sudden changes larger than the gates, from tracks whose plots are missing | O(V²) |
+//! | `alarm` | radars whose latest plots do not fit their tracks | O(1) a plot |
+//! | `watch` | noise that has grown suddenly, from the latest innovations | O(1) a plot |
 //! | `start` | errors far larger than expected, from the tracks of each radar at one instant | O(C² N) |
-//! | `correction` | the states with biases removed and covariances scaled to the noise found | O(M K) |
+//! | `correction` | states with biases removed and covariances scaled to the noise found | O(M K) |
 
 mod alarm;
 mod block;

@@ -1,7 +1,8 @@
-//! One target along time: a local polynomial, or the state of a motion with white jerk.
+//! Smoothing of one target over time, by local polynomials or with a motion model of white jerk.
 //!
-//! `local_polynomial` fits a polynomial to the instants around each; [`smooth`] is the fixed-interval
-//! smoother of position, velocity and acceleration, [`fit_process_noise`] finds how restless the target is.
+//! [`Polynomial`] fits a polynomial to the instants around each instant. [`smooth`] is the fixed-interval
+//! smoother of position, velocity and acceleration; [`fit_process_noise`] estimates the intensity of the
+//! process noise.
 
 pub(crate) mod adjoint;
 mod diffuse;

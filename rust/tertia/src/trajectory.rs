@@ -1,9 +1,9 @@
-//! Trajectory: positions along time from what several stations measured, some of it wrong.
+//! Trajectory: positions over time from the measurements of several stations, some of which may be wrong.
 //!
-//! By [`reconstruct`] every instant is located, and the positions are smoothed; what the smooth path
-//! contradicts is left out, positions are linearised about the path, and errors of the stations that
-//! last are estimated from contradictions between them. [`by_polynomials`] smooths positions
-//! without a model of motion, [`temporal_first`] what each station measured. Cost O(N K).
+//! [`reconstruct`] locates every instant on its own and smooths the positions. Measurements that contradict
+//! the smooth path are left out, positions are linearised about the path, and systematic errors of the
+//! stations are estimated from contradictions between stations. [`by_polynomials`] smooths the positions
+//! without a motion model, [`temporal_first`] smooths the measurements of each station. Cost O(N K).
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
@@ -54,16 +54,17 @@ use path::Path;
 use result::residuals;
 use std::rc::Rc;
 
-/// Rounds of states near a plane of stations, where derivatives depend on how well they are known.
+/// Largest number of rounds near the plane of the stations, where derivatives depend on the uncertainty of
+/// the states.
 const BESIDE: usize = 3;
-/// Rounds of estimating biases.
+/// Largest number of rounds in which biases are estimated.
 const ROUNDS: usize = 10;
 
-/// Locates every instant, then smooths the positions, without systematic errors as far as they can
-/// be found. N is 3 D.
+/// Locates every instant, smooths the positions, and removes systematic errors as far as they can be
+/// estimated. N is 3 D.
 ///
 /// # Errors
-/// No instant that can be located, or biases that the measurements do not determine.
+/// No instant can be located, or the measurements do not determine the biases.
 pub fn reconstruct<const D: usize, const N: usize>(
     record: &Record<'_>,
     jerk: Option<f64>,
@@ -128,17 +129,17 @@ pub fn reconstruct<const D: usize, const N: usize>(
     })
 }
 
-/// States of all instants, with what is not known.
+/// States of all instants with their uncertainty.
 struct States {
     best: Path,
     innovation: Vec<f64>,
-    /// With the uncertainty of the motion alone, and with systematic errors.
+    /// Covariances with the uncertainty of the motion alone, and with systematic errors.
     random: Vec<f64>,
     covariance: Vec<f64>,
 }
 
 impl States {
-    /// From measurements linearised about the path, with a noise so many times as large as stated.
+    /// Smooths measurements that are linearised about the path, with a noise of `scale` times the stated one.
     fn new<const D: usize, const N: usize>(
         setting: &mut Setting<'_, D, N>,
         found: &mut Found<D, N>,
@@ -182,14 +183,15 @@ impl States {
     }
 }
 
-/// What was found of the systematic errors.
+/// Systematic errors that were estimated.
 enum Effect<'a> {
     Biases(Biases, &'a [usize]),
     Lasting(Lasting, &'a Prior),
 }
 
 impl Effect<'_> {
-    /// Standard deviation of the noise over what is stated, if contradictions tell.
+    /// Standard deviation of the noise relative to the stated one, if contradictions between stations
+    /// determine it.
     fn noise(&self) -> Option<f64> {
         match self {
             Self::Biases(..) => None,

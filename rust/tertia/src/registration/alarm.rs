@@ -1,28 +1,28 @@
-//! Radars whose plots have suddenly ceased to fit the tracks: until it is known whether their errors
-//! have changed, plots of theirs that no track has may be of targets that have a track.
+//! Alarms for radars whose plots have suddenly ceased to fit the tracks. Until it is known whether the errors
+//! of a radar have changed, its plots that no track has taken may belong to targets that have a track.
 //!
-//! A change within the gates is found once blocks of plots are complete, after three scans or so; by
-//! then plots outside the gates have made second tracks. So a radar of whose last plots too many are
-//! far off is noticed at once. Cost O(1) a plot.
+//! A change within the gates is found when blocks of plots are complete, after about three scans. By then
+//! plots outside the gates would have made second tracks. Therefore a radar is noticed as soon as too many of
+//! its latest plots are far off. Cost O(1) a plot.
 
 use serde::{Deserialize, Serialize};
 
-/// Normalised square of an innovation that is exceeded by one in ten.
+/// Normalised squared innovation that is exceeded with the probability `SHARE`.
 const FAR: f64 = 4.605;
 const SHARE: f64 = 0.1;
-/// Plots that are looked at, if there are no more in a scan.
+/// Number of plots that are examined, unless there are more in a scan.
 const WATCHED: usize = 16;
-/// Standard errors of the share that are too many, and the share that is needed of many plots: noise
-/// that is a little larger than stated has less.
+/// Number of standard errors by which the share of far plots must be too large, and the least such share:
+/// noise that is a little larger than stated gives fewer.
 const ERRORS: f64 = 4.5;
 const LEAST: f64 = 0.3;
 /// Scans until the radar is trusted again.
 const HELD: f64 = 4.0;
 
-/// The last plots of a radar, and until when no track is confirmed by them.
+/// The latest plots of a radar, and the time until which no track is confirmed by its plots.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Alarm {
-    /// Whether they are far off, and how many are of the last scans.
+    /// Whether each plot is far off, and the number of plots since the last examination.
     far: Vec<bool>,
     new: usize,
     until: f64,
@@ -35,13 +35,13 @@ impl Default for Alarm {
 }
 
 impl Alarm {
-    /// Takes the normalised square of an innovation.
+    /// Adds the normalised squared innovation of a plot.
     pub fn see(&mut self, square: f64) {
         self.far.push(square > FAR);
         self.new += 1;
     }
 
-    /// Looks at the plots of a scan and those before.
+    /// Examines the plots of a scan and those before.
     pub fn look(&mut self, time: f64, period: f64) {
         let last = self.far.len().saturating_sub(self.new.max(WATCHED));
         self.far.drain(..last);
@@ -54,7 +54,7 @@ impl Alarm {
         self.new = 0;
     }
 
-    /// Whether no track is to be confirmed by its plots.
+    /// Whether no track is to be confirmed by the plots of this radar.
     pub fn holds(&self, time: f64) -> bool {
         time < self.until
     }
@@ -73,7 +73,7 @@ mod tests {
 
     #[test]
     fn a_radar_whose_plots_are_far_off() {
-        // of sixteen, seven are too many; of a hundred, thirty
+        // too many are seven of sixteen, or thirty of a hundred
         let of = |count: usize, far: usize| {
             held((0..count).map(move |i| if i < far { 9.0 } else { 1.0 }))
         };

@@ -1,9 +1,10 @@
-//! What the plots of one target by several radars in a short time say of the errors of the radars.
+//! Information of the plots of one target by several radars within a short time about the errors of the
+//! radars.
 //!
-//! The target moves with constant acceleration, of which nothing is known but its size. Position,
-//! velocity and acceleration are projected out, so that no state of a target is needed; so is the
-//! square of the height where ranges are slant and no height is known. Errors are in units of their
-//! prior standard deviations. Cost O(n + q²) for n plots and q errors.
+//! The target moves with constant acceleration, of which only the size is known. Position, velocity and
+//! acceleration are eliminated by projection, so no state of a target is needed; so is the square of the
+//! height if ranges are slant and no height is known. Errors are in units of their prior standard deviations.
+//! Cost O(n + q²) for n plots and q errors.
 
 use super::sighting::{ERRORS, Sighting};
 use crate::base::matrix::solve_definite;
@@ -11,68 +12,69 @@ use crate::base::small::{Factor, rotated};
 use nalgebra::{DMatrix, DVector, Vector2};
 use std::collections::BTreeMap;
 
-/// Position, velocity and acceleration in two axes: east and north of the place, of the speed, and of
-/// half the acceleration.
+/// Number of parameters of the motion: position, velocity and half the acceleration, east and north each.
 const MOTION: usize = 6;
-/// Plots of which a block is.
+/// Least number of plots of a block.
 const FEWEST: usize = 3;
-/// Standard deviation of the square of a height over the largest: it is that of the target in all blocks,
-/// which must not say together what they assume.
+/// Standard deviation of the prior of the squared height, relative to the largest squared height. All blocks
+/// of a target have the same height, so the prior must be wide enough that they do not gain information from
+/// it together.
 const WIDE: f64 = 30.0;
 
 /// Normal equations of the errors of the radars of one block, about the errors removed before.
 #[derive(Clone, Debug)]
 pub(super) struct Block {
-    /// Columns of its unknowns among those of all radars.
+    /// Columns of the errors of its radars among those of all radars.
     pub columns: Vec<usize>,
     /// `Gᵀ M G` and `Gᵀ M y`.
     pub information: DMatrix<f64>,
     pub score: DVector<f64>,
     /// `yᵀ M y`.
     pub square: f64,
-    /// Measurements less unknowns of the motion.
+    /// Number of measurements, and of priors of the acceleration, less the number of unknowns of the motion.
     pub free: usize,
-    /// The diagonal of `M`, two numbers a plot.
+    /// The diagonal of `M`, two numbers for each plot.
     pub redundancy: Vec<[f64; 2]>,
-    /// What plots measure over their standard deviations.
+    /// The plots in units of their standard deviations.
     seen: Vec<Seen>,
-    /// The motion without errors, and by a unit of each.
+    /// Fitted motion if there are no errors, and its change by a unit of each error.
     motion: Vec<[f64; MOTION]>,
-    /// What is to be said of the height, where it is not known.
+    /// Estimate of the height, if it is unknown.
     lift: Option<Lift>,
 }
 
-/// The square of the height of a target, over its prior standard deviation.
+/// The squared height of a target, over its prior standard deviation.
 #[derive(Clone, Debug)]
 struct Lift {
-    /// By the measurements, and by a unit of each error.
+    /// Estimate from the measurements, and its change by a unit of each error.
     value: Vec<f64>,
-    /// The motion by a unit.
+    /// Change of the motion by a unit of the squared height.
     motion: [f64; MOTION],
 }
 
 /// A plot of a block.
 #[derive(Clone, Copy, Debug)]
 struct Seen {
-    /// Time from the middle, in units of half the duration.
+    /// Time from the middle of the block, in units of half its duration.
     time: f64,
-    /// Along and across: direction over the standard deviation, place, and its change by each error.
+    /// Along and across: direction over the standard deviation, position, and its change by each error.
     axes: [Vector2<f64>; 2],
     place: [f64; 2],
     design: [[f64; ERRORS]; 2],
-    /// Where the errors of its radar begin in the block.
+    /// First of the errors of its radar in the block.
     first: usize,
-    /// Change along by the height.
+    /// Change along by a unit of the squared height.
     lift: f64,
 }
 
-/// The columns of the errors that a radar may have, among those of all radars, and their priors.
+/// For each radar, the columns of its errors among those of all radars and their prior sigmas; none for an
+/// error that it cannot have.
 pub(super) type Unknowns = Vec<[Option<(usize, f64)>; ERRORS]>;
 
-/// What is known of the errors of all radars before a block.
+/// Covariance of the errors of all radars before a block.
 pub(super) struct Known<'a> {
     covariance: &'a DMatrix<f64>,
-    /// The inverse of the part of each set of columns that was asked for.
+    /// Inverses of the parts of the covariance that have been used, by their columns.
     inverses: BTreeMap<Vec<usize>, Option<DMatrix<f64>>>,
 }
 
@@ -92,14 +94,14 @@ impl<'a> Known<'a> {
 }
 
 impl Block {
-    /// Of sightings in order of time of a target with accelerations of about `acceleration`, m/s².
-    /// None where there are too few.
+    /// Sets up a block from sightings, in order of time, of a target with accelerations of about
+    /// `acceleration`, m/s². Returns none if there are too few.
     pub fn new(sightings: &[Sighting], unknowns: &Unknowns, acceleration: f64) -> Option<Self> {
         Self::at_velocity(sightings, unknowns, acceleration, None)
     }
 
-    /// As `new`, with the velocity by which an error of a clock counts; that of a weighted straight
-    /// line if it is not given.
+    /// As `new`, with the velocity by which a clock error displaces plots; none: that of a weighted straight
+    /// line.
     fn at_velocity(
         sightings: &[Sighting],
         unknowns: &Unknowns,
@@ -128,7 +130,7 @@ impl Block {
             None => line(&normal, &right)? / half,
         };
         for side in 0..2 {
-            // the unknown is half the acceleration, in units of the half time squared
+            // the unknown is half the acceleration times the square of half the duration
             normal[4 + side][4 + side] += (2.0 / (half * half * acceleration)).powi(2);
         }
         let spread = Factor::try_new(&normal, 0.0)?.inverse();
@@ -179,7 +181,7 @@ impl Block {
         })
     }
 
-    /// The errors that fit best with what is known before, and the misfit that they leave.
+    /// Returns the errors that fit best given their prior, and the misfit that remains.
     pub fn fit(&self, known: &mut Known<'_>) -> Option<(DVector<f64>, f64)> {
         let mut step = self.score.clone();
         if !self.columns.is_empty() {
@@ -192,7 +194,7 @@ impl Block {
         Some((step, misfit))
     }
 
-    /// Residuals after a step of the errors, two for each plot, in standard deviations.
+    /// Returns the residuals after a step of the errors, two for each plot, in standard deviations.
     pub fn residuals(&self, step: &DVector<f64>) -> Vec<[f64; 2]> {
         let mut motion = self.motion[0];
         for (of_error, step) in self.motion[1..].iter().zip(step.iter()) {
@@ -226,7 +228,7 @@ impl Seen {
         }
     }
 
-    /// The errors that its radar may have, one after the other.
+    /// Sets the change of the plot by the errors that its radar may have, one after the other.
     fn err(
         &mut self,
         one: &Sighting,
@@ -245,7 +247,7 @@ impl Seen {
         }
     }
 
-    /// A pair of numbers along and across as information on the place.
+    /// Converts a pair of numbers along and across to information about the position.
     fn in_plane(&self, along: f64, across: f64) -> [f64; 2] {
         let both = self.axes[0] * along + self.axes[1] * across;
         [both[0], both[1]]
@@ -262,7 +264,7 @@ impl Seen {
         left
     }
 
-    /// What a motion leaves of numbers along and across.
+    /// Returns a pair of numbers along and across less those of a motion.
     fn residual_of(&self, numbers: [f64; 2], motion: &[f64; MOTION]) -> [f64; 2] {
         let t = self.time;
         let place = [0, 1].map(|side| motion[side] + t * (motion[2 + side] + t * motion[4 + side]));
@@ -282,14 +284,14 @@ impl Seen {
     }
 }
 
-/// Number, column and prior of the errors that a radar may have.
+/// Number, column and prior sigma of the errors that a radar may have.
 fn known(
     unknowns: &[Option<(usize, f64)>; ERRORS],
 ) -> impl Iterator<Item = (usize, usize, f64)> + '_ {
     unknowns.iter().enumerate().filter_map(|(j, one)| one.map(|(column, prior)| (j, column, prior)))
 }
 
-/// Of the motion alone: `Hᵀ H` and `Hᵀ y`.
+/// Normal equations of the motion alone: `Hᵀ H` and `Hᵀ y`.
 fn normal_equations(seen: &[Seen]) -> ([[f64; MOTION]; MOTION], [f64; MOTION]) {
     let (mut moments, mut right) = ([[0.0; 3]; 5], [0.0; MOTION]);
     for one in seen {
@@ -308,7 +310,7 @@ fn normal_equations(seen: &[Seen]) -> ([[f64; MOTION]; MOTION], [f64; MOTION]) {
     (normal, right)
 }
 
-/// Adds what a plot says of the place, times 1, t, t².
+/// Adds the information of a plot about the position, times 1, t and t².
 fn add_powers(sum: &mut [f64; MOTION], mut place: [f64; 2], time: f64) {
     for powers in sum.chunks_exact_mut(2) {
         powers[0] += place[0];
@@ -317,14 +319,14 @@ fn add_powers(sum: &mut [f64; MOTION], mut place: [f64; 2], time: f64) {
     }
 }
 
-/// The velocity of a weighted straight line, in half times.
+/// Velocity of a weighted straight line, per half duration.
 fn line(normal: &[[f64; MOTION]; MOTION], right: &[f64; MOTION]) -> Option<Vector2<f64>> {
     let own: [[f64; 4]; 4] = std::array::from_fn(|i| std::array::from_fn(|j| normal[i][j]));
     let found = Factor::try_new(&own, 0.0)?.solve(&std::array::from_fn(|i| right[i]));
     Some(Vector2::new(found[2], found[3]))
 }
 
-/// `[y G]ᵀ [y G]`, and `Hᵀ [y G]` by columns, of which the last is that of the height.
+/// `[y G]ᵀ [y G]`, and the columns of `Hᵀ [y G]`, the last of which is that of the height.
 fn products(
     seen: &[Seen],
     right: [f64; MOTION],
@@ -356,7 +358,7 @@ fn products(
     (sums, rights)
 }
 
-/// Covariance of the place by the powers of time: east, both, north.
+/// Covariance of the position as a polynomial of time: east, both, north.
 fn reach(spread: &[[f64; MOTION]; MOTION]) -> [[f64; 5]; 3] {
     let mut found = [[0.0; 5]; 3];
     for i in 0..3 {
@@ -369,7 +371,7 @@ fn reach(spread: &[[f64; MOTION]; MOTION]) -> [[f64; 5]; 3] {
     found
 }
 
-/// The columns of the radars of these sightings, in order.
+/// Returns the columns of the errors of the radars of these sightings, in order.
 fn columns_of(sightings: &[Sighting], unknowns: &Unknowns) -> Vec<usize> {
     let mut radars: Vec<usize> = sightings.iter().map(|one| one.radar).collect();
     radars.sort_unstable();
@@ -450,7 +452,7 @@ mod tests {
         for j in 0..ERRORS {
             close(step[j] * PRIOR[j], expected[j]);
         }
-        // what one clock is fast the other is slow
+        // the errors of the clocks are opposite
         close(step[3], -step[7]);
         close(block.square - misfit, 6.263994148859);
     }

@@ -1,40 +1,41 @@
-//! The systematic error of one sensor from targets whose positions are known.
+//! Systematic error of one sensor from targets whose positions are known.
 //!
-//! What is measured less what is expected is `y = c + Σ (a_k sin kα + b_k cos kα) + g(t) + e`: c
-//! constant with a wide prior, the coefficients N(0, (σ_d/k)²), g Gauss–Markov of variance σ_g² and
-//! correlation time τ, e of the stated standard deviation, or larger. A Kalman filter gives the
-//! likelihood of σ_d, σ_g and τ on a grid, over which the results are averaged. Cost O(N) for each
-//! point of the grid, times the square of the number of unknowns. The order of the series is that of
-//! the largest likelihood. What varies with the direction beyond it is found in the products of residuals
-//! of neighbouring directions, whose mean is its variance.
+//! The measured minus the expected value is `y = c + Σ (a_k sin kα + b_k cos kα) + g(t) + e`: c is constant
+//! with a wide prior, the coefficients are N(0, (σ_d/k)²), g is Gauss–Markov with variance σ_g² and
+//! correlation time τ, and e has the stated standard deviation or a larger one. A Kalman filter gives the
+//! likelihood of σ_d, σ_g and τ on a grid, over which the results are averaged. Cost O(N) for each point of
+//! the grid, times the square of the number of unknowns. The order of the series is that of the largest
+//! likelihood. Errors that vary with the direction but are not in the series are detected by products of
+//! residuals in neighbouring directions, whose mean is the variance of these errors.
 
 use crate::base::angle::median;
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
-/// Standard deviations of the coefficients and of the drift, in those of the measurements.
+/// Standard deviations of the coefficients and of the drift, in units of that of the measurements.
 const SCALES: [f64; 7] = [0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
-/// Correlation times, in those of the record.
+/// Correlation times, as fractions of the duration of the record.
 const TIMES: [f64; 4] = [0.5, 0.15, 0.05, 0.015];
-/// Standard deviation of the constant, in the largest residual and standard deviation.
+/// Standard deviation of the constant, relative to the larger of the largest residual and the stated standard
+/// deviation.
 const WIDE: f64 = 10.0;
-/// Odds of none over those of one scale.
+/// Prior odds of no coefficients, or of no drift, against a single scale.
 const NOTHING: f64 = 2.0;
 const UNLIKELY: f64 = 0.01;
-/// Of Tukey's weights, and rounds of them.
+/// Constant of Tukey's weights, and number of rounds; in the first, all weights are 1.
 const TUKEY: f64 = 4.685;
 const ROUNDS: usize = 3;
-/// Residuals count as if they were at most so many standard deviations where they are multiplied.
+/// Largest size, in standard deviations, of residuals in products.
 const LARGEST: f64 = 3.0;
-/// Mean products of residuals are no chance from so many standard errors on: 1 % are above.
+/// Number of standard errors above which a mean product of residuals is not due to chance: 1 % are above.
 const SIGNIFICANT: f64 = 2.326;
-/// Neighbours are at most so much apart, in radians.
+/// Largest angle between neighbouring directions, radians.
 const NEIGHBOURS: f64 = 0.09;
-/// Median size of a normal variable.
+/// Median size of a standard normal variable.
 const MEDIAN_SIZE: f64 = 0.674_489_750_196_081_7;
 
-/// What was measured less what was expected, at which time and in which direction.
+/// Measured minus expected values, with their times and directions.
 #[derive(Clone, Copy, Debug)]
 pub struct Run<'a> {
     /// Times, not decreasing, in seconds.
@@ -52,15 +53,15 @@ pub struct Run<'a> {
 pub struct Calibration {
     /// c, a_1, b_1, a_2, …
     pub mean: DVector<f64>,
-    /// Its covariance.
+    /// Covariance of the mean.
     pub covariance: DMatrix<f64>,
     /// Variance of the drift.
     pub drift: f64,
-    /// Its correlation time; ∞ where there is none.
+    /// Correlation time of the drift; ∞ if there is no drift.
     pub time: f64,
-    /// Variance of a measurement over what was stated, at least 1.
+    /// Variance of a measurement relative to the stated one, at least 1.
     pub growth: f64,
-    /// Variance of what varies with the direction, but is not in the series; 0 where there is nothing.
+    /// Variance of errors that vary with the direction but are not in the series; 0 if there are none.
     pub remainder: f64,
 }
 
@@ -71,7 +72,7 @@ struct Filtered {
     growth: f64,
 }
 
-/// The error as a Fourier series, of the order of the largest likelihood.
+/// Estimates the error as a Fourier series of the order with the largest likelihood.
 pub fn calibrate(run: &Run<'_>, orders: RangeInclusive<usize>) -> Calibration {
     let mut found = averaged(run, *orders.start(), &vec![1.0; run.residual.len()]);
     for _ in 1..ROUNDS {
@@ -87,7 +88,7 @@ pub fn calibrate(run: &Run<'_>, orders: RangeInclusive<usize>) -> Calibration {
     found
 }
 
-/// What a series leaves of the residuals, and a robust standard deviation of it.
+/// Returns the residuals after subtraction of the series, and a robust standard deviation of them.
 fn left(run: &Run<'_>, found: &Calibration) -> (Vec<f64>, f64) {
     let order = found.mean.len() / 2;
     let measured = run.residual.iter().zip(run.azimuth);
@@ -96,7 +97,7 @@ fn left(run: &Run<'_>, found: &Calibration) -> (Vec<f64>, f64) {
     (off, (median(&mut sizes) / MEDIAN_SIZE).max(run.sigma))
 }
 
-/// The order of the largest likelihood, without a drift or with the one that was found.
+/// Returns the order with the largest likelihood, without a drift or with the one that was found.
 fn likeliest(
     run: &Run<'_>,
     orders: RangeInclusive<usize>,
@@ -124,7 +125,7 @@ fn likeliest(
     best.1
 }
 
-/// Standard deviations of the coefficients, in those of the measurements, and their prior.
+/// Standard deviations of the coefficients, in units of that of the measurements, and ln of their prior.
 fn of_coefficients(order: usize) -> Vec<(f64, f64)> {
     if order == 0 {
         return vec![(0.0, 0.0)];
@@ -134,8 +135,8 @@ fn of_coefficients(order: usize) -> Vec<(f64, f64)> {
     std::iter::once(none).chain(SCALES.map(|scale| (scale, -total))).collect()
 }
 
-/// The mean product of what is left in neighbouring directions, less that of the drift, if it is no chance.
-/// O(N log N).
+/// Returns the mean product of residuals in neighbouring directions, less that due to the drift; 0 if it may
+/// be due to chance. O(N log N).
 fn remainder(run: &Run<'_>, found: &Calibration) -> f64 {
     let (off, scale) = left(run, found);
     let off: Vec<f64> =
@@ -153,7 +154,7 @@ fn remainder(run: &Run<'_>, found: &Calibration) -> f64 {
             count += 1.0;
         }
     }
-    // a drift is known by as many independent values as there are correlation times
+    // a drift is known from as many independent values as there are correlation times
     let span = run.time[run.time.len() - 1] - run.time[0];
     let unknown = if drifts > 0.0 { drifts * (2.0 * found.time / span).sqrt() } else { 0.0 };
     let chance = SIGNIFICANT * (squares / f64::sqrt(count) + unknown);
@@ -221,8 +222,8 @@ fn averaged(run: &Run<'_>, order: usize, weight: &[f64]) -> Calibration {
     sum
 }
 
-/// Constant and coefficients, for standard deviations of coefficients and drift and a correlation
-/// time, with the likelihood and the growth of the noise.
+/// Estimates constant and coefficients, for given standard deviations of coefficients and drift and a given
+/// correlation time, with the likelihood and the growth of the noise.
 fn filter(
     run: &Run<'_>,
     rows: &[DVector<f64>],
@@ -276,7 +277,7 @@ fn filter(
 mod tests {
     use super::*;
 
-    /// A constant comes back; its error is that of a mean, and a little more for what may drift.
+    /// A constant is found; its error is that of a mean, and a little more because of a possible drift.
     #[test]
     fn a_constant() {
         let time: Vec<f64> = (0..400).map(f64::from).collect();

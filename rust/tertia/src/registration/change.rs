@@ -1,31 +1,31 @@
-//! Errors of a radar that have changed suddenly, by likelihoods.
+//! Detection of sudden changes of the errors of a radar by likelihood ratios.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-/// Odds that a change needs.
+/// Odds from which a change is accepted.
 pub(super) const ODDS: f64 = 1e6;
 
-/// What one scan said of the errors, and what was known before it.
+/// Information of one scan about the errors, and their estimate before it.
 #[derive(Clone, Debug, Serialize, Deserialize, PartialEq)]
 pub(super) struct Scan {
     pub time: f64,
     pub information: DMatrix<f64>,
-    /// About errors of zero.
+    /// Score about errors of zero.
     pub score: DVector<f64>,
     pub mean: DVector<f64>,
     pub covariance: DMatrix<f64>,
 }
 
-/// How far what is said of the errors is from what was known before.
+/// Discrepancy between new information about the errors and their estimate before it.
 pub(super) struct Surprise {
     score: DVector<f64>,
     information: DMatrix<f64>,
 }
 
 impl Surprise {
-    /// Of errors with this mean and covariance, and of information and score about errors of zero. None
-    /// where they cannot be compared.
+    /// From errors with this mean and covariance, and the information and score about errors of zero. None if
+    /// they cannot be compared.
     pub fn new(
         (mean, covariance): (&DVector<f64>, &DMatrix<f64>),
         (information, score): (&DMatrix<f64>, &DVector<f64>),
@@ -37,8 +37,8 @@ impl Surprise {
         Some(Self { score: &inverse * off, information: inverse * information })
     }
 
-    /// Logarithm of the odds that the errors in these columns have changed in between, by so many
-    /// standard deviations of the prior, and the largest change of one of them that is expected then.
+    /// Returns ln of the odds that the errors in these columns have changed in between by about `size`
+    /// standard deviations of the prior, and the largest change of one of them that is then expected.
     pub fn odds(&self, columns: &[usize], size: f64) -> Option<(f64, f64)> {
         if columns.is_empty() {
             return None;
@@ -52,8 +52,8 @@ impl Surprise {
     }
 }
 
-/// The first scan after a change of the errors of a radar, by so many standard deviations of the
-/// prior, and this radar; `own` are its columns.
+/// Returns the first scan after a change of the errors of a radar by about `size` standard deviations of the
+/// prior, and this radar; `own` holds the columns of each radar.
 pub(super) fn changed(recent: &[Scan], own: &[Vec<usize>], size: f64) -> Option<(usize, usize)> {
     let order = recent.first()?.mean.len();
     let (mut information, mut score) = (DMatrix::zeros(order, order), DVector::zeros(order));

@@ -1,16 +1,16 @@
-//! The tracks of single radars at common instants.
+//! Tracks of single radars at common instants.
 
 use super::row::{Row, Table, fresh};
 use nalgebra::{Matrix4, Vector4};
 use std::collections::BTreeMap;
 
-/// A track says something for so many scan periods after its last plot: one may be missed.
+/// Number of scan periods after its last plot for which a track is used: one plot may be missed.
 const AGE: f64 = 2.5;
-/// Instants of targets at most.
+/// Largest number of instants, summed over targets.
 const INSTANTS: f64 = 20_000.0;
 
-/// M instants of targets of which two of K radars or more have a track. Arrays row by row: states
-/// (M, K, 4) and covariances (M, K, 4, 4), nan where a radar has no track.
+/// M instants of targets of which at least two of K radars have a track. Arrays are row by row: states
+/// (M, K, 4) and covariances (M, K, 4, 4), nan for a radar without a track.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Common {
     /// Seconds.
@@ -19,17 +19,17 @@ pub struct Common {
     pub track: Vec<i64>,
     /// East, north, and their rates.
     pub state: Vec<[f64; 4]>,
-    /// Of the states.
+    /// Covariances of the states.
     pub covariance: Vec<[f64; 16]>,
     /// States of the joint track, (M, 4).
     pub joint_state: Vec<[f64; 4]>,
-    /// Their covariances, (M, 4, 4).
+    /// Covariances of these states, (M, 4, 4).
     pub joint_covariance: Vec<[f64; 16]>,
 }
 
-/// The states of the tracks of all radars together, and of those of single radars, at instants of the
-/// slowest scan period; at longer intervals where there would be more than 20,000. A track of a radar
-/// belongs to the joint track that has most of its plots, more than half.
+/// Returns the states of the joint tracks of all radars and of the tracks of single radars, at intervals of
+/// the slowest scan period, or longer ones if there would be more than 20,000 instants. A track of a radar
+/// belongs to the joint track that has more than half of its plots.
 pub fn common(joint: &Table, single: &[Table], scan_periods: &[f64]) -> Common {
     let mut found = Common::default();
     let slowest = scan_periods.iter().copied().fold(0.0, f64::max);
@@ -81,7 +81,7 @@ impl Common {
         joint: (Vector4<f64>, Matrix4<f64>),
         states: &[Option<(Vector4<f64>, Matrix4<f64>)>],
     ) {
-        // symmetric: columns are rows
+        // the matrix is symmetric: its columns are its rows
         let write = |(mean, covariance): (Vector4<f64>, Matrix4<f64>)| {
             let mut rows = [0.0; 16];
             rows.copy_from_slice(covariance.as_slice());
@@ -100,7 +100,7 @@ impl Common {
     }
 }
 
-/// The joint track to which each track of one radar belongs, where there is one.
+/// Returns the joint track to which each track of one radar belongs, if there is one.
 fn partners(table: &Table, joint: &Table) -> BTreeMap<i64, i64> {
     let mut votes: BTreeMap<i64, BTreeMap<i64, usize>> = BTreeMap::new();
     for row in &table.rows {
@@ -117,7 +117,7 @@ fn partners(table: &Table, joint: &Table) -> BTreeMap<i64, i64> {
     votes.into_iter().filter_map(belongs).collect()
 }
 
-/// State and covariance at a time, straight on from the last row before; none where that is too old.
+/// Returns state and covariance at a time, extrapolated from the last row before; none if that is too old.
 fn state_at(rows: &[&Row], time: f64, age: f64) -> Option<(Vector4<f64>, Matrix4<f64>)> {
     let last = rows.partition_point(|row| row.time <= time).checked_sub(1)?;
     let ahead = time - rows[last].time;

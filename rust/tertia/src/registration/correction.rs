@@ -1,12 +1,12 @@
-//! Tracks as they would be with the noise and without the errors that were found.
+//! Correction of tracks for the errors and the noise that were found.
 
 use super::common::Common;
 use super::sighting::Errors;
 use nalgebra::{Matrix2, Matrix4, Vector2};
 
-/// Removes the `errors` (M, K) of the radars at these positions from the states, and scales the
-/// covariances along the range and across it by `factors`, (M, K) pairs of standard deviations as they
-/// are over those that the tracks were made with.
+/// Removes the `errors` (M, K) of the radars at these positions from the states. Scales the covariances along
+/// the range and across it by `factors`, (M, K) pairs of ratios of the standard deviations found to those
+/// with which the tracks were made.
 ///
 /// # Panics
 /// If the lengths do not match.

@@ -1,11 +1,11 @@
-//! What a tracker tells a registrar of its tracks, and what it is told.
+//! Data that a tracker and a registrar exchange.
 
 use super::recording::TargetPlot;
 
 /// A row of a track.
 #[derive(Clone, Debug)]
 pub struct Update {
-    /// The plot, as the radar reports it; its range is nan where there was none.
+    /// The plot as the radar reports it; its range is nan for a missed detection.
     pub plot: TargetPlot,
     /// Whether the track is confirmed.
     pub confirmed: bool,
@@ -13,22 +13,22 @@ pub struct Update {
     pub position: [f64; 2],
     /// Metres per second.
     pub velocity: [f64; 2],
-    /// Their covariance, row by row.
+    /// Covariance of position and velocity, row by row.
     pub covariance: [f64; 16],
-    /// Plot less prediction, and its covariance, row by row; nan where it is not known.
+    /// Plot less prediction, and its covariance, row by row; nan if unknown.
     pub innovation: [f64; 2],
     /// Row by row.
     pub innovation_covariance: [f64; 4],
 }
 
 impl Update {
-    /// The square of the innovation over its covariance.
+    /// Squared innovation over its covariance.
     pub(super) fn distance(&self) -> f64 {
         let ([a, b], [xx, xy, _, yy]) = (self.innovation, self.innovation_covariance);
         (a * a * yy - 2.0 * a * b * xy + b * b * xx) / (xx * yy - xy * xy)
     }
 
-    /// The innovation along a direction, and its variance.
+    /// Innovation along a direction, and its variance.
     pub(super) fn along(&self, [east, north]: [f64; 2]) -> (f64, f64) {
         let ([a, b], [xx, xy, _, yy]) = (self.innovation, self.innovation_covariance);
         let variance = east * (east * xx + 2.0 * north * xy) + north * north * yy;
@@ -36,19 +36,19 @@ impl Update {
     }
 }
 
-/// Rows of tracks, wherever they are.
+/// Rows of tracks, however they are stored.
 pub trait Updates {
-    /// How many.
+    /// Number of rows.
     fn count(&self) -> usize;
-    /// The number of the track of a row.
+    /// Number of the track of a row.
     fn target(&self, row: usize) -> i64;
-    /// A row.
+    /// Returns a row.
     fn get(&self, row: usize) -> Update;
 }
 
-/// Rows that are changed where they are.
+/// Rows of tracks that can be changed in place.
 pub trait Changed: Updates {
-    /// Moves a row in position and velocity, and adds to its covariance, row by row.
+    /// Shifts the position and velocity of a row, and adds to its covariance, row by row.
     fn change(&mut self, row: usize, moved: &[f64; 4], added: &[f64; 16]);
 }
 
@@ -66,7 +66,7 @@ impl Updates for [Update] {
     }
 }
 
-/// Rows, and their changes in their order.
+/// Rows, and their changes in the same order.
 pub(super) struct Given<'a> {
     updates: &'a [Update],
     pub changes: Vec<([f64; 4], [f64; 16])>,
@@ -98,11 +98,11 @@ impl Changed for Given<'_> {
     }
 }
 
-/// What tracks are to be changed by after a scan.
+/// Changes of tracks after a scan.
 #[derive(Clone, Debug)]
 pub struct Learnt {
-    /// Position and velocity of each row by so much, and its covariance, row by row.
+    /// Changes of position and velocity of each row, and of its covariance, row by row.
     pub rows: Vec<([f64; 4], [f64; 16])>,
-    /// The same of each track, at the time of its last row.
+    /// Number of each track, time of its last row, and change of position and velocity at this time.
     pub tracks: Vec<(i64, f64, [f64; 4])>,
 }

@@ -1,46 +1,47 @@
-//! A track as a registrar follows it: where it is, which radars see it, and what their errors add to
+//! A track as a registrar follows it: its position, the radars that see it, and the effect of their errors on
 //! its covariance.
 
 use super::sighting::{ERRORS, Errors, Sighting};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-/// Halves of what the noise adds to a covariance that are tried.
+/// Largest number of times that the excess of a covariance is halved.
 const HALVINGS: usize = 8;
 
-/// Share of a variance that the components before must leave in a regular matrix.
+/// Least share of a variance that remains after elimination of the components before it, in a regular matrix.
 const REGULAR: f64 = 1e-12;
 
-/// By which the errors of a plot along east and north change position and velocity.
+/// Change of position and velocity by the errors of a plot along east and north.
 pub(super) type Gain = [[f64; 4]; 2];
 
-/// By each error of one radar, in units of the prior: position and velocity, or the errors of another.
+/// Change of position and velocity by each error of one radar, in units of the prior; or the covariance of
+/// the errors of two radars.
 type Part = [[f64; 4]; ERRORS];
 
 /// A track after its last row.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Followed {
-    /// Of the last row, and of the last plot of the confirmed track.
+    /// Time of the last row, and of the last plot of the confirmed track.
     pub row_time: f64,
     pub time: f64,
     pub position: [f64; 2],
     pub velocity: [f64; 2],
-    /// The radars that have seen it, when last, and what their errors do to it.
+    /// Radars that have seen the track, time of their last plots, and effect of their errors on the track.
     pub parts: Vec<(usize, f64, Part)>,
-    /// What the noise of plots that stands for unknown errors adds to its covariance.
+    /// Part of the covariance that is due to noise of plots that stands for unknown errors.
     excess: [[f64; 4]; 4],
-    /// Variance of the noise over that which stands for errors too, at least.
+    /// Smallest ratio of the variance of the noise to that with the part that stands for errors.
     share: f64,
 }
 
-/// Covariance of the errors of radars, `K` by `K` blocks; zero for errors that there are not.
+/// Covariance of the errors of radars, `K` by `K` blocks; zero for errors that a radar does not have.
 pub(super) struct Blocks {
     radars: usize,
     blocks: Vec<Part>,
 }
 
 impl Blocks {
-    /// Of a covariance whose columns are the errors `columns[radar][error]`.
+    /// From a covariance whose columns are the errors `columns[radar][error]`.
     pub fn new(covariance: &DMatrix<f64>, columns: &[[Option<usize>; ERRORS]]) -> Self {
         let radars = columns.len();
         let of = |row: Option<usize>, column: Option<usize>| match (row, column) {
@@ -54,14 +55,14 @@ impl Blocks {
         Self { radars, blocks: (0..radars * radars).map(block).collect() }
     }
 
-    /// Of the errors of a radar and those of another.
+    /// Covariance of the errors of two radars.
     fn of(&self, k: usize, other: usize) -> &Part {
         &self.blocks[k * self.radars + other]
     }
 }
 
-/// Noise with and without what is not known of the errors, where a tracker has used this and found that:
-/// it tells errors that last from scan to scan, of which a block shows less than there is.
+/// Raises the noise with and without the uncertainty of the errors to that which a tracker has used and has
+/// found: a tracker notices errors that last from scan to scan, of which a block shows only a part.
 pub(super) fn use_noise(applied: &mut [[[f64; 2]; 2]], used: &[[[f64; 2]; 2]]) {
     for ([wide, own], [used, found]) in applied.iter_mut().zip(used) {
         for axis in 0..2 {
@@ -72,17 +73,17 @@ pub(super) fn use_noise(applied: &mut [[[f64; 2]; 2]], used: &[[[f64; 2]; 2]]) {
 }
 
 impl Followed {
-    /// A track that begins with a row.
+    /// A track that starts at the time of a row.
     pub fn new(time: f64) -> Self {
         let never = f64::NEG_INFINITY;
-        // most tracks of false plots have one
+        // most tracks of false plots are seen by one radar
         let (position, velocity, parts) = ([0.0; 2], [0.0; 2], Vec::with_capacity(1));
         let (excess, share) = ([[0.0; 4]; 4], 1.0);
         Self { row_time: time, time: never, position, velocity, parts, excess, share }
     }
 
-    /// Its first row: a track that is confirmed comes from plots of this radar or others that are much
-    /// the same.
+    /// Follows the first row. If the track is already confirmed, its earlier plots are taken to be of this
+    /// radar or of similar ones.
     pub fn begin(
         &mut self,
         seen: &Sighting,
@@ -100,7 +101,7 @@ impl Followed {
         let weight: [[f64; 2]; 2] = std::array::from_fn(|i| {
             std::array::from_fn(|j| root[0] * u[i] * u[j] + root[1] * v[i] * v[j])
         });
-        // the velocity of a first plot is any
+        // the velocity of a track with a single plot does not depend on it
         let known = if is_confirmed { 4 } else { 2 };
         for i in 0..known {
             for j in 0..known {
@@ -117,7 +118,7 @@ impl Followed {
         }
     }
 
-    /// Numbers all over it, so that it is in the cache.
+    /// Sums numbers from all parts of the track, so that it is loaded into the cache.
     #[inline(always)]
     pub fn touched(&self) -> f64 {
         let part = |(_, time, part): &(usize, f64, Part)| time + part[1][2] + part[3][2];
@@ -125,24 +126,24 @@ impl Followed {
         self.row_time + self.position[0] + self.excess[0][3] + self.excess[3][3] + parts
     }
 
-    /// Whether it was confirmed when a radar saw it.
+    /// Whether the track was confirmed when a radar saw it.
     pub fn was_confirmed(&self) -> bool {
         self.time > f64::NEG_INFINITY
     }
 
-    /// When a radar has seen it.
+    /// Time of the last plot of a radar.
     pub fn seen_by(&self, radar: usize) -> f64 {
         let own = self.parts.iter().find(|(k, ..)| *k == radar);
         own.map_or(f64::NEG_INFINITY, |(_, time, _)| *time)
     }
 
-    /// A plot of a confirmed track.
+    /// Takes a plot of a confirmed track.
     pub fn see(&mut self, time: f64, radar: usize, position: [f64; 2], velocity: [f64; 2]) {
         (self.time, self.position, self.velocity) = (time, position, velocity);
         self.part(radar).1 = time;
     }
 
-    /// Moves on to the time of a row.
+    /// Advances the track to the time of a row.
     #[inline(always)]
     pub fn advance(&mut self, time: f64) {
         let ahead = (time - self.row_time).max(0.0);
@@ -169,9 +170,9 @@ impl Followed {
     }
 
     #[inline(always)]
-    /// A plot has updated the track, whose covariance (row by row) and velocity are these now. The
-    /// radar may have such errors; `sigma` is the noise with which the gain was made, and `own` that
-    /// of the plot.
+    /// Follows a plot that has updated the track, whose covariance (row by row) and velocity are now these.
+    /// `unknowns` are the errors that the radar may have, `sigma` is the noise with which the gain was made,
+    /// and `own` that of the plot.
     pub fn correct(
         &mut self,
         seen: &Sighting,
@@ -190,7 +191,8 @@ impl Followed {
             gain[0][i] = a * east + b * both;
             gain[1][i] = a * both + b * north;
         }
-        // that of a filter of several models is of no one gain; a track goes to a plot at most
+        // the covariance of a filter with several models belongs to no single gain; a track moves at most to
+        // the plot
         let middle = 0.5 * (gain[0][0] + gain[1][1]);
         let determinant = gain[0][0] * gain[1][1] - gain[0][1] * gain[1][0];
         let most = middle + (middle * middle - determinant).max(0.0).sqrt();
@@ -208,8 +210,8 @@ impl Followed {
         self.update(seen.radar, &gain, &own);
     }
 
-    /// A plot of a radar, that a unit of each of its errors moves by `own`, updates the track with
-    /// `gain`.
+    /// Updates the effects of the errors by a plot of a radar, which a unit of each of its errors moves by
+    /// `own`, with this gain.
     #[inline(always)]
     pub fn update(&mut self, radar: usize, [east, north]: &Gain, own: &[[f64; 2]; ERRORS]) {
         self.part(radar);
@@ -225,8 +227,8 @@ impl Followed {
         }
     }
 
-    /// A plot whose noise is taken to be larger than it is, by variances along east, both and north,
-    /// updates the track with `gain`.
+    /// Updates the excess by a plot whose assumed noise is larger than its noise, by variances along east,
+    /// both and north, with this gain.
     #[inline(always)]
     fn exceed(&mut self, gain: &Gain, [xx, xy, yy]: [f64; 3]) {
         let [east, north] = gain;
@@ -243,8 +245,9 @@ impl Followed {
         }
     }
 
-    /// Leaves of the covariance of a row (row by row) at least half the share that the noise itself has: a
-    /// filter of several models has no one gain, so that more may seem to be in excess.
+    /// Limits the excess so that at least half the share that the noise itself has remains of the covariance
+    /// of a row (row by row): a filter with several models has no single gain, so the excess may be
+    /// overestimated.
     #[inline(always)]
     pub fn limit(&mut self, covariance: &[f64; 16]) {
         let most = 1.0 - 0.5 * self.share;
@@ -263,8 +266,8 @@ impl Followed {
         self.excess = [[0.0; 4]; 4];
     }
 
-    /// What the errors add to its covariance, row by row: what they do to the track, without the noise
-    /// that stood for them in the filter. Cost O(R²) for R radars that see it.
+    /// Returns the change of the covariance by the errors, row by row: their effect on the track, less the
+    /// noise that stood for them in the filter. Cost O(R²) for R radars that see the track.
     #[inline(always)]
     pub fn added(&self, errors: &Blocks) -> [f64; 16] {
         let mut sum = [[0.0; 4]; 4];
@@ -291,7 +294,7 @@ impl Followed {
         added
     }
 
-    /// By how much it moves when the errors of the radars are found to be larger by this, in units of
+    /// Returns by how much the track moves if the errors of the radars increase by these values, in units of
     /// the prior.
     #[inline(always)]
     pub fn moved(&self, by: &[Errors]) -> [f64; 4] {
@@ -316,7 +319,7 @@ impl Followed {
     }
 }
 
-/// Whether a symmetric matrix is definite.
+/// Whether a symmetric matrix is positive definite.
 #[inline(always)]
 fn is_regular(mut a: [[f64; 4]; 4]) -> bool {
     let variances = [a[0][0], a[1][1], a[2][2], a[3][3]];
@@ -335,7 +338,7 @@ fn is_regular(mut a: [[f64; 4]; 4]) -> bool {
     true
 }
 
-/// By how much a unit of each error moves a plot.
+/// Displacement of a plot by a unit of each error, in units of the prior.
 #[inline(always)]
 fn displaced(
     seen: &Sighting,
@@ -364,7 +367,7 @@ fn add_product(sum: &mut Part, a: &Part, b: &Part) {
     }
 }
 
-/// `sum + a b`, written so that compilers make it of vectors.
+/// `sum + a b`, written so that compilers vectorise it.
 #[inline(always)]
 fn combined(sum: [f64; 4], a: &[f64; ERRORS], b: &Part) -> [f64; 4] {
     let plus = |sum: [f64; 4], a: f64, b: &[f64; 4]| {

@@ -1,19 +1,19 @@
-//! What is known of the errors of all radars, in units of the prior: one Gaussian.
+//! Estimate of the errors of all radars as one Gaussian, in units of the prior.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-/// What the prior is worth about its own size, in errors that are seen.
+/// Number of observed errors that the prior is worth as an estimate of the size of errors.
 const STATED: f64 = 2.0;
-/// By which a variance may exceed that of the prior.
+/// Largest excess of a variance over that of the prior that is rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// Errors of which each is Gauss–Markov with the variance of the prior, or constant.
+/// Errors, each of which is Gauss–Markov with the variance of the prior, or constant.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Gaussian {
     pub mean: DVector<f64>,
     pub covariance: DMatrix<f64>,
-    /// Over which time each error forgets, as a rate: 1/s; 0 is constant.
+    /// Rate at which each error forgets its value, 1/s; 0: constant.
     rates: Vec<f64>,
 }
 
@@ -24,7 +24,8 @@ impl Gaussian {
         Self { mean: DVector::zeros(order), covariance: DMatrix::identity(order, order), rates }
     }
 
-    /// Lets the errors drift for some seconds. What nothing is known of stays as uncertain as the prior.
+    /// Lets the errors drift for some seconds. An error of which nothing is known remains as uncertain as the
+    /// prior.
     pub fn drift(&mut self, seconds: f64) {
         let rest: Vec<f64> = self.rates.iter().map(|rate| (-rate * seconds).exp()).collect();
         for (i, a) in rest.iter().enumerate() {
@@ -36,8 +37,9 @@ impl Gaussian {
         }
     }
 
-    /// The covariance if errors are larger than their prior says, those of a `kind` by the same factor:
-    /// `m² / (1 − P)` of an error that is seen is one on average. It matters for what is not seen. Cost O(q³).
+    /// Returns the covariance for errors that are larger than their prior says, those of a `kind` by the same
+    /// factor. The factor follows from `m² / (1 − P)`, which is one on average for an error that is observed;
+    /// it matters for errors that are not. Cost O(q³).
     pub fn relaxed(&self, kind: &[usize]) -> DMatrix<f64> {
         let order = self.mean.len();
         let kinds = kind.iter().copied().max().map_or(0, |most| most + 1);
@@ -46,11 +48,11 @@ impl Gaussian {
             sums[kind][0] += self.mean[i] * self.mean[i];
             sums[kind][1] += 1.0 - self.covariance[(i, i)];
         }
-        // after a sudden change they may be larger than the prior anyway
+        // after a sudden change variances exceed those of the prior anyway
         if (0..order).any(|i| self.covariance[(i, i)] > 1.0 + ROUNDING) {
             return self.covariance.clone();
         }
-        // (P⁻¹ − D)⁻¹, where D is by how much the information of the prior is less
+        // (P⁻¹ − D)⁻¹, where D is the decrease of the information of the prior
         let mut sum = DMatrix::identity(order, order);
         for (j, &kind) in kind.iter().enumerate() {
             let less = (1.0 - sums[kind][1] / sums[kind][0]).max(0.0);
@@ -63,7 +65,7 @@ impl Gaussian {
         0.5 * (&covariance + covariance.transpose())
     }
 
-    /// Updates by normal equations about errors of zero. Cost O(q³).
+    /// Updates the estimate by normal equations about errors of zero. Cost O(q³).
     pub fn update(&mut self, information: &DMatrix<f64>, score: &DVector<f64>) {
         let order = self.mean.len();
         let sum = DMatrix::identity(order, order) + &self.covariance * information;

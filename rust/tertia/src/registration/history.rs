@@ -1,31 +1,31 @@
-//! The errors of radars over the periods of a recording: they drift, and may change suddenly.
+//! Errors of radars over the periods of a recording: they drift, and may change suddenly.
 //!
-//! Whether and how fast they drift is not known. Several rates are compared by their likelihoods, one
-//! of which is none, and the results are averaged. A change is accepted if it is much likelier than
-//! none.
+//! Whether and how fast they drift is unknown. Several rates of drift, including zero, are compared by their
+//! likelihoods, and the results are averaged. A sudden change is accepted if it is much likelier than no
+//! change.
 
 use super::change::{ODDS, Surprise};
 use super::gaussian::Gaussian;
 use crate::base::interrupt::poll;
 use nalgebra::{DMatrix, DVector};
 
-/// Rates of drift over the one assumed, of which the first is as probable as all others together.
+/// Rates of drift relative to the assumed one; the first is as probable as all others together.
 const RATES: [f64; 5] = [0.0, 0.25, 1.0, 4.0, 16.0];
-/// Size of a change in standard deviations of the prior.
+/// Size of a sudden change in standard deviations of the prior.
 const CHANGE: f64 = 3.0;
-/// Smaller changes, in standard deviations of the prior, are drift, or the errors of blocks.
+/// Smaller changes, in standard deviations of the prior, are drift or errors of blocks.
 const LEAST: f64 = 0.1;
-/// Changes at most.
+/// Largest number of changes.
 const MOST: usize = 64;
 
-/// What the blocks of a period say of the errors, about errors of zero, in units of the prior.
+/// Information and score of the blocks of a period, about errors of zero, in units of the prior.
 #[derive(Clone, Debug)]
 pub(super) struct Said {
     pub information: DMatrix<f64>,
     pub score: DVector<f64>,
 }
 
-/// The errors of all periods.
+/// Estimated errors of all periods.
 pub(super) struct History {
     /// Mean and covariance in each period.
     pub known: Vec<(DVector<f64>, DMatrix<f64>)>,
@@ -33,26 +33,26 @@ pub(super) struct History {
     pub changes: Vec<(usize, usize)>,
 }
 
-/// Times of the periods, rates at which errors forget, and the columns of the errors of each radar.
+/// Times of the periods, rates at which the errors drift, and the columns of the errors of each radar.
 pub(super) struct Course<'a> {
     pub middles: &'a [f64],
     pub rates: &'a [f64],
     pub own: &'a [Vec<usize>],
 }
 
-/// What is known of the errors in each period by one rate of drift.
+/// Estimates of the errors in each period, for one rate of drift.
 struct Passes {
-    /// By the periods before.
+    /// From the periods before.
     before: Vec<Gaussian>,
-    /// By the period itself and those after it.
+    /// From the period itself and those after it.
     after: Vec<Said>,
-    /// Logarithm of the likelihood, beside a constant.
+    /// ln of the likelihood, up to a constant.
     likelihood: f64,
 }
 
 impl History {
-    /// Of errors of which this is said in each period. Cost O(T q³) for T periods and q errors, and for
-    /// each change.
+    /// Estimates the errors from the information of each period. Cost O(T q³) for T periods and q errors, and
+    /// again for each change.
     pub fn new(said: &[Said], course: &Course<'_>) -> Self {
         let mut changes = Vec::new();
         loop {
@@ -68,7 +68,7 @@ impl History {
 }
 
 impl Course<'_> {
-    /// Each rate of drift, and the logarithm of its weight.
+    /// Returns the estimates for each rate of drift, with ln of its weight.
     fn tried(&self, said: &[Said], changes: &[(usize, usize)]) -> Vec<(f64, Passes)> {
         let is_constant = self.rates.iter().all(|rate| *rate == 0.0);
         let count = if is_constant { 1 } else { RATES.len() };
@@ -81,7 +81,7 @@ impl Course<'_> {
         each.collect()
     }
 
-    /// Adds the changes before a period to the variances of the errors.
+    /// Calls `add` for each error that changes suddenly before a period.
     fn changed(&self, changes: &[(usize, usize)], period: usize, mut add: impl FnMut(usize)) {
         for (_, radar) in changes.iter().filter(|(first, _)| *first == period) {
             self.own[*radar].iter().for_each(|column| add(*column));
@@ -127,7 +127,7 @@ impl Passes {
         Self { before, after, likelihood }
     }
 
-    /// The likeliest change that is not among these, if it is likely enough.
+    /// Returns the likeliest change that is not among the known ones, if it is likely enough.
     fn change(&self, course: &Course<'_>, changes: &[(usize, usize)]) -> Option<(usize, usize)> {
         let mut best: Option<(f64, (usize, usize))> = None;
         for (t, (before, after)) in self.before.iter().zip(&self.after).enumerate().skip(1) {
@@ -147,7 +147,7 @@ impl Passes {
     }
 }
 
-/// Logarithm of the likelihood of a period, from the errors as known before and after it.
+/// ln of the likelihood of a period, from the errors as known before and after it.
 fn likelihood_of(said: &Said, before: &Gaussian, after: &Gaussian) -> f64 {
     let Said { information, score } = said;
     let (order, mean) = (score.len(), &before.mean);
@@ -158,7 +158,7 @@ fn likelihood_of(said: &Said, before: &Gaussian, after: &Gaussian) -> f64 {
         - 0.5 * sum.determinant().ln()
 }
 
-/// Mean and covariance in each period, over all rates.
+/// Mean and covariance in each period, averaged over all rates.
 fn averaged(tried: &[(f64, Passes)]) -> Vec<(DVector<f64>, DMatrix<f64>)> {
     let most = tried.iter().map(|(weight, _)| *weight).fold(f64::NEG_INFINITY, f64::max);
     let weights: Vec<f64> = tried.iter().map(|(weight, _)| (weight - most).exp()).collect();

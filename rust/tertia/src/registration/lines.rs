@@ -1,22 +1,22 @@
 //! Scatter of plots about short straight lines in the track of one radar.
 
-/// Plots on a line.
+/// Number of plots on a line.
 const COUNT: usize = 6;
-/// Plots on a line less the parameters of the line, in each axis.
+/// Number of plots on a line less the parameters of the line, in each axis.
 pub(super) const FREE: f64 = 4.0;
-/// A line may last this much longer than its plots without gaps.
+/// Largest duration of a line relative to that without gaps.
 const GAPS: f64 = 1.5;
 /// Probability of a turn above which a track is not straight.
 const STRAIGHT: f64 = 0.5;
 
-/// A plot that a track was updated with.
+/// A plot that has updated a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PolarPlot {
     /// Number of the track.
     pub track: i64,
     /// Probability that the target turns.
     pub turn_probability: f64,
-    /// Seconds of the row of the track, which orders its plots.
+    /// Time of the row of the track, by which its plots are ordered, s.
     pub row_time: f64,
     /// Seconds.
     pub time: f64,
@@ -24,22 +24,22 @@ pub struct PolarPlot {
     pub range: f64,
     /// Radians, clockwise from north.
     pub azimuth: f64,
-    /// Height above the radar, metres; nan where it is not known.
+    /// Height above the radar, metres; nan if unknown.
     pub height: f64,
 }
 
-/// What six plots of a track in a row say of the noise.
+/// Scatter of six successive plots of a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Line {
-    /// Mean time of its plots.
+    /// Mean time of the plots.
     pub time: f64,
-    /// Mean squares about it in range (m²) and azimuth (rad²).
+    /// Mean squares about the line in range (m²) and azimuth (rad²).
     pub mean_square: [f64; 2],
 }
 
-/// The lines through each six successive plots of a track that is straight and has no long gap. Where
-/// some plots have heights, those without are left out: their slant range cannot be reduced to the
-/// ground.
+/// Returns the lines through each six successive plots of a track that is straight and has no long gap. If
+/// some plots have heights, those without are left out: their slant range cannot be converted to ground
+/// range.
 pub fn lines(mut plots: Vec<PolarPlot>, azimuth_sigma: f64, scan_period: f64) -> Vec<Line> {
     if plots.iter().any(|plot| plot.height.is_finite()) {
         plots.retain(|plot| plot.height.is_finite());
@@ -60,7 +60,7 @@ fn line(plots: &[PolarPlot; COUNT], azimuth_sigma: f64, scan_period: f64) -> Opt
     if !is_straight || last - first >= GAPS * COUNT as f64 * scan_period {
         return None;
     }
-    // the noise of the azimuth makes the mean of its sine and cosine smaller by exp(−σ²/2)
+    // averaging over the noise of the azimuth shortens the position vector by exp(−σ²/2)
     let unbiased = (0.5 * azimuth_sigma * azimuth_sigma).exp();
     let points = plots.map(|plot| {
         let height = if plot.height.is_nan() { 0.0 } else { plot.height };

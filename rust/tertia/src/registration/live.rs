@@ -1,8 +1,8 @@
-//! The systematic errors of radars, scan by scan, and what they add to the covariances of tracks.
+//! Systematic errors of radars, scan by scan, and their effect on the covariances of tracks.
 //!
-//! One Gaussian of the errors of all radars is updated by the blocks of plots that end in a scan. Its
-//! cost is that of a factorisation of 4 K unknowns a scan; nothing grows with the number of targets
-//! but the blocks.
+//! One Gaussian of the errors of all radars is updated by the blocks of plots that end in a scan. The cost is
+//! that of a factorisation of 4 K unknowns per scan; only the number of blocks grows with the number of
+//! targets.
 
 use super::alarm::Alarm;
 use super::block::{Known, Unknowns};
@@ -23,41 +23,42 @@ use std::collections::BTreeMap;
 
 mod learn;
 
-/// Scans by which the clock that is taken out of the plots of a radar changes at once: more would put
-/// plots before those that were tracked.
+/// Largest change at once of the clock error by which plots of a radar are corrected, in scans: larger ones
+/// would put plots before those that were already tracked.
 const CLOCK_STEP: f64 = 0.25;
-/// Redundant measurements that the noise is known by at most.
+/// Largest number of redundant measurements by which the noise is known.
 const MEMORY: f64 = 150.0;
-/// Seconds in which a sudden change is sought, and its size in standard deviations of the prior.
+/// Time within which a sudden change is searched, s, and its size in standard deviations of the prior.
 const CHANGE_TIME: f64 = 30.0;
 const CHANGE: f64 = 3.0;
-/// Variance of the errors of a radar, in that of the prior, that a vote leaves.
+/// Variance that a vote adds to the errors of a radar, in units of that of the prior.
 const VOTED: f64 = 0.5;
-/// Distance at which an unknown gain counts as noise of the range, m.
+/// Range at which an unknown gain counts as noise of the range, m.
 const FAR: f64 = 80e3;
-/// Speed at which an unknown clock does, m/s.
+/// Speed at which an unknown clock error counts as noise, m/s.
 const SPEED: f64 = 200.0;
-/// Blocks that are open at once at most: so many targets are enough.
+/// Largest number of blocks that are open at once: this number of targets suffices.
 const OPEN: usize = 32;
-/// Redundant measurements that noise is worth that has grown suddenly.
+/// Number of redundant measurements that noise is worth after it has grown suddenly.
 const GROWN: f64 = 20.0;
-/// Probability of a turn from which on innovations say nothing of noise.
+/// Probability of a turn above which innovations are not used for the noise.
 const TURNING: f64 = 0.3;
-/// Scans of the slowest radar after which a track is forgotten.
+/// Scans of the slowest radar after which a track without rows is dropped.
 const FORGOTTEN: f64 = 10.0;
 
-/// The errors of radars as far as they are known.
+/// Estimates the errors of radars during tracking.
 #[derive(Clone, Debug, Serialize, Deserialize, PartialEq)]
 pub struct Registrar {
     radars: Vec<Radar>,
-    /// Whether ranges of each radar are slant where no height is known; so are all as soon as one is.
+    /// Whether ranges of each radar are slant if no height is known; true for all as soon as any height is
+    /// reported.
     slant: Vec<bool>,
     sigma: Vec<Errors>,
-    /// Means before anything was seen, in their units.
+    /// Prior means of the errors, in their units.
     start: Vec<Errors>,
-    /// What is known since, in units of the prior.
+    /// Estimate of the differences from these means, in units of the prior.
     known: Gaussian,
-    /// Clocks as they are taken out of plots, s.
+    /// Clock errors by which plots are corrected, s.
     clocks: Vec<f64>,
     factor: Vec<[f64; 2]>,
     squares: Vec<[f64; 2]>,
@@ -67,16 +68,16 @@ pub struct Registrar {
     time: f64,
     open: BTreeMap<i64, Vec<TargetPlot>>,
     tracks: Roster,
-    /// Plots that no confirmed track has, of the last scans.
+    /// Plots of the last scans that no confirmed track has taken.
     loose: Vec<Report>,
     recent: Vec<Scan>,
     changes: Vec<(f64, usize)>,
 }
 
 impl Registrar {
-    /// Of radars, whose ranges may be `slant` where no height is known, and whose errors have these means
-    /// and standard deviations; 0 is no error. They drift back to the means at these rates, 1/s; 0 is
-    /// constant.
+    /// Sets up a registrar of radars whose ranges may be `slant` if no height is known. `start` and `sigma`
+    /// are the prior means and standard deviations of the errors, where a sigma of 0 means no error. Errors
+    /// drift back to the means at the rates `drift`, 1/s; 0: constant.
     ///
     /// # Panics
     /// If the lengths differ.
@@ -112,7 +113,7 @@ impl Registrar {
         }
     }
 
-    /// Begins with errors that are known already, and their covariance, (4 K, 4 K).
+    /// Starts from errors that are already known, with their covariance, (4 K, 4 K).
     ///
     /// # Panics
     /// If the lengths differ.
@@ -132,7 +133,7 @@ impl Registrar {
         }
     }
 
-    /// The errors of each radar.
+    /// Returns the errors of each radar.
     pub fn errors(&self) -> Vec<Errors> {
         let mut errors = self.start.clone();
         for_each(&self.unknowns(), |k, j, column, sigma| {
@@ -141,7 +142,8 @@ impl Registrar {
         errors
     }
 
-    /// The errors as they are taken out of plots: a clock by steps of a quarter of a scan at most.
+    /// Returns the errors by which plots are corrected: a clock error changes by at most a quarter of a scan
+    /// at once.
     pub fn taken_out(&self) -> Vec<Errors> {
         let mut errors = self.errors();
         for (own, clock) in errors.iter_mut().zip(&self.clocks) {
@@ -150,7 +152,7 @@ impl Registrar {
         errors
     }
 
-    /// Their standard deviations.
+    /// Returns the standard deviations of the errors.
     pub fn sigmas(&self) -> Vec<Errors> {
         let mut found = vec![[0.0; ERRORS]; self.radars.len()];
         for_each(&self.unknowns(), |k, j, column, sigma| {
@@ -159,7 +161,8 @@ impl Registrar {
         found
     }
 
-    /// Their covariance, radar after radar, if they may be larger than their prior says.
+    /// Returns the covariance of the errors, radar after radar, allowing for errors that are larger than
+    /// their prior says.
     pub(crate) fn covariance(&self) -> DMatrix<f64> {
         let order = ERRORS * self.radars.len();
         let (relaxed, mut all) = (self.relaxed(), DMatrix::zeros(order, order));
@@ -173,35 +176,37 @@ impl Registrar {
         all
     }
 
-    /// The covariance in units of the prior, where all errors of a kind may be larger than it.
+    /// Returns this covariance in units of the prior, if all errors of a kind may be larger than the prior
+    /// says.
     fn relaxed(&self) -> DMatrix<f64> {
         let mut kind = vec![0; self.known.mean.len()];
         for_each(&self.unknowns(), |_, j, column, _| kind[column] = j);
         self.known.relaxed(&kind)
     }
 
-    /// All that is known, as bytes.
+    /// Returns the state of the registrar as bytes.
     pub fn to_bytes(&self) -> Vec<u8> {
         saved(self)
     }
 
-    /// The registrar that was written; none where these are not such bytes, or damaged.
+    /// Returns the registrar from such bytes; none if they are damaged or something else.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         restored(bytes)
     }
 
-    /// Times and radars of sudden changes.
+    /// Returns times and radars of sudden changes.
     pub fn changes(&self) -> &[(f64, usize)] {
         &self.changes
     }
 
-    /// Radars whose last plots do not fit their tracks: their plots are to confirm no others.
+    /// Whether the latest plots of each radar do not fit their tracks: its plots are then not to confirm
+    /// other tracks.
     pub fn held(&self) -> Vec<bool> {
         self.alarms.iter().map(|alarm| alarm.holds(self.time)).collect()
     }
 
-    /// Standard deviations of range (m) and azimuth (rad) with which plots of each radar are to be
-    /// tracked: the noise found, and what is not known of the errors.
+    /// Returns the standard deviations of range (m) and azimuth (rad) with which plots of each radar are to
+    /// be tracked: the estimated noise, with the uncertainty of the errors.
     pub fn noise(&self) -> Vec<[f64; 2]> {
         let sigmas = self.sigmas();
         let one = |(k, [offset, gain, azimuth, clock]): (usize, Errors)| {
@@ -216,7 +221,7 @@ impl Registrar {
         sigmas.into_iter().enumerate().map(one).collect()
     }
 
-    /// The noise found of a radar.
+    /// Returns the estimated noise of a radar.
     fn own_noise(&self, k: usize) -> [f64; 2] {
         let (radar, [range, azimuth]) = (&self.radars[k], self.factor[k]);
         [radar.range_sigma * range, radar.azimuth_sigma * azimuth]
@@ -226,7 +231,8 @@ impl Registrar {
         numbered(&self.sigma)
     }
 
-    /// Moves the tracks by what the errors are found to be larger: numbers, times, and by how much.
+    /// Moves the tracks for a change of the errors; returns their numbers, the times of their last rows, and
+    /// their changes.
     fn shift(&mut self, by: &[Errors]) -> Vec<(i64, f64, [f64; 4])> {
         let shift = |(number, track): (i64, &mut Followed)| {
             let by = track.moved(by);
@@ -239,8 +245,8 @@ impl Registrar {
         self.tracks.all_mut().map(shift).collect()
     }
 
-    /// Learns from blocks that end by a time; returns the noise that was applied before, with and
-    /// without what was not known of the errors, and by how much the errors are found to be larger.
+    /// Learns from blocks that end by a time. Returns the noise that was applied before, with and without the
+    /// uncertainty of the errors, and the changes of the errors in units of the prior.
     fn begin<U: Updates + ?Sized>(
         &mut self,
         updates: &U,
@@ -260,7 +266,7 @@ impl Registrar {
         self.time = self.time.max(time);
         self.step(&blocks, time);
         let mut moved = vec![[0.0; ERRORS]; self.radars.len()];
-        // errors that are new are not those of the plots before
+        // after a sudden change, the new errors are not those of the plots before
         if self.changes.len() == changes {
             for_each(&self.unknowns(), |k, j, column, _| {
                 moved[k][j] = self.known.mean[column] - before[column];
@@ -269,7 +275,7 @@ impl Registrar {
         (applied, moved)
     }
 
-    /// Forgets old plots, and looks for radars whose errors are new.
+    /// Drops old plots, and searches for radars whose errors have changed.
     fn end(&mut self, loose: &[Report], time: f64) {
         for (alarm, radar) in self.alarms.iter_mut().zip(&self.radars) {
             alarm.look(time, radar.scan_period);
@@ -286,7 +292,7 @@ impl Registrar {
         }
     }
 
-    /// The blocks that end by a time.
+    /// Sorts plots into blocks, and returns the blocks that end by a time.
     fn closed<U: Updates + ?Sized>(
         &mut self,
         updates: &U,
@@ -318,7 +324,7 @@ impl Registrar {
         closed
     }
 
-    /// This covariance of the errors, in units of the prior, by radars.
+    /// Arranges this covariance of the errors, in units of the prior, by radars.
     fn blocks(&self, covariance: &DMatrix<f64>) -> Blocks {
         let unknowns = self.unknowns();
         let columns: Vec<_> =
@@ -326,7 +332,7 @@ impl Registrar {
         Blocks::new(covariance, &columns)
     }
 
-    /// Raises noise that has grown suddenly beyond what was `used`, and counts plots that are far off.
+    /// Raises noise that has suddenly grown beyond the noise `used`, and counts plots that are far off.
     fn watch(&mut self, update: &Update, seen: &Sighting, used: [f64; 2]) {
         let turns = update.plot.turn_probability > TURNING;
         if !update.confirmed || seen.is_placed || turns || update.innovation[0].is_nan() {
@@ -347,7 +353,7 @@ impl Registrar {
         }
     }
 
-    /// Moves the errors of a radar where most of its tracks miss their plots in the same way.
+    /// Changes the errors of a radar if most of its tracks miss their plots in the same way.
     fn vote(&mut self, time: f64) {
         let unknowns = self.unknowns();
         let suspects = suspects(self.tracks.all(), &self.radars, time);
@@ -363,14 +369,14 @@ impl Registrar {
                 self.known.covariance[(*column, *column)] += VOTED;
             }
             self.loose.retain(|plot| plot.radar != k);
-            // their plots may be of other targets
+            // the open blocks may contain plots of other targets
             self.open.clear();
             self.recent.clear();
             self.changes.push((time, k));
         }
     }
 
-    /// Updates by the blocks of a scan.
+    /// Updates the errors by the blocks of a scan.
     fn step(&mut self, blocks: &[Vec<TargetPlot>], time: f64) {
         let (order, unknowns) = (self.known.mean.len(), self.unknowns());
         let mut sums = Sums::new(order, self.radars.len());
@@ -408,7 +414,7 @@ impl Registrar {
         }
     }
 
-    /// Learns the errors of a radar anew that have changed within the last scans.
+    /// Estimates the errors of a radar anew if they have changed within the last scans.
     fn find_change(&mut self, time: f64) {
         let mut own: Vec<Vec<usize>> = vec![Vec::new(); self.radars.len()];
         for_each(&self.unknowns(), |k, _, column, _| own[k].push(column));

@@ -1,35 +1,35 @@
-//! Standard deviations of range and azimuth from the scatter about lines, over time.
+//! Standard deviations of range and azimuth over time, from the scatter about lines.
 
 use super::lines::{FREE, Line};
 
-/// χ² with [`FREE`] degrees of freedom over their number: median, and 99.9 %.
+/// Quantiles of χ² with [`FREE`] degrees of freedom, over their number: median, and 99.9 %.
 const MEDIAN: f64 = 0.839174;
 const LARGEST: f64 = 4.616710;
-/// Lines that a standard deviation needs.
+/// Least number of lines from which a standard deviation is estimated.
 const FEWEST: usize = 4;
-/// Rounds in which lines with an outlier are left out.
+/// Number of rounds in which lines with an outlier are left out.
 const ROUNDS: usize = 3;
 
-/// A standard deviation and its standard error; nan where there are too few lines.
+/// A standard deviation and its standard error; nan if there are too few lines.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Level {
     /// Standard deviation.
     pub value: f64,
-    /// Its standard error.
+    /// Standard error.
     pub sigma: f64,
 }
 
 /// The noise of a radar in range (m) and azimuth (rad).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Noise {
-    /// Of the whole recording.
+    /// Noise of the whole recording.
     pub whole: [Level; 2],
-    /// In each stretch of time.
+    /// Noise in each stretch of time.
     pub stretches: Vec<[Level; 2]>,
 }
 
-/// The noise of all lines and in the stretches of time between `edges`. A robust level: the median
-/// begins, then the mean of what lies below 99.9 % of χ² counts.
+/// Estimates the noise from all lines, and in the stretches of time between `edges`. The level is robust: it
+/// starts from the median, and is then the mean of the values below the 99.9 % quantile of χ².
 pub fn noise(lines: &[Line], edges: &[f64]) -> Noise {
     let mut squares = vec![[(); 2].map(|()| Vec::new()); edges.len().saturating_sub(1)];
     for line in lines {
@@ -56,13 +56,15 @@ pub fn noise(lines: &[Line], edges: &[f64]) -> Noise {
     Noise { whole, stretches: parts.into_iter().map(|part| part.map(level)).collect() }
 }
 
-/// In which stretch of time between `edges` a time is; the first or last one if it is outside.
+/// Index of the stretch of time between `edges` that contains a time; the first or last one if the time is
+/// outside.
 pub fn stretch_of(time: f64, edges: &[f64]) -> usize {
     let after = edges.partition_point(|&edge| edge <= time);
     after.saturating_sub(1).min(edges.len().saturating_sub(2))
 }
 
-/// Mean of the squares without outliers and how many it is of; nan and 0 of too few.
+/// Returns the mean of the squares without outliers and the number of squares; nan and 0 if there are too
+/// few.
 fn robust_mean(squares: &mut [f64]) -> (f64, f64) {
     if squares.len() < FEWEST {
         return (f64::NAN, 0.0);

@@ -1,18 +1,18 @@
 //! Radars that see a target from the same side.
 //!
-//! An error of the range that they have in common moves all plots of the target alike. What is left of it is
-//! that a straight line becomes a curve, but targets turn as well, often the same way in many blocks. So such
-//! an error is a free unknown of each block. Cost O(n + q²) for n plots and q errors.
+//! An error of the range that is common to such radars moves all plots of the target alike. It also bends a
+//! straight path, but targets turn as well, often in the same way in many blocks. Therefore this error is an
+//! additional unknown of each block, without a prior. Cost O(n + q²) for n plots and q errors.
 
 use super::block::Unknowns;
 use super::sighting::Sighting;
 use nalgebra::{DMatrix, DVector, Vector2};
 
-/// Sine of the angle between the directions to radars below which they are the same.
+/// Sine of the angle between the directions to radars below which these directions are taken as equal.
 const SAME: f64 = 0.05;
 
-/// A unit of the range error that is common to radars without parallax, in each of the columns of a block; none
-/// where it can be told, or where one of them is known.
+/// Returns a unit of the common range error of radars without parallax, in each of the columns of a block;
+/// none if the error is observable by parallax, or if the range error of one of the radars is known.
 pub(super) fn common_range(
     sightings: &[Sighting],
     columns: &[usize],
@@ -35,7 +35,7 @@ pub(super) fn common_range(
     Some(common)
 }
 
-/// Takes from normal equations what they say of errors in these proportions.
+/// Removes the information about errors in these proportions from normal equations.
 pub(super) fn hide(
     information: &mut DMatrix<f64>,
     score: &mut DVector<f64>,
@@ -56,7 +56,7 @@ mod tests {
     use super::super::sighting::tests::radar;
     use super::*;
 
-    /// Two plots by radars this far apart, 50 km from a target; the priors of their range errors.
+    /// Two plots by radars this far apart, 50 km from a target, with these priors of the range errors.
     fn common(apart: f64, priors: [Option<f64>; 2]) -> Option<DVector<f64>> {
         let radars = [radar([0.0; 3], 50.0, 0.08), radar([apart, 0.0, 0.0], 50.0, 0.08)];
         let seen = |k: usize| {
@@ -86,7 +86,7 @@ mod tests {
 
     #[test]
     fn what_is_hidden_is_a_free_unknown() {
-        // the Schur complement: errors of [1 1] are free, only the difference is left
+        // the Schur complement: common errors [1 1] are free, only the difference remains
         let mut information = DMatrix::from_row_slice(2, 2, &[3.0, -1.0, -1.0, 2.0]);
         let mut score = DVector::from_row_slice(&[5.0, 1.0]);
         hide(&mut information, &mut score, &DVector::from_row_slice(&[1.0, 1.0]));

@@ -1,4 +1,4 @@
-//! The systematic errors of radars from a whole recording.
+//! Systematic errors of radars from a whole recording.
 
 use super::block::{Block, Known, Unknowns};
 use super::history::{Course, History, Said};
@@ -13,21 +13,22 @@ use serde::{Deserialize, Serialize};
 
 /// Duration of a block in scans of the slowest radar.
 const SCANS: f64 = 2.2;
-/// Acceleration of a target in a block, straight on and in a turn, m/s².
+/// Acceleration of a target in a block, in straight flight and in a turn, m/s².
 const STRAIGHT: f64 = 0.3;
 const TURN: f64 = 4.0;
-/// Probability of a turn above which a block is of a turn.
+/// Probability of a turn above which a block is taken for a turn.
 const TURNING: f64 = 0.3;
-/// A block that is less probable has a plot of another target, or a motion that is not expected.
+/// A block with a smaller p-value contains a plot of another target, or the target moves in an unexpected
+/// way.
 const SIGNIFICANCE: f64 = 1e-3;
-/// Plots that may be left out of a block, and the standard deviations that they are off at least.
+/// Largest number of plots that are left out of a block, and their least residual in standard deviations.
 const LEFT_OUT: usize = 2;
 const OUTLIER: f64 = 3.5;
-/// Seconds for which the errors of reported positions last.
+/// Time for which errors of reported positions last, s.
 const LASTING: f64 = 300.0;
-/// Mean of the square of any height over the largest.
+/// Mean square of an unknown height relative to the largest squared height.
 const MEAN_SQUARE: f64 = 1.0 / 3.0;
-/// Redundant measurements that the stated noise is worth.
+/// Number of redundant measurements that the stated noise is worth.
 pub(super) const STATED: f64 = 10.0;
 const ROUNDS: usize = 4;
 /// Sudden changes that the first round allows for, in standard deviations of the prior.
@@ -44,46 +45,46 @@ pub struct TargetPlot {
     pub turn_probability: f64,
 }
 
-/// What is known of the errors of radars.
+/// Estimated errors of radars.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Registered {
     /// The errors of each radar in each period.
     pub errors: Vec<Vec<Errors>>,
-    /// Their standard deviations.
+    /// Standard deviations of the errors.
     pub sigmas: Vec<Vec<Errors>>,
     /// Covariance of the errors of the last period, (4 K, 4 K).
     pub covariance: DMatrix<f64>,
-    /// The period in which each sudden change begins, in order of time, and the radar.
+    /// First period after each sudden change, in order of time, and the radar.
     pub changes: Vec<(usize, usize)>,
-    /// Noise over what is stated, of range and azimuth.
+    /// Estimated over stated noise of each radar, in range and azimuth.
     pub factor: Vec<[f64; 2]>,
-    /// The redundant measurements that these are of.
+    /// Number of redundant measurements from which these factors are estimated.
     pub redundancy: Vec<[f64; 2]>,
-    /// Blocks of several radars that were used, and those that fit no motion.
+    /// Number of blocks of several radars that were used, and of those that fit no motion.
     pub blocks: [usize; 2],
 }
 
-/// What is known of the errors of radars before a recording.
+/// Prior of the errors of radars for a recording.
 #[derive(Clone, Copy, Debug)]
 pub struct Prior<'a> {
     /// Means.
     pub mean: &'a [Errors],
-    /// Standard deviations; 0 is a trusted radar.
+    /// Standard deviations; 0 for the errors of a trusted radar.
     pub sigma: &'a [Errors],
-    /// Rates at which they drift back to the means, 1/s; 0 is constant.
+    /// Rates at which the errors drift back to the means, 1/s; 0: constant.
     pub rate: &'a [Errors],
 }
 
-/// The periods of a recording in which errors are constant.
+/// Periods of a recording in which errors are constant.
 #[derive(Clone, Copy, Debug)]
 pub struct Periods<'a> {
-    /// Where they begin, and where the last one ends, s.
+    /// Beginnings of the periods, and end of the last one, s.
     pub edges: &'a [f64],
-    /// The errors in each, from which on they are sought.
+    /// Errors in each period from which the search starts.
     pub start: &'a [Vec<Errors>],
 }
 
-/// How radars measure.
+/// Properties of the radars.
 pub(super) struct Ways<'a> {
     pub radars: &'a [Radar],
     /// Whether ranges without a height are slant.
@@ -95,18 +96,18 @@ pub(super) struct Ways<'a> {
 pub(super) struct Sums {
     pub information: DMatrix<f64>,
     pub score: DVector<f64>,
-    /// Squares of residuals and their redundancy.
+    /// Squares of the residuals and their redundancy.
     pub square: Vec<[f64; 2]>,
     pub redundancy: Vec<[f64; 2]>,
     pub blocks: [usize; 2],
 }
 
-/// Errors of radars by blocks of the plots of one target. Ranges of a radar may be `slant` where no
-/// height is known. What no block depends on keeps its prior. Cost O(N log N + N K² + T K³) for N plots
-/// and T periods.
+/// Estimates the errors of radars from blocks of plots of one target. Ranges of a radar may be `slant` if no
+/// height is known. Errors that no block depends on keep their prior. Cost O(N log N + N K² + T K³) for N
+/// plots and T periods.
 ///
 /// # Panics
-/// If there is no period, a plot is of no radar, or the lengths differ.
+/// If there is no period, the radar of a plot does not exist, or the lengths differ.
 pub fn register(
     plots: &[TargetPlot],
     radars: &[Radar],
@@ -146,21 +147,21 @@ pub fn register(
     }
 }
 
-/// What is known after some rounds.
+/// Estimates after some rounds.
 struct Rounds {
-    /// The errors of each period, and their covariance in units of the prior.
+    /// Errors of each period, and their covariance in units of the prior.
     errors: Vec<Vec<Errors>>,
     covariances: Vec<DMatrix<f64>>,
     changes: Vec<(usize, usize)>,
     factor: Vec<[f64; 2]>,
-    /// Of the last round.
+    /// Sums of the last round.
     sums: Sums,
 }
 
 impl Rounds {
     fn new(start: &[Vec<Errors>], order: usize) -> Self {
         let radars = start[0].len();
-        // at first, blocks that show sudden changes are taken as well
+        // in the first round, blocks that show sudden changes are used as well
         let wide = DMatrix::from_diagonal_element(order, order, FIRST * FIRST);
         Self {
             errors: start.to_vec(),
@@ -171,7 +172,7 @@ impl Rounds {
         }
     }
 
-    /// Adds up all blocks, corrected for the errors so far, and estimates the errors from them.
+    /// Sums up all blocks, corrected for the present errors, and estimates the errors from them.
     fn improve(
         &mut self,
         blocks: &[(usize, &[TargetPlot])],
@@ -210,7 +211,7 @@ impl Rounds {
     }
 }
 
-/// The time in the middle of the plots of a block.
+/// Returns the middle of the times of the plots of a block.
 fn middle_of(block: &[TargetPlot]) -> f64 {
     f64::midpoint(block[0].report.time, block[block.len() - 1].report.time)
 }
@@ -226,7 +227,7 @@ impl Sums {
         }
     }
 
-    /// Squares, redundancy and numbers of blocks of several sums.
+    /// Sums the squares, redundancies and numbers of blocks of several sums.
     fn total(sums: &[Self], radars: usize) -> Self {
         let mut total = Self::new(0, radars);
         for own in sums {
@@ -241,7 +242,8 @@ impl Sums {
         total
     }
 
-    /// What blocks that were corrected for these errors say of the errors, about those of the prior.
+    /// Returns the information of blocks that were corrected for these errors, and their score about the
+    /// means of the prior.
     fn said(self, errors: &[Errors], unknowns: &Unknowns, mean: &[Errors]) -> Said {
         let order = self.score.len();
         let mut removed = DVector::zeros(order);
@@ -252,7 +254,7 @@ impl Sums {
         Said { score: self.score + &information * removed, information }
     }
 
-    /// Adds a block without what does not fit.
+    /// Adds a block without the plots that do not fit.
     pub fn add(
         &mut self,
         plots: &[TargetPlot],
@@ -269,7 +271,7 @@ impl Sums {
             let Some(block) = Block::new(&sightings, unknowns, acceleration) else { return };
             let Some((step, misfit)) = block.fit(known) else { return };
             let residuals = block.residuals(&step);
-            // a misfit below its mean is probable
+            // the test is only needed for a misfit above its mean
             let fits =
                 misfit <= block.free as f64 || chi_square_upper(misfit, block.free) >= SIGNIFICANCE;
             if fits {
@@ -293,7 +295,7 @@ impl Sums {
         (sightings, unknowns): (&[Sighting], &Unknowns),
         residuals: &[[f64; 2]],
     ) {
-        // noise beside positions, which are wider than their own, would seem to be less than it is
+        // the noise of plots beside positions, whose sigmas are enlarged, would be underestimated
         let is_polar = sightings.iter().all(|one| !one.is_placed);
         let parts = sightings.iter().zip(residuals.iter().zip(&block.redundancy));
         for (one, (own, free)) in parts.filter(|_| is_polar) {
@@ -302,7 +304,7 @@ impl Sums {
                 self.redundancy[one.radar][axis] += free[axis];
             }
         }
-        // one radar alone says nothing of its errors
+        // a single radar gives no information about its errors
         if sightings.iter().all(|one| one.radar == sightings[0].radar) {
             return;
         }
@@ -319,13 +321,13 @@ impl Sums {
     }
 }
 
-/// The larger squared residual of a plot over its redundancy.
+/// Returns the larger squared residual of a plot over its redundancy.
 fn off(residuals: &[f64; 2], redundancy: &[f64; 2]) -> f64 {
     let one = |axis: usize| residuals[axis] * residuals[axis] / redundancy[axis].max(1e-9);
     one(0).max(one(1))
 }
 
-/// The unknown errors, numbered.
+/// Numbers the unknown errors.
 pub(super) fn numbered(prior: &[Errors]) -> Unknowns {
     let mut next = 0;
     let mut number = |sigma: f64| {
@@ -337,7 +339,7 @@ pub(super) fn numbered(prior: &[Errors]) -> Unknowns {
     prior.iter().map(|own| own.map(&mut number)).collect()
 }
 
-/// Radar, error, column and standard deviation of each unknown.
+/// Calls `act` with radar, error, column and standard deviation of each unknown.
 pub(super) fn for_each(unknowns: &Unknowns, mut act: impl FnMut(usize, usize, usize, f64)) {
     for (k, own) in unknowns.iter().enumerate() {
         for (j, unknown) in own.iter().enumerate() {
@@ -348,17 +350,17 @@ pub(super) fn for_each(unknowns: &Unknowns, mut act: impl FnMut(usize, usize, us
     }
 }
 
-/// Noise over what is stated, by squares of residuals and their redundancy.
+/// Estimated over stated noise, from the squares of residuals and their redundancy.
 pub(super) fn factor(squares: f64, redundancy: f64) -> f64 {
     ((squares + STATED) / (redundancy + STATED)).sqrt()
 }
 
-/// Seconds of a block.
+/// Duration of a block, s.
 pub(super) fn scans(radars: &[Radar]) -> f64 {
     SCANS * radars.iter().map(|radar| radar.scan_period).fold(0.0, f64::max)
 }
 
-/// The plots of targets in order of time, in blocks.
+/// Divides the plots of each target, in order of time, into blocks.
 fn windows(plots: &[TargetPlot], radars: &[Radar]) -> Vec<Vec<TargetPlot>> {
     let longest = scans(radars);
     let mut sorted = plots.to_vec();
@@ -383,8 +385,8 @@ fn windows(plots: &[TargetPlot], radars: &[Radar]) -> Vec<Vec<TargetPlot>> {
 }
 
 impl Ways<'_> {
-    /// Corrected plots in order of time; where a height is unknown, at the mean height of the others, or at
-    /// any.
+    /// Returns corrected plots in order of time. A plot without a height is placed at the mean height of the
+    /// others or, if there is none, at an assumed height.
     fn sightings(
         &self,
         plots: &[TargetPlot],
@@ -418,8 +420,8 @@ impl Ways<'_> {
     }
 }
 
-/// Keeps one of the positions that a sensor reports in a block, near its middle. Their errors last: those
-/// of all blocks of a target in `LASTING` say as much together as one.
+/// Keeps one of the positions that a sensor reports in a block, near its middle. The errors of reported
+/// positions last, so all blocks of a target within `LASTING` have together the information of one.
 fn keep_middle(sightings: &mut Vec<Sighting>, radars: &[Radar]) {
     let middle = f64::midpoint(sightings[0].time, sightings[sightings.len() - 1].time);
     let wider = (LASTING / scans(radars)).max(1.0).sqrt();
@@ -437,7 +439,8 @@ fn keep_middle(sightings: &mut Vec<Sighting>, radars: &[Radar]) {
     sightings.sort_by(|a, b| a.time.total_cmp(&b.time));
 }
 
-/// Changes in order of time. Those of a radar in successive periods are one, in the middle of a period.
+/// Returns the changes in order of time. Changes of a radar in successive periods are a single change, which
+/// is in the middle of a period.
 fn apart(mut changes: Vec<(usize, usize)>) -> Vec<(usize, usize)> {
     changes.sort_unstable();
     let all = changes.clone();
@@ -445,7 +448,7 @@ fn apart(mut changes: Vec<(usize, usize)>) -> Vec<(usize, usize)> {
     changes
 }
 
-/// The covariance of the errors of all radars, in their units.
+/// Returns the covariance of the errors of all radars in their units.
 fn spread(covariance: &DMatrix<f64>, unknowns: &Unknowns) -> DMatrix<f64> {
     let all: Vec<Option<(usize, f64)>> = unknowns.iter().flatten().copied().collect();
     DMatrix::from_fn(all.len(), all.len(), |i, j| match (all[i], all[j]) {
@@ -454,7 +457,7 @@ fn spread(covariance: &DMatrix<f64>, unknowns: &Unknowns) -> DMatrix<f64> {
     })
 }
 
-/// The standard deviations of the errors of each radar.
+/// Returns the standard deviations of the errors of each radar.
 fn sigmas(covariance: &DMatrix<f64>, unknowns: &Unknowns) -> Vec<Errors> {
     let mut found = vec![[0.0; ERRORS]; unknowns.len()];
     for_each(unknowns, |k, j, column, sigma| {

@@ -4,25 +4,25 @@ use super::followed::Followed;
 use crate::base::mixed::IntegerMap;
 use serde::{Deserialize, Serialize};
 
-/// Tracks one after the other in memory. Rows find them by an index that is there only while rows are
-/// followed, so that it costs nothing to forget tracks.
+/// Tracks in contiguous memory. Rows find them by an index that exists only while rows are followed, so
+/// dropping tracks costs nothing.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Roster {
-    /// In order of their numbers, but for those that are new.
+    /// Tracks in order of their numbers, except new ones.
     tracks: Vec<(i64, Followed)>,
     #[serde(skip)]
     places: IntegerMap<usize>,
 }
 
 impl Roster {
-    /// Begins to follow rows. Cost O(tracks).
+    /// Starts following rows. Cost O(tracks).
     pub fn open(&mut self) {
         let numbers = self.tracks.iter().map(|(number, _)| *number);
         self.places.extend(numbers.zip(0..));
     }
 
-    /// The place of a track, until all are closed; `new` begins it where there is none of this number.
-    /// Also returns whether it did.
+    /// Returns the place of a track, which is valid until `close`, and whether the track is new. `new`
+    /// creates the track if there is none of this number.
     #[inline]
     pub fn place(&mut self, number: i64, new: impl FnOnce() -> Followed) -> (usize, bool) {
         let end = self.tracks.len();
@@ -33,13 +33,13 @@ impl Roster {
         (place, place == end)
     }
 
-    /// The track of a place.
+    /// Returns the track at a place.
     #[inline]
     pub fn at(&mut self, place: usize) -> &mut Followed {
         &mut self.tracks[place].1
     }
 
-    /// Ends to follow rows.
+    /// Stops following rows.
     pub fn close(&mut self) {
         self.places.clear();
         if !self.tracks.is_sorted_by_key(|(number, _)| *number) {
@@ -47,24 +47,24 @@ impl Roster {
         }
     }
 
-    /// The track of this number.
+    /// Returns the track of this number.
     #[cfg(test)]
     pub fn get(&self, number: i64) -> Option<&Followed> {
         let at = self.tracks.binary_search_by_key(&number, |(number, _)| *number).ok()?;
         Some(&self.tracks[at].1)
     }
 
-    /// All tracks, in order of their numbers.
+    /// Returns all tracks, in order of their numbers.
     pub fn all(&self) -> impl Iterator<Item = &Followed> {
         self.tracks.iter().map(|(_, track)| track)
     }
 
-    /// The same with their numbers, to be changed.
+    /// Returns all tracks with their numbers, for changes.
     pub fn all_mut(&mut self) -> impl ExactSizeIterator<Item = (i64, &mut Followed)> {
         self.tracks.iter_mut().map(|(number, track)| (*number, track))
     }
 
-    /// Forgets tracks.
+    /// Drops the tracks for which `keep` is false.
     pub fn retain(&mut self, mut keep: impl FnMut(i64, &Followed) -> bool) {
         self.tracks.retain(|(number, track)| keep(*number, track));
     }

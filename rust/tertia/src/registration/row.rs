@@ -1,9 +1,9 @@
-//! Rows of tracks, and the states that they stand for some seconds later.
+//! Rows of tracks, and their extrapolation over some seconds.
 
 use nalgebra::{Matrix4, Vector4};
 use std::collections::BTreeMap;
 
-/// Acceleration of a target since its last plot, straight on and in a turn, m/s².
+/// Acceleration of a target since its last plot, in straight flight and in a turn, m/s².
 const STRAIGHT: f64 = 0.1;
 const TURN: f64 = 3.0;
 
@@ -14,29 +14,29 @@ pub struct Row {
     pub time: f64,
     /// Number of the track.
     pub track: i64,
-    /// The plot that the track was updated with.
+    /// The plot that has updated the track.
     pub plot: Option<usize>,
     /// Whether the track is confirmed.
     pub confirmed: bool,
     /// East, north, and their rates.
     pub state: [f64; 4],
-    /// Their covariance, row by row.
+    /// Covariance of the state, row by row.
     pub covariance: [f64; 16],
     /// Probability that the target turns.
     pub turn_probability: f64,
 }
 
-/// Tracks, and the track that each plot updated, negative where it updated none.
+/// Tracks, and the track that each plot has updated, negative if there is none.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
     /// The rows, in any order.
     pub rows: Vec<Row>,
-    /// One for each plot.
+    /// Number of the track of each plot.
     pub track_of_plot: Vec<i64>,
 }
 
 impl Row {
-    /// State and covariance so many seconds later: straight on, with the acceleration that is usual.
+    /// Returns state and covariance after some seconds of straight motion with the usual acceleration.
     pub(super) fn extrapolated(&self, ahead: f64) -> (Vector4<f64>, Matrix4<f64>) {
         let mut f = Matrix4::identity();
         f[(0, 2)] = ahead;
@@ -58,7 +58,7 @@ impl Row {
 }
 
 impl Table {
-    /// The confirmed rows of each target, which is named by track.
+    /// Returns the confirmed rows of each target; `target` maps tracks to targets.
     pub(super) fn by_target(
         &self,
         target: impl Fn(i64) -> Option<i64>,
@@ -73,7 +73,7 @@ impl Table {
     }
 }
 
-/// Rows in order of time, those more than `age` after a plot left out.
+/// Returns the rows in order of time, without those more than `age` after the last plot.
 pub(super) fn fresh(mut rows: Vec<&Row>, age: f64) -> Vec<&Row> {
     rows.sort_by(|a, b| a.time.total_cmp(&b.time));
     let mut last = f64::NEG_INFINITY;

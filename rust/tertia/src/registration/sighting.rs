@@ -1,40 +1,40 @@
-//! A plot of a radar in the plane, and how the systematic errors of the radar move it.
+//! A plot of a radar in the plane, and its displacement by the systematic errors of the radar.
 
 use crate::sensors::{HEIGHT_SIGMA, Radar};
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
-/// Systematic errors of a radar: offset of the range, gain of the range, azimuth, clock.
+/// Number of systematic errors of a radar: offset of the range, gain of the range, azimuth, clock.
 pub const ERRORS: usize = 4;
-/// Which of them is the clock.
+/// Index of the clock error.
 pub(super) const CLOCK: usize = 3;
 
-/// Least variance of a position along an axis, in the mean of both.
+/// Least variance of a position along an axis, relative to the mean of both axes.
 const THIN: f64 = 1e-9;
 /// Ground range over slant range below which the target is overhead.
 const OVERHEAD: f64 = 1e-3;
-/// Heights of targets that are not known: up to this, m, and to this sine of the elevation.
+/// Largest height of targets of unknown height, m, and largest sine of their elevation.
 const HIGHEST: f64 = 12_000.0;
 const STEEP: f64 = 0.7;
 
-/// Offset of the range (m), gain of the range (1), azimuth (rad), clock (s): what was measured is
-/// `ρ_m = (1 + γ) ρ + δ`, `θ_m = θ + α`, at `t_m = t + τ`. A sensor that reports positions has those of
+/// Offset of the range (m), gain of the range (1), azimuth (rad), clock (s): the measurements are
+/// `ρ_m = (1 + γ) ρ + δ`, `θ_m = θ + α`, at `t_m = t + τ`. A sensor that reports positions has errors of
 /// east (m) and north (m) in place of offset and azimuth, and no gain.
 pub type Errors = [f64; ERRORS];
 
-/// A position that a sensor reports, and its covariance: of east, of both, of north.
+/// A position that a sensor reports, and its covariance: variance east, covariance, variance north.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Place {
     /// East and north, metres.
     pub position: [f64; 2],
-    /// Square metres; nan where it is that of the sensor.
+    /// Square metres; nan if that of the sensor is valid.
     pub covariance: [f64; 3],
 }
 
-/// A plot as a radar reports it, or a position.
+/// A plot or a position as the sensor reports it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
-    /// Which radar, or other sensor.
+    /// Number of the radar or other sensor.
     pub radar: usize,
     /// Seconds.
     pub time: f64,
@@ -44,7 +44,7 @@ pub struct Report {
     pub azimuth: f64,
     /// Height above the plane in metres; nan where it is not known.
     pub height: f64,
-    /// Of a sensor that reports positions, instead of range and azimuth.
+    /// Position, from a sensor that reports positions instead of range and azimuth.
     pub place: Option<Place>,
 }
 
@@ -54,12 +54,12 @@ impl Report {
         self.range.is_finite() || self.place.is_some()
     }
 
-    /// Largest square of the height of a target that radars usually see at this range.
+    /// Largest squared height of a target that radars usually see at this range.
     pub(super) fn highest(&self) -> f64 {
         (STEEP * self.range).min(HIGHEST).powi(2)
     }
 
-    /// The plot without these errors.
+    /// Returns the plot corrected for these errors.
     pub fn corrected(&self, errors: &Errors) -> Self {
         let [offset, gain, azimuth, clock] = *errors;
         let moved = |place: Place| Place {
@@ -79,28 +79,27 @@ impl Report {
 /// A plot in the plane.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sighting {
-    /// Whether its sensor reports positions, whose noise is that of the report.
+    /// Whether its sensor reports positions; their noise does not follow from noise of range and azimuth.
     pub is_placed: bool,
     pub radar: usize,
     pub time: f64,
     pub position: Vector2<f64>,
-    /// Unit vectors away from the radar and, clockwise, across.
+    /// Unit vectors away from the radar and across (clockwise).
     pub axes: [Vector2<f64>; 2],
-    /// Standard deviations along them, metres.
+    /// Standard deviations along these axes, metres.
     pub sigma: [f64; 2],
     /// Slant range and ground range, metres.
     range: f64,
     ground: f64,
-    /// By how much an error of the height makes the ground range uncertain, metres.
+    /// Standard deviation of the ground range due to the error of the height, metres.
     tilt: f64,
-    /// Largest square of the height, where the range is slant and the height not known.
+    /// Largest squared height, if the range is slant and the height is unknown.
     pub highest: Option<f64>,
 }
 
 impl Sighting {
-    /// Of a plot without errors, at its height or another; none where there is none, or the target is
-    /// overhead.
-    /// `factor` multiplies the standard deviations that the radar states.
+    /// From a corrected plot, at its own height or another one; none if nothing was measured or the target is
+    /// overhead. `factor` multiplies the standard deviations that the radar states.
     pub fn new(plot: &Report, height: f64, radar: &Radar, factor: [f64; 2]) -> Option<Self> {
         if let Some(place) = &plot.place {
             return Some(Self::placed(plot, place, radar.range_sigma));
@@ -131,8 +130,8 @@ impl Sighting {
         Some(seen)
     }
 
-    /// Of a position: its axes are those of its covariance, or any where its sensor has this one of
-    /// each coordinate.
+    /// From a reported position. The axes are those of its covariance, or any if the sensor states the same
+    /// `sigma` for each coordinate.
     fn placed(plot: &Report, place: &Place, sigma: f64) -> Self {
         let known = !place.covariance[0].is_nan();
         let [east, both, north] =
@@ -154,12 +153,12 @@ impl Sighting {
         }
     }
 
-    /// Where its radar is; none of a sensor that reports positions.
+    /// Position of the radar; none for a sensor that reports positions.
     pub fn origin(&self) -> Option<Vector2<f64>> {
         (!self.is_placed).then(|| self.position - self.axes[0] * self.ground)
     }
 
-    /// Standard deviations along and across where those of range (m) and azimuth (rad) are these.
+    /// Standard deviations along and across for these standard deviations of range (m) and azimuth (rad).
     pub fn noise(&self, [range, azimuth]: [f64; 2]) -> [f64; 2] {
         if self.is_placed {
             return self.sigma;
@@ -168,12 +167,13 @@ impl Sighting {
         [(along * along + self.tilt * self.tilt).sqrt(), azimuth * self.ground]
     }
 
-    /// How far a square of the height moves the plot outwards that was not taken from that of its range.
+    /// Distance by which the plot lies too far out because this squared height was not subtracted from the
+    /// squared range.
     pub fn lift(&self, square: f64) -> f64 {
         0.5 * square / self.ground
     }
 
-    /// How far a unit of each error moves the plot along both axes, at this velocity.
+    /// Displacements of the plot along both axes by a unit of each error, for a target with this velocity.
     pub fn design(&self, velocity: Vector2<f64>) -> [Errors; 2] {
         let [a, b] = self.axes;
         let slope = self.range / self.ground;
@@ -257,7 +257,7 @@ pub(super) mod tests {
         let stated = Sighting::new(&report([f64::NAN; 3]), f64::NAN, &radar, [1.0; 2]).unwrap();
         close(stated.sigma[0], 30.0);
         close(stated.sigma[1], 30.0);
-        // its errors are those of east and north, and its clock
+        // its errors are those of east, north and clock
         let errors = [120.0, 0.0, -50.0, 0.3];
         let moved = report([500.0, 200.0, 300.0]).corrected(&errors);
         assert_eq!(moved.place.map(|place| place.position), Some([3880.0, -1950.0]));

@@ -1,56 +1,55 @@
-//! Errors of radars that are far larger than expected, from the tracks of each radar alone at one
-//! instant.
+//! Errors of radars that are far larger than expected, from the tracks of each radar alone at one instant.
 //!
-//! Which track of one radar is which track of another is found together with the errors: from each
-//! possible pair a chain of pairs begins, each taken with the errors that the pairs before it leave
-//! possible. The chain that is most likely, against chance, is right. Cost O(C² N) for C possible
-//! pairs of N targets; from 200 pairs at most a chain begins.
+//! Which tracks of two radars belong to the same target is determined together with the errors. From each
+//! possible pair a chain of pairs begins; each further pair must agree with the errors that the pairs before
+//! it leave possible. The chain with the largest odds against chance is chosen. Cost O(C² N) for C possible
+//! pairs of N targets; chains begin from 200 pairs at most.
 
 use super::sighting::{ERRORS, Errors};
 use crate::sensors::{Identities, Radar};
 use nalgebra::{DMatrix, DVector, Matrix2, SMatrix, SVector, Vector2, Vector4};
 use std::f64::consts::TAU;
 
-/// Standard deviations of large errors, in those of the prior: offset, gain, azimuth, clock.
+/// Standard deviations of large errors, in units of those of the prior: offset, gain, azimuth, clock.
 const WIDE: Errors = [10.0, 1.0, 10.0, 10.0];
-/// Largest differences of two tracks of one target: heights in metres, normalised squares of
-/// velocities (less 3 m/s) and positions, and of positions within a chain.
+/// Largest differences between two tracks of one target: heights in metres, normalised squares of velocities
+/// (after an allowance of 3 m/s) and of positions, and of positions within a chain.
 const HEIGHTS: f64 = 300.0;
 const VELOCITIES: f64 = 16.0;
 const SPARE_SPEED: f64 = 3.0;
 const POSITIONS: f64 = 20.0;
 const IN_CHAIN: f64 = 13.8;
-/// Logarithm of the odds of equal identities.
+/// ln of the odds that equal identities add to a pair.
 const IDENTITIES: f64 = 6.0;
-/// Logarithms of the odds that one radar has large errors, or all have, over none.
+/// Prior ln odds that one radar has large errors, and that all have, against none.
 const ONE: f64 = -3.0;
 const ALL: f64 = -6.0;
-/// Tracks of a radar that are compared with all others, and of these the ones with a possible pair
-/// that are enough.
+/// Number of tracks of a radar that are compared with all others, and number of tracks with a possible pair
+/// that suffices.
 const COMPARED: usize = 200;
 const ENOUGH: usize = 40;
-/// Pairs from which a chain begins, and pairs that a chain needs.
+/// Number of pairs from which a chain begins, and least number of pairs in a chain.
 const CHAINS: usize = 60;
 const FEWEST: usize = 3;
-/// Share of the tracks that a chain has if it is right beyond doubt.
+/// Share of the tracks in a chain from which it is right beyond doubt.
 const COMPLETE: f64 = 0.8;
 
-/// Errors of two radars.
+/// Number of errors of two radars.
 const BOTH: usize = 2 * ERRORS;
 type Design = SMatrix<f64, 2, BOTH>;
 
 /// A track of one radar at the instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Alone {
-    /// Which radar.
+    /// Number of the radar.
     pub radar: usize,
     /// East, north, and their rates.
     pub state: [f64; 4],
-    /// Their covariance, row by row.
+    /// Covariance of the state, row by row.
     pub covariance: [f64; 16],
-    /// Metres; nan where it is unknown.
+    /// Metres; nan if unknown.
     pub height: f64,
-    /// Of the transponder.
+    /// Identities that the transponder reports.
     pub identities: Identities,
 }
 
@@ -62,16 +61,16 @@ impl Alone {
     }
 }
 
-/// Errors from which a registration starts, and how well they are known before.
+/// Errors from which a registration starts, and their prior.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Start {
-    /// Of each radar.
+    /// Errors of each radar.
     pub errors: Vec<Errors>,
-    /// Standard deviations of the prior: those given, wider for a radar that has large errors.
+    /// Prior standard deviations: those given, wider for a radar that has large errors.
     pub prior: Vec<Errors>,
-    /// Those of the errors.
+    /// Standard deviations of the estimated errors.
     pub sigma: Vec<Errors>,
-    /// Pairs of tracks that each radar has in common with others.
+    /// Number of tracks of each radar that are paired with those of others.
     pub paired: Vec<usize>,
 }
 
@@ -82,17 +81,18 @@ struct Pair {
     second: usize,
     off: Vector2<f64>,
     spread: Matrix2<f64>,
-    /// Of the errors of the first radar and of the second, in standard deviations of the prior.
+    /// Displacement by the errors of the first radar and of the second, in standard deviations of the prior.
     design: Design,
-    /// Which of the errors of all radars these are.
+    /// Indices of these errors among those of all radars.
     at: [usize; BOTH],
     bonus: f64,
 }
 
-/// Where the errors of radars are, by hypotheses: none has large errors, one has, all have.
+/// Estimates the errors of the radars under the hypotheses that no radar has large errors, that one has, and
+/// that all have; the likeliest is chosen.
 ///
 /// # Panics
-/// If a track is of no radar, or the lengths differ.
+/// If the radar of a track does not exist, or the lengths differ.
 pub fn start(tracks: &[Alone], radars: &[Radar], prior: &[Errors]) -> Start {
     assert_eq!(prior.len(), radars.len());
     let pairs = associated(tracks, radars, prior);
@@ -134,8 +134,8 @@ pub fn start(tracks: &[Alone], radars: &[Radar], prior: &[Errors]) -> Start {
     }
 }
 
-/// Logarithm of the evidence of errors with these standard deviations, their mean, and the variances
-/// that are left.
+/// Returns ln of the evidence for errors with these prior standard deviations, their mean, and their
+/// remaining variances.
 fn evidence(
     information: &DMatrix<f64>,
     score: &DVector<f64>,
@@ -156,7 +156,7 @@ fn evidence(
     (value, DVector::from_fn(n, |i, _| sigma(i) * solved[i]), variances)
 }
 
-/// The pairs of tracks of one target, radar by radar, the one with most tracks first.
+/// Returns the pairs of tracks of one target, radar by radar, beginning with the radar with the most tracks.
 fn associated(tracks: &[Alone], radars: &[Radar], prior: &[Errors]) -> Vec<Pair> {
     let of = |k: usize| (0..tracks.len()).filter(move |&i| tracks[i].radar == k);
     let mut order: Vec<usize> = (0..radars.len()).collect();
@@ -173,7 +173,7 @@ fn associated(tracks: &[Alone], radars: &[Radar], prior: &[Errors]) -> Vec<Pair>
     found
 }
 
-/// The possible pairs of some of the own tracks with others.
+/// Returns the possible pairs of some of the own tracks with others.
 fn possible(
     tracks: &[Alone],
     own: &[usize],
@@ -194,7 +194,7 @@ fn possible(
     found
 }
 
-/// The most likely chain; empty if it is too short.
+/// Returns the likeliest chain; empty if it is too short.
 fn best_chain(pairs: &[Pair], density: f64, order: usize) -> Vec<Pair> {
     let mut firsts: Vec<usize> = pairs.iter().map(|pair| pair.first).collect();
     firsts.dedup();
@@ -212,7 +212,7 @@ fn best_chain(pairs: &[Pair], density: f64, order: usize) -> Vec<Pair> {
     if best.1.len() >= FEWEST { best.1 } else { Vec::new() }
 }
 
-/// Square metres over which the tracks are.
+/// Area that the tracks cover, square metres.
 fn area(tracks: &[Alone]) -> f64 {
     let side = |axis: usize| {
         let places = || tracks.iter().map(|track| track.state[axis]);
@@ -223,7 +223,7 @@ fn area(tracks: &[Alone]) -> f64 {
     side(0) * side(1)
 }
 
-/// Two tracks, if they can be of one target.
+/// Returns two tracks as a pair, if they can be of one target.
 fn pair(
     tracks: &[Alone],
     first: usize,
@@ -264,13 +264,14 @@ fn pair(
     possible.then_some(Pair { first, second, off, spread, design, at, bonus })
 }
 
-/// What two tracks know together of a target. With the state of each in its own columns, errors that both
-/// radars have in common would explain their errors: a clock error those of position, which are correlated
-/// with those of velocity, and a range offset those of targets near radars at one place.
+/// Common state of the target of two tracks, from which the displacements by the errors of both radars are
+/// computed. If each track's own state were used, errors common to both radars would seem to explain random
+/// errors: a clock error would explain errors of position, which are correlated with those of velocity, and a
+/// range offset those of targets near radars at the same place.
 struct Common {
     place: Vector2<f64>,
     velocity: Vector2<f64>,
-    /// m; nan where neither knows it.
+    /// m; nan if neither track has one.
     height: f64,
 }
 
@@ -291,7 +292,7 @@ impl Common {
         Some(Self { place: 0.5 * (place + other_place), velocity, height })
     }
 
-    /// How far errors of one standard deviation move a track of it.
+    /// Displacement of a track of this target by errors of one standard deviation.
     fn columns(&self, radar: &Radar, prior: &Errors) -> SMatrix<f64, 2, ERRORS> {
         let offset = [0, 1].map(|axis| self.place[axis] - radar.position[axis]);
         let ground = offset[0].hypot(offset[1]).max(1.0);
@@ -313,7 +314,7 @@ fn form(spread: &Matrix2<f64>, off: Vector2<f64>) -> Option<f64> {
     Some(off.dot(&(spread.try_inverse()? * off)))
 }
 
-/// The pairs that follow from one, and the logarithm of their odds against chance.
+/// Returns the pairs that follow from one, and ln of their odds against chance.
 fn chain(pairs: &[Pair], begin: usize, density: f64, order: usize) -> (f64, Vec<Pair>) {
     let mut mean = DVector::<f64>::zeros(order);
     let mut spread = DMatrix::from_diagonal(&DVector::from_fn(order, |i, _| wide(i)));
@@ -341,7 +342,7 @@ fn chain(pairs: &[Pair], begin: usize, density: f64, order: usize) -> (f64, Vec<
     (score, taken)
 }
 
-/// Logarithm of the odds of a pair against chance; none where it is unlikely.
+/// ln of the odds of a pair against chance; none if the pair is unlikely.
 fn gain(pair: &Pair, mean: &DVector<f64>, spread: &DMatrix<f64>, density: f64) -> Option<f64> {
     let total = pair.design_spread(spread) + pair.spread;
     let d = form(&total, pair.off - pair.design * pair.of(mean))?;
@@ -350,18 +351,18 @@ fn gain(pair: &Pair, mean: &DVector<f64>, spread: &DMatrix<f64>, density: f64) -
     (d < IN_CHAIN && odds > 0.0).then_some(odds)
 }
 
-/// Variance of a large error, in units of the prior's.
+/// Variance of a large error, in units of that of the prior.
 fn wide(error: usize) -> f64 {
     WIDE[error % ERRORS].powi(2)
 }
 
 impl Pair {
-    /// The errors of its radars.
+    /// Errors of the two radars among those of all radars.
     fn of(&self, errors: &DVector<f64>) -> SVector<f64, BOTH> {
         SVector::from_fn(|i, _| errors[self.at[i]])
     }
 
-    /// Covariance of the difference by the errors of its radars.
+    /// Covariance of the difference of position due to the errors of the two radars.
     fn design_spread(&self, spread: &DMatrix<f64>) -> Matrix2<f64> {
         let own = SMatrix::<f64, BOTH, BOTH>::from_fn(|i, j| spread[(self.at[i], self.at[j])]);
         let total = self.design * own * self.design.transpose();
@@ -375,8 +376,8 @@ mod tests {
     use super::super::sighting::tests::{PRIOR, radar};
     use super::*;
 
-    /// Errors of position and velocity are correlated in a young track, but a clock error of all radars
-    /// moves their tracks alike, and nothing shows it.
+    /// Errors of position and velocity are correlated in a young track. But a clock error of all radars moves
+    /// their tracks alike, and nothing shows it.
     #[test]
     fn young_tracks_do_not_show_a_clock_error_of_all_radars() {
         let mut covariance = [0.0; 16];
@@ -415,7 +416,7 @@ mod tests {
         assert!((first - second).abs() < PRIOR[CLOCK], "{first} {second}");
     }
 
-    /// Near the radar, two tracks of a target that differ by their errors are in different directions.
+    /// Near the radar, two tracks of a target that differ by random errors lie in different directions.
     #[test]
     fn targets_near_radars_at_one_place_do_not_show_an_offset_of_both() {
         let mut covariance = [0.0; 16];

@@ -1,37 +1,37 @@
-//! Sudden changes of a radar's errors that are larger than the gates, by a vote of the tracks whose
-//! plots are missing.
+//! Sudden changes of a radar's errors that are larger than the gates, by a vote of the tracks whose plots are
+//! missing.
 //!
-//! A track that the radar saw before votes for the distance to each plot near it that no track has.
-//! Where most of them agree, the radar has moved, and not the targets. Cost O(tracks) where no radar
-//! misses many of its tracks; else O(V²) for V votes, of 200 tracks at most.
+//! A track that the radar saw before votes for its distances to the plots near it that no track has taken. If
+//! most of the tracks agree, the errors of the radar have changed; the targets would not all move alike. Cost
+//! O(tracks) if no radar misses many of its tracks; else O(V²) for V votes, of 200 tracks at most.
 
 use super::followed::Followed;
 use super::sighting::Report;
 use crate::base::angle::median;
 use crate::sensors::Radar;
 
-/// Scans of the radar in which a track has a plot, or misses it.
+/// Scans of the radar within which a track has its plot, or misses it.
 const WINDOW: f64 = 1.3;
-/// Scans in which the radar has seen a track that it covers.
+/// Scans within which the radar has seen a track that it covers.
 const COVERED: f64 = 6.0;
-/// Share of the tracks that have a plot where nothing has changed, and tracks that this takes.
+/// Share of the tracks that have a plot if nothing has changed, and least number of covered tracks.
 const SEEN: f64 = 0.75;
 const TRACKS: usize = 6;
-/// Tracks that vote at most.
+/// Largest number of tracks that vote.
 const VOTERS: usize = 200;
-/// Tracks that must agree, and their share of those that miss a plot.
+/// Least number of tracks that agree, and their least share of those that miss a plot.
 const FEWEST: usize = 4;
 const AGREEING: f64 = 0.5;
 /// Largest change, in metres and radians.
 const FAR: f64 = 2500.0;
 const WIDE: f64 = 0.035;
-/// Standard deviations of a plot within which votes agree.
+/// Largest distance of votes that agree, in standard deviations of a plot.
 const AGREED: f64 = 3.9;
-/// Standard deviations of a plot that a change has at least: gates hold smaller ones, and plots are
+/// Least change, in standard deviations of a plot: smaller changes stay within the gates, and plots are
 /// missed for other reasons.
 const LEAST: f64 = 2.0;
 
-/// Whether each radar misses so many of the tracks that it covers that these are to vote.
+/// Returns for each radar whether it misses enough of the tracks that it covers for a vote.
 pub(super) fn suspects<'a>(
     tracks: impl Iterator<Item = &'a Followed>,
     radars: &[Radar],
@@ -50,7 +50,7 @@ pub(super) fn suspects<'a>(
     counts.into_iter().map(|[covered, seen]| is_suspect(covered, seen)).collect()
 }
 
-/// Times since which a radar has seen the tracks that it covers, and those that it does not miss.
+/// Times since which a radar has seen the tracks that it covers, and the tracks that it does not miss.
 fn limits(radar: &Radar, time: f64) -> [f64; 2] {
     [COVERED, WINDOW].map(|scans| time - scans * radar.scan_period)
 }
@@ -59,8 +59,8 @@ fn is_suspect(covered: usize, seen: usize) -> bool {
     covered >= TRACKS && seen as f64 <= SEEN * covered as f64
 }
 
-/// By how much the range (m) and the azimuth (rad) of radar `k` have changed at this time, if they
-/// have. `loose` are the plots that no confirmed track has, without the errors known.
+/// Returns the changes of the range (m) and the azimuth (rad) of radar `k` at this time, if they have
+/// changed. `loose` are the plots that no confirmed track has taken, corrected for the known errors.
 pub(super) fn vote<'a>(
     tracks: impl Iterator<Item = &'a Followed>,
     loose: &[Report],
@@ -106,13 +106,13 @@ pub(super) fn vote<'a>(
     (best.len() >= enough && beyond).then_some(moved)
 }
 
-/// A plot as its radar sees it.
+/// A plot in the polar coordinates of its radar.
 struct Seen {
     time: f64,
     range: f64,
-    /// Sine and cosine of its azimuth.
+    /// Sine and cosine of the azimuth.
     direction: [f64; 2],
-    /// Of its radar, and how high it is above that.
+    /// Position of the radar, and height of the plot above it.
     site: [f64; 2],
     up: f64,
 }
@@ -125,14 +125,15 @@ impl Seen {
         Self { time: plot.time, range: plot.range, direction, site: [x, y], up }
     }
 
-    /// Range and azimuth of the plot less those of a track at its time; none where these are too far.
+    /// Returns range and azimuth of the plot less those of a track at its time; none if they are too far
+    /// apart.
     fn off(&self, track: &Followed) -> Option<[f64; 2]> {
         let ahead = self.time - track.time;
         let [east, north] =
             [0, 1].map(|i| track.position[i] + ahead * track.velocity[i] - self.site[i]);
         let [sine, cosine] = self.direction;
         let (along, across) = (east * sine + north * cosine, east * cosine - north * sine);
-        // by its tangent: most tracks are farther aside
+        // tested by the tangent: most tracks are farther to the side
         let is_near = across.abs() < WIDE * along;
         if !is_near {
             return None;
@@ -147,7 +148,8 @@ mod tests {
     use super::super::sighting::tests::radar;
     use super::*;
 
-    /// Ten tracks on a line; the radar has seen so many, and the others half a degree beside.
+    /// Ten tracks on a line; the radar has seen this number of them, and plots of the others half a degree to
+    /// the side.
     fn scene(seen: usize) -> (Vec<Followed>, Vec<Report>) {
         let (mut tracks, mut loose) = (Vec::new(), Vec::new());
         for i in 0..10 {
@@ -188,7 +190,7 @@ mod tests {
 
     #[test]
     fn missing_plots_are_no_change() {
-        // most tracks have their plot, or those that miss one do not agree
+        // most tracks have their plots, or the tracks that miss one do not agree
         assert_eq!(voted(8), None);
         let (tracks, mut loose) = scene(0);
         for (i, plot) in loose.iter_mut().enumerate() {
@@ -197,7 +199,7 @@ mod tests {
         let radar = radar([0.0; 3], 50.0, 0.08);
         assert_eq!(vote(tracks.iter(), &loose, (0, &radar), 41.0), None);
         assert_eq!(vote(tracks.iter(), &[], (0, &radar), 41.0), None);
-        // plots that are where they should be were missed for another reason
+        // the plots are where they should be: they were missed for another reason
         let (_, mut loose) = scene(0);
         for plot in &mut loose {
             plot.range -= 60.0;

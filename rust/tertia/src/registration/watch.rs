@@ -1,38 +1,41 @@
-//! Noise that has grown suddenly: the last innovations of a radar, against what they should be.
+//! Detection of noise that has grown suddenly, from the latest innovations of a radar.
 //!
-//! Blocks learn noise slowly, and gates cut what they would learn from. So a radar whose last
-//! innovations are far too large has its noise raised at once; only blocks lower it again. As many a scan
-//! are watched however many targets there are: among thousands, twenty are often too large by chance. Cost
-//! O(1) a plot.
+//! Noise is learnt slowly from blocks, and gates remove the plots that would show it. Therefore the noise of
+//! a radar whose latest innovations are far too large is raised at once; only blocks lower it again. The
+//! innovations that are examined together cover at least a certain part of a scan, however many targets there
+//! are: among thousands of innovations, twenty successive ones are often too large by chance. Cost O(1) a
+//! plot.
 
 use crate::base::angle::median;
 use serde::{Deserialize, Serialize};
 
-/// Innovations that are watched at least, and standard errors of their mean square that are too many.
+/// Least number of innovations that are examined, and number of standard errors by which their mean square
+/// must be too large.
 const WATCHED: usize = 20;
 const ERRORS: f64 = 4.5;
-/// Scans that they cover at least.
+/// Least time that they cover, in scans.
 const SCANS: f64 = 1.0 / 16.0;
 /// Innovations by which their number has grown between two looks at the scans that they cover, as a share.
 const MORE: usize = 16;
 /// Share of them that a look leaves out of the next.
 const STEP: usize = 5;
-/// Variance of an innovation over that of the noise above which it says little of the noise.
+/// Largest variance of an innovation relative to that of the noise with which it is used.
 const PREDICTED: f64 = 10.0;
 
-/// The last innovations of a radar along one axis, in standard deviations, and their variance over that
+/// Latest innovations of a radar along one axis, in standard deviations, and their variance relative to that
 /// of the noise.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Watch {
     values: Vec<(f64, f64)>,
-    /// Time of each, in scans.
+    /// Time of each innovation, in scans.
     times: Vec<f64>,
 }
 
 impl Watch {
-    /// Takes an innovation and its variance, which was made with a standard deviation of the noise that
-    /// may be another one now: it counts as if made with this. Its time is in scans. Returns by how much
-    /// the variance of the noise must grow, if so; then it begins anew.
+    /// Adds an innovation with its variance, at a time in scans. The variance was computed with the noise
+    /// `used`, which may be smaller than the present noise `now`; the innovation then counts as if computed
+    /// with the latter. Returns the factor by which the variance of the noise must grow, if it must; the
+    /// watch then starts anew.
     pub fn see(
         &mut self,
         time: f64,
@@ -58,16 +61,16 @@ impl Watch {
         growth
     }
 
-    /// Scans that the innovations cover, whose order is not quite that of time.
+    /// Time in scans that the innovations cover; they are not exactly in order of time.
     fn cover(&self) -> f64 {
         let middle = median(&mut self.times.clone());
         let mut apart: Vec<f64> = self.times.iter().map(|time| (time - middle).abs()).collect();
         4.0 * median(&mut apart)
     }
 
-    /// By how much the variance of the noise must grow.
+    /// Returns the factor by which the variance of the noise must grow, if it must.
     fn growth(&self) -> Option<f64> {
-        // about the mean the squares are half of those about the median at least
+        // quick test: squares about the mean are at least half of those about the median
         let count = self.values.len() as f64;
         let add = |(sum, squares): (f64, f64), (value, _): &(f64, f64)| {
             (sum + value, squares + value * value)
@@ -87,7 +90,7 @@ impl Watch {
     }
 }
 
-/// The largest mean square of noise that has not grown.
+/// Largest mean square with which the noise has not grown.
 fn most() -> f64 {
     1.0 + ERRORS * (2.0 / WATCHED as f64).sqrt()
 }
@@ -148,7 +151,7 @@ mod tests {
 
     #[test]
     fn noise_that_has_grown() {
-        // about the median .2, less the largest 1.6: 17.6 less 2.56 in 20, of variance 2
+        // about the median .2, without the largest, 1.6: 17.6 less 2.56 in 20, with variance 2
         let growth = grown(3.0).unwrap();
         let values = [0.3, -1.1, 0.8, -0.2, 1.5, -0.7, 0.1, -1.4, 0.6, 1.0_f64];
         let sum: f64 = values.iter().map(|v| 2.0 * (v - 0.2).powi(2)).sum();

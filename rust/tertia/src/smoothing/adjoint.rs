@@ -1,11 +1,11 @@
-//! The smoother by covariances, ten times as fast as by rows of information, for tracks whose plots
-//! are of similar precision.
+//! Smoother with covariances, ten times as fast as that with rows of information, for tracks whose plots are
+//! of similar precision.
 //!
-//! A Kalman filter goes forwards from the first instant at which the plots determine the state, and
-//! the adjoint variables go back (Bryson, Frazier 1963; Bierman 1977, chapter 10): with λ and Λ,
-//! what later plots add to the filtered state is `x − P λ` and `P − P Λ P`. Differences of
-//! variances lose digits where a plot is far more precise than its prediction: there, nothing is
-//! returned, and [`smooth`](super::smooth) has to do it.
+//! A Kalman filter runs forwards from the first instant at which the plots determine the state, and the
+//! adjoint variables run backwards (Bryson, Frazier 1963; Bierman 1977, chapter 10): with λ and Λ, later
+//! plots change the filtered state to `x − P λ` and `P − P Λ P`. Differences of variances lose digits if a
+//! plot is far more precise than its prediction: then nothing is returned, and [`smooth`](super::smooth) has
+//! to be used.
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
@@ -23,25 +23,25 @@ use nalgebra::{SMatrix, SVector};
 use pulp::{Arch, Simd, WithSimd};
 use std::f64::consts::TAU;
 
-/// Variance of a prediction over that of its plot from which on too many digits are lost.
+/// Variance of a prediction relative to that of its plot from which on too many digits are lost.
 const LOSS: f64 = 1e6;
 
-/// Instants at the start that are smoothed by rows of information: the filter knows far less there
-/// than the smoother, and a difference of their variances would be inaccurate. For positions, and
-/// for velocities and accelerations.
+/// Number of instants at the start that are smoothed with rows of information, for positions, and for
+/// velocities and accelerations. There the filter knows far less than the smoother, and a difference of their
+/// variances would be inaccurate.
 const OPENING: [usize; 2] = [12, 48];
 
-/// The same as a part of the record, for a target that hardly wanders: the variance of its acceleration
-/// falls with the fifth power of the time, by 3e6 from there to the end.
+/// The same as a fraction of the record (one in `LONG_OPENING` instants), for a target that hardly wanders:
+/// the variance of its acceleration falls with the fifth power of the time, by 3e6 from there to the end.
 const LONG_OPENING: usize = 20;
 
-/// State and covariance after an instant's plot, and how the plot came in, number by number.
+/// State and covariance after the plot of an instant, and the update by the plot, number by number.
 #[derive(Clone, Debug)]
 pub(super) struct Step<const M: usize, const N: usize> {
     pub(super) x: [f64; N],
     pub(super) p: Square<N>,
-    /// `P h` before each number, the variance `1 + h' P h` of its innovation, 0 where there is no
-    /// number, and the innovation.
+    /// `P h` before each number, the variance `1 + h' P h` of its innovation (0 for a missing number), and
+    /// the innovation.
     ph: [[f64; N]; M],
     s: [f64; M],
     innovation: [f64; M],
@@ -53,34 +53,34 @@ pub(crate) struct Adjoint<const M: usize, const N: usize> {
     information: Information,
     whitening: Whitening,
     triangle: Vec<f64>,
-    /// The first instant that is filtered by covariances.
+    /// The first instant that is filtered with covariances.
     pub(super) start: usize,
     /// Rows of information of the instants before it.
     opening: Vec<Vec<f64>>,
     steps: Vec<Step<M, N>>,
 }
 
-/// Where the results go.
+/// Results.
 pub(crate) struct Smoothed<'a> {
     /// States (N, 3D).
     pub mean: &'a mut [f64],
-    /// Covariances (N, R, R) of the first R components, or none.
+    /// Covariances (N, R, R) of the first R components, or empty.
     pub covariance: &'a mut [f64],
     pub components: usize,
-    /// Innovations (N, M) as those of [`smooth`](super::smooth), or none.
+    /// Innovations (N, M) as those of [`smooth`](super::smooth), or empty.
     pub innovation: &'a mut [f64],
-    /// Ratio of a variance to what later plots leave of it, or of a prediction's to that of its plot,
+    /// Ratio of a variance to that with later plots, or of the variance of a prediction to that of its plot,
     /// beyond which nothing is returned.
     pub loss: f64,
 }
 
 impl<const M: usize, const N: usize> Adjoint<M, N> {
-    /// The likelihood alone.
+    /// Returns the likelihood only.
     pub fn likelihood(&mut self, track: &Track<'_>, motion: ProcessNoise) -> Option<Summary> {
         self.forwards(track, motion, None, (&mut [], LOSS))
     }
 
-    /// States and covariances of all instants. Cost O(N).
+    /// Computes states and covariances of all instants. Cost O(N).
     pub fn smooth(
         &mut self,
         track: &Track<'_>,
@@ -133,7 +133,7 @@ impl<const M: usize, const N: usize> Adjoint<M, N> {
         Some(Summary { log_likelihood: 0.0 - 0.5 * (squares + logarithm), count })
     }
 
-    /// The state at the first instant that is filtered by covariances.
+    /// Returns the state at the first instant that is filtered with covariances.
     pub(super) fn open(
         &mut self,
         track: &Track<'_>,
@@ -214,8 +214,8 @@ impl<const M: usize, const N: usize> Adjoint<M, N> {
         self.before(track, motion, out, &l, &big)
     }
 
-    /// The instants of the opening. The rows of information up to one, and those of its motion to the
-    /// state x' after it, are made a triangle: `T x = c + D x'`.
+    /// Smooths the instants of the opening. The rows of information up to an instant, and those of the motion
+    /// to the state x' after it, are triangularised: `T x = c + D x'`.
     fn before(
         &self,
         track: &Track<'_>,
@@ -246,7 +246,7 @@ impl<const M: usize, const N: usize> Adjoint<M, N> {
                 x = root * SVector::from_fn(|i, _| row(i)[N]) + gain * x;
                 let terms = gain.component_mul(&gain) * p.diagonal();
                 p = root * root.transpose() + gain * p * gain.transpose();
-                // where a long step is undone the terms cancel
+                // the terms cancel if a long step is traced back
                 if (0..N).any(|i| terms[i] > out.loss * p[(i, i)]) {
                     return None;
                 }
@@ -264,8 +264,8 @@ impl<const M: usize, const N: usize> Adjoint<M, N> {
         x.iter().all(|x| x.is_finite()).then_some(())
     }
 
-    /// Rows `[Λ^½, η, 0]` of what is known up to instant k and `[G^-1 F, 0, G^-1]` of the motion after
-    /// it, with its noise `G G'`.
+    /// Sets up the rows `[Λ^½, η, 0]` of the information up to instant k, and `[G^-1 F, 0, G^-1]` of the
+    /// motion after it, with its noise `G G'`.
     fn tie(&self, track: &Track<'_>, k: usize, motion: ProcessNoise, rows: &mut Vec<f64>) {
         rows.clear();
         for row in self.opening[k].chunks_exact(N + 1) {
@@ -300,7 +300,7 @@ impl<const M: usize, const N: usize> Adjoint<M, N> {
     }
 }
 
-/// The filter by covariances, for the vectors of the machine.
+/// The filter with covariances, compiled for the vector instructions of the machine.
 struct Filter<'a, const M: usize, const N: usize> {
     track: &'a Track<'a>,
     motion: ProcessNoise,
@@ -308,12 +308,12 @@ struct Filter<'a, const M: usize, const N: usize> {
     step: Step<M, N>,
     squares: f64,
     loss: f64,
-    /// Where the steps are kept, if they are.
+    /// Where the steps are stored; none if they are not kept.
     steps: Option<&'a mut Vec<Step<M, N>>>,
 }
 
 impl<const M: usize, const N: usize> WithSimd for Filter<'_, M, N> {
-    /// The sum of squares, and the variances of the innovations.
+    /// The sum of squares, and the logarithms of the variances of the innovations.
     type Output = Option<(f64, Logarithms)>;
 
     #[inline(always)]
@@ -348,8 +348,8 @@ impl<const M: usize, const N: usize> Step<M, N> {
         motion::advance(N / 3, &mut self.x, &mut self.p, t, motion);
     }
 
-    /// Takes in the plot of an instant, number by number: they are whitened. Returns the sum of
-    /// squares that it adds.
+    /// Updates the state by the plot of an instant, number by number, because these are whitened. Returns the
+    /// sum of squares that the plot adds.
     #[inline(always)]
     fn update(
         &mut self,
@@ -413,7 +413,7 @@ impl<const M: usize, const N: usize> Step<M, N> {
         }
     }
 
-    /// The adjoint variables before the plot, from those after it.
+    /// Takes the adjoint variables back across the plot.
     #[inline(always)]
     fn back(&self, whitener: &[f64], l: &mut [f64; N], mut big: Option<&mut Square<N>>) {
         for i in (0..M).rev() {
@@ -467,7 +467,7 @@ fn move_back<const N: usize>(t: f64, l: &mut [f64; N], mut big: Option<&mut Squa
     }
 }
 
-/// F over a time t.
+/// Transition matrix F over a time t.
 fn steady<const N: usize>(t: f64) -> SMatrix<f64, N, N> {
     let (mut f, d) = (SMatrix::<f64, N, N>::identity(), N / 3);
     for i in 0..d {

@@ -1,4 +1,4 @@
-//! The exact results of a smoother that begins with nothing known, from those that begin with a vague
+//! Exact results of a smoother that starts with an unknown state, from those of one that starts with a vague
 //! state.
 
 // indices are those of the formulas
@@ -6,12 +6,11 @@
 
 use crate::base::small::{Matrix as Square, dot};
 
-/// What rounding must leave of what the plots say of the first state.
+/// Share of the information of the plots about the first state that must remain after rounding.
 const LEAST_PIVOT: f64 = 1e-11;
 
-/// Takes out what the start said, exactly (de Jong 1991): `B` are the smoothed answers to the
-/// first state, so `B Λ^-1 B'` and `B Λ^-1 λ` are missing, with Λ and λ of the first instant.
-/// Cost O(N D³).
+/// Removes the information of the start, exactly (de Jong 1991): with the smoothed responses `B` to the first
+/// state and Λ and λ of the first instant, `B Λ^-1 B'` and `B Λ^-1 λ` are added. Cost O(N D³).
 pub(super) fn forget_start<const N: usize>(
     answers: &[Square<N>],
     l: &[f64; N],
@@ -56,8 +55,8 @@ pub(super) fn forget_start<const N: usize>(
     }
 }
 
-/// What a plot leaves of an answer to the first state, `(I − K H) a`; `P H'`, `H` and variances of
-/// its numbers.
+/// Updates a response to the first state by a plot, `(I − K H) a`, with `P H'`, `H` and the variances of its
+/// components.
 pub(super) fn update<const M: usize, const N: usize>(
     answer: &mut [f64; N],
     (ph, h, s): (&[[f64; N]; M], &[[f64; N]; M], &[f64; M]),
@@ -70,7 +69,7 @@ pub(super) fn update<const M: usize, const N: usize>(
     }
 }
 
-/// What all later plots leave of it: `(I − P Λ) a`.
+/// Updates a response to the first state by all later plots: `(I − P Λ) a`.
 pub(super) fn smooth<const N: usize>(answer: &mut [f64; N], p: &Square<N>, big: &Square<N>) {
     let seen: [f64; N] = std::array::from_fn(|r| dot(&big[r], answer));
     for r in 0..N {

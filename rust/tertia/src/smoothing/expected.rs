@@ -1,18 +1,18 @@
-//! Whether innovations look as they should if the noise is as stated.
+//! Test whether innovations are as expected if the noise is as stated.
 
 use crate::base::distribution::chi_square_upper;
 
-/// So many of their standard deviations are innovations allowed to be off.
+/// Number of standard deviations by which statistics of innovations may differ from expected values.
 const SUSPICIOUS: f64 = 1.5;
-/// Chance that the largest innovation of a healthy track is looked into.
+/// Probability that the largest innovation of a healthy track is found suspicious.
 const OUTLIER: f64 = 0.05;
 
-/// What is asked of innovations.
+/// Properties that innovations are expected to have.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Expected {
-    /// That they are as large as stated, and not correlated.
+    /// They are as large as stated, and not correlated.
     pub white: bool,
-    /// That none is far too large.
+    /// None of them is far too large.
     pub normal: bool,
 }
 

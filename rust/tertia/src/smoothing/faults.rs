@@ -1,8 +1,8 @@
 //! Plots that do not belong to a track, and jumps of its position.
 //!
-//! A position, or a velocity, is an outlier by its difference from what all others say of it; a jump, by
-//! how much it would explain (de Jong, Penzer 1998). The largest are taken out, and the rest is looked at
-//! again.
+//! A position, or a velocity, is recognised as an outlier by its difference from its estimate by all others;
+//! a jump, by how much it would explain (de Jong, Penzer 1998). The largest are removed, and the rest is
+//! examined again.
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
@@ -16,30 +16,30 @@ use super::track::Track;
 use crate::base::angle::median;
 use crate::base::distribution::chi_square_upper_quantile;
 
-/// Chance that one good plot of a track is taken out.
+/// Probability that a good plot of a track is left out.
 const SIGNIFICANCE: f64 = 0.02;
-/// A motion that is not as the model has it may look like a small jump.
+/// Factor of the limit for jumps: a motion that deviates from the model may look like a small jump.
 const JUMP_LIMIT: f64 = 2.0;
-/// A jump that explains less than this over what an outlier does is one.
+/// Factor by which a jump must explain more than an outlier; otherwise it is an outlier.
 const OVER_OUTLIER: f64 = 1.2;
-/// In a round nothing is taken out that explains less than this share of the largest.
+/// Least misfit of what is left out in a round, relative to the largest.
 const SHARE: f64 = 0.2;
 const ROUNDS: usize = 20;
-/// So many positions that are left out one after the other may be a turn.
+/// Number of successive positions that may be a turn if they are left out.
 const LONG: usize = 4;
-/// Fewer plots before a jump, or after it, are outliers.
+/// Least number of plots before and after a jump; fewer are outliers.
 const FEW: usize = 3;
-/// Jumps are at least so many plots apart.
+/// Least number of plots between jumps.
 const APART: usize = 5;
 /// Two jumps with at most this share of the plots between them are the ends of a run of outliers.
 const RUN: f64 = 0.2;
 
-/// What is measured at each instant: positions, and velocities if there are any.
+/// Parts of the measurements of each instant: positions, and velocities if these are measured.
 struct Parts<'a> {
     track: &'a Track<'a>,
-    /// Numbers of each part.
+    /// Number of measured components of each part.
     counts: Vec<usize>,
-    /// What a squared difference is compared with, and its median, for each count.
+    /// Limit of a squared difference, and its median, for each number of components.
     limits: Vec<f64>,
     medians: Vec<f64>,
 }
@@ -57,7 +57,7 @@ impl<'a> Parts<'a> {
         Self { track, counts, limits, medians: quantiles(0.5) }
     }
 
-    /// Parts of an instant.
+    /// Number of parts of an instant.
     fn each(&self) -> usize {
         self.track.numbers / self.track.dimension
     }
@@ -66,8 +66,8 @@ impl<'a> Parts<'a> {
         self.counts.iter().filter(|&&count| count > 0).count()
     }
 
-    /// The median of the squared differences of positions, or of velocities, relative to that of healthy
-    /// ones; at least 1.
+    /// Median of the squared differences of positions, or of velocities, relative to that of healthy ones; at
+    /// least 1.
     fn unit(&self, misfit: &[f64], quantity: Quantity) -> f64 {
         let first = usize::from(quantity == Quantity::Velocity);
         let own = misfit.iter().zip(&self.counts).skip(first).step_by(self.each());
@@ -77,19 +77,19 @@ impl<'a> Parts<'a> {
     }
 }
 
-/// What is found of a track: its faults, where its motion without them is, and the squared differences of all
-/// parts from what the others say of them.
+/// Result for a track: its faults, a start for the search for its motion without them, and the squared
+/// differences of all parts from their estimates by the others.
 struct Settled {
     faults: Faults,
     near: Near,
     misfit: Vec<f64>,
 }
 
-/// The outliers and jumps of a track, and where its motion without them is; none where they
-/// are too many to tell which plots are good.
+/// Returns the outliers and jumps of a track, and a start for the search for its motion without them; none if
+/// they are so many that good plots cannot be recognised.
 ///
-/// What positions tell of each other is asked first, for velocities may be wrong for long; then, which
-/// velocities contradict them.
+/// Positions are compared with each other first, because velocities may be wrong for long; then the
+/// velocities that contradict the positions are found.
 pub(super) fn find_faults<const M: usize, const S: usize, const N: usize>(
     search: &mut Search<'_, M, N>,
 ) -> Option<(Faults, Near)> {
@@ -98,10 +98,10 @@ pub(super) fn find_faults<const M: usize, const S: usize, const N: usize>(
     let (count, each) = (parts.counts.len(), parts.each());
     let mut faults = Faults::none(track);
     (0..count).for_each(|part| faults.gross[part] = part % each > 0);
-    // from a stiff path: a restless one would follow the faults
+    // start from a stiff path: a flexible one would follow the faults
     let near = Near::intensity(search.low);
     let mut found = settle::<M, S, N>(search, &parts, faults, near, Scale::Free)?;
-    // what a stiff path leaves out for long may be a turn
+    // a long run that a stiff path leaves out may be a turn
     let turning = without_runs(&parts, &found.faults);
     let near = search.likeliest(&turning);
     if let Some(other) = settle::<M, S, N>(search, &parts, turning, near, Scale::Stated)
@@ -118,7 +118,7 @@ pub(super) fn find_faults<const M: usize, const S: usize, const N: usize>(
     (2 * gross < parts.known()).then_some((faults, near))
 }
 
-/// Looks again and again, until nothing changes.
+/// Searches for faults again and again, until nothing changes.
 fn settle<const M: usize, const S: usize, const N: usize>(
     search: &mut Search<'_, M, N>,
     parts: &Parts<'_>,
@@ -131,7 +131,7 @@ fn settle<const M: usize, const S: usize, const N: usize>(
     for _ in 0..ROUNDS {
         let best = search.best(Family::Jerk, LastingNoise::NONE, scale, &faults, near);
         near.intensity = best.model.motion.jerk.max(f64::MIN_POSITIVE).ln();
-        // what outliers did to the jerk must not be in the vagueness of the first state
+        // the vague first state must not depend on a jerk that outliers have raised
         search.restart::<S>(best.model.motion.times(best.factor.powi(2)));
         search.engine.smooth(parts.track, &best.model, &faults, &mut found)?;
         for (part, misfit) in misfit.iter_mut().enumerate() {
@@ -146,8 +146,8 @@ fn settle<const M: usize, const S: usize, const N: usize>(
     Some(Settled { faults, near, misfit })
 }
 
-/// Logarithm of the likelihood of positions with the noise as stated, of which those that are left out count as
-/// much as the others, and besides what an outlier exceeds.
+/// Log-likelihood of positions with the noise as stated. Positions that are left out count as much as the
+/// others, and are penalised by half the limit of an outlier each.
 fn score<const M: usize, const N: usize>(
     search: &Search<'_, M, N>,
     parts: &Parts<'_>,
@@ -162,7 +162,7 @@ fn score<const M: usize, const N: usize>(
     best.value * all / (all - gross) - 0.5 * limit * gross
 }
 
-/// Faults without positions that are left out one after the other.
+/// Returns the faults without long runs of positions that are left out.
 fn without_runs(parts: &Parts<'_>, faults: &Faults) -> Faults {
     let mut fewer = faults.clone();
     let known: Vec<usize> = (0..parts.counts.len())
@@ -177,7 +177,7 @@ fn without_runs(parts: &Parts<'_>, faults: &Faults) -> Faults {
     fewer
 }
 
-/// The next guess: with a jump, if that explains most, or else without the worst positions.
+/// Returns the next faults: with a further jump if that explains most, else without the worst positions.
 fn changed(parts: &Parts<'_>, faults: &Faults, misfit: &[f64], jump: &[f64]) -> Faults {
     let (n, each) = (parts.track.len(), parts.each());
     let unit = parts.unit(misfit, Quantity::Position);
@@ -207,8 +207,8 @@ fn changed(parts: &Parts<'_>, faults: &Faults, misfit: &[f64], jump: &[f64]) -> 
     next
 }
 
-/// Replaces two jumps near each other by a run of positions that are outliers, of so many parts at each
-/// instant.
+/// Replaces two jumps near each other by a run of outliers of the positions; `each` is the number of parts of
+/// an instant.
 fn close_runs(each: usize, faults: &mut Faults) {
     let n = faults.jumps.len();
     let jumps: Vec<usize> = (0..n).filter(|&k| faults.jumps[k]).collect();
@@ -222,8 +222,8 @@ fn close_runs(each: usize, faults: &mut Faults) {
     }
 }
 
-/// The squared difference of a part from what all others say of it, over its variance; nan where
-/// nothing is measured.
+/// Squared difference of a part from its estimate by all others, over its variance; nan if nothing is
+/// measured.
 fn of_part<const S: usize>(parts: &Parts<'_>, part: usize, found: &Found, is_gross: bool) -> f64 {
     let Parts { track, counts, .. } = parts;
     if counts[part] == 0 {
@@ -255,7 +255,7 @@ fn of_part<const S: usize>(parts: &Parts<'_>, part: usize, found: &Found, is_gro
             } else if value > 1e-9 {
                 factor[i][i] = value.sqrt();
             } else {
-                // the others say nothing of it
+                // the others do not determine it
                 return 0.0;
             }
         }

@@ -1,22 +1,22 @@
-//! What drives a motion, by maximum likelihood.
+//! Maximum-likelihood estimation of the process noise.
 
 use super::motion::ProcessNoise;
 use super::smoother::{Workspace, likelihood};
 use super::track::Track;
 use crate::base::angle::median;
 
-/// What drives a track, with its uncertainty.
+/// Process noise of a track, with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProcessNoiseFit {
-    /// Without noise where that explains the track best, or where it cannot be determined.
+    /// The process noise; zero if that explains the track best, or if it cannot be determined.
     pub motion: ProcessNoise,
-    /// Standard error of the logarithm of the intensities, from the curvature of the likelihood; ∞ where
+    /// Standard error of the logarithm of the intensities, from the curvature of the likelihood; ∞ if
     /// undetermined.
     pub relative_error: f64,
 }
 
 impl ProcessNoiseFit {
-    /// Standard uncertainty of the jerk, to first order; ∞ where the acceleration or the velocity is noise.
+    /// Standard uncertainty of the jerk, to first order; ∞ if there is white acceleration or velocity.
     pub fn sigma(&self) -> f64 {
         let ProcessNoise { acceleration, velocity, .. } = self.motion;
         if self.relative_error.is_finite() && acceleration == 0.0 && velocity == 0.0 {
@@ -32,19 +32,19 @@ impl ProcessNoiseFit {
     };
 }
 
-/// Motions of which one intensity varies.
+/// Families of motions of which one intensity varies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Family {
     /// White jerk.
     Jerk,
-    /// White acceleration, beside a jerk that hardly shows within the track.
+    /// White acceleration, with a jerk that hardly shows within the track.
     Acceleration,
-    /// White velocity, likewise.
+    /// White velocity, with a jerk that hardly shows within the track.
     Velocity,
 }
 
 impl Family {
-    /// Those of a track, from the logarithm of the intensity.
+    /// Returns the motions of this family for a track, as a function of the logarithm of the intensity.
     pub fn of(self, track: &Track<'_>) -> impl Fn(f64) -> ProcessNoise + use<> {
         let least = range(track, JERK_POWER).map_or(0.0, |(low, _)| low.exp());
         move |log: f64| match self {
@@ -58,7 +58,7 @@ impl Family {
         }
     }
 
-    /// Power of the time with which the noise moves a position.
+    /// Power of the time with which the noise increases the variance of a position.
     pub fn power(self) -> f64 {
         match self {
             Self::Jerk => JERK_POWER,
@@ -67,7 +67,7 @@ impl Family {
         }
     }
 
-    /// That of a motion.
+    /// Returns the family of a motion.
     pub fn that_has(motion: ProcessNoise) -> Self {
         if motion.velocity > 0.0 {
             Self::Velocity
@@ -78,7 +78,7 @@ impl Family {
         }
     }
 
-    /// That with which a fit compares it.
+    /// Returns the family with which a fit compares this one.
     pub fn other(self) -> Self {
         match self {
             Self::Jerk => Self::Acceleration,
@@ -86,13 +86,14 @@ impl Family {
         }
     }
 
-    /// The logarithm of the intensity that fits best what another motion has been fitted to, if the velocity
-    /// wanders: within 0.4 for four of five tracks of 60 to 1,000 such plots.
+    /// Returns the logarithm of the intensity of this family that fits best the plots to which another motion
+    /// was fitted, if the velocity is a random walk: within 0.4 for four of five tracks of 60 to 1,000 such
+    /// plots.
     pub fn like(self, motion: ProcessNoise, track: &Track<'_>) -> f64 {
         let scale = track.position_scale().iter().fold(f64::INFINITY, |least, s| least.min(*s));
         let density = (median_step(track) / (scale * scale)).ln();
         let family = Self::that_has(motion);
-        // of noise of this density, (density / intensity)^(1 / (power + 1)) is averaged
+        // noise of this density is averaged over a time (density / intensity)^(1 / (power + 1))
         let shorter = (family.log(motion) - density) / (family.power() + 1.0);
         let more = match (family, self) {
             (Self::Jerk, Self::Acceleration) => WANDERING_SHORTER,
@@ -102,7 +103,7 @@ impl Family {
         density + (shorter + more) * (self.power() + 1.0)
     }
 
-    /// The logarithm of the intensity that varies.
+    /// Returns the logarithm of the intensity that varies.
     pub fn log(self, motion: ProcessNoise) -> f64 {
         match self {
             Self::Jerk => motion.jerk.ln(),
@@ -113,32 +114,34 @@ impl Family {
 }
 
 const JERK_POWER: f64 = 5.0;
-/// Logarithm of the ratio of times over which the fits of jerk and of acceleration average, where the
-/// velocity wanders.
+/// Logarithm of the ratio of the times over which the fits of jerk and of acceleration average, if the
+/// velocity is a random walk.
 const WANDERING_SHORTER: f64 = 0.3;
-/// Steps of the logarithm of the intensity, in which the likelihood changes slowly.
+/// Step of the logarithm of the intensity within which the likelihood changes slowly.
 const COARSE: f64 = 4.0;
-/// Relative to noise that shows within the shortest step, and within the track.
+/// Lowest intensity relative to noise that shows within the track, and highest intensity relative to noise
+/// that shows within the shortest step.
 const MARGINS: [f64; 2] = [1e-6, 1e2];
-/// More than this many steps towards motion that hides the noise are not made.
+/// Largest number of steps, towards motion that hides the noise or in a climb.
 const MOST_STEPS: usize = 200;
-/// The maximum is found to this, in the logarithm.
+/// Accuracy of the maximum, in the logarithm.
 const SETTLED: f64 = 1e-5;
-/// A gain of more is not by chance.
+/// Least gain of the log-likelihood that is not due to chance.
 const CERTAIN: f64 = 1.0;
-/// A gain of less is rounding.
+/// Gain of the log-likelihood below which it is rounding.
 const GAIN: f64 = 1e-7;
 const GOLDEN: f64 = 0.381_966_011_250_105_1;
 
-/// The motion that makes the plots most likely, with white jerk or with white acceleration. Cost: some 30
-/// filters for each of them that is searched.
+/// Returns the motion that makes the plots most likely, with white jerk or with white acceleration. Cost:
+/// about 30 filters for each of the two families that is searched.
 pub fn fit_process_noise(track: &Track<'_>, workspace: &mut Workspace) -> ProcessNoiseFit {
     let mut value = |motion| likelihood(track, motion, workspace).log_likelihood;
     likeliest(track, None, &mut value)
 }
 
-/// The same by any way to the likelihood, near another motion where that is known: of its family, or of the
-/// other one where that is likelier with an intensity that smooths as much.
+/// As [`fit_process_noise`], with any function that computes the likelihood. The search starts near another
+/// motion if one is given: in its family, or in the other one if that is likelier with an intensity that
+/// smooths as much.
 pub(crate) fn likeliest(
     track: &Track<'_>,
     near: Option<ProcessNoise>,
@@ -147,7 +150,7 @@ pub(crate) fn likeliest(
     let family = near.map_or(Family::Jerk, Family::that_has);
     let log = near.map(|motion| family.log(motion)).filter(|log| log.is_finite());
     let (fit, top) = search(track, family, log, value);
-    // white jerk is left only for what is likelier by more than chance, and always asked
+    // white jerk is given up only for a family that is likelier by more than chance, and is always compared
     let (least, gain) = match family {
         Family::Jerk => (top, CERTAIN),
         Family::Acceleration | Family::Velocity => (f64::NEG_INFINITY, -CERTAIN),
@@ -158,8 +161,8 @@ pub(crate) fn likeliest(
     }
 }
 
-/// The likeliest motion of the other family, where that with the intensity expected there has at least this
-/// likelihood. No error is found.
+/// Returns the likeliest motion of the other family with its log-likelihood, if the intensity that
+/// corresponds to the given motion has at least this log-likelihood. The error is not determined.
 pub(crate) fn likeliest_other(
     track: &Track<'_>,
     motion: ProcessNoise,
@@ -172,8 +175,9 @@ pub(crate) fn likeliest_other(
     is_likely.then(|| search(track, other, Some(like), value))
 }
 
-/// The likeliest motion of a family and its likelihood, by any way to that. Near the logarithm of an intensity that
-/// has been found for almost the same plots the whole range is not searched, and no error is found.
+/// Returns the likeliest motion of a family with its log-likelihood. If the logarithm of an intensity is
+/// given that was found for almost the same plots, only its neighbourhood is searched, and the error is not
+/// determined.
 fn search(
     track: &Track<'_>,
     family: Family,
@@ -199,7 +203,7 @@ fn search(
         }
     };
     let (log, top) = maximum(value, best.0 - COARSE, best, best.0 + COARSE);
-    // of another intensity so far below, none need not be asked
+    // if a lower intensity is so much less likely, no noise at all need not be tried
     let certain = top - below > CERTAIN;
     if !certain && top - value(f64::NEG_INFINITY) < GAIN {
         return (ProcessNoiseFit::UNDETERMINED, top);
@@ -208,7 +212,7 @@ fn search(
     (ProcessNoiseFit { motion: of(log), relative_error }, top)
 }
 
-/// The standard error of the logarithm of an intensity where the likelihood is greatest.
+/// Standard error of the logarithm of an intensity at the maximum of the likelihood.
 pub(crate) fn relative_error(log: f64, top: f64, value: &mut impl FnMut(f64) -> f64) -> f64 {
     // a step that lowers the likelihood by about 1/200 where it is a parabola
     let mut step: f64 = 0.1;
@@ -220,7 +224,7 @@ pub(crate) fn relative_error(log: f64, top: f64, value: &mut impl FnMut(f64) -> 
     if curvature > 1e-3 { 1.0 / curvature.sqrt() } else { f64::INFINITY }
 }
 
-/// The best step from `low` to `high`, and beyond as long as the likelihood rises; and the last.
+/// Returns the best step from `low` to `high`, and beyond as long as the likelihood rises; and the last step.
 fn scan(low: f64, high: f64, value: &mut impl FnMut(f64) -> f64) -> ((f64, f64), f64) {
     let mut best = (low, value(low));
     let (mut log, mut count) = (low, 1);
@@ -235,8 +239,8 @@ fn scan(low: f64, high: f64, value: &mut impl FnMut(f64) -> f64) -> ((f64, f64),
     (best, log)
 }
 
-/// The best step above its neighbours, from that nearest to `near`, after the likelihood of the one
-/// below it; none at the low end.
+/// Climbs to a step that is better than its neighbours, from that nearest to `near`. Returns the likelihood
+/// of the step below it, and the step; none at the low end.
 fn climb(low: f64, near: f64, value: &mut impl FnMut(f64) -> f64) -> Option<(f64, (f64, f64))> {
     let mut at = ((near - low) / COARSE).round();
     let mut of = |at: f64| value(low + at * COARSE);
@@ -265,8 +269,9 @@ pub(super) fn median_step(track: &Track<'_>) -> f64 {
     if steps.is_empty() { 1.0 } else { median(&mut steps) }
 }
 
-/// Logarithms of intensities that show within the track but hardly, and within the shortest step; they
-/// move a position with this power of the time, and a velocity with one that is less by two.
+/// Returns the logarithms of an intensity that hardly shows within the track, and of one that shows within
+/// the shortest step. The variance of a position grows with this power of the time, that of a velocity with a
+/// power that is less by two.
 pub(super) fn range(track: &Track<'_>, power: f64) -> Option<(f64, f64)> {
     if track.measured <= track.rank() {
         return None;
@@ -290,7 +295,7 @@ pub(super) fn range(track: &Track<'_>, power: f64) -> Option<(f64, f64)> {
     Some((low + MARGINS[0].ln(), high + MARGINS[1].ln()))
 }
 
-/// The maximum between two points, by Brent's method: parabolas, and golden sections where they fail.
+/// Returns the maximum between two points, by Brent's method: parabolas, and golden sections where they fail.
 fn maximum(
     f: &mut impl FnMut(f64) -> f64,
     mut low: f64,

@@ -1,10 +1,10 @@
-//! The information of some plots about the state, as rows `R x = z + noise of unit variance`, where x
-//! is the difference to a reference near the plots: nothing large is extrapolated.
+//! Information of some plots about the state, as rows `R x = z + noise of unit variance`, where x is the
+//! difference from a reference near the plots: nothing large is extrapolated.
 //!
-//! There are as many rows as the plots determine: no information is no rows, rather than a large
-//! variance. The state is [positions, velocities, accelerations]. A step in time is
-//! `x' = F x + G w` with w of unit variance; forwards `[R F^-1 G, R F^-1; I, 0]`, backwards
-//! `[R G, R F; I, 0]` is made triangular, and w is left out (Bierman 1977, chapter 6).
+//! There are as many rows as the plots determine: no information means no rows, rather than a large variance.
+//! The state is [positions, velocities, accelerations]. A step in time is `x' = F x + G w` with w of unit
+//! variance. Forwards `[R F^-1 G, R F^-1; I, 0]`, backwards `[R G, R F; I, 0]` is triangularised, and w is
+//! eliminated (Bierman 1977, chapter 6).
 
 use super::motion::ProcessNoise;
 use super::rows::{reduce, reflect, triangularise};
@@ -12,7 +12,7 @@ use super::seen::{Quantity, Seen};
 use super::track::Track;
 use std::ops::Range;
 
-/// Sum of logarithms, most of them taken of products.
+/// Sum of logarithms, computed from products as far as possible.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Logarithms {
     sum: f64,
@@ -36,14 +36,14 @@ impl Logarithms {
     }
 }
 
-/// Which way time goes.
+/// Direction in time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Direction {
     Forwards,
     Backwards,
 }
 
-/// The rows, with z as their last column.
+/// Rows of information, with z as their last column.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Information {
     pub rows: Vec<f64>,
@@ -53,7 +53,7 @@ pub(super) struct Information {
 }
 
 impl Information {
-    /// No information, or that of a prior.
+    /// Starts without information, or with that of a prior.
     pub fn start(&mut self, dimension: usize, prior: &[f64]) {
         let n = 3 * dimension;
         self.rows.clear();
@@ -69,7 +69,8 @@ impl Information {
         self.seen.iter().map(|seen| seen.count).sum()
     }
 
-    /// Goes between instants `k` and `k + 1`; adds what is left out to `logarithms`.
+    /// Moves the information between instants `k` and `k + 1`; adds the logarithms of the pivots of the
+    /// eliminated noise to `logarithms`.
     #[inline(always)]
     pub fn advance(
         &mut self,
@@ -135,7 +136,7 @@ impl Information {
         }
     }
 
-    /// Takes in some numbers of the plot of instant `k`; returns the sum of squares that they add.
+    /// Adds some components of the plot of instant `k`; returns the sum of squares that they add.
     #[inline(always)]
     pub fn observe(&mut self, n: usize, track: &Track<'_>, k: usize, numbers: Range<usize>) -> f64 {
         let (d, width) = (n / 3, n + 1);
@@ -152,7 +153,7 @@ impl Information {
             self.rows.resize(start + width, 0.0);
             let out = &mut self.rows[start..];
             for j in 0..=i {
-                // those that are not there have the weight 0
+                // missing components have the weight 0
                 if row[j] != 0.0 {
                     out[j] = row[j];
                     let near = if j < d { reference[j] } else { 0.0 };
@@ -175,8 +176,8 @@ impl Information {
         squares
     }
 
-    /// The rows as an upper triangle in `out`, with what is not `seen` fixed: that changes nothing
-    /// that is determined.
+    /// Writes the rows as an upper triangle to `out`. Components that are not `seen` are fixed, which changes
+    /// nothing that is determined.
     #[inline(always)]
     pub fn complete(&mut self, n: usize, track: &Track<'_>, out: &mut Vec<f64>) {
         out.clear();
@@ -185,7 +186,7 @@ impl Information {
     }
 }
 
-/// Adds rows for what is not determined, and makes all of them an upper triangle.
+/// Adds rows for what is not determined, and triangularises all rows.
 #[inline(always)]
 pub(super) fn complete(
     n: usize,
@@ -206,7 +207,7 @@ pub(super) fn complete(
     triangularise(rows, width, n, sums);
 }
 
-/// A row times G of all axes.
+/// Multiplies a row by G for all axes.
 #[inline(always)]
 fn times_root(row: &[f64], d: usize, g: &[f64; 6], out: &mut [f64]) {
     for axis in 0..d {

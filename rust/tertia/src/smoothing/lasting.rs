@@ -1,8 +1,8 @@
-//! The smoother for noise that lasts: a share of that of the positions is a Gauss–Markov process, one for
-//! every whitened axis, which is part of the state. Plots may be left out, and the position may jump.
+//! Smoother for correlated noise: a share of the noise is a Gauss–Markov process for every whitened axis,
+//! which is part of the state. Plots may be left out, and the position may jump.
 //!
-//! A Kalman filter goes forwards from a vague state, the adjoint variables go back (Bryson, Frazier
-//! 1963), as in [`adjoint`](super::adjoint); nothing is inverted.
+//! A Kalman filter runs forwards from a vague state, and the adjoint variables run backwards (Bryson, Frazier
+//! 1963), as in [`adjoint`](super::adjoint); no matrix is inverted.
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
@@ -18,45 +18,45 @@ use crate::base::interrupt::poll;
 use crate::base::small::{Matrix as Square, dot, symmetrise};
 use pulp::Arch;
 
-/// Variance of the first state over that of the plots that determine it.
+/// Variance of the first state relative to that given by the plots that determine it.
 const VAGUE: f64 = 1e3;
-/// The same, where that of the smoothed first state is known.
+/// Variance of the first state relative to that of the smoothed first state, if the latter is known.
 const VAGUE_AFTER_ALL: f64 = 1e4;
-/// Variance of a jump over that of a plot, and over the square of what the plot shows of it: the
-/// larger, the more digits are lost.
+/// Variance of a jump relative to that of a plot, and relative to the square of the jump that the plot shows:
+/// the larger these are, the more digits are lost.
 const JUMP: [f64; 2] = [1e4, 10.0];
-/// What is left of a variance must be more than rounding.
+/// Share of a variance that must remain; what is less is rounding.
 const LEAST_SHARE: f64 = 1e-11;
-/// What rounding leaves of a variance, at least.
+/// Least share of a variance that rounding leaves.
 const FLOOR: f64 = 1e-13;
-/// How often smoothing begins anew near what it found.
+/// Largest number of attempts, each of which starts near the result of the one before.
 const ATTEMPTS: usize = 12;
-/// Ratio of the variances of two attempts up to which neither is rounding.
+/// Largest ratio of the variances of two attempts with which neither is due to rounding.
 const ALIKE: f64 = 30.0;
 
-/// The fit of a model: the sum of squared innovations and that of the logarithms of their variances.
+/// Fit of a model: the sums of the squared innovations and of the logarithms of their variances.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Fit {
     pub squares: f64,
     pub logarithms: f64,
-    /// Numbers that came in.
+    /// Number of innovations.
     pub count: usize,
 }
 
-/// State and covariance before an instant's plot, and how the plot came in.
+/// State and covariance before the plot of an instant, and the update by the plot.
 #[derive(Clone, Debug)]
 struct Step<const M: usize, const N: usize> {
     x: [f64; N],
     p: Square<N>,
     ph: [[f64; N]; M],
     h: [[f64; N]; M],
-    /// 0 where there is no number.
+    /// Variances of the innovations; 0 for a missing number.
     s: [f64; M],
     innovation: [f64; M],
 }
 
-/// Where the results go: states (N, 3D) with covariances, whitened innovations (N, M) of unit
-/// variance, and of every instant how much a jump before it would explain, as a chi-square variable.
+/// Results: states (N, 3D) with covariances, whitened innovations (N, M) of unit variance, and for each
+/// instant how much a jump before it would explain, as a chi-square variable.
 #[derive(Debug, Default)]
 pub(super) struct Found {
     pub mean: Vec<f64>,
@@ -66,38 +66,38 @@ pub(super) struct Found {
 }
 
 impl Found {
-    /// Variances of the first state, 1 beyond it.
+    /// Variances of the first state; 1 for the components of the noise.
     fn first_variances<const N: usize>(&self) -> [f64; N] {
         let states = N / 4 * 3;
         std::array::from_fn(|i| if i < states { self.covariance[i * (states + 1)] } else { 1.0 })
     }
 }
 
-/// Whether variances of two attempts are so near each other that neither is rounding.
+/// Whether the variances of two attempts are so similar that neither is due to rounding.
 fn are_alike<const N: usize>(own: &[f64; N], other: &[f64; N]) -> bool {
     let ratios = own.iter().zip(other).map(|(own, other)| own / other);
-    // nan before anything is known
+    // nan before the first attempt
     ratios.into_iter().all(|ratio| ratio > 1.0 / ALIKE && ratio < ALIKE)
 }
 
 /// Mean and covariance.
 type State<const N: usize> = ([f64; N], Square<N>);
 
-/// A track with D axes, plots of M numbers and N = 4 D.
+/// Smoother of a track with D axes, plots of M numbers and N = 4 D.
 pub(super) struct Lasting<const M: usize, const N: usize> {
     start: State<N>,
-    /// A vague state about what all plots say of the first one. The first plots alone may say so little
-    /// that a smoother which begins with them loses all digits.
+    /// A vague state near the smoothed first state. The first plots alone may determine this state so badly
+    /// that a smoother that starts from them loses all digits.
     smoothed: Option<State<N>>,
-    /// Variances of the first state when it was smoothed last.
+    /// Variances of the first state after the last smoothing.
     variances: [f64; N],
     steps: Vec<Step<M, N>>,
-    /// Of each instant, how its state answers to each component of the first one.
+    /// Response of the state at each instant to each component of the first state.
     answers: Vec<Square<N>>,
 }
 
 impl<const M: usize, const N: usize> Lasting<M, N> {
-    /// None where the plots do not determine the state of each axis.
+    /// Returns none if the plots do not determine the state of each axis.
     pub fn new<const S: usize>(track: &Track<'_>, motion: ProcessNoise) -> Option<Self> {
         let d = track.dimension;
         assert!(track.numbers == M && S == 3 * d && N == 4 * d);
@@ -115,7 +115,8 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
         Some(Self { start, smoothed: None, variances, steps: Vec::new(), answers: Vec::new() })
     }
 
-    /// Sets state and covariance of the first instant for white noise: smoothing begins near them.
+    /// Sets the state and covariance of the first instant as found for white noise; smoothing starts near
+    /// them.
     pub fn near(mut self, track: &Track<'_>, mean: &[f64], covariance: &[f64]) -> Self {
         if track.prior.is_empty() {
             self.smoothed = near(track, (mean, covariance), &self.start, VAGUE_AFTER_ALL);
@@ -123,7 +124,7 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
         self
     }
 
-    /// The same with what another engine found.
+    /// Takes over the first state that another engine has found.
     pub fn after(mut self, other: &Self) -> Self {
         (self.smoothed, self.variances) = (other.smoothed, other.variances);
         self
@@ -143,11 +144,11 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
         })
     }
 
-    /// Smooths; none where rounding leaves too little of a variance. Cost O(N D³) for each attempt.
+    /// Smooths; returns none if rounding leaves too little of a variance. Cost O(N D³) for each attempt.
     ///
-    /// Rounding adds about `ε ρ²` to a variance, relative to itself, where ρ is that of the start over it: too
-    /// large variances may come of a start that is too vague. So it begins near what it found, until that is
-    /// what it began with.
+    /// Rounding adds about `ε ρ²` to a variance, relative to itself, where ρ is the ratio of the variance at
+    /// the start to it: a start that is too vague may give too large variances. Therefore smoothing starts
+    /// again near its own result, until the result agrees with the start.
     pub fn smooth(
         &mut self,
         track: &Track<'_>,
@@ -168,7 +169,7 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
             }
             let own = out.first_variances();
             let found = (&out.mean[..], &out.covariance[..]);
-            // at last variances that are too large are better than none
+            // in the last attempt, variances that are too large are better than none
             if is_well && (are_alike(&own, &before) || attempt == ATTEMPTS) {
                 self.smoothed = near(track, found, &vague, VAGUE_AFTER_ALL);
                 self.variances = own;
@@ -180,7 +181,7 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
         None
     }
 
-    /// Whether no variance is lost to rounding.
+    /// Filters and smooths once; returns whether no variance is lost to rounding.
     fn pass(&mut self, track: &Track<'_>, model: &Model, faults: &Faults, out: &mut Found) -> bool {
         let (n, d) = (track.len(), N / 4);
         let states = 3 * d;
@@ -247,7 +248,7 @@ impl<const M: usize, const N: usize> Lasting<M, N> {
     }
 }
 
-/// A vague state about what is known of the first one; none where that is not finite.
+/// Returns a vague state near the known first state; none if that is not finite.
 fn near<const N: usize>(
     track: &Track<'_>,
     (mean, covariance): (&[f64], &[f64]),
@@ -266,7 +267,7 @@ fn near<const N: usize>(
     (0..states).all(|i| x[i].is_finite() && p[i][i].is_finite()).then_some((x, p))
 }
 
-/// A state at the first instant that agrees with the first plots, but has far too large a covariance.
+/// Returns a state at the first instant that agrees with the first plots, but has a far too large covariance.
 fn vague<const M: usize, const S: usize>(
     track: &Track<'_>,
     motion: ProcessNoise,
@@ -290,7 +291,7 @@ fn vague<const M: usize, const S: usize>(
     Some((step.x, step.p))
 }
 
-/// The prior at the first instant, which is given by rows of information.
+/// Returns the prior at the first instant, which is given as rows of information.
 fn prior<const S: usize>(track: &Track<'_>) -> ([f64; S], Square<S>) {
     // the rows are those of N = L^-1, where L is the factor of the covariance
     let width = S + 1;
@@ -363,7 +364,7 @@ impl<const M: usize, const N: usize> Step<M, N> {
         }
     }
 
-    /// Takes in the plot of an instant, number by number: they are whitened.
+    /// Updates the state by the plot of an instant, number by number, because these are whitened.
     #[inline(always)]
     fn update(
         &mut self,
@@ -386,7 +387,7 @@ impl<const M: usize, const N: usize> Step<M, N> {
             h[3 * d + i % d] = (share * variance).sqrt();
             let mut late = 0.0;
             if i >= d && model.velocity_time_offset != 0.0 {
-                // v - a lag
+                // a velocity that lags measures v - a lag
                 for j in (d..=i).filter(|&j| !plot[j].is_nan()) {
                     h[j + d] = -h[j] * model.velocity_time_offset;
                     late -= h[j + d] * track.trend_acceleration(j - d);
@@ -413,7 +414,7 @@ impl<const M: usize, const N: usize> Step<M, N> {
         }
     }
 
-    /// The adjoint variables before the i-th number, from those after it.
+    /// Takes the adjoint variables back across the i-th number.
     #[inline(always)]
     fn back(&self, i: usize, l: &mut [f64; N], big: &mut Square<N>) {
         if self.s[i] == 0.0 {
@@ -434,7 +435,7 @@ impl<const M: usize, const N: usize> Step<M, N> {
         }
     }
 
-    /// `P − P Λ P` of the first components; whether rounding leaves enough of the variances.
+    /// `P − P Λ P` of the first components; returns whether rounding leaves enough of the variances.
     fn smoothed_covariance(&self, big: &Square<N>, components: usize, out: &mut [f64]) -> bool {
         let mut is_well = true;
         for i in 0..components {
@@ -465,8 +466,7 @@ fn back<const N: usize>(t: f64, phi: f64, l: &mut [f64; N], big: &mut Square<N>)
     symmetrise(big);
 }
 
-/// `λ' Λ^-1 λ` of the positions: how much a jump before this instant would explain (de Jong, Penzer
-/// 1998).
+/// `λ' Λ^-1 λ` of the positions: how much a jump before this instant would explain (de Jong, Penzer 1998).
 fn explained<const N: usize>(l: &[f64; N], big: &Square<N>) -> f64 {
     let mut factor = [[0.0; N]; N];
     let (mut white, mut sum) = ([0.0; N], 0.0);

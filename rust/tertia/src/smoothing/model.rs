@@ -1,14 +1,14 @@
-//! What a track may be besides as stated: its motion, noise that differs, and faults.
+//! Model of a track: its motion, noise that differs from the stated one, and faults.
 
 use super::motion::ProcessNoise;
 use super::seen::Quantity;
 use super::track::Track;
 
-/// Noise of the whitened positions, or velocities, of which a share lasts.
+/// Noise of the whitened positions or velocities, a share of which is correlated over time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct LastingNoise {
     pub of: Quantity,
-    /// The white part has the variance `1 − share` of the whole.
+    /// Share of the variance that lasts; the white part has the variance `1 − share`.
     pub share: f64,
     /// Correlation time of the lasting part.
     pub time: f64,
@@ -17,7 +17,7 @@ pub(super) struct LastingNoise {
 impl LastingNoise {
     pub const NONE: Self = Self { of: Quantity::Position, share: 0.0, time: 0.0 };
 
-    /// The correlation over a time.
+    /// Correlation of the lasting part over a time.
     pub fn correlation(&self, t: f64) -> f64 {
         if self.share == 0.0 { 0.0 } else { (-t / self.time).exp() }
     }
@@ -28,7 +28,7 @@ impl LastingNoise {
 pub(super) struct Model {
     pub motion: ProcessNoise,
     pub lasting: LastingNoise,
-    /// Over the stated standard deviations of velocities.
+    /// Standard deviation of velocities relative to the stated one.
     pub velocity_factor: f64,
     /// Time by which velocities lag behind positions.
     pub velocity_time_offset: f64,
@@ -46,7 +46,7 @@ impl Model {
     }
 }
 
-/// A time, and the correlation of lasting noise over that: most steps are as long as the one before.
+/// The last time and the correlation of lasting noise over it: most steps are as long as the one before.
 #[derive(Default)]
 pub(super) struct Faded {
     time: f64,
@@ -63,17 +63,17 @@ impl Faded {
     }
 }
 
-/// What does not belong to the path.
+/// Measurements that do not belong to the path, and jumps.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Faults {
-    /// Positions that are left out, and velocities if these are measured, plot by plot.
+    /// Positions, and velocities if these are measured, that are left out, plot by plot.
     pub gross: Vec<bool>,
     /// Instants before which the position jumps.
     pub jumps: Vec<bool>,
 }
 
 impl Faults {
-    /// None at all.
+    /// Returns no faults.
     pub fn none(track: &Track<'_>) -> Self {
         let parts = track.parts().count() * track.len();
         Self { gross: vec![false; parts], jumps: vec![false; track.len()] }

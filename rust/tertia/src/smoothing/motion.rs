@@ -1,14 +1,15 @@
-//! Motion of a state from one instant to the next, with a random jerk, and random accelerations and steps besides.
+//! Motion of a state from one instant to the next, driven by white jerk, and by white acceleration and
+//! velocity in addition.
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
 
 use crate::base::small::{Matrix as Square, symmetrise};
 
-/// What drives a motion: the intensities of white noise in its jerk, its acceleration and its velocity.
+/// Noise that drives a motion: the intensities of white jerk, white acceleration and white velocity.
 ///
-/// Acceleration and velocity of the state are what is left without their white noise. That of the acceleration
-/// alone is a velocity that wanders, that of the velocity alone a position that does.
+/// The acceleration and the velocity of the state do not include their white noise. White acceleration alone
+/// makes the velocity a random walk, white velocity alone the position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProcessNoise {
     /// Intensity of the white jerk, in position² / time⁵.
@@ -20,12 +21,12 @@ pub struct ProcessNoise {
 }
 
 impl ProcessNoise {
-    /// With a white jerk alone.
+    /// Returns white jerk alone.
     pub fn with_jerk(jerk: f64) -> Self {
         Self { jerk, acceleration: 0.0, velocity: 0.0 }
     }
 
-    /// With all noise so many times as intense.
+    /// Returns all intensities multiplied by a factor.
     pub(crate) fn times(self, factor: f64) -> Self {
         let Self { jerk, acceleration, velocity } = self;
         Self {
@@ -35,12 +36,12 @@ impl ProcessNoise {
         }
     }
 
-    /// Without noise.
+    /// Whether there is no noise.
     pub(super) fn is_certain(self) -> bool {
         self.jerk == 0.0 && self.acceleration == 0.0 && self.velocity == 0.0
     }
 
-    /// The lower G with `G G^T = Q`, for one axis over the time t.
+    /// Returns the lower triangular G with `G G^T = Q`, for one axis over the time t.
     pub(super) fn noise_root(self, t: f64) -> [f64; 6] {
         // Q = q [[t^5/20, t^4/8, t^3/6], [., t^3/3, t^2/2], [., ., t]]
         if self.velocity > 0.0 {
@@ -57,7 +58,7 @@ impl ProcessNoise {
                 s / 3.0,
             ];
         }
-        // and a [[t^3/3, t^2/2], [., t]]: without cancellation, over powers of t
+        // plus a [[t^3/3, t^2/2], [., t]]: without cancellation, divided by powers of t
         let (q, a) = (self.jerk * t * t * t, self.acceleration * t);
         let (first, second) = (20.0 * a + 3.0 * q, 240.0 * a * a + 104.0 * a * q + 3.0 * q * q);
         let g00 = (first / 60.0).sqrt();
@@ -68,10 +69,10 @@ impl ProcessNoise {
         [g00 * t, g10, g11, g20 / t, g21 / t, g22 / t]
     }
 
-    /// The same with a white velocity, which leaves the others apart: nothing cancels.
+    /// The same with white velocity, computed from the root for the other noise without cancellation.
     fn wandering_root(self, t: f64) -> [f64; 6] {
         let [g00, g10, g11, g20, g21, g22] = Self { velocity: 0.0, ..self }.noise_root(t);
-        // G G' and v t at the position: of (a, b)' of lengths s and r, a becomes (s² + v t)^½
+        // v t is added to the variance of the position in G G': the first element becomes (g00² + v t)^½
         let (added, s) = (self.velocity * t, g00.hypot((self.velocity * t).sqrt()));
         let (h10, h20) = (g10 * g00 / s, g20 * g00 / s);
         let share = added / (s * s);
@@ -80,7 +81,7 @@ impl ProcessNoise {
             return [s, h10, 0.0, h20, 0.0, g22];
         }
         let h21 = (g11 * g21 + share * g10 * g20) / h11;
-        // of what is left of the last, by the identity of Lagrange
+        // what remains for the last element, by the identity of Lagrange
         let cross = share * (g11 * g20 - g21 * g10).powi(2) / (h11 * h11);
         [s, h10, h11, h20, h21, (g22 * g22 + cross).sqrt()]
     }
@@ -88,7 +89,7 @@ impl ProcessNoise {
 
 /// `x = F x`, `P = F P F' + Q` of the first `3 d` components: positions, velocities, accelerations.
 ///
-/// What further components move by is the caller's; their rows and columns are moved along. `O(N²)`.
+/// The caller moves further components; here, only their covariances with the first ones change. `O(N²)`.
 #[inline(always)]
 pub(super) fn advance<const N: usize>(
     d: usize,
@@ -136,7 +137,7 @@ pub(super) fn advance<const N: usize>(
     }
 }
 
-/// `F x`, where x is any row of positions, velocities and accelerations.
+/// `F x`, where x is a row of positions, velocities and accelerations.
 #[inline(always)]
 pub(super) fn advance_row<const N: usize>(d: usize, row: &mut [f64; N], t: f64, half: f64) {
     for i in 0..d {
@@ -146,7 +147,7 @@ pub(super) fn advance_row<const N: usize>(d: usize, row: &mut [f64; N], t: f64, 
     }
 }
 
-/// `F' λ` and `F' Λ F` of D axes, not yet made symmetric; other components stay as they are.
+/// `F' λ` and `F' Λ F` for D axes, not yet made symmetric; other components do not change.
 #[inline(always)]
 pub(super) fn turn_back<const N: usize>(
     d: usize,
@@ -178,7 +179,7 @@ pub(super) fn turn_back<const N: usize>(
 mod tests {
     use super::*;
 
-    /// `G G'` is what `advance` adds to no covariance.
+    /// `G G'` must be what `advance` adds to a covariance of zero.
     #[test]
     fn the_root_is_that_of_the_noise() {
         let motions = [(2.0, 0.0), (1e-9, 3.0), (4.0, 1e-9), (0.7, 0.2), (1e6, 5.0)];

@@ -1,8 +1,9 @@
-//! How the noise of a track differs from what is stated: larger, lasting, with outliers and jumps.
+//! Noise of a track that differs from the stated noise: larger or correlated noise, outliers and jumps.
 //!
-//! Where innovations look as they should, nothing is changed. Otherwise models of the noise are
-//! compared by their likelihood, each with its own motion, and their estimates are averaged. One has
-//! white noise, and a velocity that wanders, one a position that does: what is no jerk need not be noise.
+//! If innovations are as expected, nothing is changed. Otherwise models of the noise are compared by their
+//! likelihoods, each with its own motion, and their estimates are averaged. One of the models has white noise
+//! and a velocity that is a random walk, another one a position that is a random walk: motion without white
+//! jerk need not be noise.
 
 use super::expected::Expected;
 use super::faults::find_faults;
@@ -16,54 +17,54 @@ use super::seen::Quantity;
 use super::smoother::{Workspace, likelihood, smooth};
 use super::track::Track;
 
-/// Correlations of successive plots that are tried, and shares of the noise that lasts.
+/// Correlations of successive plots that are tried, and shares of the noise that are correlated.
 const CORRELATIONS: [f64; 7] = [0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98];
 const SHARES: [f64; 2] = [0.95, 0.6];
-/// Prior probability that the noise is white, and of those cases that the velocity wanders.
+/// Prior probability that the noise is white, and in these cases that the velocity is a random walk.
 const WHITE: f64 = 0.5;
 const WANDERING: f64 = 0.5;
-/// Prior probability, over that of all others, that the position wanders: so small that it hardly counts where
-/// the plots do not ask for it.
+/// Prior probability, relative to that of all others, that the position is a random walk: so small that it
+/// hardly counts unless the plots require it.
 const ROUGH: f64 = 0.02;
-/// A model of less weight does not count.
+/// Least weight of a model that counts.
 const LEAST_WEIGHT: f64 = 0.02;
 
-/// What is known of the noise.
+/// Assumptions about the noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// The intensity of the jerk; none: to be found.
+    /// Intensity of the jerk; none: to be estimated.
     pub jerk: Option<f64>,
-    /// The time over which the noise is correlated, 0 for white noise; none: to be found.
+    /// Time over which the noise is correlated, 0 for white noise; none: to be estimated.
     pub correlation_time: Option<f64>,
-    /// Whether noise may be larger than stated, plots outliers, and the position may jump.
+    /// Whether noise may be larger than stated, plots may be outliers, and the position may jump.
     pub robust: bool,
 }
 
 impl Options {
-    /// How innovations are if the noise is as stated.
+    /// Returns the expected properties of innovations if the noise is as stated.
     fn expected(&self) -> Expected {
         Expected { white: self.correlation_time.is_none(), normal: self.robust }
     }
 }
 
-/// What was found.
+/// Estimated noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NoiseFit {
-    /// The motion of the most likely model, with its uncertainty for noise as stated.
+    /// Motion of the likeliest model, with its uncertainty for noise as stated.
     pub motion: ProcessNoiseFit,
-    /// Correlation time of the most likely model; 0 for white noise.
+    /// Correlation time of the likeliest model; 0 for white noise.
     pub correlation_time: f64,
-    /// What the stated standard deviations of positions are multiplied by, at least 1.
+    /// Factor of the stated standard deviations of positions, at least 1.
     pub noise_factor: f64,
-    /// The same of velocities.
+    /// Factor of the stated standard deviations of velocities.
     pub velocity_noise_factor: f64,
     /// Time by which velocities lag behind positions.
     pub velocity_time_offset: f64,
 }
 
-/// Smooths a track; `outlier` (N, 1 or 2) says which positions, and velocities, are left out. Where the noise
-/// is as stated the result is that of [`smooth`]. Cost O(N D³), about 15 filters, or hundreds where the
-/// innovations are suspicious. The summary is that of the noise as stated.
+/// Smooths a track; `outlier` (N, 1 or 2) marks the positions, and velocities, that are left out. If the
+/// noise is as stated, the result is that of [`smooth`]. Cost O(N D³): about 15 filters, or hundreds if the
+/// innovations are suspicious. The summary is that for the noise as stated.
 pub fn smooth_with_noise(
     track: &Track<'_>,
     options: &Options,
@@ -109,8 +110,8 @@ pub fn smooth_with_noise(
     (summary, noise)
 }
 
-/// Makes the covariance that of a mixture with the motion of the other family, where that is likely: its second
-/// moment about the mean, which stays.
+/// Makes the covariance that of a mixture with the motion of the other family, if that is likely: the second
+/// moment about the mean, which does not change.
 fn add_other_family(
     track: &Track<'_>,
     fit: &ProcessNoiseFit,
@@ -140,7 +141,7 @@ fn add_other_family(
     }
 }
 
-/// Replaces the results by those of the models that the plots ask for.
+/// Replaces the results by those of the models that the plots support.
 fn improve<const M: usize, const S: usize, const N: usize>(
     track: &Track<'_>,
     fit: &ProcessNoiseFit,
@@ -157,7 +158,7 @@ fn improve<const M: usize, const S: usize, const N: usize>(
     if let Some(found) = options.robust.then(|| find_faults::<M, S, N>(&mut search)).flatten() {
         (faults, near) = found;
     }
-    // outliers and jumps may be all that was wrong
+    // outliers and jumps may be the only deviations
     let is_healthy = options.correlation_time.is_none_or(|time| time == 0.0)
         && faults != Faults::none(track)
         && search.is_healthy(&faults, near, expected);
@@ -182,7 +183,7 @@ fn improve<const M: usize, const S: usize, const N: usize>(
     })
 }
 
-/// Models with their posterior probabilities.
+/// Returns models with their posterior probabilities.
 fn candidates<const M: usize, const N: usize>(
     search: &Search<'_, M, N>,
     options: &Options,
@@ -209,7 +210,8 @@ fn candidates<const M: usize, const N: usize>(
         log_prior = vec![(WHITE * (1.0 - WANDERING)).ln(), (WHITE * WANDERING).ln()];
     }
     let has_velocities = search.track.numbers > search.track.dimension;
-    // steps from plot to plot look like larger noise that lasts: noise is as stated here; outliers look like steps
+    // a random walk of the position looks like larger, correlated noise, and like outliers: therefore the
+    // noise is as stated here, and there must be no faults
     if options.jerk.is_none() && !has_velocities && *faults == Faults::none(search.track) {
         let near = Near::intensity(Family::Velocity.like(white.model.motion, search.track));
         found.push(best(Family::Velocity, LastingNoise::NONE, Scale::Stated, near));
@@ -246,8 +248,8 @@ fn candidates<const M: usize, const N: usize>(
     (found, weights)
 }
 
-/// The mean over the models; the covariance has the spread between them. None, and nothing is written,
-/// where too many digits are lost.
+/// Averages the results over the models; the covariance includes the spread between them. Returns none, and
+/// writes nothing, if too many digits are lost.
 fn average<const M: usize, const S: usize, const N: usize>(
     search: &mut Search<'_, M, N>,
     candidates: &[Candidate],

@@ -1,4 +1,4 @@
-//! The state that the first three plots determine, without rows of information.
+//! The state that the first three plots determine, computed without rows of information.
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
@@ -9,14 +9,14 @@ use super::seen::ENOUGH;
 use super::track::Track;
 use crate::base::small::Matrix;
 
-/// Ratio of the two steps beyond which digits would be lost.
+/// Largest ratio of the two steps; beyond it, digits would be lost.
 const UNEVEN: f64 = 1e2;
 
-/// State and covariance after the third instant, if plots are complete positions at three different
-/// times, and what the plots add to the logarithm of the likelihood.
+/// Returns state and covariance after the third instant, if the plots are complete positions at three
+/// different times, and the contribution of the plots to the logarithm of the likelihood.
 ///
-/// The state is that of the parabola through the plots; its covariance has theirs and the noise of
-/// the motion since.
+/// The state is that of the parabola through the plots; its covariance includes those of the plots and the
+/// process noise between them.
 pub(super) fn of_three<const M: usize, const N: usize>(
     track: &Track<'_>,
     motion: ProcessNoise,
@@ -55,14 +55,14 @@ pub(super) fn of_three<const M: usize, const N: usize>(
     x.iter().all(|x| x.is_finite()).then_some((x, p, logarithms))
 }
 
-/// What the numbers that drive the motion after the second and the first instant, of unit variance,
-/// change in the state of an axis through its plots.
+/// Change of the state of an axis, as given by its plots, by the numbers of unit variance that drive the
+/// motion after the second and after the first instant.
 fn moved([a, b, c]: [f64; 3], motion: ProcessNoise, t: &[[f64; 3]; 3]) -> [[f64; 3]; 6] {
     let columns = |over: f64| {
         let [g00, g10, g11, g20, g21, g22] = motion.noise_root(over);
         [[g00, g10, g20], [0.0, g11, g21], [0.0, 0.0, g22]]
     };
-    // a position so long before
+    // position this long before
     let before = |s: f64, g: &[f64; 3]| g[0] - s * g[1] + 0.5 * s * s * g[2];
     let (late, early) = (columns(b), columns(c));
     std::array::from_fn(|at| {
@@ -74,7 +74,7 @@ fn moved([a, b, c]: [f64; 3], motion: ProcessNoise, t: &[[f64; 3]; 3]) -> [[f64;
     })
 }
 
-/// `L L'`, of the inverse of L.
+/// `L L'`, from the inverse of L.
 fn covariance<const D: usize>(whitener: &[f64]) -> [[f64; D]; D] {
     let mut lower = [[0.0; D]; D];
     for i in 0..D {

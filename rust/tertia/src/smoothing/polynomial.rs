@@ -1,5 +1,5 @@
-//! A polynomial through the instants around each, by least squares (Savitzky and Golay 1964), whose
-//! degree may be chosen by a test.
+//! Least-squares polynomials through the instants around each instant (Savitzky and Golay 1964), whose degree
+//! may be chosen by a test.
 
 use super::record::{Record, complete_runs, regular_step, require_record};
 use super::stencil::{Adaptive, Choice, Convolution, HIGHEST, Stencil};
@@ -8,36 +8,36 @@ use crate::base::distribution::{fisher_upper_quantile, normal_two_sided_quantile
 use crate::base::error::{Result, require, require_significance};
 use std::ops::Range;
 
-/// Which polynomial.
+/// Choice of the degree.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Degree {
-    /// Of this degree.
+    /// This degree.
     Fixed(usize),
-    /// Of the highest degree up to this one whose coefficient is significant.
+    /// The highest degree up to this one whose coefficient is significant.
     Adaptive(usize),
 }
 
-/// Where the results go: one element per instant.
+/// Results, one element for each instant.
 #[derive(Debug)]
 pub struct Output<'a> {
-    /// The polynomial, or its derivative; nan where the window has too few measurements.
+    /// The polynomial or its derivative; nan if the window has too few measurements.
     pub value: &'a mut [f64],
-    /// Its standard error; ∞ there.
+    /// Standard error; ∞ where the value is nan.
     pub sigma: &'a mut [f64],
-    /// The degree; −1 there.
+    /// Degree; −1 where the value is nan.
     pub degree: &'a mut [i64],
 }
 
-/// The noise of a record that comes without variances; nan with them.
+/// Noise of a record without variances; nan if variances are given.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fit {
     /// Variance of the measurements about the polynomials of the highest degree.
     pub residual_variance: f64,
-    /// Its degrees of freedom.
+    /// Degrees of freedom of this variance.
     pub degrees_of_freedom: f64,
 }
 
-/// The smoother and its buffers.
+/// The smoother with its buffers.
 #[derive(Clone, Debug)]
 pub struct Polynomial {
     window: usize,
@@ -58,20 +58,20 @@ struct Window {
     w: Vec<f64>,
     y: Vec<f64>,
     coefficients: Vec<f64>,
-    /// Left by the highest degree.
+    /// Sum of the squared residuals of the highest degree.
     squares: f64,
-    /// Sum of the weights, and largest measurement.
+    /// Size of the largest measurement.
     largest: f64,
     centre: f64,
     scale: f64,
     origin: f64,
-    /// Highest degree; none if there is nothing.
+    /// Highest degree that the window can have; none if it has no measurements.
     top: Option<usize>,
     values: Vec<f64>,
     derivatives: Vec<f64>,
 }
 
-/// Sums of the squares that are left and of what they are expected to be, for unit variance.
+/// Sums of the squared residuals and of their expected values for unit variance.
 #[derive(Clone, Copy, Debug, Default)]
 struct Residuals {
     squares: f64,
@@ -79,10 +79,10 @@ struct Residuals {
 }
 
 impl Polynomial {
-    /// A smoother with a window of so many instants.
+    /// Sets up a smoother with a window of this number of instants.
     ///
     /// # Errors
-    /// A window that is even, a degree that it cannot have, or a derivative that is not there.
+    /// The window is even, the degree is too high for it, or the derivative is above the degree.
     pub fn try_new(
         window: usize,
         degree: Degree,
@@ -119,8 +119,7 @@ impl Polynomial {
     /// Smooths a record. Cost O(N window degree), less with equal steps and without variances.
     ///
     /// # Errors
-    /// A measurement that is infinite, times that decrease, or a variance that is not positive where
-    /// there is a measurement.
+    /// A measurement is infinite, times decrease, or the variance of a measurement is not positive.
     pub fn smooth(&mut self, record: &Record<'_>, out: &mut Output<'_>) -> Result<Fit> {
         require_record(record)?;
         let n = record.y.len();
@@ -145,7 +144,7 @@ impl Polynomial {
         Ok(self.scaled(record, residuals, out))
     }
 
-    /// The instants whose windows are complete, `run` being where these windows start.
+    /// Smooths the instants whose windows are complete; `run` is the range of the starts of these windows.
     fn run(
         &mut self,
         stencil: &Stencil,
@@ -172,7 +171,7 @@ impl Polynomial {
             pulp::Arch::new().dispatch(Adaptive { choice, y, value, sigma, degree });
     }
 
-    /// Critical values of the coefficient of every degree, with so many measurements.
+    /// Critical values for the coefficient of every degree, with this number of measurements.
     fn table(&mut self, count: usize) -> [f64; HIGHEST + 1] {
         let mut table = [f64::INFINITY; HIGHEST + 1];
         for (p, critical) in table.iter_mut().enumerate().take(self.top() + 1) {
@@ -195,7 +194,7 @@ impl Polynomial {
         self.critical[nu]
     }
 
-    /// One instant, with a window of its own.
+    /// Smooths one instant, with a window of its own.
     fn one(
         &mut self,
         record: &Record<'_>,
@@ -233,7 +232,7 @@ impl Polynomial {
         }
     }
 
-    /// Fits the window of an instant, unless it is that of the last one.
+    /// Fits the window of an instant, unless it was the last one fitted.
     fn fit_window(&mut self, record: &Record<'_>, i: usize) {
         let n = record.y.len();
         let size = self.window.min(n);
@@ -275,14 +274,14 @@ impl Polynomial {
         self.at.top = Some(top);
     }
 
-    /// Whether the window is enough to test the highest degree. One that is not would not show a
-    /// curvature, and so not the error of leaving it out.
+    /// Whether the window has enough measurements to test the highest degree. Otherwise a curvature, and the
+    /// error of leaving it out, would not show.
     fn can_choose(&self, record: &Record<'_>, most: usize) -> bool {
         let enough = self.at.x.len() > most + 1 || record.variance.is_some();
         self.at.top == Some(most) && enough
     }
 
-    /// The highest degree whose coefficient is significant.
+    /// Returns the highest degree whose coefficient is significant.
     fn chosen(&mut self, record: &Record<'_>, top: usize) -> usize {
         let count = self.at.x.len();
         let known = record.variance.is_some();
@@ -305,14 +304,14 @@ impl Polynomial {
         self.derivative
     }
 
-    /// Turns standard errors for unit variance into those of the record.
+    /// Scales standard errors for unit variance to the noise of the record.
     fn scaled(&self, record: &Record<'_>, residuals: Residuals, out: &mut Output<'_>) -> Fit {
         let nothing = Fit { residual_variance: f64::NAN, degrees_of_freedom: f64::NAN };
         if record.variance.is_some() {
             return nothing;
         }
         let count = record.y.iter().filter(|y| !y.is_nan()).count() as f64;
-        // leverages of one add up to rounding
+        // if all leverages are one, only rounding remains
         if residuals.expected <= 1e-9 * count.max(1.0) {
             out.sigma.fill(f64::INFINITY);
             return nothing;

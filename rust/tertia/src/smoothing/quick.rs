@@ -1,20 +1,20 @@
-//! The smoother by covariances for as many axes as a track has, where it is as exact as that by rows.
+//! Smoother with covariances for one to three axes, where it is as accurate as that with rows.
 
 use super::adjoint::{self, Adjoint};
 use super::motion::ProcessNoise;
 use super::results::{Smoothed, Summary};
 use super::track::Track;
 
-/// Distance of a plot from the trend, in least standard deviations, from which on the state is not
-/// exact enough as one number.
+/// Largest distance of a plot from the trend, in least standard deviations, with which the state is accurate
+/// enough as a single number.
 const FARTHEST: f64 = 1e5;
 
-/// Ratio of the longest step to the shortest beyond which the same holds for undoing a step.
+/// Largest ratio of the longest step to the shortest with which tracing a step back is accurate enough.
 const UNEVEN: f64 = 1e2;
-/// Ratio of a variance to what is left of it beyond which too many digits are lost.
+/// Ratio of a variance to that with later plots beyond which too many digits are lost.
 const LOSS: f64 = 1e3;
 
-/// Buffers for one axis, two and three, without velocities and with them.
+/// Buffers for one, two and three axes, without velocities and with them.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Quick {
     one: Adjoint<1, 3>,
@@ -25,7 +25,7 @@ pub(super) struct Quick {
     moving_three: Adjoint<6, 9>,
 }
 
-/// Calls a method of the buffers that a track needs.
+/// Calls a method of the buffers that suit a track.
 macro_rules! with_buffers {
     ($quick:expr, $track:expr, $method:ident($($argument:expr),*)) => {
         match ($track.dimension, $track.numbers) {
@@ -41,7 +41,7 @@ macro_rules! with_buffers {
 }
 
 impl Quick {
-    /// The likelihood; `None` where digits would be lost.
+    /// Returns the likelihood; `None` if digits would be lost.
     pub fn likelihood(&mut self, track: &Track<'_>, motion: ProcessNoise) -> Option<Summary> {
         if !track.axes.is_empty() {
             return self.likelihood_of_axes(track, motion);
@@ -60,7 +60,7 @@ impl Quick {
         Some(sum)
     }
 
-    /// States, covariances and innovations, likewise.
+    /// Computes states, covariances and innovations; `None` if digits would be lost.
     pub fn smooth(
         &mut self,
         track: &Track<'_>,

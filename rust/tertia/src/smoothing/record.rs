@@ -1,21 +1,21 @@
-//! A series along time, as a local polynomial takes it.
+//! Series over time that local polynomials smooth.
 
 use crate::base::error::{Error, Result, require_each, require_times};
 use std::ops::Range;
 
 const VARIANCES: std::ops::RangeInclusive<f64> = 1e-140..=1e140;
 const LARGEST: f64 = 1e140;
-/// Equal steps: the instants differ from them by no more than so many roundings.
+/// Largest deviation of instants from equal steps, in roundings.
 const ROUNDINGS: f64 = 4.0;
 
-/// A series along time.
+/// A series over time.
 #[derive(Clone, Copy, Debug)]
 pub struct Record<'a> {
-    /// The measurements; nan where there is none.
+    /// Measurements; nan where missing.
     pub y: &'a [f64],
-    /// Their times; without them 0, 1, 2, …
+    /// Times of the measurements; none: 0, 1, 2, …
     pub time: Option<&'a [f64]>,
-    /// Their variances: one for each, or one for all.
+    /// Variances of the measurements: one for each, or one for all.
     pub variance: Option<&'a [f64]>,
 }
 
@@ -50,7 +50,7 @@ pub(super) fn require_record(record: &Record<'_>) -> Result<()> {
     Ok(())
 }
 
-/// The step of times that are equally spaced, but for rounding.
+/// Returns the step of times that are equally spaced except for rounding.
 pub(super) fn regular_step(record: &Record<'_>) -> Option<f64> {
     let Some(times) = record.time else { return Some(1.0) };
     let (&first, &last) = (times.first()?, times.last()?);
@@ -60,7 +60,7 @@ pub(super) fn regular_step(record: &Record<'_>) -> Option<f64> {
     (step > 0.0 && times.iter().enumerate().all(fits)).then_some(step)
 }
 
-/// The starts of windows without a gap.
+/// Returns the ranges of the starts of windows without a gap.
 pub(super) fn complete_runs(y: &[f64], window: usize) -> Vec<Range<usize>> {
     let mut runs = Vec::new();
     let mut start = 0;

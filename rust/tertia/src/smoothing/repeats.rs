@@ -1,32 +1,35 @@
-//! Plots that repeat the one before, as from a sensor that is stuck, or a program that reports the last plot
-//! at every instant.
+//! Plots that repeat the one before, as from a sensor that is stuck, or from a program that reports the last
+//! plot at every instant.
 //!
-//! Noise of the deviation σ that is recorded in steps of d gives the same number again with a chance of at
-//! most d / (2 √π σ), the density of the difference of two plots at zero times d; a motion v per step lowers it
-//! by exp(−v²/4σ²). For noise that is correlated in time, the deviation is unknown; if successive numbers that
-//! differ are typically m steps apart, the chance is at most 1 / (2 m). A sensor is stuck or it is not: a Markov chain, of which a plot that differs shows the
-//! second.
+//! Noise with the standard deviation σ that is recorded in steps of d gives the same number again with a
+//! probability of at most d / (2 √π σ), which is the density of the difference of two plots at zero times d.
+//! A motion v per step lowers it by exp(−v²/4σ²). The standard deviation of noise that is correlated in time
+//! is unknown; if successive numbers that differ are typically m steps apart, the probability is at most
+//! 1 / (2 m). Whether a sensor is stuck is a Markov chain; a plot that differs from the one before shows that
+//! it is not stuck.
 
 use super::whitener::Noise;
 use crate::base::angle::median;
 use std::f64::consts::{PI, SQRT_2};
 
-/// A sensor may be so much more accurate than stated, as a ratio of deviations.
+/// Least ratio of the true to the stated standard deviation of a sensor.
 const ACCURATE: f64 = 0.5;
-/// Where the chance is larger, steps are coarse, and repetitions show nothing: numbers are four steps apart.
+/// Probability above which steps are so coarse that repetitions show nothing: numbers that differ are then
+/// typically less than four steps apart.
 const COARSE: f64 = 0.125;
-/// The last move was longer than this, in standard deviations of its noise, less often than once in 700 times.
+/// Standard deviations by which the last move is shortened: the noise alone exceeds them less than once in
+/// 700 times.
 const SURE: f64 = 3.0;
-/// Chance that a sensor sticks at a plot, unless more than a few plots repeat the one before.
+/// Probability that a sensor sticks at a plot, unless more than `FEW` plots repeat the one before.
 const STICKS: f64 = 0.005;
 const FEW: usize = 2;
-/// Odds beyond any doubt.
+/// Upper bound of the odds, beyond any doubt.
 const CERTAIN: f64 = 1e100;
-/// Differences below this share of the numbers come from rounding in the arithmetic.
+/// Differences below this share of the numbers are rounding errors.
 const NO_STEP: f64 = 1e-12;
 
-/// Which plots (N, D; nan where a component is missing) are more probably repetitions than measured.
-/// O(N log N).
+/// Returns which plots (N, D; nan where a component is missing) are more probably repetitions than
+/// measurements. O(N log N).
 pub fn repeated(dimension: usize, y: &[f64], noise: Noise<'_>) -> Vec<bool> {
     let plots: Vec<&[f64]> = y.chunks_exact(dimension.max(1)).collect();
     let mut found = vec![false; plots.len()];
@@ -57,7 +60,7 @@ pub fn repeated(dimension: usize, y: &[f64], noise: Noise<'_>) -> Vec<bool> {
         }
         found[at] = odds > 1.0;
     }
-    // a sensor was stuck since the first repetition
+    // the sensor has been stuck since the first repetition
     for pair in pairs.windows(2).rev() {
         let ((before, at), (_, next)) = (pair[0], pair[1]);
         found[at] |= found[next] && plots[before] == plots[at] && plots[at] == plots[next];
@@ -65,7 +68,7 @@ pub fn repeated(dimension: usize, y: &[f64], noise: Noise<'_>) -> Vec<bool> {
     found
 }
 
-/// A component's variance; an infinite one is no reason to believe in anything.
+/// Variance of a component; with an infinite one, only the steps of the record count.
 fn variance(noise: Noise<'_>, dimension: usize, at: usize, axis: usize) -> f64 {
     let place = axis * (dimension + 1);
     match noise {
@@ -74,7 +77,7 @@ fn variance(noise: Noise<'_>, dimension: usize, at: usize, axis: usize) -> f64 {
     }
 }
 
-/// How successive numbers of an axis differ, where they do.
+/// Differences between successive numbers of an axis, where these differ.
 struct Step {
     /// The smallest difference of any two numbers, which is at least the step of the record.
     any: f64,
@@ -101,7 +104,8 @@ impl Step {
         Self { any: gaps.fold(f64::INFINITY, f64::min), least, typical }
     }
 
-    /// That a number of this standard deviation comes again after it moved so far, at most.
+    /// Largest probability that a number with this standard deviation occurs again after a move of this
+    /// length.
     fn chance(&self, deviation: f64, moved: f64) -> f64 {
         let white = self.any / (2.0 * PI.sqrt() * ACCURATE * deviation);
         let same = white.max(0.5 * self.least / self.typical).min(1.0);
@@ -116,7 +120,7 @@ mod tests {
 
     const NOISE: Noise<'static> = Noise::Same(&[1.0]);
 
-    /// Numbers that differ by any steps.
+    /// Numbers that differ by arbitrary steps.
     fn plots(count: i32) -> Vec<f64> {
         (0..count).map(|k| 2.0 * f64::from(k * k).sin()).collect()
     }
@@ -130,7 +134,7 @@ mod tests {
         assert!((0..y.len()).all(|at| found[at] == (40..45).contains(&at)), "{found:?}");
     }
 
-    /// Every plot comes at two instants, between which one is missing.
+    /// Every plot occurs at two instants, between which one is missing.
     #[test]
     fn a_plot_that_is_held_is_repeated() {
         let y: Vec<f64> = plots(40).iter().flat_map(|y| [*y, f64::NAN, *y]).collect();
@@ -138,7 +142,8 @@ mod tests {
         assert!((0..y.len()).all(|at| found[at] == (at % 3 == 2)), "{found:?}");
     }
 
-    /// In steps of a standard deviation, or those that the plots take, equal plots are no wonder.
+    /// If numbers are recorded in steps of a standard deviation, or of the usual difference of plots, equal
+    /// plots are no surprise.
     #[test]
     fn coarse_steps_repeat() {
         let coarse: Vec<f64> = plots(40).iter().flat_map(|y| [y.round(), y.round()]).collect();

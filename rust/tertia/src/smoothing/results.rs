@@ -1,22 +1,22 @@
-//! What a smoother yields.
+//! Results of a smoother.
 
-/// Where the results go.
+/// Results for each instant.
 #[derive(Debug)]
 pub struct Smoothed<'a> {
     /// States (N, 3D): positions, velocities, accelerations; nan where unknown.
     pub mean: &'a mut [f64],
-    /// Their covariances (N, 3D, 3D); a variance is ∞ where unknown.
+    /// Covariances of the states (N, 3D, 3D); a variance is ∞ where unknown.
     pub covariance: &'a mut [f64],
-    /// Innovations (N, M), uncorrelated and of unit variance: the difference of each number of a plot from
-    /// what plots before it and its numbers before this one predict; nan where nothing does.
+    /// Innovations (N, M), uncorrelated and of unit variance: the difference of each component of a plot from
+    /// its prediction by the plots before and by the components before it; nan if there is no prediction.
     pub innovation: &'a mut [f64],
 }
 
-/// What comes of a whole track.
+/// Results for a whole track.
 #[derive(Clone, Copy, Debug)]
 pub struct Summary {
-    /// Logarithm of the likelihood of the plots, but for a constant that depends on units and times.
+    /// Logarithm of the likelihood of the plots, up to a constant that depends on units and times.
     pub log_likelihood: f64,
-    /// Measured numbers beyond those needed to determine the state.
+    /// Number of measured components beyond those needed to determine the state.
     pub count: usize,
 }

@@ -1,12 +1,12 @@
-//! Orthogonal transformations of rows of numbers that lie one after the other.
+//! Orthogonal transformations of rows of numbers, which are stored one after the other.
 //!
-//! Before a column is eliminated, the row with its largest element comes to the top. So rows of very
-//! different size keep their own digits (Powell and Reid 1969; Cox and Higham 1998), as those of
-//! precise plots and of a prior that is almost nothing.
+//! Before a column is eliminated, the row with its largest element is moved to the top. In this way rows of
+//! very different size keep their digits (Powell and Reid 1969; Cox and Higham 1998), such as those of
+//! precise plots and of a very vague prior.
 
-/// Eliminates `column` below row `top` by a reflection of the rows from `top` on. Columns from `from`
-/// on are transformed, those before it must be zero there. Returns the element that is left, 0 for a
-/// column of zeros. `sums` has room for a row.
+/// Eliminates `column` below row `top` by a reflection of the rows from `top` on. Columns from `from` on are
+/// transformed; those before it must be zero in these rows. Returns the element that remains, 0 for a column
+/// of zeros. `sums` has room for a row.
 #[inline(always)]
 pub(super) fn reflect(
     a: &mut [f64],
@@ -80,8 +80,9 @@ pub(super) fn triangularise(a: &mut [f64], width: usize, n: usize, sums: &mut [f
     }
 }
 
-/// Leaves `rank` rows of rows that span no more in the first `n` columns; what is below them there is
-/// rounding. The columns of which most is left, in their own units, are eliminated first.
+/// Reduces rows that span only `rank` dimensions in the first `n` columns to `rank` rows; below them, only
+/// rounding remains in these columns. Columns with the largest remaining share of their squares are
+/// eliminated first.
 pub(super) fn reduce(a: &mut [f64], width: usize, n: usize, rank: usize, sums: &mut [f64]) {
     let squares = |a: &[f64], column: usize, top: usize| -> f64 {
         a.chunks_exact(width).skip(top).map(|row| row[column] * row[column]).sum()
@@ -97,7 +98,8 @@ pub(super) fn reduce(a: &mut [f64], width: usize, n: usize, rank: usize, sums: &
     }
 }
 
-/// The x with `U x = b`, U the upper triangle of the first `n` columns and b the column after them.
+/// Computes x with `U x = b`, where U is the upper triangle of the first `n` columns and b the column after
+/// them.
 #[inline(always)]
 pub(super) fn solve(a: &[f64], width: usize, n: usize, x: &mut [f64]) {
     for i in (0..n).rev() {
@@ -110,7 +112,8 @@ pub(super) fn solve(a: &[f64], width: usize, n: usize, x: &mut [f64]) {
     }
 }
 
-/// The inverse of the upper triangle of the first `n` columns, row by row; what is below it is left.
+/// Computes the inverse of the upper triangle of the first `n` columns, row by row; elements below it are not
+/// written.
 #[inline(always)]
 pub(super) fn invert(a: &[f64], width: usize, n: usize, inverse: &mut [f64]) {
     for i in (0..n).rev() {
@@ -133,7 +136,7 @@ pub(super) fn invert(a: &[f64], width: usize, n: usize, inverse: &mut [f64]) {
 mod tests {
     use super::*;
 
-    /// `(A x − b)` has the same length before and after, whatever x.
+    /// `(A x − b)` must have the same length before and after, for any x.
     #[test]
     fn lengths_are_kept() {
         let (rows, n) = (7, 4);
@@ -164,7 +167,7 @@ mod tests {
         }
     }
 
-    /// A row of 1e12 and one of 1e-12: the small one keeps what the large one does not span.
+    /// A row of 1e12 and one of 1e-12: the small one must keep the part that the large one does not span.
     #[test]
     fn small_rows_keep_their_digits() {
         let (large, small) = (1e12, 1e-12);
@@ -173,7 +176,7 @@ mod tests {
         assert!((a[4].abs() / (2.0 * small) - 1.0).abs() < 1e-15);
     }
 
-    /// Rows that span two dimensions only are left as two rows.
+    /// Rows that span only two dimensions must be left as two rows.
     #[test]
     fn what_spans_no_more_is_zero() {
         let mut a =

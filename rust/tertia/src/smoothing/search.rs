@@ -1,4 +1,4 @@
-//! The most likely motion of a family with a model of the noise, and the noise factor that goes with it.
+//! Search for the likeliest motion of a family with a model of the noise, and for the noise factor.
 
 use super::expected::Expected;
 use super::fit::{Family, ProcessNoiseFit, median_step, range};
@@ -8,22 +8,23 @@ use super::motion::ProcessNoise;
 use super::results::Smoothed;
 use super::track::Track;
 
-/// Standard deviation of the logarithm of the noise factor, before anything is known.
+/// Prior standard deviations of the logarithms of the noise factor and of that of velocities.
 const FACTOR_SIGMA: f64 = 0.5;
 const VELOCITY_FACTOR_SIGMA: f64 = 1.0;
-/// Unit of the search for the time by which velocities lag, in median steps.
+/// Unit of the search for the time by which velocities lag, relative to the median step.
 const OFFSET_STEP: f64 = 0.25;
-/// The logarithm of the likelihood must gain this much for a noise factor other than 1.
+/// Least gain of the log-likelihood by a noise factor other than 1.
 const FACTOR_GAIN: f64 = 2.0;
-/// Steps of the logarithm of the intensity, which are halved `HALVINGS` times; most of them.
+/// First step of the logarithm of the intensity, and the number of times that it is halved.
 const STEP: f64 = 2.0;
 const HALVINGS: usize = 4;
-/// Steps of the logarithm of the intensity over the whole range.
+/// Step of the logarithm of the intensity in a scan of the whole range, and the largest number of steps in a
+/// search.
 const SCAN: f64 = 4.0;
 const MOST_STEPS: usize = 60;
 
-/// Where a search begins: the logarithms of the intensity of the motion, and of the factor of the standard
-/// deviations of velocities, and the time by which these lag.
+/// Start of a search: the logarithms of the intensity of the motion and of the factor of the standard
+/// deviations of velocities, and the time by which velocities lag.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Near {
     pub intensity: f64,
@@ -32,13 +33,13 @@ pub(super) struct Near {
 }
 
 impl Near {
-    /// Near an intensity, with velocities as stated.
+    /// Starts near an intensity, with velocities as stated.
     pub fn intensity(intensity: f64) -> Self {
         Self { intensity, velocity_factor: 0.0, velocity_time_offset: 0.0 }
     }
 }
 
-/// A model with its most likely motion.
+/// A model with its likeliest motion, its noise factor, and the logarithm of its likelihood.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Candidate {
     pub model: Model,
@@ -46,32 +47,33 @@ pub(super) struct Candidate {
     pub value: f64,
 }
 
-/// How the noise factor of a model is found.
+/// How the noise factor of a model is determined.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Scale {
-    /// It is 1.
+    /// The factor is 1.
     Stated,
-    /// By the likelihood alone; that of velocities is given.
+    /// By the likelihood alone; the factor of velocities is given.
     Free,
     /// With a prior about 1.
     Prior,
-    /// The same, and not below 1: where noise lasts, small residuals are no evidence that it is small.
+    /// As [`Self::Prior`], but not below 1: if noise is correlated, small residuals do not show that it is
+    /// small.
     Larger,
 }
 
-/// A search for the most likely motions with models of noise.
+/// A search for the likeliest motions with models of the noise.
 pub(super) struct Search<'a, const M: usize, const N: usize> {
     pub track: &'a Track<'a>,
     pub engine: Lasting<M, N>,
     pub jerk: Option<f64>,
-    /// Numbers that the first state takes.
+    /// Number of measurements that determine the first state.
     used: usize,
-    /// The logarithm of a jerk that hardly shows within the track.
+    /// Logarithm of a jerk that hardly shows within the track.
     pub low: f64,
 }
 
 impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
-    /// `white` is what was smoothed for white noise.
+    /// Sets up a search; `white` are the results of smoothing with white noise.
     pub fn new<const S: usize>(
         track: &'a Track<'a>,
         fit: &ProcessNoiseFit,
@@ -84,15 +86,15 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         Some(Self { track, engine, jerk, used, low: range(track, Family::Jerk.power())?.0 })
     }
 
-    /// Begins with a state as vague as such a motion makes it.
+    /// Starts anew with a state as vague as this motion makes it.
     pub fn restart<const S: usize>(&mut self, motion: ProcessNoise) {
         if let Some(engine) = Lasting::new::<S>(self.track, motion) {
             self.engine = engine.after(&self.engine);
         }
     }
 
-    /// The most likely motion of a family near another one, and the noise factors. With the common factor the
-    /// covariances and the intensities are both multiplied.
+    /// Returns the likeliest motion of a family near another one, with the noise factors. The common factor
+    /// multiplies both the covariances and the intensities.
     pub fn best(
         &self,
         family: Family,
@@ -152,7 +154,8 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         best
     }
 
-    /// Whether innovations of the likeliest path near one are as expected, with the noise as stated.
+    /// Whether the innovations of the likeliest path near this start are as expected if the noise is as
+    /// stated.
     pub fn is_healthy(&mut self, faults: &Faults, near: Near, expected: Expected) -> bool {
         let best = self.best(Family::Jerk, LastingNoise::NONE, Scale::Stated, faults, near);
         let mut found = Found::default();
@@ -160,8 +163,8 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         smoothed.is_some() && !expected.are_suspicious(&found.innovation, self.track.numbers)
     }
 
-    /// The likeliest of motions with white jerk over the whole range and the noise as stated, for a search to
-    /// begin with.
+    /// Returns the likeliest motion with white jerk over the whole range, with the noise as stated, as the
+    /// start of a search.
     pub fn likeliest(&self, faults: &Faults) -> Near {
         let motion = Family::Jerk.of(self.track);
         let (low, high) = range(self.track, Family::Jerk.power()).unwrap_or((self.low, self.low));
@@ -182,7 +185,7 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         Near::intensity(best.map_or(low, |(log, _)| log))
     }
 
-    /// The jerk is given, not its ratio to the noise.
+    /// Returns the candidate with this jerk; the model contains the ratio of the jerk to the noise.
     fn with_jerk(&self, jerk: f64, model: Model, scale: Scale, faults: &Faults) -> Candidate {
         let of = |ratio| {
             let model = Model { motion: ProcessNoise::with_jerk(ratio), ..model };
@@ -207,8 +210,8 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
     }
 }
 
-/// The logarithm of the prior of how velocities differ from what is stated, beside the logarithm of the common
-/// factor: they are not more precise than stated.
+/// Logarithm of the prior of the differences of velocities from what is stated, given the logarithm of the
+/// common factor: velocities are not more precise than stated.
 fn prior(model: &Model, factor: f64) -> f64 {
     let own = model.velocity_factor.ln();
     if own + factor.max(0.0) < 0.0 {
@@ -218,7 +221,7 @@ fn prior(model: &Model, factor: f64) -> f64 {
     -0.5 * (own / VELOCITY_FACTOR_SIGMA).powi(2) - FACTOR_GAIN * doubts as f64
 }
 
-/// The logarithm of the noise factor, and that of the likelihood with its prior.
+/// Returns the logarithm of the noise factor, and that of the likelihood with the prior of the factor.
 fn scaled(fit: &Fit, n: f64, scale: Scale) -> (f64, f64) {
     let value = |log: f64, precision: f64| {
         let misfit = fit.squares * (-2.0 * log).exp();
@@ -231,7 +234,7 @@ fn scaled(fit: &Fit, n: f64, scale: Scale) -> (f64, f64) {
     if scale == Scale::Free {
         return (free, value(free, 0.0));
     }
-    // Newton's method; the posterior is between the likelihood's maximum and 0, and is concave
+    // Newton's method; the posterior is concave, and its maximum is between that of the likelihood and 0
     let precision = FACTOR_SIGMA.powi(-2);
     let mut log = free.clamp(-5.0, 5.0);
     for _ in 0..50 {

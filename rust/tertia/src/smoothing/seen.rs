@@ -1,18 +1,18 @@
 //! What the measurements of an axis determine, whatever their precision.
 
-/// What is measured of an axis.
+/// Quantity that is measured along an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Quantity {
     Position,
     Velocity,
 }
 
-/// Independent measurements of an axis that determine position, velocity and acceleration.
+/// Number of independent measurements of an axis that determine position, velocity and acceleration.
 pub(super) const ENOUGH: usize = 3;
-/// Share of a step, by which the middle of it may be missed.
+/// Share of a step by which a time may differ from its middle.
 const ROUNDING: f64 = 1e-9;
 
-/// The independent measurements of an axis, as far as they matter: a parabola has three unknowns.
+/// Independent measurements of an axis, up to three: a parabola has three unknowns.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Seen {
     pub count: usize,
@@ -20,7 +20,7 @@ pub(super) struct Seen {
 }
 
 impl Quantity {
-    /// That of a number of a plot: positions of all axes come first, then velocities.
+    /// Quantity of a component of a plot: positions of all axes come first, then velocities.
     #[inline(always)]
     pub fn of(number: usize, axes: usize) -> Self {
         if number < axes { Self::Position } else { Self::Velocity }
@@ -31,7 +31,7 @@ impl Seen {
     pub const NONE: Self = Self { count: 0, first: [(Quantity::Position, f64::NAN); 2] };
     pub const ALL: Self = Self { count: ENOUGH, ..Self::NONE };
 
-    /// With a measurement at `time`.
+    /// Adds a measurement at `time`, if it is independent of those before.
     pub fn add(&mut self, quantity: Quantity, time: f64) {
         let new = (quantity, time);
         let is_independent = match self.count {
@@ -48,22 +48,22 @@ impl Seen {
         }
     }
 
-    /// Whether no parabola vanishes in all three.
+    /// Whether no parabola except zero vanishes in all three measurements.
     fn is_completed_by(&self, new: (Quantity, f64)) -> bool {
         let mut all = [self.first[0], self.first[1], new];
         all.sort_by_key(|(quantity, _)| *quantity == Quantity::Velocity);
         let [a, b, c] = all.map(|(_, time)| time);
         match all.iter().filter(|(quantity, _)| *quantity == Quantity::Position).count() {
             3 => c != a && c != b,
-            // the slope of a chord is the velocity halfway
+            // the slope of a chord is the velocity halfway between its ends
             2 => a != b && !is_halfway(c, a, b),
             1 => b != c,
             _ => false,
         }
     }
 
-    /// Whether position, velocity and acceleration at `time` are determined. Through two positions goes
-    /// a parabola of any curvature, whose slope halfway is that of the chord.
+    /// Whether position, velocity and acceleration at `time` are determined. A parabola through two positions
+    /// may have any curvature, but its slope halfway between them is that of the chord.
     pub fn determines(&self, time: f64) -> [bool; 3] {
         use Quantity::{Position, Velocity};
         let [(one, a), (other, b)] = self.first;
@@ -81,7 +81,7 @@ impl Seen {
         }
     }
 
-    /// Position, velocity and acceleration: those that have to be fixed for the rest to be determined.
+    /// Whether position, velocity and acceleration have to be fixed so that the rest is determined.
     pub fn open(&self) -> [bool; 3] {
         use Quantity::Velocity;
         match (self.count, self.first[0].0, self.first[1].0) {
@@ -110,7 +110,7 @@ mod tests {
         seen
     }
 
-    /// The rank of what parabolas are at these measurements, in integers.
+    /// Rank of the values of parabolas at these measurements, in integers.
     fn rank(measurements: &[(Quantity, f64)]) -> usize {
         let row = |&(quantity, t): &(Quantity, f64)| match quantity {
             Position => [2.0, 2.0 * t, t * t],
@@ -133,7 +133,7 @@ mod tests {
         rank
     }
 
-    /// Any three or four measurements at five instants count for what they determine, now and later.
+    /// Any three or four measurements at five instants must count for what they determine, now and later.
     #[test]
     fn what_is_determined_is_the_rank() {
         let all: Vec<(Quantity, f64)> = (0..10)

@@ -1,9 +1,9 @@
-//! The state at every instant from all plots: the information of those up to it and of those after it
-//! are two sets of rows, and both together are solved.
+//! State at every instant from all plots: the information of the plots up to it and of those after it are two
+//! sets of rows, which are solved together.
 //!
-//! The estimate is that of Rauch, Tung and Striebel (1965) for an unknown first state. No covariance
-//! is inverted and nothing is subtracted from a variance, so plots of any precision, steps of any
-//! length and motion without noise are alike.
+//! The estimate is that of Rauch, Tung and Striebel (1965) for an unknown first state. No covariance is
+//! inverted and nothing is subtracted from a variance, so plots of any precision, steps of any length and
+//! motion without noise need no special treatment.
 
 use super::information::{Direction, Information, Logarithms, complete};
 use super::motion::ProcessNoise;
@@ -25,11 +25,11 @@ pub struct Workspace {
     state: Vec<f64>,
     root: Vec<f64>,
     sums: Vec<f64>,
-    /// Of every instant the rows of the plots up to it.
+    /// For each instant, the rows of the plots up to it.
     forwards: Vec<f64>,
 }
 
-/// Calls a kernel with the order of the state as a constant where it is one of the usual ones.
+/// Calls a kernel with the order of the state as a constant, if it is one of the usual ones.
 macro_rules! with_order {
     ($dimension:expr, $kernel:ident($($argument:expr),*)) => {
         match $dimension {
@@ -55,7 +55,7 @@ pub fn smooth(
     by_rows(track, motion, workspace, out)
 }
 
-/// The same for any track.
+/// Smooths any track, with rows of information.
 pub(super) fn by_rows(
     track: &Track<'_>,
     motion: ProcessNoise,
@@ -71,7 +71,7 @@ pub(super) fn by_rows(
     summary
 }
 
-/// The likelihood alone. Cost O(N D³).
+/// Returns the likelihood only. Cost O(N D³).
 pub(crate) fn likelihood(
     track: &Track<'_>,
     motion: ProcessNoise,
@@ -82,7 +82,7 @@ pub(crate) fn likelihood(
     quick.unwrap_or_else(|| with_order!(track.dimension, forwards(track, motion, workspace, None)))
 }
 
-/// The filter. With room for innovations, what the way back needs is kept.
+/// Filters forwards. If innovations are wanted, the rows that the backward pass needs are kept.
 #[inline(always)]
 fn forwards(
     n: usize,
@@ -123,7 +123,7 @@ fn forwards(
     Summary { log_likelihood: 0.0 - 0.5 * (squares + logarithm), count }
 }
 
-/// The way back, which makes the results.
+/// Passes backwards and computes the results.
 #[inline(always)]
 fn backwards(
     n: usize,
@@ -166,7 +166,7 @@ fn backwards(
     }
 }
 
-/// `U U^T` of an upper triangle.
+/// `U U^T` of an upper triangle U.
 #[inline(always)]
 fn write_square(u: &[f64], n: usize, out: &mut [f64]) {
     for i in 0..n {
@@ -225,7 +225,7 @@ mod tests {
         }
     }
 
-    /// Equal axes that are not coupled do not know of each other, nor of missing components.
+    /// Axes that are not coupled must not affect each other, even if components are missing.
     #[test]
     fn axes_are_independent() {
         let times: Vec<f64> = (0..30).map(|i| f64::from(i) + 0.4 * f64::from(i % 3)).collect();

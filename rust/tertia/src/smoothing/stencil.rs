@@ -1,41 +1,41 @@
-//! Windows of equal steps without a gap: the fit in the middle is a convolution, side by side for
-//! many windows.
+//! Windows of equal steps without a gap: the fit at the middle is a convolution, which is computed for many
+//! windows side by side.
 
 use crate::base::basis::Basis;
 use pulp::{Simd, WithSimd};
 use std::borrow::Cow;
 
-/// Highest degree: polynomials of higher ones are not what a window is for.
+/// Highest degree; higher ones are of no use in a window.
 pub(super) const HIGHEST: usize = 9;
-/// Windows that are fitted side by side.
+/// Number of windows that are fitted side by side.
 const LANES: usize = 16;
 
-/// The fit in the middle of a window of equal steps.
+/// The fit at the middle of a window of equal steps.
 #[derive(Clone, Debug)]
 pub(super) struct Stencil {
     basis: Basis,
     window: usize,
     degree: usize,
     derivative: usize,
-    /// What the measurements after the middle count in the derivative, and in the value.
+    /// Weights of the measurements after the middle in the derivative, and in the value.
     taps: Vec<f64>,
     value_taps: Vec<f64>,
-    /// Derivatives, and values, of the polynomials in the middle.
+    /// Derivatives, and values, of the polynomials at the middle.
     at: Vec<f64>,
     values: Vec<f64>,
     /// Standard error of every degree, for unit variance.
     pub error: Vec<f64>,
-    /// What the middle measurement counts in its own value.
+    /// Weight of the middle measurement in its own value.
     pub leverage: f64,
     /// Degrees of freedom per measurement.
     pub freedom: f64,
 }
 
 impl Stencil {
-    /// Of polynomials up to `degree`, instants `step` apart.
+    /// Sets up the fit of polynomials up to `degree` to instants that are `step` apart.
     pub fn new(window: usize, degree: usize, derivative: usize, step: f64) -> Self {
         let half = window / 2;
-        // whole numbers: the polynomials are those of Gram, even and odd exactly
+        // whole numbers over the half width: the polynomials are those of Gram, exactly even or odd
         let scale = half.max(1) as f64;
         let x: Vec<f64> = (0..window).map(|k| (k as f64 - half as f64) / scale).collect();
         let mut basis = Basis::default();
@@ -69,7 +69,7 @@ impl Stencil {
     }
 }
 
-/// Degrees of freedom per measurement of the mean square of `y − Σ taps y`, by its first two moments.
+/// Degrees of freedom per measurement of the mean square of `y − Σ taps y`, from its first two moments.
 fn freedom(taps: &[f64]) -> f64 {
     let half = taps.len() / 2;
     let filter: Vec<f64> =
@@ -81,8 +81,7 @@ fn freedom(taps: &[f64]) -> f64 {
     if zero > 0.0 { zero / (zero + 2.0 * others) } else { 0.0 }
 }
 
-/// The polynomial of one degree in the middle of all windows; returns the sum of squares of what is
-/// left there.
+/// The polynomial of one degree at the middle of all windows; returns the sum of the squared residuals there.
 pub(super) struct Convolution<'a> {
     pub stencil: &'a Stencil,
     pub y: &'a [f64],
@@ -123,7 +122,7 @@ impl WithSimd for Convolution<'_> {
     }
 }
 
-/// The plots of a block of windows, zeros at the end of the last one.
+/// Returns the plots of a block of windows, with zeros after the end of the last one.
 #[inline(always)]
 fn full(y: &[f64], size: usize) -> Cow<'_, [f64]> {
     if y.len() == size {
@@ -141,7 +140,7 @@ fn lanes(y: &[f64], at: usize) -> [f64; LANES] {
     lanes
 }
 
-/// `Σ c_k (y_k − y_0 ± (y_−k − y_0))` for all lanes: a common offset costs nothing.
+/// `Σ c_k (y_k − y_0 ± (y_−k − y_0))` for all lanes: a common offset costs no accuracy.
 #[inline(always)]
 fn weigh(taps: &[f64], even: bool, y: &[f64], half: usize, middle: [f64; LANES]) -> [f64; LANES] {
     let mut sums = [0.0; LANES];
@@ -164,13 +163,13 @@ fn weigh(taps: &[f64], even: bool, y: &[f64], half: usize, middle: [f64; LANES])
 #[derive(Clone, Copy)]
 pub(super) struct Choice<'a> {
     pub stencil: &'a Stencil,
-    /// Of F(1, ν) for every degree.
+    /// Critical values of F(1, ν) for every degree.
     pub critical: &'a [f64; HIGHEST + 1],
     pub lowest: usize,
 }
 
-/// The polynomial whose degree is chosen, in the middle of all windows. One pass over a window gives
-/// the coefficients of all degrees, another one what the highest degree leaves.
+/// The polynomial of the chosen degree at the middle of all windows. One pass over a window gives the
+/// coefficients of all degrees, another one the residuals of the highest degree.
 pub(super) struct Adaptive<'a> {
     pub choice: Choice<'a>,
     pub y: &'a [f64],

@@ -1,4 +1,4 @@
-//! The plots of a target: positions with their covariances, at instants, and velocities if there are any.
+//! Plots of a target: positions with their covariances at instants, and velocities if these are measured.
 
 use super::seen::{ENOUGH, Quantity, Seen};
 use super::whitener::{LARGEST, Noise, Whitened, whiten_as};
@@ -6,7 +6,7 @@ use crate::base::basis::Basis;
 use crate::base::error::{Error, Result, require_times};
 use std::ops::Range;
 
-/// A plot that is so many times less precise than the last moves the reference halfway.
+/// Ratio of the variance of a plot to that of the last one with which it moves the reference halfway.
 const FORGETTING: f64 = 1e4;
 
 /// Velocities that are measured with the positions.
@@ -14,17 +14,17 @@ const FORGETTING: f64 = 1e4;
 pub struct Velocities<'a> {
     /// (N, D); nan where a component is missing.
     pub velocity: &'a [f64],
-    /// Their covariances; their errors are independent of those of the positions.
+    /// Covariances of the velocities; their errors are independent of those of the positions.
     pub noise: Noise<'a>,
 }
 
-/// What is known at the first instant besides the plots: mean (3D) and covariance (3D, 3D), in the
-/// order positions, velocities, accelerations.
+/// Prior of the state at the first instant: mean (3D) and covariance (3D, 3D), in the order positions,
+/// velocities, accelerations.
 #[derive(Clone, Copy, Debug)]
 pub struct Prior<'a> {
-    /// The mean.
+    /// Mean of the state.
     pub mean: &'a [f64],
-    /// Its covariance, row by row.
+    /// Covariance of the state, row by row.
     pub covariance: &'a [f64],
 }
 
@@ -32,37 +32,39 @@ pub struct Prior<'a> {
 #[derive(Clone, Debug)]
 pub struct Track<'a> {
     pub(super) dimension: usize,
-    /// Numbers M of a plot: D positions, and D velocities if these are measured.
+    /// Number M of components of a plot: D positions, and D velocities if these are measured.
     pub(super) numbers: usize,
     pub(super) times: &'a [f64],
-    /// The plots (N, M) less the trend; nan where there is none.
+    /// The plots (N, M) less the trend; nan where missing.
     pub(super) y: Vec<f64>,
     trend: Trend,
-    /// Positions near the plots, at all instants: the state is sought as its difference to them.
+    /// Positions near the plots, at all instants: the state is estimated as its difference from them.
     pub(super) reference: Vec<f64>,
-    /// Of every instant the inverse of the lower Cholesky factor of what is there (M, M).
+    /// For each instant, the inverse of the lower Cholesky factor of the covariance of the measured
+    /// components (M, M).
     pub(super) whitener: Vec<f64>,
     /// Sum of the logarithms of the determinants of the covariances.
     pub(super) log_determinant: f64,
-    /// Numbers measured.
+    /// Number of measured components.
     pub(super) measured: usize,
-    /// What the whole track determines.
+    /// What the whole track determines, for each axis.
     pub(super) seen: Vec<Seen>,
-    /// Reciprocal of the least standard deviation of each number; that of a position is 1 if it is never
-    /// measured, that of a velocity 0.
+    /// Reciprocal of the least standard deviation of each component; if it is never measured, 1 for a
+    /// position and 0 for a velocity.
     pub(super) scale: Vec<f64>,
-    /// Rows of information at the first instant, with the right side; empty if there is none.
+    /// Rows of information of the prior at the first instant, with the right-hand side; empty if there is no
+    /// prior.
     pub(super) prior: Vec<f64>,
-    /// Each axis alone, where they do not know of each other; else none.
+    /// The single axes, if their errors are independent; else empty.
     pub(super) axes: Vec<Self>,
 }
 
-/// A parabola of every axis.
+/// A parabola for each axis.
 #[derive(Clone, Debug, Default)]
 struct Trend {
     centre: f64,
     scale: f64,
-    /// Of the powers of `(t − centre) / scale`.
+    /// Coefficients of the powers of `(t − centre) / scale`.
     coefficients: Vec<[f64; 3]>,
 }
 
@@ -71,7 +73,7 @@ impl Trend {
         (time - self.centre) / self.scale
     }
 
-    /// Position, velocity, acceleration.
+    /// Position, velocity and acceleration of the trend.
     fn at(&self, axis: usize, time: f64) -> [f64; 3] {
         let (x, unit, [c0, c1, c2]) = (self.x(time), 1.0 / self.scale, self.coefficients[axis]);
         [c0 + x * (c1 + x * c2), (c1 + 2.0 * x * c2) * unit, 2.0 * c2 * unit * unit]
@@ -79,7 +81,7 @@ impl Trend {
 }
 
 impl<'a> Track<'a> {
-    /// The longest step over the shortest, of those that take time.
+    /// Longest step relative to the shortest, without steps of zero duration.
     pub(super) fn unevenness(&self) -> f64 {
         let steps = self.times.windows(2).map(|pair| pair[1] - pair[0]).filter(|&t| t > 0.0);
         let wider = |(least, most): (f64, f64), t: f64| (least.min(t), most.max(t));
@@ -87,19 +89,18 @@ impl<'a> Track<'a> {
         most / least
     }
 
-    /// The largest distance of a number from the trend, in its least standard deviations.
+    /// Largest distance of a component from the trend, over its least standard deviation.
     pub(super) fn farthest(&self) -> f64 {
         let scales = self.scale.iter().cycle();
         // nan is not larger
         self.y.iter().zip(scales).fold(0.0_f64, |most, (y, scale)| most.max(y.abs() * scale))
     }
 
-    /// A track of N plots in D dimensions: `times` (N), not decreasing, `y` (N, D), nan where a
+    /// Sets up a track of N plots in D dimensions: `times` (N), not decreasing, `y` (N, D), nan where a
     /// component is missing. Slices of other lengths panic.
     ///
     /// # Errors
-    /// A plot that is infinite, times that decrease, or a covariance that is none where there is a
-    /// plot.
+    /// A plot is infinite, times decrease, or a matrix is no covariance where there is a plot.
     pub fn try_new(
         dimension: usize,
         times: &'a [f64],
@@ -110,10 +111,10 @@ impl<'a> Track<'a> {
         Self::with_velocities(dimension, times, y, noise, None, prior)
     }
 
-    /// The same where velocities are measured, too.
+    /// As [`Track::try_new`], with measured velocities.
     ///
     /// # Errors
-    /// As those of [`Track::try_new`].
+    /// Those of [`Track::try_new`].
     pub fn with_velocities(
         dimension: usize,
         times: &'a [f64],
@@ -156,7 +157,7 @@ impl<'a> Track<'a> {
         Ok(track)
     }
 
-    /// Finds what the plots determine, and their least standard deviations.
+    /// Finds what the plots determine, and the least standard deviations of their components.
     fn look_through(&mut self) {
         let (d, m) = (self.dimension, self.numbers);
         for (k, plot) in self.y.chunks_exact(m.max(1)).enumerate() {
@@ -170,14 +171,14 @@ impl<'a> Track<'a> {
         }
     }
 
-    /// The axes, if there are several whose errors are independent.
+    /// Returns the single axes, if there are several and their errors are independent.
     fn split(&self) -> Vec<Self> {
         let (d, m) = (self.dimension, self.numbers);
         let mixed = |(at, h): (usize, &f64)| *h != 0.0 && at / m % m % d != at % m % d;
         if d < 2 || self.whitener.iter().enumerate().any(mixed) {
             return Vec::new();
         }
-        // every d-th value of each row, from that of the axis
+        // every d-th value of each row, starting with that of the axis
         let column = |values: &[f64], axis: usize| -> Vec<f64> {
             values.iter().skip(axis).step_by(d).copied().collect()
         };
@@ -193,7 +194,7 @@ impl<'a> Track<'a> {
                 trend: Trend::default(),
                 reference: column(&self.reference, axis),
                 whitener: rows.flat_map(|row| column(row, axis)).collect(),
-                // once for all of them
+                // counted once, with the first axis
                 log_determinant: if axis == 0 { self.log_determinant } else { 0.0 },
                 seen: vec![self.seen[axis]],
                 scale: column(&self.scale, axis),
@@ -204,8 +205,8 @@ impl<'a> Track<'a> {
         (0..d).map(of).collect()
     }
 
-    /// Takes the parabola out that is nearest to the plots. It is a motion without jerk, so what is
-    /// left moves as before, but far less.
+    /// Subtracts the parabola that is nearest to the plots. It is a motion without jerk, so the remaining
+    /// motion obeys the same model, but is much smaller.
     fn set_trend(&mut self) {
         let (d, m) = (self.dimension, self.numbers);
         let span = self.span();
@@ -259,12 +260,12 @@ impl<'a> Track<'a> {
         }
     }
 
-    /// The acceleration of the trend of an axis.
+    /// Acceleration of the trend of an axis.
     pub(super) fn trend_acceleration(&self, axis: usize) -> f64 {
         self.trend.at(axis, self.trend.centre)[2]
     }
 
-    /// Follows the plots, but not those that are much less precise than others.
+    /// Sets the reference, which follows the plots, except those that are much less precise than others.
     fn set_reference(&mut self) {
         let (d, m, n) = (self.dimension, self.numbers, self.len());
         for axis in 0..d {
@@ -307,18 +308,18 @@ impl<'a> Track<'a> {
         Ok(())
     }
 
-    /// The numbers of a plot whose errors may be correlated: the positions, and the velocities.
+    /// Ranges of the components of a plot whose errors may be correlated: positions, and velocities.
     pub(super) fn parts(&self) -> impl Iterator<Item = Range<usize>> + use<> {
         let (d, m) = (self.dimension, self.numbers);
         (0..m).step_by(d.max(1)).map(move |first| first..first + d)
     }
 
-    /// Instants.
+    /// Number of instants.
     pub fn len(&self) -> usize {
         self.times.len()
     }
 
-    /// Whether there is none.
+    /// Whether there are no instants.
     pub fn is_empty(&self) -> bool {
         self.times.is_empty()
     }
@@ -349,12 +350,12 @@ impl<'a> Track<'a> {
         &self.scale[..self.dimension]
     }
 
-    /// The same of velocities, if these are measured.
+    /// Reciprocals of the least standard deviations of velocities, if these are measured.
     pub(super) fn velocity_scale(&self) -> &[f64] {
         &self.scale[self.dimension..]
     }
 
-    /// What the plots determine, in numbers.
+    /// Number of unknowns that the plots determine.
     pub(super) fn rank(&self) -> usize {
         self.seen.iter().map(|seen| seen.count).sum()
     }

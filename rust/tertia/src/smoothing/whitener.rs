@@ -1,14 +1,14 @@
-//! Plots and the inverses of the Cholesky factors of their covariances.
+//! Plots with the inverses of the Cholesky factors of their covariances.
 
 use crate::base::error::{Error, Result, require_elements};
 
-/// Products of two standard deviations and of their reciprocals stay finite.
+/// Range of variances in which products of two standard deviations and of their reciprocals stay finite.
 const VARIANCES: std::ops::RangeInclusive<f64> = 1e-140..=1e140;
 /// Largest difference of two elements that should be equal, in standard deviations.
 const ASYMMETRY: f64 = 1e-10;
-/// Share of a variance that the other components must leave unexplained.
+/// Least share of a variance that the other components leave unexplained in a regular matrix.
 const REGULAR: f64 = 1e-13;
-/// Squares of larger numbers overflow.
+/// Largest number; squares of larger ones overflow.
 pub(super) const LARGEST: f64 = 1e140;
 
 /// Covariances of the plots, row by row.
@@ -20,20 +20,21 @@ pub enum Noise<'a> {
     Each(&'a [f64]),
 }
 
-/// What is measured at N instants, with what makes its errors independent and of unit variance.
+/// Measurements at N instants, with the matrices that make their errors independent and of unit variance.
 pub(super) struct Whitened {
-    /// nan where there is none.
+    /// Values; nan where missing.
     pub y: Vec<f64>,
-    /// Of every instant the inverse of the lower Cholesky factor of what is there.
+    /// For each instant, the inverse of the lower Cholesky factor of the covariance of the measured
+    /// components.
     pub whitener: Vec<f64>,
     /// Sum of the logarithms of the determinants of the covariances.
     pub log_determinant: f64,
-    /// Numbers measured.
+    /// Number of measured components.
     pub measured: usize,
 }
 
 impl Whitened {
-    /// Of values (N, D) with their covariances, under the names of both. Another length panics.
+    /// Whitens values (N, D) with these covariances; errors state the names of both. Another length panics.
     pub fn try_new(
         [name, covariance]: [&'static str; 2],
         d: usize,
@@ -68,7 +69,7 @@ impl Whitened {
         Ok(Self { y: y.to_vec(), whitener, log_determinant, measured })
     }
 
-    /// Of parts (N, D) with independent errors, side by side.
+    /// Joins parts (N, D) with independent errors side by side.
     pub fn together(mut parts: Vec<Self>, d: usize, n: usize) -> Self {
         if parts.len() == 1 {
             return parts.remove(0);
@@ -90,8 +91,8 @@ impl Whitened {
     }
 }
 
-/// The inverse of the Cholesky factor of the covariance of what is there, and ln of its determinant;
-/// `argument` is the name of the covariance, `place` where its matrix is in it.
+/// Computes the inverse of the Cholesky factor of the covariance of the measured components, and returns ln
+/// of the determinant. `argument` is the name of the covariance, `place` the index of its matrix in it.
 pub(super) fn whiten_as(
     argument: &'static str,
     place: &[usize],
@@ -146,7 +147,7 @@ pub(super) fn whiten_as(
     Ok(log_determinant)
 }
 
-/// Fails unless the elements of what is there are finite, and its variances in range.
+/// Fails unless the elements for the measured components are finite, and their variances are in range.
 fn require_numbers(
     argument: &'static str,
     place: &[usize],

@@ -1,4 +1,4 @@
-//! Innovations by rows of information.
+//! Innovations from rows of information.
 
 use super::information::Information;
 use super::rows::{invert, solve};
@@ -13,8 +13,9 @@ pub(super) struct Whitening {
 }
 
 impl Whitening {
-    /// The innovations of the positions of instant `k`, or of its velocities if these come `first`, with
-    /// the inverse of the Cholesky factor of their covariance, as far as they are predicted.
+    /// Computes the innovations of the D numbers of instant `k` from number `first` on, which are its
+    /// positions or its velocities, multiplied by the inverse of the Cholesky factor of their covariance; nan
+    /// where there is no prediction.
     #[inline(always)]
     pub fn innovation(
         &mut self,
@@ -44,7 +45,7 @@ impl Whitening {
         }
         invert(triangle, width, n, root);
         solve(triangle, width, n, state);
-        // S = H P H^T + covariance; the innovation goes along as another row of its factor
+        // S = H P H^T + covariance; the innovation is eliminated together with the rows of its factor
         let mut factor = vec![0.0; d * d];
         let noise = noise_of(track, k, first);
         for i in 0..d {
@@ -74,9 +75,9 @@ impl Whitening {
     }
 }
 
-/// The covariance of D numbers of a plot, of which the inverse of the factor is known.
+/// Covariance of D numbers of a plot, from the inverse of its factor.
 fn noise_of(track: &Track<'_>, k: usize, first: usize) -> Vec<f64> {
-    // L row by row from N = L^-1; axes that are not there have zero rows
+    // L row by row from N = L^-1; missing axes have zero rows
     let (d, m) = (track.dimension, track.numbers);
     let whitener = |i: usize, j: usize| track.whitener(k)[(first + i) * m + first + j];
     let mut l = vec![0.0; d * d];

@@ -1,10 +1,10 @@
-//! Positions from arrival times at receivers whose clocks nobody synchronised.
+//! Positions from arrival times at receivers whose clocks are not synchronised.
 //!
-//! [`align`] and [`group`] find which arrivals belong to the same emission. [`solve`] estimates all
-//! at once: emission times, positions of moving identities, clocks, the speed of propagation, places
-//! of receivers and errors of paths, with Student's errors. Emissions are eliminated one by one, the
-//! rest has a matrix of low columns. A step costs about N (K D)^2 plus the sum of the squares of the
-//! column heights.
+//! [`align`] and [`group`] find which arrivals belong to the same emission. [`solve`] estimates all unknowns
+//! together: emission times, positions of moving emitters, clocks, the propagation speed, positions of
+//! receivers and path errors. Errors follow Student's t distribution. The emission times are eliminated one
+//! by one; the matrix of the remaining unknowns is a skyline matrix with low columns. A step costs about
+//! N (K D)^2 plus the sum of the squares of the column heights.
 
 mod arrange;
 mod group;

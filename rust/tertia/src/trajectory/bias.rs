@@ -1,8 +1,8 @@
-//! Constant biases of the stations, from contradictions of the measurements of each instant.
+//! Constant biases of the stations, from contradictions between the measurements of each instant.
 //!
-//! At first order biases b add `A_t b` to the position of an instant, with `A_t` its least-squares
-//! solution, and `(I − H_t) b` to its residuals, with `H_t = J_t A_t`. What b is follows from the
-//! residuals alone, for positions about which nothing is assumed.
+//! To first order, biases b add `A_t b` to the position of an instant, where `A_t` is its least-squares
+//! solution, and `(I − H_t) b` to its residuals, with `H_t = J_t A_t`. The biases follow from the residuals
+//! alone; nothing is assumed about the positions.
 
 use super::failure::Failure;
 use super::found::{Found, Setting, known};
@@ -15,30 +15,30 @@ use crate::smoothing::ProcessNoise;
 use nalgebra::{DMatrix, DVector, SMatrix};
 use std::rc::Rc;
 
-/// Change of a bias, in its standard errors, that ends the rounds.
+/// Change of a bias, in standard errors, that ends the rounds.
 const SETTLED: f64 = 0.01;
-/// Share of what residuals would say of a bias if positions were known: what is below is rounding.
+/// Information about a bias, relative to that with known positions, below which it is rounding.
 const UNOBSERVABLE: f64 = 1e-9;
-/// Share of the information that may come from errors of the positions.
+/// Largest share of the information that may come from errors of the positions.
 const SPURIOUS: f64 = 0.1;
-/// Share of an unobservable direction from which a bias is named.
+/// Component in an unobservable direction from which a bias is named.
 const NAMED: f64 = 0.1;
 
-/// Biases that are estimated.
+/// Estimated biases.
 #[derive(Clone, Debug)]
 pub(super) struct Biases {
-    /// Where they stand in an instant.
+    /// Columns of a record's rows that have biases.
     pub columns: Vec<usize>,
     pub values: DVector<f64>,
     pub covariance: DMatrix<f64>,
-    /// What biases of 1 add to the positions, (P, N, D), nan where there is none, and the
-    /// covariances of the positions (N, D, D).
+    /// Shifts of the positions by biases of 1, (P, N, D), nan where unknown, and the covariances of the
+    /// positions (N, D, D).
     responses: Vec<Vec<f64>>,
     spread: Vec<f64>,
 }
 
 impl Biases {
-    /// Estimates them from the residuals about the smooth path.
+    /// Estimates the biases from the residuals about the smooth path.
     pub fn estimate<const D: usize, const N: usize>(
         record: &Record<'_>,
         found: &Found<D, N>,
@@ -70,7 +70,7 @@ impl Biases {
         Ok(Self { columns: columns.to_vec(), values, covariance, responses, spread })
     }
 
-    /// The sum with those of the round before, which were removed.
+    /// Adds the biases of the rounds before, which were removed from the measurements.
     pub fn added_to(mut self, before: Option<Self>) -> Self {
         if let Some(before) = before {
             self.values += before.values;
@@ -78,7 +78,7 @@ impl Biases {
         self
     }
 
-    /// Whether they are far below their standard errors.
+    /// Whether all biases are far below their standard errors.
     pub fn is_small(&self) -> bool {
         self.values.iter().enumerate().all(|(i, value)| value.abs() <= SETTLED * self.sigma(i))
     }
@@ -87,7 +87,7 @@ impl Biases {
         self.covariance[(i, i)].sqrt()
     }
 
-    /// Measurements without them, within their domain.
+    /// Returns the measurements less the biases; nan outside their domain.
     pub fn removed_from(&self, values: &[f64], width: usize) -> Vec<f64> {
         let mut removed = values.to_vec();
         for (column, bias) in self.columns.iter().zip(&self.values) {
@@ -98,7 +98,7 @@ impl Biases {
         removed
     }
 
-    /// Adds what their uncertainty adds to the covariance of the states (N, 3D, 3D).
+    /// Adds the effect of the uncertainty of the biases to the covariance of the states (N, 3D, 3D).
     pub fn add_effect<const D: usize, const N: usize>(
         &self,
         setting: &mut Setting<'_, D, N>,
@@ -111,7 +111,7 @@ impl Biases {
     }
 }
 
-/// What biases of 1 add to the states, (P, N, 3D).
+/// Returns by how much biases of 1 change the smoothed states, (P, N, 3D).
 pub(super) fn smoothed<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     responses: &[Vec<f64>],
@@ -129,7 +129,7 @@ pub(super) fn smoothed<const D: usize, const N: usize>(
     Ok(means)
 }
 
-/// Adds what biases of this covariance add to the covariances of the states (N, 3D, 3D).
+/// Adds the effect of biases of this covariance to the covariances of the states (N, 3D, 3D).
 pub(super) fn add_covariance<const N: usize>(
     means: &[Vec<f64>],
     of_biases: &DMatrix<f64>,
@@ -147,9 +147,9 @@ pub(super) fn add_covariance<const N: usize>(
     }
 }
 
-/// Weights over σ², 0 for what is not used, and the mean slope of Tukey's scores over their mean
-/// weight. Numbers of an instant may have errors that last, with these variances in the stated ones:
-/// residuals that they make are none that contradict.
+/// Returns weights over σ², 0 for measurements that are not used, and the mean slope of Tukey's scores over
+/// their mean weight. Columns may have lasting errors, with the variances `lasting` in units of the stated
+/// ones: residuals that are due to these do not count as contradictions.
 pub(super) fn weights<const D: usize, const N: usize>(
     record: &Record<'_>,
     found: &Found<D, N>,
@@ -181,7 +181,7 @@ pub(super) fn weights<const D: usize, const N: usize>(
     (weight, slope / total)
 }
 
-/// The information that errors of the positions alone make.
+/// Returns the information that errors of the positions alone generate.
 fn spurious<const D: usize, const N: usize>(
     record: &Record<'_>,
     found: &Found<D, N>,
@@ -212,7 +212,7 @@ fn spurious<const D: usize, const N: usize>(
     sum
 }
 
-/// The inverse of the information, or which biases it does not determine.
+/// Returns the inverse of the information, or the biases that it does not determine.
 fn inverted(
     information: &DMatrix<f64>,
     spurious: &DMatrix<f64>,
@@ -243,8 +243,8 @@ fn inverted(
     Ok(scaled(&inverse))
 }
 
-/// The covariance of the scores, between their inverse slopes; errors that stay for a while make it
-/// larger.
+/// Covariance of the biases: that of the scores between inverse slopes. Errors that are correlated over time
+/// make it larger.
 fn covariance<const D: usize>(
     record: &Record<'_>,
     instants: &[Instant<D>],
@@ -284,9 +284,9 @@ fn covariance<const D: usize>(
     DMatrix::from_fn(p, p, |i, j| whole[(i, j)] * root[i] * root[j])
 }
 
-/// How many instants are worth as much as one would be if errors were independent, at least 1: one
-/// plus twice the sum of the autocorrelations, as long as pairs of them are positive (Geyer 1992);
-/// the first pair has to be more than chance.
+/// Number of instants that are worth one instant with independent errors, at least 1: one plus twice the sum
+/// of the autocorrelations, as long as pairs of them are positive (Geyer 1992). The first pair has to exceed
+/// chance.
 fn repeats(series: &[f64]) -> f64 {
     let whole: f64 = series.iter().map(|v| v * v).sum();
     let mut total = 0.0;
@@ -300,7 +300,7 @@ fn repeats(series: &[f64]) -> f64 {
             1 => chance() * products().map(|v| v * v).sum::<f64>().sqrt(),
             _ => 0.0,
         };
-        // not a number is not more
+        // nan ends the sum, too
         if pair.partial_cmp(&least) != Some(std::cmp::Ordering::Greater) {
             break;
         }
@@ -309,7 +309,7 @@ fn repeats(series: &[f64]) -> f64 {
     1.0 + 2.0 * total
 }
 
-/// Rounds of estimating biases: each starts from measurements without those of the rounds before.
+/// Estimates biases in rounds; each round starts from measurements without the biases of the rounds before.
 pub(super) fn rounds<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     mut found: Found<D, N>,

@@ -1,13 +1,13 @@
-//! Contradictions between the stations, in blocks of instants, and the filter of lasting errors.
+//! Contradictions between stations in blocks of instants, and the filter of lasting errors.
 
 use super::instant::Instant;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-/// Share of its information from which a direction is determined.
+/// Information, relative to the largest possible one, from which a direction is determined.
 const DETERMINED: f64 = 1e-9;
-/// Square of a contradiction over its noise from which it is seen surely.
+/// Square of a contradiction over its noise from which it is certainly seen.
 const SURE: f64 = 10.0;
-/// Numbers that the stated noise is worth, where it is larger than what is seen.
+/// Number of measurements that the stated noise is worth, if the observed noise is smaller.
 const STATED: f64 = 8.0;
 
 /// Contradictions of blocks of instants: rows of `y = h (c + g) + e` with e of variance 1.
@@ -15,32 +15,33 @@ pub(super) struct Blocks {
     size: usize,
     pub time: Vec<f64>,
     rows: Vec<Vec<f64>>,
-    /// Numbers that contradict.
+    /// Number of independent contradictions.
     pub count: usize,
 }
 
-/// How drifts change: in jumps, as from stop to stop, or smoothly, as with the direction.
+/// How drifts change: abruptly, as from stop to stop, or smoothly, as with the direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Kernel {
-    /// Gauss–Markov, `exp(−x)` of the time over the correlation time.
+    /// Gauss–Markov: `exp(−x)` of the time over the correlation time.
     Markov,
-    /// Matérn's of order 3/2, `(1 + x) exp(−x)` of √3 times it.
+    /// Matérn of order 3/2: `(1 + x) exp(−x)` of √3 times the time over the correlation time.
     Smooth,
 }
 
-/// Variances of constants and drifts, and correlation times.
+/// Variances of constants and drifts, and correlation times, for each column.
 #[derive(Clone, Debug)]
 pub(super) struct Point {
     pub constant: Vec<f64>,
     pub drift: Vec<f64>,
     pub time: Vec<f64>,
     pub kernel: Kernel,
-    /// The one that is far larger than the others, if one is.
+    /// Column whose error is far larger than the others, if there is one.
     pub alone: Option<usize>,
 }
 
 impl Kernel {
-    /// Variance of the mean of a drift over so many correlation times, over its own.
+    /// Variance of the mean of a drift over this number of correlation times, relative to the variance of the
+    /// drift.
     pub fn averaged(self, times: f64) -> f64 {
         match self {
             _ if times < 1e-3 => 1.0,
@@ -52,7 +53,8 @@ impl Kernel {
         }
     }
 
-    /// Numbers of a drift, with variances alike, and what they are after so many correlation times.
+    /// Returns the number of components of a drift, scaled to equal variances, and their transition over this
+    /// number of correlation times.
     fn transition(self, times: f64) -> (usize, [[f64; 2]; 2]) {
         match self {
             Self::Markov => (1, [[(-times).exp(), 0.0], [0.0, 0.0]]),
@@ -65,8 +67,8 @@ impl Kernel {
     }
 }
 
-/// What blocks say of constants with such drifts, whatever is known of the constants before: `ln p(y)` is
-/// that of normal variables with the information A, the scores b and the squares of y.
+/// Information of the blocks about the constants, given the drifts and whatever the prior of the constants:
+/// `ln p(y)` is that of normal variables with the information A, the scores b and the squares of y.
 pub(super) struct Sums {
     squares: f64,
     log_determinant: f64,
@@ -75,12 +77,12 @@ pub(super) struct Sums {
 }
 
 impl Point {
-    /// Whether nothing lasts.
+    /// Whether there are no lasting errors.
     pub fn is_nothing(&self) -> bool {
         self.constant.iter().chain(&self.drift).all(|v| *v == 0.0)
     }
 
-    /// Whether drifts are the same.
+    /// Whether the drifts are the same as those of another point.
     pub fn drifts_as(&self, other: &Self) -> bool {
         let is_none = self.drift.iter().all(|v| *v == 0.0);
         let is_same = self.time == other.time && self.kernel == other.kernel;
@@ -88,14 +90,14 @@ impl Point {
     }
 }
 
-/// The filter of drifts, with each constant of 1 and with what was measured.
+/// Filter of the drifts, which runs for a value of 1 of each constant and for the measurements at once.
 struct Drifts<'a> {
     point: &'a Point,
-    /// Those that drift.
+    /// Columns that drift.
     columns: Vec<usize>,
-    /// Numbers of the state, the drifts first.
+    /// Number of components of the state; the drifts come first.
     n: usize,
-    /// States, one for each constant and the last for what was measured.
+    /// States, one for each constant and the last for the measurements.
     x: Vec<f64>,
     p: Vec<f64>,
     gain: Vec<f64>,
@@ -114,7 +116,7 @@ impl<'a> Drifts<'a> {
         Self { point, columns, n, x, p, gain: vec![0.0; n] }
     }
 
-    /// What is known after a time.
+    /// Predicts the state over a time step.
     fn advance(&mut self, step: f64) {
         let n = self.n;
         for (i, &column) in self.columns.iter().enumerate() {
@@ -143,7 +145,7 @@ impl<'a> Drifts<'a> {
         }
     }
 
-    /// Innovations of a row, and their variance.
+    /// Updates the states with a row, fills in its innovations, and returns the variance of the innovations.
     fn step(&mut self, row: &[f64], innovation: &mut [f64]) -> f64 {
         let n = self.n;
         let columns = &self.columns;
@@ -170,7 +172,8 @@ impl<'a> Drifts<'a> {
 }
 
 impl Sums {
-    /// ln of the likelihood without the noise: squares of innovations, and ln of their determinant.
+    /// Returns the terms of the log-likelihood for constants of these variances, without the growth of the
+    /// noise: the sum of the squared innovations, and ln of their determinant.
     fn innovations(&self, constant: &[f64]) -> Option<(f64, f64)> {
         let (factor, right) = self.factored(constant)?;
         let mut gained = right;
@@ -179,7 +182,8 @@ impl Sums {
         Some((self.squares - gained.norm_squared(), self.log_determinant + 2.0 * log_determinant))
     }
 
-    /// `I + R A R` and `R b` of the standard deviations R of the constants.
+    /// Returns the factor of `I + R A R` and the vector `R b`, with the standard deviations R of the
+    /// constants.
     fn factored(&self, constant: &[f64]) -> Option<(Cholesky<f64, Dyn>, DVector<f64>)> {
         let root = |i: usize| constant[i].sqrt();
         let right = DVector::from_fn(constant.len(), |i, _| root(i) * self.scores[i]);
@@ -192,7 +196,7 @@ impl Sums {
         Some((Cholesky::new(whole)?, right))
     }
 
-    /// The mean and the covariance of constants of these variances. O(P³).
+    /// Returns the mean and the covariance of constants of these prior variances. O(P³).
     pub fn constants(&self, constant: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
         let size = constant.len();
         let root = |i: usize| constant[i].sqrt();
@@ -212,8 +216,9 @@ impl Sums {
 }
 
 impl Blocks {
-    /// `before` was removed from the measurements; `taper` is what weights make of the slope and
-    /// the standard deviation of the scores.
+    /// Collects the contradictions of blocks of `length` instants. `before` was removed from the
+    /// measurements; `taper` holds the factors by which weights change the slope and the standard deviation
+    /// of the scores.
     pub fn new<const D: usize>(
         time: &[f64],
         instants: &[Instant<D>],
@@ -244,7 +249,7 @@ impl Blocks {
         blocks
     }
 
-    /// The filter of drifts, for all constants at once. Cost: of a block O(P²) for each of its rows.
+    /// Filters the drifts, for all constants at once. Cost: O(P²) for each row of a block.
     pub fn sums(&self, point: &Point) -> Sums {
         let c = self.size;
         let mut drifts = Drifts::new(point);
@@ -271,7 +276,8 @@ impl Blocks {
         Sums { squares, log_determinant, information, scores }
     }
 
-    /// In how many independent ways constants of these standard deviations contradict surely.
+    /// Number of independent ways in which constants of these standard deviations certainly cause
+    /// contradictions.
     pub fn ways(&self, sigma: &[f64]) -> usize {
         let mut information = DMatrix::<f64>::zeros(self.size, self.size);
         for row in self.rows.iter().flat_map(|rows| rows.chunks_exact(self.size + 1)) {
@@ -281,8 +287,8 @@ impl Blocks {
         information.symmetric_eigenvalues().iter().filter(|v| **v > SURE).count()
     }
 
-    /// ln of the likelihood with the growth of the noise that is likeliest, and that. Below 1 it is
-    /// shrunk: errors that last also show where noise is smaller than stated.
+    /// Returns ln of the likelihood with the likeliest growth of the noise, and this growth. A growth below 1
+    /// is moved towards 1: lasting errors also show if the noise is smaller than stated.
     pub fn likelihood(&self, sums: &Sums, constant: &[f64]) -> Option<(f64, f64)> {
         let count = self.count as f64;
         let (squares, log_determinant) = sums.innovations(constant)?;
@@ -296,8 +302,8 @@ impl Blocks {
     }
 }
 
-/// `y = h u + e` of information and scores, by a Cholesky factor with pivots. What is far below the
-/// largest information that there could be is rounding.
+/// Returns rows `y = h u + e` with this information and these scores, by a Cholesky factor with pivots.
+/// Pivots far below the largest possible information are rounding errors.
 fn factored(
     information: DMatrix<f64>,
     scores: DVector<f64>,
@@ -329,7 +335,7 @@ fn factored(
 mod tests {
     use super::*;
 
-    /// The filter against the normal density of all numbers at once.
+    /// Compares the filter with the normal density of all numbers at once.
     #[test]
     fn the_filter_is_the_joint_density() {
         let rows = vec![vec![1.0, -0.5, 0.3], vec![0.4, 2.0, -1.2], vec![-1.5, 0.7, 2.1]];
@@ -373,7 +379,7 @@ mod tests {
         }
     }
 
-    /// Against sums over many points.
+    /// Compares averages with sums over many points.
     #[test]
     fn averages_of_drifts() {
         let count = 2000;
@@ -389,7 +395,7 @@ mod tests {
         }
     }
 
-    /// Rows of a singular information have its information and its scores.
+    /// Rows of a singular information must reproduce the information and the scores.
     #[test]
     fn factors_of_singular_information() {
         let design = DMatrix::from_row_slice(2, 3, &[1.0, -1.0, 0.5, 0.0, 2.0, -2.0]);

@@ -5,13 +5,13 @@ use crate::base::error::Error;
 /// Why there is no trajectory.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Failure {
-    /// No instant has a position: for these reasons, as numbers of a location's status.
+    /// No instant could be located; the reasons, as numbers of `location::Status`.
     NotLocated(Vec<u8>),
-    /// No usable measurement determines the biases of these numbers of an instant.
+    /// No usable measurement determines the biases of these columns of a record.
     Unusable(Vec<usize>),
-    /// Biases of these numbers move positions together and change no residual.
+    /// Biases of these columns move the positions together and change no residual.
     Unobservable(Vec<usize>),
-    /// Two paths that are mirror images, neither of which is above the other.
+    /// There are two paths that are mirror images, and neither of them is above the other.
     Mirrored,
     /// An argument is wrong.
     Error(Error),

@@ -1,4 +1,4 @@
-//! Every instant located on its own.
+//! Location of every instant on its own.
 
 use super::failure::Failure;
 use super::measured::{Measured, REDUNDANCY, Record};
@@ -9,32 +9,33 @@ use crate::location::{BLOCK, Fix, Instant, Locator, Method, Output, Status, Work
 use crate::sensors::{KINDS, Kind};
 use std::f64::consts::TAU;
 
-/// Measurements of a running median.
+/// Number of measurements in a running median.
 const RUNNING: usize = 5;
-/// In metres: what stations with verticals of their own see of a height is small.
+/// Standard deviation of an unknown height, in metres: the azimuths hardly depend on the height, even if each
+/// station has its own vertical.
 const ANYWHERE: f64 = 1e4;
-/// What a residual costs at most, to choose between positions.
+/// Largest contribution of a squared residual to the cost by which positions are chosen.
 const MOST: f64 = 9.0;
-/// Cost of an instant per number, for the choice of threads.
+/// Cost (ns) per number of an instant, for the choice of threads.
 const LOCATE_NS: f64 = 500.0;
 
 /// Positions of the single instants.
 #[derive(Clone, Debug)]
 pub struct Fixes {
-    /// (N, D); nan where there is none.
+    /// (N, D); nan where unknown.
     pub position: Vec<f64>,
     /// (N, D, D)
     pub covariance: Vec<f64>,
     /// Whitened residuals (N, 5, K).
     pub residual: Vec<f64>,
-    /// Measurements without weight (N, 5, K).
+    /// Measurements that were given no weight (N, 5, K).
     pub outlier: Vec<bool>,
-    /// What else came out of each instant.
+    /// Further results of each instant.
     pub fixes: Vec<Fix>,
 }
 
 impl Fixes {
-    /// Locates all instants on their own, from these values (N, 5, K).
+    /// Locates all instants on their own from these values (N, 5, K).
     pub(super) fn of<const D: usize>(record: &Record<'_>, values: &[f64]) -> Self {
         let all: Vec<usize> = (0..record.len()).collect();
         let mut own = Self::empty(all.len(), record.width(), D);
@@ -42,8 +43,9 @@ impl Fixes {
         own
     }
 
-    /// Locates all instants, then on the side of the mirror's normal, and for the beginning of a path those
-    /// with little redundancy by running medians of what the stations measured.
+    /// Locates all instants. Returns these fixes, fixes on the side of the mirror's normal, and fixes from
+    /// which a path can begin: there, instants with little redundancy are located from running medians of the
+    /// measurements.
     pub(super) fn first<const D: usize>(
         record: &Record<'_>,
         measured: &Measured<D>,
@@ -69,7 +71,7 @@ impl Fixes {
         Ok((own, beside, start.located()?))
     }
 
-    /// The same, all instants on the side of the mirror's normal, from values (N, 5, K).
+    /// Locates all instants on the side of the mirror's normal from values (N, 5, K).
     pub(super) fn beside<const D: usize>(
         mut self,
         record: &Record<'_>,
@@ -81,8 +83,9 @@ impl Fixes {
         self
     }
 
-    /// Locates instants on the side of the mirror's normal, from the mirror image of what is on the other
-    /// side and from positions farther and farther away. What is not found there has no position.
+    /// Locates instants on the side of the mirror's normal. The searches start from the mirror image of
+    /// positions on the other side and from positions farther and farther away. Instants that are not found
+    /// there have no position.
     fn move_beside<const D: usize>(
         &mut self,
         record: &Record<'_>,
@@ -121,7 +124,7 @@ impl Fixes {
         }
     }
 
-    /// What the residuals of an instant cost; infinite where it has no position.
+    /// Cost of the residuals of an instant; infinite if it has no position.
     fn cost(&self, t: usize, width: usize) -> f64 {
         if !self.is_located(t) {
             return f64::INFINITY;
@@ -130,7 +133,7 @@ impl Fixes {
         residuals.map(|r| (r * r).min(MOST)).sum()
     }
 
-    /// Located again without outliers, where there are any or the measurements are others.
+    /// Locates again, without outliers, the instants that have outliers or whose measurements have changed.
     pub(super) fn without<const D: usize>(
         mut self,
         record: &Record<'_>,
@@ -162,7 +165,7 @@ impl Fixes {
         }
     }
 
-    /// Takes an instant from others.
+    /// Copies instant `at` of `other` to instant t.
     fn take<const D: usize>(&mut self, t: usize, other: &Self, at: usize, width: usize) {
         copy(&mut self.position, t, &other.position, at, D);
         copy(&mut self.covariance, t, &other.covariance, at, D * D);
@@ -171,7 +174,7 @@ impl Fixes {
         self.fixes[t] = other.fixes[at];
     }
 
-    /// Fails if no instant is.
+    /// Returns the fixes, or the reasons if no instant is located.
     pub(super) fn located(self) -> Result<Self, Failure> {
         if (0..self.fixes.len()).any(|t| self.is_located(t)) {
             return Ok(self);
@@ -212,7 +215,7 @@ impl Fixes {
             .zip(self.outlier.chunks_mut(width * BLOCK))
             .zip(self.fixes.chunks_mut(BLOCK));
         let blocks = instants.chunks(BLOCK).zip(outputs).enumerate();
-        // nothing can fail
+        // the closure never fails
         let _ = for_each_row(
             blocks,
             cost,
@@ -257,8 +260,8 @@ impl Fixes {
     }
 }
 
-/// A height near those of the stations with a very large standard deviation, where only azimuths
-/// were measured, which determine none.
+/// Height near those of the stations, with a very large standard deviation, for instants with azimuths only,
+/// which determine no height.
 fn anywhere<const D: usize>(stations: &[f64], values: &[f64]) -> Option<(f64, f64)> {
     let k = values.len() / KINDS;
     let is_known = |kind: usize| values[kind * k..][..k].iter().any(|value| !value.is_nan());
@@ -272,7 +275,7 @@ fn copy<T: Copy>(to: &mut [T], t: usize, from: &[T], at: usize, size: usize) {
     to[t * size..][..size].copy_from_slice(&from[at * size..][..size]);
 }
 
-/// The number of an instant that is the arrival of which there are most.
+/// Returns the column of the station with the most arrivals.
 fn most_heard(record: &Record<'_>, values: &[f64]) -> usize {
     let (width, k) = (record.width(), record.width() / KINDS);
     let count = |column: &usize| {
@@ -282,15 +285,16 @@ fn most_heard(record: &Record<'_>, values: &[f64]) -> usize {
     (first..first + k).rev().max_by_key(count).unwrap_or(first)
 }
 
-/// Medians of what each station measured nearest to these instants, of arrivals after that of one
-/// station; none where the nearest is farther than its measurements mostly are from each other.
+/// Returns running medians of the measurements of each column around these instants, of arrivals relative to
+/// those of one station; nan where the nearest measurement is farther away than the median interval between
+/// measurements.
 fn running_medians(record: &Record<'_>, values: &[f64], open: &[usize]) -> Vec<f64> {
     let (width, time) = (record.width(), record.time);
     let mut medians = vec![f64::NAN; open.len() * width];
     let heard = most_heard(record, values);
     for column in 0..width {
         let turns = record.kind_of(column) == Kind::Azimuth as usize;
-        // each instant has its own emission
+        // each instant has its own emission time, so arrivals are taken relative to one station
         let reference = match record.kind_of(column) {
             kind if kind == Kind::Arrival as usize => Some(heard),
             _ => None,

@@ -1,7 +1,7 @@
-//! Positions along time that fit all measurements at once, without what contradicts the others.
+//! A path that fits all measurements at once, except those that contradict the others.
 //!
-//! What an instant measured is linearised about the path, also where it does not determine a
-//! position: one bearing is a line, to which the path is drawn.
+//! The measurements of each instant are linearised about the path, even if they do not determine a position:
+//! a single bearing is a line towards which the path is drawn.
 
 use super::failure::Failure;
 use super::fixes::Fixes;
@@ -15,47 +15,49 @@ use crate::smoothing::{ProcessNoise, ProcessNoiseFit};
 use std::ops::Range;
 use std::rc::Rc;
 
-/// Variance of a direction that an instant does not determine, over that of the path: from which it
-/// is none, and with which it stays where it is.
+/// Ratio of the variance of an instant's position to that of the path from which a direction counts as
+/// undetermined, and the ratio with which an undetermined direction is tied to the path.
 const UNDETERMINED: f64 = 1e4;
 const ANCHOR: f64 = 1e6;
 
-/// Weight of the doubt which measurements are outliers.
+/// Factor of the variance that the doubt about outliers adds.
 const DOUBT: f64 = 2.0;
 
-/// What has been found so far.
+/// State of the reconstruction.
 #[derive(Clone, Debug)]
 pub(super) struct Found<const D: usize, const N: usize> {
     pub measured: Rc<Measured<D>>,
-    /// Probabilities that measurements are no outliers, (N, 5, K).
+    /// Probabilities that measurements are not outliers, (N, 5, K).
     pub trust: Vec<f64>,
     pub fixes: Fixes,
     pub plots: Plots,
     pub path: Path,
-    /// Information that holds the position where the instant does not determine it (N).
+    /// Information that ties the position to the path where the instant does not determine it (N).
     pub anchor: Vec<f64>,
-    /// Where the stations are in a plane: on which side of it the path is.
+    /// Side of the plane of the stations on which the path is; none if the stations are not in a plane.
     pub sides: Option<Sides<D>>,
-    /// Standard deviation of the noise over what is stated, at least 1.
+    /// Standard deviation of the noise relative to the stated one, at least 1.
     pub scale: f64,
-    /// Whether the path is the last one: its covariance has the doubt which measurements are outliers.
+    /// Whether the path is the final one: its covariance includes the doubt about which measurements are
+    /// outliers.
     pub is_last: bool,
 }
 
-/// How a path is smoothed: the motion, if it is given, and buffers.
+/// How a path is smoothed: the motion if it is given, and buffers.
 pub(super) struct Setting<'a, const D: usize, const N: usize> {
     pub record: &'a Record<'a>,
     pub motion: Option<ProcessNoise>,
     pub smoother: Smoother<D, N>,
 }
 
-/// A motion that is given.
+/// Returns a motion that is given as a fit without error.
 pub(super) fn known(motion: ProcessNoise) -> ProcessNoiseFit {
     ProcessNoiseFit { motion, relative_error: 0.0 }
 }
 
 impl<const D: usize, const N: usize> Setting<'_, D, N> {
-    /// Smooths positions; without a motion the likeliest one is taken, near that of before.
+    /// Smooths positions; if no motion is given, the likeliest one is searched, starting near the previous
+    /// one.
     fn smoothed(
         &mut self,
         plots: &Plots,
@@ -71,13 +73,15 @@ impl<const D: usize, const N: usize> Setting<'_, D, N> {
     }
 }
 
-/// Gain of the log-likelihood from which a path crosses the plane of the stations, and how often it may.
+/// Gain of the log-likelihood from which a path crosses the plane of the stations, and the largest number of
+/// crossings.
 const LIKELIER: f64 = 3.0;
 const CROSSINGS: usize = 8;
 
 impl<const D: usize, const N: usize> Setting<'_, D, N> {
-    /// The sides of a plane without an upper one, of positions that were located on one side: a path crosses
-    /// the plane if that is likelier than that it turns back there. Above a plane it stays above.
+    /// Determines on which side of the plane each instant is, from positions located on one side. The path
+    /// crosses a plane without an upper side if that is likelier than turning back at the plane. Above a
+    /// level plane it stays above.
     fn crossed(&mut self, mut sides: Sides<D>, one_sided: &Plots) -> Result<Sides<D>, Failure> {
         let mut path = self.smoothed(one_sided, self.motion, None)?;
         if sides.mirror.is_level {
@@ -91,7 +95,7 @@ impl<const D: usize, const N: usize> Setting<'_, D, N> {
         Ok(sides)
     }
 
-    /// The likeliest path that crosses the plane once more, if it is likelier.
+    /// Returns the likeliest path with one more crossing of the plane, if it is likelier than the given one.
     fn crossing(
         &mut self,
         sides: &Sides<D>,
@@ -113,7 +117,7 @@ impl<const D: usize, const N: usize> Setting<'_, D, N> {
 }
 
 impl<const D: usize, const N: usize> Found<D, N> {
-    /// Locates every instant, by the measurements nearby where its own are too few, and smooths.
+    /// Locates every instant, with the help of neighbouring measurements if its own are too few, and smooths.
     pub fn first(
         setting: &mut Setting<'_, D, N>,
         measured: &Rc<Measured<D>>,
@@ -143,8 +147,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
         Ok(found)
     }
 
-    /// Linearises what was measured about the path, with a noise so many times as large as stated, and
-    /// smooths.
+    /// Linearises the measurements about the path, with a noise of `scale` times the stated one, and smooths.
     pub fn relinearise(
         &mut self,
         setting: &mut Setting<'_, D, N>,
@@ -152,7 +155,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
         scale: f64,
     ) -> Result<(), Failure> {
         if self.plots.count(D) < 2 {
-            // a single position is its own path
+            // a single position is the whole path
             return Ok(());
         }
         let near = Some(self.path.fit.motion);
@@ -173,7 +176,8 @@ impl<const D: usize, const N: usize> Found<D, N> {
         Ok(())
     }
 
-    /// Learns how well the distance from a mirror is known, and takes the image of what is behind it.
+    /// Updates the uncertainty of the distance from the mirror, and reflects positions that are on the wrong
+    /// side.
     fn stay_beside(&mut self) {
         let Some(sides) = &mut self.sides else { return };
         sides.learn(&self.path.covariance);
@@ -183,20 +187,20 @@ impl<const D: usize, const N: usize> Found<D, N> {
         }
     }
 
-    /// Says whether the path is the last one.
+    /// Sets whether the path has settled; see [`Sides::is_settled`].
     pub fn settle(&mut self, is_settled: bool) {
         if let Some(sides) = &mut self.sides {
             sides.is_settled = is_settled;
         }
     }
 
-    /// A position of the path, and where derivatives are taken.
+    /// Returns the position of the path, and the point at which derivatives are taken.
     pub fn place(&self, t: usize) -> Place<D> {
         let p = self.path.position::<D>(t);
         self.sides.as_ref().map_or_else(|| Place::at(p), |sides| sides.place(t, p))
     }
 
-    /// The covariance of an instant's position about the path, and the way to it.
+    /// Returns the covariance of an instant's position and the step to it from the path.
     fn step(
         &mut self,
         record: &Record<'_>,
@@ -231,8 +235,9 @@ impl<const D: usize, const N: usize> Found<D, N> {
         Some((factor.inverse(), factor.solve(&right)))
     }
 
-    /// The covariance of an instant's position with the doubt which measurements are outliers: with the
-    /// probability q of one, and the shift d by it, `q (1 − q) d d'` is added, twice as q is estimated.
+    /// Returns the covariance of an instant's position with the doubt about which measurements are outliers.
+    /// A measurement that is an outlier with probability q and shifts the position by d adds
+    /// `q (1 − q) d d'`, twice because q is itself estimated.
     fn doubted(&self, t: usize, inverse: Matrix<D>) -> Matrix<D> {
         let width = self.measured.width();
         let mut whole = inverse;
@@ -252,7 +257,8 @@ impl<const D: usize, const N: usize> Found<D, N> {
         whole
     }
 
-    /// What an instant says of its position, and of the way to it from the path.
+    /// Returns the information of an instant about its position, and the right-hand side for the step from
+    /// the path.
     fn information(&self, record: &Record<'_>, t: usize) -> (Matrix<D>, Vector<D>) {
         let place = self.place(t);
         let Some(sides) = &self.sides else { return self.summed(record, t, place) };
@@ -261,18 +267,19 @@ impl<const D: usize, const N: usize> Found<D, N> {
             sides.lower(t, &place.position, &mut right);
             return (normal, right);
         }
-        // steps would be too long if what coordinates have in common were as seen from there, too
+        // cross terms between coordinates are taken at the position itself: else steps would be too long
         let (mut normal, right) = self.summed(record, t, Place { eye: None, ..place });
         sides.mirror.raise(&mut normal, &self.summed(record, t, place).0);
         (normal, right)
     }
 
-    /// The same with derivatives as seen from there.
+    /// Sums the information and the right-hand side, with the derivatives of `place`.
     fn summed(&self, record: &Record<'_>, t: usize, place: Place<D>) -> (Matrix<D>, Vector<D>) {
         let width = record.width();
         let (mut normal, mut right) = ([[0.0; D]; D], [0.0; D]);
         let common = record.common_variance();
-        // the error that range differences share is one unknown more: its column, row and right
+        // the error that range differences share is an additional unknown: its column, row and right-hand
+        // side
         let (mut column, mut corner, mut rest) = ([0.0; D], 1.0, 0.0);
         let trust = |m: usize| self.trust[t * width + self.measured.column[m]];
         let emission = self.measured.emission(t, place, trust);
@@ -310,8 +317,9 @@ impl<const D: usize, const N: usize> Found<D, N> {
         (normal, right)
     }
 
-    /// The measurements of an instant about the path, arrivals without the emission that those that are
-    /// trusted tell, and the variance of that in the stated one of each.
+    /// Returns the measurements of an instant about the path: number, residual and derivatives, and the
+    /// variance of the emission in units of the stated variance (0 except for arrivals). The emission as
+    /// estimated from the trusted arrivals is subtracted from arrivals.
     pub fn rows(&self, t: usize) -> impl Iterator<Item = (usize, Row<D>, f64)> {
         let (place, width) = (self.place(t), self.measured.width());
         let trust = |m: usize| self.trust[t * width + self.measured.column[m]];
@@ -322,23 +330,23 @@ impl<const D: usize, const N: usize> Found<D, N> {
         })
     }
 
-    /// An instant with what biases do to it, about the path.
+    /// Returns an instant about the path, with the effect of biases in these columns.
     pub fn instant(&self, t: usize, weight: &[f64], columns: &[usize]) -> Instant<D> {
         Instant::new(&self.measured, t, self.place(t), weight, columns, self.anchor[t])
     }
 
-    /// Several instants as one, with what biases do to them.
+    /// Returns several instants combined into one, with the effect of biases in these columns.
     pub fn together(&self, own: Range<usize>, weight: &[f64], columns: &[usize]) -> Instant<D> {
         Instant::together(&self.measured, own.map(|t| (t, self.place(t))), weight, columns)
     }
 
-    /// Whether the others contradict a measurement more than not.
+    /// Whether a measurement is more likely to be an outlier than not.
     pub fn is_outlier(&self, at: usize) -> bool {
         self.trust[at] < 0.5
     }
 }
 
-/// The positions of the single instants.
+/// Returns the positions of the single instants.
 fn plots_of(fixes: &Fixes, d: usize) -> Plots {
     let covariance = fixes.covariance.clone();
     let mut plots = Plots { position: fixes.position.clone(), covariance };

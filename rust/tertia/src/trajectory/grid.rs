@@ -1,7 +1,7 @@
 //! The grid of sizes and correlation times of lasting errors.
 //!
-//! The likelihood of any constants follows from one filter of the drifts, so points with the same drift
-//! share it.
+//! One filter of the drifts gives the likelihood of any constants, so points with the same drifts share a
+//! filter.
 
 use super::contradictions::{Blocks, Kernel, Point, Sums};
 use super::measured::Record;
@@ -10,49 +10,52 @@ use crate::sensors::KINDS;
 use std::cell::RefCell;
 use std::rc::Rc;
 
-/// Standard deviations of constants and of drifts, in those of the measurements, if there is one kind.
+/// Standard deviations of constants and drifts, in units of those of the measurements, if there is one kind.
 const SCALES: Scales = Scales { first: 0.125, ratio: 2.0, count: 8, steps: &[-1, 0, 1, 2, 3, 4] };
-/// If there are several.
+/// The same if there are several kinds.
 const COARSE: Scales = Scales { first: 0.15, ratio: 3.162, count: 5, steps: &[0, 1, 2] };
-/// Least drift of constants, over them or, if they are larger, over the noise: stations are not steadier.
-/// Without it, errors that change slowly, as with the direction, would be taken for constants.
+/// Least drift that accompanies a constant, relative to the constant or, if that is larger than the noise, to
+/// the noise: no station is steadier. Without this drift, errors that change slowly, for example with the
+/// direction, would be taken for constants.
 const STEADY: f64 = 0.5;
 /// Largest drift.
 const MOST_DRIFT: f64 = 8.0;
-/// Weight of drifts that are small beside their constants, but not the least, over that of others.
+/// Prior weight of drifts that are small beside their constants, but not the least, relative to that of other
+/// drifts.
 const BETWEEN: f64 = 0.25;
-/// Correlation times, in those of the record.
+/// Correlation times, as fractions of the duration of the record.
 const TIMES: [f64; 4] = [0.5, 0.15, 0.05, 0.015];
-/// Correlation times are longer than so many blocks.
+/// Least correlation time, in blocks.
 const RESOLVED: f64 = 1.5;
-/// Odds of no lasting errors over any.
+/// Prior odds of no lasting errors against any.
 const NOTHING: f64 = 2.0;
-/// Scales of one kind or all with which nothing must be gained where nothing lasts.
+/// Scales that are tried first, for one kind or all: if none is likelier than no errors, nothing lasts.
 const PROBES: [f64; 2] = [0.25, 1.0];
-/// Stations of which one alone may be wrong: with fewer, others would be as likely.
+/// Least number of stations among which one alone may be wrong: with fewer, others would be as likely.
 const SEVERAL: usize = 4;
-/// Those that are tried.
+/// Number of suspects that are tried.
 const SUSPECTS: usize = 4;
-/// Odds that one alone is wrong over any errors that last, scales of its error and of those of the others.
+/// Prior odds that one column alone is wrong against any lasting errors, scales of its error, and scales of
+/// the errors of the others.
 const ALONE: f64 = 0.12;
 const ALONE_SCALES: [f64; 3] = [4.0, 16.0, 64.0];
 const OTHER_SCALES: [f64; 2] = [0.0, 0.25];
-/// Share of its standard deviation that drifts while suspects are looked for.
+/// Drift over constant during the search for suspects.
 const SUSPECT_DRIFT: f64 = 0.35;
-/// Standard deviation of the logarithms of scales of different kinds.
+/// Standard deviation of the logarithms of the scales of different kinds.
 const ALIKE: f64 = 1.2;
-/// Probability of no lasting errors from which none are removed.
+/// Probability of no lasting errors from which on none are removed.
 pub(super) const CERTAIN: f64 = 0.5;
-/// Probability below which a point of the grid does not count, over that of the best: many together
-/// may.
+/// Probability, relative to that of the best point, below which a point of the grid is dropped. It is low
+/// because many such points together may matter.
 const UNLIKELY: f64 = 3e-4;
-/// Probability of the largest errors that do not count where none are removed: a region of 95 % need not
-/// hold what is as unlikely, and it would be most of the variance.
+/// Total probability of the largest errors, which are dropped if none are removed: a 95 % region need not
+/// cover errors so unlikely, and they would be most of the variance.
 const LARGEST: f64 = 0.05;
-/// ln of the likelihood ratio below which a point does not count.
+/// Difference of ln of the probability from that of the best point, beyond which a point is dropped.
 const FALL: f64 = 6.0;
 
-/// Standard deviations of the errors of a kind, in those of the measurements.
+/// Standard deviations of the errors of a kind, in units of those of the measurements.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Size {
     constant: f64,
@@ -80,7 +83,7 @@ impl Size {
     }
 }
 
-/// Standard deviations in a geometric series, and by how many steps drifts are below the constants.
+/// Geometric series of standard deviations, and the numbers of steps by which drifts are below the constants.
 struct Scales {
     first: f64,
     ratio: f64,
@@ -93,7 +96,8 @@ impl Scales {
         self.first * self.ratio.powi(i as i32)
     }
 
-    /// Where the least drift of a constant is: a step below it, or what stations are not steadier than.
+    /// Returns the level of the least drift of a constant: one step below the constant, or that of the
+    /// steadiest stations.
     fn least(&self, i: usize) -> usize {
         let steady = (1..self.count).take_while(|at| self.level(*at) <= STEADY).count();
         i.saturating_sub(1).min(steady)
@@ -103,43 +107,45 @@ impl Scales {
         Some(Size::drift(self.level(i))).filter(Size::is_possible)
     }
 
-    /// A constant whose drift is so many steps below it, but not below the least.
+    /// Returns a constant whose drift is this number of steps below it, but not below the least drift.
     fn both(&self, i: usize, step: isize) -> Option<Size> {
         let at = i.saturating_add_signed(-step).max(self.least(i));
         Some(Size { constant: self.level(i), drift: self.level(at) }).filter(Size::is_possible)
     }
 }
 
-/// How drifts change.
+/// How drifts change over time.
 #[derive(Clone, Copy, Debug)]
 struct Course {
     time: f64,
     kernel: Kernel,
 }
 
-/// A point with its probability and the growth of the noise.
+/// A point of the grid with its probability and the growth of the noise.
 pub(super) struct Weighed {
     pub point: Point,
     pub sums: Rc<Sums>,
-    /// First ln of it.
+    /// Probability; ln of it until [`Grid::weighed`] has normalised it.
     pub probability: f64,
     pub growth: f64,
 }
 
-/// Points at which the likelihood is asked for.
+/// Points at which the likelihood is evaluated.
 pub(super) struct Grid<'a> {
     blocks: &'a Blocks,
-    /// Standard deviation of each column, and its number among the kinds that are found; none where
-    /// the standard deviation is that of the lasting error.
+    /// Unit of the errors of each column: the standard deviation of its measurements or, if it is given, that
+    /// of the lasting error.
     sigma: Vec<f64>,
+    /// Number of the kind of each column among those whose errors are estimated; none if the standard
+    /// deviation of the lasting error is given.
     kind: Vec<Option<usize>>,
     kinds: usize,
-    /// Share and time of each column; none where they are found.
+    /// Share of the drift and correlation time of each column; none where they are to be estimated.
     own: Vec<(Option<f64>, Option<f64>)>,
-    /// Whether any share is found.
+    /// Whether any share is to be estimated.
     any_share: bool,
     courses: Vec<Course>,
-    /// Of points with different drifts.
+    /// Sums of points with different drifts.
     sums: RefCell<Vec<(Point, Rc<Sums>)>>,
 }
 
@@ -163,7 +169,7 @@ impl<'a> Grid<'a> {
         if times.is_empty() {
             times.push(span.max(f64::MIN_POSITIVE));
         }
-        // what is given without a share is constant
+        // errors of given size without a given share are constant
         let own: Vec<(Option<f64>, Option<f64>)> = columns
             .iter()
             .map(|c| {
@@ -192,7 +198,7 @@ impl<'a> Grid<'a> {
             let size = kind.map_or(Size::constant(1.0), |kind| sizes[kind]);
             let time = own.1.unwrap_or(time);
             let (mut constant, mut drift) = (size.constant.powi(2), size.drift.powi(2));
-            // what drifts for ever does not
+            // a drift with an infinite correlation time is a constant
             let share = if time.is_finite() { own.0 } else { Some(0.0) };
             if let Some(share) = share {
                 (constant, drift) =
@@ -205,7 +211,7 @@ impl<'a> Grid<'a> {
         point
     }
 
-    /// Points that count, with their probabilities and the growth of the noise.
+    /// Returns the points that matter, with their probabilities and the growth of the noise.
     pub fn weighed(&self) -> Vec<Weighed> {
         let mut points = self.searched();
         let top = points.iter().map(|one| one.probability).fold(f64::NEG_INFINITY, f64::max);
@@ -232,7 +238,7 @@ impl<'a> Grid<'a> {
         points
     }
 
-    /// Points that may count, with ln of their probabilities and the growth of the noise.
+    /// Returns the points that may matter, with ln of their probabilities and the growth of the noise.
     fn searched(&self) -> Vec<Weighed> {
         let mut points = Vec::new();
         match self.kinds {
@@ -244,7 +250,7 @@ impl<'a> Grid<'a> {
                 let none = self.point(&[Size::NONE], self.courses[0]);
                 points.extend(self.judged(none, NOTHING.ln()));
                 if self.blocks.count == 0 {
-                    // nothing can tell
+                    // without contradictions nothing can be estimated
                     return points;
                 }
                 for (sizes, prior) in self.sizes(&SCALES) {
@@ -263,19 +269,20 @@ impl<'a> Grid<'a> {
         points
     }
 
-    /// Ways in which errors of these sizes may change: without a drift there is one.
+    /// Returns the ways in which errors of these sizes may change over time; without a drift there is one.
     fn courses_of(&self, sizes: &[Size]) -> &[Course] {
         let drifts = self.point(sizes, self.courses[0]).drift.iter().any(|v| *v > 0.0);
         if drifts { &self.courses } else { &self.courses[..1] }
     }
 
-    /// A drift in jumps with one of the correlation times, longest first.
+    /// Returns the Gauss–Markov drift with one of the correlation times, counted from the longest.
     fn markov(&self, at: usize) -> Course {
         self.courses[at.min(self.courses.len() / 2 - 1)]
     }
 
-    /// Sizes of the errors of all kinds, with ln of their probabilities: drifts alone, and constants with
-    /// drifts from twice as large to the least.
+    /// Returns sizes of the errors of all kinds with ln of their prior probabilities: drifts alone, and
+    /// constants with drifts from twice the constant (equal to it if there are several kinds) down to the
+    /// least.
     fn sizes(&self, scales: &Scales) -> Vec<(Vec<Size>, f64)> {
         let mut all = Vec::new();
         let mut add = |weight: f64, of: &dyn Fn(&[usize]) -> Option<Vec<Size>>| {
@@ -308,8 +315,7 @@ impl<'a> Grid<'a> {
         all
     }
 
-    /// Points with one number of an instant that is far more wrong than the others, always or from some
-    /// time on.
+    /// Returns points at which one column is far more wrong than the others, always or from some time on.
     fn alone(&self) -> Vec<Weighed> {
         let (slow, fast) = (self.markov(0), self.markov(self.courses.len() / 4));
         let size: fn(f64) -> Size = Size::steady;
@@ -332,7 +338,7 @@ impl<'a> Grid<'a> {
         points
     }
 
-    /// Numbers of an instant with the largest errors, if there are enough others of their kind.
+    /// Returns the columns with the largest errors among those with enough other columns of their kind.
     fn suspects(&self, course: Course) -> Vec<usize> {
         let size = Size { constant: ALONE_SCALES[0], drift: SUSPECT_DRIFT * ALONE_SCALES[0] };
         let point = self.point(&vec![size; self.kinds], course);
@@ -352,7 +358,7 @@ impl<'a> Grid<'a> {
         Some(Weighed { point, sums, probability: value + prior, growth })
     }
 
-    /// Of the drifts of a point.
+    /// Returns the sums for the drifts of a point.
     fn sums(&self, point: &Point) -> Rc<Sums> {
         let mut all = self.sums.borrow_mut();
         if let Some((_, sums)) = all.iter().find(|(other, _)| other.drifts_as(point)) {
@@ -363,9 +369,9 @@ impl<'a> Grid<'a> {
         sums
     }
 
-    /// Of several kinds: the sizes with a likely correlation time, and times with the likeliest sizes that
-    /// drift, as if these were independent. Sizes of kinds are alike, or one kind would explain what others
-    /// do as well.
+    /// Returns the points for several kinds. Sizes are judged with a likely correlation time, and correlation
+    /// times with the likeliest sizes that drift, as if sizes and times were independent. The prior makes
+    /// sizes of different kinds alike, because otherwise one kind would explain errors of others as well.
     fn several(&self) -> Vec<Weighed> {
         let middle = self.markov(1);
         let judged = |sizes: &[Size], prior| self.judged(self.point(sizes, middle), prior);
@@ -403,7 +409,7 @@ impl<'a> Grid<'a> {
         points
     }
 
-    /// Sizes of one kind or all, of which one must gain where anything lasts.
+    /// Sizes of one kind or of all kinds; if anything lasts, one of them must be likelier than no errors.
     fn probes(&self) -> impl Iterator<Item = Vec<Size>> {
         let sizes = PROBES.iter().flat_map(|&scale| {
             [Size::constant(scale), Size { constant: 0.8 * scale, drift: 0.6 * scale }]
@@ -416,7 +422,7 @@ impl<'a> Grid<'a> {
         })
     }
 
-    /// ln of the probabilities of the ways in which errors of these sizes change.
+    /// Returns ln of the probabilities of the ways in which errors of these sizes may change.
     fn parts(&self, sizes: &[Size]) -> Vec<f64> {
         let judged = |course: &Course| self.judged(self.point(sizes, *course), 0.0);
         let value = |course| judged(course).map_or(f64::NEG_INFINITY, |one| one.probability);
@@ -427,18 +433,18 @@ impl<'a> Grid<'a> {
     }
 }
 
-/// All vectors of so many numbers below `count`.
+/// Returns all vectors of `size` numbers below `count`.
 fn vectors(count: usize, size: usize) -> impl Iterator<Item = Vec<usize>> {
     let place = move |number: usize, at: usize| number / count.pow(at as u32) % count;
     (0..count.pow(size as u32)).map(move |number| (0..size).map(|at| place(number, at)).collect())
 }
 
-/// A half-Cauchy density of a scale about 1, per logarithm.
+/// Half-Cauchy density of a scale about 1, per unit of its logarithm.
 fn cauchy(scale: f64) -> f64 {
     scale / (1.0 + scale * scale)
 }
 
-/// ln of how likely sizes are, and that they differ as much.
+/// ln of the prior density of sizes: of their mean, and of their differences between kinds.
 fn unlike(sizes: &[Size]) -> f64 {
     let logs: Vec<f64> = sizes.iter().map(|size| size.constant.hypot(size.drift).ln()).collect();
     let mean = logs.iter().sum::<f64>() / logs.len() as f64;

@@ -1,4 +1,4 @@
-//! Which of two paths that are mirror images is taken.
+//! Choice between two paths that are mirror images.
 
 use super::failure::Failure;
 use super::fixes::Fixes;
@@ -13,43 +13,44 @@ use std::rc::Rc;
 
 /// Paths whose likelihoods differ by less than a factor of 20 cannot be told apart: ln 20.
 const AMBIGUOUS: f64 = 2.995_732_273_553_991;
-/// ln of the odds of a target above the stations: a thousand to one.
+/// ln of the prior odds of a target above the stations: a thousand to one.
 const ABOVE: f64 = 6.907_755_278_982_137;
-/// What counts of a residual at most.
+/// Largest size of a residual, in sigmas, that counts.
 const MOST: f64 = 4.0;
 
-/// What is known of the side of a path.
+/// Knowledge about the side of a path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Side {
-    /// It is on the right one.
+    /// The path is on the correct side.
     Known,
-    /// Its mirror image explains what was measured as well.
+    /// The mirror image of the path explains the measurements as well.
     OneOfTwo,
-    /// It is on the other one than wanted, where there is none.
+    /// The path is below a level plane, because no path above it fits.
     Behind,
 }
 
-/// The side on which instants are located that are not compared with a path.
+/// The side on which instants are located if they are not compared with a path.
 pub(super) struct Choice<const D: usize> {
     pub mirror: Option<Mirror<D>>,
     is_one_of_two: bool,
 }
 
 impl<const D: usize> Choice<D> {
-    /// By the instants as they are located on their own.
+    /// Chooses the side by the instants as they are located on their own.
     pub fn new(record: &Record<'_>, fixes: &Fixes) -> Self {
         let is_open = fixes.fixes.iter().any(|fix| fix.status == Status::Ambiguous);
         Self { mirror: Mirror::chosen(record), is_one_of_two: record.initial.is_none() && is_open }
     }
 
-    /// The mirror image of states (N, M), as by [`image`].
+    /// Returns the mirror image of states (N, M), as [`image`] does.
     pub fn image(&self, mean: &[f64], size: usize) -> Result<Option<Vec<f64>>, Failure> {
         let mirror = self.mirror.as_ref().filter(|_| self.is_one_of_two);
         mirror.map(|mirror| mirror.image_of(mean, size)).transpose()
     }
 }
 
-/// The path without what contradicts it, on one side of the plane of the stations if they are in one.
+/// Returns the path without the measurements that contradict it, on one side of the plane of the stations if
+/// they are in a plane.
 pub(super) fn begin<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     measured: &Rc<Measured<D>>,
@@ -81,7 +82,8 @@ pub(super) fn begin<const D: usize, const N: usize>(
     Ok((path, if more < AMBIGUOUS { Side::OneOfTwo } else { Side::Known }))
 }
 
-/// Half the sum of the squared residuals, with constant errors of the stated size of what is not trusted.
+/// Half the sum of the squared residuals; columns that are not trusted may have constant errors of the stated
+/// size.
 fn cost<const D: usize, const N: usize>(
     record: &Record<'_>,
     found: &Found<D, N>,
@@ -103,8 +105,8 @@ fn cost<const D: usize, const N: usize>(
     residuals.iter_mut().enumerate().map(cost).sum()
 }
 
-/// The mirror image of a path (N, 3D), if the path is one of two that may be right; where neither is above
-/// the other, there is no path.
+/// Returns the mirror image of a path (N, 3D), if either of the two may be right. If neither is above the
+/// other, there is no path.
 pub(super) fn image<const D: usize, const N: usize>(
     found: &Found<D, N>,
     mean: &[f64],

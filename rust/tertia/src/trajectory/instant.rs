@@ -1,4 +1,4 @@
-//! An instant about a position: residuals, derivatives, and what biases do to them.
+//! An instant linearised about a position: residuals, derivatives, and the effect of biases.
 
 use super::measured::{Measured, Place};
 use crate::base::small::{Factor, Matrix, Vector};
@@ -6,25 +6,25 @@ use crate::sensors::Kind;
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
-/// Information of an anchor over that of the instant, at least, where that does not determine a
-/// position.
+/// Least information of an anchor, relative to that of an instant that does not determine its position.
 pub(super) const LEAST_ANCHOR: f64 = 1e-10;
 
-/// An instant with what biases do to it.
+/// An instant with the effect of biases.
 pub(super) struct Instant<const D: usize> {
-    /// The measurements; those that have an unknown in common less their mean.
+    /// The measurements; those that have an unknown in common are taken less their mean.
     pub rows: Vec<Single<D>>,
-    /// `(J' W J)^-1`, of what an instant does not determine by an anchor.
+    /// `(J' W J)^-1`, with an anchor in directions that the instant does not determine.
     pub inverse: Option<Matrix<D>>,
-    /// `A` of each bias.
+    /// `A`: shift of the position by each bias.
     solution: Vec<Vector<D>>,
-    /// `I − H`, a row for each measurement.
+    /// `I − H`, a row for each measurement and a column for each bias.
     pub kept: Vec<f64>,
     groups: Vec<Group>,
 }
 
 impl<const D: usize> Instant<D> {
-    /// About a position, with a weight over σ² for each measurement of the record.
+    /// Linearises an instant about a position; `weight` holds a weight over σ² for each measurement of the
+    /// record.
     pub fn new(
         measured: &Measured<D>,
         t: usize,
@@ -36,7 +36,7 @@ impl<const D: usize> Instant<D> {
         Self::of_rows(rows_of(measured, t, place, weight), columns, anchor)
     }
 
-    /// Several instants as one, of which nothing is known of a shift that they have in common.
+    /// Combines several instants into one, with an unknown shift that all of them have in common.
     pub fn together(
         measured: &Measured<D>,
         instants: impl Iterator<Item = (usize, Place<D>)>,
@@ -95,7 +95,7 @@ impl<const D: usize> Instant<D> {
         Self { rows, inverse, solution, kept, groups }
     }
 
-    /// Adds `(I − H)' diag(v) (I − H)`.
+    /// Adds `(I − H)' diag(v) (I − H)` to `sum`.
     pub fn add_information(&self, v: impl Fn(usize) -> f64, sum: &mut DMatrix<f64>) {
         let p = self.solution.len();
         for (i, kept) in self.kept.chunks_exact(p.max(1)).enumerate() {
@@ -108,7 +108,7 @@ impl<const D: usize> Instant<D> {
         }
     }
 
-    /// Residuals less what the position and the biases take of them.
+    /// Returns the residuals less the parts that the position and these biases explain.
     pub fn left(&self, values: &DVector<f64>) -> Vec<f64> {
         let mut moved = [0.0; D];
         let inverse = self.inverse.unwrap_or([[0.0; D]; D]);
@@ -123,7 +123,7 @@ impl<const D: usize> Instant<D> {
         rows.map(|((_, _, r, gradient), bias)| r - dot(gradient, &moved) - bias).collect()
     }
 
-    /// Share of the error of each measurement that its residual has: `1 − H`.
+    /// Share of the error of a measurement that remains in its residual: `1 − H`.
     pub fn share(&self, i: usize) -> f64 {
         let (_, w, _, gradient) = &self.rows[i];
         let inverse = self.inverse.unwrap_or([[0.0; D]; D]);
@@ -133,15 +133,15 @@ impl<const D: usize> Instant<D> {
     }
 }
 
-/// Where a measurement stands in its instant, weight over σ², residual and derivatives.
+/// Column of a measurement, its weight over σ², residual and derivatives.
 type Single<const D: usize> = (usize, f64, f64, Vector<D>);
 
 /// Rows that have an unknown in common, and the sum of their weights.
 type Group = (Range<usize>, f64);
 
-/// The measurements of an instant, and which of them have an unknown in common: that is left out, for
-/// it says nothing. Range differences get their first receiver, whose error they share; of arrivals it
-/// is the emission.
+/// Returns the measurements of an instant, and which of them have an unknown in common. This unknown is
+/// eliminated by subtracting means; a single arrival gives no information and is left out. Range differences
+/// get a row for their first receiver, whose error they share; arrivals share the emission.
 fn rows_of<const D: usize>(
     measured: &Measured<D>,
     t: usize,
@@ -165,7 +165,7 @@ fn rows_of<const D: usize>(
     if measured.common == 0.0 && !measured.is_timed {
         return (rows, groups);
     }
-    // kind by kind
+    // rows of one kind together
     rows.sort_by_key(|(column, ..)| *column);
     let differences = of_kind(&rows, measured, Kind::RangeDifference);
     if measured.common > 0.0 && !differences.is_empty() {
@@ -181,7 +181,7 @@ fn rows_of<const D: usize>(
     (rows, groups)
 }
 
-/// The rows of a kind, of rows in this order.
+/// Range of the rows of a kind, among rows in the order of their columns.
 fn of_kind<const D: usize>(rows: &[Single<D>], measured: &Measured<D>, kind: Kind) -> Range<usize> {
     let k = measured.receivers();
     let before = |end: usize| rows.partition_point(|(column, ..)| *column < end * k);
@@ -207,7 +207,7 @@ fn centred<const D: usize>(rows: &mut [Single<D>], own: Range<usize>) -> Group {
     (own, total)
 }
 
-/// What biases of 1 add to the positions of the instants, (P, N, D), nan where there is none, and the
+/// Returns by how much biases of 1 move the positions of the instants, (P, N, D), nan where unknown, and the
 /// covariances of the positions (N, D, D).
 pub(super) fn responses<const D: usize>(
     instants: &[Instant<D>],
@@ -227,7 +227,7 @@ pub(super) fn responses<const D: usize>(
     (responses, spread)
 }
 
-/// The inverse, with an anchor where it would be rounding.
+/// Returns the inverse, with an anchor if the inverse would be dominated by rounding errors.
 fn inverse_of<const D: usize>(mut normal: Matrix<D>) -> Option<Matrix<D>> {
     let trace = |matrix: &Matrix<D>| (0..D).map(|i| matrix[i][i]).sum::<f64>();
     let total = trace(&normal);

@@ -1,13 +1,12 @@
-//! Errors that last: how large they are, and how long they last, from contradictions between
-//! stations.
+//! Lasting errors: their size and correlation time, from contradictions between stations.
 //!
-//! What a station measures of a kind has an error `c + g(t) + e(t)`: c constant, g a drift with a
-//! correlation time, e new each time. Of the residuals r of an instant about the path, with weights
-//! W and derivatives J, `Λ r` with `Λ = W − W J (J'WJ)^-1 J'W` does not depend on the position: it
-//! is `Λ (c + g + e)`. A Kalman filter of g over blocks of instants, for all c at once, gives its
-//! likelihood. The variances of c and g and a correlation time are averaged over a grid.
-//! Only c is removed from the measurements. What may be left of it, and g as large as it is before
-//! anything is known of it, go through the smoother into the covariance of the path.
+//! A measurement of a station has an error `c + g(t) + e(t)`: c is constant, g is a drift with a correlation
+//! time, and e is new in each measurement. From the residuals r of an instant about the path, with weights W
+//! and derivatives J, the product `Λ r` with `Λ = W − W J (J'WJ)^-1 J'W` does not depend on the position: it
+//! equals `Λ (c + g + e)`. A Kalman filter of g over blocks of instants, for all c together, gives the
+//! likelihood. The results are averaged over a grid of the variances of c and g and of the correlation time.
+//! Only c is removed from the measurements. The remaining uncertainty of c, and g with its prior variance,
+//! are propagated through the smoother into the covariance of the path.
 
 use super::bias::{add_covariance, smoothed, weights};
 use super::contradictions::Blocks;
@@ -23,64 +22,68 @@ use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 use std::rc::Rc;
 
-/// Ways in which errors may contradict of which none does, if there are no errors.
+/// Least number of independent ways in which lasting errors would cause contradictions, for the absence of
+/// contradictions to show that there are no such errors.
 const TELLING: usize = 2;
-/// Variance of lasting errors, over what the smoother leaves of the noise, that is none.
+/// Ratio of the variance of lasting errors to that of the smoothed noise, below which lasting errors are
+/// neglected.
 const NEGLIGIBLE: f64 = 0.1;
-/// Blocks of instants in the memory of the smoother, at least in the record, and at most times the
-/// columns.
+/// Number of blocks of instants within the memory of the smoother, least number of blocks in the record, and
+/// largest product of the numbers of blocks and columns.
 const IN_MEMORY: f64 = 4.0;
 const LEAST_BLOCKS: usize = 10;
 const MOST_NUMBERS: usize = 600;
-/// Probability that one number of an instant is far more wrong than all others from which it is left out.
+/// Probability that one column is far more wrong than all others, from which that column is left out.
 const DISTRUSTED: f64 = 0.9;
-/// Rounds of removing what was found, and the change, in standard errors, that ends them.
+/// Largest number of rounds of removing the estimated errors, and the change, in standard errors, that ends
+/// them.
 const ROUNDS: usize = 3;
 const SETTLED: f64 = 0.1;
-/// Falls of the squares of scores and of residuals by Tukey's weights, per fall of their mean slope
-/// with normal errors: the constant, and the part per share of the residuals that contradicts.
+/// Decreases of the squared scores and of the squared residuals by Tukey's weights with normal errors,
+/// relative to the decrease of the mean slope: a constant, and a part proportional to the redundant share of
+/// the residuals. The remaining factors have the lower bound `LEAST_FALL`.
 const FALL_OF_SQUARES: [f64; 2] = [0.2, 1.8];
 const FALL_OF_VARIANCES: [f64; 2] = [0.5, 0.9];
 const LEAST_FALL: f64 = 0.4;
-/// One-sided 99 % of a normal variable.
+/// One-sided 99 % quantile of the standard normal distribution.
 const SURELY: f64 = 2.326;
 
-/// Lasting errors as far as they are known.
+/// Estimated lasting errors.
 #[derive(Clone, Debug)]
 pub(super) struct Lasting {
-    /// Where they stand in an instant.
+    /// Columns of a record's rows that may have lasting errors.
     columns: Vec<usize>,
-    /// What was removed.
+    /// Values that were removed from the measurements.
     values: DVector<f64>,
     /// Covariance of the constants.
     constant: DMatrix<f64>,
-    /// Variances of what drifts, and of what the smoother leaves of it.
+    /// Variances of the drifts, and of what the smoother leaves of the drifts.
     drift: Vec<f64>,
     smooth: Vec<f64>,
-    /// Probabilities that each is far more wrong than all others.
+    /// Probability of each column that it is far more wrong than all others.
     alone: Vec<f64>,
-    /// Standard deviations of what all stations of a kind have in common.
+    /// Standard deviations of the errors that all stations of a kind have in common.
     common: Vec<f64>,
-    /// Variance of the other errors, averaged over a block, over what is expected.
+    /// Variance of the other errors, averaged over a block, relative to the expected one.
     growth: f64,
-    /// Numbers that contradict.
+    /// Number of independent contradictions.
     redundant: usize,
-    /// Probability that nothing lasts.
+    /// Probability that there are no lasting errors.
     nothing: f64,
-    /// Instants over which the smoother averages.
+    /// Number of instants over which the smoother averages.
     memory: f64,
-    /// What is left out, with its error and the standard deviation of that.
+    /// Columns that are left out, with their estimated errors and the standard deviations of these.
     left_out: Vec<(usize, f64, f64)>,
-    /// In how many ways errors of the stated size would contradict.
+    /// Number of independent ways in which errors of the stated size would cause contradictions.
     ways: usize,
     share: f64,
     time: f64,
 }
 
-/// What came out, for each number of an instant.
+/// Estimated lasting errors of each kind and station (5 K).
 #[derive(Clone, Debug)]
 pub struct LastingErrors {
-    /// What was removed, and the standard deviations of what is left (5 K).
+    /// Errors that were removed, and the standard deviations of the remaining errors (5 K).
     pub value: Vec<f64>,
     /// See `value`.
     pub sigma: Vec<f64>,
@@ -88,12 +91,13 @@ pub struct LastingErrors {
     pub share: f64,
     /// See `share`.
     pub time: f64,
-    /// Whether anything could contradict.
+    /// Whether lasting errors could have caused contradictions.
     pub is_told: bool,
 }
 
 impl Lasting {
-    /// From the residuals about the path, of measurements from which `before` was removed.
+    /// Estimates lasting errors from the residuals about the path; `before` was already removed from the
+    /// measurements.
     fn estimate<const D: usize, const N: usize>(
         record: &Record<'_>,
         found: &Found<D, N>,
@@ -130,7 +134,7 @@ impl Lasting {
         lasting
     }
 
-    /// The mean over the grid.
+    /// Averages the errors over the grid.
     fn of(
         record: &Record<'_>,
         blocks: &Blocks,
@@ -202,9 +206,9 @@ impl Lasting {
         lasting
     }
 
-    /// What all stations of a kind have in common contradicts nothing. It is taken to be as large as
-    /// what contradicts, and at least what is stated of the variance but neither scatters nor
-    /// contradicts.
+    /// Estimates the error that all stations of a kind share, which causes no contradictions. Its variance is
+    /// assumed to equal that of the errors that cause contradictions, and to be at least the part of the
+    /// stated variance that appears neither as scatter nor as contradictions.
     fn share_declared<const D: usize>(
         &mut self,
         record: &Record<'_>,
@@ -234,7 +238,7 @@ impl Lasting {
             let scatter = squares[kind] / shares[kind] / expected;
             let scatter = scatter * (1.0 + SURELY * (2.0 / shares[kind]).sqrt());
             let variance = |i: &usize| record.own_sigma(self.columns[*i]).powi(2);
-            // what one alone has is not that of all
+            // the error of a column that is singled out is not shared by all stations
             let contradicted = |i: &usize| {
                 let squares = self.values[*i].powi(2) + self.drift[*i];
                 (1.0 - self.alone[*i]).max(0.0) * squares / variance(i)
@@ -247,7 +251,8 @@ impl Lasting {
         }
     }
 
-    /// What is likely although nothing is removed: errors that last, if they cannot be excluded.
+    /// Turns the estimates into uncertainty, for the case that nothing is removed although lasting errors
+    /// cannot be excluded.
     fn not_removed(mut self, record: &Record<'_>) -> Self {
         self.constant += &self.values * self.values.transpose();
         self.values.fill(0.0);
@@ -268,12 +273,13 @@ impl Lasting {
         (0..self.columns.len()).all(|i| self.sigma(i) == 0.0)
     }
 
-    /// Whether nothing lasts, as it seems.
+    /// Whether there are probably no lasting errors.
     pub fn is_nothing(&self) -> bool {
         self.nothing >= CERTAIN
     }
 
-    /// Standard deviation of the noise over what is stated, where contradictions tell.
+    /// Standard deviation of the noise relative to the stated one, if there are contradictions that determine
+    /// it.
     pub fn noise(&self) -> Option<f64> {
         (self.redundant > 0).then(|| self.growth.sqrt())
     }
@@ -282,7 +288,7 @@ impl Lasting {
         (self.constant[(i, i)] + self.drift[i] + self.common[i].powi(2)).sqrt()
     }
 
-    /// Measurements without what was found, within their domain.
+    /// Returns the measurements less the estimated errors; nan outside their domain.
     pub fn removed_from(&self, record: &Record<'_>) -> Vec<f64> {
         let (width, reference) = (record.width(), record.reference());
         let mut removed = record.values.to_vec();
@@ -298,7 +304,7 @@ impl Lasting {
         removed
     }
 
-    /// Adds what they add to the covariance of the states (N, 3D, 3D).
+    /// Adds the effect of the lasting errors to the covariance of the states (N, 3D, 3D).
     pub fn add_effect<const D: usize, const N: usize>(
         &self,
         setting: &mut Setting<'_, D, N>,
@@ -324,10 +330,10 @@ impl Lasting {
         Ok(())
     }
 
-    /// For each number of an instant.
+    /// Arranges the errors by kind and station (5 K).
     pub fn by_station(&self, prior: &Prior) -> LastingErrors {
         let mut value = vec![0.0; prior.sigma.len()];
-        // of stations that measured nothing, as before
+        // columns without measurements keep their prior
         let mut sigma: Vec<f64> =
             prior.sigma.iter().map(|s| if s.is_nan() { 0.0 } else { *s }).collect();
         for (i, column) in self.columns.iter().enumerate() {
@@ -337,13 +343,14 @@ impl Lasting {
         for (column, own, error) in &self.left_out {
             (value[*column], sigma[*column]) = (*own, *error);
         }
-        // with one way, errors as large as stated leave no contradiction now and then
+        // if there is only one way, errors as large as stated sometimes cause no contradiction by chance
         let is_told = self.ways >= if self.is_nothing() { TELLING } else { 1 };
         LastingErrors { value, sigma, share: self.share, time: self.time, is_told }
     }
 }
 
-/// Adds what errors that depend on the direction add to the covariance of the states (N, 3D, 3D).
+/// Adds the effect of azimuth errors that depend on the direction to the covariance of the states
+/// (N, 3D, 3D).
 pub(super) fn add_deviation<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     found: &Found<D, N>,
@@ -365,7 +372,8 @@ pub(super) fn add_deviation<const D: usize, const N: usize>(
     Ok(())
 }
 
-/// What errors of 1 in these columns add to the positions of the instants.
+/// Returns by how much errors of 1 in these columns move the positions of the instants, and the covariances
+/// of the positions, as [`responses`] does.
 fn answers<const D: usize, const N: usize>(
     record: &Record<'_>,
     found: &Found<D, N>,
@@ -377,7 +385,8 @@ fn answers<const D: usize, const N: usize>(
     responses(&instants, columns.len())
 }
 
-/// Instants over which the smoother averages: the ratio of the variances before and after it.
+/// Number of instants over which the smoother averages: the median ratio of the variances before and after
+/// smoothing.
 fn memory<const D: usize, const N: usize>(record: &Record<'_>, found: &Found<D, N>) -> f64 {
     let trace = |matrix: &[f64]| matrix.iter().step_by(D + 1).sum::<f64>();
     let ratio = |t: usize| {
@@ -389,8 +398,8 @@ fn memory<const D: usize, const N: usize>(record: &Record<'_>, found: &Found<D, 
     ratios.get(ratios.len() / 2).copied().unwrap_or(1.0)
 }
 
-/// Instants that are taken as one, where they have fewer measurements than coordinates: as many as have
-/// enough to contradict, and few of those over which the smoother averages.
+/// Number of instants that are combined if single instants have fewer measurements than coordinates: enough
+/// for redundant measurements, but only a part of those over which the smoother averages.
 fn together<const D: usize, const N: usize>(
     record: &Record<'_>,
     found: &Found<D, N>,
@@ -404,14 +413,15 @@ fn together<const D: usize, const N: usize>(
     (wished.min(memory / IN_MEMORY) as usize).max(1)
 }
 
-/// Instants in a block: a part of the memory of the smoother.
+/// Number of instants in a block: a part of the memory of the smoother, within the limits of the number of
+/// blocks.
 fn length(n: usize, memory: f64, columns: usize) -> usize {
     let wished = (memory / IN_MEMORY) as usize;
     let most = (MOST_NUMBERS / columns).max(1);
     wished.min(n / LEAST_BLOCKS).max(n.div_ceil(most)).max(1)
 }
 
-/// Time that so many instants take, mostly: they may come in bursts.
+/// Median duration of this number of instants; the median is used because instants may come in bursts.
 fn lasting(record: &Record<'_>, instants: f64) -> f64 {
     let count = (instants as usize).clamp(1, record.len() - 1);
     let mut times: Vec<f64> = (count..record.len())
@@ -421,7 +431,7 @@ fn lasting(record: &Record<'_>, instants: f64) -> f64 {
     *times.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
-/// Finds lasting errors, and removes the constant part until it hardly changes.
+/// Estimates lasting errors, and removes their constant part until it hardly changes.
 pub(super) fn rounds<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     mut found: Found<D, N>,
@@ -433,7 +443,7 @@ pub(super) fn rounds<const D: usize, const N: usize>(
     }
     let none = DVector::zeros(columns.len());
     let mut lasting = Lasting::estimate(setting.record, &found, prior, &columns, &none);
-    // the first receiver of range differences is none of the measurements
+    // the first receiver of range differences has no measurements of its own that could be left out
     let is_distrusted =
         |at: &usize| lasting.alone[*at] >= DISTRUSTED && !setting.record.is_reference(columns[*at]);
     if let Some(at) = (0..columns.len()).find(is_distrusted) {
@@ -459,7 +469,7 @@ pub(super) fn rounds<const D: usize, const N: usize>(
         let small = (0..columns.len()).all(|i| change[i].abs() <= SETTLED * lasting.sigma(i));
         lasting.nothing = 0.0;
         if small || round == ROUNDS {
-            // the last word is what was removed
+            // the result must be the values that were removed
             lasting.values = removed;
             break;
         }
@@ -467,7 +477,7 @@ pub(super) fn rounds<const D: usize, const N: usize>(
     Ok((found, Some(lasting)))
 }
 
-/// The same without a number of all instants.
+/// Repeats the estimation without one column of all instants.
 fn without<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     found: Found<D, N>,

@@ -1,4 +1,4 @@
-//! What was measured, instant by instant, ready to be compared with positions.
+//! The measurements of each instant, ready to be compared with positions.
 
 use crate::base::small::Vector;
 use crate::sensors::{KINDS, Kind, Measurement, Row, read};
@@ -6,51 +6,53 @@ use std::f64::consts::FRAC_PI_2;
 use std::num::NonZero;
 use std::ops::Range;
 
-/// Degrees of freedom with which an instant is located robustly.
+/// Degrees of freedom from which an instant is located robustly.
 pub(super) const REDUNDANCY: usize = 3;
 
-/// Weight of an arrival that is not trusted where another is.
+/// Weight of an arrival that is not trusted, if another one is trusted.
 const LEAST_TRUST: f64 = 1e-6;
 
-/// Rounding of sums of weights.
+/// Tolerance for rounding errors in sums of weights.
 const MARGIN: f64 = 1e-9;
 
-/// What K stations measured at N instants in D dimensions.
+/// Measurements of K stations at N instants in D dimensions.
 #[derive(Clone, Copy, Debug)]
 pub struct Record<'a> {
     /// Positions of the stations, K D numbers, or N K D if they move.
     pub stations: &'a [f64],
-    /// East, north and up of each, K D² numbers or N K D²; those of the frame if there are none.
+    /// Directions of east, north and up at each station, K D² numbers or N K D²; none: those of the frame.
     pub axes: Option<&'a [f64]>,
-    /// Standard deviations of the coordinates of the stations, K numbers, the same errors at all
-    /// instants; none: 0.
+    /// Standard deviations of the coordinates of the stations, K numbers; these errors are the same at all
+    /// instants. None: 0.
     pub surveys: Option<&'a [f64]>,
     /// Times of the instants, not decreasing.
     pub time: &'a [f64],
-    /// Ranges, azimuths, elevations, range differences and arrivals in metres of each instant, N 5 K
-    /// numbers, nan where there is none.
+    /// Ranges, azimuths, elevations, range differences and arrivals (in metres) of each instant, N 5 K
+    /// numbers, nan where missing.
     pub values: &'a [f64],
-    /// Their standard deviations, 5 K numbers: those that they mostly have.
+    /// Usual standard deviations of the measurements, 5 K numbers.
     pub sigmas: &'a [f64],
-    /// Their own, N 5 K numbers, where they differ.
+    /// Standard deviations of each measurement, N 5 K numbers, if they differ from the usual ones.
     pub own_sigmas: Option<&'a [f64]>,
-    /// Correlation of the errors of range differences of an instant.
+    /// Correlation of the errors of the range differences of an instant.
     pub correlation: f64,
-    /// Standard deviation of the speed of the signals, as a share of it, the same error at all instants.
+    /// Standard deviation of the propagation speed relative to the speed; this error is the same at all
+    /// instants.
     pub speed_sigma: f64,
-    /// Covariance of the wind that carries the signals, in units of their speed, the same wind at all instants.
+    /// Covariance of the wind that carries the signals, in units of their speed; the wind is the same at all
+    /// instants.
     pub wind: Option<[[f64; 2]; 2]>,
     /// Whether instants are located robustly.
     pub robust: bool,
-    /// A position near the target at the first instant, D numbers: of two paths that are mirror images
-    /// the one on its side is taken.
+    /// A position near that of the target at the first instant, D numbers: of two paths that are mirror
+    /// images, the one on the side of this position is taken.
     pub initial: Option<&'a [f64]>,
-    /// Threads for what instants do not share.
+    /// Number of threads for computations that are independent for each instant.
     pub n_threads: Option<NonZero<usize>>,
 }
 
 impl<'a> Record<'a> {
-    /// Numbers that an instant may have.
+    /// Number of columns, 5 K: values that an instant may have.
     pub(super) fn width(&self) -> usize {
         self.sigmas.len()
     }
@@ -59,7 +61,7 @@ impl<'a> Record<'a> {
         self.time.len()
     }
 
-    /// The variance that all range differences of an instant have in common.
+    /// Variance of the error that all range differences of an instant have in common.
     pub(super) fn common_variance(&self) -> f64 {
         let k = self.width() / KINDS;
         let differences = &self.sigmas[Kind::RangeDifference as usize * k..][..k];
@@ -67,8 +69,9 @@ impl<'a> Record<'a> {
         if least.is_nan() { 0.0 } else { self.correlation * least * least }
     }
 
-    /// The standard deviation of a number of an instant, of range differences that of the receiver
-    /// alone; of the first receiver where they share its error.
+    /// Standard deviation of a column. For range differences it is that of the receiver's own error, and for
+    /// the reference column that of the first receiver, if range differences share the error of the first
+    /// receiver.
     pub(super) fn own_sigma(&self, column: usize) -> f64 {
         let (sigma, common) = (self.sigmas[column], self.common_variance());
         match column {
@@ -82,17 +85,17 @@ impl<'a> Record<'a> {
         column * KINDS / self.width()
     }
 
-    /// The number of an instant that range differences do not have: the first receiver.
+    /// Column of the first receiver, which has no range differences of its own.
     pub(super) fn reference(&self) -> usize {
         Kind::RangeDifference as usize * self.width() / KINDS
     }
 
-    /// Whether a number stands for the error of the first receiver.
+    /// Whether a column stands for the error of the first receiver.
     pub(super) fn is_reference(&self, column: usize) -> bool {
         column == self.reference() && self.common_variance() > 0.0
     }
 
-    /// The standard deviations of the numbers of an instant.
+    /// Standard deviations of the columns of an instant.
     pub(super) fn sigmas_at(&self, instant: usize) -> &'a [f64] {
         self.own_sigmas.map_or(self.sigmas, |own| &own[instant * self.width()..][..self.width()])
     }
@@ -106,12 +109,12 @@ impl<'a> Record<'a> {
     }
 }
 
-/// The numbers of an instant, or those of all.
+/// Returns the numbers of an instant, or all numbers if they hold for every instant.
 fn part(values: &[f64], instant: usize, size: usize) -> &[f64] {
     if values.len() == size { values } else { &values[instant * size..][..size] }
 }
 
-/// A position, and the one at which derivatives are taken, if that is another.
+/// A position, and the point at which derivatives are taken if it is a different one.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Place<const D: usize> {
     pub position: Vector<D>,
@@ -123,43 +126,44 @@ impl<const D: usize> Place<D> {
         Self { position: std::array::from_fn(|i| position[i]), eye: None }
     }
 
-    /// Both moved alike.
+    /// Returns both points moved by the same vector.
     pub fn moved(&self, by: &Vector<D>) -> Self {
         let moved = |p: Vector<D>| std::array::from_fn(|i| p[i] + by[i]);
         Self { position: moved(self.position), eye: self.eye.map(moved) }
     }
 }
 
-/// Measurements without what is missing.
+/// The measurements of a record without missing ones.
 #[derive(Debug)]
 pub(super) struct Measured<const D: usize> {
     pub values: Vec<f64>,
     list: Vec<Measurement<D>>,
-    /// Where each stands in its instant.
+    /// Column of each measurement.
     pub column: Vec<usize>,
-    /// The first measurement of each instant, and the number of all.
+    /// Index of the first measurement of each instant, and the number of all measurements.
     first: Vec<usize>,
     origins: Vec<Vector<D>>,
-    /// Variance of the first receiver, which range differences share, and its number.
+    /// Variance of the error of the first receiver, which range differences share, and the column of this
+    /// receiver.
     pub common: f64,
     pub reference: usize,
     /// Whether there are arrivals.
     pub is_timed: bool,
 }
 
-/// What arrivals of an instant have in common: the weighted median of residuals, which late ones hardly
-/// move, and the mean of derivatives, in metres.
+/// Emission of an instant, which its arrivals have in common: the weighted median of their residuals, which
+/// late arrivals hardly change, and the weighted mean of their derivatives, in metres.
 pub(super) struct Emission<const D: usize> {
     residual: f64,
     gradient: Vector<D>,
-    /// The sum of their weights over σ², 0 of a single one: that tells nothing.
+    /// Sum of the weights over σ² of the arrivals; 0 if there is only one, which gives no information.
     information: f64,
 }
 
 impl<const D: usize> Emission<D> {
     const NONE: Self = Self { residual: 0.0, gradient: [0.0; D], information: 0.0 };
 
-    /// What a measurement tells of the position besides.
+    /// Returns the row of a measurement less the emission; none for an arrival if the emission is unknown.
     pub fn removed_from(&self, one: &Measurement<D>, mut row: Row<D>) -> Option<Row<D>> {
         if one.kind != Kind::Arrival {
             return Some(row);
@@ -171,7 +175,7 @@ impl<const D: usize> Emission<D> {
         (self.information > 0.0).then_some(row)
     }
 
-    /// Its variance in that of a measurement.
+    /// Variance of the emission in units of the variance of an arrival; 0 for other kinds.
     pub fn variance(&self, one: &Measurement<D>) -> f64 {
         match one.kind {
             Kind::Arrival => one.precision * one.precision / self.information,
@@ -180,7 +184,8 @@ impl<const D: usize> Emission<D> {
     }
 }
 
-/// The value up to which weights add up to this, between two where they just do.
+/// Weighted median: the value at which the sum of the weights exceeds `half`, or the mean of two values if it
+/// just equals `half`.
 fn median(values: &mut [(f64, f64)], half: f64) -> f64 {
     values.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut sum = 0.0;
@@ -215,7 +220,7 @@ impl<const D: usize> Measured<D> {
         Self { values, list, column, first, origins, common, reference, is_timed }
     }
 
-    /// Numbers of the measurements of an instant.
+    /// Range of the indices of the measurements of an instant.
     pub fn instant(&self, t: usize) -> Range<usize> {
         self.first[t]..self.first[t + 1]
     }
@@ -225,7 +230,7 @@ impl<const D: usize> Measured<D> {
         self.reference / Kind::RangeDifference as usize
     }
 
-    /// Numbers that an instant may have.
+    /// Number of columns.
     pub fn width(&self) -> usize {
         self.receivers() * KINDS
     }
@@ -235,7 +240,7 @@ impl<const D: usize> Measured<D> {
         self.list.len()
     }
 
-    /// Number of all measurements less one of each instant's arrivals, which tells its emission.
+    /// Number of all measurements less one for each instant with arrivals, which determines its emission.
     pub fn comparable(&self) -> usize {
         let is_timed = |t: &usize| self.instant(*t).any(|m| self.list[m].kind == Kind::Arrival);
         self.len() - (0..self.origins.len()).filter(is_timed).count()
@@ -254,7 +259,7 @@ impl<const D: usize> Measured<D> {
         })
     }
 
-    /// The emission of an instant's arrivals at a position, by the weights of measurements.
+    /// Returns the emission of an instant from its arrivals at a position, with the given weights.
     pub fn emission(
         &self,
         t: usize,
@@ -282,8 +287,9 @@ impl<const D: usize> Measured<D> {
         sum
     }
 
-    /// The emission that all arrivals of an instant are compared with: that of those that are trusted, and
-    /// of all alike as far as none is, or two that differ would be trusted again.
+    /// Returns the emission with which all arrivals of an instant are compared. It is that of the trusted
+    /// arrivals; as far as none is trusted, all have equal weights, because otherwise two arrivals that
+    /// contradict each other would be trusted again.
     pub fn emission_for_all(
         &self,
         t: usize,
@@ -295,14 +301,14 @@ impl<const D: usize> Measured<D> {
         self.emission(t, place, |m| trust(m) + missing)
     }
 
-    /// Where an instant's arrival stands, if there is no other.
+    /// Returns the column of an instant's arrival, if it has only one.
     pub fn lone_arrival(&self, t: usize) -> Option<usize> {
         let mut arrivals = self.instant(t).filter(|m| self.list[*m].kind == Kind::Arrival);
         let first = arrivals.next().filter(|_| arrivals.next().is_none())?;
         Some(self.column[first])
     }
 
-    /// A position as seen from the first station of an instant.
+    /// Returns a position relative to the first station of an instant.
     pub fn relative(&self, t: usize, position: &[f64]) -> Vector<D> {
         std::array::from_fn(|i| position[i] - self.origins[t][i])
     }
@@ -317,7 +323,7 @@ impl<const D: usize> Measured<D> {
     }
 }
 
-/// A number of an instant, nan where it cannot be measured.
+/// Returns a value of a column, or nan if it cannot be measured.
 pub(super) fn in_domain(column: usize, width: usize, value: f64) -> f64 {
     let inside = match column * KINDS / width {
         0 => value > 0.0,
@@ -327,7 +333,7 @@ pub(super) fn in_domain(column: usize, width: usize, value: f64) -> f64 {
     if inside { value } else { f64::NAN }
 }
 
-/// Numbers of an instant whose biases are estimated: of these kinds, what was measured at all.
+/// Returns the columns of these kinds that have any measurements; their biases are estimated.
 pub(super) fn seen(record: &Record<'_>, biased: &[usize]) -> Vec<usize> {
     let (width, k) = (record.width(), record.width() / KINDS);
     let all = biased.iter().flat_map(|kind| kind * k..(kind + 1) * k);

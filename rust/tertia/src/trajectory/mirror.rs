@@ -1,13 +1,14 @@
-//! Stations in a plane, which see a target and its mirror image alike.
+//! Stations in a plane, whose measurements of a target and of its mirror image are the same.
 //!
-//! Ranges, their differences and arrivals do not change if the target is reflected in the plane of the
-//! stations, in two dimensions their line; neither do azimuths, if the plane is horizontal. So two paths
-//! explain what was measured. A path stays on one side; of a plane that is level that is the upper one.
+//! Ranges, range differences and arrivals do not change if the target is reflected in the plane of the
+//! stations (in two dimensions, in their line); neither do azimuths, if the plane is horizontal. Therefore
+//! two paths explain the measurements. A path stays on one side, which is the upper one if the plane is
+//! level.
 //!
-//! Near the plane its distance h is told by `h² = c ± s`: derivatives at h vanish there, and with them
-//! the information about h. Averaged over a normal distribution of h with the variance V they are those at
-//! the distance `√(h² + V)`: with information `(h² + V)/s²` per h the variance is `V = s` at h = 0, where
-//! that of the density `exp(−h⁴/2s²)` is .96 s.
+//! Near the plane, the measurements determine the distance h from it by `h²/2 = c ± s`: derivatives at h
+//! vanish there, and with them the information about h. Averaged over a normal distribution of h with the
+//! variance V, derivatives are those at the distance `√(h² + V)`: with the information `(h² + V)/s²` about h,
+//! the variance is `V = s` at h = 0, where that of the density `exp(−h⁴/8s²)` is .96 s.
 
 use super::failure::Failure;
 use super::measured::{Place, Record};
@@ -16,38 +17,39 @@ use crate::base::small::{Matrix, Vector, dot, quadratic};
 use crate::sensors::{KINDS, Kind};
 use nalgebra::DMatrix;
 
-/// Distances of stations from their plane, over what they extend in it, up to which they are near it, and
-/// up to which they are in it.
+/// Largest distances of stations from their plane, relative to their extent in it, with which they are near
+/// the plane, and with which they are in it.
 const NEAR: f64 = 0.2;
 const EXACT: f64 = 1e-6;
-/// Vertical component of the normal of a plane that has an upper side.
+/// Least vertical component of the normal of a plane that has an upper side.
 const LEVEL: f64 = 0.3;
-/// Distances to start from, over what the stations extend in their plane.
+/// Distances from the plane at which searches start, relative to the extent of the stations in it.
 const STARTS: [f64; 4] = [0.1, 0.3, 1.0, 3.0];
-/// Likelihood of a target in the plane, over that of the path, below which that and its image are two.
+/// Likelihood of a target in the plane, relative to that of the path, below which the path and its image are
+/// distinct.
 const APART: f64 = 0.01;
-/// Instants of a record over those around one that is nearest to the plane.
+/// Number of instants of a record over those on either side of an instant that is the nearest to the plane.
 const AROUND: usize = 20;
-/// Standard deviation of a distance, over it, that is small.
+/// Standard deviation of a distance, relative to the distance, up to which the distance is well known.
 const NEARBY: f64 = 0.1;
 /// Axis of the height.
 const UP: usize = 2;
 
-/// The plane of the stations; a path is on the side of its normal.
+/// The plane of the stations; a path is on the side to which the normal points.
 #[derive(Clone, Debug)]
 pub(super) struct Mirror<const D: usize> {
     normal: Vector<D>,
     centre: Vector<D>,
     size: f64,
-    /// Whether all stations are in it.
+    /// Whether all stations are in the plane.
     pub is_exact: bool,
-    /// Whether one of its sides is the upper one.
+    /// Whether one of the sides is the upper one.
     pub is_level: bool,
 }
 
 impl<const D: usize> Mirror<D> {
-    /// The plane in which, or near which, all stations that measured are, if what they measured does not
-    /// tell its sides; on the upper side if there is one, else on that of the north.
+    /// Returns the plane in or near which all stations with measurements are, if their measurements do not
+    /// distinguish its sides. The normal points upward if one side is the upper one, else to the north.
     pub fn of(record: &Record<'_>) -> Option<Self> {
         let has = |kind: Kind| heard(record, kind).next().is_some();
         let turns = has(Kind::Azimuth);
@@ -69,7 +71,7 @@ impl<const D: usize> Mirror<D> {
         let mut normal: Vector<D> = std::array::from_fn(|i| eigen.eigenvectors[(i, order[0])]);
         let [mut off, mut size] = [0, 1].map(|at| eigen.eigenvalues[order[at]].max(0.0).sqrt());
         if turns {
-            // azimuths tell the sides of any other plane
+            // azimuths distinguish the sides of any other plane
             normal = std::array::from_fn(|i| if i == UP { 1.0 } else { 0.0 });
             off = product(UP, UP).sqrt();
             size = (product(0, 0) + product(1, 1)).sqrt();
@@ -85,15 +87,16 @@ impl<const D: usize> Mirror<D> {
         Some(Self { normal, centre, size, is_exact: off <= EXACT * size, is_level })
     }
 
-    /// The same, with paths on the side of the position near the first instant.
+    /// As [`Self::of`], but the normal points to the side of the position near the first instant, if it is
+    /// given.
     pub fn chosen(record: &Record<'_>) -> Option<Self> {
         let mirror = Self::of(record)?;
         let is_behind = record.initial.is_some_and(|initial| mirror.distance(initial) < 0.0);
         Some(if is_behind { mirror.flipped() } else { mirror })
     }
 
-    /// The mirror images (N, D) of states (N, M); where none of the sides is the upper one, none of the
-    /// two can be taken.
+    /// Returns the mirror images (N, D) of states (N, M). If neither side is the upper one, there is no
+    /// reason to prefer one of the two, and the result is an error.
     pub fn image_of(&self, mean: &[f64], size: usize) -> Result<Vec<f64>, Failure> {
         if !self.is_level {
             return Err(Failure::Mirrored);
@@ -101,44 +104,44 @@ impl<const D: usize> Mirror<D> {
         Ok(mean.chunks_exact(size).flat_map(|state| self.reflected(&state[..D])).collect())
     }
 
-    /// The same, with paths on the other side.
+    /// Returns the same plane with the opposite normal.
     pub fn flipped(&self) -> Self {
         Self { normal: self.normal.map(|v| -v), ..self.clone() }
     }
 
-    /// Distance from the plane, negative on the other side.
+    /// Distance from the plane, negative behind it.
     pub fn distance(&self, position: &[f64]) -> f64 {
         (0..D).map(|i| self.normal[i] * (position[i] - self.centre[i])).sum()
     }
 
-    /// Moves a position along the normal.
+    /// Returns a position moved along the normal.
     fn moved(&self, position: &[f64], by: f64) -> Vector<D> {
         std::array::from_fn(|i| position[i] + by * self.normal[i])
     }
 
-    /// The mirror image.
+    /// Returns the mirror image of a position.
     pub fn reflected(&self, position: &[f64]) -> Vector<D> {
         self.moved(position, -2.0 * self.distance(position))
     }
 
-    /// The position or its mirror image, whichever is on the side of the normal.
+    /// Returns the position or its mirror image, whichever is on the side of the normal.
     pub fn beside(&self, position: &[f64]) -> Vector<D> {
         let distance = self.distance(position);
         self.moved(position, distance.abs() - distance)
     }
 
-    /// Positions from which to look for others.
+    /// Positions at which searches start.
     pub fn starts(&self) -> [Vector<D>; 4] {
         STARTS.map(|share| self.moved(&self.centre, share * self.size))
     }
 
-    /// The variance of the distance.
+    /// Variance of the distance from the plane.
     fn variance(&self, covariance: &[f64], stride: usize) -> f64 {
         let row = |i: usize| std::array::from_fn(|j| covariance[i * stride + j]);
         (0..D).map(|i| self.normal[i] * dot(&self.normal, &row(i))).sum()
     }
 
-    /// Raises the information about the distance to that of another matrix.
+    /// Raises the information about the distance from the plane to that of another matrix.
     pub fn raise(&self, information: &mut Matrix<D>, other: &Matrix<D>) {
         let more = quadratic(other, &self.normal) - quadratic(information, &self.normal);
         for i in 0..D {
@@ -148,27 +151,27 @@ impl<const D: usize> Mirror<D> {
         }
     }
 
-    /// Takes from a direction what it has along the normal but for this share.
+    /// Reduces the component of a direction along the normal to this share.
     fn shortened(&self, direction: &mut Vector<D>, share: f64) {
         let along = dot(&self.normal, direction) * (1.0 - share);
         (0..D).for_each(|i| direction[i] -= along * self.normal[i]);
     }
 }
 
-/// A mirror, and how well the distance from it is known at each instant.
+/// A mirror, and the uncertainty of the distance from it at each instant.
 #[derive(Clone, Debug)]
 pub(super) struct Sides<const D: usize> {
     pub mirror: Mirror<D>,
-    /// Variances of the distance.
+    /// Variances of the distances.
     variance: Vec<f64>,
-    /// What systematic errors add to them.
+    /// Parts of the variances that are due to systematic errors.
     systematic: Vec<f64>,
-    /// Whether a path has been found about which derivatives have been averaged; else they would lead too
-    /// far.
+    /// Whether a path has been found with averaged derivatives; before that, steps with them would be too
+    /// long.
     pub is_settled: bool,
-    /// Whether a path that crosses the plane would be much likelier than one that turns back there.
+    /// Whether a path that crosses the plane would be much likelier than one that turns back at it.
     pub may_cross: bool,
-    /// Which instants are behind the plane: 1 before it, -1 behind.
+    /// Side of each instant: 1 on the side of the normal, -1 behind the plane.
     side: Vec<f64>,
 }
 
@@ -179,19 +182,20 @@ impl<const D: usize> Sides<D> {
         Self { mirror, variance, systematic, is_settled: false, may_cross: false, side }
     }
 
-    /// Distance from the plane at which derivatives are taken.
+    /// Signed distance from the plane at which derivatives are taken.
     fn eye(&self, t: usize, distance: f64) -> f64 {
         distance.hypot(self.variance[t].sqrt()).copysign(distance)
     }
 
-    /// Where derivatives are taken at a position.
+    /// Returns a position with the point at which derivatives are taken.
     pub fn place(&self, t: usize, position: &[f64]) -> Place<D> {
         let distance = self.mirror.distance(position);
         let eye = self.mirror.moved(position, self.eye(t, distance) - distance);
         Place { eye: Some(eye), ..Place::at(position) }
     }
 
-    /// Turns the gradient of a cost with derivatives as seen from there into the one at a position.
+    /// Converts the gradient of a cost, with derivatives taken at the point of `place`, into that at a
+    /// position.
     pub fn lower(&self, t: usize, position: &[f64], gradient: &mut Vector<D>) {
         let distance = self.mirror.distance(position);
         let eye = self.eye(t, distance);
@@ -200,8 +204,8 @@ impl<const D: usize> Sides<D> {
         }
     }
 
-    /// Learns how well distances are known from covariances (N, D, D). Of this variance and the one
-    /// before, of which it is the inverse near the plane, the geometric mean settles.
+    /// Updates the variances of the distances from covariances (N, D, D). Near the plane, the new variance is
+    /// inversely proportional to the old one; their geometric mean converges.
     pub fn learn(&mut self, covariance: &[f64]) {
         for (t, own) in covariance.chunks_exact(D * D).enumerate() {
             let new = self.mirror.variance(own, D) + self.systematic[t];
@@ -212,8 +216,8 @@ impl<const D: usize> Sides<D> {
         }
     }
 
-    /// Learns what systematic errors add to the variances, from covariances (N, M, M) with and without
-    /// them.
+    /// Updates the parts of the variances that are due to systematic errors, from covariances (N, M, M) with
+    /// and without these.
     pub fn learn_systematic(&mut self, with: &[f64], without: &[f64], size: usize) {
         let pairs = with.chunks_exact(size * size).zip(without.chunks_exact(size * size));
         for (own, (with, without)) in self.systematic.iter_mut().zip(pairs) {
@@ -230,7 +234,7 @@ impl<const D: usize> Sides<D> {
         mean.chunks_exact(size).zip(&self.variance).any(near)
     }
 
-    /// Whether a path, (N, M) numbers, is anywhere so far from the plane that it and its image are two.
+    /// Whether a path, (N, M) numbers, is anywhere so far from the plane that it and its image are distinct.
     pub fn is_apart(&self, mean: &[f64], size: usize) -> bool {
         let far = |(own, variance): (&[f64], &f64)| {
             likelihood_of_none(self.mirror.distance(&own[..D]), *variance) < APART
@@ -238,7 +242,7 @@ impl<const D: usize> Sides<D> {
         mean.chunks_exact(size).zip(&self.variance).any(far)
     }
 
-    /// Adds to covariances (N, M, M) that the target may as well be in the plane, as boats are.
+    /// Adds to covariances (N, M, M) the possibility that the target is in the plane, as boats are.
     pub fn add_doubt(&self, mean: &[f64], covariance: &mut [f64], size: usize) {
         let states = mean.chunks_exact(size).zip(covariance.chunks_exact_mut(size * size));
         for ((state, own), variance) in states.zip(&self.variance) {
@@ -255,20 +259,20 @@ impl<const D: usize> Sides<D> {
         }
     }
 
-    /// The path or its mirror image, whichever is on its side.
+    /// Returns the position or its mirror image, whichever is on the side of the path at this instant.
     pub fn beside(&self, t: usize, position: &[f64]) -> Vector<D> {
         let distance = self.mirror.distance(position);
         self.mirror.moved(position, self.side[t] * distance.abs() - distance)
     }
 
-    /// The same with the other sides after an instant.
+    /// Returns the sides of a path that crosses the plane after an instant.
     pub fn crossing(&self, after: usize) -> Self {
         let mut crossing = self.clone();
         crossing.side[after + 1..].iter_mut().for_each(|side| *side = -*side);
         crossing
     }
 
-    /// Positions that were located on the side of the normal, each on its side.
+    /// Reflects positions that were located on the side of the normal to the sides of the path.
     pub fn sided(&self, plots: &Plots) -> Plots {
         let mut sided = plots.clone();
         let behind = (0..self.side.len()).filter(|&t| self.side[t] < 0.0);
@@ -290,7 +294,8 @@ impl<const D: usize> Sides<D> {
         sided
     }
 
-    /// Instants at which a path is nearest to the plane of all around them, and some of those around.
+    /// Returns the instants at which a path is nearer to the plane than at all around them, and some of those
+    /// around.
     pub fn nearest(&self, path: &Path) -> Vec<usize> {
         let distance: Vec<f64> =
             path.mean.chunks_exact(3 * D).map(|s| self.mirror.distance(&s[..D]).abs()).collect();
@@ -311,16 +316,16 @@ impl<const D: usize> Sides<D> {
     }
 }
 
-/// Likelihood that a target is in the plane, over that at a distance found as the root of its square, with
-/// a variance.
+/// Likelihood that the target is in the plane, relative to that of the estimated distance, which was found as
+/// the root of its square and has this variance.
 fn likelihood_of_none(distance: f64, variance: f64) -> f64 {
     let square = distance * distance;
-    // half the standard deviation of the square, squared
+    // variance of half the square
     let error = variance * (square + variance);
     if error > 0.0 { (-square * square / (8.0 * error)).exp() } else { 0.0 }
 }
 
-/// Numbers of the stations that measured this kind.
+/// Returns the numbers of the stations that measured this kind.
 fn heard<'a>(record: &'a Record<'_>, kind: Kind) -> impl Iterator<Item = usize> + 'a {
     let (width, k) = (record.width(), record.width() / KINDS);
     let seen = move |station: &usize| {
@@ -330,7 +335,7 @@ fn heard<'a>(record: &'a Record<'_>, kind: Kind) -> impl Iterator<Item = usize> 
     (0..k).filter(seen)
 }
 
-/// All positions of the stations that measured.
+/// Returns all positions of the stations that have measurements.
 fn places<const D: usize>(record: &Record<'_>) -> Vec<Vector<D>> {
     let k = record.width() / KINDS;
     let mut is_heard = vec![false; k];

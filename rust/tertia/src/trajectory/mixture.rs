@@ -1,62 +1,66 @@
-//! Noise and outliers: how large and how many they are, and what a residual belongs to.
+//! Mixture of noise and outliers: their sizes, the share of outliers, and the probabilities of each residual.
 
 use crate::base::distribution::normal_two_sided_quantile;
 
-/// Standard deviation of outliers over that of the noise: at least, as expected, and how many outliers
-/// that is worth.
+/// Standard deviation of outliers relative to that of the noise: least value, expected value, and the number
+/// of outliers that the expectation is worth.
 const LEAST_WIDTH: f64 = 3.0;
 const WIDTH: f64 = 10.0;
 const WORTH: f64 = 2.0;
-/// Share of outliers: at the beginning, at most, and their number at least: one measurement in a record
-/// without outliers is taken for one with a chance of about 1 %.
+/// Share of outliers: initial value, largest value, and the least number of outliers. With this number, one
+/// measurement is taken for an outlier in about 1 % of the records without outliers.
 const SHARE: f64 = 0.1;
 const LARGEST_SHARE: f64 = 0.5;
 const LEAST_NUMBER: f64 = 0.5;
-/// Outliers of either side that are expected besides: what is seen of a few says little of others.
+/// Prior numbers of late and of early outliers, which are added to the counts: a few outliers say little
+/// about the others.
 const EITHER: f64 = 5.0;
-/// Share of the residuals by whose size the noise is first taken, and the largest that it is.
+/// Quantile of the sizes of residuals from which the initial noise is taken, and the largest initial noise.
 const LARGE: f64 = 0.9;
 const LARGEST: f64 = 1000.0;
-/// Noise that is as stated, as far as such sizes tell.
+/// Initial noise below which it is taken as stated: the quantile is not more accurate.
 const LARGER: f64 = 1.2;
-/// By how much the noise is made smaller in a step.
+/// Factor by which the noise is reduced in a step.
 const STEP: f64 = 0.6;
-/// Steps of expectation and maximisation, and the relative change of the share that ends them.
+/// Largest number of steps of expectation and maximisation, and the relative change of the share that ends
+/// them.
 const STEPS: usize = 30;
 const SETTLED: f64 = 0.01;
-/// One-sided 99 % of a normal variable.
+/// One-sided 99 % quantile of the standard normal distribution.
 const SURELY: f64 = 2.326;
 
-/// Noise and outliers, both normal, in the stated standard deviations.
+/// Noise and outliers, both normal, in units of the stated standard deviations.
 #[derive(Clone, Debug)]
 pub(super) struct Mixture {
     /// Share of outliers.
     share: f64,
-    /// Standard deviations of the noise and of what outliers have besides.
+    /// Standard deviations of the noise, and of the additional error of outliers.
     pub noise: f64,
     width: f64,
-    /// Share of the outliers of what travels that are late: detours are never shorter.
+    /// Share of late ones among the outliers of signals that travel: a detour is never shorter.
     late: f64,
-    /// ln of the likelihood of the residuals, less, if there are outliers, 1/2 ln N for each of their
-    /// parameters (Schwarz 1978), and 1 for each that the path has: it follows those that agree with it.
+    /// ln of the likelihood of the residuals. If there are outliers, 1/2 ln N is subtracted for each of their
+    /// parameters (Schwarz 1978), and 1 for each parameter of the path, because the path follows the
+    /// measurements that agree with it.
     pub log_evidence: f64,
 }
 
-/// A residual about what the others say.
+/// A residual about the path as predicted from the other measurements.
 pub(super) struct Compared {
-    /// Where it stands.
+    /// Index of the measurement in (N, 5, K).
     pub at: usize,
     pub residual: f64,
-    /// Variance of what it is compared with.
+    /// Variance of the prediction.
     pub variance: f64,
-    /// What it contributes to the number of parameters of the path.
+    /// Contribution to the effective number of parameters of the path.
     pub held: f64,
-    /// Whether a signal travelled: by a detour it is late.
+    /// Whether the measurement is of a signal that travelled: a detour makes it late.
     pub travels: bool,
 }
 
 impl Mixture {
-    /// For a path that may follow outliers: with a noise as large as the residuals.
+    /// Returns the initial mixture for a path that may follow outliers: the noise is as large as the
+    /// residuals.
     pub fn new(mut sizes: Vec<f64>) -> Self {
         let at = (LARGE * sizes.len() as f64) as usize;
         let noise = match sizes.len() {
@@ -70,12 +74,12 @@ impl Mixture {
         Self { share: SHARE, noise, width: WIDTH * noise, late: 0.5, log_evidence: 0.0 }
     }
 
-    /// With a smaller noise, if it is larger than stated.
+    /// Returns the mixture with a smaller noise, if the noise is larger than stated.
     pub fn sharper(&self) -> Option<Self> {
         (self.noise > 1.0).then(|| Self { noise: (self.noise * STEP).max(1.0), ..self.clone() })
     }
 
-    /// Densities of a residual of the noise, and of an outlier, each with its probability.
+    /// Densities of a residual as noise and as an outlier, each times its prior probability.
     pub fn densities(&self, one: &Compared) -> [f64; 2] {
         let inside = self.noise.powi(2) + one.variance;
         let outside = inside + self.width.powi(2);
@@ -89,8 +93,8 @@ impl Mixture {
         [(1.0 - self.share) * density(inside), side * self.share * density(outside)]
     }
 
-    /// The likeliest share and size of outliers, and size of the noise unless it is held, by
-    /// expectation and maximisation.
+    /// Estimates the share and size of outliers and, unless it is held, the size of the noise, by expectation
+    /// and maximisation.
     pub fn fit(&mut self, residuals: &[Compared], is_held: bool) {
         for _ in 0..STEPS {
             let before = self.share;
@@ -126,7 +130,7 @@ impl Mixture {
         }
         self.share = (1.0 - total / count).max(LEAST_NUMBER / count).min(LARGEST_SHARE);
         if !is_held {
-            // the first paths may be wrong, and then it is others that are late
+            // the first paths may be wrong, and then the wrong measurements seem to be late
             self.late = late / either;
             let growth = squares / total;
             let by_chance = 1.0 + SURELY * (2.0 / total).sqrt();
@@ -138,8 +142,7 @@ impl Mixture {
     }
 }
 
-/// Probability that a residual with these densities belongs to the noise: far from both it is an
-/// outlier.
+/// Probability that a residual with these densities belongs to the noise; 0 where both densities vanish.
 pub(super) fn trust_of([inside, outside]: [f64; 2]) -> f64 {
     if inside > 0.0 { inside / (inside + outside) } else { 0.0 }
 }

@@ -1,4 +1,4 @@
-//! The covariance of the states with the uncertainty of the fitted motion in it.
+//! Covariance of the states including the uncertainty of the fitted motion.
 
 use super::failure::Failure;
 use super::found::{Found, Setting, known};
@@ -6,20 +6,22 @@ use super::path::Path;
 use crate::smoothing::{Family, ProcessNoiseFit, Track};
 use nalgebra::SMatrix;
 
-/// Error of the logarithm of the intensity with which its likelihood is a parabola, almost.
+/// Largest error of the logarithm of an intensity with which its likelihood is nearly a parabola.
 const WELL_KNOWN: f64 = 1.0;
 const STEPS: [f64; 4] = [-2.0, -1.0, 1.0, 2.0];
-/// Power of the intensity in its prior: between a flat prior of the root, which is too careful where no
-/// noise is seen, and one of the logarithm, which is not careful enough where it is.
+/// Power of the intensity in its prior, per logarithm. It is between a flat prior of the root, with which
+/// covariances are too large if no process noise is seen, and one of the logarithm, with which they are too
+/// small if it is seen.
 const PRIOR: f64 = 0.25;
 const MARGIN: f64 = 2.0;
 const FALL: f64 = 8.0;
 const MOST_STEPS: i32 = 80;
-/// Instants that determine a state.
+/// Number of instants that determine a state.
 const STATE: usize = 3;
 
-/// The mean over intensities by their likelihood, with a prior on their logarithm that rises with
-/// the fourth root of the intensity; the covariance of the best where no other is likely.
+/// Averages the covariances over intensities, weighted by their likelihood and a prior on their logarithm
+/// that rises with the fourth root of the intensity. Returns the covariance of the best path if the record
+/// does not determine the intensity.
 pub(super) fn mixed<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     found: &Found<D, N>,
@@ -53,9 +55,10 @@ pub(super) fn mixed<const D: usize, const N: usize>(
     Ok(mixed)
 }
 
-/// Paths with all intensities that are likely, each with its logarithm less some constant; none where
-/// the record says nothing of it. Around a fitted one that is well known, and around that of the other
-/// family if that is likely; else from hardly any on, until they are unlikely.
+/// Returns the paths of all likely intensities, each with the logarithm of its intensity less some constant;
+/// none if the record does not determine the intensity. If the fitted intensity is well known, these are
+/// intensities around it, and around that of the other family if that is likely. Otherwise the intensities
+/// begin with one that is practically zero and rise until they are unlikely.
 fn likely<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     found: &Found<D, N>,
@@ -87,7 +90,8 @@ fn likely<const D: usize, const N: usize>(
         let matrix = SMatrix::<f64, D, D>::from_fn(|i, j| own[i * D + j]);
         nalgebra::DMatrix::from_fn(D, D, |i, j| matrix[(i, j)]).symmetric_eigenvalues().min()
     });
-    // below the first one the motion is that of none; the likelihood falls as a power
+    // below the first intensity the path is as without process noise; far above, the likelihood falls as a
+    // power
     let first = least.fold(f64::INFINITY, f64::min).ln() - family.power() * span.ln() - MARGIN;
     let (mut paths, mut top) = (Vec::new(), f64::NEG_INFINITY);
     for step in 0..MOST_STEPS {
@@ -103,12 +107,13 @@ fn likely<const D: usize, const N: usize>(
     Ok(paths)
 }
 
-/// Whether its likelihood is a parabola of the logarithm.
+/// Whether the likelihood is nearly a parabola of the logarithm of the intensity.
 fn is_well_known(fit: &ProcessNoiseFit) -> bool {
     fit.relative_error < WELL_KNOWN
 }
 
-/// A path with a well known intensity, and those with others around it, with their logarithms less its own.
+/// Returns a path with a well known intensity and paths with others around it, each with the logarithm of its
+/// intensity less that of the first.
 fn around<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     track: &Track<'_>,

@@ -1,8 +1,8 @@
-//! The path without what contradicts it.
+//! The path without the measurements that contradict it.
 //!
-//! Each measurement belongs to the noise or to the outliers, with a probability that follows from how
-//! far it is from the path without it. As a path through many outliers is a bad beginning, the noise
-//! is first taken to be as large as the residuals are, then step by step as small as it is.
+//! Each measurement belongs to the noise or to the outliers, with a probability that follows from its
+//! distance from the path as determined by the others. Because a path through many outliers is a bad start,
+//! the noise is first taken to be as large as the residuals, and is then reduced step by step.
 
 use super::failure::Failure;
 use super::found::{Found, Setting};
@@ -13,27 +13,27 @@ use crate::base::distribution::normal_two_sided_quantile;
 use crate::sensors::Kind;
 use std::rc::Rc;
 
-/// Most rounds of weights with the noise as large as it is.
+/// Largest number of rounds of weighting in which the noise is estimated, too.
 const ROUNDS: usize = 20;
-/// Change of a position, over the standard deviation, that needs no other round.
+/// Change of a position, in standard deviations, up to which no other round is needed.
 const UNCHANGED: f64 = 0.003;
-/// Share of the measurements whose weights may change with the motion as it is.
+/// Share of the measurements whose weights may change without a new motion.
 const FEW: f64 = 0.01;
-/// Size of a residual that others of the instant do not contradict: two-sided 1 %.
+/// Significance of the limit (two-sided 1 %) up to which a residual agrees with the others of its instant.
 const DOUBTED: f64 = 0.01;
-/// Share of the measurements of an instant that agree, if it is the path that is wrong.
+/// Least share of the measurements of an instant that agree with each other, if the path is wrong there.
 const AGREEING: f64 = 0.8;
-/// Least share of a measurement that the others determine.
+/// Lower bound of the share of a measurement's error that remains in its residual.
 const REDUNDANT: f64 = 0.1;
-/// Measurements over which a running median tells errors that last from single faults, and the
-/// variance of a median of so many normal errors, over theirs.
+/// Number of measurements in a running median, which distinguishes lasting errors from single faults, and the
+/// variance of the median of this number of normal errors, relative to their variance.
 const RUNNING: usize = 5;
 const OF_MEDIANS: f64 = 0.287;
-/// Running medians that tell what lasts of one station alone.
+/// Number of running medians from which the lasting errors of a single column are estimated.
 const ENOUGH: usize = 20;
 
 impl<const D: usize, const N: usize> Found<D, N> {
-    /// Fits the path to these measurements without what contradicts it, until nothing changes.
+    /// Fits the path to the measurements except those that contradict it, until nothing changes.
     pub fn without_outliers(
         mut self,
         setting: &mut Setting<'_, D, N>,
@@ -41,7 +41,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
     ) -> Result<Self, Failure> {
         self.measured = Rc::clone(measured);
         if self.plots.count(D) < 2 {
-            // the others of its instant are all that a measurement is compared with
+            // a measurement can only be compared with the others of its instant
             let pairs = self.trust.iter_mut().zip(&self.fixes.outlier);
             pairs.filter(|(_, outlier)| **outlier).for_each(|(trust, _)| *trust = 0.0);
             return Ok(self);
@@ -72,8 +72,9 @@ impl<const D: usize, const N: usize> Found<D, N> {
         Ok(self)
     }
 
-    /// Judges the measurements by the path, and smooths, once with a new motion and once with the same:
-    /// whether the second time has changed anything. The noise may be held.
+    /// Weights the measurements by their distances from the path and smooths, first with a new motion and
+    /// then with the same one. Returns whether the second time has changed the path. `is_held`: the noise is
+    /// not estimated.
     fn weigh_twice(
         &mut self,
         setting: &mut Setting<'_, D, N>,
@@ -84,7 +85,8 @@ impl<const D: usize, const N: usize> Found<D, N> {
         self.weigh(setting, mixture, is_held, false)
     }
 
-    /// Judges the measurements by the path, and smooths: whether anything has changed.
+    /// Weights the measurements by their distances from the path and smooths. Returns whether the path has
+    /// changed.
     fn weigh(
         &mut self,
         setting: &mut Setting<'_, D, N>,
@@ -107,7 +109,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
         Ok(self.moved(&before) > UNCHANGED)
     }
 
-    /// The largest change of a coordinate, over its standard deviation.
+    /// Largest change of a coordinate, in standard deviations.
     fn moved(&self, before: &[f64]) -> f64 {
         let mut most = 0.0_f64;
         for (t, old) in before.chunks_exact(N).enumerate() {
@@ -119,14 +121,15 @@ impl<const D: usize, const N: usize> Found<D, N> {
         most
     }
 
-    /// The probabilities of all measurements by what the rest of the path says.
+    /// Returns the probabilities that measurements are not outliers, given the rest of the path.
     ///
-    /// With the residual r, the weight w and g = J P J' / σ²: the path without it predicts it with the
-    /// error r / (1 − w g), of the variance σ² (1 + g / (1 − w g)).
+    /// With the residual r, the weight w and g = J P J' / σ², the path without the measurement predicts it
+    /// with the error r / (1 − w g), whose variance is σ² (1 + g / (1 − w g)).
     fn trusted(&self, record: &Record<'_>, mixture: &mut Mixture, is_held: bool) -> Vec<f64> {
         let residuals = self.compared(record);
         mixture.fit(&residuals, is_held);
-        // what is missing is no outlier, and neither is what nothing is compared with
+        // missing measurements are not outliers, and neither are single arrivals, which nothing is compared
+        // with
         let mut trust: Vec<f64> =
             self.measured.values.iter().map(|v| if v.is_nan() { 1.0 } else { 0.0 }).collect();
         for t in 0..record.len() {
@@ -144,7 +147,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
         trust
     }
 
-    /// The sizes of all residuals.
+    /// Returns the sizes of all residuals.
     fn sizes(&self, record: &Record<'_>) -> Vec<f64> {
         let mut sizes = Vec::with_capacity(self.measured.len());
         for t in 0..record.len() {
@@ -154,7 +157,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
         sizes
     }
 
-    /// The residuals of all measurements about the path without them.
+    /// Returns the residuals of all measurements about the path without them.
     fn compared(&self, record: &Record<'_>) -> Vec<Compared> {
         let mut residuals = Vec::with_capacity(self.measured.len());
         let lasting = self.lasting(record);
@@ -181,8 +184,8 @@ impl<const D: usize, const N: usize> Found<D, N> {
         residuals
     }
 
-    /// Trusts an instant whose measurements agree, with as many to spare as it takes to be located
-    /// robustly, where the path contradicts most of them: it does not know the motion.
+    /// Trusts the measurements of an instant that agree with each other and are enough to locate it robustly,
+    /// if the path contradicts most of them: the motion of the path is then wrong.
     fn trust_instant(&self, record: &Record<'_>, t: usize, limit: f64, trust: &mut [f64]) {
         if !self.fixes.is_located(t) {
             return;
@@ -202,8 +205,9 @@ impl<const D: usize, const N: usize> Found<D, N> {
         }
     }
 
-    /// Variances of errors that last, of each number of an instant, in the stated ones: what lasts is
-    /// no outlier. From running medians of the residuals, of all where one station has few.
+    /// Variances of lasting errors of each column, in units of the stated ones: lasting errors are not
+    /// outliers. They are estimated from running medians of the residuals; columns with few residuals get the
+    /// value of all columns.
     pub fn lasting(&self, record: &Record<'_>) -> Vec<f64> {
         let mut series = vec![Vec::new(); record.width()];
         for t in 0..record.len() {
@@ -221,7 +225,7 @@ impl<const D: usize, const N: usize> Found<D, N> {
     }
 }
 
-/// Keeps what is likelier.
+/// Keeps the likelier state.
 fn keep<const D: usize, const N: usize>(
     best: &mut Option<(Mixture, Found<D, N>)>,
     mixture: &Mixture,
@@ -233,14 +237,14 @@ fn keep<const D: usize, const N: usize>(
     }
 }
 
-/// The size of the median of a window.
+/// Absolute value of the median of a window.
 fn middle(window: &[f64]) -> f64 {
     let mut own: [f64; RUNNING] = std::array::from_fn(|i| window[i]);
     own.sort_unstable_by(f64::total_cmp);
     own[RUNNING / 2].abs()
 }
 
-/// The variance of errors that last, from sizes of running medians; none where it may be by chance.
+/// Variance of lasting errors, from the sizes of running medians; 0 if these may be due to chance.
 fn variance_of(sizes: &mut [f64]) -> f64 {
     if sizes.is_empty() {
         return 0.0;

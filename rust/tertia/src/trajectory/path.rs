@@ -1,4 +1,4 @@
-//! Positions along time, smoothed: the quick smoother where it is exact, the other one elsewhere.
+//! Smoothed positions over time: by the quick smoother where it is accurate, else by the general one.
 
 use super::failure::Failure;
 use crate::base::interrupt::poll;
@@ -8,11 +8,11 @@ use crate::smoothing::{
     likeliest_other, likelihood, relative_error, smooth,
 };
 
-/// Ratio of a variance to what later instants leave of it, beyond which the quick smoother is not exact
-/// enough: up to there variances are right to 1e-4.
+/// Ratio of a variance to the variance that remains with later instants, beyond which the quick smoother is
+/// not accurate enough: up to this ratio, variances are correct to 1e-4.
 const LOSS: f64 = 1e7;
 
-/// Positions with their covariances, (N, D) and (N, D, D); nan where there is none.
+/// Positions with their covariances, (N, D) and (N, D, D); nan where unknown.
 #[derive(Clone, Debug)]
 pub(super) struct Plots {
     pub position: Vec<f64>,
@@ -43,7 +43,7 @@ impl Plots {
 pub(super) struct Path {
     /// (N, 3D)
     pub mean: Vec<f64>,
-    /// (N, R, R) of the first R components.
+    /// Covariances (N, R, R) of the first R components.
     pub covariance: Vec<f64>,
     pub fit: ProcessNoiseFit,
     pub summary: Summary,
@@ -65,12 +65,13 @@ pub(super) struct Smoother<const D: usize, const N: usize> {
 }
 
 impl<const D: usize, const N: usize> Smoother<D, N> {
-    /// The likeliest motion, near another one where that is known.
+    /// Returns the likeliest motion; the search starts near another motion if one is given.
     pub fn fit(&mut self, track: &Track<'_>, near: Option<ProcessNoise>) -> ProcessNoiseFit {
         likeliest(track, near, &mut |motion| self.likelihood(track, motion))
     }
 
-    /// The likeliest motion of the other family, with its error, if its likelihood is not below this one.
+    /// Returns the likeliest motion of the other family with its error, if its log-likelihood is at least
+    /// `least`.
     pub fn other(
         &mut self,
         track: &Track<'_>,
@@ -88,7 +89,7 @@ impl<const D: usize, const N: usize> Smoother<D, N> {
         summary.unwrap_or_else(|| likelihood(track, motion, workspace)).log_likelihood
     }
 
-    /// A fit with the error of its logarithm, if that is still to be found.
+    /// Returns the fit with the error of the logarithm of the intensity, which is computed if it is missing.
     pub fn with_error(&mut self, track: &Track<'_>, fit: ProcessNoiseFit) -> ProcessNoiseFit {
         if !fit.relative_error.is_nan() {
             return fit;
@@ -101,7 +102,7 @@ impl<const D: usize, const N: usize> Smoother<D, N> {
         ProcessNoiseFit { relative_error: relative_error(log, top, &mut value), ..fit }
     }
 
-    /// States, with covariances of the first components.
+    /// Returns the states, with covariances of the first `components` components.
     pub fn smooth(&mut self, track: &Track<'_>, fit: ProcessNoiseFit, components: usize) -> Path {
         poll();
         let n = track.len();
@@ -137,7 +138,8 @@ impl<const D: usize, const N: usize> Smoother<D, N> {
         Path { mean, covariance, fit, summary }
     }
 
-    /// States with all covariances and innovations, by the smoother that is exact for any track.
+    /// Returns the states with all covariances and innovations, by the smoother that is accurate for any
+    /// track.
     pub fn finish(&mut self, track: &Track<'_>, fit: ProcessNoiseFit) -> (Path, Vec<f64>) {
         let n = track.len();
         let (mut mean, mut covariance) = (vec![0.0; n * N], vec![0.0; n * N * N]);

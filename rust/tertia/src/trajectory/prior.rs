@@ -1,23 +1,23 @@
-//! What is known of errors that last before anything is measured.
+//! Prior of the systematic errors.
 
 use super::measured::Record;
 use crate::sensors::KINDS;
 
-/// What is assumed of the lasting errors.
+/// Prior of the lasting errors.
 #[derive(Clone, Debug)]
 pub struct Prior {
-    /// Standard deviations, 5 K numbers: 0 of what is trusted, nan of what is to be found.
+    /// Standard deviations, 5 K numbers: 0 for trusted columns, nan for those to be estimated.
     pub sigma: Vec<f64>,
-    /// Shares of their variance that drift, and the correlation times (5 K); nan: to be found.
+    /// Shares of the variance that drift, and the correlation times (5 K); nan: to be estimated.
     pub share: Vec<f64>,
     /// See `share`.
     pub time: Vec<f64>,
-    /// Standard deviations of the azimuths that depend on the direction (N, K); none: 0.
+    /// Standard deviations of azimuth errors that depend on the direction (N, K); none: 0.
     pub deviation: Option<Vec<f64>>,
 }
 
 impl Prior {
-    /// Numbers of an instant that may have lasting errors, of what was measured.
+    /// Columns with measurements that may have lasting errors.
     pub(super) fn columns(&self, record: &Record<'_>) -> Vec<usize> {
         let width = record.width();
         let seen = |at: &usize| record.values.iter().skip(*at).step_by(width).any(|v| !v.is_nan());
@@ -31,18 +31,18 @@ impl Prior {
     }
 }
 
-/// What is assumed of the systematic errors.
+/// Assumptions about the systematic errors.
 #[derive(Clone, Debug)]
 pub enum Systematic {
-    /// Nothing is known of constant biases of these kinds, in the order of an instant's rows; of the
-    /// others there are none.
+    /// Constant biases of these kinds, in the order of an instant's rows, of which nothing is known; the
+    /// other kinds have none.
     Flat(Vec<usize>),
-    /// Errors that last, of which something is known, or can be found.
+    /// Lasting errors whose size is known or can be estimated.
     Lasting(Prior),
 }
 
 impl Systematic {
-    /// Whether a number of an instant has no systematic error, of so many stations.
+    /// Whether a column has no systematic error; k is the number of stations.
     pub(super) fn is_trusted(&self, column: usize, k: usize) -> bool {
         match self {
             Self::Flat(kinds) => !kinds.contains(&(column / k)),

@@ -1,18 +1,19 @@
-//! A trajectory and what was found on the way.
+//! Result of a reconstruction.
 
 use super::fixes::Fixes;
 use super::lasting::LastingErrors;
 use super::measured::{Measured, Place, Record};
 use crate::smoothing::{ProcessNoiseFit, Summary};
 
-/// What came out.
+/// Reconstructed trajectory.
 #[derive(Clone, Debug)]
 pub struct Trajectory {
     /// Positions, velocities and accelerations (N, 3D); nan where unknown.
     pub mean: Vec<f64>,
-    /// Their covariances (N, 3D, 3D), ∞ where unknown, with the uncertainty of motion and biases.
+    /// Covariances of the states (N, 3D, 3D), ∞ where unknown, with the uncertainty of motion and biases.
     pub covariance: Vec<f64>,
-    /// What the smoother of positions found; none with polynomials, and of smoothed measurements.
+    /// Results of the smoother of positions; none with polynomials, or if the measurements were smoothed
+    /// first.
     pub smoothed: Option<Smoothed>,
     /// Positions of the single instants.
     pub fixes: Fixes,
@@ -20,32 +21,32 @@ pub struct Trajectory {
     pub outlier: Vec<bool>,
     /// Whitened residuals about the trajectory (N, 5, K), without biases.
     pub residual: Vec<f64>,
-    /// Lasting errors; none where nothing was asked.
+    /// Lasting errors; none if they were not to be estimated.
     pub bias: Option<LastingErrors>,
-    /// Positions (N, D) of the mirror image of the path, if that explains what was measured as well.
+    /// Positions (N, D) of the mirror image of the path, if it explains the measurements as well.
     pub image: Option<Vec<f64>>,
-    /// Whether the path is below the stations because none above them fits.
+    /// Whether the path is below the stations because no path above them fits.
     pub is_behind: bool,
-    /// Whether a path that crosses the plane of the stations would be much likelier than one that turns
-    /// back there.
+    /// Whether a path that crosses the plane of the stations would be much likelier than one that turns back
+    /// at it.
     pub may_cross: bool,
 }
 
-/// What the smoother found.
+/// Results of the smoother.
 #[derive(Clone, Debug)]
 pub struct Smoothed {
     /// Covariances of the states (N, 3D, 3D) without the uncertainty of motion and biases.
     pub covariance: Vec<f64>,
     /// Innovations (N, D).
     pub innovation: Vec<f64>,
-    /// Likelihood and count.
+    /// Likelihood and number of positions.
     pub summary: Summary,
-    /// The motion that was given or found.
+    /// The given or estimated motion.
     pub fit: ProcessNoiseFit,
 }
 
 impl Trajectory {
-    /// States that follow from positions of the instants, without biases.
+    /// Returns states that follow from positions of the instants, without biases.
     pub(super) fn of_fixes<const D: usize, const N: usize>(
         record: &Record<'_>,
         fixes: Fixes,
@@ -69,7 +70,7 @@ impl Trajectory {
     }
 }
 
-/// Diagonal matrices (N, S, S) of variances (N, S).
+/// Returns diagonal matrices (N, S, S) of variances (N, S).
 pub(super) fn without_correlations(variance: &[f64], size: usize) -> Vec<f64> {
     let mut matrices = vec![0.0; variance.len() * size];
     for (at, variance) in variance.iter().enumerate() {
@@ -78,8 +79,8 @@ pub(super) fn without_correlations(variance: &[f64], size: usize) -> Vec<f64> {
     matrices
 }
 
-/// Whitened residuals about states, of measurements (N, 5, K): of arrivals about the emission that those
-/// tell that are no outliers.
+/// Returns the whitened residuals of measurements (N, 5, K) about states. Arrivals are compared with the
+/// emission that follows from the arrivals that are not outliers.
 pub(super) fn residuals<const D: usize, const N: usize>(
     record: &Record<'_>,
     values: Vec<f64>,

@@ -1,4 +1,4 @@
-//! Series smoothed on their own: coordinates of positions, or what a station measured.
+//! Smoothing of single series: coordinates of positions, or the measurements of a station.
 
 use super::failure::Failure;
 use super::measured::Record;
@@ -8,11 +8,11 @@ use crate::smoothing::{
     self, Degree, Noise, Output, Polynomial, Track, Workspace, fit_process_noise,
 };
 
-/// Highest degree that adaptive polynomials have.
+/// Highest degree of adaptive polynomials.
 const MAX_DEGREE: usize = 3;
-/// Of the tests of their coefficients.
+/// Significance of the tests of the coefficients of adaptive polynomials.
 const SIGNIFICANCE: f64 = 0.05;
-/// Cost of an instant with either smoother, for the choice of threads.
+/// Cost of an instant (ns) with either smoother, for the choice of threads.
 const INSTANT_NS: f64 = 10_000.0;
 
 /// Local polynomials that smooth a series.
@@ -20,11 +20,11 @@ const INSTANT_NS: f64 = 10_000.0;
 pub struct Polynomials {
     /// Instants in a window, an odd number.
     pub window: usize,
-    /// Their degree; none: chosen window by window.
+    /// Degree of the polynomials; none: chosen for each window.
     pub degree: Option<usize>,
 }
 
-/// A smoothed series and its first two derivatives: nan and ∞ where unknown.
+/// A smoothed series with its first two derivatives; values are nan and sigmas ∞ where unknown.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Series {
     pub value: [Vec<f64>; 3],
@@ -35,7 +35,7 @@ pub(super) struct Series {
 pub(super) type Noisy = (Vec<f64>, Vec<f64>);
 
 impl Series {
-    /// Smooths all series: with white jerk of the likeliest intensity if by no polynomials.
+    /// Smooths all series by polynomials, or, if none are given, with white jerk of the likeliest intensity.
     pub fn smoothed(
         record: &Record<'_>,
         rows: &[Noisy],
@@ -61,7 +61,7 @@ impl Series {
         Ok(all)
     }
 
-    /// Without variances, of equal ones.
+    /// Smooths a series by local polynomials; without variances, all variances are assumed to be equal.
     pub fn of_polynomials(
         time: &[f64],
         y: &[f64],
@@ -73,7 +73,7 @@ impl Series {
             value: [(); 3].map(|()| vec![f64::NAN; n]),
             sigma: [(); 3].map(|()| vec![f64::INFINITY; n]),
         };
-        // a short record has few degrees to choose from
+        // a short record limits the degree
         let count = y.iter().filter(|v| !v.is_nan()).count();
         let most = MAX_DEGREE.min(count.saturating_sub(1));
         let (top, chosen) =

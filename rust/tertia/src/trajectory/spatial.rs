@@ -1,4 +1,4 @@
-//! Positions of the instants first, each coordinate smoothed by local polynomials.
+//! Space first: every instant is located, then each coordinate is smoothed by local polynomials.
 
 use super::failure::Failure;
 use super::fixes::Fixes;
@@ -10,7 +10,7 @@ use super::series::{Noisy, Polynomials, Series};
 /// Locates every instant, then smooths each coordinate by polynomials. N is 3 D.
 ///
 /// # Errors
-/// No instant that can be located, or polynomials that are not there.
+/// No instant can be located, or the polynomials do not exist.
 pub fn by_polynomials<const D: usize, const N: usize>(
     record: &Record<'_>,
     polynomials: Polynomials,

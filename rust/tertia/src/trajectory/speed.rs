@@ -1,5 +1,5 @@
-//! What errors of the speed of the signals, and of the wind that carries them, the same at all instants, add
-//! to the covariance.
+//! Effect of an error of the propagation speed and of an unknown wind, the same at all instants, on the
+//! covariance.
 
 use super::bias::{add_covariance, smoothed, weights};
 use super::failure::Failure;
@@ -11,8 +11,8 @@ use crate::sensors::{KINDS, Kind};
 use crate::smoothing::ProcessNoise;
 use nalgebra::DMatrix;
 
-/// Adds to the covariance of the states (N, 3D, 3D) what an error of this standard deviation, a share of
-/// the speed, adds. O(N K).
+/// Adds to the covariance of the states (N, 3D, 3D) the effect of an error of the propagation speed; `sigma`
+/// is its standard deviation relative to the speed. O(N K).
 pub(super) fn add_error<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     found: &Found<D, N>,
@@ -31,8 +31,10 @@ pub(super) fn add_error<const D: usize, const N: usize>(
     Ok(())
 }
 
-/// The same of a wind of this covariance, in units of the speed. To first order it changes the times of
-/// arrival at stations by what depends on their places alone; the rest is one of the emission. O(N K).
+/// Adds to the covariance of the states (N, 3D, 3D) the effect of an unknown wind; `wind` is its covariance
+/// in units of the propagation speed. To first order, the wind changes the arrival time at a station by a
+/// term that depends only on the position of the station, and by a term common to all stations, which is
+/// absorbed by the emission time. O(N K).
 pub(super) fn add_wind<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     found: &Found<D, N>,

@@ -1,4 +1,4 @@
-//! What errors of the stations' own positions, the same at all instants, add to the covariance.
+//! Effect of survey errors of the stations, which are the same at all instants, on the covariance.
 
 use super::bias::{add_covariance, smoothed, weights};
 use super::failure::Failure;
@@ -9,8 +9,8 @@ use crate::sensors::KINDS;
 use crate::smoothing::ProcessNoise;
 use nalgebra::DMatrix;
 
-/// Adds to the covariance of the states (N, 3D, 3D) what errors of these standard deviations (K) in
-/// each coordinate of the stations add. O(N K²).
+/// Adds to the covariance of the states (N, 3D, 3D) the effect of survey errors; `sigma` (K) holds their
+/// standard deviations in each coordinate of the stations. O(N K²).
 pub(super) fn add_errors<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     found: &Found<D, N>,
@@ -38,7 +38,7 @@ pub(super) fn add_errors<const D: usize, const N: usize>(
     Ok(())
 }
 
-/// The stations with one coordinate moved, at all instants.
+/// Returns the stations of all instants with one coordinate changed.
 fn moved<const D: usize>(record: &Record<'_>, coordinate: usize, by: f64) -> Vec<f64> {
     let mut own = record.stations.to_vec();
     let size = record.width() / KINDS * D;
@@ -46,8 +46,8 @@ fn moved<const D: usize>(record: &Record<'_>, coordinate: usize, by: f64) -> Vec
     own
 }
 
-/// By how much positions move (N, D) if `measured` is what was measured, and where, and the
-/// covariances of the positions (N, D, D).
+/// Returns by how much the positions move (N, D) if `measured` replaces the measurements and stations, and
+/// the covariances of the positions (N, D, D).
 pub(super) fn shifts<const D: usize, const N: usize>(
     record: &Record<'_>,
     found: &Found<D, N>,

@@ -1,4 +1,4 @@
-//! What each station measured smoothed first, then the instants located.
+//! Time first: the measurements of each station are smoothed, then the instants are located.
 
 use super::failure::Failure;
 use super::fixes::Fixes;
@@ -11,18 +11,18 @@ use crate::base::small::{Factor, Vector, dot, norm};
 use crate::sensors::{KINDS, Kind, Measurement};
 use std::f64::consts::TAU;
 
-/// Share of an interval over which measurements are differenced.
+/// Step of numerical derivatives relative to the median interval between instants.
 const STEP: f64 = 0.1;
-/// Instants and degree that determine the motion of a station.
+/// Window and degree of the polynomials that determine the motion of a station.
 const STATION: Polynomials = Polynomials { window: 5, degree: Some(2) };
 
-/// Smooths what each station measured, then locates every instant. N is 3 D.
+/// Smooths the measurements of each station, then locates every instant. N is 3 D.
 ///
-/// Along x(t) a measurement h(x − p) of a station at p(t) has the rate J (x' − p') and the second
+/// Along x(t), a measurement h(x − p) of a station at p(t) has the rate J (x' − p') and the second
 /// derivative J (x'' − p'') + u'H u, with u = x' − p' and H the second derivatives of h.
 ///
 /// # Errors
-/// No instant that can be located, or polynomials that are not there.
+/// No instant can be located, or the polynomials do not exist.
 pub fn temporal_first<const D: usize, const N: usize>(
     record: &Record<'_>,
     polynomials: Option<Polynomials>,
@@ -74,15 +74,14 @@ pub fn temporal_first<const D: usize, const N: usize>(
     Ok(Trajectory { image, ..Trajectory::of_fixes::<D, N>(record, fixes, mean, covariance) })
 }
 
-/// Smoothed measurements (N, 5, K) and two derivatives, with their standard errors: nan and 1 where
-/// there is none.
+/// Smoothed measurements (N, 5, K) with two derivatives and their standard errors: nan and 1 where unknown.
 struct Smoothed {
     value: [Vec<f64>; 3],
     sigma: [Vec<f64>; 3],
 }
 
 impl Smoothed {
-    /// Every series from its first measurement to its last.
+    /// Smooths every series from its first measurement to its last.
     fn new(record: &Record<'_>, polynomials: Option<Polynomials>) -> Result<Self, Failure> {
         let (n, width) = (record.len(), record.width());
         let columns = seen(record, &[0, 1, 2, 3]);
@@ -106,7 +105,7 @@ impl Smoothed {
     }
 }
 
-/// One column of what was measured, azimuths without jumps by whole turns.
+/// Returns one column of the measurements with its variances; azimuths are unwrapped.
 fn series(record: &Record<'_>, column: usize) -> Noisy {
     let turns = Kind::ALL[column * KINDS / record.width()] == Kind::Azimuth;
     let mut y: Vec<f64> =
@@ -124,7 +123,7 @@ fn series(record: &Record<'_>, column: usize) -> Noisy {
     (y, variances)
 }
 
-/// `(J' W J)^-1 J' W` of an instant, a column for each measurement that is used.
+/// `(J' W J)^-1 J' W` of an instant, with a column for each measurement that is used.
 struct Solution<const D: usize>(Vec<(usize, Vector<D>)>);
 
 impl<const D: usize> Solution<D> {
@@ -174,7 +173,8 @@ impl<const D: usize> Solution<D> {
 
 /// Velocities and accelerations of the stations.
 struct Motion<const D: usize> {
-    /// Of each instant, K D numbers; none if the stations stand still.
+    /// First and second derivatives of the positions, K D numbers for each instant; none if the stations
+    /// stand still.
     derivatives: Option<[Vec<f64>; 2]>,
     size: usize,
     step: f64,
@@ -202,14 +202,14 @@ impl<const D: usize> Motion<D> {
         Ok(motion)
     }
 
-    /// The first or second derivative of a station's position.
+    /// Returns the first or second derivative of a station's position.
     fn of(&self, t: usize, derivative: usize, index: usize) -> Vector<D> {
         let Some(derivatives) = &self.derivatives else { return [0.0; D] };
         let own = &derivatives[derivative - 1][t * self.size + index * D..];
         std::array::from_fn(|i| own[i])
     }
 
-    /// What motion of the stations takes from a measurement.
+    /// Returns the part that the motion of a station subtracts from a derivative of its measurement.
     fn share(&self, t: usize, derivative: usize, one: &Measurement<D>, p: &Vector<D>) -> f64 {
         let moved = self.of(t, derivative, one.index);
         let own = dot(&one.row(p).gradient, &moved);
@@ -220,7 +220,7 @@ impl<const D: usize> Motion<D> {
         own + dot(p, &std::array::from_fn(|i| moved[i] - first[i])) / norm(p)
     }
 
-    /// The second derivative of a measurement along a straight path, by differences.
+    /// Returns the second derivative of a measurement along a straight path, by differences.
     fn bend(&self, t: usize, one: &Measurement<D>, p: &Vector<D>, velocity: &Vector<D>) -> f64 {
         let (own, first) = (self.of(t, 1, one.index), self.of(t, 1, 0));
         let residual = |time: f64| {

@@ -1,21 +1,21 @@
-//! Tukey's biweight, and the size of residuals to which it belongs.
+//! Tukey's biweight, and the scale of the residuals to which it is applied.
 
 use crate::base::distribution::normal_two_sided_quantile;
 
-/// For an efficiency of 95 % with normal noise.
+/// Constant of the biweight for an efficiency of 95 % with normal noise.
 pub(super) const TUKEY: f64 = 4.685;
 const Q: f64 = 1.0 / (TUKEY * TUKEY);
-/// Mean of the squared score of Tukey's weights with normal errors, what is beyond left out.
+/// Mean squared score of Tukey's weights with normal errors; the cut-off at the constant is neglected.
 const MEAN_SQUARE: f64 = 1.0 - 12.0 * Q + 90.0 * Q * Q - 420.0 * Q * Q * Q + 945.0 * Q * Q * Q * Q;
 /// Mean squared score over mean squared weight.
 pub(super) const TAPERED: f64 =
     MEAN_SQUARE / (1.0 - 4.0 * Q + 18.0 * Q * Q - 60.0 * Q * Q * Q + 105.0 * Q * Q * Q * Q);
-/// Size of what is not by chance, in standard errors: one-sided 5 %.
+/// Two-sided probability beyond which a value is not due to chance: one-sided 5 %.
 const CHANCE: f64 = 0.1;
-/// Relative standard error of a median size of normal errors, times the root of their number.
+/// Relative standard error of the median size of normal errors, times the root of their number.
 pub(super) const MEDIAN_ERROR: f64 = 1.17;
 
-/// Tukey's weight; 1 where there is no residual.
+/// Tukey's weight; 1 if the residual is nan.
 pub(super) fn tukey(residual: f64) -> f64 {
     if residual.is_nan() {
         return 1.0;
@@ -24,13 +24,13 @@ pub(super) fn tukey(residual: f64) -> f64 {
     (1.0 - share * share).powi(2)
 }
 
-/// The number of standard errors that is exceeded by chance in one case of 20.
+/// Number of standard errors that is exceeded by chance in one case of 20.
 pub(super) fn chance() -> f64 {
     normal_two_sided_quantile(CHANCE)
 }
 
-/// By how much residuals are larger than their standard deviations say, at least 1: from their
-/// median, less what it may be off by chance.
+/// Factor by which residuals exceed their standard deviations, at least 1: from their median, less what may
+/// be due to chance.
 pub(super) fn scale(sizes: &mut [f64]) -> f64 {
     let n = sizes.len();
     let (below, &mut upper, _) = sizes.select_nth_unstable_by(n / 2, f64::total_cmp);

@@ -6,8 +6,8 @@ use nalgebra::{Matrix2, Matrix4, Matrix4x2};
 const OWN: [f64; 2] = [60.0, 80.0];
 const WIDE: [f64; 2] = [130.0, 110.0];
 
-/// Covariances of a filter with too much noise, by its own account and in truth, and what the track
-/// says that it has too much.
+/// Covariances of a filter that assumes too much noise, by its own account and in truth, and the followed
+/// track.
 fn filtered(steps: usize) -> (Matrix4<f64>, Matrix4<f64>, Followed) {
     let (radar, period, push) = (radar([0.0; 3], 50.0, 0.08), 4.0, 0.5);
     let report = |azimuth| Report {
@@ -79,7 +79,7 @@ fn noise_that_stands_for_errors_is_taken_out_of_the_covariance() {
 #[test]
 fn a_covariance_keeps_the_share_of_the_noise() {
     let (_, _, mut track) = filtered(10);
-    // as a mixture of models may have it
+    // as a mixture of models may give
     let small = std::array::from_fn(|i| if i % 5 == 0 { 1e3 } else { 0.0 });
     track.limit(&small);
     let left = Matrix4::from_fn(|i, j| small[4 * i + j] - track.excess[i][j]);
@@ -93,7 +93,7 @@ fn a_track_moves_with_the_errors() {
     let own = [[100.0, 0.0], [0.0, 50.0], [0.0; 2], [0.0; 2]];
     track.update(1, &[[0.5, 0.0, 0.1, 0.0], [0.0, 0.5, 0.0, 0.1]], &own);
     let by = [[9.0; ERRORS], [2.0, -1.0, 7.0, 7.0]];
-    // an offset that is larger was in the place
+    // the larger offset was part of the position
     assert_eq!(track.moved(&by), [-100.0, 25.0, -20.0, 5.0]);
 }
 
@@ -115,7 +115,7 @@ fn no_gain_goes_beyond_the_plot() {
 
 #[test]
 fn errors_of_radars_are_correlated() {
-    // alone, the errors of two radars are large; their sum is small
+    // each on its own, the errors of two radars are large; their sum is small
     let (variance, correlation) = (0.25, -0.9);
     let mut covariance = DMatrix::from_diagonal_element(2 * ERRORS, 2 * ERRORS, variance);
     for j in 0..ERRORS {
@@ -138,6 +138,6 @@ fn errors_of_radars_are_correlated() {
         let (i, j) = (place / 4, place % 4);
         assert!((added - alone[(i, j)] - both[(i, j)]).abs() < 1e-9, "{i} {j} {added}");
     }
-    // their own variances alone would be several times as large
+    // the variances without the correlation would be several times as large
     assert!(added[0] < 0.2 * alone[(0, 0)], "{} {}", added[0], alone[(0, 0)]);
 }

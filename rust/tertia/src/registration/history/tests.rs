@@ -1,8 +1,8 @@
-//! Errors over time, from what is said of them directly.
+//! Errors over time from direct measurements of them.
 
 use super::*;
 
-/// One measurement of each error a period, with this standard deviation in that of the prior.
+/// One measurement of each error per period, with this standard deviation in units of that of the prior.
 fn said(values: &[Vec<f64>], sigma: f64) -> Vec<Said> {
     let information = sigma.powi(-2);
     let period = |own: &Vec<f64>| Said {
@@ -25,7 +25,7 @@ fn history(values: &[Vec<f64>], sigma: f64, rate: f64) -> History {
     History::new(&said(values, sigma), &course)
 }
 
-/// Numbers that look random, with standard deviation one.
+/// Pseudo-random numbers with standard deviation one.
 fn noise(i: usize) -> f64 {
     let uniform = |seed: usize| {
         let mixed = (seed as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
@@ -70,7 +70,7 @@ fn a_change_is_found_with_its_radar_and_its_period() {
 
 #[test]
 fn drifting_errors_are_followed_within_their_uncertainty() {
-    // walks with the variance of the assumed drift, of which 60 s add 1 - exp(-60 / 15,000)
+    // random walks with the variance of the assumed drift, to which 60 s add 1 - exp(-60 / 15,000)
     let step = (1.0 - (-60.0 / 15_000.0_f64).exp()).sqrt();
     let (mut nees, mut count) = (0.0, 0);
     for seed in 0..20 {
@@ -107,7 +107,8 @@ fn the_likelihood_is_that_of_all_measurements_together() {
     let course = Course { middles: &middles, rates: &rates, own: &own };
     let sigma = 0.5;
     let found = Passes::new(&said(&values, sigma), &course, rates.clone(), &[(2, 0)]).likelihood;
-    // each error: variances of the process, a change of nine before the third, and the noise
+    // covariance of each error: of the process, of a change of variance nine before the third period, and of
+    // the noise
     let mut process = DMatrix::zeros(3, 3);
     for i in 0..3 {
         for j in 0..3 {

@@ -1,4 +1,4 @@
-//! What rows of tracks say of the errors of radars, and what the errors add to the rows.
+//! Learning the errors of radars from rows of tracks, and the effect of the errors on the rows.
 
 use super::{FORGOTTEN, Registrar};
 use crate::base::batch::for_each_row;
@@ -13,17 +13,18 @@ use pulp::{Arch, Simd, WithSimd};
 use std::hint::black_box;
 use std::num::NonZero;
 
-/// Rows whose tracks are read together before they are needed: with thousands of tracks each is a wait for
-/// memory, and waits together take no longer than one.
+/// Number of rows whose tracks are read together before they are needed: with thousands of tracks, each read
+/// waits for memory, and waits together take no longer than one.
 const TOGETHER: usize = 16;
-/// Time of a row of a target, ns, and work that is done whatever a caller wants.
+/// Time for a row of a target, ns, and the largest time that is stated for all: with a longer one, the work
+/// could be stopped half done.
 const FOLLOWED_NS: f64 = 300.0;
 const STOPPABLE_NS: f64 = 1e8;
 
 impl Registrar {
-    /// Learns from the rows of tracks and from plots that no confirmed track has, until a time. `used` are the
-    /// standard deviations of range and azimuth of each radar that the tracks were made with, and those that
-    /// the tracker has found for errors that last.
+    /// Learns, up to a time, from the rows of tracks and from plots that no confirmed track has taken. `used`
+    /// are, for each radar, the standard deviations of range and azimuth with which the tracks were made, and
+    /// those that the tracker has found for errors that last.
     pub fn learn(
         &mut self,
         updates: &[Update],
@@ -36,9 +37,9 @@ impl Registrar {
         Learnt { rows: given.changes, tracks }
     }
 
-    /// The same of rows wherever they are, which are changed there; returns by how much each track is to
-    /// move, at the time of its last row. Of the tracks that were never confirmed, those that are not
-    /// among the numbers `alive`, in order, are forgotten.
+    /// As [`Registrar::learn`], for rows that are stored elsewhere and are changed in place. Returns by how
+    /// much each track is to move, at the time of its last row. Tracks that were never confirmed are dropped
+    /// unless their numbers are in `alive`, which is sorted.
     pub fn learn_rows<U: Changed>(
         &mut self,
         updates: &mut U,
@@ -65,13 +66,13 @@ impl Registrar {
         tracks
     }
 
-    /// Learns from rows without loose plots and without innovations, those of each target together and in
-    /// order of time; returns what the errors add to the covariance of each of these targets, and by how much
-    /// all targets move, at the times of their last rows. The same for any number of threads. Cost that of
-    /// [`Registrar::learn`].
+    /// Learns from rows without loose plots and without innovations; the rows of each target are together and
+    /// in order of time. Returns what the errors add to the covariance of each of these targets, and by how
+    /// much all targets move, at the times of their last rows. The results do not depend on the number of
+    /// threads. The cost is that of [`Registrar::learn`].
     ///
     /// # Errors
-    /// None; the type is that of work on threads.
+    /// None occur; the type is that of work on threads.
     #[allow(clippy::type_complexity)] // two columns
     pub(crate) fn learn_targets(
         &mut self,
@@ -115,8 +116,8 @@ impl Registrar {
         Ok((added, moved))
     }
 
-    /// Forgets tracks that no row has been of for long, and those that were never confirmed and are not
-    /// among the numbers `alive`, which are in order.
+    /// Drops tracks that have had no row for long, and those that were never confirmed and whose numbers are
+    /// not in `alive`, which is sorted.
     fn forget(&mut self, time: f64, alive: Option<&[i64]>) {
         let longest = FORGOTTEN * scans(&self.radars);
         let mut numbers = alive.unwrap_or_default().iter().peekable();
@@ -128,13 +129,13 @@ impl Registrar {
         });
     }
 
-    /// The place of a track that rows are of, the first of them at this time, and whether it is new.
+    /// Returns the place of a track, which starts at this time if it is new, and whether it is new.
     #[inline(always)]
     pub(super) fn place(&mut self, target: i64, time: impl FnOnce() -> f64) -> (usize, bool) {
         self.tracks.place(target, || Followed::new(time()))
     }
 
-    /// Follows a row of a track: its gains carry the errors of the radars on.
+    /// Follows a row of a track, whose gain propagates the errors of the radars.
     #[inline(always)]
     pub(super) fn carry(
         &mut self,
@@ -156,17 +157,17 @@ impl Registrar {
     }
 }
 
-/// What rows of tracks are followed with.
+/// Data with which rows of tracks are followed.
 #[derive(Clone, Copy)]
 struct Applied<'a> {
     radars: &'a [Radar],
-    /// Of the plots, with and without what was not known of the errors.
+    /// Noise of the plots, with and without the uncertainty of the errors.
     noise: &'a [[[f64; 2]; 2]],
     unknowns: &'a Unknowns,
 }
 
 impl Applied<'_> {
-    /// The plot of a row.
+    /// Returns the plot of a row in the plane.
     #[inline(always)]
     fn seen(&self, update: &Update) -> Option<Sighting> {
         let report = &update.plot.report;
@@ -180,7 +181,7 @@ impl Applied<'_> {
         track.advance(report.time);
         if let Some(seen) = seen {
             let (velocity, own) = (update.velocity, &self.unknowns[report.radar]);
-            // the noise that the gain of the track was made with
+            // the noise with which the gain of the track was made
             let sigma = self.noise[report.radar].map(|noise| seen.noise(noise));
             if is_new {
                 let stated = (&update.covariance, update.confirmed);
@@ -196,7 +197,7 @@ impl Applied<'_> {
     }
 }
 
-/// The rows of one target: what the errors add to its covariance.
+/// Follows the rows of one target, and returns what the errors add to its covariance.
 struct OfTarget<'a> {
     track: &'a mut Followed,
     rows: &'a [Update],
@@ -219,7 +220,7 @@ impl WithSimd for OfTarget<'_> {
     }
 }
 
-/// Rows of targets in order of time, those of one time in the order in which they are.
+/// Rows of targets in order of time; rows of the same time keep their order.
 struct InOrder<'a>(Vec<&'a Update>);
 
 impl<'a> InOrder<'a> {
@@ -245,7 +246,8 @@ impl Updates for InOrder<'_> {
     }
 }
 
-/// The rows of a scan, one after the other: by how much each moves, and what the errors add to its covariance.
+/// Follows the rows of a scan one after the other, moves each, and adds the effect of the errors to its
+/// covariance.
 struct Rows<'a, U> {
     registrar: &'a mut Registrar,
     updates: &'a mut U,

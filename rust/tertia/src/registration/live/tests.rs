@@ -20,7 +20,7 @@ fn what_the_errors_add_to_a_track() {
     let azimuth = 30_000_f64.atan2(40_000.0);
     let report = Report { radar, time, range, azimuth, height, place: None };
     let velocity = [180.0, 90.0];
-    // half of what the errors do to the plot
+    // half of the displacement of the plot by the errors
     let seen = Sighting::new(&report, height, &registrar.radars[0], [1.0; 2]).unwrap();
     let design = seen.design(velocity.into());
     let axes = Matrix2::from_columns(&seen.axes);
@@ -85,7 +85,7 @@ fn noise_fades() {
     registrar.learn_noise(&sums);
     close(registrar.factor[0][0], 1.105541596785);
     close(registrar.factor[0][1], 1.972026594367);
-    // residuals are over the noise found
+    // residuals are relative to the noise found
     let squares = |axis: usize, sum: f64| sum / registrar.factor[0][axis].powi(2);
     sums.square = vec![[squares(0, 200.0), squares(1, 300.0)]];
     sums.redundancy = vec![[150.0; 2]];
@@ -117,7 +117,7 @@ fn a_vote_throws_open_blocks_away() {
     assert_eq!(registrar.changes(), [(41.0, radar)]);
     assert!((registrar.errors()[0][2] - 0.5_f64.to_radians()).abs() < 1e-9);
     assert!(registrar.open.is_empty());
-    // what is there again before the next vote stays
+    // blocks that are opened before the next vote remain
     registrar.open.insert(1, Vec::new());
     registrar.vote(42.0);
     assert_eq!(registrar.open.len(), 1);
@@ -135,8 +135,8 @@ fn a_clock_is_taken_out_by_steps() {
     }
 }
 
-/// Plots of two radars every two seconds, of which the second measures ranges 150 m too long, as
-/// rows of a track.
+/// Rows of a track with plots of two radars every two seconds; the second radar measures ranges 150 m too
+/// long.
 fn rows() -> Vec<Update> {
     let places = [[0.0; 2], [6e4, 0.0]];
     let row = |i: usize| {

@@ -1,4 +1,4 @@
-//! The mistakes that are easily made with blocks: each of these tests fails with one of them.
+//! Mistakes that are easily made with blocks: each of these tests fails if one of them is made.
 
 use super::*;
 use crate::registration::sighting::ERRORS;
@@ -10,7 +10,7 @@ fn radars() -> Vec<Radar> {
     vec![radar([0.0; 3], 10.0, 0.01), radar([6e4, 0.0, 100.0], 15.0, 0.02)]
 }
 
-/// Plots without noise, every two seconds, of a target 9 km high on this path; radars take turns.
+/// Plots without noise of a target 9 km high on this path, every two seconds, by the radars in turn.
 fn plots(path: impl Fn(f64) -> [f64; 2], errors: &[Errors; 2]) -> Vec<TargetPlot> {
     let (radars, height) = (radars(), 9e3);
     let plot = |i: usize| {
@@ -37,7 +37,7 @@ fn turn(time: f64) -> [f64; 2] {
     [2e4 + speed / rate * sine, 3e4 + speed / rate * (1.0 - cosine)]
 }
 
-/// The sums of one block, where the errors have these standard deviations, in those of the prior.
+/// The sums of one block, if the errors have this standard deviation in units of that of the prior.
 fn summed(plots: &[TargetPlot], sigma: f64) -> Sums {
     summed_by(plots, sigma, [false; 2])
 }
@@ -61,7 +61,7 @@ fn plots_without_a_height_are_at_that_of_the_others() {
     let whole = summed(&plots, 1.0);
     plots[3].report.height = f64::NAN;
     let found = summed(&plots, 1.0);
-    // on the ground this plot would be a kilometre off, and left out
+    // on the ground, this plot would be a kilometre off and would be left out
     assert!(total(&found.square) < 1e-6, "{:?}", found.square);
     let (all, used) = (total(&whole.redundancy), total(&found.redundancy));
     assert!((used - all).abs() < 1e-9, "{used} {all}");
@@ -81,7 +81,7 @@ fn one_radar_says_nothing_of_its_errors_but_of_its_noise() {
 #[test]
 fn a_turn_is_no_error() {
     let mut plots = plots(turn, &NONE);
-    // nobody tells of it: what is not expected is refused
+    // the turn is not announced: unexpected motion is refused
     assert_eq!(summed(&plots, 1.0).blocks, [0, 1]);
     plots[4].turn_probability = 0.9;
     let found = summed(&plots, 1.0);
@@ -111,8 +111,8 @@ fn what_uncertain_errors_explain_is_no_misfit() {
     assert_eq!(summed(&plots, 1e-3).blocks, [0, 1]);
 }
 
-/// A target 9 km high, of which no height is known, is 0.6 to 2 km nearer on the ground than its slant ranges
-/// say: that is no error of the radars, and an error of an azimuth is found beside it.
+/// A target 9 km high, whose height is unknown, is 0.6 to 2 km nearer on the ground than its slant ranges
+/// say. This must not be taken for errors of the radars, and an error of an azimuth must still be found.
 #[test]
 fn unknown_heights_are_no_errors_of_ranges() {
     let azimuth = 1e-3;
@@ -131,7 +131,7 @@ fn unknown_heights_are_no_errors_of_ranges() {
         let off = known[k] - if k == 6 { azimuth / PRIOR[2] } else { 0.0 };
         assert!(off.abs() < 1.5 * covariance[(k, k)].sqrt(), "{k}: {off}");
     }
-    // the same as ranges on the ground
+    // the same ranges taken as ranges on the ground
     let (taken, covariance) = step([false; 2]);
     let worst = (0..8).map(|k| taken[k].abs() / covariance[(k, k)].sqrt()).fold(0.0, f64::max);
     assert!(worst > 5.0, "{worst}");

@@ -1,4 +1,4 @@
-//! Beside the smoother by rows.
+//! Comparison with the smoother by rows.
 
 use super::super::smoother::{self, Workspace};
 use super::super::whitener::Noise;
@@ -16,7 +16,7 @@ struct Both {
 }
 
 impl Both {
-    /// By rows of information, and by covariances.
+    /// Smooths with rows of information, and with covariances.
     fn of(track: &Track<'_>, motion: ProcessNoise, loss: f64) -> Self {
         let n = track.len();
         let [mut mean, mut quick] = [vec![0.0; 6 * n], vec![0.0; 6 * n]];
@@ -44,7 +44,7 @@ impl Both {
         }
     }
 
-    /// The largest difference of states, in sigmas, and of variances, relative.
+    /// Returns the largest difference of states, in sigmas, and the largest relative difference of variances.
     fn differences(&self) -> [f64; 2] {
         let [covariance, own] = &self.covariance;
         let mut largest = [0.0_f64; 2];
@@ -58,7 +58,7 @@ impl Both {
     }
 }
 
-/// The same as by rows of information, with missing numbers, equal and irregular times.
+/// The results must be those with rows of information, with missing numbers, equal and irregular times.
 #[test]
 fn both_ways_of_smoothing_agree() {
     let time: Vec<f64> = (0..60).map(|i| f64::from(i - i % 7 / 6) * 0.7).collect();
@@ -85,8 +85,8 @@ fn both_ways_of_smoothing_agree() {
     }
 }
 
-/// Ten thousand instants with hardly any jerk: their first fifty know the acceleration 1e11 times worse
-/// than all of them, and an antisymmetric part of Λ from rounding would grow on the way back.
+/// Ten thousand instants with hardly any jerk: the acceleration is known 1e11 times worse from their first
+/// fifty than from all of them, and an antisymmetric part of Λ from rounding would grow on the way back.
 #[test]
 fn long_records_that_hardly_wander_keep_their_digits() {
     let time: Vec<f64> = (0..10_000).map(f64::from).collect();
@@ -100,7 +100,7 @@ fn long_records_that_hardly_wander_keep_their_digits() {
     }
 }
 
-/// The same by rows of information.
+/// The results must be those with rows of information.
 #[test]
 fn the_first_three_plots_as_by_rows() {
     let matrices = [4.0, 1.2, 1.2, 1.0, 9.0, -2.0, -2.0, 5.0, 1.0, 0.0, 0.0, 2.0];

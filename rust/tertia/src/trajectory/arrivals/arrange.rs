@@ -1,25 +1,25 @@
-//! From arrivals as they were recorded to a scene that can be solved.
+//! Conversion of recorded arrivals to a scene that can be solved.
 
 use super::group::{Line, align, group};
 use super::scene::{Arrival, Scene, Undetermined};
 
-/// What was recorded, one element for each arrival.
+/// Recorded arrivals, one element for each.
 #[derive(Clone, Copy, Debug)]
 pub struct Heard<'a> {
-    /// Seconds by the receiver's clock.
+    /// Reading of the receiver's clock in seconds.
     pub time: &'a [f64],
     /// Number of the receiver.
     pub sensor: &'a [usize],
-    /// Number of the identity.
+    /// Number of the emitter's identity.
     pub identity: &'a [usize],
-    /// Number of the emission, if that is known; none: the arrival is not used.
+    /// Number of the emission, if emissions are known; none: the arrival is not used.
     pub emission: Option<&'a [Option<usize>]>,
 }
 
-/// Adds rows and lines to the scene: where each arrival is in its rows.
+/// Adds rows and lines of clocks to the scene, and returns the row of each arrival.
 ///
 /// # Errors
-/// Receivers that share too few emissions with the others, or no emission with two arrivals.
+/// Receivers share too few emissions with the others, or no emission has two arrivals.
 pub fn arrange<const D: usize>(
     scene: &mut Scene<D>,
     heard: &Heard<'_>,
@@ -79,7 +79,7 @@ pub fn arrange<const D: usize>(
     Ok(row_of)
 }
 
-/// Longest travel time between two receivers, which arrivals of one emission never exceed.
+/// Longest travel time between two receivers, which arrivals of one emission cannot exceed.
 fn widest<const D: usize>(scene: &Scene<D>) -> f64 {
     let receivers = &scene.sites[..scene.is_base.len()];
     let square = |a: &[f64; D], b: &[f64; D]| a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum();

@@ -1,13 +1,13 @@
-//! Which arrivals belong to the same emission, where no clock agrees with another.
+//! Grouping of arrivals into emissions if the clocks of the receivers are not synchronised.
 //!
-//! Receivers join one after the other. Those that have joined give a list of emissions of each
-//! identity; the differences between the arrivals at a further receiver and this list have a narrow
-//! peak at the offset of its clock, because intervals between emissions are irregular. A robust line
-//! through the peak gives the rate of the clock. Times on one clock are then cut into emissions
-//! wherever the gap is larger than the width of the peaks.
+//! Receivers join one after the other. Those that have joined give a list of emissions of each identity. The
+//! differences between the arrivals at a further receiver and this list have a narrow peak at the offset of
+//! its clock, because the intervals between emissions are irregular. A robust line through the peak gives the
+//! rate of the clock. The times on one clock are then divided into emissions wherever a gap is larger than
+//! the width of the peaks.
 
-/// Reading of a clock less that of the first receiver: `offset + rate (t - origin)`, where t is the
-/// reading.
+/// Reading of a clock less that of the first receiver: `offset + rate (t - origin)`, where t is the reading
+/// of the clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Line {
     /// Seconds.
@@ -21,51 +21,51 @@ pub struct Line {
 /// Clocks that share emissions, roughly aligned.
 #[derive(Clone, Debug)]
 pub struct Alignment {
-    /// Of each receiver; none if it shares too few emissions with the others.
+    /// Line of each receiver; none if it shares too few emissions with the others.
     pub lines: Vec<Option<Line>>,
-    /// Largest distance from the lines, in seconds.
+    /// Largest distance of matching arrivals from the lines, in seconds.
     pub width: f64,
 }
 
-/// Differences that are compared at most, for each receiver.
+/// Largest number of differences that are compared, for each receiver.
 const PAIRS: f64 = 2e6;
-/// A peak stands out of its surroundings if the logarithm of its likelihood ratio is larger by this
-/// than the logarithm of the number of differences.
+/// A peak stands out from its surroundings if the logarithm of its likelihood ratio exceeds the logarithm of
+/// the number of differences by at least this.
 const MARGIN: f64 = 6.0;
-/// Windows of each size that are looked at.
+/// Largest number of windows of each size that are examined.
 const NARROWEST: usize = 256;
-/// Neighbourhood of a peak, in widths of it.
+/// Neighbourhood of a peak, in widths of the peak.
 const AROUND: f64 = 10.0;
-/// Peaks whose scores are at least this share of the best one are compared by identities.
+/// Peaks with at least this share of the best score are compared by identities.
 const RIVAL: f64 = 0.3;
-/// Identities favour a peak if the logarithm of its likelihood ratio is larger by this.
+/// Identities favour a peak if this is the lead of the logarithm of its likelihood ratio.
 const TOLD: f64 = 6.0;
-/// Of peaks that identities do not tell apart and that have at least this share of the most matches, the
-/// one with the smallest offset is preferred.
+/// Of the peaks that identities do not distinguish and that have at least this share of the largest number of
+/// matches, the one with the smallest offset is chosen.
 const ALIKE: f64 = 0.75;
 const LINES: usize = 4;
 const REWEIGHTED: usize = 20;
 
 impl Line {
-    /// The time of the first receiver's clock at this reading.
+    /// Returns the time of the first receiver's clock at this reading.
     pub fn corrected(&self, time: f64) -> f64 {
         time - self.offset - self.rate * (time - self.origin)
     }
 
-    /// The same clock less that of another receiver.
+    /// Returns the same clock relative to that of another receiver.
     #[must_use]
     pub fn relative_to(&self, base: &Line) -> Self {
         let offset = self.origin - base.reading(self.origin - self.offset);
         Self { offset, rate: 1.0 - (1.0 - self.rate) / (1.0 - base.rate), origin: self.origin }
     }
 
-    /// The reading at this time of the first receiver's clock.
+    /// Returns the reading at this time of the first receiver's clock.
     pub fn reading(&self, time: f64) -> f64 {
         (time + self.offset - self.rate * self.origin) / (1.0 - self.rate)
     }
 }
 
-/// Aligns clocks by arrivals with equal labels. Cost N log N plus the pairs compared, for each
+/// Aligns the clocks by arrivals with equal labels. Cost N log N plus the number of pairs compared, for each
 /// receiver.
 pub fn align(time: &[f64], sensor: &[usize], label: &[usize], k: usize) -> Alignment {
     let labels = label.iter().max().map_or(0, |last| last + 1);
@@ -105,9 +105,10 @@ pub fn align(time: &[f64], sensor: &[usize], label: &[usize], k: usize) -> Align
     Alignment { lines, width }
 }
 
-/// Numbers of emissions, in no order, of arrivals at aligned clocks; none for an arrival at a clock
-/// that is not aligned, and for the later ones (echoes) of a receiver that heard an emission twice.
-/// Arrivals of one emission are at most `spread` apart, or as far as the lines tell.
+/// Returns the numbers of the emissions of arrivals at aligned clocks, in no particular order. Arrivals at a
+/// clock that is not aligned have none, and neither have the later arrivals (echoes) of an emission at the
+/// same receiver. Arrivals of one emission are at most `spread` apart, or as far as the uncertainty of the
+/// lines allows.
 pub fn group(
     alignment: &Alignment,
     time: &[f64],
@@ -137,7 +138,7 @@ pub fn group(
     emission
 }
 
-/// Merges emissions that are further than `reach` from any that is known.
+/// Adds emissions that are farther than `reach` from all known ones.
 fn join(known: &mut Vec<f64>, times: impl Iterator<Item = f64>, reach: f64) {
     let before = known.len();
     for time in times {
@@ -150,7 +151,8 @@ fn join(known: &mut Vec<f64>, times: impl Iterator<Item = f64>, reach: f64) {
     known.sort_by(f64::total_cmp);
 }
 
-/// The line through the peak of the differences, and the largest distance of its points from it.
+/// Returns the line through the peak of the differences, and the largest distance of its points from the
+/// line.
 fn peak_line(known: &[Vec<f64>], own: &[Vec<f64>], span: f64) -> Option<(Line, f64)> {
     let all: f64 = known.iter().zip(own).map(|(a, b)| a.len() as f64 * b.len() as f64).sum();
     let range = span * (PAIRS / all.max(1.0)).min(1.0);
@@ -185,7 +187,7 @@ fn distance(line: &Line, point: &(f64, f64)) -> f64 {
     (point.1 - line.offset - line.rate * (point.0 - line.origin)).abs()
 }
 
-/// A window of sorted values that stands out of its surroundings.
+/// A window of sorted values that stands out from its surroundings.
 #[derive(Clone, Copy, Debug)]
 struct Peak {
     score: f64,
@@ -203,19 +205,19 @@ impl Peak {
     }
 }
 
-/// The windows, of at most `most` sorted values, that stand out of their surroundings most: the best,
-/// and those elsewhere whose score is not far below its own.
+/// Returns the windows of at most `most` sorted values that stand out most from their surroundings: the best,
+/// and those elsewhere whose score is not far below the best.
 fn peaks(values: &[f64], most: usize, range: f64) -> Vec<Peak> {
     let n = values.len();
     let floor = range * f64::EPSILON * 64.0;
     let (mut least, mut found) = ((n as f64).ln() + MARGIN, Vec::new());
     let mut k = n.min(most);
     let mut narrow: Vec<usize> = Vec::new();
-    // no surroundings count for less than 1 / (AROUND - 1)
+    // the expected number in the surroundings is at least 1 / (AROUND - 1)
     while k >= 3 && k as f64 * ((k as f64 * (AROUND - 1.0)).ln() - 1.0) > least {
         let width = |i: usize| values[i + k - 1] - values[i];
         narrow.clear();
-        // the narrowest of windows that overlap, so that peaks of equal height are all looked at
+        // the narrowest of the windows that overlap, so that all peaks of equal height are examined
         let starts = (0..=n - k).step_by(k).map(|from| from..(from + k).min(n - k + 1));
         narrow.extend(starts.filter_map(|mut own| {
             let first = own.next()?;
@@ -254,14 +256,14 @@ fn peaks(values: &[f64], most: usize, range: f64) -> Vec<Peak> {
     apart
 }
 
-/// Logarithm of the likelihood ratio of a count to an expected one.
+/// Logarithm of the likelihood ratio of an observed count to the expected one.
 fn excess(count: f64, expected: f64) -> f64 {
     count * (count / expected).ln() - count + expected
 }
 
-/// Ends of the peak at the offset of the clock, if there is a peak. An identity with a constant interval has as many
-/// arrivals at each multiple of it, so what counts is by how many more each identity has than at most
-/// peaks.
+/// Returns the ends of the peak at the offset of the clock, if there is a peak. An identity with a constant
+/// interval has equally many matches at each multiple of the interval. Therefore the score of a peak is the
+/// excess of the matches of each identity over those at most peaks.
 fn told_apart(peaks: &[Peak], known: &[Vec<f64>], own: &[Vec<f64>]) -> Option<(f64, f64)> {
     if peaks.is_empty() {
         return None;
@@ -288,7 +290,7 @@ fn told_apart(peaks: &[Peak], known: &[Vec<f64>], own: &[Vec<f64>]) -> Option<(f
     Some((peaks[nearest].low, peaks[nearest].high))
 }
 
-/// How many arrivals are within `reach` of a known emission if the clock has this offset.
+/// Number of arrivals that are within `reach` of a known emission if the clock has this offset.
 fn matched(known: &[f64], own: &[f64], offset: f64, reach: f64) -> f64 {
     let is_near = |&&t: &&f64| {
         let from = known.partition_point(|&other| other < t - offset - reach);
@@ -297,7 +299,7 @@ fn matched(known: &[f64], own: &[f64], offset: f64, reach: f64) -> f64 {
     own.iter().filter(is_near).count() as f64
 }
 
-/// Least sum of distances, by least squares with weights.
+/// Returns the line with the least sum of distances, by reweighted least squares.
 fn robust_line(points: &[(f64, f64)]) -> Line {
     let origin = points.iter().map(|point| point.0).sum::<f64>() / points.len() as f64;
     let middle = points[points.len() / 2].1;

@@ -1,25 +1,25 @@
-//! Which unknown has which column, so that the matrix has low columns: motion and clocks in the
-//! order of time, then what all of the record shares.
+//! Order of the unknowns in the matrix, chosen for low columns: motion and clocks in the order of time, then
+//! the unknowns that the whole record shares.
 
 use super::scene::Scene;
 
-/// Columns; what is known has none.
+/// Column of each unknown; none if its value is known.
 #[derive(Clone, Debug)]
 pub(super) struct Layout {
-    /// The first of 3 D of each emission: coordinates, then velocities, then accelerations.
+    /// First of the 3 D columns of each emission: coordinates, then velocities, then accelerations.
     pub motion: Vec<Option<usize>>,
-    /// Of each node and receiver, (M, K).
+    /// Column of each node and receiver, (M, K).
     pub clock: Vec<Option<usize>>,
-    /// Of the reciprocal of the speed.
+    /// Column of the reciprocal of the speed.
     pub slowness: Option<usize>,
-    /// The first of D of each site.
+    /// First of the D columns of each site.
     pub site: Vec<Option<usize>>,
-    /// Of each path.
+    /// Column of each path from a beacon to a receiver.
     pub path: Vec<Option<usize>>,
     pub order: usize,
 }
 
-/// What a column is of.
+/// Unknown to which a column belongs.
 pub(super) enum Unknown {
     Motion(usize),
     Clock(usize),
@@ -27,7 +27,7 @@ pub(super) enum Unknown {
 }
 
 impl Layout {
-    /// `interval` is the one between nodes in which an emission falls.
+    /// Arranges the columns; `interval` is the interval between nodes that contains each emission.
     pub fn new<const D: usize>(
         scene: &Scene<D>,
         identity: &[usize],
@@ -62,7 +62,7 @@ impl Layout {
         Self { motion, clock, slowness, site, path, order: next }
     }
 
-    /// What a column is of.
+    /// Returns the unknown to which a column belongs.
     pub fn unknown<const D: usize>(&self, column: usize, k: usize) -> Unknown {
         let within =
             |first: &Option<usize>| first.is_some_and(|c| (c..c + 3 * D).contains(&column));

@@ -2,7 +2,7 @@
 
 use crate::base::skyline::Skyline;
 
-/// Most columns that one row has: two places, a clock at two nodes, the speed, a path.
+/// Largest number of columns of a row: two positions, a clock at two nodes, the speed, a path.
 const WIDEST: usize = 10;
 
 /// `residual = measured - expected`, and the derivatives of `expected`.
@@ -13,14 +13,14 @@ pub(super) struct Row {
     pub residual: f64,
 }
 
-/// What a row of a prior is scaled by: its variance is that of the group.
+/// Group of a prior, whose variance scales the row.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Group {
-    /// 1.
+    /// Variance 1.
     Unit,
     Path,
     Drift,
-    /// Of a moving identity: what its acceleration counts for, in units of its jerk.
+    /// Motion of an identity: the weight of its white acceleration beside its white jerk.
     Motion(usize, f64),
 }
 
@@ -29,7 +29,7 @@ impl Row {
         Self { columns: [(0, 0.0); WIDEST], length: 0, residual }
     }
 
-    /// Adds to the derivative by an unknown; what is known has no column.
+    /// Adds to the derivative with respect to an unknown; a known value has no column.
     pub fn push(&mut self, column: Option<usize>, value: f64) {
         if let Some(column) = column {
             self.columns[self.length] = (column, value);
@@ -47,7 +47,7 @@ impl Row {
         for (a, &(i, v)) in columns.iter().enumerate() {
             matrix.add(i, i, weight * v * v);
             for &(j, w) in &columns[..a] {
-                // a column may come twice: both mirror images fall on the diagonal then
+                // a column may occur twice: then both symmetric terms fall on the diagonal
                 matrix.add(i, j, if i == j { 2.0 } else { 1.0 } * weight * v * w);
             }
         }

@@ -1,22 +1,23 @@
-//! Emissions of few arrivals that were located in a wrong place, where they fit as well.
+//! Correction of emissions with few arrivals that were located at a wrong position where they fit as well.
 //!
-//! Such a place tears the motion apart, and the jerk that the motion then seems to have lets it stay
-//! there. These emissions are moved to where those before and after them say; if they had been right,
-//! their arrivals take them back.
+//! Such a position tears the motion apart, and the large jerk that is then estimated lets it stay there.
+//! These emissions are moved to where the emissions before and after them suggest; if the first position was
+//! right, the arrivals move the emission back.
 
 use super::linear::{Group, Row};
 use super::problem::{Model, Problem, State};
 use super::start::median;
 
-/// A motion is torn where its squared change is so many times the median.
+/// A motion is torn where its squared change is this many times the median.
 const TORN: f64 = 30.0;
-/// Steps next to a torn one are suspect from so many times the median on.
+/// Steps beside a torn one are suspect from this many times the median on.
 const SUSPECT: f64 = 10.0;
-/// Share of the emissions of a motion up to which they are moved.
+/// Largest share of the emissions of a motion that may be moved.
 const MOST: f64 = 0.3;
 
 impl<const D: usize> Problem<'_, D> {
-    /// Moves emissions that tear their motions apart, and lowers the intensities; whether there are any. O(N).
+    /// Moves emissions that tear their motions apart, and lowers the intensities of these motions. Returns
+    /// whether there are any. O(N).
     pub fn mend(&self, state: &mut State<D>, model: &mut Model, priors: &[(Row, Group)]) -> bool {
         if self.scene.jerk.is_some() {
             return false;
@@ -33,7 +34,7 @@ impl<const D: usize> Problem<'_, D> {
             if most <= TORN * usual {
                 continue;
             }
-            // a step that there is not is as suspect as the one on the other side
+            // at an end of the motion, the missing step counts as suspect
             let is_suspect =
                 |at: usize| own.get(at).and_then(|&e| steps[e]).is_none_or(|s| s > SUSPECT * usual);
             let wrong: Vec<bool> =
@@ -57,8 +58,8 @@ impl<const D: usize> Problem<'_, D> {
         is_torn
     }
 
-    /// Squared change of the motion since the emission before, in standard deviations, of each
-    /// emission.
+    /// Returns, for each emission, the squared change of the motion since the emission before, in standard
+    /// deviations.
     fn steps(&self, model: &Model, priors: &[(Row, Group)]) -> Vec<Option<f64>> {
         let mut rows = priors.iter().filter(|row| matches!(row.1, Group::Motion(..)));
         let mut step = |e: usize| {
@@ -70,7 +71,8 @@ impl<const D: usize> Problem<'_, D> {
         (0..self.identity.len()).map(&mut step).collect()
     }
 
-    /// Moves an emission to the straight line between others, or on from the only one.
+    /// Moves an emission to the straight line between two others, or to the extrapolation of the only other
+    /// one.
     fn bridge(
         &self,
         state: &mut State<D>,

@@ -1,27 +1,28 @@
-//! The normal equations, from which emissions are eliminated one by one.
+//! Normal equations from which the emissions are eliminated one by one.
 
 use super::linear::{Group, Row};
 use super::problem::{Model, NU, Problem};
 use crate::base::skyline::Skyline;
 
-/// Information of an arrival, over that of Student's distribution of the scale, which is believed.
+/// Bounds of the estimated information of an arrival, relative to that of Student's distribution of this
+/// scale.
 const INFORMATION: [f64; 2] = [0.3, 1.5];
 
-/// Sizes of residuals that count for their correlation, in standard deviations; one-sided 99 %, and
-/// the largest correlation.
+/// Largest sizes of residuals, in standard deviations, that count for their correlation; one-sided 99 %
+/// quantile of the standard normal distribution; largest correlation.
 const CLIPPED: f64 = 3.0;
 const SURELY: f64 = 2.326;
 const MOST: f64 = 0.95;
 
-/// Weights of the arrivals: for the pull, and for the information.
+/// Weights of the arrivals: for the right-hand side, and for the information.
 pub(super) struct Weights {
     pub pull: Vec<f64>,
     pub information: Vec<f64>,
-    /// Standard deviation of an arrival with the same information, in given standard deviations.
+    /// Standard deviation of an arrival with the same information, in units of the given ones.
     pub sigma: f64,
 }
 
-/// The emission eliminated: its own weight, derivatives of its rows and the pull on it.
+/// An eliminated emission: its weight, the derivatives of its rows, and its right-hand side.
 struct Eliminated {
     weight: f64,
     columns: Vec<(usize, f64)>,
@@ -35,8 +36,8 @@ pub(super) struct Normal {
 }
 
 impl Weights {
-    /// For Student's errors; the information is Huber's, mean(psi')^2 / mean(psi^2), so that it
-    /// holds for errors of any distribution.
+    /// Returns the weights for errors with Student's distribution. The information is Huber's,
+    /// mean(psi')^2 / mean(psi^2), so that it holds for errors of any distribution.
     pub fn new<const D: usize>(
         problem: &Problem<'_, D>,
         rows: &[Row],
@@ -63,8 +64,9 @@ impl Weights {
         Self { pull, information, sigma: found.sqrt().recip() }
     }
 
-    /// Errors of moving identities that last from one emission to the next, with the correlation ρ,
-    /// are worth `(1 − ρ) / (1 + ρ)` as many new ones. Beacons have their own, of the paths.
+    /// Reduces the information for errors that last from one emission of a moving identity to the next: with
+    /// the correlation ρ, an arrival is worth `(1 − ρ) / (1 + ρ)` independent ones. Lasting errors of beacons
+    /// are path errors, which are unknowns.
     pub fn thin<const D: usize>(&mut self, problem: &Problem<'_, D>, rows: &[Row]) {
         let scene = problem.scene;
         let (k, identities) = (scene.is_base.len(), scene.beacon.len());
@@ -95,7 +97,7 @@ impl Weights {
 }
 
 impl<const D: usize> Problem<'_, D> {
-    /// Where the rows of the matrix begin.
+    /// Returns an empty matrix with the envelope of all rows.
     pub fn envelope(&self, rows: &[Row], priors: &[(Row, Group)]) -> Skyline {
         let mut first: Vec<usize> = (0..self.layout.order).collect();
         let mut couple = |columns: &mut dyn Iterator<Item = usize>| {
@@ -112,14 +114,14 @@ impl<const D: usize> Problem<'_, D> {
         for (row, _) in priors {
             couple(&mut of(row).into_iter());
         }
-        // of which the covariance is wanted
+        // the covariances of these are needed
         for first in self.layout.motion.iter().flatten() {
             couple(&mut (*first..first + 3 * D));
         }
         Skyline::zeros(first)
     }
 
-    /// `matrix` is an envelope.
+    /// Returns the normal equations; `matrix` has the envelope.
     pub fn normal(
         &self,
         mut matrix: Skyline,
@@ -169,7 +171,7 @@ impl<const D: usize> Problem<'_, D> {
 }
 
 impl Normal {
-    /// Factorises the matrix: the step of the unknowns and of the emissions, and the sum of the
+    /// Factorises the matrix. Returns the steps of the unknowns and of the emissions, and the sum of the
     /// squares of the former in standard deviations; or the column that is not determined.
     pub fn step(&mut self) -> Result<(Vec<f64>, Vec<f64>, f64), usize> {
         self.matrix.factorise()?;
@@ -184,7 +186,7 @@ impl Normal {
         Ok((step, emission, decrement))
     }
 
-    /// Variances of the emissions, from elements of the inverse.
+    /// Variances of the emission times, from elements of the inverse.
     pub fn emission_variances(&self, inverse: &Skyline) -> Vec<f64> {
         let variance = |own: &Eliminated| {
             1.0 / own.weight + inverse.quadratic(&own.columns) / (own.weight * own.weight)

@@ -1,8 +1,8 @@
 //! The least-squares problem about a point: rows of measurements and priors, and their cost.
 //!
-//! z = T + u |p - s| + o(t) + m + e, all in metres of propagation at the given speed: T emission, u
-//! given over true speed, o clock (linear between nodes), m path error of a beacon. Motion is driven
-//! by white jerk and white acceleration; rates of clocks are random walks.
+//! z = T + u |p - s| + o(t) + m + e, all in metres of propagation at the given speed: T is the emission time,
+//! u the given over the true speed, o the clock (linear between nodes), and m the path error of a beacon.
+//! Motion is driven by white jerk and white acceleration; clock rates are random walks.
 
 use super::layout::Layout;
 use super::linear::{Group, Row};
@@ -10,21 +10,22 @@ use super::scene::Scene;
 
 /// Degrees of freedom of Student's distribution of the errors.
 pub(super) const NU: f64 = 3.0;
-/// Rate of a quartz clock, relative.
+/// Standard deviation of the relative rate of a quartz clock.
 const RATE: f64 = 1e-4;
-/// Arrivals of each receiver between two nodes, and the most nodes.
+/// Number of arrivals of each receiver between two nodes, and the largest number of nodes.
 const PER_NODE: usize = 16;
 const NODES: usize = 400;
-/// What is not known at all, in extents of the net: offsets of clocks; positions, velocities and
-/// accelerations in a usual interval. Without the latter two, stiff motion leaves no digits.
+/// Standard deviations of vague priors, in extents of the net: of clock offsets; of positions, velocities and
+/// accelerations in a usual interval. Without those of velocities and accelerations, stiff motion would leave
+/// no significant digits.
 const OFFSET: f64 = 10.0;
 const FAR: [f64; 3] = [10.0, 1.0, 1.0];
-/// What white acceleration adds to the rows of a motion, over white jerk, where a step is 1.
+/// Variances that white acceleration adds to the rows of a motion, relative to white jerk, if a step is 1.
 const ACCELERATION: [f64; 3] = [60.0, 12.0, 0.0];
 /// Shortest step of a motion over its usual step.
 const SHORTEST: f64 = 1e-2;
 
-/// A point in the space of unknowns. Motion is in units of the identity's usual interval.
+/// A point in the space of the unknowns. Motion is in units of the identity's usual interval.
 #[derive(Clone, Debug)]
 pub(super) struct State<const D: usize> {
     pub emission: Vec<f64>,
@@ -35,8 +36,8 @@ pub(super) struct State<const D: usize> {
     pub path: Vec<f64>,
 }
 
-/// Intensities: scale of the errors in given standard deviations, path errors in metres, clock drift
-/// in metres, white jerk and white acceleration of each identity in units of its interval.
+/// Intensities: scale of the errors in units of the given standard deviations, path errors in metres, clock
+/// drift in metres, white jerk and white acceleration of each identity in units of its interval.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Model {
     pub scale: f64,
@@ -48,26 +49,26 @@ pub(super) struct Model {
 
 pub(super) struct Problem<'a, const D: usize> {
     pub scene: &'a Scene<D>,
-    /// First row of each emission, and the end.
+    /// First row of each emission, then the number of rows.
     pub first: Vec<usize>,
-    /// Of each emission.
+    /// Identity of each emission.
     pub identity: Vec<usize>,
     pub nodes: Vec<f64>,
-    /// Node before each row, and how far towards the next.
+    /// Node before each row, and the fraction of the way to the next node.
     pub place: Vec<(usize, f64)>,
-    /// Path of each row.
+    /// Path from a beacon to a receiver of each row.
     pub path: Vec<Option<usize>>,
     pub layout: Layout,
-    /// Usual interval of each identity.
+    /// Usual interval between emissions of each identity.
     pub unit: Vec<f64>,
-    /// Emission before, of the same moving identity.
+    /// Emission before each one, of the same moving identity.
     pub previous: Vec<Option<usize>>,
     pub extent: f64,
     pub middle: [f64; D],
 }
 
 impl<'a, const D: usize> Problem<'a, D> {
-    /// `nodes` of another problem, or those that suit the rows.
+    /// Sets up the problem; `nodes` are those of another problem, none: nodes that suit the rows.
     pub fn new(scene: &'a Scene<D>, nodes: Option<Vec<f64>>) -> Self {
         let rows = &scene.rows;
         let emissions = rows.last().map_or(0, |row| row.emission + 1);
@@ -114,7 +115,7 @@ impl<'a, const D: usize> Problem<'a, D> {
         problem
     }
 
-    /// Median interval between emissions of each identity.
+    /// Median interval between the emissions of each identity.
     fn intervals(&self) -> Vec<f64> {
         let mut steps = vec![Vec::new(); self.unit.len()];
         for (emission, before) in self.previous.iter().enumerate() {
@@ -130,7 +131,7 @@ impl<'a, const D: usize> Problem<'a, D> {
         steps.iter_mut().map(median).collect()
     }
 
-    /// Nothing but what is given.
+    /// Returns the point with the given values only.
     pub fn origin(&self) -> State<D> {
         let rows = &self.scene.rows;
         let emissions = self.identity.len();
@@ -148,7 +149,7 @@ impl<'a, const D: usize> Problem<'a, D> {
         }
     }
 
-    /// Where an emission came from, and its first columns: of a motion, of a site.
+    /// Returns the position of an emission and its first column, which belongs to a motion or a site.
     fn source(&self, state: &State<D>, emission: usize) -> ([f64; D], Option<usize>) {
         match self.scene.beacon[self.identity[emission]] {
             Some(site) => (state.site[site], self.layout.site[site]),
@@ -156,7 +157,7 @@ impl<'a, const D: usize> Problem<'a, D> {
         }
     }
 
-    /// What a clock reads more than the time base, in metres, at a row.
+    /// Returns the reading of a clock less the time base at a row, in metres.
     pub fn clock(&self, state: &State<D>, at: usize) -> f64 {
         let k = self.scene.is_base.len();
         let (node, share) = self.place[at];
@@ -165,7 +166,7 @@ impl<'a, const D: usize> Problem<'a, D> {
         (1.0 - share) * state.clock[here] + share * next
     }
 
-    /// Rows of the measurements; the emission, whose derivative is 1, has no column.
+    /// Returns the rows of the measurements; the emission, whose derivative is 1, has no column.
     pub fn rows(&self, state: &State<D>) -> Vec<Row> {
         let k = self.scene.is_base.len();
         let row = |(at, arrival): (usize, &super::scene::Arrival)| {
@@ -199,7 +200,8 @@ impl<'a, const D: usize> Problem<'a, D> {
         self.scene.rows.iter().enumerate().map(row).collect()
     }
 
-    /// Rows of the priors, divided by what of their standard deviation does not depend on the group.
+    /// Returns the rows of the priors, divided by the part of the standard deviation that does not depend on
+    /// the group.
     pub fn priors(&self, state: &State<D>) -> Vec<(Row, Group)> {
         let mut rows = Vec::new();
         self.motion_priors(state, &mut rows);
@@ -226,9 +228,9 @@ impl<'a, const D: usize> Problem<'a, D> {
         rows
     }
 
-    /// White jerk: the state after dt is F x + w, w ~ N(0, q N Q N), N = diag(dt^5/2, dt^3/2,
-    /// dt^1/2); each row is one of U N^-1 w, with U'U = Q^-1. White acceleration adds to the
-    /// variances of these rows alone: its covariance of U N^-1 w is diag(60, 12, 0)/dt².
+    /// Adds the priors of the motions. White jerk: the state after dt is F x + w, w ~ N(0, q N Q N),
+    /// N = diag(dt^5/2, dt^3/2, dt^1/2); each row is one of U N^-1 w, with U'U = Q^-1. White acceleration
+    /// adds to the variances of these rows only: its covariance of U N^-1 w is diag(60, 12, 0)/dt².
     fn motion_priors(&self, state: &State<D>, rows: &mut Vec<(Row, Group)>) {
         let factor = [
             [720_f64.sqrt(), -(180_f64.sqrt()), 5_f64.sqrt()],
@@ -308,7 +310,7 @@ impl<'a, const D: usize> Problem<'a, D> {
         }
     }
 
-    /// The point after a step of this length, with the steps of the unknowns and of the emissions.
+    /// Returns the point after a step of this length, given the steps of the unknowns and of the emissions.
     pub fn moved(&self, state: &State<D>, step: &[f64], emission: &[f64], length: f64) -> State<D> {
         let mut moved = state.clone();
         let add = |value: &mut f64, column: Option<usize>| {
@@ -362,7 +364,7 @@ impl Model {
     }
 }
 
-/// Times between which there are about as many arrivals.
+/// Returns times between which there are about equal numbers of arrivals.
 fn spread_nodes<const D: usize>(scene: &Scene<D>) -> Vec<f64> {
     let mut times: Vec<f64> = scene.rows.iter().map(|row| row.time).collect();
     times.sort_by(f64::total_cmp);
@@ -388,7 +390,7 @@ fn node(nodes: &[f64], time: f64) -> (usize, f64) {
     (at, share.clamp(0.0, 1.0))
 }
 
-/// Diagonal of the box of these points, and its middle.
+/// Returns the diagonal of the bounding box of these points, and its centre.
 fn spanned<const D: usize>(sites: &[[f64; D]]) -> (f64, [f64; D]) {
     let ends = |i: usize| {
         sites.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), site| {

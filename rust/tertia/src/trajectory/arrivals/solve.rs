@@ -1,4 +1,4 @@
-//! Scoring steps for the unknowns, and fixed-point steps for the intensities.
+//! Solution by scoring steps for the unknowns and fixed-point steps for the intensities.
 
 use super::layout::Unknown;
 use super::linear::{Group, Row};
@@ -7,50 +7,50 @@ use super::problem::{Model, Problem, State};
 use super::scene::{Scene, Solution, Undetermined};
 use crate::base::skyline::Skyline;
 
-/// Steps at most; those before the intensities are estimated; those before it may end.
+/// Largest number of steps; number of steps before the intensities are estimated; least number of steps.
 const ITERATIONS: usize = 100;
 const FIRST: usize = 2;
 const FEWEST: usize = 10;
-/// Steps before which positions are looked for anew: a wrong one, of few arrivals, may be a minimum.
+/// Steps before which positions are searched anew: a wrong position with few arrivals may be a local minimum.
 const RELOCATED: [usize; 2] = [4, 8];
-/// How often emissions that tear a motion apart are moved, at most.
+/// Largest number of times that emissions that tear a motion apart are moved.
 const MENDED: usize = 3;
-/// Halvings of a step that does not lower the cost.
+/// Largest number of halvings of a step that does not lower the cost.
 const HALVINGS: usize = 8;
-/// Share of a step that is taken: with Student's errors, small residuals pull up to twice as hard as
-/// the mean information says, and a whole step would swing about the solution.
+/// Share of a step that is taken: with Student's distribution, small residuals pull up to twice as strongly
+/// as the mean information suggests, and whole steps would oscillate about the solution.
 const SHARE: f64 = 0.75;
-/// Longest step of a position, over the extent of the net.
+/// Longest step of a position, relative to the extent of the net.
 const LONGEST: f64 = 0.3;
-/// A step ends the search if the sum of its squares, in standard deviations, is less, and intensities
-/// changed by less than this share.
+/// The search ends if the sum of the squares of a step, in standard deviations, is less than `DECREMENT`, and
+/// the intensities have changed by less than the share `CHANGE`.
 const DECREMENT: f64 = 1e-3;
 const CHANGE: f64 = 2e-2;
-/// Most that the logarithm of an intensity may change in a step; how much further it may be taken
-/// where changes are a geometric series; its lowest value over the first one.
+/// Largest change of the logarithm of an intensity in a step; largest factor by which a step is lengthened if
+/// the changes form a geometric series; least intensity relative to the first one.
 const JUMP: f64 = 2.3;
 const AHEAD: f64 = 5.0;
 const LOWEST: f64 = 1e-4;
-/// Least share of the measurements that counts as degrees of freedom.
+/// Least degrees of freedom, as a share of the measurements.
 const FREE: f64 = 0.05;
-/// First jerk: so many times the median squared step in units of the usual interval; first white
-/// acceleration over it, with which both add as much to a position.
+/// First jerk over the median squared step, in units of the usual interval; first white acceleration over the
+/// first jerk, with which both add as much to a position.
 const JERK: f64 = 20.0;
 const ACCELERATION: f64 = 0.15;
-/// Share of the variance of motion below which an intensity need not settle.
+/// Share of the variance of motion below which an intensity need not converge.
 const NEGLIGIBLE: f64 = 1e-3;
 
 /// Rows of the measurements and of the priors.
 type Linear = (Vec<Row>, Vec<(Row, Group)>);
 
-/// A row of a prior: its squared residual, what its estimate leaves uncertain, and its variance.
+/// A row of a prior: its squared residual, the variance that its estimate leaves, and its prior variance.
 struct Term {
     square: f64,
     spread: f64,
     variance: f64,
 }
 
-/// Sums over the rows whose variances an intensity is part of: derivatives of the evidence.
+/// Sums over the rows whose variances depend on an intensity: derivatives of the evidence.
 #[derive(Clone, Copy, Default)]
 struct Tally {
     squares: f64,
@@ -60,7 +60,7 @@ struct Tally {
 }
 
 impl Tally {
-    /// Adds a row whose variance grows by so much with the intensity.
+    /// Adds a row whose variance has this derivative with respect to the intensity.
     fn add(&mut self, term: &Term, share: f64) {
         let unit = share / (term.variance * term.variance);
         self.squares += unit * term.square;
@@ -69,10 +69,10 @@ impl Tally {
         self.rows += 1.0;
     }
 
-    /// The factor that the intensity changes by.
+    /// Returns the factor by which the intensity changes.
     fn growth(&self) -> f64 {
         let known = self.total - self.spread;
-        // where measurements determine nothing: the expectation-maximisation step
+        // if measurements determine nothing: the expectation-maximisation step
         if known < 1e-3 * self.total {
             (self.squares + self.spread) / self.total
         } else {
@@ -81,7 +81,7 @@ impl Tally {
     }
 }
 
-/// Those of all intensities, and the number of unknowns that priors determine.
+/// Tallies of all intensities, and the effective number of unknowns that priors determine.
 #[derive(Default)]
 struct Tallies {
     bound: f64,
@@ -91,12 +91,12 @@ struct Tallies {
     acceleration: Vec<Tally>,
 }
 
-/// The search.
+/// State of the search.
 struct Search<'a, 'b, const D: usize> {
     problem: &'a Problem<'b, D>,
     state: State<D>,
     model: Model,
-    /// The model at first.
+    /// The first model, from which the least intensities follow.
     lowest: Model,
     /// Share of the measurements that is redundant.
     free: f64,
@@ -107,7 +107,7 @@ struct Search<'a, 'b, const D: usize> {
 /// Solves the scene.
 ///
 /// # Errors
-/// An unknown that the measurements do not determine.
+/// The measurements do not determine an unknown.
 pub fn solve<const D: usize>(scene: &Scene<D>) -> Result<Solution, Undetermined> {
     let problem = Problem::new(scene, None);
     let named = |column| problem.undetermined(column);
@@ -133,7 +133,7 @@ impl<const D: usize> Problem<'_, D> {
         }
     }
 
-    /// Intensities that are given, or such that priors are loose.
+    /// Returns the given intensities, or intensities with which priors are loose.
     fn first_model(&self, state: &State<D>, scale: f64) -> Model {
         let scene = self.scene;
         let sigma = scene.sigma.iter().sum::<f64>() / scene.sigma.len() as f64;
@@ -189,7 +189,7 @@ impl<const D: usize> Search<'_, '_, D> {
             let mut normal = problem.normal(envelope, &rows, &weights, &priors, &self.model);
             let (step, emission, decrement) = normal.step()?;
             (rows, priors) = self.move_along(&step, &emission, &rows, &priors);
-            // the inverse is the dearest part of a step, and intensities do not need more
+            // the inverse is the most expensive part of a step, and is computed only for the intensities
             if iterations >= FIRST && (change >= CHANGE || iterations < FEWEST) {
                 let inverse = normal.matrix.inverse();
                 change = self.adapt(&inverse, &rows, &priors);
@@ -218,7 +218,7 @@ impl<const D: usize> Search<'_, '_, D> {
         self.problem.relocate(&mut self.state, &vec![true; sigmas.len()], finest);
     }
 
-    /// Takes the step, shorter where it is long or does not lower the cost: the rows there.
+    /// Takes the step, shortened if it is long or does not lower the cost, and returns the new rows.
     fn move_along(
         &mut self,
         step: &[f64],
@@ -246,8 +246,8 @@ impl<const D: usize> Search<'_, '_, D> {
         }
     }
 
-    /// Intensities from the residuals (MacKay, Neural Computation 4, 1992): sum of squares over the
-    /// number of values that measurements determine. The largest relative change.
+    /// Updates the intensities from the residuals (MacKay, Neural Computation 4, 1992): the sum of squares
+    /// over the number of values that the measurements determine. Returns the largest relative change.
     fn adapt(&mut self, inverse: &Skyline, rows: &[Row], priors: &[(Row, Group)]) -> f64 {
         let tallies = self.tallies(inverse, priors);
         let n = rows.len() as f64;
@@ -263,11 +263,11 @@ impl<const D: usize> Search<'_, '_, D> {
             if counts {
                 change = change.max(step.abs());
             }
-            // Aitken: the rest of a geometric series
+            // Aitken: extrapolates a geometric series
             let ratio = last.get(steps.len()).map_or(0.0, |last| step / last);
             let ahead = if (0.0..1.0).contains(&ratio) { 1.0 / (1.0 - ratio) } else { 1.0 };
             *value = (*value * (step * ahead.min(AHEAD)).exp()).max(lowest);
-            // not twice from the same series
+            // a series is not extrapolated twice
             steps.push(if ahead > 1.5 { f64::INFINITY } else { step });
         };
         let before = self.model.clone();
@@ -305,7 +305,7 @@ impl<const D: usize> Search<'_, '_, D> {
         change
     }
 
-    /// What the priors of each group say of its intensity.
+    /// Sums up the information of the priors of each group about its intensity.
     fn tallies(&self, inverse: &Skyline, priors: &[(Row, Group)]) -> Tallies {
         let identities = self.model.jerk.len();
         let motion = vec![Tally::default(); identities];

@@ -1,4 +1,4 @@
-//! A first point: clocks from beacons, then positions of moving identities one by one.
+//! Starting point: clocks from beacons, then positions of moving identities one by one.
 
 use super::linear::{Group, Row};
 use super::normal::Weights;
@@ -6,33 +6,34 @@ use super::problem::{Model, NU, Problem, State};
 use super::scene::{Arrival, Scene};
 use crate::base::small::Factor;
 
-/// Steps with the scale of the errors going down by a factor, from a share of the extent.
+/// Largest number of steps in which the scale of the errors decreases; least factor of a decrease; first
+/// scale relative to the extent.
 const STEPS: usize = 25;
 const SHRINK: f64 = 0.5;
 const SCALE: f64 = 0.33;
-/// Relative change of the scale at which it has settled.
+/// Relative change of the scale below which it has converged.
 const SETTLED: f64 = 1e-2;
-/// Smallest scale when single emissions are located, over the extent.
+/// Smallest scale for the location of single emissions, relative to the extent.
 const FINEST: f64 = 1e-3;
-/// Longest step over the extent.
+/// Longest step relative to the extent.
 const LONGEST: f64 = 0.3;
-/// Drift of clocks that beacons alone are fitted with: so much of the extent between nodes.
+/// Drift of the clocks between nodes, relative to the extent, for the fit to beacons alone.
 const WANDER: f64 = 1e-3;
-/// Farthest position over the extent, as a standard deviation.
+/// Standard deviation of positions relative to the extent.
 const FAR: f64 = 3.0;
-/// A clock is known if so many arrivals from beacons tell.
+/// Least number of arrivals from beacons with which a clock is known.
 const ENOUGH: usize = 3;
-/// A median of absolute values to the standard deviation of normal errors.
+/// Ratio of the standard deviation of normal errors to the median of their absolute values.
 const NORMAL: f64 = 1.4826;
 
-/// Neighbours on each side that a position is compared with, and how often.
+/// Number of neighbours on each side with which a position is compared, and number of rounds.
 const NEIGHBOURS: usize = 2;
 const ROUNDS: usize = 3;
 
-/// A receiver that heard an emission: where it is, and the time in metres.
+/// A receiver that heard an emission: its position, and the time in metres.
 type Heard<const D: usize> = ([f64; D], f64);
 
-/// Where an emission may have come from.
+/// Possible position and time of an emission.
 #[derive(Clone, Copy)]
 struct Candidate<const D: usize> {
     position: [f64; D],
@@ -49,7 +50,7 @@ struct Fix<const D: usize> {
 }
 
 impl<const D: usize> Problem<'_, D> {
-    /// The first point, and the scale of the errors there.
+    /// Returns the starting point, and the scale of the errors there.
     pub fn start(&self) -> Result<(State<D>, f64), usize> {
         let mut state = self.origin();
         state.clock = self.steady(&self.middle);
@@ -72,7 +73,7 @@ impl<const D: usize> Problem<'_, D> {
         Ok((state, self.spread(&rows)))
     }
 
-    /// Emission times that suit where such emissions come from.
+    /// Sets the times of these emissions to those that fit the positions of their sources.
     pub fn emit(&self, state: &mut State<D>, is_meant: impl Fn(usize) -> bool) {
         let rows = self.rows(state);
         for emission in (0..self.identity.len()).filter(|&e| is_meant(e)) {
@@ -82,7 +83,7 @@ impl<const D: usize> Problem<'_, D> {
         }
     }
 
-    /// Clocks without rates, if emissions come from about this place.
+    /// Returns the clocks without rates, if emissions come from about this position.
     fn steady(&self, place: &[f64; D]) -> Vec<f64> {
         let scene = self.scene;
         let k = scene.is_base.len();
@@ -100,8 +101,8 @@ impl<const D: usize> Problem<'_, D> {
         (0..k * self.nodes.len()).map(at).collect()
     }
 
-    /// Locates emissions of moving identities anew, each by itself with clocks as they are, unless it
-    /// lies best where it is. Residuals are of this size.
+    /// Locates the emissions of moving identities anew, each on its own with the present clocks, unless the
+    /// present position fits best. `finest` is the size of the residuals.
     pub fn relocate(&self, state: &mut State<D>, is_known: &[bool], finest: f64) {
         let mut fixes: Vec<Vec<Fix<D>>> = (0..self.unit.len()).map(|_| Vec::new()).collect();
         for emission in (0..self.identity.len()).filter(|&e| self.layout.motion[e].is_some()) {
@@ -122,7 +123,7 @@ impl<const D: usize> Problem<'_, D> {
         }
     }
 
-    /// Scale of the residuals, in given standard deviations.
+    /// Returns the scale of the residuals, in units of the given standard deviations.
     fn spread(&self, rows: &[Row]) -> f64 {
         let sigma = |arrival: &Arrival| self.scene.sigma[arrival.sensor];
         let sizes = rows.iter().zip(&self.scene.rows);
@@ -131,7 +132,7 @@ impl<const D: usize> Problem<'_, D> {
         (NORMAL * median(&mut sizes)).max(1e-12 * self.extent)
     }
 
-    /// Clocks of a scene of beacons, against outliers.
+    /// Estimates the clocks of a scene of beacons robustly.
     fn anneal(&self) -> Result<(State<D>, f64), usize> {
         let mut state = self.origin();
         let span = self.nodes[self.nodes.len() - 1] - self.nodes[0];
@@ -162,7 +163,7 @@ impl<const D: usize> Problem<'_, D> {
         Ok((state, model.scale * finest))
     }
 
-    /// Who heard an emission, by clocks that are known if there are enough.
+    /// Returns the receivers that heard an emission, if possible only those whose clocks are known.
     fn heard(&self, state: &State<D>, emission: usize, is_known: &[bool]) -> Vec<Heard<D>> {
         let all = self.first[emission]..self.first[emission + 1];
         let sensor = |at: usize| self.scene.rows[at].sensor;
@@ -176,7 +177,7 @@ impl<const D: usize> Problem<'_, D> {
         used.into_iter().map(|at| (state.site[sensor(at)], time(at))).collect()
     }
 
-    /// Where the emission may have come from that these receivers heard: minima from several starts.
+    /// Returns possible positions of an emission heard by these receivers: minima from several starts.
     fn candidates(&self, heard: &[Heard<D>], finest: f64) -> Vec<Candidate<D>> {
         let middle = middle(heard);
         let mut early: Vec<&Heard<D>> = heard.iter().collect();
@@ -215,7 +216,8 @@ impl<const D: usize> Problem<'_, D> {
         }
     }
 
-    /// Position and time of an emission, with Student's errors whose scale goes down.
+    /// Returns the position and time of an emission; errors have Student's distribution with a scale that
+    /// decreases.
     fn descent(&self, heard: &[Heard<D>], start: [f64; D], finest: f64) -> Candidate<D> {
         let middle = middle(heard);
         let mut position: [f64; D] = std::array::from_fn(|i| start[i] + 1e-3 * self.extent);
@@ -274,7 +276,7 @@ impl<const D: usize> Problem<'_, D> {
     }
 }
 
-/// Mean place of receivers.
+/// Mean position of receivers.
 fn middle<const D: usize>(heard: &[Heard<D>]) -> [f64; D] {
     std::array::from_fn(|i| heard.iter().map(|(site, _)| site[i]).sum::<f64>() / heard.len() as f64)
 }
@@ -293,7 +295,8 @@ fn least<const D: usize>(
     best
 }
 
-/// The scene with beacons only, and everything but the clocks known; none if there are none.
+/// Returns the scene with beacons only, in which everything but the clocks is known; none if there are no
+/// beacons.
 fn beacons_alone<const D: usize>(scene: &Scene<D>) -> Option<Scene<D>> {
     let mut rows: Vec<Arrival> = Vec::new();
     let mut last = None;
@@ -313,7 +316,7 @@ fn beacons_alone<const D: usize>(scene: &Scene<D>) -> Option<Scene<D>> {
     })
 }
 
-/// Of the values; 0 if there are none.
+/// Median of the values; 0 if there are none.
 pub(super) fn median(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)
