@@ -1,17 +1,18 @@
-//! Work on many targets, by several threads.
+//! Work on many targets, divided among threads.
 
 use crate::base::batch::for_each_row;
 use crate::base::error::Result;
 use std::num::NonZero;
 
-/// Work from which on a batch may be stopped half done, which would leave the picture so.
+/// Batches with less work than this cannot be interrupted. Stopped halfway, an update would leave a
+/// picture that is only partly updated.
 const STOPPABLE_NS: f64 = 1e8;
 
-/// The results of `work` on all items, in their order, whatever the number of threads; `nanoseconds` is
-/// the time of one item.
+/// Returns the results of `work` on all items, in their order, for any number of threads; `nanoseconds` is
+/// the time for one item.
 ///
 /// # Errors
-/// That of the first item that failed.
+/// The error of the first item that failed.
 pub(super) fn mapped<I: Send, T: Send>(
     items: impl ExactSizeIterator<Item = I> + Send,
     nanoseconds: f64,
@@ -19,7 +20,7 @@ pub(super) fn mapped<I: Send, T: Send>(
     work: impl Fn(I) -> Result<T> + Sync,
 ) -> Result<Vec<T>> {
     if n_threads == NonZero::new(1) {
-        // a fallible `collect` knows no length
+        // a fallible `collect` cannot reserve the length
         let mut found = Vec::with_capacity(items.len());
         for item in items {
             found.push(work(item)?);
