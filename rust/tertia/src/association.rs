@@ -9,8 +9,7 @@
 //! | `gate` | thresholds, sectors of a gate, pairs of tracks and plots within gates |
 //! | `score` | the paper's score, the likelihood ratio |
 //! | `grid` | a spatial index of points |
-//! | `assignment`, `pair`, `dense` | assignment of at most one plot to each track and one track to each
-//! plot |
+//! | `assignment`, `pair`, `dense` | assignment of at most one plot per track and one track per plot |
 //! | `event`, `events`, `murty` | the best joint events; the first of them is the best assignment |
 //! | `scan` | the complete association of the plots of one scan |
 

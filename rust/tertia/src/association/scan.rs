@@ -18,7 +18,7 @@ pub enum Scoring {
 /// Plots assigned to tracks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Association {
-    /// The plot of each track.
+    /// Plot of each track.
     pub plot_of_track: Vec<Option<u32>>,
     /// Score of this plot; nan if there is none.
     pub score: Vec<f64>,

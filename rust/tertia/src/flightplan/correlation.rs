@@ -26,9 +26,9 @@ const LOW_SCANS: u32 = 5;
 /// State of a track at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sighting {
-    /// Seconds.
+    /// Time, s.
     pub time: f64,
-    /// East and north, metres.
+    /// Position, east and north, m.
     pub position: [f64; 2],
     /// Velocity, m/s.
     pub velocity: [f64; 2],
@@ -170,13 +170,13 @@ pub fn mean_scores(routes: &[&Route], seen: &[Sighting], scores: &mut [f64]) -> 
 pub enum Status {
     /// No plan fits.
     None = 0,
-    /// More than one fits, or the track is too short to decide.
+    /// More than one plan fits, or the track is too short for a decision.
     Ambiguous = 1,
-    /// One fits, and no other nearly as well.
+    /// One plan fits, and no other fits nearly as well.
     Accepted = 2,
-    /// One has the same identity, and fits well enough.
+    /// A plan has the same identity and fits well enough.
     Linked = 3,
-    /// A controller chose it.
+    /// A controller chose the plan.
     Manual = 4,
 }
 

@@ -1,7 +1,7 @@
-//! The weights of several sensors, without inverting the covariance of any.
+//! The weights of several sensors, computed without inverting any single covariance.
 //!
-//! `W_k = A_k (A_k + S_k)^-1`, A_k the fused covariance of the others; two are fused as
-//! `X (X + Y)^-1 Y`. Only sums are inverted, so a sensor may be singular by itself.
+//! `W_k = A_k (A_k + S_k)^-1`, where A_k is the fused covariance of the others; two covariances are fused as
+//! `X (X + Y)^-1 Y`. Only sums are inverted, so the covariance of a single sensor may be singular.
 
 use super::COVARIANCES;
 use crate::base::error::{Error, Result};
@@ -12,16 +12,16 @@ use crate::base::matrix::{
 use nalgebra::allocator::Allocator;
 use nalgebra::{DefaultAllocator, Dim};
 
-/// Relative error that rounding may leave in a fused variance.
+/// Largest relative error of a fused variance that is accepted after rounding.
 const ERROR_ALLOWED: f64 = 1e-3;
 
-/// Several covariances and the weights they make.
+/// Several covariances and the weights that result from them.
 pub(crate) struct Problem<D: Dim>
 where
     DefaultAllocator: Allocator<D, D>,
 {
     pub covariances: Vec<Square<D>>,
-    /// The covariances' factors as of [`read_covariance`].
+    /// Factors of the covariances from [`read_covariance`].
     pub factors: Vec<Square<D>>,
     pub group: Group<D>,
 }
@@ -47,13 +47,13 @@ where
         Ok(())
     }
 
-    /// Reads the covariances and weighs them.
+    /// Reads the covariances and computes the weights.
     pub fn weigh(&mut self, covariances: &[f64]) -> Result<()> {
         self.read(covariances)?;
         self.group.weigh(&self.covariances, None)
     }
 
-    /// The same, and makes sure that the fused covariance may be returned.
+    /// [`Self::weigh`] that also computes the fused covariance and requires that it is accurate.
     pub fn fuse(&mut self, covariances: &[f64]) -> Result<()> {
         self.weigh(covariances)?;
         self.group.fuse(&self.covariances, None)?;
@@ -61,7 +61,7 @@ where
     }
 }
 
-/// Weights of the members of a group, and the buffers for them and as many or fewer.
+/// Weights of the members of a group, with buffers for at most as many sensors.
 #[derive(Clone, Debug)]
 pub(crate) struct Group<D: Dim>
 where
@@ -73,7 +73,7 @@ where
     pub complement: Vec<Square<D>>,
     /// (ΣC_i)^-1, after [`Group::fuse`].
     pub fused: Square<D>,
-    /// Whether rounding has left enough digits of its variances.
+    /// Whether the fused variances have enough digits after rounding.
     is_known: bool,
     /// The fused covariance of members 0..=i; only of three or more.
     forward: Vec<Square<D>>,
