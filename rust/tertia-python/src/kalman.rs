@@ -215,12 +215,12 @@ pub fn extract_model(model: &Bound<'_, PyAny>) -> PyResult<(Singer, Transition)>
 
 /// A filter that is updated plot by plot, for embedding.
 ///
-/// It can be pickled and copied; a step that fails leaves it as it was.
+/// It can be pickled and copied; a step that fails does not change it.
 ///
 /// Parameters
 /// ----------
 /// model : SingerModel
-///     How the target moves; `model.dt` is the time of a step unless another is given.
+///     Model of the target's motion; `model.dt` is the time of a step unless another is given.
 /// measurement_variance : float
 ///     Variance of a plot's noise, unless another is given with the plot.
 /// period : float, optional
@@ -233,7 +233,7 @@ pub fn extract_model(model: &Bound<'_, PyAny>) -> PyResult<(Singer, Transition)>
 /// mean : ndarray of shape (3,)
 ///     Angle, rate and acceleration.
 /// covariance : ndarray of shape (3, 3)
-///     inf where something is unknown.
+///     Covariance of `mean`; inf for unknown components.
 /// innovation, innovation_variance : float
 ///     Innovation of the last plot; nan if there was no plot, or nothing to predict it from.
 ///

@@ -1,6 +1,6 @@
 //! Decoding of ASTERIX records into columns of whole numbers.
 //!
-//! | module | what |
+//! | module | contents |
 //! |---|---|
 //! | `blocks` | positions of the data blocks in a recording |
 //! | `resync` | positions of the data blocks in a damaged recording |

@@ -11,7 +11,7 @@ use tertia::kalman::{self, Filter, Innovation, Singer, State, Transition, wrappe
 
 /// Fusion of the plots of several radars, step by step, for embedding.
 ///
-/// It can be pickled and copied; a step that fails leaves it as it was.
+/// It can be pickled and copied; a step that fails does not change it.
 ///
 /// Parameters
 /// ----------
@@ -29,7 +29,7 @@ use tertia::kalman::{self, Filter, Innovation, Singer, State, Transition, wrappe
 /// mean : ndarray of shape (3,)
 ///     Angle, rate and acceleration.
 /// covariance : ndarray of shape (3, 3)
-///     inf where something is unknown.
+///     Covariance of `mean`; inf for unknown components.
 /// weights : ndarray of shape (K, 3)
 ///     Weights of each radar in angle, rate and acceleration.
 /// noise_variance : ndarray of shape (K,)

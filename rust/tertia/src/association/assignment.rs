@@ -11,7 +11,7 @@ use super::pair::Pair;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
-/// No row, or no column.
+/// Index that stands for no row or no column.
 const NONE: u32 = u32::MAX;
 
 /// Returns the column of each row for the largest sum of the gains. Ties are broken by the indices,

@@ -11,7 +11,7 @@ type Lane = [f64; WIDEST];
 /// A matrix is used if at least one of this many elements is a pair, and if it has at least `LEAST` elements.
 const SHARE: usize = 4;
 const LEAST: usize = 4096;
-/// No row, or no column.
+/// Index that stands for no row or no column.
 const NONE: u32 = u32::MAX;
 
 /// Whether a matrix is faster than lists of pairs.

@@ -15,7 +15,7 @@ pub struct Event {
 pub struct Unresolved {
     /// The first row.
     pub first: u32,
-    /// A later row.
+    /// The second row.
     pub second: u32,
     /// Gain if the rows were resolved.
     pub resolved: f64,

@@ -36,9 +36,9 @@ pub(super) enum Structure {
     Extended(Vec<Octets>, bool),
     /// Groups of octets, preceded by their count.
     Counted(usize, usize),
-    /// Octets whose last bit indicates whether another follows.
+    /// Groups of octets; the last bit of each group indicates whether another one follows.
     Repeated(usize),
-    /// Octets whose first one is the length.
+    /// Octets, the first of which is their number.
     Explicit,
     Compound(Items),
     /// Items of the same record by their numbers, in any order; the first octet is their count.
@@ -59,11 +59,11 @@ pub(super) struct Items {
 /// Structure of the records of a category, valid for one or more editions of its document.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Definition {
-    /// Category.
+    /// Category of the records.
     pub category: u8,
-    /// Editions, the newest first.
+    /// Editions of the document, the newest first.
     pub editions: Vec<String>,
-    /// Columns of its records.
+    /// Columns of the records.
     pub fields: Vec<Field>,
     pub(super) record: Items,
 }

@@ -45,7 +45,7 @@ pub fn require_period(period: f64) -> Result<()> {
 /// within half a period of the circular median. The number of whole periods is that of the first angle. O(N).
 ///
 /// # Errors
-/// An empty sample, an angle that is not finite, a period that is not positive.
+/// An empty sample, an angle that is not finite, or a period that is not positive.
 ///
 /// # Panics
 /// If the slices differ in length.

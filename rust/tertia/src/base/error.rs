@@ -22,7 +22,7 @@ pub enum Error {
     InvalidElement {
         /// Name of the argument.
         argument: &'static str,
-        /// Which vector or matrix, and where in it.
+        /// Index of the vector or matrix, followed by the index of the element in it.
         index: Vec<usize>,
         /// The offending value.
         value: f64,
@@ -37,7 +37,7 @@ pub enum Error {
     NotSymmetric {
         /// Name of the argument.
         argument: &'static str,
-        /// Which matrix, row, column.
+        /// Indices of the matrix, row and column.
         index: Vec<usize>,
         /// Element above the diagonal.
         upper: f64,

@@ -12,7 +12,7 @@ use pulp::{Simd, WithSimd};
 const LANES: usize = 16;
 /// Values per block: 16 KiB, half of the smallest L1 data cache in use.
 pub(crate) const BLOCK: usize = 2048;
-/// A smaller sum of squares may have lost digits to underflow.
+/// Smallest sum of squares; a smaller one may have lost digits to underflow.
 const MIN_SUM_OF_SQUARES: f64 = 1e-280;
 
 /// Count, mean and sum of squared deviations of a sample; the mean is `origin + offset`.

@@ -125,12 +125,12 @@ impl Monitor {
         self.suspended = false;
     }
 
-    /// Updates the sum with a scan: the sighting, the probability μ of a turn that is not planned, and
-    /// the seconds since the previous scan. The deviation
-    /// `q = max(|e| − tolerance, 0)²/(350² + P) + course error²/(5°² + σψ²) + 5 μ²` changes the sum to `B
-    /// = max(0, B + min(q, 20) −
-    /// 4)`, and the plan is blocked if B > 14. The tolerance applies where a turn may be flown; from 0.3
-    /// d + 600 m before the arc of the turn on, all its courses are allowed, and μ is ignored.
+    /// Updates the sum with a scan: the sighting, the probability μ of a turn that is not planned, and the
+    /// seconds since the previous scan. The deviation
+    /// `q = max(|e| − tolerance, 0)²/(350² + P) + course error²/(5°² + σψ²) + 5 μ²` changes the sum to
+    /// `B = max(0, B + min(q, 20) − 4)`, and the plan is blocked if B > 14. The tolerance applies where a
+    /// turn may be flown. From 0.3 d + 600 m before the arc of the turn on, all its courses are allowed, and
+    /// μ is ignored.
     pub fn update(
         &mut self,
         route: &Route,

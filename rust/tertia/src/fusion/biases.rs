@@ -137,7 +137,7 @@ impl Regression {
 /// unwrapped and in rows of one radar each. `prior` contains the standard deviations of the errors (K):
 /// zero for a trusted radar, infinity if nothing is known about the error. At least one must be finite.
 ///
-/// Cost O(K² steps) for the regression, O(K²) a step for the covariance.
+/// Cost O(K² steps) for the regression, O(K²) per step for the covariance.
 pub fn series_biases(
     plots: &[f64],
     variance: &[f64],

@@ -14,7 +14,7 @@ const CLUSTERS: usize = 5;
 pub(super) struct Cluster {
     /// Index of the component that the cluster becomes.
     pub component: usize,
-    /// Probability of the cluster; below, mean and variance of e, at first of the central hypothesis.
+    /// Probability of the cluster; below, mean and variance of e, initially those of its central hypothesis.
     pub weight: f64,
     pub mean: f64,
     pub variance: f64,

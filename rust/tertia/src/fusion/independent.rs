@@ -11,7 +11,7 @@ pub(super) struct Independent<D: Dim>
 where
     DefaultAllocator: Allocator<D, D> + Allocator<D>,
 {
-    /// The weights W_k and the fused covariance.
+    /// Contains the weights W_k and the fused covariance.
     pub group: Group<D>,
     sum: Sum<D>,
     before: Square<D>,

@@ -80,7 +80,7 @@ impl WithSimd for Judge<'_> {
     }
 }
 
-/// Probabilities before a step, if with this probability everything is as at first.
+/// Prior probabilities of a step, if this is the chance of a reset to the initial probabilities.
 fn renewed<const N: usize>(now: &[f64; N], at_first: &[f64; N], chance: f64) -> [f64; N] {
     std::array::from_fn(|i| now[i] + chance * (at_first[i] - now[i]))
 }

@@ -10,7 +10,7 @@ use nalgebra::{DefaultAllocator, Dim, OVector};
 pub struct Scalar<'a> {
     /// The estimate without the scalar.
     pub estimate: &'a [f64],
-    /// Its covariance.
+    /// Covariance of the estimate.
     pub covariance: &'a [f64],
     /// The derivatives of the scalar by the vector (m).
     pub h: &'a [f64],

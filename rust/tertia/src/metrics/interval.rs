@@ -12,7 +12,7 @@ const NEGLIGIBLE: f64 = 1e-9;
 pub struct Worth<'a> {
     /// Possible numbers of values.
     pub number: &'a [f64],
-    /// Their probabilities.
+    /// Probabilities of these numbers.
     pub probability: &'a [f64],
     /// Degrees of freedom of the variance from which the numbers result; infinite if it is integrated out.
     pub degrees_of_freedom: f64,

@@ -6,7 +6,7 @@ use nalgebra::Complex;
 /// flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Traffic<'a> {
-    /// Time of the first sample of each flight, seconds.
+    /// Time of the first sample of each flight, s.
     pub start: &'a [f64],
     /// Number of samples of each flight, two or more.
     pub count: &'a [i64],

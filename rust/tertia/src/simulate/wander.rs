@@ -1,4 +1,4 @@
-//! A smooth normal process: critically damped, with a rate that is a process, too.
+//! A smooth, critically damped normal process, whose state is its value and its rate.
 
 /// One step of the process: its transition matrix, and a root of the covariance of its noise.
 #[derive(Clone, Copy, Debug, PartialEq)]

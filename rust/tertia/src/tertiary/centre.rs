@@ -70,7 +70,7 @@ pub struct SystemTrack {
     pub identities: Identities,
 }
 
-/// A centre that makes one picture of the tracks of several sensors.
+/// The fusion centre, which makes one picture from the tracks of several sensors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Centre {
     settings: Settings,

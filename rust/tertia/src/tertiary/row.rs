@@ -78,7 +78,7 @@ pub(super) fn carried(estimate: Estimate<4>, turning: f64, t: f64) -> Estimate<4
     for i in 0..2 {
         mean[i] += t * mean[i + 2];
     }
-    // rows, then columns
+    // F P, then F P F'
     for j in 0..4 {
         for i in 0..2 {
             covariance[(i, j)] += t * covariance[(i + 2, j)];

@@ -40,7 +40,7 @@ impl Tracklet {
     }
 }
 
-/// A target.
+/// A target of the picture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Target {
     pub number: u64,

@@ -87,7 +87,7 @@ pub fn simulated_factor(ratios: &[f64]) -> f64 {
 /// in every direction that is lacking a sensor seems to be exact.
 ///
 /// # Errors
-/// See above.
+/// Too few degrees of freedom, as described above.
 pub fn require_degrees_of_freedom(
     each: impl Iterator<Item = f64>,
     n: f64,

@@ -75,15 +75,15 @@ where
     pub fused: Square<D>,
     /// Whether the fused variances have enough digits after rounding.
     is_known: bool,
-    /// The fused covariance of members 0..=i; only of three or more.
+    /// The fused covariance of members 0..=i; only used for three or more members.
     forward: Vec<Square<D>>,
-    /// The fused covariance of members i..; only of three or more.
+    /// The fused covariance of members i..; only used for three or more members.
     backward: Vec<Square<D>>,
     others: Square<D>,
     sum: Sum<D>,
 }
 
-/// A sum of two covariances, and what is computed of it.
+/// A sum of two covariances, with its factor and its inverse.
 #[derive(Clone, Debug)]
 pub(crate) struct Sum<D: Dim>
 where
@@ -103,7 +103,7 @@ where
         Self { inverse: new(), factor: new(), halves: [new(), new()] }
     }
 
-    /// `(x + y)^-1`; `sensor` is the one to name if there is none.
+    /// Computes `(x + y)^-1`; `sensor` is named in the error if the sum is singular.
     pub fn invert(&mut self, x: &Square<D>, y: &Square<D>, sensor: usize) -> Result<()> {
         if factorise_sum(x, y, &mut self.factor) {
             invert(&mut self.factor, &mut self.inverse);
@@ -114,9 +114,9 @@ where
         Err(Error::SingularSum { argument: COVARIANCES, index: vec![sensor] })
     }
 
-    /// `out = x (x + y)^-1 y`, as the product of two halves: were one of them multiplied by the
-    /// inverse, ill-conditioned covariances would lose their digits twice. Returns whether every
-    /// variance is known well enough.
+    /// Computes `out = x (x + y)^-1 y` as the product of two halves. If one of the covariances were
+    /// multiplied by the inverse, ill-conditioned covariances would lose digits twice. Returns whether
+    /// every variance is accurate enough.
     pub fn fuse(
         &mut self,
         x: &Square<D>,
@@ -160,7 +160,7 @@ where
         }
     }
 
-    /// Weighs the sensors except `without`; the results of the others keep their order.
+    /// Computes the weights of the sensors except `without`; the results keep the order of the sensors.
     /// Cost O(K m³).
     pub fn weigh(&mut self, covariances: &[Square<D>], without: Option<usize>) -> Result<()> {
         let sensor = members(without);
@@ -175,7 +175,7 @@ where
         }
     }
 
-    /// Sets the fused covariance of sensors that were weighed before.
+    /// Computes the fused covariance of the sensors given to [`Group::weigh`] before.
     pub fn fuse(&mut self, covariances: &[Square<D>], without: Option<usize>) -> Result<()> {
         let sensor = members(without);
         match covariances.len() - usize::from(without.is_some()) {
@@ -189,7 +189,7 @@ where
         Ok(())
     }
 
-    /// Makes sure that [`Group::fuse`] has left a covariance that may be returned.
+    /// Returns an error unless the covariance from [`Group::fuse`] is accurate and valid.
     pub fn require_known(&mut self) -> Result<()> {
         if self.is_known && is_semidefinite(&self.fused, &mut self.others) {
             Ok(())
@@ -245,7 +245,7 @@ where
     }
 }
 
-/// Index among all sensors of the members that are not `without`.
+/// Maps the index of a member to the index among all sensors, which include `without`.
 fn members(without: Option<usize>) -> impl Fn(usize) -> usize {
     move |member| member + usize::from(without.is_some_and(|k| member >= k))
 }

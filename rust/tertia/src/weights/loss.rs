@@ -9,7 +9,7 @@ use nalgebra::{DefaultAllocator, Dim};
 
 /// Loss determined by simulation.
 pub(super) struct Simulated {
-    /// Trace of the mean excess over the trace of the fused covariance.
+    /// Trace of the mean excess divided by the trace of the fused covariance.
     pub loss: f64,
     /// Standard error of `loss`; infinite for a single draw.
     pub loss_sigma: f64,

@@ -27,7 +27,7 @@ pub enum Quantity<'a> {
         /// k.
         sensor: usize,
     },
-    /// The covariance (m², m²) of vec Ŵ_k to first order (10). Cost O(K m⁴).
+    /// Covariance (m², m²) of vec Ŵ_k to first order (10). Cost O(K m⁴).
     WeightCovariance {
         /// k.
         sensor: usize,
@@ -49,8 +49,8 @@ pub enum Quantity<'a> {
         /// c of each sensor, relative to the mean.
         c: &'a [f64],
     },
-    /// [`Self::Excess`] from draws of Wishart matrices with mean I, followed by the loss (the trace of the
-    /// excess divided by that of `S_p`) and its standard error (2 m² + 2). Cost O(T K m³).
+    /// [`Quantity::Excess`] from draws of Wishart matrices with mean I, followed by the loss (the trace
+    /// of the excess divided by that of `S_p`) and its standard error (2 m² + 2). Cost O(T K m³).
     SimulatedExcess {
         /// Draws (T, K, m, m).
         draws: &'a [f64],
