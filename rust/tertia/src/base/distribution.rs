@@ -231,8 +231,8 @@ pub fn two_sigma(outside: impl Fn(f64) -> f64, unit: f64) -> f64 {
     0.5 * unit * solve_decreasing(|h| outside(h * unit), OUTSIDE_TWO_SIGMA)
 }
 
-/// Finds the x > 0 with `f(x) = target`, where f decreases from at most +∞ to 0. By false position (Illinois)
-/// on logarithmic axes, where tails are nearly straight.
+/// Finds the x > 0 with `f(x) = target`, where f decreases from at most +∞ to 0. The method is false
+/// position (Illinois) on logarithmic axes, on which tails are nearly straight.
 fn solve_decreasing(f: impl Fn(f64) -> f64, target: f64) -> f64 {
     const MAX_STEPS: usize = 400;
     let ln_target = target.ln();

@@ -39,9 +39,9 @@ pub enum Error {
         argument: &'static str,
         /// Indices of the matrix, row and column.
         index: Vec<usize>,
-        /// Element above the diagonal.
+        /// The element at this index.
         upper: f64,
-        /// Element below the diagonal.
+        /// The element mirrored at the diagonal.
         lower: f64,
     },
     /// A matrix that is not a covariance.

@@ -19,9 +19,10 @@ pub struct SeriesBiases {
     pub covariance: Vec<[f64; 6]>,
 }
 
-/// The regression. Its columns are that of the plots, those of the initial state and those of the radars.
+/// The regression. The first column is that of the plots; the others are those of the initial state and of
+/// the radars.
 struct Regression {
-    /// Derivatives of the state by the coefficients; the first column is the state itself with all zero.
+    /// Derivatives of the state by the coefficients; the first column is the state if all of them are zero.
     columns: Vec<Vector3<f64>>,
     covariance: [f64; 6],
     information: DMatrix<f64>,
@@ -100,8 +101,7 @@ impl Regression {
         Some(inverse.component_mul(&(scale * scale.transpose())))
     }
 
-    /// Derivatives of the state by the errors of the radars, where the plots also
-    /// determine the initial state.
+    /// Derivatives of the state by the errors of the radars, if the plots also determine the initial state.
     fn sensitivity(&self, out: &mut Vec<Vector3<f64>>) {
         out.clear();
         let own = &self.columns[1 + START..];

@@ -50,7 +50,7 @@ struct Radar {
 enum Start {
     /// First plot: the angle becomes known.
     FirstPlot,
-    /// Second plot, this time after the first: the rate becomes known.
+    /// Second plot, with this time since the first: the rate becomes known.
     SecondPlot(f64),
 }
 
@@ -174,7 +174,7 @@ impl Centre {
                 _ => return None,
             };
         }
-        // older saved states have no repeated plots
+        // older saved states do not contain the data on repeated plots
         if lists.len() > 0 {
             centre.repeats.restore(&mut lists)?;
         }

@@ -20,9 +20,9 @@ pub enum Weighting {
 }
 
 /// Estimates (K, m) of one vector, with nan in all components if a sensor has no estimate, and their
-/// covariances (K, m, m). Cross covariances between sensors (K, K, m, m) are optional; without them
-/// errors are independent, and their diagonal blocks are not read. Nothing else is read of a sensor
-/// without an estimate.
+/// covariances (K, m, m). Cross covariances between sensors (K, K, m, m) are optional; without them errors
+/// are independent. The diagonal blocks of the cross covariances are not read, and neither are any other
+/// data of a sensor without an estimate.
 #[derive(Clone, Copy, Debug)]
 pub struct Estimates<'a> {
     /// x_k.

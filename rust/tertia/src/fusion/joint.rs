@@ -103,8 +103,8 @@ where
         self.with_fused = blocks[..count].to_vec();
     }
 
-    /// Sets S^-1 and the fused covariance; returns A and B. `own` is the covariance of the estimate as it
-    /// was given, because the rest of it may be rounding error.
+    /// Sets S^-1 and the fused covariance; returns A and B. `own` is the covariance of the estimate as
+    /// it was given; what the earlier steps have left of it may be rounding error.
     fn add(&mut self, k: usize, own: &Square<D>) -> Result<(Square<D>, Square<D>)> {
         let (count, m) = (self.weight.len(), own.nrows());
         self.is_better.clear();

@@ -76,8 +76,9 @@ impl Repeats {
         }
     }
 
-    /// Largest probability that a radar that works gives its last plot again. Until the radar has given many
-    /// plots, the step of its record may be the common divisor of a few plots, also of other radars.
+    /// Largest probability that a radar that works gives its last plot again. Until the radar has given
+    /// many plots, the step of its record is assumed to be a common divisor of the differences of a few
+    /// plots, also of other radars.
     fn chance(&self, radar: usize, sigma: f64, period: Option<f64>) -> f64 {
         let own = &self.radars[radar];
         let of_step = |step: f64| (step / (2.0 * PI.sqrt() * ACCURATE * sigma)).min(1.0);

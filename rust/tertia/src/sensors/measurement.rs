@@ -63,7 +63,7 @@ pub(crate) struct Row<const D: usize> {
 }
 
 impl<const D: usize> Row<D> {
-    /// Converts the row to other units.
+    /// Multiplies the row by a factor, which changes its units.
     #[inline(always)]
     pub fn scaled(mut self, factor: f64) -> Self {
         self.residual *= factor;

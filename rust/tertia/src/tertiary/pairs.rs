@@ -28,7 +28,7 @@ const LAYER: f64 = 10_000.0;
 const IDENTITIES: f64 = 4096.0;
 /// Number of successive cycles with different identities after which tracks belong to two targets.
 const DIFFERENT: u8 = 2;
-/// Smallest density of other targets, per m², and the range of their velocities, m/s.
+/// Smallest density of other targets, per m², and the speed up to which their velocities are spread, m/s.
 const LEAST_DENSITY: f64 = 2e-9;
 const VELOCITIES: f64 = 250.0;
 /// Smallest side of the rectangle over which other targets are distributed, m.

@@ -4,8 +4,8 @@ use crate::base::batch::for_each_row;
 use crate::base::error::Result;
 use std::num::NonZero;
 
-/// Batches with less work than this cannot be interrupted. Stopped halfway, an update would leave a
-/// picture that is only partly updated.
+/// Largest cost that is stated for a batch, so that it is never interrupted: stopped halfway, it would leave
+/// the picture partly updated.
 const STOPPABLE_NS: f64 = 1e8;
 
 /// Returns the results of `work` on all items, in their order, for any number of threads; `nanoseconds` is
