@@ -1,16 +1,16 @@
-//! Cost of the index of plots, of gating and of assignment, for a scan of many tracks and plots.
+//! Cost of the plot index, of gating and of assignment, for a scan of many tracks and plots.
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
 use tertia::association::gate::{Scan, pairs, threshold};
 use tertia::association::{Assigner, Grid, Pair};
 
-/// Metres along a side of the area.
+/// Side of the area, m.
 const EXTENT: f64 = 6e5;
-/// Standard deviation of an innovation in metres.
+/// Standard deviation of an innovation, m.
 const SIGMA: f64 = 300.0;
 
-/// Always the same numbers between 0 and 1 (Weyl sequences).
+/// Returns reproducible points in the area (Weyl sequences).
 fn points(count: usize, step: [f64; 2]) -> Vec<[f64; 2]> {
     (1..=count).map(|i| step.map(|s| EXTENT * (s * i as f64).fract())).collect()
 }

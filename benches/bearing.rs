@@ -1,4 +1,4 @@
-//! Cost of one bearing from 100 measurements, by method.
+//! Cost of one bearing from 100 measurements, for each method.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
@@ -6,7 +6,7 @@ use tertia::bearing::{
     BlockOutput, Estimator, Known, Method, PaperRule, RobustRule, VarianceTest, Workspace,
 };
 
-/// Bearings about north with a burst and two single anomalies.
+/// Returns bearings about north with a burst and two single anomalies.
 fn record() -> Vec<f64> {
     let noise = |i: usize| 3.4 * ((i * i * 7 + i * 3) % 97) as f64 / 28.0 - 5.9;
     let anomaly = |i: usize| match i {

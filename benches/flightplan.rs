@@ -1,10 +1,10 @@
-//! Cost of turns, projections, scores and the monitor by the number of waypoints.
+//! Cost of turns, projections, scores and the monitor, for different numbers of waypoints.
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
 use tertia::flightplan::{Monitor, Route, Sighting, Turn, score};
 
-/// A way that turns left and right.
+/// Returns a route that turns left and right in turn.
 fn route(count: usize) -> Route {
     let waypoints: Vec<[f64; 2]> =
         (0..count).map(|k| [4e4 * k as f64, if k % 2 == 0 { 0.0 } else { 3e4 }]).collect();

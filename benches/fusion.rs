@@ -1,4 +1,4 @@
-//! Cost of a plot of one radar, by the rule and the number of radars.
+//! Cost of a plot of one radar, for different rules and numbers of radars.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use std::hint::black_box;
@@ -19,7 +19,7 @@ const RULES: [Rule; 10] = [
     Rule::Central,
 ];
 
-/// The plots of so many radars, scan by scan.
+/// Returns the plots of this number of radars, scan by scan.
 fn plots(radars: usize) -> Vec<f64> {
     let plot = |at: usize| 0.01 * (at / radars) as f64 + 0.1 * (at as f64 * 1.7).sin();
     (0..radars * STEPS).map(plot).collect()

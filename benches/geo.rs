@@ -1,4 +1,4 @@
-//! Cost of plots of radars on the earth in the system plane, with and without their derivatives.
+//! Cost of the conversion of radar plots to the system plane, with and without their derivatives.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use std::hint::black_box;
@@ -10,7 +10,7 @@ fn degrees(latitude: f64, longitude: f64, height: f64) -> Geodetic {
     Geodetic { latitude: latitude.to_radians(), longitude: longitude.to_radians(), height }
 }
 
-/// Always the same ranges, azimuths and heights (Weyl sequences).
+/// Returns reproducible ranges, azimuths and heights (Weyl sequences).
 fn plots() -> Vec<[f64; 3]> {
     let step = [0.754_877_666, 0.569_840_291, 0.380_966_011];
     let low = [15e3, 0.0, 3e3];

@@ -1,5 +1,5 @@
-//! Kernels whose instructions `benches/instructions.py` counts: `instructions KERNEL TIMES`
-//! runs one of them so many times, `instructions` alone prints their names.
+//! Kernels whose instructions `benches/instructions.py` counts. `instructions KERNEL TIMES`
+//! runs one of them this number of times; `instructions` alone prints their names.
 
 mod traffic;
 
@@ -43,7 +43,7 @@ const KERNELS: [(&str, Prepare); 17] = [
     ("register", registered),
     ("centre cycle", pictures),
 ];
-/// Steps of a series in a block.
+/// Number of steps of a series in a block.
 const STEPS: usize = 200;
 
 fn main() {
@@ -57,7 +57,7 @@ fn main() {
     (0..times).for_each(|_| kernel());
 }
 
-/// Noise between -1.8 and 1.8, always the same.
+/// Reproducible noise between -1.8 and 1.8.
 fn noise(i: usize) -> f64 {
     let golden = |factor: f64| (i as f64 * factor).fract() - 0.5;
     1.8 * (golden(0.618_033_988_7) + golden(0.754_877_666_2))
@@ -124,7 +124,7 @@ fn model() -> Singer {
     Singer::try_new(0.05, 0.003, false).unwrap()
 }
 
-/// Plots of a moving target, one in twenty missing, and their variances.
+/// Returns plots of a moving target, one in twenty missing, and their variances.
 fn plots(count: usize) -> (Vec<f64>, Vec<f64>) {
     let plot = |i: usize| if i % 20 == 7 { f64::NAN } else { 0.01 * i as f64 + noise(i) / 10.0 };
     let variance = |i: usize| 0.01 + 1e-5 * (i % 7) as f64;
@@ -158,7 +158,7 @@ fn smoothed_series() -> Kernel {
     })
 }
 
-/// Many series, the states of so many steps of each kept.
+/// Filters many series, and keeps the states of this number of steps of each.
 fn blocks(kept: usize) -> Kernel {
     const COUNT: usize = 256;
     let (z, variances) = plots(COUNT * STEPS);
@@ -183,7 +183,7 @@ fn blocks(kept: usize) -> Kernel {
     })
 }
 
-/// So many equal parts, which may be empty.
+/// Divides a slice into equal parts, which may be empty.
 fn shares(mut values: &mut [f64], count: usize) -> Vec<&mut [f64]> {
     let length = values.len() / count;
     let mut next = || values.split_off_mut(..length).unwrap();
@@ -207,7 +207,7 @@ fn fused_series() -> Kernel {
     })
 }
 
-/// Ranges, azimuths and elevations by eight stations on a circle, one in twenty of them wrong.
+/// Locates from ranges, azimuths and elevations of eight stations on a circle; one in twenty is wrong.
 fn positions() -> Kernel {
     const COUNT: usize = 8;
     const INSTANTS: usize = 50;
@@ -253,7 +253,7 @@ fn positions() -> Kernel {
     })
 }
 
-/// Plots about a thousand tracks, gated and assigned.
+/// Gates plots near a thousand tracks, and assigns them.
 fn associations() -> Kernel {
     const COUNT: usize = 1_000;
     const EXTENT: f64 = 3e4;
@@ -283,7 +283,7 @@ fn associations() -> Kernel {
     })
 }
 
-/// Eight scans of four radars from the first plot on.
+/// Tracks eight scans of four radars, beginning with the first plot.
 fn tracks() -> Kernel {
     const AIRCRAFT: usize = 200;
     let extent = SPACING * (AIRCRAFT as f64).sqrt();
@@ -299,7 +299,7 @@ fn tracks() -> Kernel {
     })
 }
 
-/// Plots in two axes.
+/// Returns plots in two axes, and their times.
 fn positions_of(count: usize) -> (Vec<f64>, Vec<f64>) {
     let at = |i: usize| {
         let turned = 0.02 * i as f64;
@@ -308,7 +308,7 @@ fn positions_of(count: usize) -> (Vec<f64>, Vec<f64>) {
     ((0..count).flat_map(at).collect(), (0..count).map(|i| i as f64).collect())
 }
 
-/// Where a smoothed track of two axes goes.
+/// Buffers for a smoothed track of two axes.
 struct Room([Vec<f64>; 3]);
 
 impl Room {
@@ -322,7 +322,7 @@ impl Room {
     }
 }
 
-/// A track whose jerk is known; without jerk it is smoothed by rows of information.
+/// Smooths a track with known jerk; without jerk, it is smoothed by rows of information.
 fn smoothed_track(jerk: f64) -> Kernel {
     let (y, time) = positions_of(1_000);
     let (mut room, mut workspace) = (Room::new(time.len()), Default::default());
@@ -338,7 +338,7 @@ fn smoothed_track(jerk: f64) -> Kernel {
     })
 }
 
-/// Ten plots, of which nothing else is known.
+/// Smooths ten plots without any further knowledge.
 fn noisy_track() -> Kernel {
     let (y, time) = positions_of(10);
     let (mut room, mut workspace) = (Room::new(time.len()), Default::default());
@@ -359,7 +359,7 @@ fn noisy_track() -> Kernel {
     })
 }
 
-/// Position and velocity of an aircraft that flies straight.
+/// Returns position and velocity of an aircraft in straight flight.
 fn flown(aircraft: usize, time: f64) -> [f64; 4] {
     let [x, y, course] = [0.618_033_988_7, 0.754_877_666_2, 0.569_840_291]
         .map(|factor| (factor * (aircraft + 1) as f64).fract());
@@ -368,10 +368,10 @@ fn flown(aircraft: usize, time: f64) -> [f64; 4] {
     [1e5 * x + vx * time, 1e5 * y + vy * time, vx, vy]
 }
 
-/// Systematic errors as they are known before.
+/// Prior standard deviations of systematic errors.
 const UNKNOWN: Errors = [100.0, 1e-4, 0.005, 0.1];
 
-/// Plots of twenty aircraft by four radars, one of which is turned.
+/// Registers the plots of twenty aircraft by four radars, one of which is rotated.
 fn registered() -> Kernel {
     const SCANS: usize = 20;
     let radars = radars(1e5);
@@ -405,7 +405,7 @@ fn registered() -> Kernel {
     })
 }
 
-/// Ten pictures of a hundred aircraft, of the tracks of four sensors.
+/// Makes ten pictures of a hundred aircraft from the tracks of four sensors.
 fn pictures() -> Kernel {
     const CYCLES: usize = 10;
     let settings = tertiary::Settings {

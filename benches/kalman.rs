@@ -1,4 +1,4 @@
-//! Cost of a step of the filter, by what is stored.
+//! Cost of a step of the filter, depending on what is stored.
 
 use adskalman::{
     KalmanFilterNoControl, ObservationModel, StateAndCovariance, TransitionModelLinearNoControl,
@@ -84,7 +84,7 @@ fn blocks(c: &mut Criterion) {
     group.finish();
 }
 
-/// The model of a Singer target for adskalman: H = (1, 0, 0), one R for all plots.
+/// The Singer model for adskalman: H = (1, 0, 0), and the same R for all plots.
 struct Peer {
     f: [Matrix3<f64>; 2],
     q: Matrix3<f64>,
@@ -116,7 +116,8 @@ impl ObservationModel<f64, U3, U1> for Peer {
     }
 }
 
-/// A series from a known state on, all states kept, beside adskalman, with which it agrees.
+/// Filters a series from a known state, with all states kept, in comparison with adskalman; the results
+/// agree.
 fn side_by_side(c: &mut Criterion) {
     let model = Singer::try_new(0.05, 0.003, false).unwrap();
     let transition = model.over(5.0).unwrap();
@@ -132,7 +133,7 @@ fn side_by_side(c: &mut Criterion) {
     let z: Vec<f64> = (0..STEPS).map(|i| 0.01 * i as f64 + (i as f64 * 1.7).sin()).collect();
     let plots: Vec<Matrix1<f64>> = z.iter().map(|&z| Matrix1::new(z)).collect();
     let before = StateAndCovariance::new(Vector3::zeros(), Matrix3::identity());
-    // it begins with a prediction
+    // adskalman begins with a prediction
     let first = peer.predict(&before);
     let rows: [[f64; 3]; 3] = first.covariance().transpose().into();
     let start = State::try_new([0.0; 3], &rows).unwrap();

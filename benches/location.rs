@@ -1,11 +1,11 @@
-//! Cost of a position by the number of stations, in the plane and in space.
+//! Cost of a position, for different numbers of stations, in the plane and in space.
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
 use tertia::location::{Instant, Locator, Method, Output, Workspace};
 use tertia::sensors::KINDS;
 
-/// Stations on a circle, and what they measure of a target beside its centre.
+/// Returns stations on a circle, and their measurements of a target beside its centre.
 fn instant<const D: usize>(count: usize) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
     let (mut stations, mut values) = (vec![0.0; count * D], vec![f64::NAN; KINDS * count]);
     for k in 0..count {

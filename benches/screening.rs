@@ -1,4 +1,4 @@
-//! Cost of the screening kernels per measurement, over lengths from 10² to 10⁷.
+//! Cost of the screening kernels per measurement, for lengths from 10² to 10⁷.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use std::hint::black_box;
@@ -9,7 +9,7 @@ use tertia::screening::{
 
 const LENGTHS: [usize; 6] = [100, 1_000, 10_000, 100_000, 1_000_000, 10_000_000];
 
-/// Roughly normal noise, one value in fifty six standard deviations off.
+/// Returns approximately normal noise, in which one value in fifty is off by six standard deviations.
 fn sample(n: usize) -> Vec<f64> {
     let mut state = 0x9e37_79b9_7f4a_7c15_u64;
     let mut uniform = || {

@@ -1,4 +1,4 @@
-//! Cost of an instant: local polynomials, and the smoother by the number of axes.
+//! Cost of an instant: for local polynomials, and for the smoother with different numbers of axes.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use std::hint::black_box;

@@ -1,4 +1,5 @@
-//! Scans of plots: aircraft that fly straight, seen by four radars of four seconds.
+//! Cost of scans of plots: aircraft in straight flight, seen by four radars with a scan period of four
+//! seconds.
 
 mod traffic;
 

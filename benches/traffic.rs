@@ -1,14 +1,14 @@
-//! Aircraft that fly straight, seen by four radars of four seconds.
+//! Aircraft in straight flight, seen by four radars with a scan period of four seconds.
 
 use std::f64::consts::TAU;
 use tertia::sensors::Identities;
 use tertia::tracker::{Plot, Radar};
 
 const PERIOD: f64 = 4.0;
-/// Metres from aircraft to aircraft, on average.
+/// Mean distance between aircraft, m.
 pub const SPACING: f64 = 4200.0;
 
-/// Uniform numbers, always the same.
+/// Generator of reproducible uniform numbers.
 struct Random(u64);
 
 impl Random {
@@ -37,7 +37,7 @@ pub fn radars(extent: f64) -> Vec<Radar> {
     vec![at(0.25, 0.25), at(0.75, 0.25), at(0.25, 0.75), at(0.75, 0.75)]
 }
 
-/// The plots of each scan, by time.
+/// Returns the plots of each scan, sorted by time.
 pub fn scans(count: usize, aircraft: usize, extent: f64, radars: &[Radar]) -> Vec<Vec<Plot>> {
     let mut random = Random(7);
     let fleet: Vec<[f64; 4]> = (0..aircraft)

@@ -1,10 +1,10 @@
-//! Cost of weights, their Jacobian and their covariance, by dimension and number of sensors.
+//! Cost of weights, their Jacobian and their covariance, for different dimensions and numbers of sensors.
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
 use tertia::weights::{Quantity, weighing};
 
-/// Covariances of so many sensors: diagonal, with a few correlations.
+/// Returns the covariances of this number of sensors: diagonal, with a few correlations.
 fn covariances(sensors: usize, m: usize) -> Vec<f64> {
     let element = |k: usize, i: usize, j: usize| match i.abs_diff(j) {
         0 => 2.0 + ((k + i) % 3) as f64,

@@ -1,4 +1,4 @@
-//! The border: arrays and errors across it, in one place.
+//! Conversion of arrays and errors between Python and Rust, in one place.
 
 use numpy::{
     Element, PyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyReadwriteArrayDyn,
@@ -18,11 +18,11 @@ use tertia::missing::Present;
 
 pyo3::import_exception!(numpy.linalg, LinAlgError);
 
-/// What results are, in Python.
+/// Arrays that are returned to Python.
 pub type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
 pub type Integers<'py> = Bound<'py, PyArrayDyn<i64>>;
 pub type Marks<'py> = Bound<'py, PyArrayDyn<bool>>;
-/// Number of threads, where it is given.
+/// Number of threads, if it is given.
 pub type Threads = Option<NonZero<usize>>;
 
 /// A float64 array; its leading axes are the batch.
@@ -38,22 +38,22 @@ impl<'py> FromPyObject<'_, 'py> for Input<'py> {
     }
 }
 
-/// The shape and the values of an [`Input`], contiguous: one row per element of the batch.
+/// The shape and the values of an [`Input`], contiguous, with one row for each element of the batch.
 pub struct Rows<'a> {
     pub shape: &'a [usize],
     pub values: Cow<'a, [f64]>,
     name: &'static str,
-    /// Axes of a row: one of a sample, two of a matrix.
+    /// Number of axes of a row: 1 for samples, 2 for matrices.
     axes: usize,
 }
 
 impl Input<'_> {
-    /// The shape.
+    /// Returns the shape.
     pub fn shape(&self) -> &[usize] {
         self.0.shape()
     }
 
-    /// The rows, which must have at least `minimum` numbers.
+    /// Returns the rows, which must have at least `minimum` numbers.
     pub fn rows(&self, name: &'static str, minimum: usize) -> PyResult<Rows<'_>> {
         let rows = self.blocks(name, 1)?;
         if rows.len() < minimum {
@@ -63,8 +63,8 @@ impl Input<'_> {
         Ok(rows)
     }
 
-    /// The rows, samples of at least `minimum` numbers; in shorter ones, a number that is not finite
-    /// is reported first.
+    /// Returns the rows as samples of at least `minimum` numbers. If they are shorter, a number that is
+    /// not finite is reported first.
     pub fn samples(&self, name: &'static str, minimum: usize) -> PyResult<Rows<'_>> {
         let rows = self.rows(name, 0)?;
         if rows.len() < minimum {
@@ -76,13 +76,13 @@ impl Input<'_> {
         self.rows(name, minimum)
     }
 
-    /// Rows of so many axes.
+    /// Returns rows with this number of axes.
     pub fn blocks(&self, name: &'static str, axes: usize) -> PyResult<Rows<'_>> {
         let shape = self.shape();
         if shape.len() < axes {
             return Err(does_not_fit(name, shape));
         }
-        // not the array's own `as_slice`, which also gives memory that lies column by column
+        // not the array's own `as_slice`, which also accepts column-major memory
         let view = self.0.as_array();
         let values = match view.to_slice() {
             Some(slice) => Cow::Borrowed(slice),
@@ -95,12 +95,12 @@ impl Input<'_> {
         Ok(Rows { shape, values, name, axes })
     }
 
-    /// All numbers.
+    /// Returns all numbers.
     pub fn numbers(&self, name: &'static str) -> PyResult<Vec<f64>> {
         Ok(self.rows(name, 0)?.values.into_owned())
     }
 
-    /// Rows of so many numbers, which are the last axes.
+    /// Returns rows of M numbers, which take up the last `axes` axes.
     pub fn points<const M: usize>(
         &self,
         name: &'static str,
@@ -111,16 +111,16 @@ impl Input<'_> {
         Ok(rows.values.as_chunks().0.to_vec())
     }
 
-    /// Rows of two numbers.
+    /// Returns rows of two numbers.
     pub fn pairs(&self, name: &'static str) -> PyResult<Vec<[f64; 2]>> {
         self.points(name, 1)
     }
 }
 
-/// So many numbers are compared before it is asked where one lies outside.
+/// Number of values that are compared together before the position of a value outside is searched.
 const COMPARED: usize = 64;
 
-/// The place of the first number that does not lie between two others, nor with `missing` is nan.
+/// Returns the index of the first number that is outside an interval; with `missing`, nan is allowed.
 #[pyfunction]
 pub fn first_outside(array: Input<'_>, least: f64, most: f64, missing: bool) -> Option<usize> {
     let lies = |v: &f64| (least <= *v) & (*v <= most) | missing & v.is_nan();
@@ -141,7 +141,7 @@ fn does_not_fit(name: &str, shape: &[usize]) -> PyErr {
 }
 
 impl Rows<'_> {
-    /// Numbers in a row.
+    /// Number of values in a row.
     pub fn len(&self) -> usize {
         self.shape[self.shape.len() - self.axes..].iter().product()
     }
@@ -151,36 +151,36 @@ impl Rows<'_> {
         &self.shape[..self.shape.len() - self.axes]
     }
 
-    /// Number of samples.
+    /// Number of rows.
     pub fn count(&self) -> usize {
         self.batch().iter().product()
     }
 
-    /// The samples, one after the other.
+    /// Iterates over the rows.
     pub fn iter(&self) -> impl ExactSizeIterator<Item = &[f64]> + Send {
         let n = self.len();
         (0..self.count()).map(move |row| &self.values[row * n..(row + 1) * n])
     }
 
-    /// Numbers in all.
+    /// Total number of values, as a cost.
     pub fn size(&self) -> f64 {
         self.values.len() as f64
     }
 
-    /// Room for results of the same shape.
+    /// Allocates an output of the same shape.
     pub fn output<'py, T: Element + Send>(&self, py: Python<'py>) -> PyResult<Output<'py, T>> {
         let (batch, tail) = self.shape.split_at(self.shape.len() - self.axes);
         Output::new(py, batch, tail)
     }
 
-    /// Row `row`, or the only one.
+    /// Returns row `row`, or the only row if it is shared by all.
     pub fn shared(&self, row: usize) -> &[f64] {
         let n = self.len();
         let start = if self.count() == 1 { 0 } else { row * n };
         &self.values[start..start + n]
     }
 
-    /// Fails unless there are so many rows of this length.
+    /// Returns an error unless there are `count` rows of this length.
     pub fn require(&self, length: usize, count: usize) -> PyResult<()> {
         if self.len() == length && self.count() == count {
             return Ok(());
@@ -188,13 +188,13 @@ impl Rows<'_> {
         Err(does_not_fit(self.name, self.shape))
     }
 
-    /// The same of rows of which one is enough for all.
+    /// [`Self::require`] that also accepts a single row for all.
     pub fn require_shared(&self, length: usize, count: usize) -> PyResult<()> {
         self.require(length, if self.count() == 1 { 1 } else { count })
     }
 
-    /// Calls `work` with a state per thread on every row, its index, and where its results go;
-    /// `nanoseconds` is the cost of all rows.
+    /// Calls `work` on every row with a state per thread, the row and its index, and the place for its
+    /// results; `nanoseconds` is the cost of all rows.
     pub fn each<O: Send, S>(
         &self,
         py: Python<'_>,
@@ -210,7 +210,7 @@ impl Rows<'_> {
             .map_err(|failure| self.error(failure))
     }
 
-    /// The Python error for a failed row, with the row's place in the batch.
+    /// Converts the error of a row to a Python error that contains the index of the row in the batch.
     pub fn error(&self, failure: RowError) -> PyErr {
         let text = failure.error.to_string();
         let place = unravel(failure.row, self.batch());
@@ -227,7 +227,7 @@ fn is_name(text: &str) -> bool {
     text.bytes().all(|byte| byte.is_ascii_lowercase() || byte == b'_')
 }
 
-/// `row` as indices into a batch of this shape, joined by commas.
+/// Returns `row` as indices into a batch of this shape, joined by commas.
 fn unravel(mut row: usize, batch: &[usize]) -> String {
     let mut indices = Vec::new();
     for &size in batch.iter().rev() {
@@ -238,12 +238,12 @@ fn unravel(mut row: usize, batch: &[usize]) -> String {
     indices.join(", ")
 }
 
-/// Error of a kernel outside a batch.
+/// Converts the error of a kernel outside a batch.
 pub fn value_error(error: tertia::Error) -> PyErr {
     error_with(error.to_string(), &error)
 }
 
-/// What goes by a name, one of these.
+/// Returns the choice with this name.
 pub fn choice<T: Clone>(argument: &str, name: &str, choices: &[(&str, T)]) -> PyResult<T> {
     if let Some((_, chosen)) = choices.iter().find(|(choice, _)| *choice == name) {
         return Ok(chosen.clone());
@@ -253,7 +253,7 @@ pub fn choice<T: Clone>(argument: &str, name: &str, choices: &[(&str, T)]) -> Py
     Err(unknown(argument, name, &format!("{} or {last}", others.join(", "))))
 }
 
-/// The error for a word that is not among the choices.
+/// Returns the error for a name that is not among the choices.
 pub fn unknown(argument: &str, value: &str, choices: &str) -> PyErr {
     PyValueError::new_err(format!("{argument} is '{value}'; it must be {choices}"))
 }
@@ -266,7 +266,7 @@ fn error_with(text: String, error: &tertia::Error) -> PyErr {
     }
 }
 
-/// An empty vector with room for so many values, or a `MemoryError`.
+/// Returns an empty vector with room for this number of values, or a `MemoryError`.
 pub fn room_for<T>(count: usize) -> PyResult<Vec<T>> {
     let mut room = Vec::new();
     room.try_reserve_exact(count)
@@ -274,26 +274,27 @@ pub fn room_for<T>(count: usize) -> PyResult<Vec<T>> {
     Ok(room)
 }
 
-/// So many equal values, or a `MemoryError`.
+/// Returns a vector of equal values, or a `MemoryError`.
 pub fn repeated<T: Clone>(value: T, count: usize) -> PyResult<Vec<T>> {
     let mut values = room_for(count)?;
     values.resize(count, value);
     Ok(values)
 }
 
-/// Releasing the interpreter's lock and taking it again costs a tenth of this.
+/// Cost from which the interpreter's lock is released; releasing and acquiring it takes a tenth of this.
 const WORTH_RELEASING_NS: f64 = 2000.0;
 
-/// Work that takes this long looks for signals, such as Ctrl-C: by another thread, so that this one can.
+/// Cost from which signals, such as Ctrl-C, are checked during the work; the work is then done by another
+/// thread.
 const WORTH_STOPPING_NS: f64 = 1e8;
 const LOOKS: Duration = Duration::from_millis(50);
-/// Of the stack of the other thread, as of most main ones.
+/// Size of the stack of the other thread, which is that of most main threads.
 const STACK: usize = 8 << 20;
 
-/// Does work that takes about so long, with the interpreter's lock released where that is worth it.
+/// Does work of about this cost; the interpreter's lock is released if that is worthwhile.
 ///
 /// # Errors
-/// What a signal handler raised: the work was stopped.
+/// The exception raised by a signal handler, which interrupted the work.
 pub fn release<T: Send>(
     py: Python<'_>,
     nanoseconds: f64,
@@ -306,7 +307,7 @@ pub fn release<T: Send>(
     }
 }
 
-/// Does work on another thread, and looks for signals meanwhile.
+/// Does work on another thread, and checks for signals meanwhile.
 fn stoppable<T: Send>(work: impl FnOnce() -> T + Send) -> PyResult<T> {
     let (flag, work, caller) = (Flag::default(), Mutex::new(Some(work)), thread::current());
     let run = || {
@@ -317,7 +318,7 @@ fn stoppable<T: Send>(work: impl FnOnce() -> T + Send) -> PyResult<T> {
     };
     thread::scope(|scope| {
         let builder = thread::Builder::new().stack_size(STACK);
-        // if the system refuses a thread, this one does it
+        // if the system refuses a thread, this thread does the work
         let Ok(worker) = builder.spawn_scoped(scope, run) else { return Ok(run()) };
         let mut signal = None;
         while !worker.is_finished() {
@@ -335,10 +336,10 @@ fn stoppable<T: Send>(work: impl FnOnce() -> T + Send) -> PyResult<T> {
     })
 }
 
-/// So many numbers are copied rather than kept where they are.
+/// Largest number of values that are copied to the array instead of moved.
 const FEW: usize = 64;
 
-/// A fresh array of this shape around `values`, as many as it holds.
+/// Creates an array of this shape from `values`, which must be as many as it holds.
 pub fn array<'py, T: Element>(
     py: Python<'py>,
     shape: &[usize],
@@ -348,7 +349,7 @@ pub fn array<'py, T: Element>(
     if shape.iter().product::<usize>() > FEW {
         return PyArray::from_vec(py, values.collect()).reshape(shape);
     }
-    // a vector of its own costs more than so few numbers
+    // for so few numbers, a separate vector costs more than a copy
     let array = PyArrayDyn::zeros(py, shape, false);
     for (place, value) in array.readwrite().as_slice_mut()?.iter_mut().zip(values) {
         *place = value;
@@ -356,13 +357,13 @@ pub fn array<'py, T: Element>(
     Ok(array)
 }
 
-/// The matrix of an upper triangle.
+/// Creates a symmetric matrix from its upper triangle.
 pub fn symmetric<'py>(py: Python<'py>, upper: [f64; 6]) -> PyResult<Array<'py>> {
     let [p00, p01, p02, p11, p12, p22] = upper;
     array(py, &[3, 3], [p00, p01, p02, p01, p11, p12, p02, p12, p22])
 }
 
-/// Fresh arrays of this shape, one for each number of the results.
+/// Creates arrays of this shape, one for each number of the results.
 pub fn columns<'py, R, T: Element, const K: usize>(
     py: Python<'py>,
     shape: &[usize],
@@ -376,37 +377,37 @@ pub fn columns<'py, R, T: Element, const K: usize>(
     Ok(std::array::from_fn(|_| columns.remove(0)))
 }
 
-/// So many numbers find room wherever Python runs.
+/// Number of values for which there is always enough memory.
 const SMALL: usize = 100_000;
 
-/// A fresh array for the results of a kernel. NumPy allocates it, because it asks for huge pages:
-/// the statistics of 10^7 values took 3 ns a value instead of 10.
+/// A new array for the results of a kernel. It is allocated by NumPy, which requests huge pages:
+/// the statistics of 10^7 values took 3 ns per value instead of 10.
 pub struct Output<'py, T: Element = f64> {
     array: PyReadwriteArrayDyn<'py, T>,
-    /// Axes of the batch.
+    /// Number of axes of the batch.
     axes: usize,
 }
 
 impl<'py, T: Element + Send> Output<'py, T> {
-    /// Room for a row of shape `tail` for each element of the batch.
+    /// Allocates a row of shape `tail` for each element of the batch.
     pub fn new(py: Python<'py>, batch: &[usize], tail: &[usize]) -> PyResult<Self> {
         let shape = [batch, tail].concat();
         let count = shape.iter().try_fold(1_usize, |count, &size| count.checked_mul(size));
         let count = count.unwrap_or(usize::MAX);
         if count > SMALL {
-            // rust-numpy panics where NumPy has no memory
+            // rust-numpy panics if NumPy cannot allocate memory
             room_for::<T>(count)?;
         }
         let array = PyArrayDyn::zeros(py, shape, false).readwrite();
         Ok(Self { array, axes: batch.len() })
     }
 
-    /// The numbers, row after row.
+    /// Returns all values, row by row.
     pub fn values(&mut self) -> PyResult<&mut [T]> {
         Ok(self.array.as_slice_mut()?)
     }
 
-    /// The rows.
+    /// Returns the rows.
     pub fn rows(&mut self) -> PyResult<impl ExactSizeIterator<Item = &mut [T]> + Send> {
         let (batch, tail) = self.array.shape().split_at(self.axes);
         let (count, size) = (batch.iter().product(), tail.iter().product());
@@ -424,7 +425,7 @@ impl<'py, T: Element> IntoPyObject<'py> for Output<'py, T> {
     }
 }
 
-/// The numbers of an array that the caller allocated, row after row.
+/// Returns the values of an array that the caller allocated, row by row.
 pub fn writable<'a>(
     array: &'a mut PyReadwriteArrayDyn<'_, f64>,
     shape: &[usize],
@@ -439,7 +440,7 @@ pub fn writable<'a>(
     Ok(array.as_slice_mut()?)
 }
 
-/// A chunked view that also works for samples of length zero.
+/// Splits a slice into chunks; this also works for samples of length zero.
 pub fn chunks<T: Send>(
     values: &mut [T],
     size: usize,
@@ -462,7 +463,7 @@ pub struct Gaps {
 }
 
 impl Gaps {
-    /// Collects what is there and makes room for the results.
+    /// Collects the measurements that are present, and makes room for the results.
     pub fn collect(&mut self, y: &[f64]) {
         self.present.collect(y);
         let n = self.present.values().len();
@@ -473,7 +474,7 @@ impl Gaps {
     }
 }
 
-/// Rows of so many axes and numbers, of so many instants or one for all, where they are given.
+/// Returns optional rows of this number of axes and values, one for each of `count` instants or one for all.
 pub fn optional<'a>(
     input: Option<&'a Input<'_>>,
     name: &'static str,

@@ -16,23 +16,23 @@ use tertia::association::{Assigner, Association, Pair, Scoring};
 
 type Gated<'py> = (Integers<'py>, Integers<'py>, Array<'py>, Array<'py>);
 
-/// Cost of a query of the index, of a region, of a score, of a pair in an assignment.
+/// Costs of a query of the index, of the sector of a plot, of a score, and of a pair in an assignment.
 const QUERY_NS: f64 = 100.0;
 const SECTOR_NS: f64 = 20.0;
 const SCORE_NS: f64 = 2.0;
 const PAIR_NS: f64 = 50.0;
-/// Ways of assigning, and whether they maximise the sum of the gains.
+/// Methods of assignment, and whether they maximise the sum of the gains.
 const METHODS: [(&str, bool); 2] = [("gnn", true), ("nearest", false)];
-/// What a row without a column, or a column without a row, is called.
+/// Index that stands for no column or no row.
 const NONE: i64 = -1;
 
-/// The d² of a gate.
+/// Threshold d² of a gate.
 #[pyfunction]
 pub fn gate_threshold(probability: f64, dimension: usize) -> PyResult<f64> {
     gate::threshold(probability, dimension).map_err(value_error)
 }
 
-/// Regions of innovations, (..., 2), with covariances, (..., 2, 2), and velocities, (..., 2).
+/// Sectors of innovations, (..., 2), with covariances, (..., 2, 2), and velocities, (..., 2).
 #[pyfunction]
 pub fn gate_sectors<'py>(
     py: Python<'py>,
@@ -66,7 +66,7 @@ pub fn gate_sectors<'py>(
     Ok(out)
 }
 
-/// The paper's scores of any d².
+/// The paper's scores for an array of d².
 #[pyfunction]
 pub fn paper_score<'py>(
     py: Python<'py>,
@@ -86,7 +86,7 @@ pub fn paper_score<'py>(
     Ok(out)
 }
 
-/// Log-likelihood ratios of any d² with `ln |Σ|` of the same shape.
+/// Log-likelihood ratios for an array of d², with `ln |Σ|` of the same shape.
 #[pyfunction]
 pub fn likelihood_score<'py>(
     py: Python<'py>,
@@ -110,7 +110,7 @@ pub fn likelihood_score<'py>(
     Ok(out)
 }
 
-/// Predictions of tracks and plots of a scan, with a covariance of each or one for all.
+/// Predictions of tracks and plots of a scan, with one covariance for each or for all.
 struct Scene<'a> {
     tracks: Rows<'a>,
     plots: Rows<'a>,
@@ -165,8 +165,8 @@ fn wrong_dimension<T>(m: usize) -> tertia::Result<T> {
     })
 }
 
-/// The track of each plot and the plot of each track, -1 where there is none, its score and its d²;
-/// `likelihood` are probability of detection and density of clutter, without them the score is the
+/// The track of each plot, the plot of each track (-1 if there is none), its score and its d².
+/// `likelihood` contains the probability of detection and the clutter density; without it, the score is the
 /// paper's with `q`.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)] // the Python signature
@@ -213,7 +213,7 @@ pub fn associate<'py>(
     ))
 }
 
-/// Track, plot, d² and `ln |Σ|` of every plot within the gate of a track.
+/// Track, plot, d² and `ln |Σ|` for every plot in the gate of a track.
 #[pyfunction]
 pub fn gate_pairs<'py>(
     py: Python<'py>,
@@ -237,7 +237,7 @@ pub fn gate_pairs<'py>(
     Ok((track, plot, nis, volume))
 }
 
-/// The column of each row, -1 where there is none.
+/// The column of each row, -1 if there is none.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)] // the Python signature
 pub fn assign_pairs<'py>(
@@ -272,7 +272,7 @@ pub fn assign_pairs<'py>(
     array(py, &[result.len()], result)
 }
 
-/// An index below a number.
+/// Checks that an index is below a count.
 fn index(value: i64, count: u32, name: &str) -> PyResult<u32> {
     u32::try_from(value).ok().filter(|&index| index < count).ok_or_else(|| {
         PyValueError::new_err(format!("{name} has {value}; it must be between 0 and {count}"))

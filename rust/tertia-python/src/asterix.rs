@@ -5,16 +5,16 @@ use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 use tertia::asterix::{self, Damage, Gap};
 
-/// Cost of an octet, for the choice to release the interpreter's lock.
+/// Cost of an octet, for the decision whether to release the interpreter's lock.
 const OCTET_NS: f64 = 5.0;
 
-/// A definition: category, editions, and name, scale and unit of each column.
+/// A definition: category, editions, and the name, scale and unit of each column.
 type Definition = (u8, Vec<&'static str>, Vec<(&'static str, f64, &'static str)>);
 type Blocks<'py> = (Integers<'py>, Integers<'py>, Integers<'py>, usize);
 type Recording<'py> = (Integers<'py>, Integers<'py>, Integers<'py>, Vec<(usize, usize)>);
 type Records<'py> = (Integers<'py>, Vec<Integers<'py>>, Vec<(usize, usize, &'static str)>);
 
-/// All definitions, of each category the newest first.
+/// All definitions; those of a category are sorted from the newest.
 #[pyfunction]
 pub fn asterix_definitions() -> Vec<Definition> {
     asterix::definitions()
@@ -27,7 +27,7 @@ pub fn asterix_definitions() -> Vec<Definition> {
         .collect()
 }
 
-/// Category, begin and end of consecutive data blocks, and where they stop.
+/// Category, begin and end of consecutive data blocks, and the end of the last one.
 #[pyfunction]
 pub fn asterix_blocks<'py>(py: Python<'py>, contents: &[u8]) -> PyResult<Blocks<'py>> {
     let found = release(py, contents.len() as f64, || asterix::blocks(contents))?;
@@ -35,8 +35,8 @@ pub fn asterix_blocks<'py>(py: Python<'py>, contents: &[u8]) -> PyResult<Blocks<
     Ok((category, places(py, found.begin)?, places(py, found.end)?, found.stop))
 }
 
-/// Category, begin and end of the data blocks of a recording that may be damaged, and its gaps: where
-/// they are, and how many octets belong to no block.
+/// Category, begin and end of the data blocks of a recording that may be damaged, and its gaps: their
+/// positions, and how many octets belong to no block.
 #[pyfunction]
 pub fn asterix_recording<'py>(
     py: Python<'py>,
@@ -50,7 +50,7 @@ pub fn asterix_recording<'py>(
     Ok((category, places(py, found.begin)?, places(py, found.end)?, gaps))
 }
 
-/// Block of each record, its columns, and what is damaged: block, first octet, reason.
+/// Block of each record, its columns, and the damaged records: block, first octet, reason.
 #[pyfunction]
 pub fn asterix_records<'py>(
     py: Python<'py>,
@@ -70,7 +70,7 @@ pub fn asterix_records<'py>(
     Ok((places(py, found.block)?, columns, damage.collect()))
 }
 
-/// Times of day, of which truncated ones are completed by the full ones of their source.
+/// Times of day, with truncated times completed from full times of the same source.
 #[pyfunction]
 pub fn asterix_times<'py>(
     py: Python<'py>,

@@ -6,13 +6,13 @@ use tertia::bearing::{
     BlockOutput, Estimate, Estimator, Known, Method, PaperRule, RobustRule, VarianceTest, Workspace,
 };
 
-/// Cost per measurement of the slowest method, for the choice of threads.
+/// Cost per measurement of the slowest method, which determines the number of threads.
 const ESTIMATE_NS: f64 = 1000.0;
 
 type Blocks<'py> = (Output<'py>, Output<'py>, Output<'py>);
 type Estimated<'py> = ([Array<'py>; 8], Output<'py, bool>, Option<Blocks<'py>>);
 
-/// The options of the Python function, as they come.
+/// The options of the Python function, unchecked.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Options {
@@ -70,8 +70,9 @@ impl Options {
     }
 }
 
-/// Numbers, mask and blocks of every row: value, sigma, polarity, p-value, correlation, effective
-/// number, sigma of the systematic errors and noise factor. `groups` are numbered from 0 in each row.
+/// Results, mask and blocks of every row. The results are value, sigma, polarity, p-value, correlation,
+/// effective number, sigma of the systematic errors and noise factor. `groups` are numbered from 0 in
+/// each row.
 #[pyfunction]
 pub fn estimate_bearing<'py>(
     py: Python<'py>,
@@ -134,14 +135,14 @@ pub fn estimate_bearing<'py>(
     Ok((numbers, outlier, blocks))
 }
 
-/// What belongs to the measurements that are there.
+/// Returns the elements that belong to measurements that are present.
 fn of_present<'a>(each: &[f64], theta: &[f64], kept: &'a mut Vec<f64>) -> &'a [f64] {
     kept.clear();
     kept.extend(each.iter().zip(theta).filter(|(_, theta)| !theta.is_nan()).map(|(v, _)| v));
     kept
 }
 
-/// Numbers from 0 on of the groups of the measurements that are there.
+/// Returns the groups of the measurements that are present, numbered from 0.
 fn numbered<'a>(groups: &[f64], theta: &[f64], numbers: &'a mut Vec<f64>) -> &'a [f64] {
     let mut known: Vec<f64> = Vec::new();
     numbers.clear();

@@ -13,14 +13,14 @@ use tertia::flightplan::{
 };
 use tertia::sensors::Identities;
 
-/// Cost of a score by leg, plot and plan, for the choice of threads.
+/// Cost of a score per leg, plot and plan, which determines the number of threads.
 const SCORE_NS: f64 = 170.0;
-/// Cost of a position or projection by leg, likewise.
+/// Cost of a position or projection per leg, which determines the number of threads.
 const LEG_NS: f64 = 150.0;
 
 type Projected<'py> = (Array<'py>, Array<'py>, Array<'py>, Integers<'py>);
 
-/// A flight plan, checked and laid out once.
+/// A flight plan, validated, with its path.
 #[pyclass(frozen, module = "tertia._core")]
 pub struct Route {
     plan: Plan,
@@ -31,7 +31,7 @@ pub struct Route {
 
 #[pymethods]
 impl Route {
-    /// Waypoints (N, 2), speeds (N − 1), heights (N, or none), identities (negative or empty: not known).
+    /// Waypoints (N, 2), speeds (N − 1), heights (N, or none), identities (negative or empty if unknown).
     #[new]
     fn new(
         waypoints: Input<'_>,
@@ -52,7 +52,7 @@ impl Route {
         Ok(Self { plan, waypoints, heights, start_time })
     }
 
-    /// What pickle makes a copy from.
+    /// Arguments from which pickle makes a copy.
     #[allow(clippy::type_complexity)] // arguments of `new`
     fn __getnewargs__<'py>(
         &self,
@@ -105,7 +105,7 @@ impl Route {
         ))
     }
 
-    /// Positions, directions or velocities, and heights at path distances, or at times.
+    /// Positions, directions (or velocities at times), and heights at path distances or at times.
     fn path<'py>(
         &self,
         py: Python<'py>,
@@ -128,7 +128,7 @@ impl Route {
         Ok([position, direction, height])
     }
 
-    /// Along-track and cross-track distances, directions and legs of the nearest points of the path.
+    /// Along-track and cross-track distances, directions and legs of the nearest points on the path.
     fn project<'py>(&self, py: Python<'py>, positions: Input<'py>) -> PyResult<Projected<'py>> {
         let route = &self.plan.route;
         let rows = positions.blocks("position", 1)?;
@@ -145,13 +145,13 @@ impl Route {
 }
 
 impl Route {
-    /// The plan, as the core has it.
+    /// Returns the plan as a core type.
     pub fn plan(&self) -> &Plan {
         &self.plan
     }
 }
 
-/// Tracks (..., N): positions, velocities, covariances of both, heights; the last two may be missing.
+/// Tracks (..., N): positions, velocities, covariances of both, heights; the last two are optional.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Tracks<'py> {
@@ -163,7 +163,7 @@ pub struct Tracks<'py> {
 }
 
 impl Tracks<'_> {
-    /// The sightings of all tracks, one after the other, and the shape (..., N).
+    /// Returns the sightings of all tracks, track by track, and the shape (..., N).
     fn sightings(&self) -> PyResult<(Vec<Sighting>, Vec<usize>)> {
         let (shape, time) = (self.time.shape().to_vec(), self.time.numbers("time")?);
         let (position, velocity) =
@@ -190,7 +190,7 @@ impl Tracks<'_> {
     }
 }
 
-/// The speeds at which a plan is over its waypoints at given times.
+/// Speeds at which a plan passes its waypoints at given times.
 #[pyfunction]
 pub fn plan_speeds<'py>(
     py: Python<'py>,
@@ -205,10 +205,10 @@ pub fn plan_speeds<'py>(
     array(py, &[route.legs()], route.speeds().to_vec())
 }
 
-/// The index of a track, and where its scores, its plan and the reason go.
+/// Index of a track, and the places for its scores, its plan and the reason.
 type Row<'a> = (usize, ((&'a mut [f64], &'a mut i64), &'a mut i64));
 
-/// Mean scores (..., M) of tracks (..., N) against M plans, the plan of each, and why.
+/// Mean scores (..., M) of tracks (..., N) for M plans, the plan of each track, and the reason.
 #[pyfunction]
 pub fn correlate<'py>(
     py: Python<'py>,
@@ -243,8 +243,8 @@ pub fn correlate<'py>(
     Ok((scores, chosen, status))
 }
 
-/// Legs, along-track and cross-track distances, cumulative sums, and whether it conforms and may be
-/// turning, of every sighting of a track; nan, no leg and no conformance where there is none.
+/// For every sighting of a track: leg, along-track and cross-track distance, cumulative sum, whether the
+/// track conforms and whether it may be turning. Without a sighting: nan, no leg, and no conformance.
 #[pyfunction]
 #[allow(clippy::type_complexity)] // what Python unpacks
 pub fn conformance<'py>(

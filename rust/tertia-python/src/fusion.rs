@@ -13,7 +13,7 @@ use pyo3::prelude::*;
 use tertia::fusion::Rule;
 
 const VARIANCE: &str = "measurement_variance";
-/// What it must be.
+/// Requirement for variances.
 const POSITIVE: &str = "it must be a positive number from 1e-100 to 1e100";
 
 fn rule(name: &str) -> PyResult<Rule> {

@@ -1,4 +1,4 @@
-//! Bindings of `tertia::geo`. Latitudes and longitudes are radians.
+//! Bindings of `tertia::geo`. Latitudes and longitudes are in radians.
 
 use crate::arrays::{Array, Input, Output, array, release};
 use numpy::PyReadonlyArray1;
@@ -6,10 +6,10 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::geo::{self as core, Geodetic, LocalFrame, SystemPlane, View, ellipsoid, states};
 
-/// Cost of a point, for the choice of releasing the interpreter's lock.
+/// Cost of a point, for the decision whether to release the interpreter's lock.
 const POINT_NS: f64 = 200.0;
 
-/// Calls `work` on each row of M numbers and returns the K of each.
+/// Calls `work` on each row of M numbers, and returns the K results of each.
 fn each<'py, const M: usize, const K: usize>(
     py: Python<'py>,
     points: &Input<'_>,
@@ -34,13 +34,13 @@ fn numbers(place: Geodetic) -> [f64; 3] {
     [place.latitude, place.longitude, place.height]
 }
 
-/// Geocentric positions of latitudes, longitudes and heights.
+/// Converts latitudes, longitudes and heights to geocentric positions.
 #[pyfunction]
 pub fn geodetic_to_ecef<'py>(py: Python<'py>, points: Input<'py>) -> PyResult<Output<'py>> {
     each(py, &points, |point| ellipsoid::to_ecef(&place(point)))
 }
 
-/// Latitudes, longitudes and heights of geocentric positions.
+/// Converts geocentric positions to latitudes, longitudes and heights.
 #[pyfunction]
 pub fn ecef_to_geodetic<'py>(py: Python<'py>, points: Input<'py>) -> PyResult<Output<'py>> {
     each(py, &points, |point: [f64; 3]| {
@@ -51,12 +51,12 @@ pub fn ecef_to_geodetic<'py>(py: Python<'py>, points: Input<'py>) -> PyResult<Ou
     })
 }
 
-/// A local frame, or a system plane.
+/// A local frame or a system plane.
 #[pyclass(frozen, module = "tertia._core")]
 pub struct Frame(core::Frame);
 
 impl Frame {
-    /// The local frame of its origin.
+    /// Returns the local frame at the origin.
     fn site(&self) -> LocalFrame {
         LocalFrame::new(self.0.origin())
     }
@@ -80,19 +80,19 @@ impl Frame {
         })
     }
 
-    /// Coordinates of geocentric positions, (N, 3).
+    /// Converts geocentric positions to coordinates, (N, 3).
     #[allow(clippy::wrong_self_convention)] // the frame converts from
     fn from_ecef<'py>(&self, py: Python<'py>, points: Input<'py>) -> PyResult<Output<'py>> {
         each(py, &points, |point| self.0.from_ecef(&point))
     }
 
-    /// Geocentric positions of coordinates, (N, 3).
+    /// Converts coordinates to geocentric positions, (N, 3).
     fn to_ecef<'py>(&self, py: Python<'py>, points: Input<'py>) -> PyResult<Output<'py>> {
         each(py, &points, |point| self.0.to_ecef(point))
     }
 
-    /// Latitudes, longitudes and heights of ranges, azimuths and heights, (N, 3); nan where there
-    /// are none.
+    /// Converts ranges, azimuths and heights to latitudes, longitudes and heights, (N, 3); nan if there
+    /// is no such place.
     fn polar_to_geodetic<'py>(&self, py: Python<'py>, points: Input<'py>) -> PyResult<Output<'py>> {
         let site = self.site();
         each(py, &points, |[range, azimuth, height]| {
@@ -100,13 +100,13 @@ impl Frame {
         })
     }
 
-    /// Ranges, azimuths and elevations of latitudes, longitudes and heights, (N, 3).
+    /// Converts latitudes, longitudes and heights to ranges, azimuths and elevations, (N, 3).
     fn geodetic_to_polar<'py>(&self, py: Python<'py>, points: Input<'py>) -> PyResult<Output<'py>> {
         let site = self.site();
         each(py, &points, |point| site.geodetic_to_polar(&place(point)))
     }
 
-    /// Scale and azimuth of true north at coordinates of a plane, (N, 2).
+    /// Scale, and azimuth of true north, at coordinates of a plane, (N, 2).
     fn scale_and_convergence<'py>(
         &self,
         py: Python<'py>,
@@ -116,7 +116,7 @@ impl Frame {
         each(py, &points, |[u, v, height]| plane.scale_and_convergence(u, v, height))
     }
 
-    /// Moves states (N, 3, 6 or 9) to another frame, with their covariances where there are any.
+    /// Converts states (N, 3, 6 or 9) to another frame, with their covariances if there are any.
     fn transform<'py>(
         &self,
         py: Python<'py>,
@@ -159,7 +159,8 @@ impl Frame {
     }
 }
 
-/// Polar states (N, 6) about the radar as those of east and north, and the derivatives (N, 6, 6).
+/// Converts polar states (N, 6) relative to the radar to states of east and north, with the derivatives
+/// (N, 6, 6).
 #[pyfunction]
 pub fn polar_states<'py>(
     py: Python<'py>,
@@ -175,13 +176,13 @@ pub fn polar_states<'py>(
     ))
 }
 
-/// The reverse; nan at the radar.
+/// Converts states of east and north to polar states; nan at the radar.
 #[pyfunction]
 pub fn cartesian_states<'py>(py: Python<'py>, points: Input<'py>) -> PyResult<Output<'py>> {
     each(py, &points, |state| states::to_polar(&state).unwrap_or([f64::NAN; states::SIZE]))
 }
 
-/// Heights of pressure altitudes (N,), with QNH, deviation from the standard, and undulation.
+/// Heights of pressure altitudes (N,), with QNH, temperature deviation from the standard, and undulation.
 #[pyfunction]
 pub fn pressure_heights<'py>(
     py: Python<'py>,
@@ -194,7 +195,7 @@ pub fn pressure_heights<'py>(
     array(py, &[altitude.len()], altitude.iter().map(|&altitude| air.height(altitude)))
 }
 
-/// The views of sites, as latitude, longitude and height, in a plane.
+/// Creates the views of sites, given by latitude, longitude and height, in a plane.
 fn views(sites: &Input<'_>, plane: &Frame) -> PyResult<Vec<View>> {
     let plane = plane.plane()?;
     let sites = sites.points::<3>("sites", 1)?;
@@ -213,8 +214,8 @@ fn chosen<'a>(
     Err(PyValueError::new_err("there must be the index of a site for each plot"))
 }
 
-/// Plots (N, 3) of range, azimuth and height in a system plane: u and v, and their derivatives by
-/// range, azimuth and height; (N, 8), nan where there are none.
+/// Converts plots (N, 3) of range, azimuth and height to a system plane: u and v, and their derivatives by
+/// range, azimuth and height, (N, 8); nan if there is no such position.
 #[pyfunction]
 pub fn plots_in_plane<'py>(
     py: Python<'py>,
@@ -238,8 +239,8 @@ pub fn plots_in_plane<'py>(
     Ok(out)
 }
 
-/// Plots (N, 3) as radars in the flat plane at their sites would measure them: range and azimuth,
-/// (N, 2); those without a height are taken to be at `level`, (N,).
+/// Converts plots (N, 3) to the range and azimuth, (N, 2), that radars in a flat plane at their sites would
+/// measure; plots without a height are assumed to be at `level`, (N,).
 #[pyfunction]
 pub fn plots_flattened<'py>(
     py: Python<'py>,

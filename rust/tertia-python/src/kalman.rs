@@ -14,12 +14,12 @@ use tertia::kalman::{
     Transition,
 };
 
-/// Cost of a step of the filter, for the choice of threads.
+/// Cost of a step of the filter, which determines the number of threads.
 const FILTER_NS: f64 = 20.0;
-/// Cost of a step of the smoother, likewise.
+/// Cost of a step of the smoother, which determines the number of threads.
 const SMOOTH_NS: f64 = 120.0;
 
-/// What is taken from a `SingerModel`.
+/// Parameters taken from a `SingerModel`.
 #[derive(Clone, Copy, FromPyObject)]
 pub struct Model {
     dt: f64,
@@ -32,7 +32,7 @@ pub fn singer(model: Model) -> PyResult<Singer> {
     Singer::try_new(model.alpha, model.acceleration_sigma, model.exact).map_err(value_error)
 }
 
-/// The step over `dt`, or the usual one.
+/// Returns the step over `dt`, or the usual step.
 pub fn over(dt: Option<f64>, singer: &Singer, usual: Transition) -> PyResult<Transition> {
     dt.map_or(Ok(usual), |dt| singer.over(dt).map_err(value_error))
 }
@@ -50,7 +50,7 @@ pub fn steady_state(model: Model, variance: f64) -> PyResult<([f64; 3], [f64; 6]
     kalman::steady_state(&singer(model)?, model.dt, variance).map_err(value_error)
 }
 
-/// Bounds of the mean of so many normalised squared errors.
+/// Bounds of the mean of this number of normalised squared errors.
 #[pyfunction]
 pub fn consistency_bounds(
     py: Python<'_>,
@@ -63,7 +63,7 @@ pub fn consistency_bounds(
 }
 
 /// A batch of series; `variance`, `dt` and `initial` (mean, then covariance row by row) may have a
-/// single row for all.
+/// single row for all series.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Batch<'py> {
@@ -76,7 +76,7 @@ pub struct Batch<'py> {
 }
 
 impl Batch<'_> {
-    /// The rows, contiguous.
+    /// Returns the rows, contiguous.
     fn rows(&self) -> PyResult<Inputs<'_>> {
         let initial = self.initial.as_ref();
         Ok(Inputs {
@@ -108,12 +108,12 @@ fn table<'a>(rows: &'a Rows<'_>) -> Table<'a> {
     Table::new(&rows.values, rows.len())
 }
 
-/// What the kernel fills: means, upper triangles of covariances, innovations and their variances of
-/// all steps; without steps where `store` leaves them out.
+/// Arrays that the kernel fills: means, upper triangles of covariances, innovations and their variances for
+/// all steps; those that `store` leaves out have no steps.
 type Filled<'py> = [PyReadwriteArrayDyn<'py, f64>; 4];
 
-/// Fills the states of all steps; returns last means and covariances, logarithms of the likelihood,
-/// and numbers of innovations.
+/// Fills the states of all steps; returns the last means and covariances, the log-likelihoods,
+/// and the numbers of innovations.
 #[pyfunction]
 pub fn filter_series<'py>(
     py: Python<'py>,
@@ -152,7 +152,7 @@ pub fn filter_series<'py>(
     Ok((last, array(py, inputs.z.batch(), ends().map(|end| end.count as i64))?))
 }
 
-/// Smoothed states: means and upper triangles of covariances of all steps.
+/// Smoothed states: means and upper triangles of covariances for all steps.
 #[pyfunction]
 pub fn smooth_series<'py>(
     py: Python<'py>,
@@ -170,11 +170,11 @@ pub fn smooth_series<'py>(
     Ok((mean, covariance))
 }
 
-/// Alpha, acceleration sigma, sigma of the plots; their sigmas; that of the density; log L, number
-/// of innovations, and names of limits.
+/// Alpha, acceleration sigma and sigma of the plots; their sigmas; sigma of the density; log-likelihood,
+/// number of innovations, and names of the parameters at a limit.
 type Fit = ([f64; 3], [f64; 3], f64, f64, usize, Vec<&'static str>);
 
-/// The noise and the motion of a recording, and which of its plots were left out. `dt` may be one
+/// Noise and motion model estimated from a recording, and which of its plots were left out. `dt` may be one
 /// number, or one row for all.
 #[pyfunction]
 pub fn fit_noise<'py>(
@@ -199,12 +199,12 @@ pub fn fit_noise<'py>(
     Ok((found, array(py, z.shape, outlier)?))
 }
 
-/// Fails where a period is given that cannot be one.
+/// Returns an error if a period is given that is invalid.
 pub fn check_period(period: Option<f64>) -> PyResult<()> {
     period.map_or(Ok(()), kalman::require_period).map_err(value_error)
 }
 
-/// The model of a `SingerModel`, and its step.
+/// Returns the model of a `SingerModel`, and its step.
 pub fn extract_model(model: &Bound<'_, PyAny>) -> PyResult<(Singer, Transition)> {
     let model: Model = model.extract().map_err(|_| {
         PyTypeError::new_err(format!("model is {model:?}; it must be a SingerModel"))
@@ -213,14 +213,14 @@ pub fn extract_model(model: &Bound<'_, PyAny>) -> PyResult<(Singer, Transition)>
     Ok((singer, singer.over(model.dt).map_err(value_error)?))
 }
 
-/// A filter that is fed plot by plot, for embedding.
+/// A filter that is updated plot by plot, for embedding.
 ///
-/// It can be pickled and copied; a step that fails leaves it as it was.
+/// It can be pickled and copied; a step that fails does not change it.
 ///
 /// Parameters
 /// ----------
 /// model : SingerModel
-///     How the target moves; `model.dt` is the time of a step unless another is given.
+///     Model of the target's motion; `model.dt` is the time of a step unless another is given.
 /// measurement_variance : float
 ///     Variance of a plot's noise, unless another is given with the plot.
 /// period : float, optional
@@ -233,9 +233,9 @@ pub fn extract_model(model: &Bound<'_, PyAny>) -> PyResult<(Singer, Transition)>
 /// mean : ndarray of shape (3,)
 ///     Angle, rate and acceleration.
 /// covariance : ndarray of shape (3, 3)
-///     inf where something is unknown.
+///     Covariance of `mean`; inf for unknown components.
 /// innovation, innovation_variance : float
-///     Of the last plot; nan if there was none, or nothing to predict it from.
+///     Innovation of the last plot; nan if there was no plot, or nothing to predict it from.
 ///
 /// Raises
 /// ------
@@ -255,23 +255,23 @@ pub fn extract_model(model: &Bound<'_, PyAny>) -> PyResult<(Singer, Transition)>
 /// 1.11
 #[pyclass(module = "tertia.kalman")]
 pub struct AngleFilter {
-    /// As given, for the pickle.
+    /// The model as given, for pickling.
     given: Py<PyAny>,
     singer: Singer,
     variance: f64,
     period: Option<f64>,
-    /// Over `dt`.
+    /// The transition over `dt`.
     transition: Transition,
     filter: Filter,
     innovation: Innovation,
 }
 
-/// What is pickled besides the arguments: the filter, innovation and its variance.
+/// Pickled in addition to the arguments: the filter, the innovation and its variance.
 type Saved = (Vec<f64>, f64, f64);
 type NewArguments<'py> = ((Py<PyAny>, f64), Bound<'py, PyDict>);
 
 impl AngleFilter {
-    /// The filter and its innovation after a plot.
+    /// Returns the filter and its innovation after a plot.
     fn after(
         &self,
         mut filter: Filter,
@@ -315,7 +315,7 @@ impl AngleFilter {
         })
     }
 
-    /// Go on in time by `dt`, by default that of the model.
+    /// Predict the state after `dt`, by default the time step of the model.
     #[pyo3(signature = (dt=None))]
     fn predict(&mut self, dt: Option<f64>) -> PyResult<()> {
         let transition = over(dt, &self.singer, self.transition)?;
@@ -324,14 +324,14 @@ impl AngleFilter {
         Ok(())
     }
 
-    /// Take in a plot (nan: none) and return the angle.
+    /// Update the filter with a plot (nan: none) and return the angle.
     #[pyo3(signature = (z, measurement_variance=None))]
     fn update(&mut self, z: f64, measurement_variance: Option<f64>) -> PyResult<f64> {
         (self.filter, self.innovation) = self.after(self.filter, z, measurement_variance)?;
         Ok(self.angle())
     }
 
-    /// Go on in time by `dt`, take in a plot (nan: none) and return the angle.
+    /// Predict the state after `dt`, update it with a plot (nan: none) and return the angle.
     #[pyo3(signature = (z, measurement_variance=None, dt=None))]
     fn step(
         &mut self,
@@ -345,7 +345,7 @@ impl AngleFilter {
         Ok(self.angle())
     }
 
-    /// Start again from a mean, of shape (3,), and a covariance, of shape (3, 3).
+    /// Restart from a mean, of shape (3,), and a covariance, of shape (3, 3).
     fn set_state(&mut self, mean: [f64; 3], covariance: [[f64; 3]; 3]) -> PyResult<()> {
         let state = State::try_new(mean, &covariance).map_err(value_error)?;
         self.filter = Filter::from_state(state, self.period);

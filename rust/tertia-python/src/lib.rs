@@ -1,4 +1,5 @@
-//! Python bindings of Tertia: arrays in, GIL released, kernel, arrays out. No arithmetic here.
+//! Python bindings of Tertia. They convert arrays, release the GIL and call kernels; there is no
+//! arithmetic here.
 
 mod arrays;
 mod association;

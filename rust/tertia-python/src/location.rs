@@ -26,10 +26,10 @@ type Located<'py> = (
     [[f64; KINDS]; 4],
     ((f64, f64), Option<Blown<'py>>),
 );
-/// A wind in units of the speed, its covariance, and the measurements as they would be in still air.
+/// A wind in units of the signal speed, its covariance, and the measurements converted to still air.
 type Blown<'py> = ([f64; 2], [[f64; 2]; 2], Array<'py>);
 
-/// Positions, covariances, residuals and marks of outliers, and what besides came out.
+/// Positions, covariances, residuals, marks of outliers, and the complete results.
 struct Found<'py> {
     position: Output<'py>,
     covariance: Output<'py>,
@@ -38,7 +38,7 @@ struct Found<'py> {
     fixes: Vec<Fix>,
 }
 
-/// Cost of an instant per measurement, for the choice of threads.
+/// Cost of an instant per measurement, which determines the number of threads.
 const LOCATE_NS: f64 = 500.0;
 const ACCURACY_NS: f64 = 30.0;
 
@@ -53,7 +53,7 @@ fn method(name: &str, redundancy: usize) -> PyResult<Method> {
     choice("method", name, &choices)
 }
 
-/// Stations and dimensions of positions (..., K, D).
+/// Number of stations and of dimensions of positions (..., K, D).
 fn size(stations: &Input<'_>) -> PyResult<(usize, usize)> {
     match stations.shape() {
         [.., k, d @ (2 | 3)] if *k > 0 => Ok((*k, *d)),
@@ -63,14 +63,14 @@ fn size(stations: &Input<'_>) -> PyResult<(usize, usize)> {
     }
 }
 
-/// A height and its standard deviation; none where it is nan.
+/// Returns a height and its standard deviation; `None` if the height is nan.
 fn known_height(row: &[f64]) -> Option<(f64, f64)> {
     (!row[0].is_nan()).then(|| (row[0], row[1]))
 }
 
-/// What was measured at the instants of a batch: rows of each, or one row for all.
+/// The measurements of the instants of a batch: one row for each instant, or one for all.
 struct Batch<'a> {
-    /// Stations, and dimensions of positions.
+    /// Number of stations, and of dimensions of positions.
     k: usize,
     d: usize,
     stations: Rows<'a>,
@@ -110,8 +110,8 @@ impl<'a> Batch<'a> {
         })
     }
 
-    /// The same with standard deviations of the stations' coordinates, heights with theirs, and
-    /// positions where the search begins.
+    /// Adds standard deviations of the coordinates of the stations, heights with their standard
+    /// deviations, and positions at which the search begins.
     fn with(
         self,
         surveys: Option<&'a Input<'_>>,
@@ -145,7 +145,7 @@ impl<'a> Batch<'a> {
         (0..self.count()).map(|i| self.instant(i)).collect()
     }
 
-    /// What `work` writes for every instant; `nanoseconds` is the cost of one.
+    /// Returns what `work` writes for every instant; `nanoseconds` is the cost of one instant.
     fn each<T: Clone + Send>(
         &self,
         py: Python<'_>,
@@ -168,8 +168,8 @@ impl<'a> Batch<'a> {
     }
 }
 
-/// Problems, degrees of freedom, chi-square, p-values, dilutions, estimated standard deviations,
-/// emissions and their standard deviations.
+/// Returns status, degrees of freedom, chi-square, p-value, dilution, estimated standard deviation, emission
+/// and its standard deviation of each fix.
 pub fn fix_columns<'py>(
     py: Python<'py>,
     batch: &[usize],
@@ -188,12 +188,12 @@ pub fn fix_columns<'py>(
     columns(py, batch, fixes, of)
 }
 
-/// Positions, covariances, residuals, marks; and problems, degrees of freedom, chi-square,
-/// p-values, dilutions, estimated standard deviations, emissions and theirs. `robustness` is the
-/// method and the degrees of freedom that it needs; `differences` tells whether late arrivals are
-/// likelier outliers, and how range differences correlate. Last come the share by which signals are
-/// faster than stated, its standard deviation, and the wind, if there may be one. `medium` has the standard
-/// deviations before, of the share and of the wind in units of the speed.
+/// Positions, covariances, residuals and marks of outliers; and the columns of `fix_columns`.
+/// `robustness` is the method and the degrees of freedom that it requires; `differences` contains whether
+/// late arrivals are more likely to be outliers, and the correlation of range differences. The last
+/// results are the share by which signals are faster than stated, its standard deviation, and the wind,
+/// if wind is allowed. `medium` contains the prior standard deviations of the share, and of the wind in
+/// units of the signal speed.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)] // the Python signature
 pub fn locate<'py>(
@@ -271,7 +271,7 @@ pub fn locate<'py>(
     ))
 }
 
-/// Finds speed and wind, and converts measurements to still air and that speed.
+/// Estimates the signal speed and the wind, and converts the measurements to still air and that speed.
 fn find_medium(
     py: Python<'_>,
     locator: &Locator,
@@ -292,7 +292,7 @@ fn find_medium(
     Ok((found.speed, found.wind))
 }
 
-/// Finds by how much instants contradict stated standard deviations, and adapts these and the
+/// Estimates how much the instants contradict the stated standard deviations, and adapts these and the
 /// locator.
 fn adapt(
     py: Python<'_>,
@@ -387,8 +387,8 @@ fn locate_batch<'py>(
     Ok(Found { position, covariance, residual, outlier, fixes })
 }
 
-/// Covariances and dilutions at positions, of stations with their axes, and of the standard deviations
-/// of measurements and of surveys.
+/// Covariances and dilutions at positions, for stations with their axes, and for standard deviations of the
+/// measurements and of the positions of stations.
 #[pyfunction]
 pub fn location_accuracy<'py>(
     py: Python<'py>,
@@ -432,7 +432,7 @@ pub fn location_accuracy<'py>(
     Ok((covariance, dilution))
 }
 
-/// What stations measure of positions (..., D) without errors, (..., kinds, K).
+/// Measurements that stations would make of positions (..., D) without errors, (..., kinds, K).
 #[pyfunction]
 pub fn predicted<'py>(
     py: Python<'py>,

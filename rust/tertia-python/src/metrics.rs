@@ -4,10 +4,10 @@ use crate::arrays::{Array, Input, array, release, value_error};
 use pyo3::prelude::*;
 use tertia::metrics::{self, POWERS, Worth};
 
-/// Cost of a row and axis over all models, for the release of the lock.
+/// Cost of a row and axis over all models, for the decision whether to release the interpreter's lock.
 const ROW_NS: f64 = 2000.0;
 
-/// Probabilities of models of how long errors last, and rows that are worth one independent value.
+/// Probabilities of models of how long errors last, and numbers of rows that are worth one independent value.
 #[pyfunction]
 pub fn lasting<'py>(
     py: Python<'py>,
@@ -24,7 +24,8 @@ pub fn lasting<'py>(
     Ok((array(py, &shape[..1], found.probability)?, rows))
 }
 
-/// How many independent values a record may be worth: numbers, probabilities, degrees of freedom.
+/// Distribution of the number of independent values that a record is worth: numbers, probabilities,
+/// degrees of freedom.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Record<'py> {
@@ -60,7 +61,7 @@ pub fn share_interval(share: f64, worth: Record<'_>, confidence_level: f64) -> P
     worth.with(|worth| metrics::share_interval(share, worth, confidence_level))
 }
 
-/// Shares that may be observed of what has a probability.
+/// Range of shares that may be observed for an event of this probability.
 #[pyfunction]
 pub fn rank_interval(
     probability: f64,
@@ -70,8 +71,8 @@ pub fn rank_interval(
     worth.with(|worth| metrics::rank_interval(probability, worth, confidence_level))
 }
 
-/// Weights of the powers of the correlation of normal variables of which the indicator of a sum of
-/// `axes` squares, or of one variable (0 axes), below its quantile has the correlation.
+/// Weights of the powers of the correlation of normal variables, whose sum is the correlation of two
+/// indicators: that a sum of `axes` squares, or (0 axes) one variable, is below its quantile.
 #[pyfunction]
 pub fn indicator_powers(axes: usize, probability: f64) -> PyResult<Vec<f64>> {
     metrics::indicator_powers(axes, probability).map(Vec::from).map_err(value_error)

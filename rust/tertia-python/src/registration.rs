@@ -9,14 +9,15 @@ use tertia::registration::{
     self as core, Alone, Common, ERRORS, Level, Place, PolarPlot, Report, Row, TargetPlot,
 };
 
-/// Cost of a row of a table or an instant of a radar, for releasing the interpreter's lock.
+/// Cost of a row of a table or an instant of a radar, for the decision whether to release the
+/// interpreter's lock.
 const ROW_NS: f64 = 500.0;
-/// Cost of a plot in blocks.
+/// Cost of a plot in a block.
 const BLOCK_NS: f64 = 5000.0;
 
 type Levels<'py> = [Array<'py>; 2];
 
-/// A table of tracks, of which these columns count.
+/// The columns of a table of tracks that registration reads.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Table<'py> {
@@ -40,7 +41,7 @@ pub struct States<'py> {
     covariance: Input<'py>,
 }
 
-/// Plots that updated the tracks of one radar, and the rows that they updated.
+/// Plots that updated the tracks of one radar, and the rows of these updates.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Updates<'py> {
@@ -64,7 +65,7 @@ pub struct TargetPlots<'py> {
     azimuth: Input<'py>,
     height: Input<'py>,
     turn_probability: Input<'py>,
-    /// (N, 2), and their covariances, (N, 2, 2), of sensors that report positions.
+    /// Positions (N, 2); below, their covariances (N, 2, 2). For sensors that report positions.
     position: Option<Input<'py>>,
     covariance: Option<Input<'py>>,
 }
@@ -134,7 +135,7 @@ impl TargetPlots<'_> {
 }
 
 impl TargetPlots<'_> {
-    /// The positions of so many plots, of those that have one.
+    /// Returns the positions of this number of plots; `None` for plots without one.
     fn places(&self, count: usize) -> PyResult<Option<Vec<Option<Place>>>> {
         let Some(position) = &self.position else { return Ok(None) };
         let position = position.points::<2>("position", 1)?;
@@ -168,7 +169,7 @@ impl LoneTracks<'_> {
     }
 }
 
-/// The number of a radar, of so many.
+/// Checks the index of a radar.
 fn number(sensor: i64, radars: usize) -> PyResult<usize> {
     let inside = usize::try_from(sensor).ok().filter(|&k| k < radars);
     inside.ok_or_else(|| PyValueError::new_err(format!("sensor is {sensor}; there are {radars}")))
@@ -192,8 +193,8 @@ pub(crate) fn same_length(count: usize, others: &[usize]) -> PyResult<()> {
     Ok(())
 }
 
-/// Standard deviations of range and azimuth with their errors, of the whole recording, (2,), and in
-/// the stretches of time between `edges`, (T, 2).
+/// Standard deviations of range and azimuth with their errors: for the whole recording, (2,), and for
+/// the periods between `edges`, (T, 2).
 #[pyfunction]
 pub fn register_noise<'py>(
     py: Python<'py>,
@@ -234,7 +235,7 @@ pub fn register_noise<'py>(
     Ok([levels(&[found.whole], &[2])?, levels(&found.stretches, &[found.stretches.len(), 2])?])
 }
 
-/// Times (M,) and tracks (M,) of common instants; states (M, K, 4) with covariances, nan where a
+/// Times (M,) and tracks (M,) of common instants; states (M, K, 4) with covariances, nan if a
 /// radar has no track, and those of the joint track.
 #[pyfunction]
 #[allow(clippy::type_complexity)] // what Python unpacks
@@ -264,11 +265,11 @@ pub fn common_states<'py>(
     ))
 }
 
-/// Errors (T, K, 4) of radars in periods and their standard deviations, covariance of the last ones
-/// (4 K, 4 K), noise over what is stated and the redundant measurements that it is of, (K, 2); the
-/// first period after each sudden change and the radar; and the blocks that were used and that fit no
-/// motion. `prior` are means, standard deviations and rates of the drift, (K, 4); the errors are sought
-/// from `start` (T K, 4) on.
+/// Errors (T, K, 4) of radars in periods and their standard deviations; covariance of the last errors (4
+/// K, 4 K); ratio of the noise to the stated noise, and the number of redundant measurements behind it,
+/// (K, 2); the first period after each sudden change and its radar; the number of blocks that were used,
+/// and of those that fit no motion. `prior` contains means, standard deviations and rates of drift, (K,
+/// 4); the search for the errors begins at `start` (T K, 4).
 #[pyfunction]
 #[allow(clippy::type_complexity)] // what Python unpacks
 pub fn register_errors<'py>(
@@ -307,7 +308,7 @@ pub fn register_errors<'py>(
         [
             array(py, &[periods, k, ERRORS], flat(found.errors))?,
             array(py, &[periods, k, ERRORS], flat(found.sigmas))?,
-            // symmetric: columns are rows
+            // symmetric, so columns take the place of rows
             array(py, &[order, order], found.covariance.as_slice().to_vec())?,
             array(py, &[k, 2], found.factor.into_flattened())?,
             array(py, &[k, 2], found.redundancy.into_flattened())?,
@@ -318,7 +319,7 @@ pub fn register_errors<'py>(
 }
 
 /// Errors (K, 4) from which a registration starts, the standard deviations of its prior and of the
-/// errors, and how many targets each radar has in common with others.
+/// errors, and the number of targets that each radar has in common with others.
 #[pyfunction]
 pub fn register_start<'py>(
     py: Python<'py>,
@@ -341,7 +342,7 @@ pub fn register_start<'py>(
 }
 
 /// Constant and coefficients of a sensor's error, their covariance, the variance of its drift, its
-/// correlation time, and the variance of what varies with the direction besides: from differences at
+/// correlation time, and the remaining variance that depends on the direction: estimated from residuals at
 /// these times in these directions.
 #[pyfunction]
 pub fn calibrate<'py>(
@@ -376,7 +377,7 @@ pub fn calibrate<'py>(
     ))
 }
 
-/// States (M, K, 4) and covariances with errors (K, 4) removed and standard deviations scaled by
+/// States (M, K, 4) and covariances after removing errors (K, 4) and scaling the standard deviations by
 /// factors (M, K, 2) along the range and across it.
 #[pyfunction]
 pub fn correct_states<'py>(

@@ -14,17 +14,18 @@ use tertia::screening::{
     MovingWorkspace, Replacement, Statistics, Summary, Test,
 };
 
-/// Cost of the streaming kernels per measurement, for the choice of threads.
+/// Cost of the streaming kernels per measurement. This and the following costs determine the number of
+/// threads.
 const STREAM_NS: f64 = 1.0;
-/// Cost of the kernels that write a cleaned sample, likewise.
+/// Cost of the kernels that write a cleaned sample, per measurement.
 const SCREEN_NS: f64 = 3.0;
-/// Cost of the burst detection, likewise.
+/// Cost of the detection of bursts, per measurement.
 const BURST_NS: f64 = 60.0;
-/// Cost of a measurement and tap of a moving polynomial, likewise.
+/// Cost of a moving polynomial, per measurement and tap.
 const MOVING_NS: f64 = 15.0;
-/// Cost of an incomplete beta function, likewise.
+/// Cost of an incomplete beta function.
 const TAIL_NS: f64 = 500.0;
-/// Cost of a sine, a cosine and a median, likewise.
+/// Cost of a sine, a cosine and a median.
 const ANGLE_NS: f64 = 40.0;
 
 type Two<'py> = (Output<'py>, Output<'py>);
@@ -40,7 +41,7 @@ pub fn leave_one_out_statistics<'py>(
     two_columns(py, &y, STREAM_NS, n_threads, screening::statistics)
 }
 
-/// Two numbers for every measurement.
+/// Computes two numbers for every measurement.
 fn two_columns<'py>(
     py: Python<'py>,
     y: &Input<'py>,
@@ -64,7 +65,7 @@ pub fn leave_one_out_mask<'py>(
     k: f64,
     n_threads: Threads,
 ) -> PyResult<Output<'py, bool>> {
-    // also where there is no row to find it out
+    // also checks k if there are no rows
     LeaveOneOutRule::try_new(k, Statistics::Frozen, Direction::Forward, true, 1)
         .map_err(value_error)?;
     let rows = y.samples("y", 3)?;
@@ -81,7 +82,7 @@ pub fn leave_one_out_mask<'py>(
     Ok(outlier)
 }
 
-/// Screening by the leave-one-out rule.
+/// Screens by the leave-one-out rule.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)] // the Python signature
 pub fn leave_one_out<'py>(
@@ -107,7 +108,7 @@ pub fn leave_one_out<'py>(
     screen(py, &y, 3, SCREEN_NS, omit, n_threads, Vec::new, kernel)
 }
 
-/// Screening by the k-sigma rule.
+/// Screens by the k-sigma rule.
 #[pyfunction]
 pub fn k_sigma<'py>(
     py: Python<'py>,
@@ -130,7 +131,7 @@ pub fn k_sigma<'py>(
     screen(py, &y, 2, SCREEN_NS, omit, n_threads, Vec::new, kernel)
 }
 
-/// Detection of points and bursts.
+/// Detects points and bursts.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)] // the Python signature
 pub fn bursts<'py>(
@@ -154,7 +155,7 @@ pub fn bursts<'py>(
     screen(py, &y, 3, BURST_NS, omit, n_threads, BurstWorkspace::default, kernel)
 }
 
-/// Screening by a moving polynomial. `time` may have one row for all.
+/// Screens by a moving polynomial. `time` may have one row for all.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)] // the Python signature
 pub fn moving_polynomial<'py>(
@@ -176,7 +177,7 @@ pub fn moving_polynomial<'py>(
     screen_rows(py, &y, 0, cost, n_threads, MovingWorkspace::default, kernel)
 }
 
-/// Runs a screening kernel over all rows, or over what is there of them.
+/// Runs a screening kernel over all rows, or over their measurements that are present.
 #[allow(clippy::too_many_arguments)] // what the three callers have in common
 fn screen<'py, S>(
     py: Python<'py>,
@@ -206,7 +207,7 @@ fn screen<'py, S>(
     })
 }
 
-/// Runs a screening kernel with the number of each row.
+/// Runs a screening kernel that also gets the index of each row.
 fn screen_rows<'py, S>(
     py: Python<'py>,
     y: &Input<'py>,
@@ -241,7 +242,7 @@ pub fn unwrap_about_median<'py>(
     period: f64,
     n_threads: Threads,
 ) -> PyResult<Output<'py>> {
-    // also where there is no row to find it out
+    // also checks the period if there are no rows
     screening::require_period(period).map_err(value_error)?;
     let rows = theta.rows("theta", 1)?;
     let mut unwrapped = rows.output(py)?;
@@ -252,7 +253,7 @@ pub fn unwrap_about_median<'py>(
     Ok(unwrapped)
 }
 
-/// Tests of `x[i]` against the others `y[row[i]]`, sigma known.
+/// Tests `x[i]` against the others `y[row[i]]` with known sigma.
 #[pyfunction]
 pub fn z_test<'py>(
     py: Python<'py>,
@@ -265,7 +266,7 @@ pub fn z_test<'py>(
     one_by_one(py, &x, &row, &y, 1, |i, x, others| screening::z_test(x, others, sigma[i]))
 }
 
-/// Tests of `x[i]` against the others `y[row[i]]`, sigma unknown.
+/// Tests `x[i]` against the others `y[row[i]]` with unknown sigma.
 #[pyfunction]
 pub fn t_test<'py>(
     py: Python<'py>,
@@ -276,10 +277,10 @@ pub fn t_test<'py>(
     one_by_one(py, &x, &row, &y, 2, |_, x, others| screening::t_test(x, others))
 }
 
-/// The index of a test, its value and row, and where its statistic and p-value go.
+/// Index of a test, its value and row, and the place for its statistic and p-value.
 type Job<'a> = ((usize, (&'a f64, &'a i64)), &'a mut (f64, f64));
 
-/// Moments of every row of y, once; then a test for every x.
+/// Computes the moments of every row of y once, and then a test for every x.
 fn one_by_one<'py>(
     py: Python<'py>,
     x: &PyReadonlyArray1<'py, f64>,
@@ -307,7 +308,7 @@ fn one_by_one<'py>(
     Ok(columns(py, &[x.len()], &results, [|r| r.0, |r| r.1])?.into())
 }
 
-/// One result for every row, in the order of the rows.
+/// Computes one result for every row, in the order of the rows.
 fn per_row<R: Clone + Send>(
     py: Python<'_>,
     rows: &Rows<'_>,

@@ -6,17 +6,17 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::sensors::{self, Identities, callsign_number, callsign_text};
 
-/// A callsign, with zeros at its end.
+/// A callsign, with trailing zeros.
 type Text = PyFixedUnicode<8>;
 
-/// A radar, checked.
+/// A radar, validated.
 #[pyclass(frozen, module = "tertia._core")]
 pub struct Radar(pub sensors::Radar);
 
 #[pymethods]
 impl Radar {
     /// Channels are primary, secondary and mode S, each with its detection probability, standard
-    /// deviations of range and azimuth, and false plots in a scan.
+    /// deviations of range and azimuth, and mean number of false plots in a scan.
     #[new]
     #[pyo3(signature = (
         *, position, range_sigma, azimuth_sigma, scan_period, max_range, detection_probability, resolution=None,
@@ -49,13 +49,13 @@ impl Radar {
     }
 }
 
-/// A channel by its numbers.
+/// Creates a channel from its numbers.
 fn channel([p, range_sigma, azimuth_sigma, clutter_per_scan]: [f64; 4]) -> sensors::Channel {
     let sigmas = [range_sigma, azimuth_sigma];
     sensors::Channel { detection_probability: p, sigmas, clutter_per_scan }
 }
 
-/// Columns of identities: numbers, addresses, codes and callsigns; none of kinds that are not known.
+/// Columns of identities: numbers, addresses, codes and callsigns; `None` for kinds that are unknown.
 #[derive(FromPyObject)]
 pub struct IdentityColumns<'py>(
     PyReadonlyArray1<'py, i64>,
@@ -64,7 +64,7 @@ pub struct IdentityColumns<'py>(
     Option<PyReadonlyArray1<'py, Text>>,
 );
 
-/// The same, as they are in memory.
+/// The columns of [`IdentityColumns`] in memory.
 pub struct IdentityView<'a> {
     identity: &'a [i64],
     icao_address: Option<&'a [i64]>,
@@ -73,7 +73,7 @@ pub struct IdentityView<'a> {
 }
 
 impl IdentityColumns<'_> {
-    /// The columns of so many rows.
+    /// Returns the columns; each must have this number of rows.
     pub fn read(&self, count: usize) -> PyResult<IdentityView<'_>> {
         let Self(identity, icao_address, mode_3a, callsign) = self;
         let view = IdentityView {
@@ -91,7 +91,7 @@ impl IdentityColumns<'_> {
 }
 
 impl IdentityView<'_> {
-    /// The identities of a row.
+    /// Returns the identities of a row.
     #[inline]
     pub fn get(&self, index: usize) -> Identities {
         Identities {
@@ -103,29 +103,28 @@ impl IdentityView<'_> {
     }
 }
 
-/// The texts of callsigns.
+/// Converts the numbers of callsigns to texts.
 pub fn callsigns(py: Python<'_>, numbers: impl Iterator<Item = i64>) -> Py<PyAny> {
     let texts = numbers.map(|number| PyFixedUnicode(callsign_text(number))).collect();
     PyArray1::<Text>::from_vec(py, texts).into_any().unbind()
 }
 
-/// The numbers of callsigns.
+/// Converts the texts of callsigns to numbers.
 pub fn callsign_numbers(texts: &PyReadonlyArray1<'_, Text>) -> PyResult<Vec<i64>> {
     Ok(texts.as_slice()?.iter().map(|text| callsign_number(text.0)).collect())
 }
 
-/// The number, the address, the code and the callsign of one target; negative, or empty, where there is
-/// none.
+/// Number, address, code and callsign of a target; negative or empty if unknown.
 pub type Named = (i64, i32, i16, String);
 
-/// The identities of one target.
+/// Converts the named identities of a target.
 pub fn identities_of((identity, icao_address, mode_3a, callsign): Named) -> Identities {
     let mut text = [0; 8];
     text.iter_mut().zip(callsign.chars()).for_each(|(letter, c)| *letter = c.into());
     Identities { identity, callsign: callsign_number(text), icao_address, mode_3a }
 }
 
-/// The same the other way round.
+/// Converts identities to named ones.
 pub fn named(of: &Identities) -> Named {
     let text = callsign_text(of.callsign).into_iter().filter_map(char::from_u32);
     let callsign = text.filter(|letter| *letter != '\0').collect();

@@ -9,10 +9,10 @@ use tertia::simulate::{
     self as core, Beam, Complex, Flight, Passing, Pilot, Process, Route, Sample, Wander,
 };
 
-/// Cost of a step of a flight, and of a meeting with a beam, for the choice of threads.
+/// Cost of a step of a flight, and of a passage of a beam, which determines the number of threads.
 const STEP_NS: f64 = 400.0;
 
-/// Flights along routes of at most M waypoints, (F, M), the last one repeated.
+/// Flights along routes of at most M waypoints, (F, M); shorter routes repeat their last waypoint.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Columns<'py> {
@@ -38,7 +38,7 @@ pub struct Columns<'py> {
 /// Transition and root of the covariance of a process.
 type Matrices = [[[f64; 2]; 2]; 2];
 
-/// Flights that go on step by step.
+/// Flights that advance step by step.
 #[pyclass(module = "tertia._core")]
 pub struct Flights {
     flights: Vec<Flight>,
@@ -59,8 +59,8 @@ impl Flights {
         Ok(Self { flights, samples })
     }
 
-    /// Goes on while there are normal numbers (B, 2, 2, F), those of the speed before those of
-    /// navigation; returns the steps until the last flight ended.
+    /// Advances as long as there are normal numbers (B, 2, 2, F), those for the speed before those for
+    /// navigation; returns the number of steps until the last flight ended.
     fn advance(&mut self, py: Python<'_>, noise: Input<'_>, n_threads: Threads) -> PyResult<usize> {
         let noise = noise.numbers("noise")?;
         let n = self.flights.len();
@@ -90,14 +90,14 @@ impl Flights {
         Ok(used.into_iter().max().unwrap_or(0))
     }
 
-    /// Whether a flight has not ended yet.
+    /// Whether any flight has not ended yet.
     #[getter]
     fn is_flying(&self) -> bool {
         self.flights.iter().any(|flight| flight.sample().is_some())
     }
 
-    /// Numbers of samples; positions and velocities (F, S, 2), rates of turn, heights (F, S), nan
-    /// after the end; whether they turn; when plans were left and met again.
+    /// Numbers of samples; positions and velocities (F, S, 2), rates of turn and heights (F, S), nan
+    /// after the end; whether the flights turn; times at which they left their plans and were back.
     #[allow(clippy::type_complexity)] // what Python unpacks
     fn samples<'py>(
         &self,
@@ -203,7 +203,7 @@ impl Columns<'_> {
     }
 }
 
-/// Traffic: (F,), (F,), and (F, S, 2), (F, S, 2), (F, S).
+/// Traffic: start and count (F,), position (F, S, 2), velocity (F, S, 2) and height (F, S).
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Traffic<'py> {

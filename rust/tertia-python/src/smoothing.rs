@@ -10,11 +10,11 @@ use tertia::smoothing::{
     Record, Smoothed, Summary, Track, Velocities, Workspace,
 };
 
-/// Cost of an instant and tap of the polynomial, for the choice of threads.
+/// Cost of an instant and tap of the polynomial, which determines the number of threads.
 const TAP_NS: f64 = 2.0;
-/// Cost of an instant of the smoother with a state of three, likewise.
+/// Cost of an instant of the smoother with a state of three, which determines the number of threads.
 const SMOOTH_NS: f64 = 500.0;
-/// Filters in a fit of the jerk.
+/// Number of filters in a fit of the jerk.
 const FIT: f64 = 20.0;
 
 type Fitted<'py> = (Output<'py>, Output<'py>, Output<'py, i64>, Array<'py>, Array<'py>);
@@ -23,7 +23,7 @@ type States<'py> = (Output<'py>, Output<'py>, Output<'py>, Output<'py, bool>);
 type Scalars<'py> = (Array<'py>, Integers<'py>, [Array<'py>; 8]);
 
 /// Value, sigma, degree, residual variance and degrees of freedom of every row. `time` and
-/// `variance` may have one row for all, `variance` one number in a row.
+/// `variance` may have one row for all, and `variance` one number per row.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)] // those of the Python function
 pub fn local_polynomial<'py>(
@@ -63,7 +63,7 @@ pub fn local_polynomial<'py>(
     Ok((value, sigma, used, residual_variance, degrees))
 }
 
-/// Tracks of D axes: `time`, `covariance`, `jerk` and `initial` (mean, then covariance row by row)
+/// Tracks of D axes; `time`, `covariance`, `jerk` and `initial` (mean, then covariance row by row)
 /// may have one row for all.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
@@ -81,8 +81,8 @@ pub struct Tracks<'py> {
     robust: bool,
 }
 
-/// Means, covariances, innovations and outliers; likelihood, count, jerk, noise of the
-/// acceleration, and what is found of noise.
+/// Means, covariances, innovations and outliers; log-likelihoods, counts, jerks, acceleration
+/// noise, and the estimated noise.
 #[pyfunction]
 pub fn smooth<'py>(
     py: Python<'py>,
@@ -143,8 +143,8 @@ pub fn smooth<'py>(
     Ok(((mean, matrices, innovation, outlier), scalars(py, y.batch(), &summaries)?))
 }
 
-/// Plots (N, D) without those that repeat the one before, and which these are; all of them unless they are
-/// looked for.
+/// Returns the plots (N, D) with repeated plots left out, and which these are. Repeated plots are left
+/// out only if `robust` is set.
 fn without_repeats<'a>(
     d: usize,
     y: &'a [f64],
@@ -160,7 +160,7 @@ fn without_repeats<'a>(
     (Cow::Owned(kept), repeats)
 }
 
-/// Of a track before it is smoothed.
+/// Result of a track that is not smoothed yet.
 fn unsmoothed() -> (Summary, NoiseFit) {
     let motion = ProcessNoiseFit { motion: ProcessNoise::with_jerk(0.0), relative_error: f64::NAN };
     let noise = NoiseFit {
@@ -173,7 +173,7 @@ fn unsmoothed() -> (Summary, NoiseFit) {
     (Summary { log_likelihood: 0.0, count: 0 }, noise)
 }
 
-/// Likelihoods, counts, and what was found of motion and noise.
+/// Log-likelihoods, counts, and the estimates of motion and noise.
 fn scalars<'py>(
     py: Python<'py>,
     batch: &[usize],

@@ -9,7 +9,7 @@ use pyo3::types::PyBytes;
 use tertia::registration::ERRORS;
 use tertia::tertiary::{Centre, Row, Rule, Settings, SystemTrack};
 
-/// Rows of tracks of sensors.
+/// Rows of the tracks of sensors.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct TrackRows<'py> {
@@ -57,12 +57,12 @@ impl TrackRows<'_> {
 }
 
 /// Numbers (N,), states (N, 4), covariances (N, 4, 4), p-values and heights (N,); tracks of the sensors
-/// (N, K), −1 for none; numbers, addresses, codes and callsigns, (N,); what is confirmed and what is
-/// doubtful, (N,).
+/// (N, K), −1 for none; numbers, addresses, codes and callsigns, (N,); whether targets are confirmed and
+/// whether they are doubtful, (N,).
 type Picture<'py> =
     (Integers<'py>, [Array<'py>; 4], Integers<'py>, [Integers<'py>; 3], Py<PyAny>, [Marks<'py>; 2]);
 
-/// The centre.
+/// The fusion centre.
 #[pyclass(module = "tertia._core")]
 pub struct FusionCentre {
     centre: Centre,
@@ -71,8 +71,8 @@ pub struct FusionCentre {
 
 #[pymethods]
 impl FusionCentre {
-    /// Errors (K, 4) as they are known before, their standard deviations, and the rates at which they
-    /// drift.
+    /// `mean`, `sigma` and `drift` are the prior means of the errors (K, 4), their standard deviations,
+    /// and the rates of their drift.
     #[new]
     fn new(
         radars: Vec<PyRef<'_, Radar>>,
@@ -105,7 +105,7 @@ impl FusionCentre {
         Ok(Self { centre, sensors })
     }
 
-    /// The picture of a time, by rows in any order.
+    /// Makes the picture at a time from rows in any order.
     fn update<'py>(
         &mut self,
         py: Python<'py>,
@@ -145,17 +145,17 @@ impl FusionCentre {
         ))
     }
 
-    /// Joins two targets, or keeps them apart; false where that cannot be.
+    /// Joins two targets, or keeps them separate; false if that is impossible.
     fn decide(&mut self, a: u64, b: u64, joined: bool) -> bool {
         self.centre.decide(a, b, joined)
     }
 
-    /// Forgets decisions; false where there is no such target.
+    /// Withdraws decisions; false if there is no such target.
     fn release(&mut self, number: u64) -> bool {
         self.centre.release(number)
     }
 
-    /// Errors and their standard deviations, (K, 4).
+    /// Returns errors and their standard deviations, (K, 4).
     fn known<'py>(&self, py: Python<'py>) -> PyResult<[Array<'py>; 2]> {
         let registrar = self.centre.registrar();
         let shape = [self.sensors, ERRORS];
@@ -169,7 +169,7 @@ impl FusionCentre {
         PyBytes::new(py, &self.centre.to_bytes())
     }
 
-    /// The centre of such a state.
+    /// Restores a centre from its state.
     #[staticmethod]
     fn from_state(state: &[u8]) -> PyResult<Self> {
         let centre = Centre::from_bytes(state)

@@ -27,10 +27,10 @@ use tertia::registration;
 use tertia::sensors::Detection;
 use tertia::tracker::{self, Command, Plane, Plot, Plots, Report, Table};
 
-/// Cost of a plot, for the choice of releasing the interpreter's lock.
+/// Cost of a plot, for the decision whether to release the interpreter's lock.
 const PLOT_NS: f64 = 1000.0;
 
-/// Scans of plots in, tracks out.
+/// The tracker: makes tracks from scans of plots.
 #[pyclass(module = "tertia.tracker")]
 pub struct PlotTracker(tracker::LagTracker);
 
@@ -52,7 +52,7 @@ impl PlotTracker {
         tracker.map(Self).map_err(value_error)
     }
 
-    /// Time until which everything is processed.
+    /// Time up to which everything is processed.
     #[getter]
     fn time(&self) -> f64 {
         self.0.tracker().time()
@@ -69,18 +69,18 @@ impl PlotTracker {
         self.0.tracker_mut().set_noise(&noise.pairs("noise")?).map_err(value_error)
     }
 
-    /// Takes the radars whose plots are to confirm no tracks for now, (K,).
+    /// Sets which radars' plots may not confirm tracks for now, (K,).
     fn hold(&mut self, radars: Vec<bool>) {
         self.0.tracker_mut().hold(radars);
     }
 
-    /// Numbers of all tracks, in order, (T,).
+    /// Returns the numbers of all tracks in ascending order, (T,).
     fn numbers<'py>(&self, py: Python<'py>) -> PyResult<Integers<'py>> {
         let numbers = self.0.tracker().numbers();
         array(py, &[numbers.len()], numbers.into_iter().map(|number| number as i64))
     }
 
-    /// Moves tracks, in order of their numbers, by positions and velocities (M, 4) at these times.
+    /// Moves tracks, in ascending order of their numbers, by positions and velocities (M, 4) at these times.
     fn shift(
         &mut self,
         track: PyReadonlyArray1<'_, i64>,
@@ -97,14 +97,14 @@ impl PlotTracker {
         Ok(())
     }
 
-    /// Begins anew, as if the last plots had not been given.
+    /// Restarts as if the last plots had not been given.
     fn restart(&mut self, plots: usize) {
         self.0.tracker_mut().restart(plots);
     }
 
-    /// Processes plots at these times, until `end`. Added to the table are the rows of the tracks that are
-    /// "confirmed" by then, of "all" tracks, or, of a "recording", all rows of the tracks that are
-    /// confirmed in the end. Returns the tracks of the plots.
+    /// Processes plots at these times, until `end`. The rows added to the table are those of the tracks
+    /// that are "confirmed" by then, those of "all" tracks, or, for a "recording", all rows of the tracks
+    /// that are confirmed by its end. Returns the track of each plot.
     #[allow(clippy::too_many_arguments)] // those of the Python method
     fn track<'py>(
         &mut self,
@@ -124,7 +124,7 @@ impl PlotTracker {
             }
             let fresh = (self.0.tracker().plots() == 0).then(|| self.0.clone());
             self.0.record(&plots, &mut statuses, &mut found, n_threads)?;
-            // the first plots were tracked before it was known how they are
+            // the first plots were tracked before the properties of the plots were known
             if let Some(again) = fresh.and_then(|fresh| fresh.knowing(&self.0)) {
                 self.0 = again;
                 found.truncate(0);
@@ -138,23 +138,23 @@ impl PlotTracker {
         codes(py, &statuses)
     }
 
-    /// The same tracker once more.
+    /// Returns a copy of the tracker.
     fn copy(&self) -> Self {
         Self(self.0.clone())
     }
 
-    /// The same with what a later one has found of the plots; none where they are as stated.
+    /// Returns a copy with what a later tracker has estimated about the plots; `None` if they are as stated.
     fn knowing(&self, later: &Self) -> Option<Self> {
         self.0.clone().knowing(&later.0).map(Self)
     }
 
-    /// Noise of each radar over what it states.
+    /// Ratio of the noise of each radar to the stated noise.
     fn noise_factor<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         let factors: Vec<f64> = self.0.tracker().noise_factors().collect();
         array(py, &[factors.len()], factors)
     }
 
-    /// Standard deviations of range and azimuth, as they were used last and as they were found, (K, 2, 2).
+    /// Standard deviations of range and azimuth, as last used and as estimated, (K, 2, 2).
     fn noise<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
         let noise = self.0.tracker().noise();
         array(py, &[noise.len(), 2, 2], noise.into_flattened().into_flattened())
@@ -171,7 +171,7 @@ impl PlotTracker {
         Ok((TrackColumns::new(table), codes(py, &[])?))
     }
 
-    /// Numbers of the confirmed tracks, and their positions so many seconds from now.
+    /// Numbers of the confirmed tracks, and their positions this number of seconds from now.
     fn extrapolate<'py>(
         &self,
         py: Python<'py>,
@@ -183,13 +183,13 @@ impl PlotTracker {
         Ok((array(py, &[found.len()], tracks)?, array(py, &[found.len(), 2], positions)?))
     }
 
-    /// Adds a plan; returns its number.
+    /// Adds a plan and returns its number.
     fn add_plan(&mut self, plan: &Route) -> PyResult<usize> {
         let added = self.0.command(Command::Add(plan.plan().clone())).map_err(refused)?;
         Ok(added.unwrap_or_default())
     }
 
-    /// Puts a plan in the place of another.
+    /// Replaces a plan by another one.
     fn replace_plan(&mut self, number: usize, plan: &Route) -> PyResult<()> {
         self.change(Command::Replace(number, plan.plan().clone()))
     }
@@ -198,12 +198,12 @@ impl PlotTracker {
         self.change(Command::Remove(number))
     }
 
-    /// Gives a plan to a confirmed track, perhaps one of another track.
+    /// Assigns a plan to a confirmed track; with `take`, even if the plan belongs to another track.
     fn correlate(&mut self, track: u64, plan: usize, take: bool) -> PyResult<()> {
         self.change(Command::Correlate(track, plan, take))
     }
 
-    /// Takes its plan from a confirmed track.
+    /// Removes the plan of a confirmed track.
     fn decorrelate(&mut self, track: u64) -> PyResult<()> {
         self.change(Command::Decorrelate(track))
     }
@@ -220,13 +220,13 @@ impl PlotTracker {
         array(py, &[suspended.len()], suspended)
     }
 
-    /// All that the tracker knows.
+    /// Returns the complete state of the tracker.
     fn __getstate__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let bytes = self.0.to_bytes();
         Ok(PyBytes::new(py, &bytes))
     }
 
-    /// The tracker of such a state.
+    /// Restores a tracker from its state.
     #[staticmethod]
     fn from_state(state: &[u8]) -> PyResult<Self> {
         tracker::LagTracker::from_bytes(state)
@@ -246,7 +246,7 @@ fn refused(refusal: tracker::Refusal) -> PyErr {
     PyValueError::new_err(refusal.to_string())
 }
 
-/// East and north of plots (N, 2) and their covariances (N, 2, 2); nan where there are none.
+/// East and north of plots (N, 2) and their covariances (N, 2, 2); nan if there is no position.
 #[pyfunction]
 pub fn plots_to_cartesian<'py>(
     py: Python<'py>,
@@ -274,17 +274,17 @@ pub struct Columns<'py> {
     sensor: PyReadonlyArray1<'py, i64>,
     #[pyo3(attribute("_identities"))]
     identities: IdentityColumns<'py>,
-    /// Index of what each was detected by, negative where that is not known.
+    /// Index of the detection of each plot, negative if unknown.
     detection: PyReadonlyArray1<'py, i64>,
-    /// (N, 2), and their covariances, (N, 2, 2), of sensors that report positions.
+    /// Positions (N, 2); below, their covariances (N, 2, 2). For sensors that report positions.
     position: Option<Input<'py>>,
     covariance: Option<Input<'py>>,
-    /// The same of their velocities.
+    /// Velocities (N, 2); below, their covariances (N, 2, 2).
     velocity: Option<Input<'py>>,
     velocity_covariance: Option<Input<'py>>,
 }
 
-/// The same, as they are in memory.
+/// The columns of plots in memory.
 pub struct View<'a> {
     time: Cow<'a, [f64]>,
     range: Cow<'a, [f64]>,
@@ -304,10 +304,10 @@ impl View<'_> {
         self.position.is_some()
     }
 
-    /// What registration needs of a plot.
+    /// Returns what registration requires of a plot.
     #[inline(always)]
     fn measured(&self, index: usize) -> registration::Report {
-        // nan where the sensor is a radar
+        // nan if the sensor is a radar
         let place = self.report(index).filter(|report| report.position[0].is_finite()).map(|own| {
             let Plane { xx, xy, yy } = own.covariance;
             registration::Place { position: own.position, covariance: [xx, xy, yy] }
@@ -322,7 +322,7 @@ impl View<'_> {
         }
     }
 
-    /// The position of a plot and its velocity, with their covariances.
+    /// Returns the reported position of a plot and its velocity, with their covariances.
     #[inline]
     fn report(&self, index: usize) -> Option<Report> {
         let position = self.position.as_ref()?.as_chunks::<2>().0[index];
@@ -335,7 +335,7 @@ impl View<'_> {
     }
 }
 
-/// A covariance; not numbers where there are none.
+/// Returns a covariance; nan if there is none.
 fn spread(covariance: Option<&[f64]>, index: usize) -> Plane {
     let own = covariance.map_or([f64::NAN; 4], |covariance| covariance.as_chunks::<4>().0[index]);
     let [xx, xy, _, yy] = own;
@@ -363,7 +363,7 @@ impl Plots for View<'_> {
 }
 
 impl Columns<'_> {
-    /// The plots, at these times, of so many sensors.
+    /// Returns the plots, with these times, of this number of sensors.
     pub fn read<'a>(&'a self, time: &'a Input<'_>, sensors: usize) -> PyResult<View<'a>> {
         let values = |column: &'a Option<Input<'_>>, name: &'static str, axes: usize| {
             let rows = column.as_ref().map(|column| column.rows(name, axes)).transpose();

@@ -9,18 +9,19 @@ use pyo3::prelude::*;
 use tertia::sensors::KINDS;
 use tertia::trajectory::{self, Failure, Polynomials, Prior, Record, Systematic, Trajectory};
 
-/// Position, covariance, residuals, marks; problems, degrees of freedom, chi-square, p-values,
-/// dilutions and standard deviations, as of `locate`.
+/// Position, covariance, residuals and marks of outliers; status, degrees of freedom, chi-square, p-values,
+/// dilutions and standard deviations, as from `locate`.
 type Located<'py> = (Array<'py>, Array<'py>, Array<'py>, Marks<'py>, [Array<'py>; 8]);
 
-/// Covariance, innovation, likelihood, count, jerk and its standard uncertainty, noise of the acceleration.
+/// Covariance, innovation, log-likelihood, count, and the jerk, its standard uncertainty and the
+/// acceleration noise.
 type Smoothed<'py> = (Array<'py>, Array<'py>, f64, usize, [f64; 3]);
 
-/// Biases and their standard deviations (5 K), share and correlation time of what drifts, and whether
-/// anything could contradict.
+/// Biases and their standard deviations (5 K), the share of their variance that drifts, its correlation time,
+/// and whether any measurements could contradict each other.
 type Lasting = (Vec<f64>, Vec<f64>, f64, f64, bool);
 
-/// What came out, or why nothing did: which numbers of an instant, or which problems.
+/// Result of a reconstruction, or the reason of its failure with the numbers of the instants or problems.
 #[derive(Default, IntoPyObject)]
 pub struct Reconstructed<'py> {
     failure: Option<(&'static str, Vec<usize>)>,
@@ -36,9 +37,9 @@ pub struct Reconstructed<'py> {
     may_cross: bool,
 }
 
-/// What stations measured: positions (K, D) or (N, K, D), axes, standard deviations of the
-/// positions (K), times, values (N, 5, K) and standard deviations (5, K), or of each (N, 5, K), and of the
-/// speed of the signals, as a share, and the covariance of a wind in units of it.
+/// Measurements of stations: positions (K, D) or (N, K, D), axes, standard deviations of the positions
+/// (K), times, values (N, 5, K) and standard deviations (5, K), or one for each value (N, 5, K); relative
+/// standard deviation of the signal speed, and covariance of the wind in units of this speed.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Measured<'py> {
@@ -56,27 +57,28 @@ pub struct Measured<'py> {
     initial: Option<Vec<f64>>,
 }
 
-/// The order of the steps, and how the second one works.
+/// The order of the two steps, and the method of the second.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Steps {
     temporal_first: bool,
-    /// Window and degree, if it is not chosen; none: smoothed with a model of the motion.
+    /// Window and degree (`None`: chosen automatically) of local polynomials; `None`: smoothed with a
+    /// motion model.
     polynomials: Option<(usize, Option<usize>)>,
-    /// For positions.
+    /// Jerk of positions.
     jerk: Option<f64>,
-    /// Numbers of the kinds of whose biases nothing is known; none: the next three count.
+    /// Indices of the kinds with a flat prior of their biases; `None`: the next three fields apply.
     flat: Option<Vec<usize>>,
-    /// Standard deviations of lasting errors (5 K): 0 of what is trusted, nan of what is found.
+    /// Standard deviations of lasting errors (5 K): 0 if trusted, nan if estimated.
     bias_sigma: Vec<f64>,
-    /// Shares of their variance that drift, and the correlation times (5 K); nan: found.
+    /// Shares of their variance that drift, and the correlation times (5 K); nan if estimated.
     drift_share: Vec<f64>,
     drift_time: Vec<f64>,
     /// Standard deviations of azimuths that depend on the direction (N K).
     deviation: Option<Vec<f64>>,
 }
 
-/// A trajectory from what was measured.
+/// Reconstructs a trajectory from measurements.
 #[pyfunction]
 #[pyo3(signature = (measured, steps, n_threads))]
 pub fn reconstruct<'py>(

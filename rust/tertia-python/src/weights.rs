@@ -8,17 +8,18 @@ use tertia::weights::{
     self, Convention, Law, Quantity, Weighing, require_degrees_of_freedom, weighing,
 };
 
-/// Sensors, dimension, and the solver for them.
+/// Number of sensors, dimension, and the solver for them.
 type Kept = ((usize, usize), Box<dyn Weighing>);
 
 thread_local! {
-    /// The thread's last solver: to make one takes as long as to solve a small problem.
+    /// The thread's last solver; creating one takes as long as solving a small problem.
     static KEPT: Cell<Option<Kept>> = const { Cell::new(None) };
 }
-/// Solvers of more dimensions are not kept.
+/// Largest dimension of solvers that are kept.
 const MAX_DIMENSION_KEPT: usize = 6;
 
-/// The solver for so many sensors and dimensions, kept for the thread's next problem when dropped.
+/// The solver for this number of sensors and dimensions; when dropped, it is kept for the thread's next
+/// problem.
 struct Solver(Option<Kept>);
 
 impl Solver {
@@ -38,7 +39,7 @@ impl Drop for Solver {
     }
 }
 
-/// Measurements of every sensor, or of each.
+/// Number of measurements of all sensors, or of each.
 #[derive(FromPyObject)]
 pub enum Counts {
     All(f64),
@@ -69,7 +70,7 @@ impl Counts {
         }
     }
 
-    /// The laws, with which the fused estimate must have a finite variance.
+    /// Returns the Wishart laws, for which the fused estimate must have a finite variance.
     fn laws(&self, convention: &str, group: &Group<'_>) -> PyResult<Vec<Law>> {
         let laws = self.wishart(convention, group.sensors)?;
         let least = match self {
@@ -82,34 +83,34 @@ impl Counts {
     }
 }
 
-/// Degrees of freedom and mean of each sensor's Wishart law.
+/// Degrees of freedom and mean of the Wishart law of each sensor.
 #[pyfunction]
 pub fn wishart_law(n: Counts, convention: &str, sensors: usize) -> PyResult<Vec<(f64, f64)>> {
     let laws = n.wishart(convention, sensors)?;
     Ok(laws.iter().map(|law| (law.degrees_of_freedom, law.mean)).collect())
 }
 
-/// What a sigma estimated with so many degrees of freedom is to be multiplied by.
+/// Factor by which a sigma estimated with these degrees of freedom must be multiplied.
 #[pyfunction]
 pub fn student_factor(degrees_of_freedom: f64) -> f64 {
     weights::student_factor(degrees_of_freedom)
 }
 
-/// The same where ratios (m, trials) of estimated and actual sigmas have been simulated.
+/// [`student_factor`] from simulated ratios (m, trials) of estimated to actual sigmas.
 #[pyfunction]
 pub fn simulated_factors(ratios: Input<'_>) -> PyResult<Vec<f64>> {
     let rows = ratios.rows("ratios", 0)?;
     Ok(rows.iter().map(weights::simulated_factor).collect())
 }
 
-/// The least n, the same for all sensors, with which the loss is finite.
+/// Smallest n, equal for all sensors, for which the loss is finite.
 #[pyfunction]
 pub fn least_count(name: &str, sensors: usize, dimension: usize) -> PyResult<u64> {
     let n = weights::least_count(convention(name)?, sensors, dimension).map_err(value_error)?;
     Ok(n as u64)
 }
 
-/// Matrices that a solver keeps for every sensor, and besides.
+/// Numbers of matrices that a solver keeps for every sensor, and in addition.
 const MATRICES: (usize, usize) = (14, 30);
 
 /// Covariances (..., K, m, m) of a group of sensors, or (..., m, m) of one.
@@ -122,7 +123,7 @@ struct Group<'py> {
 }
 
 impl<'py> Group<'py> {
-    /// Those of K >= 2 sensors.
+    /// Covariances of K >= 2 sensors.
     fn extract(covariances: Input<'py>) -> PyResult<Self> {
         match *covariances.shape() {
             [.., sensors, m, columns] if sensors >= 2 && m == columns && m > 0 => {
@@ -146,7 +147,7 @@ impl<'py> Group<'py> {
         }
     }
 
-    /// Makes sure that there is memory for a solver.
+    /// Checks that there is enough memory for a solver.
     fn with_room(self) -> PyResult<Self> {
         if self.m > MAX_DIMENSION_KEPT {
             let matrices = self.sensors.saturating_mul(MATRICES.0).saturating_add(MATRICES.1);
@@ -155,7 +156,7 @@ impl<'py> Group<'py> {
         Ok(self)
     }
 
-    /// The sensor's index, counted from the end where it is negative.
+    /// Returns the index of the sensor; negative indices count from the end.
     fn index(&self, sensor: isize) -> PyResult<usize> {
         let sensors = self.sensors;
         let k = if sensor < 0 { sensor + sensors as isize } else { sensor };
@@ -167,7 +168,7 @@ impl<'py> Group<'py> {
         })
     }
 
-    /// Cost of a result, measured.
+    /// Cost of a result, as measured.
     fn cost_ns(&self, quantity: &Quantity<'_>) -> f64 {
         let (k, m) = (self.sensors as f64, self.m as f64);
         let weigh = k * (20.0 + 2.0 * m.powi(3));
@@ -180,7 +181,7 @@ impl<'py> Group<'py> {
         }
     }
 
-    /// The quantity for every element of the batch.
+    /// Computes the quantity for every element of the batch.
     fn compute(
         &self,
         py: Python<'py>,
@@ -199,9 +200,9 @@ impl<'py> Group<'py> {
     }
 }
 
-/// A quantity of covariances (..., K, m, m), or of one (..., m, m), by name; of a sensor, for
-/// covariances that are estimated from n measurements, from draws (T, K, m, m), with a factor, where
-/// it depends on them.
+/// Computes a quantity, given by name, from covariances (..., K, m, m) or from one (..., m, m). Depending on
+/// the quantity, it uses the index of a sensor, the number n of measurements from which covariances were
+/// estimated, draws (T, K, m, m), or a factor.
 #[pyfunction]
 #[pyo3(signature = (
     quantity, covariances, n_threads, *, sensor=-1, n=Counts::All(f64::INFINITY),

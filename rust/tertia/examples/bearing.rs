@@ -1,11 +1,11 @@
-//! A record of bearings with a burst and two single anomalies: which measurements are wrong, and one
+//! A record of bearings with a burst and two single anomalies: finds the wrong measurements, and one
 //! bearing with its standard deviation. `cargo run --release --example bearing`
 
 use tertia::Result;
 use tertia::bearing::{BlockOutput, Estimator, Known, Method, RobustRule, Workspace};
 use tertia::screening::{BurstRule, BurstWorkspace, unwrap_about_median};
 
-/// A hundred bearings of an emitter in the north, 3.4 degrees of noise or so.
+/// Returns a hundred bearings of an emitter in the north, with noise of about 3.4 degrees.
 fn record() -> Vec<f64> {
     let noise = |i: usize| 3.4 * ((i * i * 7 + i * 3) % 97) as f64 / 28.0 - 5.9;
     let anomaly = |i: usize| match i {
@@ -20,7 +20,7 @@ fn main() -> Result<()> {
     let theta = record();
     let rule = BurstRule::try_new(2.5, 3.0, (2, 20), 0.0, 0.0)?;
 
-    // screening alone: angles are unwrapped first
+    // screening alone: angles must be unwrapped first
     let (mut angle, mut scratch) = (vec![0.0; theta.len()], Vec::new());
     unwrap_about_median(&theta, 360.0, &mut angle, &mut scratch)?;
     let mut outlier = vec![false; theta.len()];
@@ -28,7 +28,7 @@ fn main() -> Result<()> {
     let wrong: Vec<_> = (0..theta.len()).filter(|&i| outlier[i]).collect();
     println!("anomalous: {wrong:?}, mean of the others {:.2}", summary.mean);
 
-    // and the bearing, by a method that finds them as well
+    // the bearing, by a method that also finds the anomalies
     let method = Method::Robust(RobustRule { block_size: 10, rounding: 0.0 });
     let estimator = Estimator::try_new(method, Some(360.0), None)?;
     let [mut mean, mut variance, mut weight] =

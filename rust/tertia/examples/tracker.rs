@@ -1,4 +1,4 @@
-//! One radar, two aircraft that cross, and false plots: tracks, scan after scan.
+//! One radar, two aircraft whose paths cross, and false plots: tracks, scan by scan.
 //! `cargo run --release --example tracker`
 
 use std::f64::consts::TAU;
@@ -7,7 +7,7 @@ use tertia::sensors::Identities;
 use tertia::tracker::{ImmModel, Motion, Plot, PlotStatus, Radar, Settings, Tracker};
 
 const PERIOD: f64 = 4.0;
-/// East, north (m) and their rates (m/s) at the beginning.
+/// East, north (m) and their rates (m/s) at the start.
 const AIRCRAFT: [[f64; 4]; 2] = [[-15e3, 30e3, 200.0, 50.0], [15e3, 30e3, -200.0, 60.0]];
 
 fn settings() -> Settings {
@@ -24,7 +24,7 @@ fn settings() -> Settings {
     Settings::new(vec![radar], Motion::Imm(ImmModel::default()))
 }
 
-/// What the radar sees in a turn of its antenna: the aircraft, and three false plots.
+/// Returns the plots of one antenna rotation: those of the aircraft, and three false plots.
 fn scan(k: usize, random: &mut impl FnMut() -> f64) -> Vec<Plot> {
     let begin = k as f64 * PERIOD;
     let mut plots = Vec::new();

@@ -1,17 +1,17 @@
-//! Association: which plot belongs to which track.
+//! Association of plots with tracks.
 //!
-//! Source: Glagovskiy, Lavina, Rudelson 2014: scores, gates and their sectors; the usual likelihood
+//! Source: Glagovskiy, Lavina, Rudelson 2014: scores, gates and their sectors. The usual likelihood
 //! ratio replaces the printed score where it is better. Symbols: innovation
 //! `ΔZ = plot − prediction`, its covariance Σ, `d² = ΔZᵀ Σ⁻¹ ΔZ`, m components.
 //!
 //! | module | contents |
 //! |---|---|
-//! | `gate` | thresholds, sectors of a gate, all pairs of many tracks and many plots |
+//! | `gate` | thresholds, sectors of a gate, pairs of tracks and plots within gates |
 //! | `score` | the paper's score, the likelihood ratio |
 //! | `grid` | a spatial index of points |
-//! | `assignment`, `pair`, `dense` | at most one plot for each track, and one track for each plot |
-//! | `event`, `events`, `murty` | the best joint events, of which the assignment is the first |
-//! | `scan` | all of it for the plots of one scan |
+//! | `assignment`, `pair`, `dense` | assignment of at most one plot per track and one track per plot |
+//! | `event`, `events`, `murty` | the best joint events; the first of them is the best assignment |
+//! | `scan` | the complete association of the plots of one scan |
 
 pub mod assignment;
 mod dense;

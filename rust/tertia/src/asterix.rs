@@ -1,12 +1,12 @@
-//! Records of ASTERIX as columns of whole numbers.
+//! Decoding of ASTERIX records into columns of whole numbers.
 //!
-//! | module | what |
+//! | module | contents |
 //! |---|---|
-//! | `blocks` | where the data blocks of a recording are |
-//! | `resync` | the same in a damaged recording |
-//! | `definition` | the published structures of records, and which fields become columns |
-//! | `decode` | records to columns |
-//! | `clock` | truncated times of day, completed by full ones |
+//! | `blocks` | positions of the data blocks in a recording |
+//! | `resync` | positions of the data blocks in a damaged recording |
+//! | `definition` | the published structures of records, and the fields that become columns |
+//! | `decode` | conversion of records to columns |
+//! | `clock` | completion of truncated times of day from full ones |
 //!
 //! Bytes come from the caller; nothing here opens a file.
 

@@ -1,10 +1,10 @@
-//! What every concept stands on: errors, small matrices, moments, distributions, angles, vectors,
-//! orthogonal polynomials, random effects, correlated and 1/f noise, rows on threads, calls that stop.
+//! Foundations of all concepts: errors, small matrices, moments, distributions, angles, vectors, orthogonal
+//! polynomials, random effects, correlated and 1/f noise, rows on several threads, interruption of calls.
 //!
 //! `interrupt, error <- matrix, moments, distribution, angle, vector, exponential, plane, missing, mixed,
 //! basis, batch <- effects, autoregression, flicker`
 
-// indices are those of the formulas
+// indices are written as in the formulas
 #![allow(clippy::needless_range_loop)]
 
 pub(crate) mod angle;

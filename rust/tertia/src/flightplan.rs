@@ -1,18 +1,18 @@
-//! Flight plans: routes of straight legs and fly-by turns, and how tracks relate to them.
+//! Flight plans: routes of straight legs and fly-by turns, and their relation to tracks.
 //!
 //! Positions are east and north in metres. Courses and angles of turns are mathematical: radians,
-//! counter-clockwise, from east. Cross-track distances are positive to the right of the course. Legs count from 0,
-//! and the turn of a leg is the one at its end; that of the last leg goes straight on.
+//! counter-clockwise from east. Cross-track distances are positive to the right of the course. Legs count
+//! from 0, and the turn of a leg is the one at its end; that of the last leg continues straight ahead.
 //!
 //! | part | what | cost |
 //! |---|---|---|
-//! | `turn` | one fly-by turn: start, arc, end, projections, the zone where it is flown | O(1) |
-//! | `capture` | the arc from where an aircraft is to its next leg, and when it will start it | O(1) |
+//! | `turn` | one fly-by turn: start, arc, end, projections, the zone in which it is flown | O(1) |
+//! | `capture` | the arc from the position of an aircraft to its next leg, and when the turn starts | O(1) |
 //! | `route` | the whole path: positions, projections, times over | O(legs) |
-//! | `plan` | a route and who flies it | |
+//! | `plan` | a route and the identities of the aircraft that flies it | |
 //! | `monitor` | whether a track still follows its plan | O(1); blocked, O(legs) |
-//! | `correlation` | which plan a track flies | O(legs) a plan and sighting |
-//! | `times_over` | times over the waypoints ahead, from the speed flown so far | O(1) a sighting |
+//! | `correlation` | which plan a track follows | O(legs) per plan and sighting |
+//! | `times_over` | times over the waypoints ahead, from the speed flown so far | O(1) per sighting |
 
 mod capture;
 mod correlation;

@@ -1,8 +1,8 @@
-//! One track from the plots of several radars, and one estimate from those of several sensors.
+//! Fusion of the plots of several radars into one track, and of the estimates of several sensors into one.
 //!
-//! Source: Panasyuk, Pudovkin, Rogachev 2018, (1) to (13), for K radars, misprints mended; and
-//! weights that are robust against radars that are worse than they state. All radars measure one
-//! angle in one frame at common times.
+//! Source: Panasyuk, Pudovkin, Rogachev 2018, (1) to (13), for K radars and with the misprints
+//! corrected. In addition, there are weights that are robust against radars whose noise is larger
+//! than stated. All radars measure the same angle in the same frame at common times.
 
 mod belief;
 mod biases;

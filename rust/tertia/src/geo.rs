@@ -1,8 +1,9 @@
-//! The earth: WGS 84, local frames that are tangent to it, and the system plane of tracks of several
+//! The earth: WGS 84, local frames that are tangent to it, and the system plane for the tracks of several
 //! radars.
 //!
-//! Latitudes and longitudes are radians here, heights metres above the ellipsoid, azimuths radians
-//! clockwise from true north. Geocentric positions are earth-centred and earth-fixed x, y, z.
+//! In this module latitudes and longitudes are in radians, heights in metres above the ellipsoid, and
+//! azimuths in radians clockwise from true north. Geocentric positions are earth-centred, earth-fixed x,
+//! y, z.
 //!
 //! `ellipsoid <- local <- plane <- frame; local, plane <- view`
 //!
@@ -10,15 +11,15 @@
 //! |---|---|---|
 //! | [`ellipsoid`] | geodetic and geocentric coordinates | O(1) |
 //! | [`LocalFrame`] | east, north, up; range and azimuth with a height | O(1) |
-//! | [`SystemPlane`] | oblique stereographic plane, as system tracks of category 62 use it | O(1) |
+//! | [`SystemPlane`] | oblique stereographic plane, as used by system tracks of category 62 | O(1) |
 //! | [`View`] | plots of a radar in the system plane, with their derivatives | O(1) |
-//! | [`Frame`] | states and their covariances from one frame to another | O(1) |
+//! | [`Frame`] | conversion of states and their covariances from one frame to another | O(1) |
 //! | [`states`] | polar states of position, velocity and acceleration | O(1) |
 //! | [`Atmosphere`] | pressure altitudes and heights above the ellipsoid | O(1) |
 //!
 //! # Trap
-//! A height above the sea is not one above the ellipsoid: they differ by the undulation of the geoid,
-//! 45 m in Central Europe.
+//! A height above sea level is not a height above the ellipsoid: they differ by the undulation of the geoid,
+//! which is 45 m in Central Europe.
 
 mod atmosphere;
 pub mod ellipsoid;

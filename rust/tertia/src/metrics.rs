@@ -1,9 +1,9 @@
-//! How much a record of errors says: how long errors last, and intervals of figures of the record.
+//! Information content of a record of errors: how long errors last, and intervals of its figures.
 //!
 //! | part | what | cost |
 //! |---|---|---|
-//! | `lasting` | how many independent errors a record is worth | O(N m) for each of about 300 models |
-//! | `indicator` | correlation of what is inside a region | O(1) |
+//! | `lasting` | number of independent errors that a record is worth | O(N m) for each of about 300 models |
+//! | `indicator` | correlation of indicators, such as 'inside a region' | O(1) |
 //! | `interval` | intervals of means, shares and quantiles | O(1) |
 
 mod indicator;

@@ -1,4 +1,4 @@
-//! Screening: which measurements of a sample are outliers.
+//! Screening: finds the outliers of a sample.
 //!
 //! Sources: Manoilov, Pysarchuk, Pavliuk 2006, equations (M1)–(M4); Motylev 2010, (R1)–(R3);
 //! Fisch, Eckley, Fearnhead 2022 for points and bursts.

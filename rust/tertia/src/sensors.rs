@@ -1,7 +1,7 @@
-//! Sensors: what a station measures of a target, and how that changes with the position; what a plot
-//! of a radar says of one.
+//! Sensors: measurements of stations, their dependence on the position of a target, and the properties of
+//! radars and their plots.
 
-// indices are those of the formulas
+// indices are written as in the formulas
 #![allow(clippy::needless_range_loop)]
 
 mod channel;
@@ -19,7 +19,6 @@ pub(crate) use radar::HEIGHT_SIGMA;
 pub(crate) use radar::radar_of;
 pub use radar::{Radar, Ways};
 
-/// Kinds of measurements, in the order of an instant's rows: ranges, azimuths, elevations, the
-/// differences of each station's range and that of the first, and arrivals: times of arrival, in
-/// metres.
+/// Number of kinds of measurements. In the rows of an instant their order is: ranges, azimuths, elevations,
+/// range differences (range of each station minus that of the first), and times of arrival, in metres.
 pub const KINDS: usize = 5;

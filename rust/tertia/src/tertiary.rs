@@ -1,10 +1,11 @@
-//! Tracks of several sensors in one picture (Panasyuk, Pudovkin, Rogachev 2018; Bar-Shalom, Fortmann
-//! 1988): brought to one instant, freed of the systematic errors of their sensors, compared in pairs,
-//! grouped into targets that keep their numbers, and fused.
+//! One picture from the tracks of several sensors (Panasyuk, Pudovkin, Rogachev 2018; Bar-Shalom, Fortmann
+//! 1988). The tracks are extrapolated to one instant, corrected for the systematic errors of their sensors,
+//! compared in pairs, grouped into targets that keep their numbers, and fused.
 //!
-//! `row, gain <- tracklet; row <- bias; compare, near <- pairs <- groups; row, compare, tracklet <- rule; pairs, row <-
-//! target, shadow, filtered <- member <- centre`. A cycle costs O(tracks) and what the pairs of tracks within 8 km cost; memory is
-//! O(tracks + pairs).
+//! `row, gain <- tracklet; row <- bias; compare, near <- pairs <- groups; row, compare, tracklet <- rule;
+//! pairs, row <- target, shadow, filtered <- member <- centre`.
+//!
+//! A cycle costs O(tracks) plus the cost of all pairs of tracks within 8 km; memory is O(tracks + pairs).
 
 mod bias;
 mod centre;

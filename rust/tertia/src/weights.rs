@@ -1,4 +1,4 @@
-//! The matrices that weigh several estimates of the same vector, and what not knowing them costs.
+//! Weight matrices for several estimates of the same vector, and the cost of estimating them.
 //!
 //! Source: Kulyavets et al. 2005, equations (1) to (14), for K ≥ 2 sensors. `S_k` is the covariance
 //! of sensor k's estimate, `C_k = S_k^-1`, `S_p = (Σ C_k)^-1` the fused covariance and

@@ -1,4 +1,4 @@
-//! Estimates of several sensors, and of one sensor with a scalar.
+//! Fusion of the estimates of several sensors, and of one sensor with a scalar.
 
 use crate::arrays::{
     Array, Input, Integers, Output, Threads, array, choice, columns, repeated, room_for,
@@ -10,12 +10,12 @@ use tertia::fusion::{
     Agreement, EFFECT_STEPS, Estimates, FusedEstimate, Scalar, Weighting, fusing,
 };
 
-/// Means, covariances, weights, systematic errors, statistics, their p-values; and degrees of freedom.
+/// Means, covariances, weights, sigmas of systematic errors, statistics, p-values; and degrees of freedom.
 type Fused<'py> =
     ((Output<'py>, Output<'py>, Output<'py>, Output<'py>, Array<'py>, Array<'py>), Integers<'py>);
 
-/// Estimates (..., K, m), covariances (..., K, m, m) and those between sensors (..., K, K, m, m), of
-/// one batch; weights (K) for "static", corrections (..., K, m) for "paper".
+/// Estimates (..., K, m), covariances (..., K, m, m) and cross covariances of sensors (..., K, K, m, m)
+/// with the same batch; weights (K) for "static", corrections (..., K, m) for "paper".
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Given<'py> {
@@ -25,7 +25,7 @@ pub struct Given<'py> {
     corrections: Option<Input<'py>>,
     weights: Option<Vec<f64>>,
     method: String,
-    /// Whether systematic errors are found from contradictions; of method "matrix".
+    /// Whether systematic errors are estimated from contradictions; for the method "matrix".
     random_effects: bool,
     period: Option<f64>,
 }
@@ -42,15 +42,15 @@ fn weighting(name: &str, weights: Option<Vec<f64>>) -> PyResult<Weighting> {
     choice("method", name, &choices)
 }
 
-/// Cost of a product of two matrices, measured.
+/// Cost of a product of two matrices, as measured.
 fn product_ns(m: f64) -> f64 {
     20.0 + 2.0 * m.powi(3)
 }
 
-/// Cost of the fusion of K estimates of m components, measured.
+/// Cost of the fusion of K estimates of m components, as measured.
 fn fuse_ns(sensors: usize, m: usize, weighting: &Weighting, joint: bool) -> f64 {
     let (k, m) = (sensors as f64, m as f64);
-    // to read the joint covariance
+    // cost of reading the joint covariance
     let reading = if joint { 0.5 * (k * m).powi(3) + 5.0 * (k * m).powi(2) } else { 0.0 };
     200.0
         + reading
@@ -63,10 +63,10 @@ fn fuse_ns(sensors: usize, m: usize, weighting: &Weighting, joint: bool) -> f64 
         }
 }
 
-/// Matrices that the kernel keeps for every two sensors.
+/// Number of matrices that the kernel keeps for every pair of sensors.
 const MATRICES: usize = 4;
 
-/// Room for the results of a batch.
+/// Arrays for the results of a batch.
 struct Results<'py> {
     mean: Output<'py>,
     covariance: Output<'py>,
@@ -88,7 +88,7 @@ impl<'py> Results<'py> {
         })
     }
 
-    /// Where each result goes.
+    /// Returns the places for the results of each row.
     fn rows(
         &mut self,
     ) -> PyResult<impl ExactSizeIterator<Item = (FusedEstimate<'_>, &mut Agreement)> + Send> {
@@ -116,7 +116,7 @@ impl<'py> Results<'py> {
     }
 }
 
-/// Estimates of several sensors, fused.
+/// Fuses estimates of several sensors.
 #[pyfunction]
 pub fn fuse<'py>(py: Python<'py>, given: Given<'py>, n_threads: Threads) -> PyResult<Fused<'py>> {
     let cross = given.cross_covariances.as_ref();
@@ -150,8 +150,8 @@ pub fn fuse<'py>(py: Python<'py>, given: Given<'py>, n_threads: Threads) -> PyRe
     results.into_fused(py, x.batch())
 }
 
-/// Estimates (..., m) with covariances (..., m, m) and scalars, value and sigma (..., 2), of which
-/// h (..., m) are the derivatives; the weights are the scalars' gains.
+/// Fuses estimates (..., m) with covariances (..., m, m) and scalars, given as value and sigma (..., 2),
+/// whose derivatives are h (..., m); the weights are the gains of the scalars.
 #[pyfunction]
 pub fn fuse_scalar<'py>(
     py: Python<'py>,

@@ -1,4 +1,4 @@
-//! The centre that is fed step by step.
+//! The fusion centre that is updated step by step.
 
 use super::{POSITIVE, VARIANCE, rule};
 use crate::arrays::{Array, array, symmetric, value_error};
@@ -11,7 +11,7 @@ use tertia::kalman::{self, Filter, Innovation, Singer, State, Transition, wrappe
 
 /// Fusion of the plots of several radars, step by step, for embedding.
 ///
-/// It can be pickled and copied; a step that fails leaves it as it was.
+/// It can be pickled and copied; a step that fails does not change it.
 ///
 /// Parameters
 /// ----------
@@ -29,17 +29,17 @@ use tertia::kalman::{self, Filter, Innovation, Singer, State, Transition, wrappe
 /// mean : ndarray of shape (3,)
 ///     Angle, rate and acceleration.
 /// covariance : ndarray of shape (3, 3)
-///     inf where something is unknown.
+///     Covariance of `mean`; inf for unknown components.
 /// weights : ndarray of shape (K, 3)
-///     Of each radar in angle, rate and acceleration.
+///     Weights of each radar in angle, rate and acceleration.
 /// noise_variance : ndarray of shape (K,)
-///     Of each radar, as estimated.
+///     Estimated noise variance of each radar.
 /// innovation, innovation_variance : ndarray of shape (K,)
-///     Of the radars' own filters.
+///     Innovations of the radars' own filters.
 /// outlier : list of K bools
-///     Whether its last plot was an outlier, for each radar.
+///     Whether the last plot of each radar was an outlier.
 /// repeated : list of K bools
-///     Whether its last plot was left out because it repeats the one before.
+///     Whether the last plot of each radar was left out because it repeats the one before.
 ///
 /// Raises
 /// ------
@@ -59,7 +59,7 @@ use tertia::kalman::{self, Filter, Innovation, Singer, State, Transition, wrappe
 /// 0.44
 #[pyclass(module = "tertia.fusion")]
 pub struct AngleFusion {
-    /// As given, for the pickle.
+    /// The model as given, for pickling.
     given: Py<PyAny>,
     method: String,
     beliefs: Beliefs,
@@ -72,11 +72,11 @@ pub struct AngleFusion {
     reports: Vec<RadarReport>,
 }
 
-/// What is pickled besides the arguments: the centre, the state and the reports.
+/// Pickled in addition to the arguments: the centre, the state and the reports.
 type Saved = (Vec<Vec<f64>>, ([f64; 3], [f64; 6]), Vec<(f64, f64, f64, bool, [f64; 3])>);
 type NewArguments<'py> = ((Py<PyAny>, Vec<f64>), Bound<'py, PyDict>);
 
-/// What is wrong with a radar's plot or its variance, with the place where the caller has it.
+/// Converts an error about a radar's plot or its variance, with the index that the caller knows.
 fn of_plot(radar: usize, error: tertia::Error) -> tertia::Error {
     let tertia::Error::InvalidParameter { argument, value, .. } = error else { return error };
     let (argument, requirement) = match argument {
@@ -87,7 +87,7 @@ fn of_plot(radar: usize, error: tertia::Error) -> tertia::Error {
 }
 
 impl AngleFusion {
-    /// The variances of plots that can be used.
+    /// Returns the variances of plots, validated.
     fn checked(&self, plots: &[f64], variances: Option<Vec<f64>>) -> PyResult<Vec<f64>> {
         let variances = variances.unwrap_or_else(|| self.variances.clone());
         let radars = self.variances.len();
@@ -166,21 +166,21 @@ impl AngleFusion {
         })
     }
 
-    /// Go on in time by `dt`, by default that of the model.
+    /// Predict the state after `dt`, by default the time step of the model.
     #[pyo3(signature = (dt=None))]
     fn predict(&mut self, dt: Option<f64>) -> PyResult<()> {
         let none = vec![f64::NAN; self.variances.len()];
         self.step(none, None, dt).map(|_| ())
     }
 
-    /// Take in plots of the same time (nan: none), one per radar, and return the fused angle.
+    /// Update the state with simultaneous plots (nan: none), one per radar, and return the fused angle.
     #[pyo3(signature = (plots, measurement_variance=None))]
     fn update(&mut self, plots: Vec<f64>, measurement_variance: Option<Vec<f64>>) -> PyResult<f64> {
         let variances = self.checked(&plots, measurement_variance)?;
         Ok(self.take(&plots, &variances))
     }
 
-    /// Go on in time by `dt`, take in plots (nan: none), and return the fused angle.
+    /// Predict the state after `dt`, update it with plots (nan: none), and return the fused angle.
     #[pyo3(signature = (plots, measurement_variance=None, dt=None))]
     fn step(
         &mut self,

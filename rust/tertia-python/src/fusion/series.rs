@@ -9,14 +9,14 @@ use tertia::fusion::{Beliefs, Centre, RadarReport, Rule, series_biases as of_ser
 use tertia::interrupt::poll;
 use tertia::kalman::{Filter, Innovation, PerStep, Series, Singer, State, Transition, wrapped};
 
-/// Cost of a step for one radar, for the choice of threads.
+/// Cost of a step for one radar, which determines the number of threads.
 const FUSE_NS: f64 = 300.0;
-/// The same of the rule that follows hypotheses.
+/// Cost of a step for one radar with the rule that follows hypotheses.
 const ROBUST_NS: f64 = 500.0;
 
-/// Series of several radars (..., K, steps); `variance` (one radar for all or K, and then one or all
-/// steps), `dt` and `initial` (one state for all or K: mean, then covariance row by row) may have a
-/// single row for all.
+/// Series of several radars (..., K, steps). `variance` has one or K rows, each with one or all steps;
+/// `initial` has one or K states (mean, then covariance row by row). `variance`, `dt` and `initial` may
+/// have a single element for the whole batch.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Batch<'py> {
@@ -27,7 +27,7 @@ pub struct Batch<'py> {
     model: Model,
     period: Option<f64>,
     method: String,
-    /// Whether the paper's rule is as printed where a radar has no plot.
+    /// Whether the rule of the paper treats a radar without a plot as printed.
     printed: bool,
     forgetting_factor: f64,
     threshold: f64,
@@ -35,7 +35,7 @@ pub struct Batch<'py> {
     change_probability: f64,
 }
 
-/// What every row is fused with.
+/// Parameters with which every row is fused.
 struct Task<'a> {
     variance: Rows<'a>,
     dt: Rows<'a>,
@@ -44,13 +44,13 @@ struct Task<'a> {
     period: Option<f64>,
     rule: Rule,
     beliefs: Beliefs,
-    /// One radar's for all, or those of each.
+    /// 1 if all radars share a variance, otherwise the number of radars.
     variance_rows: usize,
     radars: usize,
     steps: usize,
 }
 
-/// Where the results of a row go.
+/// Places for the results of a row.
 struct Results<'a> {
     mean: &'a mut [f64],
     covariance: &'a mut [f64],
@@ -90,12 +90,12 @@ impl Task<'_> {
         states.iter().enumerate().map(of_radar).collect()
     }
 
-    /// The row of the variances that is a radar's.
+    /// Returns the row of the variances that belongs to a radar.
     fn variance_row(&self, radar: usize) -> usize {
         if self.variance_rows == 1 { 0 } else { radar }
     }
 
-    /// What is wrong with a radar's series, with the place where the caller has it.
+    /// Converts an error about a radar's series, with the index that the caller knows.
     fn of_radar(&self, radar: usize, error: tertia::Error) -> tertia::Error {
         match error {
             tertia::Error::InvalidParameter { argument, value, .. } if self.variance_rows > 1 => {
@@ -162,8 +162,8 @@ impl Task<'_> {
 }
 
 /// Fused means (..., steps, 3) and upper triangles of covariances (..., steps, 6); weights
-/// (..., K, steps, 3), believed noise, innovations and their variances (..., K, steps); and which
-/// plots are outliers, and of these which repeat the plot before.
+/// (..., K, steps, 3); estimated noise, innovations and their variances (..., K, steps); which
+/// plots are outliers, and which of these repeat the plot before.
 #[pyfunction]
 pub fn fuse_series<'py>(
     py: Python<'py>,
@@ -222,9 +222,9 @@ pub fn fuse_series<'py>(
     Ok(([mean, covariance, weight, noise, innovation, spread], [outlier, repeated]))
 }
 
-/// Constant errors of radars (..., K), their standard deviations (..., K), and what they add to the
-/// covariance of each step (..., steps, 6), of plots without wraps (..., K, steps) whose variances
-/// have the same shape; `prior` (K) are the standard deviations before.
+/// Constant errors of radars (..., K), their standard deviations (..., K), and the covariance that they add
+/// to each step (..., steps, 6). They are estimated from unwrapped plots (..., K, steps) with variances
+/// of the same shape; `prior` (K) contains the prior standard deviations.
 #[pyfunction]
 pub fn series_biases<'py>(
     py: Python<'py>,

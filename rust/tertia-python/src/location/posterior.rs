@@ -1,4 +1,4 @@
-//! Bindings of the density of positions of a few bearings.
+//! Bindings for the probability density of positions from a few bearings.
 
 use super::Batch;
 use super::region::{Regions, regions};
@@ -11,10 +11,10 @@ use tertia::location::{
 use tertia::sensors::KINDS;
 
 type Located<'py> = (Output<'py>, Output<'py>, Output<'py>, Array<'py>, [Array<'py>; 4]);
-/// What is made of an instant: its summary, the number of bearings, residuals.
+/// Result for an instant: its summary, the number of bearings, the residuals.
 type Found = (Option<Summary>, usize, Vec<f64>);
 
-/// Cost of an instant, for the choice of threads.
+/// Cost of an instant, which determines the number of threads.
 const INSTANT_NS: f64 = 1e6;
 
 /// Stations, their axes, measured values and standard deviations.
@@ -41,7 +41,7 @@ impl<'a> Sight<'a> {
         Posterior::new(&Bearings { stations, axes, values, sigmas }, self.max_range)
     }
 
-    /// What `work` writes for every instant with bearings that meet.
+    /// Returns what `work` writes for every instant whose bearings intersect.
     fn each<T: Clone + Send>(
         &self,
         py: Python<'_>,
@@ -57,8 +57,9 @@ impl<'a> Sight<'a> {
     }
 }
 
-/// Positions, covariances, residuals, logarithms of the weights of the factor between true and
-/// stated sigma; problems, numbers of bearings, factors, shares of the mass at the limit of range.
+/// Positions, covariances, residuals, log weights of the values of the noise factor (true sigma divided
+/// by stated sigma); status, numbers of bearings, noise factors, shares of the probability at the limit
+/// of range.
 #[pyfunction]
 pub fn locate_posterior<'py>(
     py: Python<'py>,
@@ -107,7 +108,7 @@ pub fn locate_posterior<'py>(
     Ok((position, covariance, residual, weights, found))
 }
 
-/// Regions of highest density.
+/// Computes regions of highest density.
 #[pyfunction]
 pub fn posterior_regions<'py>(
     py: Python<'py>,
@@ -125,7 +126,7 @@ pub fn posterior_regions<'py>(
     regions(py, sight.batch.values.batch(), &found)
 }
 
-/// Radii about points that hold so much of the density.
+/// Computes radii about points that contain this probability.
 #[pyfunction]
 pub fn posterior_radii<'py>(
     py: Python<'py>,

@@ -1,4 +1,4 @@
-//! Bindings of regions around positions, and of protection levels.
+//! Bindings for regions around positions, and for protection levels.
 
 use super::Batch;
 use crate::arrays::{Array, Input, Rows, Threads, array, columns};
@@ -7,14 +7,14 @@ use pyo3::prelude::*;
 use tertia::location::{Located, Outline, Protection, Spread};
 use tertia::sensors::KINDS;
 
-/// Areas, semi-axes and orientations of regions; and their outlines.
+/// Areas, semi-axes and orientations of regions, and their outlines.
 pub type Regions<'py> = ([Array<'py>; 4], Vec<Vec<Array<'py>>>);
 
-/// Costs of an instant, for the choice of threads.
+/// Costs of an instant, which determine the number of threads.
 const REGION_NS: f64 = 3e4;
 const LEVEL_NS: f64 = 3e4;
 
-/// Positions, and what they were estimated from.
+/// Positions, and the measurements from which they were estimated.
 struct Positions<'a> {
     batch: Batch<'a>,
     correlation: f64,
@@ -22,8 +22,8 @@ struct Positions<'a> {
     position: Rows<'a>,
 }
 
-/// Measurements of a batch: stations, axes, values, sigmas, sigmas of the stations' coordinates,
-/// heights with theirs, the correlation of range differences, marks of outliers (not zero), positions.
+/// Measurements of a batch: stations, axes, values, sigmas, sigmas of the stations' coordinates, heights with
+/// their sigmas, the correlation of range differences, marks of outliers (not zero), positions.
 type Scene<'py> = (
     Input<'py>,
     Option<Input<'py>>,
@@ -60,8 +60,8 @@ impl<'a> Positions<'a> {
     }
 }
 
-/// Covariances, and common standard deviations with their degrees of freedom where these were
-/// estimated.
+/// Covariances; if the standard deviations were estimated, also the common ones with their degrees of
+/// freedom.
 type Accuracy<'py> = (Input<'py>, Option<(Input<'py>, Input<'py>)>);
 
 /// Calls `work` with every position and its accuracy.
@@ -95,7 +95,7 @@ fn each_located<T: Clone + Send>(
     })
 }
 
-/// Regions around positions.
+/// Computes regions around positions.
 #[pyfunction]
 pub fn location_regions<'py>(
     py: Python<'py>,
@@ -112,7 +112,7 @@ pub fn location_regions<'py>(
     regions(py, &shape[..shape.len() - 2], &found)
 }
 
-/// Radii about positions.
+/// Computes radii about positions.
 #[pyfunction]
 pub fn location_radii<'py>(
     py: Python<'py>,
@@ -128,8 +128,8 @@ pub fn location_radii<'py>(
     array(py, &shape[..shape.len() - 2], found)
 }
 
-/// Protection levels of positions: the risk, the probability of a fault, the number of faults and
-/// the probability of a false alarm.
+/// Computes protection levels of positions. `guarded` contains the risk, the probability of a fault, the
+/// number of faults and the probability of a false alarm.
 #[pyfunction]
 pub fn protection_levels<'py>(
     py: Python<'py>,
@@ -151,7 +151,7 @@ pub fn protection_levels<'py>(
     array(py, batch.values.batch(), found)
 }
 
-/// Outlines, as arrays.
+/// Converts outlines to arrays.
 pub fn regions<'py>(py: Python<'py>, shape: &[usize], found: &[Outline]) -> PyResult<Regions<'py>> {
     let of: [fn(&Outline) -> f64; 4] =
         [|own| own.area, |own| own.semi_major, |own| own.semi_minor, |own| own.orientation];

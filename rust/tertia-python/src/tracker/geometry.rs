@@ -1,11 +1,11 @@
-//! What the plots of a sensor say of positions.
+//! Conversion of the plots of a sensor to positions.
 
 use crate::geo::{Frame, place};
 use pyo3::prelude::*;
 use tertia::geo::{LocalFrame, View};
 use tertia::tracker;
 
-/// A plane, a plane with heights, or the earth, by the name of the constructor.
+/// The geometry of a sensor; the constructors are named after its kinds.
 #[pyclass(frozen, module = "tertia._core")]
 pub struct Geometry(pub tracker::Geometry);
 
@@ -21,20 +21,20 @@ impl Geometry {
         Self(tracker::Geometry::Space)
     }
 
-    /// Positions and velocities, of these standard deviations; not a number: each comes with its
+    /// Positions and velocities with these standard deviations; nan if each report comes with its own
     /// covariance.
     #[staticmethod]
     fn position(sigmas: [f64; 2]) -> Self {
         Self(tracker::Geometry::Position(sigmas))
     }
 
-    /// Azimuths alone, of this standard deviation.
+    /// Azimuths alone, with this standard deviation.
     #[staticmethod]
     fn azimuth(sigma: f64) -> Self {
         Self(tracker::Geometry::Azimuth(sigma))
     }
 
-    /// A site of latitude and longitude in radians and height, a system plane, and the largest range.
+    /// A site (latitude and longitude in radians, height), a system plane, and the largest range.
     #[staticmethod]
     fn earth(site: [f64; 3], plane: &Frame, max_range: f64) -> PyResult<Self> {
         let view = View::new(LocalFrame::new(place(site)), plane.plane()?);

@@ -1,4 +1,4 @@
-//! The errors of radars, learned from tables of tracks.
+//! Errors of radars, estimated from tables of tracks.
 
 use super::{Columns, TrackColumns, View};
 use crate::arrays::{Array, Input, Integers, array, release};
@@ -11,7 +11,7 @@ use pyo3::types::PyBytes;
 use tertia::registration::{self as core, Changed, ERRORS, Report, TargetPlot, Update, Updates};
 use tertia::tracker::{Data, Plots};
 
-/// The errors of radars, scan by scan.
+/// Estimates the errors of radars scan by scan.
 #[pyclass(module = "tertia._core")]
 pub struct Registrar(core::Registrar);
 
@@ -33,7 +33,7 @@ impl Registrar {
         Ok(Self(core::Registrar::new(radars, slant, mean, sigma, &drift)))
     }
 
-    /// Begins with known errors (K, 4) and their covariance (4 K, 4 K).
+    /// Starts with known errors (K, 4) and their covariance (4 K, 4 K).
     fn know(&mut self, errors: Input<'_>, covariance: Input<'_>) -> PyResult<()> {
         let errors = errors.points::<ERRORS>("errors", 1)?;
         let covariance = covariance.numbers("covariance")?;
@@ -44,7 +44,7 @@ impl Registrar {
         Ok(())
     }
 
-    /// Times, ranges and azimuths of plots without the errors known, (N,) each, and positions, (N, 2),
+    /// Times, ranges and azimuths of plots after removing the known errors, (N,) each, and positions, (N, 2),
     /// if there are any.
     #[allow(clippy::type_complexity)] // columns
     fn correct<'py>(
@@ -72,10 +72,11 @@ impl Registrar {
         Ok(([time?, range?, azimuth?], places.transpose()?))
     }
 
-    /// Learns from the rows of a table of tracks, from a number on, and the plots that they are of, of
-    /// which the first has this number, until a time; adds what is not known of the errors to the
-    /// covariances, and moves the rows by what was learnt. `alive` are the numbers of all tracks, in order.
-    /// Returns the same of the tracks: numbers, times, positions and velocities.
+    /// Updates the errors with the rows of a table of tracks, from an index on, until a time. `plots` are
+    /// the plots of these rows, and the first of them has the number `first`. Adds the contribution of
+    /// unknown errors to the covariances of the rows, and moves the rows by the change of the errors.
+    /// `alive` contains the numbers of all tracks in ascending order. Returns the moves of the tracks:
+    /// numbers, times, and positions with velocities.
     #[allow(clippy::too_many_arguments)] // those of the Python method
     fn learn<'py>(
         &mut self,
@@ -113,7 +114,7 @@ impl Registrar {
         ))
     }
 
-    /// Errors and their standard deviations, (K, 4), and the noise for the tracker, (K, 2).
+    /// Returns errors and their standard deviations, (K, 4), and the noise for the tracker, (K, 2).
     fn known<'py>(&self, py: Python<'py>) -> PyResult<[Array<'py>; 3]> {
         let (errors, sigmas, noise) = (self.0.errors(), self.0.sigmas(), self.0.noise());
         let k = errors.len();
@@ -124,12 +125,12 @@ impl Registrar {
         ])
     }
 
-    /// Radars whose plots are to confirm no tracks for now, (K,).
+    /// Returns which radars' plots may not confirm tracks for now, (K,).
     fn held(&self) -> Vec<bool> {
         self.0.held()
     }
 
-    /// Times and radars of sudden changes.
+    /// Returns times and radars of sudden changes.
     fn changes(&self) -> Vec<(f64, usize)> {
         self.0.changes().to_vec()
     }
@@ -138,7 +139,7 @@ impl Registrar {
         PyBytes::new(py, &self.0.to_bytes())
     }
 
-    /// The registrar of such a state.
+    /// Restores a registrar from its state.
     #[staticmethod]
     fn from_state(state: &[u8]) -> PyResult<Self> {
         core::Registrar::from_bytes(state)
@@ -147,8 +148,9 @@ impl Registrar {
     }
 }
 
-/// The columns of a table of tracks, with the plots of the rows from `begin` on, of which the first has this
-/// number.
+/// The columns of a table of tracks, with the plots of the rows from `begin` on; the first plot has the
+/// number
+/// `first`.
 struct Told<'a> {
     plots: &'a View<'a>,
     first: i64,
@@ -167,7 +169,7 @@ struct Told<'a> {
 }
 
 impl<'a> Told<'a> {
-    /// Takes the columns out of a table.
+    /// Takes the columns from a table.
     fn take(
         py: Python<'_>,
         table: &TrackColumns,
@@ -192,7 +194,7 @@ impl<'a> Told<'a> {
         })
     }
 
-    /// Puts them back.
+    /// Returns the columns to the table.
     fn put_back(self, py: Python<'_>, table: &TrackColumns) {
         for (name, values) in [
             ("time", self.time),
@@ -212,13 +214,13 @@ impl<'a> Told<'a> {
         table.put_back(py, "confirmed", Data::Flags(self.confirmed));
     }
 
-    /// The plot of a row, among those that were given now.
+    /// Returns the index of the plot of a row among the given plots.
     fn plot_of(&self, row: usize) -> Option<usize> {
         let own = usize::try_from(self.plot[row] - self.first).ok();
         own.filter(|&own| own < self.plots.len())
     }
 
-    /// Plots of tracks that are not confirmed.
+    /// Returns the plots of tracks that are not confirmed.
     fn loose(&self, track_of_plot: &[i64]) -> Vec<Report> {
         let mut loose: Vec<bool> = track_of_plot.iter().map(|&track| track >= 0).collect();
         for row in (self.begin..self.track.len()).filter(|row| self.confirmed[*row]) {
@@ -280,11 +282,11 @@ impl Changed for Told<'_> {
     }
 }
 
-/// Where the elements of a symmetric matrix of order 4 are in its upper half, and those of that in the whole.
+/// Index in the upper triangle of each element of a symmetric 4×4 matrix; below, the reverse.
 const WHOLE: [usize; 16] = [0, 1, 2, 3, 1, 4, 5, 6, 2, 5, 7, 8, 3, 6, 8, 9];
 const UPPER: [usize; 10] = [0, 1, 2, 3, 5, 6, 7, 10, 11, 15];
 
-/// What a radar reports of a target that it does not see.
+/// Returns the report of a radar that does not see a target.
 fn missed(radar: usize) -> Report {
     let none = f64::NAN;
     Report { radar, time: none, range: none, azimuth: none, height: none, place: None }

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use tertia::association::gate;
 use tertia::tracker::{self, ImmModel, Mht, WindowModel};
 
-/// A model of how targets move, by the name of the constructor.
+/// A motion model of targets; the constructors are named after the models.
 #[pyclass(frozen, module = "tertia._core")]
 pub struct Motion(tracker::Motion);
 
@@ -62,14 +62,14 @@ impl Motion {
         Ok(Self(tracker::Motion::Window(model.map_err(value_error)?)))
     }
 
-    /// Whether it can follow flight plans.
+    /// Whether the model can follow flight plans.
     #[getter]
     fn takes_plans(&self) -> bool {
         self.0.takes_plans()
     }
 }
 
-/// By what plots are given to tracks, by the name of the constructor.
+/// Method of association of plots with tracks; the constructors are named after the methods.
 #[pyclass(frozen, module = "tertia._core")]
 pub struct TrackAssociation(tracker::Association);
 
@@ -92,7 +92,7 @@ impl TrackAssociation {
     }
 }
 
-/// What confirms a track: plots and scans, or a probability.
+/// Confirmation rule: numbers of plots and scans, or a probability.
 #[derive(FromPyObject)]
 pub enum Confirmation {
     Plots((usize, usize)),
@@ -108,13 +108,13 @@ impl From<Confirmation> for tracker::Confirmation {
     }
 }
 
-/// Settings of a tracker, checked; radars and flight plans come with the tracker.
+/// Settings of a tracker, validated; radars and flight plans are passed to the tracker itself.
 #[pyclass(frozen, module = "tertia._core")]
 pub struct TrackerSettings(tracker::Settings);
 
 #[pymethods]
 impl TrackerSettings {
-    /// None: the guard acceleration of the motion, and a clutter density that is estimated.
+    /// `None` means the guard acceleration of the motion model, and an estimated clutter density.
     #[new]
     #[pyo3(signature = (
         *, motion, association, flown_probability, initiation, wind, wind_sigma, confirmation, coasting, clutter_density,

@@ -1,4 +1,4 @@
-//! Tracks smoothed by all their plots.
+//! Tracks smoothed with all their plots.
 
 use super::settings::Motion;
 use crate::arrays::{Array, Input, Integers, Marks, Threads, array, release};
@@ -7,15 +7,15 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::tracker::{Movement, Plane, SmoothedRow, Times, TrackPlot, smooth_tracks as smooth};
 
-/// Cost of a plot, for the choice of releasing the interpreter's lock.
+/// Cost of a plot, for the decision whether to release the interpreter's lock.
 const PLOT_NS: f64 = 5000.0;
-/// Numbers of a row: its columns from the time on, with those of vectors and matrices.
+/// Number of values of a row: its columns from the time on, including those of vectors and matrices.
 const NUMBERS: usize = 35;
 
-/// Smooths tracks. The plots of a track are together and in the order of time; `first` has the
-/// index of the first one of each track, and their number. Returns the number of rows of each
-/// track; all numbers of a row; the index of its plot or −1, and how the target moves across its
-/// course, along it and vertically; and whether the plot was left out, and the row is final.
+/// Smooths tracks. The plots are sorted by track and then by time; `first` contains the index of the
+/// first plot of each track, followed by the number of plots. Returns the number of rows of each track;
+/// all values of the rows; the index of the plot of each row or −1, and the transversal, longitudinal and
+/// vertical movement of the target; and whether the plot was left out, and whether the row is final.
 #[pyfunction]
 #[pyo3(signature = (motion, first, plots, used, *, time, every, n_threads))]
 #[allow(clippy::too_many_arguments)] // the options, by name
@@ -64,7 +64,8 @@ pub fn smooth_tracks<'py>(
     ))
 }
 
-/// A plot of its time, east, north, their variances and covariance, the same of its velocity, and height.
+/// Creates a plot from time, east, north, their variances and covariance, the same of the velocity, and
+/// height.
 fn plot(values: &[f64; 12], used: bool) -> TrackPlot {
     let &[time, x, y, xx, xy, yy, vx, vy, uu, uv, vv, height] = values;
     TrackPlot {

@@ -25,7 +25,7 @@ fn kind(column: &Column) -> &'static str {
     }
 }
 
-/// A column: its values, or the array that they became when they were asked for.
+/// A column: its values, or the array made from them when it was requested.
 enum Kept {
     Data(Data),
     Array(Py<PyAny>),
@@ -37,7 +37,7 @@ pub struct TrackColumns(Mutex<Vec<Kept>>);
 
 #[pymethods]
 impl TrackColumns {
-    /// A table without rows, with room for so many.
+    /// Creates a table without rows, with room for this number of rows.
     #[new]
     fn empty(rows: usize) -> Self {
         Self::new(Table::new(true, rows))
@@ -52,7 +52,7 @@ impl TrackColumns {
         Ok(count)
     }
 
-    /// Leaves out the rows from this one on.
+    /// Removes the rows from this index on.
     fn truncate(&self, py: Python<'_>, rows: usize) -> PyResult<()> {
         let mut table = self.take_rows(py, true)?;
         table.truncate(rows);
@@ -60,8 +60,9 @@ impl TrackColumns {
         Ok(())
     }
 
-    /// Numbers plots that were given part by part as they are among all: `order` is where those of all
-    /// parts, one after the other, are, and the first has the number `first`.
+    /// Replaces the numbers of plots that were given in parts by their numbers among all plots. `order`
+    /// contains the index among all plots of each plot in the sequence of the parts; the first plot has
+    /// the number `first`.
     fn renumber(
         &self,
         py: Python<'_>,
@@ -79,8 +80,8 @@ impl TrackColumns {
         Ok(())
     }
 
-    /// Heights of plots, of which the first has this number; where there is none, that of its track in the rows
-    /// from `begin` on.
+    /// Returns the heights of plots, the first of which has the number `first`. Missing heights are
+    /// replaced by those of their tracks in the rows from `begin` on.
     fn heights<'py>(
         &self,
         py: Python<'py>,
@@ -102,7 +103,7 @@ impl TrackColumns {
         array(py, &[filled.len()], filled)
     }
 
-    /// Leaves out the rows of tracks that are never confirmed.
+    /// Removes the rows of tracks that are never confirmed.
     fn keep_confirmed(&self, py: Python<'_>, n_threads: Threads) -> PyResult<()> {
         let mut table = self.take_rows(py, true)?;
         table.keep_confirmed(n_threads);
@@ -110,7 +111,7 @@ impl TrackColumns {
         Ok(())
     }
 
-    /// The array of a column, by its index in `track_columns`; always the same one.
+    /// Returns the array of a column, by its index in `track_columns`; it is always the same array.
     fn column(&self, py: Python<'_>, index: usize) -> PyResult<Py<PyAny>> {
         let mut columns = self.0.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner);
         if let Kept::Data(data) = &mut columns[index] {
@@ -126,21 +127,22 @@ impl TrackColumns {
 }
 
 impl TrackColumns {
-    /// All rows, of which this table keeps none; more are to be of confirmed tracks or of `tentative` ones too.
+    /// Returns all rows and leaves the table empty; later rows are kept for tentative tracks only if
+    /// `tentative` is set.
     pub fn take_rows(&self, py: Python<'_>, tentative: bool) -> PyResult<Table> {
         let columns = (0..COLUMNS.len()).map(|index| self.take(py, index));
         Ok(Table::of(columns.collect::<PyResult<_>>()?, tentative))
     }
 
-    /// Puts them back.
+    /// Returns the rows to the table.
     pub fn put_rows(&self, py: Python<'_>, table: Table) {
         for (index, data) in table.into_columns().into_iter().enumerate() {
             self.put(py, index, data);
         }
     }
 
-    /// The values of a column of numbers, those of symmetric matrices on and above the diagonal, of which
-    /// this table keeps none.
+    /// Takes the values of a column of numbers out of the table; symmetric matrices have only the
+    /// elements on and above the diagonal.
     pub fn take_numbers(&self, py: Python<'_>, name: &str) -> PyResult<Vec<f64>> {
         match self.take(py, place(name))? {
             Data::Numbers(values) => Ok(values),
@@ -148,7 +150,7 @@ impl TrackColumns {
         }
     }
 
-    /// The values of a column of integers, of which this table keeps none.
+    /// Takes the values of a column of integers out of the table.
     pub fn take_integers(&self, py: Python<'_>, name: &str) -> PyResult<Vec<i64>> {
         match self.take(py, place(name))? {
             Data::Integers(values) => Ok(values),
@@ -156,7 +158,7 @@ impl TrackColumns {
         }
     }
 
-    /// The values of a column of flags, of which this table keeps none.
+    /// Takes the values of a column of flags out of the table.
     pub fn take_flags(&self, py: Python<'_>, name: &str) -> PyResult<Vec<bool>> {
         match self.take(py, place(name))? {
             Data::Flags(values) => Ok(values),
@@ -164,12 +166,12 @@ impl TrackColumns {
         }
     }
 
-    /// Puts the values of a column where they were.
+    /// Returns the values of a column to the table.
     pub fn put_back(&self, py: Python<'_>, name: &str, data: Data) {
         self.put(py, place(name), data);
     }
 
-    /// The values of a column, of which this table keeps none.
+    /// Takes the values of a column out of the table.
     fn take(&self, py: Python<'_>, index: usize) -> PyResult<Data> {
         let mut columns = self.0.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner);
         let taken = std::mem::replace(&mut columns[index], Kept::Data(Data::Flags(Vec::new())));
@@ -204,7 +206,7 @@ fn place(name: &str) -> usize {
     COLUMNS.iter().position(|column| column.name == name).expect("it is a column")
 }
 
-/// The values around which NumPy puts an array, without a copy.
+/// Creates a NumPy array from the values of a column, without a copy.
 fn array_of(py: Python<'_>, column: &Column, data: Data) -> PyResult<Py<PyAny>> {
     let shape = |count: usize| {
         let width = column.shape.iter().product::<usize>();

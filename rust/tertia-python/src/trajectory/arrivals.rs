@@ -7,7 +7,7 @@ use tertia::trajectory::arrivals::{
     Heard, Scene, Solution, Undetermined, align, arrange, group, solve,
 };
 
-/// What is known of receivers, beacons and the medium; metres and seconds.
+/// Known data of receivers, beacons and the medium, in metres and seconds.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Net<'py> {
@@ -23,7 +23,7 @@ pub struct Net<'py> {
     jerk: Option<f64>,
 }
 
-/// What was heard.
+/// Recorded arrivals.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Recorded<'py> {
@@ -33,7 +33,7 @@ pub struct Recorded<'py> {
     emission: Option<Vec<Option<usize>>>,
 }
 
-/// What came out, or why nothing did, with the numbers of receivers or identities.
+/// Result, or the reason of the failure with the numbers of receivers or identities.
 #[derive(Default, IntoPyObject)]
 pub struct Solved<'py> {
     failure: Option<(&'static str, Vec<usize>)>,
@@ -60,7 +60,7 @@ pub struct Solved<'py> {
     iterations: usize,
 }
 
-/// Numbers of emissions of arrivals, none where it belongs to none.
+/// Index of the emission of each arrival; `None` if it belongs to none.
 #[pyfunction]
 pub fn group_arrivals(
     py: Python<'_>,
@@ -79,7 +79,7 @@ pub fn group_arrivals(
     })
 }
 
-/// Positions, clocks and the rest, from arrivals.
+/// Estimates positions, clocks and other unknowns from arrivals.
 #[pyfunction]
 pub fn reconstruct_arrivals<'py>(
     py: Python<'py>,

@@ -1,20 +1,20 @@
-//! At most one column for each row and one row for each column: the best assignment, and a quick one.
+//! Assignments of at most one column to each row and one row to each column: the best and a quick one.
 //!
 //! Rows are tracks and columns plots, or vice versa. The best assignment is found by shortest
-//! augmenting paths (Jonker, Volgenant 1987) over the given pairs only, so it costs little where few
-//! pairs compete, however many rows and columns there are. A path follows pairs, so independent
-//! components are solved separately, and a single pair or a row with free columns without a search.
-//! Where nearly all pairs are given, a matrix of them is faster than lists.
+//! augmenting paths (Jonker, Volgenant 1987) over the given pairs only, so the cost is low if few
+//! pairs compete, regardless of the number of rows and columns. As paths follow pairs, independent
+//! components are solved separately; single pairs and rows with free columns need no search. If
+//! nearly all pairs are given, a matrix is faster than lists of pairs.
 
 use super::dense::{Dense, is_dense};
 use super::pair::Pair;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
-/// No row, or no column.
+/// Index that stands for no row or no column.
 const NONE: u32 = u32::MAX;
 
-/// The column of each row such that the sum of the gains is largest. Ties are broken by the indices,
+/// Returns the column of each row for the largest sum of the gains. Ties are broken by the indices,
 /// not by the order of `pairs`.
 ///
 /// # Panics
@@ -24,8 +24,8 @@ pub fn assign(pairs: &[Pair], rows: usize, columns: usize) -> Vec<Option<u32>> {
     Assigner::default().assign(pairs, rows, columns).to_vec()
 }
 
-/// The column of each row by repeatedly taking the best remaining pair; with equal gains that of the
-/// first row, then of the first column. Cost O(P log P).
+/// Returns the column of each row if the best remaining pair is taken repeatedly; of equal gains, the
+/// pair with the first row, then with the first column. Cost O(P log P).
 ///
 /// # Panics
 /// An index that is not below `rows` or `columns`.
@@ -34,15 +34,15 @@ pub fn nearest(pairs: &[Pair], rows: usize, columns: usize) -> Vec<Option<u32>> 
     Assigner::default().nearest(pairs, rows, columns).to_vec()
 }
 
-/// A pair as its row sees it.
+/// A pair in the list of its row.
 #[derive(Clone, Copy, Debug)]
 struct Edge {
     column: u32,
-    /// The gain with the other sign.
+    /// The negative gain.
     cost: f64,
 }
 
-/// A column on the way, nearest first in a heap.
+/// A column that a path has reached; the heap returns the nearest first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Reached {
     distance: f64,
@@ -63,24 +63,24 @@ impl PartialOrd for Reached {
     }
 }
 
-/// Where a path ends.
+/// The end of an augmenting path.
 #[derive(Clone, Copy, Debug)]
 enum End {
-    /// At a free column.
+    /// A free column.
     Column(u32),
-    /// At a row that remains without a column.
+    /// A row that remains without a column.
     Row(u32),
 }
 
-/// The buffers of [`assign`] and [`nearest`]; repeated use allocates nothing more.
+/// The buffers of [`assign`] and [`nearest`]; repeated use allocates no more memory.
 #[derive(Clone, Debug, Default)]
 pub struct Assigner {
     edges: Vec<Edge>,
-    /// Where the edges of each row begin, and where the last one's end.
+    /// Start of the edges of each row, and the end of the last ones.
     start: Vec<u32>,
     result: Vec<Option<u32>>,
     row_of: Vec<u32>,
-    /// The cost of a row's own pair.
+    /// Cost of the assigned pair of a row.
     cost_of: Vec<f64>,
     /// Price of a column in addition to its cost, never positive; 0 while it is free.
     price: Vec<f64>,
@@ -95,7 +95,7 @@ pub struct Assigner {
 }
 
 impl Assigner {
-    /// As the function [`assign`].
+    /// Assigns as the function [`assign`].
     ///
     /// # Panics
     /// An index that is not below `rows` or `columns`.
@@ -103,7 +103,7 @@ impl Assigner {
         self.assign_all(pairs.iter().copied(), rows, columns)
     }
 
-    /// The same of pairs that are made when they are asked for.
+    /// [`Self::assign`] for pairs that are computed on demand.
     pub(super) fn assign_all(
         &mut self,
         pairs: impl ExactSizeIterator<Item = Pair> + DoubleEndedIterator + Clone,
@@ -123,7 +123,7 @@ impl Assigner {
         &self.result
     }
 
-    /// As the function [`nearest`].
+    /// Assigns as the function [`nearest`].
     ///
     /// # Panics
     /// An index that is not below `rows` or `columns`.
@@ -186,9 +186,9 @@ impl Assigner {
         self.start[row as usize] as usize..self.start[row as usize + 1] as usize
     }
 
-    /// Assigns one more row.
+    /// Assigns one additional row.
     fn place(&mut self, row: u32) {
-        // most rows take a column that nobody else wants
+        // most rows take a column that no other row wants
         let mut best = Reached { distance: 0.0, column: NONE };
         let mut best_cost = 0.0;
         for edge in &self.edges[self.edges_of(row)] {
@@ -210,12 +210,12 @@ impl Assigner {
         self.augment(row, end);
     }
 
-    /// The nearest end of a path from a free row (Dijkstra); prices are those after it is taken.
+    /// Finds the nearest end of a path from a free row (Dijkstra), and updates the prices for that path.
     fn search(&mut self, first: u32) -> End {
         let (mut row, mut travelled, mut own) = (first, 0.0, 0.0);
         let (mut exit, mut exit_row) = (f64::INFINITY, first);
         let end = loop {
-            // a row that gives up its column and stays alone
+            // the path may end at a row that gives up its column and remains without one
             if travelled - own < exit {
                 (exit, exit_row) = (travelled - own, row);
             }
@@ -262,7 +262,7 @@ impl Assigner {
         end
     }
 
-    /// Gives every column on the path to the row before it.
+    /// Assigns every column on the path to the row before it.
     fn augment(&mut self, first: u32, end: End) {
         let mut next = match end {
             End::Column(column) => Some(column),
@@ -279,7 +279,7 @@ impl Assigner {
         }
     }
 
-    /// The least cost of a pair.
+    /// Smallest cost of a pair.
     fn cost(&self, row: u32, column: u32) -> f64 {
         let edges = &self.edges[self.edges_of(row)];
         let first = edges.partition_point(|edge| edge.column < column);
@@ -288,7 +288,7 @@ impl Assigner {
     }
 }
 
-/// Makes a buffer this long, all of it this value.
+/// Resizes a buffer and fills it with a value.
 fn refill<T: Copy>(buffer: &mut Vec<T>, length: usize, value: T) {
     buffer.clear();
     buffer.resize(length, value);
@@ -299,7 +299,7 @@ mod tests {
     use super::*;
     use crate::base::random::Random;
 
-    /// The sum of the gains, after checking that nothing is used twice and every choice is a pair.
+    /// Sum of the gains, after checking that no column is used twice and every choice is a given pair.
     fn total(pairs: &[Pair], result: &[Option<u32>], columns: usize) -> f64 {
         let mut used = vec![false; columns];
         let mut total = 0.0;
@@ -312,7 +312,7 @@ mod tests {
         total
     }
 
-    /// The largest sum of all choices, tried one after the other.
+    /// Largest sum of the gains over all possible choices.
     fn brute(pairs: &[Pair], rows: u32, used: &mut [bool], row: u32) -> f64 {
         if row == rows {
             return 0.0;
@@ -334,7 +334,7 @@ mod tests {
         for row in 0..rows as u32 {
             for column in 0..columns as u32 {
                 if random.uniform() < share {
-                    // whole numbers make ties
+                    // integer gains produce ties
                     let gain = random.symmetric(6.0) + 2.0;
                     let gain = if random.uniform() < 0.5 { gain.round() } else { gain };
                     pairs.push(Pair { row, column, gain });
@@ -364,7 +364,7 @@ mod tests {
         }
     }
 
-    /// By lists and by the matrix: the same sum, and the same choice where no two sums are equal.
+    /// Lists and matrix give the same sum, and the same choice if no two sums are equal.
     #[test]
     fn dense_and_sparse_agree() {
         let mut random = Random::new(5);
@@ -411,7 +411,7 @@ mod tests {
         let pairs = [pair(0, 0, 5.0), pair(0, 1, 4.0), pair(1, 0, 4.0)];
         assert_eq!(nearest(&pairs, 2, 2), [Some(0), None]);
         assert_eq!(assign(&pairs, 2, 2), [Some(1), Some(0)]);
-        // a row that gives up its column for one who gains more
+        // a row gives up its column to a row with a larger gain
         assert_eq!(assign(&[pair(0, 0, 1.0), pair(1, 0, 3.0)], 2, 1), [None, Some(0)]);
     }
 
@@ -435,7 +435,7 @@ mod tests {
 
     #[test]
     fn a_chain_that_is_long() {
-        // each row wants its own column a little less than the next one
+        // each row gains a little less from its own column than from the next one
         let n = 3000_u32;
         let mut pairs = Vec::new();
         for row in 0..n {

@@ -1,17 +1,17 @@
-//! The best assignment where nearly all pairs compete: shortest augmenting paths (Jonker, Volgenant
-//! 1987) over a matrix, whose rows are scanned by vectors.
+//! The best assignment if nearly all pairs compete: shortest augmenting paths (Jonker, Volgenant
+//! 1987) over a matrix, whose rows are scanned with SIMD vectors.
 
 use super::pair::Pair;
 use crate::base::vector::{Vector, WIDEST};
 use pulp::{Arch, Simd, WithSimd};
 
-/// Columns side by side.
+/// Values of adjacent columns.
 type Lane = [f64; WIDEST];
 
-/// Every so many possible pairs one makes a matrix, if it has this many elements.
+/// A matrix is used if at least one of this many elements is a pair, and if it has at least `LEAST` elements.
 const SHARE: usize = 4;
 const LEAST: usize = 4096;
-/// No row, or no column.
+/// Index that stands for no row or no column.
 const NONE: u32 = u32::MAX;
 
 /// Whether a matrix is faster than lists of pairs.
@@ -20,17 +20,17 @@ pub(super) fn is_dense(pairs: usize, rows: usize, columns: usize) -> bool {
     elements >= LEAST && pairs >= elements / SHARE
 }
 
-/// Costs, and the buffers of a search.
+/// The cost matrix, and the buffers of a search.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Dense {
     width: usize,
-    /// The gains with the other sign, row after row of `width` lanes; infinite where there is none.
+    /// Negative gains, row by row with `width` lanes; infinite where there is no pair.
     costs: Vec<Lane>,
     /// Price of a column in addition to its cost, never positive; 0 while it is free.
     price: Vec<Lane>,
-    /// The same while it is not settled, afterwards minus infinity.
+    /// Price of a column that is not settled; minus infinity once it is settled.
     open: Vec<Lane>,
-    /// Of the columns that are not settled.
+    /// Distance of each column that is not settled.
     distance: Vec<Lane>,
     /// The row from which a column was reached.
     from: Vec<Lane>,
@@ -41,7 +41,7 @@ pub(super) struct Dense {
     wanted: Vec<bool>,
 }
 
-/// What a row, or a column, gains most from.
+/// The partner from which a row or a column gains most.
 #[derive(Clone, Copy, Debug)]
 struct Wish {
     gain: f64,
@@ -51,7 +51,7 @@ struct Wish {
 impl Wish {
     const NONE: Self = Self { gain: 0.0, partner: NONE };
 
-    /// The better one; of equal ones the first.
+    /// Keeps the better partner; of equal ones, the first.
     fn hear(&mut self, gain: f64, partner: u32) {
         if gain > self.gain || gain == self.gain && partner < self.partner {
             *self = Self { gain, partner };
@@ -60,9 +60,9 @@ impl Wish {
 }
 
 impl Dense {
-    /// The column of each row such that the sum of the gains is largest; `result` has none yet.
-    /// O(rows · columns) at best, times the least of both at worst. Rows are placed one after the
-    /// other or, where fewer of them want the same partner, columns.
+    /// Assigns the column of each row for the largest sum of the gains; `result` is empty at first.
+    /// O(rows · columns) at best; at worst that times the smaller of the two. Either the rows or the columns
+    /// are placed one by one, whichever compete less for the same best partners.
     pub fn assign(
         &mut self,
         pairs: impl Iterator<Item = Pair> + Clone,
@@ -85,7 +85,7 @@ impl Dense {
         }
     }
 
-    /// How many rows, and how many columns, gain most from what another one gains most from, too.
+    /// Number of rows, and of columns, whose best partner is already the best partner of another.
     fn conflicts(
         &mut self,
         pairs: impl Iterator<Item = Pair>,
@@ -150,7 +150,7 @@ impl Dense {
         costs.as_flattened()[column as usize]
     }
 
-    /// Assigns one more row, if it gains.
+    /// Assigns one additional row if that increases the sum of the gains.
     #[inline(always)]
     fn place<S: Simd>(&mut self, simd: S, first: u32) {
         let (mut row, mut travelled, mut own) = (first, 0.0, 0.0);
@@ -159,7 +159,7 @@ impl Dense {
         self.distance.fill([f64::INFINITY; WIDEST]);
         self.settled.clear();
         let end = loop {
-            // a row that gives up its column and stays alone
+            // the path may end at a row that gives up its column and remains without one
             if travelled - own < exit {
                 (exit, exit_row) = (travelled - own, row);
             }
@@ -186,7 +186,7 @@ impl Dense {
         } else {
             end
         };
-        // every column on the way goes to the row before it
+        // every column on the path is assigned to the row before it
         while next != NONE {
             let row = self.from.as_flattened()[next as usize] as u32;
             self.row_of[next as usize] = row;
@@ -197,8 +197,8 @@ impl Dense {
         }
     }
 
-    /// Goes on from a row to all columns, and returns the nearest that is not settled, of equal ones
-    /// the first.
+    /// Extends the search from a row to all columns, and returns the nearest column that is not settled; of
+    /// equal ones, the first.
     #[inline(always)]
     fn scan<S: Simd>(&mut self, simd: S, row: u32, base: f64) -> (f64, u32) {
         let splat = |value| Vector::splat(simd, value);

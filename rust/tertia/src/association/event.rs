@@ -1,40 +1,40 @@
-//! A joint event: what each row has, and its gain.
+//! Joint events: the column of each row, and the gain.
 
-/// The column of each row, and the sum of the gains.
+/// A joint event.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Event {
-    /// Sum of the gains against 'none has a column'.
+    /// Sum of the gains relative to the event in which no row has a column.
     pub gain: f64,
     /// The column of each row.
     pub columns: Vec<Option<u32>>,
 }
 
-/// Two rows that may not have been resolved, `first < second`. Gains are those against two rows without
-/// columns that are always resolved.
+/// Two rows that the sensor may not have resolved, `first < second`. The reference of the gains is that
+/// the rows are resolved with certainty and have no columns.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Unresolved {
-    /// A row.
+    /// The first row.
     pub first: u32,
-    /// A later row.
+    /// The second row.
     pub second: u32,
-    /// Gain of having been resolved.
+    /// Gain if the rows were resolved.
     pub resolved: f64,
-    /// Gain where neither has a column.
+    /// Gain if neither row has a column.
     pub missed: f64,
-    /// Columns that may be of both, and their gains.
+    /// Columns that both rows may share, and their gains.
     pub shared: Vec<(u32, f64)>,
 }
 
-/// What is looked for.
+/// Limits on the events that are returned.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// Events at most.
+    /// Largest number of events.
     pub count: usize,
-    /// How much less than that of the best the gain may be.
+    /// Largest difference of the gain from that of the best event.
     pub cut: f64,
 }
 
-/// Sorts events, best first; of equal ones first that of the first columns.
+/// Sorts events, best first; equal gains are sorted by the columns.
 pub(super) fn sort(events: &mut [Event]) {
     let order = |column: &Option<u32>| column.map_or(u32::MAX, |column| column);
     events.sort_by(|a, b| {

@@ -1,20 +1,21 @@
-//! Joint events: the likeliest ways in which rows may share out columns, best first.
+//! Joint events: the most likely assignments of columns to rows, best first.
 //!
-//! A row has one of its columns or none. Two rows that may not have been resolved may have the same
-//! column. Few rows are enumerated; many are solved by Murty's method, in which rows never share.
+//! A row has one of its columns or none. Two rows that may not have been resolved can have the same
+//! column. If the rows are few, all events are enumerated; many rows are solved by Murty's method, in
+//! which rows never share a column.
 
 use super::assignment::Assigner;
 use super::event::{Event, Limits, Unresolved, sort};
 use super::murty;
 use super::pair::Pair;
 
-/// Events that are enumerated at most: those of 4 rows with 6 columns each.
+/// Largest number of events that are enumerated: that of 4 rows with 6 columns each.
 const MOST: usize = 7 * 7 * 7 * 7;
-/// Numbers that differ by less are rounding errors.
+/// Differences below this are rounding errors.
 const ROUNDING: f64 = 1e-9;
 
-/// The events of `rows` with the given pairs (one for each row and column at most), best first; of
-/// equal ones first that of the first columns. Cost: enumeration O(events), otherwise O(count × rows)
+/// Returns the events of `rows` with the given pairs (at most one for each row and column), best first;
+/// equal gains are sorted by the columns. Cost: enumeration O(events), otherwise O(count × rows)
 /// assignments.
 pub fn events(
     pairs: &[Pair],
@@ -40,12 +41,12 @@ pub fn events(
     search.finish()
 }
 
-/// A depth-first search with a bound.
+/// Depth-first search with a bound.
 struct Search<'a> {
     own: Vec<Vec<Pair>>,
     unresolved: &'a [Unresolved],
     limits: Limits,
-    /// The most that the rows from this one on can gain.
+    /// Upper bound of the gain of the rows from this one on.
     bound: Vec<f64>,
     columns: Vec<Option<u32>>,
     best: f64,
@@ -58,7 +59,7 @@ impl<'a> Search<'a> {
         let mut bound = vec![0.0; rows + 1];
         for row in (0..rows).rev() {
             let alone = own[row].first().map_or(0.0, |pair| pair.gain);
-            // what a pair gains is gained with its second row
+            // the gain of an unresolved pair is counted with its second row
             let pairs = unresolved.iter().filter(|pair| pair.second as usize == row);
             let together: f64 = pairs
                 .map(|pair| {
@@ -96,7 +97,7 @@ impl<'a> Search<'a> {
             for &(column, together) in &pair.shared {
                 let holders = self.columns.iter().filter(|own| **own == Some(column)).count();
                 if first == Some(column) && holders == 1 {
-                    // the first row has this column no more alone
+                    // the first row no longer has this column alone
                     let alone = self.alone(pair.first as usize, column);
                     self.share(row, column, gain - alone + together);
                 }
@@ -104,7 +105,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Gain of a row that has this column alone.
+    /// Gain of a row that is the only one with this column.
     fn alone(&self, row: usize, column: u32) -> f64 {
         let pair = self.own[row].iter().find(|pair| pair.column == column);
         pair.map_or(0.0, |pair| pair.gain)
@@ -124,7 +125,7 @@ impl<'a> Search<'a> {
         self.columns.pop();
     }
 
-    /// What the row gains with the rows before it, but by a shared column.
+    /// Gain of the row together with the preceding rows, except for a shared column.
     fn together(&self, row: usize, shared: Option<u32>) -> f64 {
         let pairs = self.unresolved.iter().filter(|pair| pair.second as usize == row);
         pairs
@@ -161,7 +162,7 @@ mod tests {
         gains.iter().enumerate().flat_map(row).collect()
     }
 
-    /// Probabilities of the columns of each row, nothing last, summed over all events.
+    /// Probabilities of the columns of each row, the last one of no column, summed over all events.
     fn marginals(events: &[Event], rows: usize, columns: usize) -> Vec<Vec<f64>> {
         let mut sums = vec![vec![0.0; columns + 1]; rows];
         let total: f64 = events.iter().map(|event| event.gain.exp()).sum();
@@ -173,7 +174,7 @@ mod tests {
         sums
     }
 
-    /// Three tracks with the weights of a worked example, none .1: all events are there, and none twice.
+    /// Three tracks with the weights of a worked example, 0.1 for no plot: every event is found exactly once.
     #[test]
     fn all_events_have_the_marginals_of_jpda() {
         let weights: [&[(u32, f64)]; 3] =
@@ -184,7 +185,7 @@ mod tests {
             .collect();
         let rows: Vec<&[(u32, f64)]> = gains.iter().map(Vec::as_slice).collect();
         let found = events(&pairs(&rows), 3, &[], ALL, &mut Assigner::default());
-        // columns 0 to 2, and none
+        // columns 0 to 2, and no column
         let expected = [
             [0.864606317016, 0.115390101702, 0.0, 0.020003581281],
             [0.120276426367, 0.749792862324, 0.101398824247, 0.028531887062],
@@ -218,7 +219,8 @@ mod tests {
         }
     }
 
-    /// Gains of a worked example of two tracks and two plots, with a cell of 150 m and 1.4 degrees.
+    /// Gains of a worked example with two tracks and two plots, and a resolution cell of 150 m and 1.4
+    /// degrees.
     #[test]
     fn two_rows_may_share_a_column() {
         let missed = 2.0 * 0.1_f64.ln();

@@ -1,4 +1,4 @@
-//! Gates: how far from its prediction a plot may be, and in which sector it is.
+//! Gates: the largest distance of a plot from its prediction, and the sectors of a gate.
 
 use super::grid::{FINITE, Grid};
 use crate::base::distribution::chi_square_upper_quantile;
@@ -6,25 +6,25 @@ use crate::base::error::{Error, Result, require, require_elements, require_posit
 use crate::base::matrix::read_covariance;
 use nalgebra::SMatrix;
 
-/// Probability of the inner gate: the motion is straight and uniform.
+/// Probability of the inner gate: a plot inside it indicates straight and uniform motion.
 pub const INNER: f64 = 0.65;
-/// Probability of the outer gate: beyond the inner one the speed or the course changes.
+/// Probability of the outer gate: a plot beyond the inner gate indicates a change of speed or course.
 pub const OUTER: f64 = 0.95;
-/// Probability of the guard gate: beyond the outer one it is a manoeuvre.
+/// Probability of the guard gate: a plot beyond the outer gate indicates a manoeuvre.
 pub const GUARD: f64 = 0.998;
 
-/// `1 − p` keeps ten digits of the threshold.
+/// Smallest probability for which `1 − p` retains ten digits of the threshold.
 const SMALLEST_PROBABILITY: f64 = 1e-6;
 const LARGEST_DIMENSION: usize = 1000;
-/// Least share of a variance that the components before it leave unexplained.
+/// Smallest share of a variance that the preceding components must leave unexplained.
 const REGULAR: f64 = 1e-13;
-/// One of so many plots are many, and are sorted by counting.
+/// If at least one of this many plots is in a list, the list is sorted by counting.
 const MANY: usize = 16;
-/// Margin of a half width against rounding.
+/// Margin of half widths for rounding.
 const MARGIN: f64 = 1.0 + 1e-12;
 
-/// The d² within which a true plot of this dimension lies with this probability: the quantile of the
-/// chi-square distribution.
+/// Returns the d² that a true plot of this dimension does not exceed with this probability: the quantile of
+/// the chi-square distribution.
 ///
 /// # Errors
 /// A probability or a dimension outside its domain.
@@ -51,7 +51,7 @@ pub struct Thresholds {
 }
 
 impl Thresholds {
-    /// The thresholds for a dimension.
+    /// Returns the thresholds for a dimension.
     ///
     /// # Errors
     /// As [`threshold`].
@@ -64,8 +64,8 @@ impl Thresholds {
     }
 }
 
-/// The sector of the gates that a plot is in. Ahead and behind are within 45° of the velocity and of
-/// its opposite, by the angle between the whitened innovation and the whitened velocity.
+/// The sector of the gates in which a plot is. Ahead and behind are within 45° of the velocity and of
+/// its opposite, measured between the whitened innovation and the whitened velocity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum GateSector {
@@ -92,8 +92,8 @@ pub enum GateSector {
 }
 
 impl GateSector {
-    /// The sector of an innovation in the plane, x east and y north. Without a velocity, everything
-    /// is ahead.
+    /// Returns the sector of an innovation in the plane, x east and y north. Without a velocity, all
+    /// innovations count as ahead.
     #[must_use]
     pub fn of(
         innovation: [f64; 2],
@@ -109,7 +109,7 @@ impl GateSector {
         if d2.is_nan() || d2 > thresholds.guard {
             return Self::Outside;
         }
-        // |φ| ≤ 45° or ≥ 135°: whitening keeps the side, and no choice of the root changes φ
+        // |φ| ≤ 45° or ≥ 135°: whitening preserves the side, and φ does not depend on the choice of the root
         let along = e[0] * v[0] + e[1] * v[1];
         let across = v[0] * e[1] - v[1] * e[0];
         let (near, far) = match (along.abs() >= across.abs(), along >= 0.0, across > 0.0) {
@@ -122,16 +122,16 @@ impl GateSector {
     }
 }
 
-/// The lower triangle L of a covariance `Σ = L Lᵀ`, for distances.
+/// The lower triangle L of a covariance `Σ = L Lᵀ`, with which distances are computed.
 #[derive(Clone, Copy, Debug)]
 pub struct Factor<const M: usize> {
     lower: [[f64; M]; M],
-    /// One over the diagonal.
+    /// Reciprocals of the diagonal.
     reciprocal: [f64; M],
 }
 
 impl<const M: usize> Factor<M> {
-    /// The factor; none where the covariance is singular.
+    /// Computes the factor; `None` if the covariance is singular.
     #[must_use]
     pub fn try_new(sigma: &[[f64; M]; M]) -> Option<Self> {
         let (mut lower, mut reciprocal) = (*sigma, [0.0; M]);
@@ -194,13 +194,13 @@ pub struct Gated {
     pub ln_determinant: f64,
 }
 
-/// Predictions of tracks and plots of one scan, M coordinates each, one after the other; the first
-/// two span the plane of the index.
+/// Predictions of tracks and plots of one scan, with M coordinates each, in one list; the first two
+/// coordinates span the plane of the index.
 #[derive(Clone, Copy, Debug)]
 pub struct Scan<'a> {
     /// Predicted positions of the tracks.
     pub predicted: &'a [f64],
-    /// Their covariances, those of the innovations where the plots have none of their own.
+    /// Covariances of the predictions, or of the innovations if the plots have no covariances.
     pub covariance: &'a [f64],
     /// Positions of the plots.
     pub plots: &'a [f64],
@@ -208,11 +208,11 @@ pub struct Scan<'a> {
     pub plot_covariance: Option<&'a [f64]>,
 }
 
-/// Every plot within the gate of every track, by track and then by plot. Cost O(T + N) where gates
-/// are small, and O(1) for each pair.
+/// Returns all pairs of a plot and a track in whose gate it is, sorted by track and then by plot. Cost
+/// O(T + N) if gates are small, plus O(1) for each pair.
 ///
 /// # Errors
-/// A number that is not finite, a matrix that is no covariance or is singular, a threshold that is
+/// A number that is not finite, a matrix that is singular or is not a covariance, or a threshold that is
 /// not positive.
 pub fn pairs<const M: usize>(scan: &Scan<'_>, threshold: f64) -> Result<Vec<Gated>> {
     require_positive("threshold", threshold)?;
@@ -246,8 +246,8 @@ pub fn pairs<const M: usize>(scan: &Scan<'_>, threshold: f64) -> Result<Vec<Gate
     Ok(out)
 }
 
-/// Sorts some of as many indices as `there` is long, none of them twice; all of it is false, and
-/// remains so.
+/// Sorts distinct indices below the length of `there`, in which all elements are false before and
+/// afterwards.
 fn sort(indices: &mut Vec<usize>, there: &mut [bool]) {
     if indices.len() < there.len() / MANY {
         return indices.sort_unstable();
@@ -256,7 +256,7 @@ fn sort(indices: &mut Vec<usize>, there: &mut [bool]) {
     indices.extend((0..there.len()).filter(|&index| std::mem::take(&mut there[index])));
 }
 
-/// The factor of an innovation, for this plot and those with the same covariance.
+/// Factor of the innovation covariance for this plot and all plots with the same covariance.
 #[derive(Clone, Copy)]
 struct Last<const M: usize> {
     plot: usize,
@@ -268,7 +268,7 @@ struct Last<const M: usize> {
 struct Sums<const M: usize> {
     sigmas: Vec<[[f64; M]; M]>,
     noises: Option<Vec<[[f64; M]; M]>>,
-    /// One of each track, where plots have no covariance of their own.
+    /// Factor for each track, if the plots have no covariances.
     factors: Vec<Factor<M>>,
 }
 
@@ -304,7 +304,7 @@ impl<const M: usize> Sums<M> {
         Ok(Last { plot, factor, ln_determinant: factor.ln_determinant() })
     }
 
-    /// Half widths of a box around each gate, for any plot.
+    /// Returns half widths of a box around each gate, for the plot with the largest covariance.
     fn half_widths(&self, threshold: f64) -> Vec<[f64; 2]> {
         let mut widest = [0.0_f64; 2];
         for noise in self.noises.iter().flatten() {
@@ -321,7 +321,7 @@ fn regular<const M: usize>(sigma: &[[f64; M]; M], track: usize) -> Result<Factor
     Factor::try_new(sigma).ok_or_else(singular)
 }
 
-/// The width of a cell: that of the usual gate.
+/// Width of a cell: the median width of the gates.
 fn cell(half_widths: &[[f64; 2]]) -> f64 {
     let mut widths: Vec<f64> = half_widths.iter().map(|w| w[0].max(w[1])).collect();
     if widths.is_empty() {
@@ -368,7 +368,7 @@ mod tests {
         for (p, m) in [(0.0, 2), (1.0, 2), (f64::NAN, 2), (0.5, 0), (0.5, 1001)] {
             assert!(threshold(p, m).is_err());
         }
-        // two dimension have a closed form, which is that of the others
+        // the closed form for two dimensions agrees with the general one
         let general = chi_square_upper_quantile(1.0 - 0.9, 2);
         assert!((threshold(0.9, 2).unwrap() / general - 1.0).abs() < 1e-13);
     }
@@ -389,7 +389,7 @@ mod tests {
         assert_eq!(region([3.0, -0.1]), GateSector::GuardRight);
         assert_eq!(region([0.0, 3.6]), GateSector::Outside);
         assert_eq!(region([f64::NAN, 0.0]), GateSector::Outside);
-        // the edge of a wedge belongs to it
+        // the boundary of a wedge belongs to it
         assert_eq!(region([1.5, 1.5]), GateSector::Ahead);
         assert_eq!(GateSector::of([2.0, 0.0], [0.0; 2], &factor, &thresholds), GateSector::Ahead);
     }

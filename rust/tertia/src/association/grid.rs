@@ -1,28 +1,29 @@
-//! A spatial index: the points near a position.
+//! A spatial index that finds the points near a position.
 //!
-//! Square cells cover the plane; cells whose numbers agree in their last bits share a bucket, as if
-//! the plane were wrapped around a torus. Neither memory nor time depend on the distances of points,
+//! Square cells cover the plane. Cells whose indices agree in their last bits share a bucket, as if
+//! the plane were wrapped around a torus. Neither memory nor time depends on the distances between points,
 //! so distant outliers cost nothing. A row of neighbouring cells is contiguous in memory.
 
 use crate::base::error::{Result, require, require_elements};
 use std::ops::Range;
 
-/// Buckets per point, at least: fewer than one point of other cells is looked at in each.
+/// Smallest number of buckets per point: then a bucket contains on average less than one point of other
+/// cells.
 const BUCKETS_PER_POINT: usize = 2;
 pub(super) const FINITE: &str = "every coordinate must be a finite number";
 
-/// A point and its place in the caller's list.
+/// A point and its index in the caller's list.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Entry {
-    /// Its coordinates.
+    /// Coordinates of the point.
     pub point: [f64; 2],
-    /// Its index.
+    /// Index of the point.
     pub index: u32,
-    /// A number of the caller's, by which points can be left out without reading what they belong to.
+    /// A number set by the caller, by which points can be excluded without reading further data.
     pub tag: u32,
 }
 
-/// Indices of points, in order.
+/// Indices of points, in ascending order.
 pub(crate) trait Indices:
     ExactSizeIterator<Item = usize> + DoubleEndedIterator + Clone
 {
@@ -30,31 +31,31 @@ pub(crate) trait Indices:
 
 impl<I: ExactSizeIterator<Item = usize> + DoubleEndedIterator + Clone> Indices for I {}
 
-/// An index of points in the plane, for one scan.
+/// An index of points in the plane.
 #[derive(Clone, Debug, Default)]
 pub struct Grid {
     entries: Vec<Entry>,
-    /// Where the entries of each bucket begin, and where the last one's end.
+    /// Start of the entries of each bucket, and the end of the last ones.
     start: Vec<u32>,
-    /// Buckets along an axis, a power of two, less one.
+    /// Number of buckets along an axis, a power of two, minus one.
     mask: usize,
     /// Cells per metre.
     density: f64,
 }
 
 impl Grid {
-    /// The index of `points` with cells of this width: best about twice the usual half width of a
-    /// query. Cost O(N).
+    /// Creates the index of `points` with cells of this width; about twice the usual half width of a
+    /// query is best. Cost O(N).
     ///
     /// # Errors
-    /// A coordinate that is not finite; a width that is not positive; 2³² points or more.
+    /// A coordinate that is not finite, a width that is not positive, or 2³² points or more.
     pub fn new(points: &[[f64; 2]], cell: f64) -> Result<Self> {
         let mut grid = Self::default();
         grid.fill(points, cell)?;
         Ok(grid)
     }
 
-    /// Replaces the points, in the same memory. After an error the grid is empty.
+    /// Replaces the points and reuses the memory. After an error the grid is empty.
     ///
     /// # Errors
     /// As [`Grid::new`].
@@ -62,7 +63,7 @@ impl Grid {
         self.fill_tagged(points, |_| 0, cell)
     }
 
-    /// The same, with a tag of each point by its index.
+    /// [`Grid::fill`] with a tag for each point, from its index.
     ///
     /// # Errors
     /// As [`Grid::new`].
@@ -75,7 +76,7 @@ impl Grid {
         self.fill_some((points, 0..points.len()), tag, cell)
     }
 
-    /// The same with some of the points only, in the order of their indices.
+    /// [`Grid::fill_tagged`] with some of the points only, in the order of their indices.
     ///
     /// # Errors
     /// As [`Grid::new`].
@@ -103,7 +104,7 @@ impl Grid {
         Ok(())
     }
 
-    /// Sorts the points by bucket, by counting.
+    /// Sorts the points into buckets by counting.
     fn sort(
         &mut self,
         (points, some): (&[[f64; 2]], impl Indices),
@@ -142,9 +143,9 @@ impl Grid {
         self.entries.is_empty()
     }
 
-    /// Calls `visit` with the index of every point not farther from `centre` than `half_width`
-    /// along each axis, the edges included; in the order of the cells, not of the indices. Nothing
-    /// is near a centre that is not a number.
+    /// Calls `visit` with the index of every point whose distance from `centre` along each axis is at most
+    /// `half_width`, in the order of the cells, not of the indices. No point is near a centre that is
+    /// nan.
     #[inline]
     pub fn within(&self, centre: [f64; 2], half_width: [f64; 2], visit: &mut impl FnMut(usize)) {
         let low = [centre[0] - half_width[0], centre[1] - half_width[1]];
@@ -152,13 +153,13 @@ impl Grid {
         self.between(low, high, visit);
     }
 
-    /// As [`Grid::within`], from one corner to the other.
+    /// [`Grid::within`] for a rectangle between two corners.
     #[inline]
     pub fn between(&self, low: [f64; 2], high: [f64; 2], visit: &mut impl FnMut(usize)) {
         self.entries(low, high, &mut |entry| visit(entry.index as usize));
     }
 
-    /// As [`Grid::between`], with the points and their tags.
+    /// [`Grid::between`] with the points and their tags.
     #[inline]
     pub fn entries(&self, low: [f64; 2], high: [f64; 2], visit: &mut impl FnMut(&Entry)) {
         self.ranges(low, high, &mut |range| {
@@ -170,14 +171,14 @@ impl Grid {
         });
     }
 
-    /// All points with their tags, cell by cell.
+    /// Returns all points with their tags, cell by cell.
     #[must_use]
     pub fn all(&self) -> &[Entry] {
         &self.entries
     }
 
-    /// Where the points from one corner to the other are among all, and others of the same cells, each
-    /// once: for callers that test many of them at once.
+    /// Visits the ranges, in [`Grid::all`], of the points between two corners and of others in the same
+    /// cells, each once. For callers that test many points at once.
     #[inline]
     pub fn ranges(&self, low: [f64; 2], high: [f64; 2], visit: &mut impl FnMut(Range<usize>)) {
         if self.is_empty() {
@@ -200,8 +201,8 @@ impl Grid {
         }
     }
 
-    /// The number of a coordinate's cell. It never decreases, whatever is rounded: casts saturate.
-    /// (The function `floor` is a call on machines that are as old as a wheel is built for.)
+    /// Cell index of a coordinate. It never decreases with the coordinate, despite rounding: casts saturate.
+    /// (`floor` would be a function call on the oldest machines that wheels are built for.)
     #[inline]
     fn cell(&self, coordinate: f64) -> i64 {
         let number = coordinate * self.density;
@@ -215,7 +216,7 @@ impl Grid {
         row * (self.mask + 1) + column
     }
 
-    /// The cells from one coordinate to another, each bucket once.
+    /// Returns the cells from one coordinate to another, with each bucket once.
     #[inline]
     fn stretch(&self, low: f64, high: f64) -> Stretch {
         let (first, last) = (self.cell(low), self.cell(high));
@@ -226,21 +227,21 @@ impl Grid {
     }
 }
 
-/// Whether a point is between two corners, the edges included. All is compared: whether it is inside along
-/// one axis is as good as random, which processors cannot guess.
+/// Whether a point is between two corners, edges included. All comparisons are made without branches,
+/// because each outcome is almost random and processors cannot predict it.
 #[inline]
 pub(crate) fn is_inside([x, y]: [f64; 2], low: [f64; 2], high: [f64; 2]) -> bool {
     (x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1])
 }
 
-/// Neighbouring cells of a row or column that is wound around the torus.
+/// Neighbouring cells of a row or column, wrapped around the torus.
 #[derive(Clone, Copy)]
 struct Stretch {
     first: usize,
     count: usize,
 }
 
-/// Buckets along an axis for so many points.
+/// Number of buckets along an axis for this number of points.
 fn side(points: usize) -> usize {
     let buckets = points.saturating_mul(BUCKETS_PER_POINT).max(1);
     1 << buckets.ilog2().div_ceil(2)
@@ -306,7 +307,7 @@ mod tests {
         });
         found.sort_by_key(|entry| entry.0);
         assert_eq!(found, [(0, 0, points[0]), (2, 14, points[2])]);
-        // without tags they are zero
+        // tags are zero if none are given
         grid.fill(&points, 50.0).unwrap();
         grid.entries([-1e3; 2], [1e3; 2], &mut |entry| assert_eq!(entry.tag, 0));
     }

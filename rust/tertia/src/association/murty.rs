@@ -1,29 +1,30 @@
-//! The best assignments in their order (Murty 1968; Cox, Hingorani 1996).
+//! The best assignments in descending order (Murty 1968; Cox, Hingorani 1996).
 
 use super::assignment::Assigner;
 use super::event::{Event, Limits, sort};
 use super::pair::Pair;
 
-/// Added to the gains of rows that must have a column: more than all gains together.
+/// Added to the gains of rows that must have a column; larger than the sum of all gains.
 const MUST: f64 = 1e7;
 
-/// What a row may have.
+/// Restriction of a row.
 #[derive(Clone, Debug, PartialEq)]
 enum Rule {
-    /// Anything but these; whether it may be without a column.
+    /// Any column except these; `or_none` is whether the row may be without a column.
     Free { but: Vec<u32>, or_none: bool },
-    /// This.
+    /// Exactly this column, or none.
     Fixed(Option<u32>),
 }
 
-/// An assignment, and the rules under which it is the best.
+/// An assignment, and the rules under which it is the best one.
 struct Node {
     event: Event,
     rules: Vec<Rule>,
 }
 
-/// The `limits.count` best assignments within `limits.cut` of the best, which is that of [`Assigner`].
-/// Each is the best of those that differ from all better ones. Cost O(count × rows) assignments.
+/// Returns the `limits.count` best assignments within `limits.cut` of the best one, which is that of
+/// [`Assigner`]. Each is the best of those that differ from all better ones. Cost O(count × rows)
+/// assignments.
 pub(super) fn best(
     pairs: &[Pair],
     rows: usize,
@@ -56,7 +57,7 @@ pub(super) fn best(
     found
 }
 
-/// The rules with one choice less; none where there is no other one.
+/// Returns the rules with one choice excluded; `None` if the row then has no choice.
 fn without(rules: &[Rule], row: usize, column: Option<u32>) -> Option<Vec<Rule>> {
     let mut rules = rules.to_vec();
     match (&mut rules[row], column) {
@@ -76,7 +77,7 @@ struct Solver<'a> {
 }
 
 impl Solver<'_> {
-    /// The best assignment by these rules, if there is one.
+    /// Finds the best assignment under these rules; `None` if there is none.
     fn solve(&mut self, rules: Vec<Rule>) -> Option<Node> {
         let is_fixed = |column: u32| rules.contains(&Rule::Fixed(Some(column)));
         let lifted = |pair: &Pair| match &rules[pair.row as usize] {
@@ -141,7 +142,7 @@ mod tests {
         }
     }
 
-    /// Where rows are too many for an enumeration.
+    /// More rows than can be enumerated.
     #[test]
     fn many_rows() {
         let mut pairs = Vec::new();

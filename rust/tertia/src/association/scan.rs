@@ -1,4 +1,4 @@
-//! The plots of one scan and the tracks they belong to: gates, scores, assignment.
+//! Association of the plots of one scan with tracks: gates, scores, assignment.
 
 use super::assignment::Assigner;
 use super::gate::{self, Gated, Scan};
@@ -6,31 +6,31 @@ use super::pair::Pair;
 use super::score::{self, PaperScore, Surroundings};
 use crate::base::error::Result;
 
-/// What a pair is worth.
+/// Score of a pair.
 #[derive(Clone, Copy, Debug)]
 pub enum Scoring {
-    /// The log-likelihood ratio; it gains what a missed target and a false plot do not have.
+    /// The log-likelihood ratio; the gain is the ratio minus the log-likelihood of a missed detection.
     Likelihood(Surroundings),
-    /// The paper's score with this ratio; it gains what it is worth beyond the edge of the gate.
+    /// The paper's score with this ratio; the gain is the score minus that at the edge of the gate.
     Paper(f64),
 }
 
-/// Which plot belongs to which track.
+/// Plots assigned to tracks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Association {
-    /// The plot of each track.
+    /// Plot of each track.
     pub plot_of_track: Vec<Option<u32>>,
-    /// Its score, nan without one.
+    /// Score of this plot; nan if there is none.
     pub score: Vec<f64>,
-    /// Its normalised innovation squared, nan without one.
+    /// Normalised innovation squared of this plot; nan if there is none.
     pub nis: Vec<f64>,
 }
 
-/// Assigns plots within the gates of tracks: such that the sum of the gains is largest, or the best
-/// remaining pair first. Cost as [`gate::pairs`] and [`Assigner`].
+/// Assigns plots to the tracks in whose gates they are: for the largest sum of the gains if `is_global`,
+/// otherwise the best remaining pair first. Cost as [`gate::pairs`] and [`Assigner`].
 ///
 /// # Errors
-/// As [`gate::pairs`], and a ratio that is not above 1.
+/// As [`gate::pairs`], or a ratio that is not above 1.
 pub fn associate<const M: usize>(
     scan: &Scan<'_>,
     threshold: f64,
@@ -52,7 +52,7 @@ pub fn associate<const M: usize>(
     }
 }
 
-/// Assigns so many tracks and plots by what pairs are worth beyond a base.
+/// Assigns this number of tracks and plots; the gain of a pair is its worth minus a base.
 fn assigned(
     found: &[Gated],
     [tracks, plots]: [usize; 2],

@@ -4,8 +4,8 @@ use crate::base::error::{Result, require};
 
 const LN_TWO_PI: f64 = 1.837_877_066_409_345_3;
 
-/// `S = ½ (1/Q − 1) d² + m/2 ln Q`: the log-likelihood ratio of a true against a false association,
-/// where the covariance of the latter is Q Σ. It ignores ln |Σ|.
+/// `S = ½ (1/Q − 1) d² + m/2 ln Q`: the log-likelihood ratio of a true to a false association,
+/// if the covariance of false associations is Q Σ. It ignores ln |Σ|.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PaperScore {
     slope: f64,
@@ -13,7 +13,7 @@ pub struct PaperScore {
 }
 
 impl PaperScore {
-    /// With the ratio Q, of m components.
+    /// Creates the score with the ratio Q for m components.
     ///
     /// # Errors
     /// A ratio that is not above 1.
@@ -22,7 +22,7 @@ impl PaperScore {
         Ok(Self { slope: 0.5 * (1.0 / q - 1.0), largest: 0.5 * m as f64 * q.ln() })
     }
 
-    /// The score of a d².
+    /// Returns the score for a d².
     #[inline]
     #[must_use]
     pub fn of(&self, d2: f64) -> f64 {
@@ -49,7 +49,7 @@ pub fn log_density(d2: f64, ln_determinant: f64, m: usize) -> f64 {
     -0.5 * (d2 + ln_determinant + m as f64 * LN_TWO_PI)
 }
 
-/// The conditions of detection: probability of detection and density of false plots.
+/// Conditions of detection: probability of detection and clutter density.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surroundings {
     ln_ratio: f64,
@@ -57,8 +57,8 @@ pub struct Surroundings {
 }
 
 impl Surroundings {
-    /// From the probability of detection in a scan, and the false plots in a scan per unit of area
-    /// (m = 2) or volume (m = 3).
+    /// Conditions with the probability of detection in a scan, and the number of false plots per scan and
+    /// area (m = 2) or volume (m = 3).
     ///
     /// # Errors
     /// A probability or density outside its domain.
@@ -71,7 +71,7 @@ impl Surroundings {
         Ok(Self { ln_ratio: pd.ln() - beta.ln(), ln_missed: (-pd).ln_1p() })
     }
 
-    /// `ln(Pd N / β)`: the log-likelihood ratio of a plot, from the target against a false one.
+    /// `ln(Pd N / β)`: the log-likelihood ratio of a plot of the target to a false plot.
     #[inline]
     #[must_use]
     pub fn likelihood(&self, log_density: f64) -> f64 {

@@ -1,20 +1,20 @@
-/// Category and length.
+/// Size of the header of a data block: category and length.
 pub(super) const HEADER: usize = 3;
 
-/// Data blocks of a recording: their categories, and where their records begin and end.
+/// Data blocks of a recording: their categories, and the first and last bytes of their records.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct Blocks {
     /// Category of each data block.
     pub category: Vec<u8>,
-    /// Its first byte after the header.
+    /// Index of the first byte of each block after the header.
     pub begin: Vec<usize>,
-    /// The byte after its last.
+    /// Index after the last byte of each block.
     pub end: Vec<usize>,
-    /// The byte where the last one ends: that of the recording, unless something else follows.
+    /// Index at which the last block ends: the end of the recording, unless other bytes follow.
     pub stop: usize,
 }
 
-/// Find consecutive data blocks, until there is none or one is cut off. O(blocks).
+/// Finds consecutive data blocks, until there is none or one is truncated. O(blocks).
 pub fn blocks(bytes: &[u8]) -> Blocks {
     let mut found = Blocks::default();
     while let Some((category, end)) = header(bytes, found.stop) {
@@ -26,7 +26,7 @@ pub fn blocks(bytes: &[u8]) -> Blocks {
     found
 }
 
-/// Category and end of the data block that begins here, if there can be one.
+/// Category and end of the data block that begins at this index, if there can be one.
 pub(super) fn header(bytes: &[u8], at: usize) -> Option<(u8, usize)> {
     let &[category, high, low] = bytes.get(at..at + HEADER)? else {
         return None;

@@ -1,17 +1,17 @@
 use std::collections::HashMap;
 
 const DAY: f64 = 86_400.0;
-/// Truncated times begin again after so many seconds, and with the day.
+/// Truncated times start again after this many seconds, and at midnight.
 const TRUNCATED: f64 = 512.0;
-/// In place of sources that never tell the full time.
+/// Stands for all sources, for those that never report a full time.
 const ANY: i64 = i64::MIN;
 
-/// Complete truncated times of day by full ones.
+/// Completes truncated times of day from full ones.
 ///
-/// Of each record in its order: the full time in seconds, or not a number; the truncated one, or
-/// not a number; who reports. A truncated time becomes the time of day nearest to the last one of
-/// its source, or of any source if this one never tells a full time; without any full time it
-/// remains as it is, and goes on from one to the next. O(n).
+/// The arguments contain for each record, in order: the full time in seconds, or nan; the truncated time, or
+/// nan; and the source that reports. A truncated time becomes the time of day nearest to the last time of
+/// the same source, or of any source if this source never reports a full time. If there is no full time
+/// at all, the first truncated time of a source remains unchanged, and its later ones continue from it. O(n).
 pub fn complete_times(full: &[f64], truncated: &[f64], source: &[i64]) -> Vec<f64> {
     let mut last = HashMap::new();
     for (&time, &source) in full.iter().zip(source).rev().filter(|(time, _)| time.is_finite()) {
@@ -39,7 +39,7 @@ pub fn complete_times(full: &[f64], truncated: &[f64], source: &[i64]) -> Vec<f6
         .collect()
 }
 
-/// The time of day nearest to another, over midnight, too, that is truncated to this.
+/// Time of day nearest to another one, also across midnight, whose truncated form is given.
 fn nearest(truncated: f64, near: f64) -> f64 {
     let most = ((DAY - truncated) / TRUNCATED).ceil() - 1.0;
     let candidates = [-DAY, 0.0, DAY].map(|day| {
@@ -76,7 +76,7 @@ mod tests {
         assert_eq!(found, (0..50).map(|k| f64::from(100 * k)).collect::<Vec<_>>());
     }
 
-    /// The day has no whole number of 512 seconds.
+    /// A day is not a whole number of periods of 512 seconds.
     #[test]
     fn midnight_is_passed() {
         let times: Vec<f64> = (0..200).map(|k| (86_300.0 + f64::from(k)) % DAY).collect();

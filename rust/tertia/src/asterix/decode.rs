@@ -1,36 +1,36 @@
 use super::definition::{Definition, Items, Octets, Structure};
 
-/// No such item in the record.
+/// Value of a field that the record does not contain.
 const MISSING: i64 = i64::MIN;
 const CUT_OFF: &str = "it is cut off";
 const TOO_LONG: &str = "its FSPEC is too long";
 
-/// Records as columns.
+/// Decoded records, as columns.
 #[derive(Debug, Default)]
 pub struct Records {
-    /// The data block of each record, in the order of the caller.
+    /// Data block of each record, as numbered by the caller.
     pub block: Vec<usize>,
-    /// A column for each field of the definition; `i64::MIN` where the record has none.
+    /// One column for each field of the definition; `i64::MIN` if the record does not contain the field.
     pub columns: Vec<Vec<i64>>,
-    /// Where data blocks are damaged.
+    /// Places where data blocks are damaged.
     pub damage: Vec<Damage>,
 }
 
-/// A record that cannot be decoded, with which its data block ends.
+/// A record that cannot be decoded; the rest of its data block is left out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Damage {
-    /// Its data block.
+    /// Index of the data block.
     pub block: usize,
-    /// Its first byte in the recording.
+    /// Index of the first byte of the record in the recording.
     pub at: usize,
-    /// What is wrong.
+    /// What is wrong with the record.
     pub reason: &'static str,
 }
 
-/// Decode data blocks, whose records are `bytes[begin..end]`.
+/// Decodes data blocks, whose records are `bytes[begin..end]`.
 ///
-/// What follows a record that does not conform to the definition is left out. O(bytes); a range
-/// beyond the bytes is an empty block.
+/// The rest of a block after a record that does not conform to the definition is left out. O(bytes); a range
+/// beyond the bytes counts as an empty block.
 pub fn decode(
     definition: &Definition,
     bytes: &[u8],
@@ -57,7 +57,7 @@ pub fn decode(
     found
 }
 
-/// The number of bytes that records take, until one cannot be decoded.
+/// Number of bytes taken by records before the first one that cannot be decoded.
 pub(super) fn whole_records(definition: &Definition, bytes: &[u8]) -> usize {
     let mut row = vec![MISSING; definition.fields.len()];
     let mut rest = bytes;
@@ -108,7 +108,7 @@ fn item(items: &Items, number: usize) -> Result<&Structure, &'static str> {
     item.ok_or("its FSPEC names an item that is not defined")
 }
 
-/// The list of items that a record has, as far as it is read.
+/// Returns the list of items that applies to the record, from the columns read so far.
 fn list<'a>(items: &'a Items, row: &[i64]) -> &'a Items {
     match &items.other {
         Some((column, other)) if row[*column] > 0 => other,
@@ -168,7 +168,7 @@ fn read_octets<'a>(
         let word = taken[first..end.div_ceil(8)]
             .iter()
             .fold(0, |word: u64, &octet| word << 8 | u64::from(octet));
-        // the last bit is brought to the end, the first to the front and back, which keeps the sign
+        // a shift to the right end, then one to the left and back, which extends the sign
         let right = word >> (end.div_ceil(8) * 8 - end);
         let left = 64 - field.count;
         let value = (right << left).cast_signed();

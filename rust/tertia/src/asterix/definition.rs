@@ -1,14 +1,14 @@
 use std::str::SplitAsciiWhitespace;
 use std::sync::LazyLock;
 
-/// What a column holds.
+/// Description of a column.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Field {
-    /// Item and parts: `040/RHO`.
+    /// Item and part, as in `040/RHO`.
     pub name: String,
-    /// What the last bit is worth; 1 for codes.
+    /// Value of the least significant bit; 1 for codes.
     pub scale: f64,
-    /// Unit of the scale, empty without.
+    /// Unit of the scale; empty if there is none.
     pub unit: String,
 }
 
@@ -21,7 +21,7 @@ pub(super) struct Bits {
     pub signed: bool,
 }
 
-/// Octets of fixed number, and what is taken from them.
+/// A fixed number of octets, and the bits taken from them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Octets {
     pub count: usize,
@@ -32,46 +32,46 @@ pub(super) struct Octets {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Structure {
     Fixed(Octets),
-    /// Parts whose last bit says whether the next one follows; only the last may lack that bit.
+    /// Parts whose last bit indicates whether the next part follows; only the last part may lack that bit.
     Extended(Vec<Octets>, bool),
-    /// Octets, as often as the octets before them count.
+    /// Groups of octets, preceded by their count.
     Counted(usize, usize),
-    /// Octets whose last bit says whether they are repeated.
+    /// Groups of octets; the last bit of each group indicates whether another one follows.
     Repeated(usize),
-    /// The first octet is the length.
+    /// Octets, the first of which is their number.
     Explicit,
     Compound(Items),
-    /// Items of the same record by their numbers, in any order, as often as the first octet says.
+    /// Items of the same record by their numbers, in any order; the first octet is their count.
     Sequence,
 }
 
-/// Items of which an FSPEC says which are there.
+/// Items with an FSPEC that indicates which of them are present.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Items {
-    /// Most octets of the FSPEC.
+    /// Largest number of octets of the FSPEC.
     pub fspec: usize,
-    /// In the order of its bits; a spare bit has none.
+    /// Items in the order of the FSPEC bits; a spare bit has none.
     pub items: Vec<Option<Structure>>,
-    /// The items of records in which a column is not 0, from where it is read.
+    /// Alternative items for records in which a column is not 0, from the point at which this column is read.
     pub other: Option<(usize, Box<Items>)>,
 }
 
-/// Structure of the records of a category, the same in some editions of its document.
+/// Structure of the records of a category, valid for one or more editions of its document.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Definition {
-    /// Category.
+    /// Category of the records.
     pub category: u8,
-    /// Editions, the newest first.
+    /// Editions of the document, the newest first.
     pub editions: Vec<String>,
-    /// Columns of its records.
+    /// Columns of the records.
     pub fields: Vec<Field>,
     pub(super) record: Items,
 }
 
-/// What begins the line between two lists of items.
+/// Beginning of the line between two lists of items.
 const WHERE: &str = "where ";
 
-/// Return all definitions, of each category the newest first.
+/// Returns all definitions; those of a category are sorted from the newest.
 pub fn definitions() -> &'static [Definition] {
     static ALL: LazyLock<Vec<Definition>> = LazyLock::new(|| {
         let text = include_str!("definitions.txt");
@@ -80,7 +80,7 @@ pub fn definitions() -> &'static [Definition] {
     &ALL
 }
 
-/// Return the definition of a paragraph; `None` where it is a comment.
+/// Parses the definition in a paragraph; `None` if it is a comment.
 fn definition(text: &str) -> Option<Definition> {
     let mut lines = text.lines();
     let mut head = lines.next()?.split(' ');
@@ -101,7 +101,7 @@ fn definition(text: &str) -> Option<Definition> {
     Some(Definition { category, editions, fields, record })
 }
 
-/// Read the items of a record, a line each, below the length of its FSPEC.
+/// Parses the items of a record, one per line, after a line with the length of the FSPEC.
 fn items(lines: &[&str], fields: &mut Vec<Field>) -> Option<Items> {
     let (head, lines) = lines.split_first()?;
     let fspec = head.strip_prefix("fspec ")?.parse().ok()?;
@@ -114,14 +114,14 @@ fn items(lines: &[&str], fields: &mut Vec<Field>) -> Option<Items> {
     Some(Items { fspec, items: lines.iter().map(item).collect(), other: None })
 }
 
-/// Reads lists in brackets.
+/// Parser of lists in brackets.
 struct Parser<'a, 'b> {
     words: SplitAsciiWhitespace<'b>,
     fields: &'a mut Vec<Field>,
 }
 
 impl Parser<'_, '_> {
-    /// Read a structure whose bracket is not yet open; columns are named after `name`.
+    /// Parses a structure from its opening bracket on; columns are named after `name`.
     fn structure(&mut self, name: &str) -> Option<Structure> {
         self.words.next().filter(|&word| word == "(")?;
         match self.words.next()? {
@@ -135,7 +135,7 @@ impl Parser<'_, '_> {
         }
     }
 
-    /// Read the number of bits, fields and the closing bracket.
+    /// Parses the number of bits, the fields and the closing bracket.
     fn octets(&mut self, name: &str) -> Option<Octets> {
         let count = self.number()?.div_ceil(8);
         let mut bits = Vec::new();
@@ -149,7 +149,7 @@ impl Parser<'_, '_> {
                 scale: rest.first().map_or(Some(1.0), |text| text.parse().ok())?,
                 unit: rest.get(1).copied().unwrap_or_default().into(),
             };
-            // an item of both lists of a category has the same columns
+            // an item that is in both lists of a category has the same columns in both
             let known = self.fields.iter().position(|one| *one == field);
             let column = known.unwrap_or(self.fields.len());
             if known.is_none() {
@@ -219,12 +219,12 @@ mod tests {
             assert_eq!(lists.iter().map(|list| list.items.len()).sum::<usize>(), written);
             let items = lists.iter().flat_map(|list| &list.items);
             assert_eq!(items.filter(|item| item.is_none()).count(), spare);
-            // an FSPEC has no bit beyond the last item
+            // the FSPEC has no octet beyond the last item
             assert!(lists.iter().all(|list| list.items.len().div_ceil(7) == list.fspec));
             let written = paragraph.matches(" u").count() + paragraph.matches(" s ").count();
             let names: HashSet<_> = one.fields.iter().map(|field| &field.name).collect();
             assert_eq!(names.len(), one.fields.len());
-            // what both lists have is written twice
+            // fields that are in both lists are written twice
             let twice = if lists.len() == 1 { 0 } else { 16 };
             assert_eq!(one.fields.len() + twice, written);
         }

@@ -1,18 +1,18 @@
-//! Mutated records and recordings: whatever the bytes, decoding ends, and all bytes are counted.
+//! Mutated records and recordings: decoding ends for any bytes, and all bytes are accounted for.
 //!
 //! `MUTATED=100000000 cargo test --release -p tertia --lib asterix::fuzz -- --nocapture` decodes
-//! more of them than the tests do.
+//! more of them than the normal tests.
 
 use super::decode::whole_records;
 use super::{Definition, decode, definitions, recover};
 
-/// Categories of a mutated recording.
+/// Categories in a mutated recording.
 const KNOWN: [u8; 9] = [1, 2, 10, 19, 20, 21, 34, 48, 62];
-/// Blocks of a recording, and records of each block.
+/// Number of blocks of a recording, and number of records of each block.
 const BLOCKS: usize = 20;
 const RECORDS: usize = 5;
 
-/// Random numbers of xorshift.
+/// A generator of random numbers (xorshift).
 struct Random(u64);
 
 impl Random {
@@ -28,7 +28,8 @@ impl Random {
     }
 }
 
-/// A record that can be decoded: random bytes after an FSPEC of few bits, as long as it is.
+/// Returns a record that can be decoded: random bytes after an FSPEC with few bits, cut at the end of the
+/// record.
 fn record(definition: &Definition, random: &mut Random) -> Vec<u8> {
     loop {
         let mut bytes: Vec<u8> = (0..200).map(|_| (random.next() & random.next()) as u8).collect();
@@ -49,7 +50,7 @@ fn record(definition: &Definition, random: &mut Random) -> Vec<u8> {
     }
 }
 
-/// Change, take out or put in some bytes.
+/// Changes, removes or inserts some bytes.
 fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
     for _ in 0..random.below(4) {
         let at = random.below(bytes.len());
@@ -64,7 +65,7 @@ fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
     }
 }
 
-/// What was decoded ends where the damage begins, and there it begins again.
+/// Checks that decoding ends where the damage begins, and that decoding from there finds the damage again.
 fn check(definition: &Definition, bytes: &[u8]) -> usize {
     let found = decode(definition, bytes, [(0, bytes.len())].into_iter());
     let end = found.damage.first().map_or(bytes.len(), |damage| damage.at);
@@ -75,7 +76,7 @@ fn check(definition: &Definition, bytes: &[u8]) -> usize {
     found.block.len() + found.damage.len()
 }
 
-/// Blocks and gaps of a mutated recording follow each other.
+/// Checks that blocks and gaps of a mutated recording adjoin each other.
 fn check_recording(bytes: &[u8]) -> usize {
     let (found, gaps) = recover(bytes, &KNOWN);
     let ranges = found.begin.iter().zip(&found.end);
@@ -123,6 +124,6 @@ fn mutated_records_end() {
         check_recording(&recording);
     }
     println!("{count} mutated records, of which {whole} could be decoded");
-    // the mutation is neither none nor everything
+    // mutation leaves some records whole, but not all
     assert!(whole > total / 10 && whole < total);
 }

@@ -2,30 +2,30 @@ use super::blocks::{Blocks, HEADER, header};
 use super::decode::whole_records;
 use super::definition::definitions;
 
-/// So many blocks in a row, all but one of known categories, are no coincidence.
+/// Number of successive blocks, with all but one of known categories, that cannot be a coincidence.
 const CHAIN: usize = 6;
 
-/// So many bytes are decoded to find the next block, in all and per byte of the recording: what was
-/// made to look like blocks everywhere must not take longer. Noise needs some five.
+/// Largest number of bytes that are decoded to find blocks, per byte of the recording: data that were
+/// made to look like blocks everywhere must not take longer. Noise requires about five.
 const EFFORT: usize = 64;
 
-/// A place where data blocks do not follow each other.
+/// A place at which data blocks are not consecutive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Gap {
-    /// The byte where no data block begins, or the first one of a block of another length.
+    /// Index of the first byte at which no data block begins, or of the first byte of a block with a
+    /// wrong length.
     pub at: usize,
-    /// How many bytes belong to no data block; none in the second case.
+    /// Number of bytes that belong to no data block; 0 for a block with a wrong length.
     pub lost: usize,
 }
 
-/// Find the data blocks of a recording, also after a damaged length or other bytes. O(bytes).
+/// Finds the data blocks of a recording, also after a damaged length or foreign bytes. O(bytes).
 ///
-/// `known` has the categories that are plausible. A block is followed by the next one where a
-/// chain of blocks begins there, or one that can be decoded. Where there is none, the next one is
-/// the first known block that can be decoded, and at whose end is the header of a known category;
-/// the block before ends there at the latest, and what is between is a block if it can be decoded
-/// as one. What looks like blocks everywhere, and is none, ends
-/// the search.
+/// `known` contains the plausible categories. The next block begins at the end of a block if a chain of
+/// blocks begins there, or a block that can be decoded. Otherwise the next block is the first one of a
+/// known category that can be decoded and is followed by the header of a known category. The previous
+/// block then ends there at the latest, and the bytes between form a block if they can be decoded as
+/// one. Data that look like blocks everywhere, but are none, end the search.
 pub fn recover(bytes: &[u8], known: &[u8]) -> (Blocks, Vec<Gap>) {
     let mut categories = [false; 256];
     for &category in known {
@@ -37,7 +37,7 @@ pub fn recover(bytes: &[u8], known: &[u8]) -> (Blocks, Vec<Gap>) {
 struct Search<'a> {
     bytes: &'a [u8],
     known: [bool; 256],
-    /// How many bytes the search may still decode.
+    /// Number of bytes that the search may still decode.
     left: usize,
 }
 
@@ -51,7 +51,7 @@ impl Search<'_> {
                 push(&mut found, category, at, end);
                 continue;
             }
-            // the block before may be shorter than its length
+            // the previous block may be shorter than its stated length
             let before = found.begin.last().copied().unwrap_or(0);
             let next = self.next(before).unwrap_or(self.bytes.len());
             let mut lost = next.saturating_sub(at);
@@ -68,12 +68,12 @@ impl Search<'_> {
         (found, gaps)
     }
 
-    /// Whether a data block begins here; the first one is known.
+    /// Whether a data block begins here; the first block must be of a known category.
     fn is_begun(&mut self, at: usize, is_first: bool) -> bool {
         (!is_first || self.is_known(at)) && self.is_followed(at) || self.is_sound(at)
     }
 
-    /// The category and end of a data block.
+    /// Returns category and end of a data block.
     fn header(&self, at: usize) -> Option<(u8, usize)> {
         header(self.bytes, at)
     }
@@ -82,7 +82,7 @@ impl Search<'_> {
         self.bytes.get(at).is_some_and(|&category| self.known[usize::from(category)])
     }
 
-    /// Whether a chain of blocks begins here, or ends where the recording does.
+    /// Whether a chain of blocks begins here, which may be shorter at the end of the recording.
     fn is_followed(&self, mut at: usize) -> bool {
         let (mut strange, mut before) = (0, None);
         for _ in 0..CHAIN {
@@ -92,14 +92,14 @@ impl Search<'_> {
             let Some((category, end)) = self.header(at) else {
                 return false;
             };
-            // an unknown category counts once, however often it is repeated
+            // an unknown category counts once, even if it is repeated
             strange += usize::from(!self.is_known(at) && before != Some(category));
             (at, before) = (end, Some(category));
         }
         strange <= 1
     }
 
-    /// Whether all of a block can be decoded.
+    /// Whether a block can be decoded completely.
     fn is_sound(&mut self, at: usize) -> bool {
         self.header(at).is_some_and(|(category, end)| self.is_whole(category, at + HEADER, end))
     }
@@ -138,7 +138,7 @@ mod tests {
 
     const KNOWN: [u8; 3] = [34, 48, 65];
 
-    /// Twelve blocks of one plot, with some service messages.
+    /// Twelve blocks of one plot each, with some service messages.
     fn recording() -> Vec<u8> {
         let plot = [48, 0, 16, 0xF8, 23, 2, 0x42, 0x51, 0xE6, 0xA0, 0x40, 1, 0x20, 2, 0x04, 0xD2];
         let mut bytes = Vec::new();
@@ -200,7 +200,7 @@ mod tests {
         assert_eq!(gaps, [Gap { at: 0, lost: text.len() }]);
     }
 
-    /// Blocks and gaps follow each other, whatever the bytes.
+    /// Blocks and gaps adjoin each other for any bytes.
     #[test]
     fn all_bytes_are_accounted_for() {
         for octet in 0..=255 {
@@ -215,7 +215,7 @@ mod tests {
         }
     }
 
-    /// After each byte there is a block of 12 kilobytes whose first records can be decoded.
+    /// A block of 12 kilobytes, whose first records can be decoded, follows each byte.
     #[test]
     fn what_looks_like_blocks_everywhere_ends_the_search() {
         let mut bytes = vec![48; 60_000];

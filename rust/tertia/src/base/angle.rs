@@ -3,24 +3,24 @@
 use crate::base::error::{Result, require, require_count, require_each, require_finite};
 use std::f64::consts::TAU;
 
-/// Farther from zero, an angle is rounded by more than 1e-7 periods.
+/// Largest angle, in periods; larger angles are rounded by more than 1e-7 periods.
 const MAX_PERIODS: f64 = 1e9;
 
-/// Adds whole periods to `theta` until it is within half a period of `reference`. A value that is
-/// there already is returned bit for bit.
+/// Adds whole periods to `theta` until it is within half a period of `reference`. A value that is already
+/// within half a period is returned bit for bit.
 #[inline]
 pub(crate) fn nearest(theta: f64, reference: f64, period: f64) -> f64 {
     theta - period * ((theta - reference) / period).round()
 }
 
-/// The equivalent of `theta` in [0, period).
+/// Returns the equivalent of `theta` in [0, period).
 #[inline]
 pub(crate) fn principal(theta: f64, period: f64) -> f64 {
     let angle = theta.rem_euclid(period);
     if angle < period { angle } else { 0.0 }
 }
 
-/// Median; the mean of the two middle values where their number is even. O(N); `values` is
+/// Median; for an even number of values, the mean of the two middle ones. O(N); `values` is
 /// reordered.
 pub(crate) fn median(values: &mut [f64]) -> f64 {
     let n = values.len();
@@ -32,20 +32,20 @@ pub(crate) fn median(values: &mut [f64]) -> f64 {
     below + 0.5 * (upper - below)
 }
 
-/// Fails unless sums of whole periods remain finite.
+/// Returns an error unless sums of whole periods remain finite.
 ///
 /// # Errors
-/// A period that is not positive, or above 1e100.
+/// A period that is not positive, or is above 1e100.
 pub fn require_period(period: f64) -> Result<()> {
     let holds = period > 0.0 && period <= 1e100;
     require("period", period, holds, "a positive number, not above 1e100")
 }
 
 /// Unwraps angles about their circular mean, then about the median of the result, so that all are
-/// within half a period of the circular median; the first angle sets the turn. O(N).
+/// within half a period of the circular median. The number of whole periods is that of the first angle. O(N).
 ///
 /// # Errors
-/// An empty sample, an angle that is not finite, a period that is not positive.
+/// An empty sample, an angle that is not finite, or a period that is not positive.
 ///
 /// # Panics
 /// If the slices differ in length.

@@ -1,18 +1,18 @@
-//! The mean of values whose noise lasts: an AR(1) process with gaps.
+//! The mean of values with correlated noise: an AR(1) process with gaps.
 
 #[cfg(test)]
 use super::distribution::{student_two_sided, two_sigma};
 use std::sync::LazyLock;
 
-/// Values of φ = tanh u.
+/// Number of values of φ = tanh u; below, the smallest and largest u.
 const STEPS: usize = 48;
 const LOWEST: f64 = -0.55;
 const HIGHEST: f64 = 2.65;
-/// Gaps whose factors are kept.
+/// Largest gap whose factors are stored.
 const SHORT: usize = 16;
 /// Prior probability of no correlation.
 const WHITE: f64 = 0.5;
-/// A correlation of less weight than this does not count.
+/// Correlations with less weight than this are neglected.
 const LEAST_WEIGHT: f64 = 1e-18;
 
 /// Sums over the pairs of successive values with the same gap.
@@ -28,11 +28,11 @@ struct Pairs {
     product: f64,
 }
 
-/// What the exact marginal over the correlation needs of a record; reused from row to row.
+/// Data for the exact marginal over the correlation of a record; reused from row to row.
 #[derive(Clone, Debug, Default)]
 pub struct Autoregression {
     count: usize,
-    /// Values are taken less this.
+    /// Value that is subtracted from all values.
     origin: f64,
     start: f64,
     pairs: Vec<Pairs>,
@@ -40,20 +40,21 @@ pub struct Autoregression {
     weight: Vec<f64>,
     mean: Vec<f64>,
     sigma: Vec<f64>,
-    /// ln of the evidence, less that of white noise.
+    /// Logarithm of the evidence relative to that of white noise.
     gain: f64,
-    /// Standard deviation of the mean with white noise.
+    /// Standard deviation of the mean for white noise.
     white_sigma: f64,
 }
 
 impl Autoregression {
-    /// Takes values with their places in the record, and finds the posterior of their mean.
+    /// Reads values with their indices in the record, and computes the posterior of their mean.
     ///
-    /// With φ unknown (`None`): prior flat between −.5 and .99, half of it at zero; μ flat, 1/s for
-    /// the scale. With f = φ^gap, v = 1 − f², e = y' − f y of each pair of successive values,
-    /// `A = 1 + Σ (1−f)²/v`, `m = (y_1 + Σ (1−f) e/v)/A`, `S = (y_1−m)² + Σ (e − (1−f) m)²/v`, the
-    /// posterior of φ is `∝ p(φ) Π v^−½ A^−½ S^−(n−1)/2`, and μ given φ is Student's about m with
-    /// n − 1 degrees of freedom and scale `√(S/((n−1) A))`. O(N) + O(48) for each length of gap.
+    /// If φ is unknown (`None`), half of its prior is at zero and half is flat between −.5 and .99. The
+    /// prior of μ is flat, that of the scale is 1/s. With f = φ^gap, v = 1 − f², e = y' − f y of each
+    /// pair of successive values, `A = 1 + Σ (1−f)²/v`, `m = (y_1 + Σ (1−f) e/v)/A`,
+    /// `S = (y_1−m)² + Σ (e − (1−f) m)²/v`, the posterior of φ is `∝ p(φ) Π v^−½ A^−½ S^−(n−1)/2`, and μ
+    /// given φ has Student's distribution about m with n − 1 degrees of freedom and scale
+    /// `√(S/((n−1) A))`. Cost O(N) + O(48) for each distinct length of gap.
     pub fn read(&mut self, values: impl Iterator<Item = (usize, f64)>, phi: Option<f64>) {
         self.collect(values);
         for column in [&mut self.correlation, &mut self.weight, &mut self.mean, &mut self.sigma] {
@@ -130,7 +131,7 @@ impl Autoregression {
         &mut self.pairs[index]
     }
 
-    /// The mean with each of M correlations, of which `factors` returns what depends on a gap.
+    /// The mean given each of M correlations; `factors` returns their factors for a gap.
     fn given<const M: usize>(&self, factors: impl Fn(usize) -> [Factor; M]) -> [Given; M] {
         let mut sums = [[1.0, self.start, self.start * self.start, 0.0]; M];
         for p in &self.pairs {
@@ -153,8 +154,8 @@ impl Autoregression {
         })
     }
 
-    /// Logarithm of the evidence over that of white noise: 0 for fewer than three values, and for
-    /// equal ones.
+    /// Logarithm of the evidence relative to that of white noise; 0 for fewer than three values, and if
+    /// all values are equal.
     pub fn gain(&self) -> f64 {
         self.gain
     }
@@ -179,7 +180,7 @@ impl Autoregression {
         self.terms().map(|(w, m, _)| w * m).sum()
     }
 
-    /// Variance of the values, as if they were white; 0 for fewer than three values, and for equal ones.
+    /// Variance of the values, as if they were white; 0 for fewer than three values, and if all are equal.
     pub fn variance(&self) -> f64 {
         if self.weight.is_empty() {
             return 0.0;
@@ -187,8 +188,8 @@ impl Autoregression {
         self.white_sigma * self.white_sigma * self.count as f64
     }
 
-    /// Variance of μ over what it would be with white noise, without the factor for the degrees of
-    /// freedom, which both share: 1 for fewer than three values, and for equal ones.
+    /// Ratio of the variance of μ to its variance for white noise, without the factor for the degrees of
+    /// freedom, which is common to both; 1 for fewer than three values, and if all values are equal.
     pub fn inflation(&self) -> f64 {
         if self.weight.is_empty() {
             return 1.0;
@@ -198,7 +199,7 @@ impl Autoregression {
         variance / (self.white_sigma * self.white_sigma)
     }
 
-    /// Half of the half-width of the interval about the mean that holds 95.45 % of the posterior.
+    /// Half of the half-width of the interval about the mean that contains 95.45 % of the posterior.
     #[cfg(test)]
     fn sigma(&self) -> f64 {
         let (shift, degrees) = (self.shift(), self.count as f64 - 1.0);
@@ -217,7 +218,7 @@ impl Autoregression {
 
 #[derive(Clone, Copy, Debug)]
 struct Given {
-    /// Less the origin.
+    /// Mean minus the origin.
     mean: f64,
     sigma: f64,
     log_evidence: f64,
@@ -239,8 +240,8 @@ impl Factor {
     }
 }
 
-/// Values of φ with the logarithm of their prior: flat, and half of it more at the value nearest to
-/// zero; and the factors of short gaps.
+/// Values of φ with the logarithm of their prior, which is flat with an additional half at the value
+/// nearest to zero; and the factors for short gaps.
 struct Grid {
     phis: [f64; STEPS],
     ln_prior: [f64; STEPS],
@@ -280,7 +281,7 @@ mod tests {
         assert_close(found.sigma[0], 0.199_284_987_324_282_68);
     }
 
-    /// An independent computation with NumPy and SciPy.
+    /// Expected values from an independent computation with NumPy and SciPy.
     #[test]
     fn a_correlation_that_is_found() {
         let found = of(std::array::from_fn(|i| i), None);

@@ -1,5 +1,5 @@
-//! Polynomials that are orthogonal on the instants of a window (Forsythe 1957): no power is formed,
-//! and each degree adds one coefficient to those of the lower ones.
+//! Polynomials that are orthogonal at the instants of a window (Forsythe 1957). No powers are formed, and
+//! each additional degree adds one coefficient and leaves those of the lower degrees unchanged.
 
 /// Orthonormal polynomials on weighted points.
 #[derive(Clone, Debug, Default)]
@@ -7,13 +7,13 @@ pub(crate) struct Basis {
     points: usize,
     /// Values at the points, degree by degree.
     values: Vec<f64>,
-    /// Centre, ratio of the last two squared norms, and norm of every degree.
+    /// Centre, ratio of the last two squared norms, and norm, for every degree.
     recursion: Vec<[f64; 3]>,
 }
 
 impl Basis {
-    /// Makes the polynomials up to `degree` on the points `x` with the weights `w`; more of the
-    /// points must be distinct. Cost O(points · degree).
+    /// Computes the polynomials up to `degree` at the points `x` with the weights `w`; there must be more
+    /// distinct points than `degree`. Cost O(points · degree).
     pub fn build(&mut self, degree: usize, x: &[f64], w: &[f64]) {
         let m = x.len();
         self.points = m;
@@ -46,15 +46,15 @@ impl Basis {
         }
     }
 
-    /// The values of the polynomial of this degree at the points.
+    /// Returns the values of the polynomial of this degree at the points.
     pub fn row(&self, degree: usize) -> &[f64] {
         &self.values[degree * self.points..][..self.points]
     }
 
-    /// The derivatives of all polynomials at x.
+    /// Computes the derivatives of this order of all polynomials at x.
     pub fn derivatives(&self, derivative: usize, x: f64, out: &mut Vec<f64>) {
         let count = self.recursion.len();
-        // row by row the derivatives of one order
+        // one row for each order of derivative
         let mut table = vec![0.0; (derivative + 1) * count];
         for order in 0..=derivative {
             for j in 0..count {
@@ -79,8 +79,8 @@ impl Basis {
         out.extend(last.iter().zip(&self.recursion).map(|(value, [_, _, norm])| value / norm));
     }
 
-    /// The coefficients of the polynomial that is closest to y, and the sum of squares that is left;
-    /// `y` becomes what is left.
+    /// Computes the coefficients of the polynomial closest to y; returns the remaining sum of squares.
+    /// `y` becomes the residuals.
     pub fn fit(&self, w: &[f64], y: &mut [f64], coefficients: &mut Vec<f64>) -> f64 {
         coefficients.clear();
         for row in self.values.chunks_exact(self.points) {
@@ -110,7 +110,7 @@ mod tests {
                 assert!((product - expected).abs() < 1e-13, "{i} {j}: {product}");
             }
         }
-        // derivatives of x^3 − 2x, as a combination
+        // derivatives of x^3 − 2x as a combination of the polynomials
         let y: Vec<f64> = x.iter().map(|x| x * x * x - 2.0 * x).collect();
         let (mut rest, mut c, mut at) = (y, Vec::new(), Vec::new());
         assert!(basis.fit(&w, &mut rest, &mut c) < 1e-28);

@@ -1,32 +1,32 @@
 //! Rows of a batch on several threads.
 //!
-//! Threads live for one call: a forked process would miss the threads of a pool, and starting them
-//! (about 50 µs each) pays where the work takes a millisecond or more.
+//! Threads exist only during one call, because the threads of a pool would be missing in a forked process.
+//! Starting them (about 50 µs each) is worthwhile if the work takes a millisecond or more.
 
 use crate::base::error::{Error, Result};
 use crate::base::interrupt::{Flag, flag, poll};
 use std::num::NonZero;
 use std::sync::Mutex;
 
-/// Work below this is done by the calling thread.
+/// Less work than this is done by the calling thread alone.
 const MIN_NANOSECONDS_TO_SHARE: f64 = 1e6;
-/// Work above this stops where its call is told to; less is done soon.
+/// More work than this can be interrupted; less work ends soon anyway.
 const MIN_NANOSECONDS_TO_STOP: f64 = 1e8;
-/// More threads than cores of any machine today.
+/// Largest number of threads: more than the cores of any machine today.
 const MAX_THREADS: usize = 256;
-/// Shares of the work per thread, so that a thread on a busy core does not delay the others.
+/// Number of shares of the work per thread, so that a thread on a busy core does not delay the others.
 const SHARES_PER_THREAD: usize = 8;
 
-/// The first row that failed, and why.
+/// The first row that failed, with its error.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RowError {
     /// Index of the row in the batch.
     pub row: usize,
-    /// What was wrong with it.
+    /// The error of this row.
     pub error: Error,
 }
 
-/// Number of threads: as requested, or one for little work, or one per core.
+/// Number of threads: the requested number; by default one for little work, otherwise one per core.
 fn threads(n_threads: Option<NonZero<usize>>, rows: usize, nanoseconds: f64) -> usize {
     let available = || std::thread::available_parallelism().map_or(1, NonZero::get);
     match n_threads {
@@ -37,11 +37,11 @@ fn threads(n_threads: Option<NonZero<usize>>, rows: usize, nanoseconds: f64) -> 
 }
 
 /// Calls `work` on every row, with one `state` per thread; returns the error of the lowest row
-/// that failed. `nanoseconds` is an estimate of the whole work on one thread: where it is much, the call
-/// stops when it is told to.
+/// that failed. `nanoseconds` is an estimate of the total work on one thread. If this is large, the call can
+/// be interrupted.
 ///
 /// # Errors
-/// That of the first failing row, the same for any number of threads.
+/// The error of the first row that failed, which is the same for any number of threads.
 pub fn for_each_row<R: Send, S>(
     rows: impl ExactSizeIterator<Item = R> + Send,
     nanoseconds: f64,
@@ -94,7 +94,7 @@ pub fn for_each_row<R: Send, S>(
     };
     std::thread::scope(|scope| {
         for _ in 1..n_threads {
-            // if the system refuses a thread, the others do its rows
+            // if the system refuses a thread, the other threads do its rows
             let _ = std::thread::Builder::new().spawn_scoped(scope, run);
         }
         run();
@@ -108,7 +108,7 @@ pub fn for_each_row<R: Send, S>(
     }
 }
 
-/// Locks even if another thread has panicked: nothing behind these locks can be half done.
+/// Locks even if another thread has panicked: no data behind these locks can be left half-changed.
 fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }

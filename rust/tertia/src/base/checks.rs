@@ -1,6 +1,6 @@
-//! What the tests of every concept compare with.
+//! Comparisons and instruction sets for the tests of all concepts.
 
-/// Twelve digits; the expected values are printed with more.
+/// Compares to twelve digits; the expected values are printed with more.
 pub fn assert_close(found: f64, expected: f64) {
     assert_within(1e-12, found, expected);
 }
@@ -13,7 +13,7 @@ pub fn assert_all_close(found: &[f64], expected: &[f64]) {
     }
 }
 
-/// Relative to what is expected.
+/// Compares within a tolerance relative to the expected value.
 pub fn assert_within(tolerance: f64, found: f64, expected: f64) {
     let error = (found - expected).abs();
     assert!(
@@ -22,7 +22,7 @@ pub fn assert_within(tolerance: f64, found: f64, expected: f64) {
     );
 }
 
-/// Instructions of which a kernel must make the same bits.
+/// Instruction sets on which a kernel must return the same bits.
 #[derive(Clone, Copy)]
 pub enum Level {
     /// One number at a time.
@@ -36,7 +36,7 @@ pub enum Level {
 }
 
 impl Level {
-    /// Those of this machine.
+    /// Returns the instruction sets of this machine.
     pub fn all() -> Vec<Self> {
         let found = vec![Self::Scalar];
         #[cfg(target_arch = "x86_64")]
@@ -48,7 +48,7 @@ impl Level {
         found
     }
 
-    /// Runs a kernel with them.
+    /// Runs a kernel with this instruction set.
     pub fn run<W: pulp::WithSimd>(self, kernel: W) -> W::Output {
         match self {
             Self::Scalar => pulp::Simd::vectorize(pulp::Scalar, kernel),

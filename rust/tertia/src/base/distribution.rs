@@ -7,21 +7,21 @@
 
 use special::{Error as _, Gamma};
 
-/// Beyond this `t²/ν` only the leading term of a tail is left, and the square may overflow.
+/// Above this value of `t²/ν` only the leading term of a tail remains, and the square may overflow.
 const FAR: f64 = 1e280;
 const LN_SQRT_PI: f64 = 0.572_364_942_924_700_1;
 const HALF_LN_TWO_PI: f64 = 0.918_938_533_204_672_7;
-/// What follows a term of this share, falling ever faster, does not count.
+/// Series end at a term of this share, because the remaining terms fall ever faster and are negligible.
 const SMALLEST_TERM: f64 = 1e-20;
-/// From here on the Stirling remainder below is exact to a double.
+/// From this argument on, the Stirling remainder below is exact to double precision.
 const STIRLING_FROM: f64 = 20.0;
 
 /// `P(|Z| > 2)` of a normal variable, as it is usually rounded.
 const OUTSIDE_TWO_SIGMA: f64 = 0.0455;
-/// From so many degrees of freedom on, the cube root of chi-square is normal to 1e-7.
+/// From this number of degrees of freedom on, the cube root of chi-square is normal to within 1e-7.
 const CUBE_ROOT_FROM: f64 = 1e5;
 
-/// Terms of the series of artanh r for r up to 1/4.
+/// Number of terms of the series of artanh r for r up to 1/4.
 const ARTANH_TERMS: i32 = 14;
 
 /// `P(|Z| > t)` of a standard normal variable.
@@ -67,8 +67,8 @@ pub fn fisher_upper_quantile(p: f64, nu1: f64, nu2: f64) -> f64 {
 
 /// `P(X > x)` of the chi-square distribution with `nu` degrees of freedom. Cost O(nu) at most.
 ///
-/// With h = x/2 it is the sum of `h^a e^-h / Γ(a+1)` over a = ν/2 − 1, ν/2 − 2, … ≥ 0, and for odd ν
-/// the normal tail besides: all terms are positive. The sum starts at its largest term.
+/// With h = x/2 it is the sum of `h^a e^-h / Γ(a+1)` over a = ν/2 − 1, ν/2 − 2, … ≥ 0, plus the normal
+/// tail for odd ν. All terms are positive. The sum starts at its largest term.
 pub fn chi_square_upper(x: f64, nu: usize) -> f64 {
     if x <= 0.0 {
         return 1.0;
@@ -101,7 +101,7 @@ pub fn chi_square_upper(x: f64, nu: usize) -> f64 {
 }
 
 /// `P(X > x)` of the chi-square distribution with any number `nu` > 0 of degrees of freedom, to
-/// about 1e-10; where the sum is long by the cube root of Wilson and Hilferty (1931), to 1e-7.
+/// about 1e-10; for large `nu`, with the cube root of Wilson and Hilferty (1931), to 1e-7.
 pub fn chi_square_upper_real(x: f64, nu: f64) -> f64 {
     if nu < CUBE_ROOT_FROM {
         return 1.0 - (0.5 * x).inc_gamma(0.5 * nu);
@@ -155,8 +155,9 @@ fn incomplete_beta(a: f64, b: f64, x: f64, y: f64) -> f64 {
     }
 }
 
-/// `x^a y^b / B(a, b)` over the continued fraction of DiDonato and Morris (1992), by Lentz's method.
-/// Its terms need `a y − b x`, which does not cancel, in place of `1 − (a+b) x/(a+1)`, which does.
+/// `x^a y^b / B(a, b)` divided by the continued fraction of DiDonato and Morris (1992), by Lentz's
+/// method. Its terms contain `a y − b x`, which does not suffer from cancellation, instead of
+/// `1 − (a+b) x/(a+1)`, which does.
 fn beta_fraction(a: f64, b: f64, x: f64, y: f64) -> f64 {
     const MAX_TERMS: usize = 100_000;
     let ln_front = a * ln_given_complement(x, y) + b * ln_given_complement(y, x) - ln_beta(a, b);
@@ -188,7 +189,7 @@ pub fn ln_gamma(x: f64) -> f64 {
     Gamma::ln_gamma(x).0
 }
 
-/// `ln x`, from `1 − x` where that is the smaller one.
+/// `ln x`, computed from `1 − x` if that is the smaller one.
 fn ln_given_complement(x: f64, complement: f64) -> f64 {
     if complement < 0.5 { (-complement).ln_1p() } else { x.ln() }
 }
@@ -224,14 +225,14 @@ fn stirling_remainder(x: f64) -> f64 {
     B.iter().rev().fold(0.0, |sum, &b| sum * z + b) / x
 }
 
-/// Half of the half-width h of the interval that a variable leaves with probability `outside(h)`, for
-/// 95.45 % inside: what a sigma is to a normal variable. `unit` is the order of magnitude of h.
+/// Half of the half-width h of the interval that contains 95.45 %: the equivalent of the sigma of a normal
+/// variable. A variable is outside with probability `outside(h)`; `unit` is the order of magnitude of h.
 pub fn two_sigma(outside: impl Fn(f64) -> f64, unit: f64) -> f64 {
     0.5 * unit * solve_decreasing(|h| outside(h * unit), OUTSIDE_TWO_SIGMA)
 }
 
-/// The x > 0 with `f(x) = target`, f falling from at most +∞ to 0: false position (Illinois) on
-/// logarithmic axes, where tails are nearly straight.
+/// Finds the x > 0 with `f(x) = target`, where f decreases from at most +∞ to 0. The method is false
+/// position (Illinois) on logarithmic axes, on which tails are nearly straight.
 fn solve_decreasing(f: impl Fn(f64) -> f64, target: f64) -> f64 {
     const MAX_STEPS: usize = 400;
     let ln_target = target.ln();
@@ -255,7 +256,7 @@ fn solve_decreasing(f: impl Fn(f64) -> f64, target: f64) -> f64 {
         if f_high == 0.0 {
             return high.exp();
         }
-        // every third step halves the bracket, so that flat ends cannot stall it
+        // every third step halves the bracket, so that flat ends cannot stall the search
         let s = if iteration % 3 == 2 || f_high < -1e3 {
             0.5 * (low + high)
         } else {
@@ -282,20 +283,20 @@ mod tests {
     use super::*;
     use crate::base::checks::assert_within;
 
-    /// mpmath, 50 digits.
+    /// Expected values by mpmath with 50 digits.
     #[test]
     fn tails_against_high_precision() {
         for (t, nu, expected) in STUDENT {
             assert_within(1e-13, student_two_sided(t, nu), expected);
         }
         for (f, nu1, nu2, expected) in FISHER {
-            // exponents of the size of ν cancel where both ν are large
+            // exponents of the size of ν cancel if both ν are large
             let tolerance = 1e-13 * (1.0 + nu1.min(nu2) / 300.0);
             assert_within(tolerance, fisher_upper(f, nu1, nu2), expected);
         }
     }
 
-    /// mpmath, 50 digits.
+    /// Expected values by mpmath with 50 digits.
     #[test]
     fn chi_square_against_high_precision() {
         for (x, nu, expected) in CHI_SQUARE {

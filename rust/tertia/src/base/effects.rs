@@ -2,32 +2,34 @@
 
 use super::distribution::{normal_two_sided, two_sigma};
 
-/// Values of τ besides zero.
+/// Number of values of τ besides zero.
 const STEPS: usize = 160;
 /// Smallest and largest τ, in units of the prior's scale.
 const RANGE: (f64, f64) = (0.01, 300.0);
-/// Differences that are larger than the range of τ extend it to this multiple of them.
+/// If the estimates differ by more than the range of τ, the range is extended to this multiple of the
+/// difference.
 const REACH: f64 = 10.0;
-/// A value of τ of less weight than this does not count.
+/// Values of τ with less weight than this are neglected.
 const LEAST_WEIGHT: f64 = 1e-18;
 
-/// What K estimates of the same quantity say together.
+/// Combination of K estimates of the same quantity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Effects {
     /// Mean of the posterior of μ.
     pub mean: f64,
-    /// Half of the half-width of the interval about the mean that holds 95.45 % of it.
+    /// Half of the half-width of the interval about the mean that contains 95.45 % of the posterior.
     pub sigma: f64,
     /// Mean of the posterior of τ, the standard deviation of the effects.
     pub tau: f64,
 }
 
-/// `x_k = μ + u_k + e_k` with `e_k ~ N(0, σ_k²)` and `u_k ~ N(0, τ²)`: μ with a flat prior, τ integrated
-/// with a half-Cauchy prior of this `scale`. O(K) for each of 161 values of τ.
+/// Combines estimates `x_k = μ + u_k + e_k` with `e_k ~ N(0, σ_k²)` and `u_k ~ N(0, τ²)`. The prior of μ
+/// is flat; τ has a half-Cauchy prior of this `scale` and is integrated out. O(K) for each of 161 values
+/// of τ.
 ///
 /// For each τ, `v_k = σ_k² + τ²`, `W = Σ 1/v_k`, `m = Σ (x_k/v_k) / W`, and its weight is
-/// `p(τ) dτ W^−½ Π v_k^−½ exp(−½ Σ (x_k − m)²/v_k)` (Gelman 2006). The mean over τ makes the
-/// posterior of μ heavy-tailed. A single estimate says nothing of τ: it is returned as it is.
+/// `p(τ) dτ W^−½ Π v_k^−½ exp(−½ Σ (x_k − m)²/v_k)` (Gelman 2006). Averaging over τ makes the
+/// posterior of μ heavy-tailed. A single estimate contains no information on τ and is returned unchanged.
 ///
 /// # Panics
 /// If the slices are empty or differ in length.
@@ -50,7 +52,7 @@ pub fn random_effects(x: &[f64], sigma: &[f64], scale: f64) -> Effects {
     Effects { mean: origin + mean, sigma, tau: posterior.tau }
 }
 
-/// The posterior of μ as a mixture of normals, one for each τ that counts.
+/// Posterior of μ as a mixture of normal distributions, one for each τ that is not negligible.
 struct Posterior {
     weight: Vec<f64>,
     mean: Vec<f64>,
@@ -81,7 +83,7 @@ impl Posterior {
         Self::normalised(&values, &log_weight, &mean, &width)
     }
 
-    /// Weights that sum to one, without the values of τ that do not count.
+    /// Normalises the weights to a sum of one, and leaves out negligible values of τ.
     fn normalised(values: &[f64], log_weight: &[f64], mean: &[f64], width: &[f64]) -> Self {
         let highest = log_weight.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let share: Vec<f64> = log_weight.iter().map(|l| (l - highest).exp()).collect();
@@ -100,7 +102,7 @@ impl Posterior {
     }
 }
 
-/// The logarithm of the half-Cauchy density of the j-th value of τ, times its step.
+/// Logarithm of the half-Cauchy density at the j-th value of τ, times its step.
 pub(crate) fn log_prior(values: &[f64], j: usize, scale: f64) -> f64 {
     let last = values.len() - 1;
     let step = values[(j + 1).min(last)] - values[j.saturating_sub(1)];
@@ -108,7 +110,7 @@ pub(crate) fn log_prior(values: &[f64], j: usize, scale: f64) -> f64 {
     step.ln() - (values[j] / scale).powi(2).ln_1p()
 }
 
-/// Zero, and values in geometric progression.
+/// Returns zero and values in geometric progression.
 pub(crate) fn taus(x: &[f64], scale: f64) -> Vec<f64> {
     let (low, high) = x.iter().fold((x[0], x[0]), |(l, h), &v| (l.min(v), h.max(v)));
     let top = RANGE.1.max(REACH * (high - low) / scale);
@@ -122,7 +124,7 @@ mod tests {
     use super::*;
     use crate::base::checks::{assert_close, assert_within};
 
-    /// An independent computation with NumPy and SciPy.
+    /// Expected values from an independent computation with NumPy and SciPy.
     #[test]
     fn four_estimates_that_disagree() {
         let found = random_effects(&[10.0, 14.0, 9.0, 20.0], &[1.0, 1.5, 1.2, 2.0], 1.35);

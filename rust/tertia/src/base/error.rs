@@ -1,8 +1,8 @@
-//! Rejected inputs: what is wrong with them, with numbers.
+//! Errors about rejected inputs, with the offending values.
 
 use thiserror::Error;
 
-/// A rejected input. The message names the argument, where it is wrong and what it must be.
+/// A rejected input. The message names the argument, the offending element and the requirement.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum Error {
     /// An unusable measurement.
@@ -22,7 +22,7 @@ pub enum Error {
     InvalidElement {
         /// Name of the argument.
         argument: &'static str,
-        /// Which vector or matrix, and where in it.
+        /// Index of the vector or matrix, followed by the index of the element in it.
         index: Vec<usize>,
         /// The offending value.
         value: f64,
@@ -37,11 +37,11 @@ pub enum Error {
     NotSymmetric {
         /// Name of the argument.
         argument: &'static str,
-        /// Which matrix, row, column.
+        /// Indices of the matrix, row and column.
         index: Vec<usize>,
-        /// The element there.
+        /// The element at this index.
         upper: f64,
-        /// The element on the other side of the diagonal.
+        /// The element mirrored at the diagonal.
         lower: f64,
     },
     /// A matrix that is not a covariance.
@@ -67,7 +67,7 @@ pub enum Error {
         /// Which matrix.
         index: Vec<usize>,
     },
-    /// Sensors that all have (nearly) no error in some direction.
+    /// Sensors that all have (nearly) no error in the same direction.
     #[error(
         "{} and the covariances fused with it are singular to working precision: some combination \
          of components has (almost) no variance in any of them",
@@ -79,7 +79,7 @@ pub enum Error {
         /// Which matrix.
         index: Vec<usize>,
     },
-    /// Sensors that have (nearly) no error, in different directions.
+    /// Sensors that have (nearly) no error, each in a different direction.
     #[error(
         "the fused covariance of {argument} is lost to rounding: each is (almost) singular, in \
          different directions"
@@ -94,7 +94,7 @@ pub enum Error {
          combination of the estimates would have a negative variance"
     )]
     IndefiniteJoint,
-    /// Estimates of which some combination has (nearly) no error.
+    /// Estimates with a combination that has (nearly) no error.
     #[error(
         "covariances and cross_covariances make a joint covariance that is singular to working \
          precision: some combination of the estimates has (almost) no error"
@@ -113,7 +113,7 @@ pub enum Error {
         /// Measurements needed.
         minimum: usize,
     },
-    /// The rule left fewer measurements than a variance needs.
+    /// The rule left fewer measurements than a variance requires.
     #[error("only {kept} of {count} measurements pass; choose a larger threshold")]
     TooFewLeft {
         /// Measurements that passed.
@@ -121,7 +121,7 @@ pub enum Error {
         /// Measurements given.
         count: usize,
     },
-    /// No block with two or more measurements passed the tests among blocks.
+    /// No block with two or more measurements passed the tests of the blocks.
     #[error(
         "none of {blocks} blocks is left: each has fewer than two good measurements or fails a test; \
          choose a larger block_size, k or variance_test"
@@ -139,12 +139,12 @@ pub enum Error {
         /// Name of the argument.
         argument: &'static str,
     },
-    /// The measurements do not determine what is to be estimated.
+    /// The measurements do not determine the quantity to be estimated.
     #[error("{argument} {reason}")]
     Undetermined {
         /// Name of the argument.
         argument: &'static str,
-        /// What it lacks, as the rest of a sentence.
+        /// What is missing, as the rest of a sentence.
         reason: &'static str,
     },
     /// A parameter is outside its domain.
@@ -160,7 +160,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// The same error about one of several rows, vectors or matrices.
+    /// Returns the same error with the index of one of several rows, vectors or matrices added.
     pub fn within(self, row: usize) -> Self {
         let of_row = |index: Vec<usize>| [&[row], index.as_slice()].concat();
         match self {
@@ -194,7 +194,7 @@ impl Error {
         )
     }
 
-    /// The same error with the indices of the sensors before some were selected.
+    /// Returns the same error with the original indices of the selected sensors.
     pub(crate) fn renumbered(self, sensors: &[usize]) -> Self {
         match self {
             Self::SingularSum { argument, index } => {
@@ -205,7 +205,7 @@ impl Error {
         }
     }
 
-    /// The same error about `theta`, whose bearings were screened.
+    /// Returns the same error with the argument name `theta`, for bearings that were screened.
     pub(crate) fn about_theta(self) -> Self {
         match self {
             Self::InvalidMeasurement { index, value, requirement, .. } => {
@@ -229,7 +229,7 @@ fn element(argument: &str, index: &[usize]) -> String {
     format!("{argument}[{}]", index.join(", "))
 }
 
-/// The number in Python notation.
+/// Returns the number in Python notation.
 fn text(value: f64) -> String {
     let text = format!("{value:?}").to_lowercase();
     text.strip_suffix(".0").unwrap_or(&text).to_owned()
@@ -238,7 +238,7 @@ fn text(value: f64) -> String {
 /// Result of a kernel.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// Fails with an error that names the parameter unless `holds`.
+/// Returns an error that names the parameter unless `holds`.
 pub(crate) fn require(
     argument: &'static str,
     value: f64,
@@ -248,23 +248,23 @@ pub(crate) fn require(
     if holds { Ok(()) } else { Err(Error::InvalidParameter { argument, value, requirement }) }
 }
 
-/// Fails unless `value` is positive and finite.
+/// Returns an error unless `value` is positive and finite.
 pub(crate) fn require_positive(argument: &'static str, value: f64) -> Result<()> {
     require(argument, value, value > 0.0 && value.is_finite(), "a positive number")
 }
 
-/// Fails unless `correlation`, that of successive measurements, is inside (−1, 1).
+/// Returns an error unless the correlation of successive measurements is inside (−1, 1).
 pub(crate) fn require_correlation(correlation: f64) -> Result<()> {
     require("correlation", correlation, correlation.abs() < 1.0, "between -1 and 1 (exclusive)")
 }
 
-/// Fails unless `significance` is inside (0, 1) and large enough to be divided by the sample size.
+/// Returns an error unless `significance` is inside (0, 1) and large enough to be divided by the sample size.
 pub(crate) fn require_significance(significance: f64) -> Result<()> {
     let holds = (1e-290..1.0).contains(&significance);
     require("significance", significance, holds, "between 0 and 1 (exclusive, not below 1e-290)")
 }
 
-/// Fails with the first value of `y` that is not finite.
+/// Returns an error for the first value of `y` that is not finite.
 ///
 /// # Errors
 /// The value and its index.
@@ -272,7 +272,7 @@ pub fn require_finite(argument: &'static str, y: &[f64]) -> Result<()> {
     require_each(argument, y, f64::is_finite, "every measurement must be a finite number")
 }
 
-/// Fails with the first value of `y` for which `holds` is false.
+/// Returns an error for the first value of `y` for which `holds` is false.
 pub(crate) fn require_each(
     argument: &'static str,
     y: &[f64],
@@ -287,7 +287,7 @@ pub(crate) fn require_each(
     }
 }
 
-/// Fails with the first element for which `holds` is false, of rows of this width.
+/// Returns an error for the first element for which `holds` is false, in rows of this width.
 pub(crate) fn require_elements(
     argument: &'static str,
     rows: &[f64],
@@ -300,7 +300,8 @@ pub(crate) fn require_elements(
     Err(Error::InvalidElement { argument, index, value: rows[at], requirement })
 }
 
-/// Fails with the first time that is larger than `largest` in size, or nan, or before the last one.
+/// Returns an error for the first time whose size exceeds `largest`, that is nan, or that precedes the
+/// last one.
 pub(crate) fn require_times(times: &[f64], largest: f64) -> Result<()> {
     let requirement = "every time must be a finite number";
     require_each("time", times, |t| t.abs() <= largest, requirement)?;
@@ -310,7 +311,7 @@ pub(crate) fn require_times(times: &[f64], largest: f64) -> Result<()> {
     Err(Error::InvalidMeasurement { argument, index, value, requirement })
 }
 
-/// Fails with the first value of a sample that is not finite, or if it has too few values.
+/// Returns an error for the first value of a sample that is not finite, or if it has too few values.
 pub(crate) fn require_sample(argument: &'static str, y: &[f64], minimum: usize) -> Result<()> {
     if y.len() < minimum {
         require_finite(argument, y)?;
@@ -318,7 +319,7 @@ pub(crate) fn require_sample(argument: &'static str, y: &[f64], minimum: usize) 
     require_count(argument, y.len(), minimum)
 }
 
-/// Fails if there are fewer than `minimum` measurements.
+/// Returns an error if there are fewer than `minimum` measurements.
 pub(crate) fn require_count(argument: &'static str, count: usize, minimum: usize) -> Result<()> {
     if count >= minimum { Ok(()) } else { Err(Error::TooFew { argument, count, minimum }) }
 }

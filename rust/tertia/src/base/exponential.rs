@@ -1,11 +1,11 @@
 //! An exponential function that the compiler can vectorise.
 
-/// Arguments are cut to ± this, where neither the result nor its reciprocal leaves the range.
+/// Arguments are clamped to ± this value, for which neither the result nor its reciprocal overflows.
 pub const LARGEST_EXPONENT: f64 = 700.0;
 
-/// `1.5 · 2^52`: what is added to it is rounded to an integer, in the last bits of the sum.
+/// `1.5 · 2^52`: adding a number rounds it to an integer in the last bits of the sum.
 const ROUNDING: f64 = 6_755_399_441_055_744.0;
-/// ln 2 in two parts, the first with zeros in its last bits.
+/// ln 2 in two parts; the last bits of the first part are zeros.
 const LN_2_HIGH: f64 = 0.693_147_180_369_123_8;
 const LN_2_LOW: f64 = 1.908_214_929_270_587_7e-10;
 const EXPONENT_BIAS: u64 = 1023;
@@ -28,8 +28,8 @@ const COEFFICIENTS: [f64; 14] = [
     1.0,
 ];
 
-/// `e^x` to a few units in the last place, the same bits on every processor. `x = k ln 2 + r`, `2^k`
-/// by its exponent bits, `e^r` by its series.
+/// `e^x` to a few units in the last place, with the same bits on every processor. With `x = k ln 2 + r`,
+/// `2^k` is formed by its exponent bits and `e^r` by its series.
 #[inline(always)]
 pub fn exp(x: f64) -> f64 {
     let x = x.clamp(-LARGEST_EXPONENT, LARGEST_EXPONENT);

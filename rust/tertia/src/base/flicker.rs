@@ -1,29 +1,32 @@
-//! The mean of values whose noise is 1/f noise beside white noise.
+//! The mean of values with 1/f noise in addition to white noise.
 //!
-//! 1/f noise is the sum of AR(1) processes of equal variance, whose times are a geometric series from one
-//! step to several records (van der Ziel 1950), so that a Kalman filter has its likelihood.
+//! 1/f noise is represented as a sum of AR(1) processes of equal variance. Their time constants are a
+//! geometric series from one step to several lengths of the record (van der Ziel 1950), so a Kalman
+//! filter yields the likelihood.
 
-/// Share of the 1/f noise in the variance.
+/// Assumed shares of the 1/f noise in the variance.
 const SHARES: [f64; 3] = [1.0 / 3.0, 2.0 / 3.0, 1.0];
-/// Ratio of successive times, and the longest over the length of the record.
+/// Ratio of successive time constants, and ratio of the longest one to the length of the record.
 const RATIO: f64 = 4.0;
 const LONGEST: f64 = 4.0;
-/// Most processes: times up to 4^15 steps.
+/// Largest number of processes, with time constants of up to 4^15 steps; and a number that suffices for
+/// short records.
 const MOST: usize = 16;
 const FEW: usize = 8;
 
-/// What is found of the mean of a record with 1/f noise.
+/// Effect of 1/f noise on the mean of a record.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Flicker {
-    /// Logarithm of the evidence over that of white noise.
+    /// Logarithm of the evidence relative to that of white noise.
     pub gain: f64,
-    /// Variance of the mean over what it would be with white noise.
+    /// Ratio of the variance of the mean to its variance for white noise.
     pub inflation: f64,
     /// Correlation of successive values.
     pub correlation: f64,
 }
 
-/// Sums of a filter: Σ ln S, and of squares and products of the innovations of ones and values over S.
+/// Sums of a filter: Σ ln S, and the squares and products of the innovations of ones and of values,
+/// divided by S.
 #[derive(Clone, Copy, Default)]
 struct Sums {
     log: f64,
@@ -33,8 +36,9 @@ struct Sums {
 }
 
 impl Flicker {
-    /// Finds the posterior over the shares, equally probable before. `values` have their places in the
-    /// record. None for fewer than three values, and for equal ones. O(N log² N).
+    /// Computes the posterior over the shares, whose priors are equal. `values` are given with their
+    /// indices in the record. Returns `None` for fewer than three values, and if all are equal. O(N log²
+    /// N).
     pub fn of(values: &[(usize, f64)]) -> Option<Self> {
         let n = values.len() as f64;
         let origin = values.first()?.1;
@@ -81,13 +85,13 @@ fn processes(values: &[(usize, f64)]) -> ([f64; MOST], usize) {
     (decay, count)
 }
 
-/// Filter of zeros, ones and values at once, with room for `MOST` processes.
+/// Filters ones and values at once, with room for `K` processes.
 fn filter<const K: usize>(values: &[(usize, f64)], origin: f64, share: f64) -> Sums {
     let (decay, count) = processes(values);
     let decay: [f64; K] = std::array::from_fn(|k| if k < count { decay[k] } else { 0.0 });
     let variance: [f64; K] =
         std::array::from_fn(|k| if k < count { share / count as f64 } else { 0.0 });
-    // covariance of the prediction, and its sums over rows
+    // covariance of the prediction, and its row sums
     let mut covariance: [[f64; K]; K] =
         std::array::from_fn(|i| std::array::from_fn(|j| if i == j { variance[i] } else { 0.0 }));
     let (mut one, mut value) = ([0.0; K], [0.0; K]);
@@ -125,7 +129,7 @@ mod tests {
     use super::*;
     use crate::base::checks::assert_within;
 
-    /// An independent computation with NumPy, with whole covariance matrices.
+    /// Expected values from an independent computation with NumPy and complete covariance matrices.
     #[test]
     fn gaps_and_shares_are_those_of_whole_matrices() {
         let y = [1.2, 0.9, 1.1, 0.4, 0.3, 0.6, 0.2, -0.1, 0.3, 0.5];

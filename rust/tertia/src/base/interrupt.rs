@@ -1,18 +1,18 @@
-//! Long calls that are told to stop.
+//! Interruption of long calls.
 //!
-//! Whoever calls may set a flag; the core looks at it now and then, between parts of its work, and leaves by
-//! unwinding. No state that outlives the call is changed where it looks.
+//! The caller may set a flag. The core checks it from time to time, between parts of its work, and ends the
+//! call by unwinding. At these points no state that outlives the call is partly changed.
 
 use std::cell::RefCell;
 use std::panic::resume_unwind;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// What unwinds where a call was told to stop.
+/// Payload of the unwinding of an interrupted call.
 #[derive(Clone, Copy, Debug)]
 pub struct Interrupted;
 
-/// Tells a call to stop.
+/// Flag that interrupts a call.
 #[derive(Clone, Debug, Default)]
 pub struct Flag(Arc<AtomicBool>);
 
@@ -21,19 +21,19 @@ thread_local! {
 }
 
 impl Flag {
-    /// Tells it.
+    /// Requests the interruption.
     pub fn set(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Whether it was told.
+    /// Whether the interruption was requested.
     pub fn is_set(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 
-    /// Does work on this thread that stops where the flag is set.
+    /// Does work on this thread; the work is interrupted if the flag is set.
     pub fn watch<T>(&self, work: impl FnOnce() -> T) -> T {
-        /// Puts back what was there, however the work ends.
+        /// Restores the previous flag, however the work ends.
         struct Restored(Option<Flag>);
         impl Drop for Restored {
             fn drop(&mut self) {
@@ -45,12 +45,12 @@ impl Flag {
     }
 }
 
-/// The flag of this thread.
+/// Returns the flag of this thread.
 pub(crate) fn flag() -> Option<Flag> {
     FLAG.with_borrow(Clone::clone)
 }
 
-/// Unwinds with [`Interrupted`] where the call was told to stop.
+/// Unwinds with [`Interrupted`] if the interruption of the call was requested.
 pub fn poll() {
     if FLAG.with_borrow(|flag| flag.as_ref().is_some_and(Flag::is_set)) {
         resume_unwind(Box::new(Interrupted));
@@ -79,7 +79,7 @@ mod tests {
         }));
         assert!(caught.expect_err("it was told to stop").is::<Interrupted>());
         assert_eq!(done, 3);
-        // work that nobody watches goes on
+        // without a flag, work continues
         poll();
     }
 }

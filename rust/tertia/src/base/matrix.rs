@@ -1,7 +1,7 @@
-//! Covariance matrices whose order is known at compile time (on the stack) or not (`Dyn`).
+//! Covariance matrices, with an order that is known at compile time (on the stack) or not (`Dyn`).
 //!
-//! All comparisons are in units of the matrix's own diagonal, so components may have units of very
-//! different size.
+//! All comparisons are in units of the diagonal of the matrix, so the units of the components may differ
+//! greatly in size.
 
 use crate::base::error::{Error, Result};
 use nalgebra::allocator::Allocator;
@@ -10,19 +10,18 @@ use nalgebra::{DMatrix, DefaultAllocator, Dim, OMatrix};
 /// A matrix of order D.
 pub(crate) type Square<D> = OMatrix<f64, D, D>;
 
-/// Smallest and largest variance: products of four standard deviations and their reciprocals stay
-/// finite.
+/// Range of variances for which products of four standard deviations and their reciprocals remain finite.
 const VARIANCES: std::ops::RangeInclusive<f64> = 1e-140..=1e140;
-/// Largest difference between mirrored elements, in standard deviations.
+/// Largest difference of elements mirrored at the diagonal, in standard deviations.
 const ASYMMETRY: f64 = 1e-10;
-/// A matrix is semidefinite if its correlations are, after adding this to their diagonal: more than
-/// the rounding of a zero, less than any measurement resolves.
+/// A matrix is semidefinite if its correlation matrix is, after this is added to the diagonal. It is
+/// larger than the rounding error of a zero, and smaller than any measurement resolves.
 const SEMIDEFINITE: f64 = 1e-13;
-/// Share of a variance that the other components must leave unexplained in a regular matrix.
+/// Smallest share of a variance that the other components must leave unexplained in a regular matrix.
 const REGULAR: f64 = 1e-13;
 
-/// Evaluates an expression with the order as a constant where it is small: on the stack, and
-/// several times as fast.
+/// Evaluates an expression with the order as a constant if it is small: the matrices are then on the
+/// stack, and the evaluation is several times as fast.
 macro_rules! with_order {
     ($dimension:expr, |$order:ident| $body:expr) => {
         $crate::base::matrix::with_order!($dimension, |$order| $body, 1 2 3 4 5 6 7 8 9)
@@ -49,8 +48,8 @@ where
     Square::zeros_generic(order, order)
 }
 
-/// Reads the covariance that the caller calls `argument[place]`; both its halves must agree.
-/// `factor` becomes its factor as of [`factorise`], with a little added to the diagonal.
+/// Reads a covariance, named `argument[place]` in errors; both halves must agree. `factor` becomes its
+/// factor as in [`factorise`], with a small addition to the diagonal.
 pub(crate) fn read_covariance<D: Dim>(
     argument: &'static str,
     place: &[usize],
@@ -102,8 +101,8 @@ where
     }
 }
 
-/// `A = L D L^T` in place, D on the diagonal, L (unit lower) below it; the upper half is left.
-/// False where a pivot is not above `floor` times its diagonal element. Cost m³/3.
+/// `A = L D L^T` in place, D on the diagonal, L (unit lower) below it; the upper half is unchanged.
+/// Returns false if a pivot is not above `floor` times its diagonal element. Cost m³/3.
 fn factorise<D: Dim>(a: &mut Square<D>, floor: f64) -> bool
 where
     DefaultAllocator: Allocator<D, D>,
@@ -129,7 +128,7 @@ where
     true
 }
 
-/// Turns a factor as of [`factorise`] into the lower triangle `L √D`.
+/// Converts a factor from [`factorise`] to the lower triangle `L √D`.
 pub(crate) fn into_cholesky<D: Dim>(factor: &mut Square<D>)
 where
     DefaultAllocator: Allocator<D, D>,
@@ -147,7 +146,7 @@ where
     }
 }
 
-/// The factor of `x + y` as of [`factorise`]; false where the sum is singular to working precision.
+/// Computes the factor of `x + y` as [`factorise`]; false if the sum is singular to working precision.
 pub(crate) fn factorise_sum<D: Dim>(x: &Square<D>, y: &Square<D>, factor: &mut Square<D>) -> bool
 where
     DefaultAllocator: Allocator<D, D>,
@@ -157,7 +156,7 @@ where
     factorise(factor, REGULAR)
 }
 
-/// The inverse of a factorised matrix, exactly symmetric. `factor` is overwritten. Cost m³.
+/// Inverts a factorised matrix; the inverse is exactly symmetric. `factor` is overwritten. Cost m³.
 pub(crate) fn invert<D: Dim>(factor: &mut Square<D>, out: &mut Square<D>)
 where
     DefaultAllocator: Allocator<D, D>,
@@ -193,8 +192,8 @@ where
     }
 }
 
-/// Whether the other components leave enough of the variance of every component of `x + y`: its
-/// share is one over the variance times that of the inverse.
+/// Whether the other components leave enough of the variance of every component of `x + y` unexplained:
+/// this share is the reciprocal of the variance times that of the inverse.
 pub(crate) fn is_regular<D: Dim>(x: &Square<D>, y: &Square<D>, inverse: &Square<D>) -> bool
 where
     DefaultAllocator: Allocator<D, D>,
@@ -224,7 +223,7 @@ where
     }
 }
 
-/// Whether a matrix that was computed from others is a covariance, but for rounding.
+/// Whether a matrix that was computed from others is a covariance apart from rounding.
 pub(crate) fn is_semidefinite<D: Dim>(a: &Square<D>, factor: &mut Square<D>) -> bool
 where
     DefaultAllocator: Allocator<D, D>,
@@ -236,7 +235,7 @@ where
     factorise(factor, 0.0)
 }
 
-/// Matrices of order m in their places, row after row, in one large matrix.
+/// Assembles blocks of order m, row by row, into one large matrix.
 pub(crate) fn assembled<D: Dim>(blocks: &[Square<D>], m: usize) -> DMatrix<f64>
 where
     DefaultAllocator: Allocator<D, D>,
@@ -251,18 +250,18 @@ where
     out
 }
 
-/// A matrix of zeros, of an order that is not that of the covariances.
+/// Returns a matrix of zeros whose order differs from that of the covariances.
 pub(crate) fn large(order: usize) -> DMatrix<f64> {
     DMatrix::zeros(order, order)
 }
 
-/// [`is_semidefinite`] of such a matrix.
+/// [`is_semidefinite`] for a large matrix.
 pub(crate) fn is_large_semidefinite(a: &DMatrix<f64>) -> bool {
     is_semidefinite(a, &mut large(a.nrows()))
 }
 
-/// `b ← A^-1 b` for a symmetric A, of which the lower half is read and overwritten; false where it
-/// is not positive definite.
+/// `b ← A^-1 b` for a symmetric A, whose lower half is read and overwritten; returns false if A is not
+/// positive definite.
 pub(crate) fn solve_definite(a: &mut DMatrix<f64>, b: &mut [f64]) -> bool {
     if !factorise(a, 0.0) {
         return false;
@@ -281,7 +280,7 @@ pub(crate) fn solve_definite(a: &mut DMatrix<f64>, b: &mut [f64]) -> bool {
     true
 }
 
-/// The mean of a matrix and its transpose.
+/// Replaces a matrix by its mean with its transpose.
 pub(crate) fn symmetrise<D: Dim>(a: &mut Square<D>)
 where
     DefaultAllocator: Allocator<D, D>,

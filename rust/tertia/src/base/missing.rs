@@ -2,7 +2,7 @@
 
 use crate::base::error::Error;
 
-/// The measurements that are not missing, and their places.
+/// The measurements that are not missing, and their indices.
 #[derive(Clone, Debug, Default)]
 pub struct Present {
     values: Vec<f64>,
@@ -20,12 +20,12 @@ impl Present {
         }
     }
 
-    /// The measurements that are not missing.
+    /// Returns the measurements that are not missing.
     pub fn values(&self) -> &[f64] {
         &self.values
     }
 
-    /// Writes one result per present measurement to its place, `missing` to the others.
+    /// Writes one result for each present measurement to its index, and `missing` to the others.
     pub fn scatter<T: Copy>(&self, results: &[T], missing: T, out: &mut [T]) {
         out.fill(missing);
         for (&i, &result) in self.index.iter().zip(results) {
@@ -33,7 +33,7 @@ impl Present {
         }
     }
 
-    /// Translates the place in an error to the whole sample.
+    /// Converts the index in an error to that in the whole sample.
     pub fn locate(&self, error: Error) -> Error {
         match error {
             Error::InvalidMeasurement { argument, index, value, requirement } => {

@@ -1,12 +1,12 @@
-//! Maps by integers that are known to be harmless, without the cost of a hash against attacks.
+//! Maps with integer keys from trusted sources, without the cost of a hash function that resists attacks.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
 
-/// A map by integers of 64 bits.
+/// A map with 64-bit integers as keys.
 pub(crate) type IntegerMap<V> = HashMap<i64, V, BuildHasherDefault<Mixed>>;
 
-/// A hash of an integer.
+/// Hash function of an integer.
 #[derive(Clone, Default)]
 pub(crate) struct Mixed(u64);
 

@@ -1,18 +1,18 @@
-//! Mean and variance that keep their digits.
+//! Mean and variance without loss of digits.
 //!
-//! Deviations are taken from an origin inside the sample before anything is summed, so a common
-//! offset of 1e9 costs nothing; blocks that fit the L1 cache are summed twice (mean, then squares
-//! about it) and merged, so memory is read once and the squares never cancel.
+//! An origin inside the sample is subtracted from all values before anything is summed, so a common
+//! offset of 1e9 costs no digits. Blocks that fit the L1 cache are summed twice (the mean, then squares
+//! about it) and merged. Memory is therefore read once, and the squares never cancel.
 
 use crate::base::error::{Error, Result, require_finite};
 use pulp::{Simd, WithSimd};
 
-/// Independent sums per block: enough to hide the latency of the adder at 256 bits, and fixed, so
-/// that every instruction set returns the same bits.
+/// Number of independent sums per block: enough to hide the latency of the adder at 256 bits, and fixed,
+/// so that every instruction set returns the same bits.
 const LANES: usize = 16;
-/// 16 KiB: half of the smallest L1 data cache in use.
+/// Values per block: 16 KiB, half of the smallest L1 data cache in use.
 pub(crate) const BLOCK: usize = 2048;
-/// A smaller sum of squares may have lost digits to underflow.
+/// Smallest sum of squares; a smaller one may have lost digits to underflow.
 const MIN_SUM_OF_SQUARES: f64 = 1e-280;
 
 /// Count, mean and sum of squared deviations of a sample; the mean is `origin + offset`.
@@ -25,15 +25,15 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Moments of a sample. O(N), one read of memory.
+    /// Computes the moments of a sample. O(N), one read of memory.
     ///
     /// # Errors
-    /// A value that is not finite; deviations whose squares leave the range of a double.
+    /// A value that is not finite, or deviations whose squares exceed the range of a double.
     pub fn of(argument: &'static str, y: &[f64]) -> Result<Self> {
         pulp::Arch::new().dispatch(OfSample(y)).checked(argument, &[y])
     }
 
-    /// As [`Moments::of`], for callers that check and dispatch by themselves.
+    /// [`Moments::of`] for callers that check and dispatch themselves.
     #[inline(always)]
     pub(crate) fn unchecked<S: Simd>(simd: S, y: &[f64]) -> Self {
         // a `for`, because the standard iterators' `fold` is not inlined into dispatched code
@@ -44,7 +44,7 @@ impl Moments {
         moments
     }
 
-    /// Moments of no values, with the origin for those of `y`.
+    /// Moments of no values, with the origin for the values `y`.
     #[inline(always)]
     pub(crate) fn before(y: &[f64]) -> Self {
         let n = y.len();
@@ -52,7 +52,7 @@ impl Moments {
         Self { count: 0.0, origin, offset: 0.0, sum_of_squares: 0.0 }
     }
 
-    /// Moments with at most [`BLOCK`] values more.
+    /// Adds at most [`BLOCK`] values.
     #[inline(always)]
     pub(crate) fn with_block<S: Simd>(self, simd: S, block: &[f64]) -> Self {
         let (count, origin) = (block.len() as f64, self.origin);
@@ -61,7 +61,7 @@ impl Moments {
         self.merge(Self { count, origin, offset, sum_of_squares })
     }
 
-    /// Moments of both samples together (Chan, Golub, LeVeque 1979).
+    /// Moments of two samples together (Chan, Golub, LeVeque 1979).
     #[inline(always)]
     pub fn merge(self, other: Self) -> Self {
         if self.count == 0.0 {
@@ -83,7 +83,7 @@ impl Moments {
         }
     }
 
-    /// Returns the moments, or the error in one of `samples` that makes them useless.
+    /// Returns the moments, or the error in one of `samples` that makes them unusable.
     pub(crate) fn checked(self, argument: &'static str, samples: &[&[f64]]) -> Result<Self> {
         let squares = self.sum_of_squares;
         if squares.is_finite() && squares >= MIN_SUM_OF_SQUARES {
@@ -97,7 +97,7 @@ impl Moments {
         if constant { Ok(self) } else { Err(Error::OutOfRange { argument }) }
     }
 
-    /// Measurements, as a number.
+    /// Number of measurements, as a double.
     pub fn count(&self) -> f64 {
         self.count
     }
@@ -123,14 +123,14 @@ impl Moments {
         (y - self.origin) - self.offset
     }
 
-    /// Share of SS that disappears with a value at this deviation: `e² N/(N−1) / SS`.
+    /// Share of SS that disappears if a value with this deviation is removed: `e² N/(N−1) / SS`.
     #[inline(always)]
     pub fn share(&self, deviation: f64) -> f64 {
         deviation * deviation * self.count / (self.count - 1.0) / self.sum_of_squares
     }
 
-    /// Moments without a value of the sample, by downdating; exact to rounding while its
-    /// [`Moments::share`] is not above one half.
+    /// Moments without one value of the sample, by downdating; exact to rounding if the
+    /// [`Moments::share`] of the value is at most one half.
     #[inline(always)]
     pub fn without(&self, y: f64) -> Self {
         let e = self.deviation(y);
@@ -144,7 +144,7 @@ impl Moments {
         }
     }
 
-    /// The same mean and squares with one value more, at the mean.
+    /// Moments with one additional value at the mean: the mean and the squares do not change.
     pub fn with_one_at_mean(self) -> Self {
         Self { count: self.count + 1.0, ..self }
     }
@@ -155,20 +155,20 @@ impl Moments {
         self.deviation(y).abs() > half_width
     }
 
-    /// How far the mean is from that of other moments with the same origin.
+    /// Distance of the mean from that of other moments with the same origin.
     #[inline(always)]
     pub(crate) fn distance(&self, other: &Self) -> f64 {
         (self.offset - other.offset).abs()
     }
 
-    /// A bound of the rounding of [`Moments::deviation`] for values within `half_width` of the mean.
+    /// Bound of the rounding error of [`Moments::deviation`] for values within `half_width` of the mean.
     #[inline(always)]
     pub(crate) fn rounding(&self, half_width: f64) -> f64 {
         4.0 * f64::EPSILON * (self.offset.abs() + half_width)
     }
 }
 
-/// [`Moments::unchecked`] for the widest vectors of the machine.
+/// Runs [`Moments::unchecked`] with the widest vectors of the machine.
 struct OfSample<'a>(&'a [f64]);
 
 impl WithSimd for OfSample<'_> {
@@ -200,7 +200,7 @@ fn sum_of_squares<S: Simd>(simd: S, y: &[f64], origin: f64, offset: f64) -> f64 
     sum + rest.iter().map(square).sum::<f64>()
 }
 
-/// Sum of `f` over as many values as fill the lanes, and the values that are left.
+/// Sum of `f` over all values that fill the lanes; also returns the remaining values.
 #[inline(always)]
 fn sum_by<S: Simd>(simd: S, y: &[f64], f: impl Fn(S::f64s) -> S::f64s) -> (f64, &[f64]) {
     let (chunks, rest) = y.as_chunks::<LANES>();
@@ -261,13 +261,13 @@ mod tests {
 
     #[test]
     fn deviations_keep_what_the_mean_cannot_hold() {
-        // the mean 1e16 + 3 lies between doubles, which are 2 apart
+        // the mean 1e16 + 3 lies between two doubles, whose spacing is 2
         let y = [1e16, 1e16 + 2.0, 1e16 + 2.0, 1e16 + 8.0];
         let moments = Moments::of("y", &y).unwrap();
         assert_eq!(y.map(|v| moments.deviation(v)), [-3.0, -1.0, -1.0, 5.0]);
     }
 
-    /// The architecture promises the same bits whatever the width of the vectors.
+    /// The architecture promises the same bits for any width of the vectors.
     #[test]
     fn every_instruction_set_returns_the_same_bits() {
         for n in [3, 17, 100, 2049, 10_000] {

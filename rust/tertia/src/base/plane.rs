@@ -1,13 +1,13 @@
-//! Symmetric matrices of east and north.
+//! Symmetric 2×2 matrices in the plane of east and north.
 
 use serde::{Deserialize, Serialize};
 
-/// Symmetric 2×2 matrix of east and north.
+/// Symmetric 2×2 matrix in the plane of east and north.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Plane {
     /// Variance east.
     pub xx: f64,
-    /// Covariance.
+    /// Covariance of east and north.
     pub xy: f64,
     /// Variance north.
     pub yy: f64,
@@ -26,7 +26,7 @@ impl Plane {
         self.xx * self.yy - self.xy * self.xy
     }
 
-    /// The inverse; the caller's matrix is positive definite.
+    /// The inverse; the caller ensures that the matrix is positive definite.
     pub(crate) fn inverse(self) -> Self {
         let scale = 1.0 / self.determinant();
         Self { xx: self.yy * scale, xy: -self.xy * scale, yy: self.xx * scale }

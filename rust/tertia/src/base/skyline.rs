@@ -1,24 +1,25 @@
-//! Symmetric positive definite matrices of which each row begins at its own first column.
+//! Symmetric positive definite matrices in which each row begins at its own first column.
 //!
 //! Jennings, Computer Journal 9 (1966); elements of the inverse by Takahashi, Fagan and Chen, PICA
-//! (1973). The factor and the wanted part of the inverse fill the same envelope as the matrix. Costs
-//! the sum of the squares of the column heights.
+//! (1973). The factor and the required part of the inverse have the same envelope as the matrix. The cost
+//! is the sum of the squares of the column heights.
 
 use pulp::{Arch, Simd, WithSimd};
 
-/// The lower triangle, row after row.
+/// The lower triangle, row by row.
 #[derive(Clone, Debug)]
 pub(crate) struct Skyline {
     /// First column of each row.
     first: Vec<usize>,
-    /// Where column 0 of each row would lie in `values`, were it stored.
+    /// Start of each row in `values`.
     start: Vec<usize>,
     values: Vec<f64>,
 }
 
-// Not closures: these would be compiled as functions of their own, without the vectors of `simd`.
+// structs instead of closures, because closures would be compiled as functions of their own without the
+// vectors of `simd`
 
-/// [`Skyline::factorise`] for the widest vectors of the processor.
+/// Runs [`Skyline::factorise`] with the widest vectors of the processor.
 struct Factorise<'a>(&'a mut Skyline);
 
 impl WithSimd for Factorise<'_> {
@@ -30,7 +31,7 @@ impl WithSimd for Factorise<'_> {
     }
 }
 
-/// [`Skyline::inverse`] likewise.
+/// Runs [`Skyline::inverse`] with the widest vectors of the processor.
 struct Inverse<'a>(&'a Skyline);
 
 impl WithSimd for Inverse<'_> {
@@ -43,7 +44,7 @@ impl WithSimd for Inverse<'_> {
 }
 
 impl Skyline {
-    /// Zeros; `first[i]` is at most i.
+    /// Creates a matrix of zeros; `first[i]` is at most i.
     pub fn zeros(first: Vec<usize>) -> Self {
         let mut start = Vec::with_capacity(first.len() + 1);
         let mut end = 0;
@@ -70,7 +71,7 @@ impl Skyline {
         &self.values[self.start[i]..self.start[i + 1]]
     }
 
-    /// An element of the lower triangle, j <= i; it must be within the envelope.
+    /// Index in `values` of an element of the lower triangle, j <= i, inside the envelope.
     fn at(&self, i: usize, j: usize) -> usize {
         self.start[i] + j - self.first[i]
     }
@@ -81,20 +82,20 @@ impl Skyline {
         if j < self.first[i] { 0.0 } else { self.values[self.at(i, j)] }
     }
 
-    /// Adds to element (i, j) and its mirror image.
+    /// Adds a value to element (i, j) and its mirror image.
     pub fn add(&mut self, i: usize, j: usize, value: f64) {
         let (i, j) = if i < j { (j, i) } else { (i, j) };
         let at = self.at(i, j);
         self.values[at] += value;
     }
 
-    /// x' A x of a vector with these elements.
+    /// `x' A x` for a sparse vector x of indices and values.
     pub fn quadratic(&self, x: &[(usize, f64)]) -> f64 {
         let row = |i: usize, v: f64| v * x.iter().map(|&(j, w)| w * self.get(i, j)).sum::<f64>();
         x.iter().map(|&(i, v)| row(i, v)).sum()
     }
 
-    /// Replaces A by the factor L of A = L L'; otherwise the row at which A is not positive.
+    /// Replaces A by the factor L of A = L L'. The error is the row at which A is not positive definite.
     pub fn factorise(&mut self) -> Result<(), usize> {
         Arch::new().dispatch(Factorise(self))
     }
@@ -123,7 +124,7 @@ impl Skyline {
         Ok(())
     }
 
-    /// Of the factor L: solves L L' x = b in place.
+    /// Solves L L' x = b in place; this matrix is the factor L.
     pub fn solve(&self, b: &mut [f64]) {
         for i in 0..self.order() {
             let (left, pivot) = self.row(i).split_at(i - self.first[i]);
@@ -139,7 +140,7 @@ impl Skyline {
         }
     }
 
-    /// Of the factor L: the elements of (L L')^-1 within the envelope.
+    /// Returns the elements of (L L')^-1 inside the envelope; this matrix is the factor L.
     pub fn inverse(&self) -> Self {
         Arch::new().dispatch(Inverse(self))
     }
@@ -152,7 +153,7 @@ impl Skyline {
             start: self.start.clone(),
             values: vec![0.0; self.values.len()],
         };
-        // rows below j that reach column j, as runs (first row, place in `column`), and l_ij
+        // rows below j that reach column j, as runs (first row, index in `column`), and the elements l_ij
         let mut runs: Vec<(usize, usize)> = Vec::new();
         let mut column: Vec<f64> = Vec::new();
         let mut sum = Vec::new();
@@ -168,7 +169,7 @@ impl Skyline {
             }
             sum.clear();
             sum.resize(column.len(), 0.0);
-            // places in `column` of a run, and its first row less its first place
+            // indices in `column` of a run, and its first row minus its first index
             let rows = |run: usize| {
                 let end = runs.get(run + 1).map_or(column.len(), |next| next.1);
                 (runs[run].1..end, runs[run].0 - runs[run].1)
@@ -208,7 +209,7 @@ impl Skyline {
         inverse
     }
 
-    /// The last row that reaches each column.
+    /// Last row that reaches each column.
     fn reach(&self) -> Vec<usize> {
         let mut reach: Vec<usize> = (0..self.order()).collect();
         for (i, &first) in self.first.iter().enumerate() {
@@ -218,7 +219,7 @@ impl Skyline {
     }
 }
 
-/// Sum of products, in eight parts that a processor adds at once.
+/// Sum of products in eight parts, which the processor adds in parallel.
 #[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let (a8, a_rest) = a.as_chunks::<8>();

@@ -1,13 +1,13 @@
-//! Linear systems of two and three unknowns, on the stack.
+//! Linear systems with two or three unknowns, on the stack.
 
-/// Share of a diagonal element that the components before must leave in a regular matrix: their
-/// directions differ by 1e-6 or more.
+/// Smallest share of a diagonal element that the preceding components must leave in a regular matrix:
+/// their directions differ by at least 1e-6.
 pub(crate) const REGULAR: f64 = 1e-12;
 
-/// Steps to the longest axis.
+/// Number of iterations for the longest axis.
 const TURNS: usize = 50;
 
-/// Smallest pivot of rows of length 1 that are not parallel.
+/// Smallest pivot of rows of length 1 that count as not parallel.
 const PARALLEL: f64 = 1e-9;
 
 pub(crate) type Matrix<const D: usize> = [[f64; D]; D];
@@ -54,9 +54,9 @@ pub(crate) fn add<const D: usize>(a: &mut Matrix<D>, b: &Matrix<D>) {
     }
 }
 
-/// Copies the upper triangle to the lower one. In a recursion `F A F^T` an antisymmetric part from
-/// rounding grows with the powers of time in F, although what is measured keeps A itself small: after
-/// 300 steps it cost a likelihood seven digits, after 10,000 a smoothed variance all of them.
+/// Copies the upper triangle to the lower one. In a recursion `F A F^T`, an antisymmetric part from
+/// rounding grows with the powers of time in F although the measurements keep A itself small. After
+/// 300 steps it cost a likelihood seven digits; after 10,000 steps a smoothed variance had no correct digit.
 #[inline(always)]
 pub(crate) fn symmetrise<const D: usize>(a: &mut Matrix<D>) {
     for r in 0..D {
@@ -66,14 +66,14 @@ pub(crate) fn symmetrise<const D: usize>(a: &mut Matrix<D>) {
     }
 }
 
-/// The Cholesky factor of a symmetric matrix with a unit diagonal, after scaling.
+/// Cholesky factor of a symmetric matrix after scaling to a unit diagonal.
 pub(crate) struct Factor<const D: usize> {
     lower: Matrix<D>,
     scale: Vector<D>,
 }
 
 impl<const D: usize> Factor<D> {
-    /// Factorises `A + damping diag A`; `None` where it is singular to working precision.
+    /// Factorises `A + damping diag A`; `None` if it is singular to working precision.
     pub fn try_new(a: &Matrix<D>, damping: f64) -> Option<Self> {
         let mut scale = [0.0; D];
         for i in 0..D {
@@ -126,7 +126,7 @@ impl<const D: usize> Factor<D> {
         x
     }
 
-    /// `ln |A|`, of the matrix without damping.
+    /// `ln |A|`, for a factor without damping.
     pub fn ln_determinant(&self) -> f64 {
         (0..D).map(|i| 2.0 * (self.lower[i][i] / self.scale[i]).ln()).sum()
     }
@@ -147,7 +147,7 @@ impl<const D: usize> Factor<D> {
     }
 }
 
-/// Solves `N p = a + b t` for a regular N by elimination with pivots: `p = u + v t`.
+/// Solves `N p = a + b t` for a regular N by elimination with pivoting: `p = u + v t`.
 pub(crate) fn solve_line<const D: usize>(
     mut n: Matrix<D>,
     mut a: Vector<D>,
@@ -186,7 +186,7 @@ pub(crate) fn solve_line<const D: usize>(
     Some((a, b))
 }
 
-/// Real roots of `a t² + 2 b t + c`; where there are none, the place nearest to zero, twice.
+/// Real roots of `a t² + 2 b t + c`; if there are none, twice the t at which it is nearest to zero.
 pub(crate) fn roots(a: f64, b: f64, c: f64) -> [f64; 2] {
     let discriminant = b * b - a * c;
     if discriminant.is_nan() || discriminant <= 0.0 {
@@ -196,7 +196,7 @@ pub(crate) fn roots(a: f64, b: f64, c: f64) -> [f64; 2] {
     [q / a, c / q]
 }
 
-/// The axis of the largest variance, by powers of the matrix.
+/// Axis of the largest variance, by power iteration.
 pub(crate) fn longest<const D: usize>(covariance: &Matrix<D>) -> (Vector<D>, f64) {
     let mut largest = 0;
     for i in 1..D {
@@ -214,7 +214,7 @@ pub(crate) fn longest<const D: usize>(covariance: &Matrix<D>) -> (Vector<D>, f64
     (axis.map(|v| v / variance), variance)
 }
 
-/// Infinite variances; what is between them is not a number.
+/// Covariance of an undetermined vector: infinite variances, and nan between them.
 pub fn undetermined<const D: usize>() -> Matrix<D> {
     std::array::from_fn(|i| std::array::from_fn(|j| if i == j { f64::INFINITY } else { f64::NAN }))
 }

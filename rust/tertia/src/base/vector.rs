@@ -1,12 +1,12 @@
-//! Vectors that add and multiply like numbers.
+//! SIMD vectors that add and multiply like numbers.
 
 use pulp::Simd;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
-/// Lanes of the widest vector.
+/// Number of lanes of the widest vector.
 pub(crate) const WIDEST: usize = 8;
 
-/// Some lanes.
+/// A vector of as many lanes as the processor has.
 #[derive(Clone, Copy)]
 pub(crate) struct Vector<S: Simd> {
     simd: S,
@@ -76,7 +76,7 @@ impl<S: Simd> Vector<S> {
     #[inline(always)]
     pub fn splat_all<const N: usize>(simd: S, values: &[f64; N]) -> [Self; N] {
         let mut vectors = [Self::splat(simd, 0.0); N];
-        // not `map`: its closure would not be compiled for the vectors of `simd`
+        // not `map`: its closure would not be compiled with the vectors of `simd`
         for (vector, &value) in vectors.iter_mut().zip(values) {
             *vector = Self::splat(simd, value);
         }
@@ -122,9 +122,9 @@ impl<S: Simd> Vector<S> {
         Self { simd, lanes }
     }
 
-    /// Four vectors of the first, second, third and fourth numbers of as many rows as there are
-    /// lanes, from row `at` times as many on. Which row has which lane is left to the machine;
-    /// [`Vector::to_rows`] takes them back.
+    /// Returns four vectors of the first, second, third and fourth numbers of as many rows as there are
+    /// lanes; the first row is `at` times the number of lanes. The order of rows in the lanes depends on the
+    /// machine; [`Vector::to_rows`] restores it.
     #[inline(always)]
     pub fn from_rows(simd: S, rows: &[[f64; 4]], at: usize) -> [Self; 4] {
         let lanes = &S::as_simd_f64s(rows.as_flattened()).0[4 * at..][..4];
@@ -132,20 +132,20 @@ impl<S: Simd> Vector<S> {
         [Self::of(simd, a), Self::of(simd, b), Self::of(simd, c), Self::of(simd, d)]
     }
 
-    /// Writes four vectors into the rows of their lanes.
+    /// Writes four vectors from [`Vector::from_rows`] back to their rows.
     #[inline(always)]
     pub fn to_rows(simd: S, [a, b, c, d]: [Self; 4], rows: &mut [[f64; 4]], at: usize) {
         let columns = simd.interleave_shfl_f64s([a.lanes, b.lanes, c.lanes, d.lanes]);
         S::as_mut_simd_f64s(rows.as_flattened_mut()).0[4 * at..][..4].copy_from_slice(&columns);
     }
 
-    /// Where it is not nan.
+    /// Mask of the lanes that are not nan.
     #[inline(always)]
     pub fn is_number(self) -> S::m64s {
         self.simd.equal_f64s(self.lanes, self.lanes)
     }
 
-    /// Whether a lane is larger in size; none that is nan.
+    /// Whether the size of any lane exceeds the bound; a nan does not.
     #[inline(always)]
     pub fn exceeds(self, bound: f64) -> bool {
         let size = self.simd.abs_f64s(self.lanes);
@@ -153,7 +153,7 @@ impl<S: Simd> Vector<S> {
         self.simd.first_true_m64s(larger) < S::F64_LANES
     }
 
-    /// Whether all lanes are from `low` to less than `high`.
+    /// Whether all lanes are at least `low` and less than `high`.
     #[inline(always)]
     pub fn is_within(self, low: f64, high: f64) -> bool {
         let above = self.simd.greater_than_or_equal_f64s(self.lanes, self.simd.splat_f64s(low));
@@ -162,7 +162,7 @@ impl<S: Simd> Vector<S> {
         self.simd.first_true_m64s(outside) >= S::F64_LANES
     }
 
-    /// This where `mask` is set, the other one elsewhere.
+    /// Selects this vector where `mask` is set, and the other one elsewhere.
     #[inline(always)]
     pub fn or(self, mask: S::m64s, other: Self) -> Self {
         Self { lanes: self.simd.select_f64s(mask, self.lanes, other.lanes), ..self }
@@ -194,7 +194,7 @@ impl<S: Simd> Vector<S> {
         Self { lanes: self.simd.abs_f64s(self.lanes), ..self }
     }
 
-    /// Where it is at most as large; nowhere where one is nan.
+    /// Mask of the lanes that are at most as large as those of the other vector; unset if one is nan.
     #[inline(always)]
     pub fn at_most(self, other: Self) -> S::m64s {
         self.simd.less_than_or_equal_f64s(self.lanes, other.lanes)

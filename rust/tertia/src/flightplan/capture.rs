@@ -1,47 +1,48 @@
-//! From where an aircraft is, along an arc to the leg that it will fly next.
+//! Capture arcs, from the position of an aircraft to the leg that it will fly next.
 
 use super::plane::{along, between, cross, dot, minus, norm, turned, unit};
 use super::turn::{STRAIGHT, Turn};
 use crate::base::distribution::normal_two_sided;
 
-/// The radius of a capture arc, in those of the turn.
+/// Smallest and largest radius of a capture arc, relative to the radius of the turn.
 const RADII: [f64; 2] = [0.8, 1.6];
-/// Less is left of no turn, radians.
+/// A turn with a smaller remaining angle than this is finished, radians.
 const DONE: f64 = 0.01;
-/// When turns start: log-normal spread of the distance to the waypoint.
+/// Sigma of the log-normal distribution of the distance to the waypoint at which turns start.
 const START_SPREAD: f64 = 0.18;
-/// The lead in the wind, in those without.
+/// Smallest and largest lead in wind, relative to the lead without wind.
 const LEADS: [f64; 2] = [0.3, 3.0];
-/// Farther ahead, leads.
+/// Largest lead ratio.
 const FARTHEST: f64 = 9.0;
-/// A turn may always start later.
+/// Largest probability that a turn starts now; it may always start later.
 const CERTAIN: f64 = 0.9;
 
-/// An arc that ends on the leg after a turn.
+/// A circular arc that ends on the leg after a turn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Capture {
-    /// ω in rad/s, positive to the left; 0 where nothing is left of the turn.
+    /// ω in rad/s, positive to the left; 0 if the turn is finished.
     pub turn_rate: f64,
-    /// The radius that is flown: the tangent one, between 0.8 and 1.6 times that of the turn.
+    /// Radius of the arc: the tangent radius, limited to 0.8 to 1.6 times that of the turn.
     pub radius: f64,
-    /// The radius of the arc tangent to the present course and to the leg; no bounds, any sign.
+    /// Radius of the arc that is tangent to the present course and to the leg; without limits, of either
+    /// sign.
     pub tangent_radius: f64,
-    /// What is left of the turn, radians, positive to the left.
+    /// Remaining angle of the turn, radians, positive to the left.
     pub remaining: f64,
-    /// How long the arc goes on within the next scan, seconds; it is straight after that.
+    /// Duration of the arc within the next scan, seconds; after that the path is straight.
     pub time: f64,
 }
 
 /// The arc from a state to the leg after the turn: `rem = c₂ − ψ`, `c = ((B − p) × u₂)/(u × u₂)`,
-/// `R_c = c / tan(|rem|/2)`, `ω = sgn(rem) V/R_c`. There is none where less than 0.01 rad is left or
+/// `R_c = c / tan(|rem|/2)`, `ω = sgn(rem) V/R_c`. There is no arc if less than 0.01 rad remains or if
 /// the aircraft would have to turn to the other side.
 pub fn capture(turn: &Turn, position: [f64; 2], velocity: [f64; 2], period: f64) -> Capture {
     capture_in_wind(turn, position, velocity, [0.0; 2], period)
 }
 
-/// The arc of [`capture`] in air that moves: the aircraft turns in the air, until its course over the
-/// ground is that of the leg. The velocity is that over the ground, radii and rates are those in the
-/// air: `R_c = ((B − p) × u₂)/(D × u₂)` with the way over the ground in radii,
+/// The arc of [`capture`] in wind: the aircraft turns relative to the air, until its course over the
+/// ground is that of the leg. The given velocity is that over the ground; radii and rates are those in the
+/// air: `R_c = ((B − p) × u₂)/(D × u₂)`, where D is the path over the ground in radii,
 /// `D = 2 sin(|rem|/2) u(rem/2) + |rem| w/V`.
 pub fn capture_in_wind(
     turn: &Turn,
@@ -66,7 +67,7 @@ pub fn capture_in_wind(
     let way = way(u, remaining, wind, speed);
     let ahead = cross(minus(turn.corner, position), turn.outbound);
     let tangent_radius = ahead / cross(way, turn.outbound);
-    // in this order nan becomes the lower bound
+    // in this order of the operations, nan becomes the lower bound
     let [low, high] = RADII.map(|factor| factor * turn.full_radius);
     let radius = tangent_radius.max(low).min(high);
     let is_done = remaining.abs() < DONE || remaining * turn.angle <= 0.0 || radius <= 0.0;
@@ -79,22 +80,22 @@ pub fn capture_in_wind(
     Capture { turn_rate, radius, tangent_radius, remaining, time }
 }
 
-/// The heading that makes a course good in the wind; the course where the wind is too strong for it.
+/// Heading for a course over the ground in wind; the course itself if the wind is too strong for it.
 fn heading(course: [f64; 2], wind: [f64; 2], speed: f64) -> [f64; 2] {
     let across = cross(course, wind) / speed;
     if across.abs() < 1.0 { turned(course, -across.asin()) } else { course }
 }
 
-/// The way over the ground in a turn by an angle from a heading, in radii.
+/// Path over the ground in a turn by an angle from a heading, in radii.
 fn way(from: [f64; 2], angle: f64, wind: [f64; 2], speed: f64) -> [f64; 2] {
     let drift = angle.abs() / speed;
     let chord = 2.0 * (0.5 * angle.abs()).sin();
     along([drift * wind[0], drift * wind[1]], chord, turned(from, 0.5 * angle))
 }
 
-/// How far before the waypoint the turn begins that ends on the next leg, in air that moves, at this
-/// speed in the air: `R (D × u₂)/(u₁ × u₂)`, see [`capture_in_wind`]. Without wind, that is the lead of
-/// the turn; with wind, it is between 0.3 and 3 of these.
+/// Distance before the waypoint at which a turn must begin to end on the next leg, in wind, at this
+/// airspeed: `R (D × u₂)/(u₁ × u₂)`, see [`capture_in_wind`]. Without wind it is the lead of the turn;
+/// in wind it is limited to between 0.3 and 3 times this lead.
 pub fn lead_in_wind(turn: &Turn, wind: [f64; 2], speed: f64) -> f64 {
     if wind == [0.0; 2] || speed <= norm(wind) {
         return turn.lead;
@@ -103,11 +104,11 @@ pub fn lead_in_wind(turn: &Turn, wind: [f64; 2], speed: f64) -> f64 {
     let angle = between(first, heading(turn.outbound, wind, speed));
     let way = way(first, angle, wind, speed);
     let lead = turn.radius * cross(way, turn.outbound) / cross(turn.inbound, turn.outbound);
-    // in this order nan, where the legs are in line, becomes the lower bound
+    // in this order of the operations, nan (legs in line) becomes the lower bound
     lead.max(LEADS[0] * turn.lead).min(LEADS[1] * turn.lead)
 }
 
-/// Where an aircraft will be a scan later, before the waypoint, in leads:
+/// Distance before the waypoint at which an aircraft will be one scan later, in leads:
 /// `((B − p)·u₁ − V T)/d`, from 0 to 9.
 pub fn lead_ratio(turn: &Turn, position: [f64; 2], speed: f64, period: f64) -> f64 {
     let ahead = dot(minus(turn.corner, position), turn.inbound) - speed * period;
@@ -120,9 +121,9 @@ pub fn lead_ratio(turn: &Turn, position: [f64; 2], speed: f64, period: f64) -> f
     }
 }
 
-/// Probability that a turn starts now, if it has not before: `h = min(0.9, 1 − F(r)/F(r before))`,
-/// with F log-normal of this median and spread 0.18, of the ratios of [`lead_ratio`] at this scan and
-/// the one before (9 at the first); 0 where at most 4° remain.
+/// Probability that a turn starts now if it has not started before: `h = min(0.9, 1 − F(r)/F(r before))`.
+/// F is log-normal with this median and spread 0.18; the arguments are the [`lead_ratio`] at this scan and
+/// at the one before (9 at the first scan). The probability is 0 if at most 4° remain.
 pub(crate) fn hazard(before: f64, now: f64, remaining: f64, median: f64) -> f64 {
     if remaining.abs() <= STRAIGHT {
         return 0.0;
@@ -142,7 +143,7 @@ mod tests {
         let (p, course) = turn.at(0.2 * turn.arc());
         let v = [200.0 * course[0], 200.0 * course[1]];
         let found = capture(&turn, p, v, 1e4);
-        // on the arc itself, the capture arc is the rest of it
+        // on the arc of the turn, the capture arc is the rest of this arc
         assert!((found.radius / turn.radius - 1.0).abs() < 1e-9);
         assert!((found.time * 200.0 / (0.8 * turn.arc()) - 1.0).abs() < 1e-9);
         assert!(found.turn_rate < 0.0);
@@ -161,7 +162,7 @@ mod tests {
                 }
                 (p, along(turned(air, rate * time), 1.0, wind))
             };
-            // from where the turn begins with the radius of the plan, along the leg
+            // from the point at which a turn with the radius of the plan begins, along the leg
             let air = [-wind[0], (200.0_f64.powi(2) - wind[0] * wind[0]).sqrt()];
             let lead = lead_in_wind(&turn, wind, 200.0);
             let p = along(turn.corner, -lead, turn.inbound);
@@ -191,7 +192,7 @@ mod tests {
         assert!((found.tangent_radius - 24_943.854_915_070_2).abs() < 1e-8);
         let tangent_rate = (220.0 / found.tangent_radius).to_degrees();
         assert!((tangent_rate - 0.505_337_748_9).abs() < 1e-10);
-        // flown with the largest radius
+        // the turn is flown with the largest radius
         assert_eq!(found.radius, 1.6 * turn.full_radius);
         assert!((found.turn_rate + 220.0 / found.radius).abs() < 1e-15);
         let hazards = [

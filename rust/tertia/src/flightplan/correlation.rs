@@ -1,36 +1,36 @@
-//! Which plan a track flies: by its identity, or by position, course, speed and time.
+//! Correlation of tracks with plans: by identity, or by position, course, speed and time.
 
 use super::plane::{Vector, between, dot, left, norm, unit};
 use super::route::Route;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// Standard deviations of a flight from its plan: metres across track, radians of course, m/s,
-/// seconds, metres of height.
+/// Standard deviations of flights from their plans: cross-track (m), course (rad), speed (m/s), time (s)
+/// and height (m).
 const OFFSET_SIGMA: f64 = 700.0;
 const COURSE_SIGMA: f64 = 3.0 * PI / 180.0;
 const SPEED_SIGMA: f64 = 12.0;
 const TIME_SIGMA: f64 = 120.0;
 const HEIGHT_SIGMA: f64 = 150.0;
-/// Standard deviations from where a flight is due beyond which it is not expected.
+/// Largest distance from its planned position, in standard deviations, at which a flight is expected.
 const FARTHEST: f64 = 4.0;
-/// Smallest score of a plan with the same identity, and without it.
+/// Smallest score of a plan with the same identity as the track, and of other plans.
 const LEAST_SAME: f64 = -25.0;
 const LEAST: f64 = -8.0;
-/// Margin to the next best plan, and the plots that it needs.
+/// Required margin to the second-best plan, and required number of plots.
 const MARGIN: f64 = 3.0;
 const PLOTS: usize = 5;
-/// Successive scores below the smallest after which a link is given up.
+/// Number of successive low scores after which a link is dropped.
 const LOW_SCANS: u32 = 5;
 
-/// A track at an instant.
+/// State of a track at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sighting {
-    /// Seconds.
+    /// Time, s.
     pub time: f64,
-    /// East and north, metres.
+    /// Position, east and north, m.
     pub position: [f64; 2],
-    /// m/s.
+    /// Velocity, m/s.
     pub velocity: [f64; 2],
     /// Variances of the position along and across the course, m².
     pub position_variance: [f64; 2],
@@ -38,12 +38,12 @@ pub struct Sighting {
     pub course_variance: f64,
     /// Variance of the speed, m²/s².
     pub speed_variance: f64,
-    /// Metres; nan where it is not known.
+    /// Height, m; nan if it is not known.
     pub height: f64,
 }
 
 impl Sighting {
-    /// A sighting with the covariance of east, north and their rates, row by row, or none.
+    /// Creates a sighting. The covariance of east, north and their rates is given row by row, or not at all.
     pub fn new(
         time: f64,
         position: [f64; 2],
@@ -72,16 +72,16 @@ impl Sighting {
         }
     }
 
-    /// Whether it is there: a track may have gaps.
+    /// Whether there is a sighting at this instant; a track may have gaps.
     pub fn is_present(&self) -> bool {
         let numbers = [self.time, self.position[0], self.position[1]];
         numbers.iter().chain(&self.velocity).all(|x| x.is_finite())
     }
 }
 
-/// How well a sighting fits a plan, at most 0, on the leg where it fits best:
-/// `L = −½ [e²/(700² + P) + Δψ²/(3°² + σψ²) + ΔV²/(12² + σV²) + Δt²/120² + Δh²/150²]`, the last term
-/// where both have a height. O(legs).
+/// Score of a sighting for a plan, at most 0, on the leg that fits best:
+/// `L = −½ [e²/(700² + P) + Δψ²/(3°² + σψ²) + ΔV²/(12² + σV²) + Δt²/120² + Δh²/150²]`, with the last term
+/// only if both have a height. O(legs).
 pub fn score(route: &Route, seen: &Sighting) -> f64 {
     let speed = norm(seen.velocity);
     let mut best = f64::NEG_INFINITY;
@@ -103,23 +103,23 @@ pub fn score(route: &Route, seen: &Sighting) -> f64 {
     best
 }
 
-/// Whether a flight is under way at a time, as far as it may be early or late.
+/// Whether a flight can be under way at a time, including early and late flights.
 pub fn is_due(route: &Route, time: f64) -> bool {
     let [first, .., last] = route.times() else { return false };
     (first - FARTHEST * TIME_SIGMA..=last + FARTHEST * TIME_SIGMA).contains(&time)
 }
 
-/// A flight where it is expected.
+/// Expectation of a flight at a time and a position.
 pub struct Due {
-    /// Of its positions there, 1/m².
+    /// Probability density of the flight at this position, 1/m².
     pub density: f64,
-    /// Half the square of the distance from the middle, in standard deviations.
+    /// Half the squared distance from the planned position, in standard deviations.
     pub square: f64,
     pub velocity: Vector,
 }
 
-/// A flight at a time and a position, where it is expected with 700 m across its route and 120 s along it;
-/// none far from it. O(legs).
+/// Returns the expectation of a flight at a time and a position, with sigmas of 700 m across its route and
+/// 120 s along it; `None` far from the flight. O(legs).
 pub fn expected(route: &Route, time: f64, position: Vector) -> Option<Due> {
     let due = route.distance(time);
     let (place, _) = route.path(due);
@@ -140,7 +140,8 @@ pub fn expected(route: &Route, time: f64, position: Vector) -> Option<Due> {
     Some(Due { density, square, velocity: near.course.map(|part| speed * part) })
 }
 
-/// Density (1/m²) at a position of places that are anywhere along a route, and 700 m across it. O(legs).
+/// Density (1/m²) at a position for a flight anywhere along a route, with a sigma of 700 m across it.
+/// O(legs).
 pub fn along(route: &Route, position: Vector) -> f64 {
     let near = route.project(position);
     let aside = near.cross_track / OFFSET_SIGMA;
@@ -150,8 +151,8 @@ pub fn along(route: &Route, position: Vector) -> f64 {
     (-0.5 * aside * aside).exp() / ((2.0 * PI).sqrt() * OFFSET_SIGMA * route.length())
 }
 
-/// Fills the mean scores of plans over the sightings that are there, nan for none, and returns their
-/// number.
+/// Computes the mean scores of plans over the sightings that are present (nan if there are none), and returns
+/// the number of these sightings.
 ///
 /// # Panics
 /// If there is not one score for each route.
@@ -164,33 +165,33 @@ pub fn mean_scores(routes: &[&Route], seen: &[Sighting], scores: &mut [f64]) -> 
     count
 }
 
-/// How a plan was chosen.
+/// Reason for the plan of a track.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Status {
     /// No plan fits.
     None = 0,
-    /// More than one fits, or the track is too short to decide.
+    /// More than one plan fits, or the track is too short for a decision.
     Ambiguous = 1,
-    /// One fits, and no other nearly as well.
+    /// One plan fits, and no other fits nearly as well.
     Accepted = 2,
-    /// One has the same identity, and fits well enough.
+    /// A plan has the same identity and fits well enough.
     Linked = 3,
-    /// A controller chose it.
+    /// A controller chose the plan.
     Manual = 4,
 }
 
-/// The plan of a track, where there is one.
+/// Decision on the plan of a track.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Decision {
-    /// Which plan, if accepted or linked.
+    /// Index of the plan, if accepted or linked.
     pub plan: Option<usize>,
-    /// Why.
+    /// Reason for the decision.
     pub status: Status,
 }
 
-/// Decides by mean scores of plans over so many plots, and by which of them have the identity of the
-/// track: linked where such a plan has more than −25; accepted where the best one has more than −8
-/// and 3 more than the next one, on 5 plots or more.
+/// Decides by the mean scores of plans over this number of plots, and by which plans have the identity of
+/// the track. Such a plan is linked if its score exceeds −25. Otherwise the best plan is accepted if its
+/// score exceeds −8 and that of the second best by at least 3, with 5 plots or more.
 pub fn decide(scores: &[f64], is_same: impl Fn(usize) -> bool, plots: usize) -> Decision {
     let best_of = |allowed: &dyn Fn(usize) -> bool| {
         (0..scores.len())
@@ -211,15 +212,15 @@ pub fn decide(scores: &[f64], is_same: impl Fn(usize) -> bool, plots: usize) -> 
     }
 }
 
-/// Whether the link of a track to its plan still holds.
+/// Checks whether the link of a track to its plan still holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Link {
     low: u32,
 }
 
 impl Link {
-    /// Takes the score of a scan, and whether the identity of the track has changed. False if it has, or
-    /// if the score was below −25 for 5 successive scans.
+    /// Adds the score of a scan. Returns false if the identity of the track has changed, or if the score was
+    /// below −25 for 5 successive scans.
     pub fn holds(&mut self, score: f64, has_changed: bool) -> bool {
         self.low = if score < LEAST_SAME { self.low + 1 } else { 0 };
         !has_changed && self.low < LOW_SCANS

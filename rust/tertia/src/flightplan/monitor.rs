@@ -1,5 +1,5 @@
-//! Whether a track follows its plan. A plan that is not followed is worse than none, so it is blocked
-//! until the track is back on one of its legs for several scans.
+//! Monitoring of whether a track follows its plan. A plan that is not followed is worse than none, so it is
+//! blocked until the track has been back on one of its legs for several scans.
 
 use super::correlation::Sighting;
 use super::plane::{Vector, between, norm};
@@ -8,24 +8,25 @@ use super::turn::Turn;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// Deviations that count: standard deviations of the distance (metres) and the course (radians).
+/// Standard deviations of the distance (m) and the course (rad) by which deviations are normalised.
 const OFFSET_SIGMA: f64 = 350.0;
 const COURSE_SIGMA: f64 = 5.0 * PI / 180.0;
-/// Tolerance in a turn: metres, and a share of its lead.
+/// Tolerance in a turn: a distance (m) plus this share of the lead of the turn.
 const ROOM: f64 = 500.0;
 const ROOM_LEAD: f64 = 0.35;
-/// No turn begins earlier than this before its start: a share of the lead, and metres.
+/// Turns begin no earlier than this before their planned start: a share of the lead plus a distance (m).
 const EARLY_LEAD: f64 = 0.3;
 const EARLY: f64 = 600.0;
-/// Deviation of a certain turn where none is planned.
+/// Deviation for a certain turn (μ = 1) where none is planned.
 const UNPLANNED: f64 = 5.0;
-/// Largest deviation that counts, and what is subtracted each scan.
+/// Largest deviation that is added per scan, and the amount that is subtracted per scan.
 const LARGEST: f64 = 20.0;
 const FORGIVEN: f64 = 4.0;
-/// The sum above which the plan is blocked, and that at a new start.
+/// Sum above which the plan is blocked, and largest sum after a new leg or route.
 const BLOCKING: f64 = 14.0;
 const FRESH: f64 = 4.0;
-/// Back on a leg: metres across track, radians off its course, successive scans.
+/// Criteria for being back on a leg: distance across track (m), deviation from its course (rad),
+/// successive scans.
 const BACK_OFFSET: f64 = 1200.0;
 const BACK_COURSE: f64 = 6.0 * PI / 180.0;
 const BACK_SCANS: u32 = 5;
@@ -37,43 +38,43 @@ pub struct Monitor {
     cusum: f64,
     blocked: bool,
     suspended: bool,
-    /// The track may come back on this leg or a later one.
+    /// First leg on which the track may rejoin the plan.
     least_leg: usize,
-    /// The leg it seems to be back on, and for how many scans.
+    /// Leg on which the track seems to be back, and the number of scans.
     back: Option<(usize, u32)>,
 }
 
-/// The result of a scan.
+/// Result of the monitoring of one scan.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Verdict {
-    /// Whether the plan can be believed: it is not blocked, and its end is ahead.
+    /// Whether the plan can be trusted: it is not blocked, and its end is still ahead.
     pub conforms: bool,
-    /// Whether it was blocked by this scan.
+    /// Whether this scan blocked the plan.
     pub blocked: bool,
-    /// The leg on which the plan is believed again since this scan.
+    /// Leg on which the track has rejoined the plan at this scan.
     pub rejoined: Option<usize>,
-    /// Whether the track came to the next leg by this scan.
+    /// Whether the track reached the next leg at this scan.
     pub advanced: bool,
-    /// The leg that it is on.
+    /// Leg of the track.
     pub leg: usize,
     /// Distance along the path, metres.
     pub along_track: f64,
-    /// Distance from it, positive to the right.
+    /// Distance from the path, positive to the right.
     pub cross_track: f64,
-    /// Whether the turn may be flown now.
+    /// Whether the track is in a zone in which the turn may be flown.
     pub in_zone: bool,
     /// The cumulative sum B.
     pub cusum: f64,
 }
 
 impl Monitor {
-    /// A monitor of a track that is on a leg.
+    /// Creates a monitor for a track on this leg.
     pub fn new(leg: usize) -> Self {
         Self { leg, cusum: 0.0, blocked: false, suspended: false, least_leg: leg, back: None }
     }
 
-    /// Verdicts on the sightings of a track, from the leg nearest to the first one on; `None` where
-    /// there is no sighting.
+    /// Returns verdicts on the sightings of a track; the initial leg is the one nearest to the first
+    /// sighting. A gap without a sighting gives `None`.
     pub fn follow(
         route: &Route,
         seen: &[Sighting],
@@ -89,7 +90,7 @@ impl Monitor {
         })
     }
 
-    /// The leg that the track is on, or was on when the plan was blocked.
+    /// Leg of the track, or its leg when the plan was blocked.
     pub fn leg(&self) -> usize {
         self.leg
     }
@@ -106,30 +107,30 @@ impl Monitor {
         self.back = None;
     }
 
-    /// Goes over to another route, of which the track is on this leg. Past deviations are mostly forgotten,
-    /// but a plan that is blocked stays so until the track is back.
+    /// Changes to another route, with the track on this leg. Past deviations are mostly forgotten, but a
+    /// blocked plan remains blocked until the track is back.
     pub fn reroute(&mut self, leg: usize) {
         (self.leg, self.least_leg, self.back) = (leg, leg, None);
         self.cusum = self.cusum.min(FRESH);
     }
 
-    /// Blocks the plan until [`Monitor::resume`], for an emergency or a plan that is wrong.
+    /// Blocks the plan until [`Monitor::resume`], in an emergency or if the plan is wrong.
     pub fn suspend(&mut self) {
         self.block(self.leg);
         self.suspended = true;
     }
 
-    /// Lets the plan be believed again once the track is back on it.
+    /// Allows the plan again as soon as the track is back on it.
     pub fn resume(&mut self) {
         self.suspended = false;
     }
 
-    /// Takes a scan: where the track is seen, the probability μ that it turns as no plan says, seconds
-    /// since the scan before. Deviations
-    /// `q = max(|e| − tolerance, 0)²/(350² + P) + course error²/(5°² + σψ²) + 5 μ²` make
-    /// `B = max(0, B + min(q, 20) − 4)`, and the plan is blocked where B > 14. Where a turn may be
-    /// flown, there is a tolerance; from 0.3 d + 600 m before its arc on, its courses are no errors,
-    /// and μ does not count.
+    /// Updates the sum with a scan: the sighting, the probability μ of a turn that is not planned, and the
+    /// seconds since the previous scan. The deviation
+    /// `q = max(|e| − tolerance, 0)²/(350² + P) + course error²/(5°² + σψ²) + 5 μ²` changes the sum to
+    /// `B = max(0, B + min(q, 20) − 4)`, and the plan is blocked if B > 14. The tolerance applies where a
+    /// turn may be flown. From 0.3 d + 600 m before the arc of the turn on, all its courses are allowed, and
+    /// μ is ignored.
     pub fn update(
         &mut self,
         route: &Route,
@@ -173,7 +174,7 @@ impl Monitor {
         }
     }
 
-    /// The leg on which the track has been long enough, if any.
+    /// Returns the leg on which the track has been back for enough scans, if any.
     fn come_back(&mut self, route: &Route, p: Vector, velocity: Vector) -> Option<usize> {
         if self.suspended {
             self.back = None;
@@ -199,7 +200,7 @@ impl Monitor {
     }
 }
 
-/// The squared deviation q from the path at a leg's end.
+/// Squared deviation q from the path, on a leg with this turn at its end.
 fn deviation(
     turn: &Turn,
     [s, cross_track]: [f64; 2],
@@ -217,7 +218,7 @@ fn deviation(
     far + off_course(between(turn.at(s).1, seen.velocity)) + UNPLANNED * turning * turning
 }
 
-/// By how much a course is outside those of the turn.
+/// Angle by which a course is outside the courses of the turn.
 fn outside(turn: &Turn, velocity: Vector) -> f64 {
     let since = between(turn.inbound, velocity);
     let until = between(velocity, turn.outbound);
@@ -289,7 +290,7 @@ mod tests {
             })
         };
         assert!(scans(1.0) < scans(0.0), "{:?} {:?}", scans(1.0), scans(0.0));
-        // where a turn is planned, it says nothing
+        // where a turn is planned, μ has no effect
         let mut monitor = start;
         let (p, v) = route.turn(0).at(0.5 * route.turn(0).arc());
         let velocity = [SPEED * v[0], SPEED * v[1]];

@@ -1,19 +1,19 @@
-//! A flight plan as it is filed: the route and who flies it.
+//! A flight plan as filed: the route, and the identities of the aircraft that flies it.
 
 use super::route::Route;
 use crate::sensors::Identities;
 use serde::{Deserialize, Serialize};
 
-/// A route, the turns it was planned with, and the identities of the aircraft.
+/// A route, the parameters of its turns, and the identities of the aircraft.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
-    /// Its legs, turns and times.
+    /// Legs, turns and times.
     pub route: Route,
-    /// Bank of its turns, rad.
+    /// Bank of the turns, rad.
     pub bank: f64,
-    /// Largest rate of its turns, rad/s.
+    /// Largest rate of turn, rad/s.
     pub turn_rate: f64,
-    /// Replies of its transponder, as far as they are filed.
+    /// Identities in the replies of the transponder, as far as they are filed.
     pub identities: Identities,
 }
 

@@ -16,7 +16,7 @@ pub(super) fn dot(a: Vector, b: Vector) -> f64 {
     a[0] * b[0] + a[1] * b[1]
 }
 
-/// Positive where b is to the left of a.
+/// Cross product, positive if b is to the left of a.
 pub(super) fn cross(a: Vector, b: Vector) -> f64 {
     a[0] * b[1] - a[1] * b[0]
 }
@@ -25,7 +25,7 @@ pub(super) fn norm(a: Vector) -> f64 {
     a[0].hypot(a[1])
 }
 
-/// A vector of length 1; `None` for no vector at all.
+/// Returns the vector scaled to length 1; `None` for the zero vector.
 pub(super) fn unit(a: Vector) -> Option<Vector> {
     let length = norm(a);
     (length > 0.0).then(|| [a[0] / length, a[1] / length])
@@ -36,13 +36,13 @@ pub(super) fn left(a: Vector) -> Vector {
     [-a[1], a[0]]
 }
 
-/// Turns a vector counter-clockwise.
+/// Rotates a vector counter-clockwise.
 pub(super) fn turned(a: Vector, angle: f64) -> Vector {
     let (sine, cosine) = angle.sin_cos();
     [cosine * a[0] - sine * a[1], sine * a[0] + cosine * a[1]]
 }
 
-/// The angle from a to b in (−π, π].
+/// Angle from a to b, in (−π, π].
 pub(super) fn between(a: Vector, b: Vector) -> f64 {
     cross(a, b).atan2(dot(a, b))
 }

@@ -1,4 +1,4 @@
-//! The whole path: straight legs, arcs between them, and the times over its points.
+//! The complete path of a plan: straight legs, arcs between them, and the times over its points.
 
 use super::plane::{Vector, along, between, dot, left, minus, norm};
 use super::turn::Turn;
@@ -6,12 +6,14 @@ use crate::base::error::{Error, Result, require, require_count, require_each, re
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// Farther from the origin, the rounding of positions would count (metres), or times (seconds).
+/// Largest coordinate (m) and time (s): beyond it, rounding would matter.
 const FARTHEST: f64 = 1e9;
-/// The next leg counts within this of its course (radians) and of its line (metres).
+/// A track is on the next leg if it is within this angle of its course (rad) and this distance of its
+/// line (m).
 const NEXT_COURSE: f64 = 4.0 * PI / 180.0;
 const NEXT_OFFSET: f64 = 1500.0;
-/// Steps to the speeds that meet given times, and their relative change that is none.
+/// Largest number of iterations for the speeds that meet given times, and the relative change at which
+/// they end.
 const SPEED_STEPS: usize = 200;
 const SPEED_TOLERANCE: f64 = 1e-13;
 
@@ -22,7 +24,7 @@ pub struct Route {
     lengths: Vec<f64>,
     /// Path distance at the start of each turn.
     starts: Vec<f64>,
-    /// Path distance where each waypoint is passed, on the bisector of its turn.
+    /// Path distance at which each waypoint is passed, on the bisector of its turn.
     marks: Vec<f64>,
     times: Vec<f64>,
     speeds: Vec<f64>,
@@ -32,26 +34,26 @@ pub struct Route {
 /// The point of a route nearest to a position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Projection {
-    /// Its distance from the first waypoint along the path, metres; negative before it.
+    /// Path distance of the point from the first waypoint, m; negative before it.
     pub along_track: f64,
-    /// Distance of the position from it, positive to the right of the course.
+    /// Distance of the position from the point, positive to the right of the course.
     pub cross_track: f64,
-    /// Direction of the path there, of length 1.
+    /// Direction of the path at the point, of length 1.
     pub course: [f64; 2],
-    /// The leg that it is on.
+    /// Leg of the point.
     pub leg: usize,
 }
 
 impl Route {
-    /// The route through waypoints (metres) at so many m/s on each leg, with so much bank (radians)
-    /// and at most this rate of turn (rad/s). `heights` has one height for each waypoint, nan where
-    /// it is not known, or is empty.
+    /// Creates the route through waypoints (m), with these speeds (m/s) on the legs, this bank (rad) and at
+    /// most this rate of turn (rad/s). `heights` has one height for each waypoint, nan if unknown, or is
+    /// empty.
     ///
-    /// A turn has the radius of the speed on the leg before it. Where two turns need more than the
-    /// leg between them, both get their share of it.
+    /// The radius of a turn results from the speed on the leg before it. If two turns need more than the
+    /// length of the leg between them, both are shortened in proportion.
     ///
     /// # Errors
-    /// Fewer than two waypoints, equal ones in succession, numbers outside their domains.
+    /// Fewer than two waypoints, equal successive waypoints, or numbers outside their domains.
     pub fn try_new(
         waypoints: &[[f64; 2]],
         speeds: &[f64],
@@ -87,11 +89,12 @@ impl Route {
         Ok(route)
     }
 
-    /// The route that passes each waypoint at its time, at a constant speed from one to the next.
-    /// The speeds change the radii and these the way, so they are found by repeated substitution.
+    /// Creates the route that passes each waypoint at its time, with constant speed from one to the next.
+    /// As the speeds change the radii and the radii the length of the path, the speeds are found by
+    /// iteration.
     ///
     /// # Errors
-    /// Those of [`Route::try_new`], and times that do not increase.
+    /// As [`Route::try_new`], or times that do not increase.
     pub fn through(
         waypoints: &[[f64; 2]],
         times: &[f64],
@@ -122,14 +125,14 @@ impl Route {
             for (j, speed) in speeds.iter_mut().enumerate() {
                 let needed = (route.marks[j + 1] - route.marks[j]) / (times[j + 1] - times[j]);
                 change = change.max((needed / *speed - 1.0).abs());
-                // halfway: where legs are short, whole steps may swing
+                // half steps, because full steps may oscillate if legs are short
                 *speed = 0.5 * (*speed + needed);
             }
         }
         Self::try_new(waypoints, &speeds, times[0], heights, bank, turn_rate)
     }
 
-    /// Fills path distances and times.
+    /// Computes path distances and times.
     fn measure(&mut self) {
         let (mut distance, mut behind) = (0.0, 0.0);
         for j in 0..self.legs() {
@@ -149,7 +152,7 @@ impl Route {
         self.turns.len()
     }
 
-    /// The turn at the end of a leg; that of the last one goes straight on.
+    /// The turn at the end of a leg; that of the last leg continues straight ahead.
     ///
     /// # Panics
     /// If there is no such leg.
@@ -185,8 +188,8 @@ impl Route {
         &self.marks
     }
 
-    /// Times at which the waypoints are passed: legs less the shortenings of the turns before, and
-    /// half of that of the waypoint's own.
+    /// Times at which the waypoints are passed. The flown distances are the lengths of the legs, reduced
+    /// by the shortening of the preceding turns and by half of that of the waypoint's own turn.
     pub fn times(&self) -> &[f64] {
         &self.times
     }
@@ -196,12 +199,12 @@ impl Route {
         &self.speeds
     }
 
-    /// The leg that a path distance is on.
+    /// Leg that contains a path distance.
     pub fn leg_at(&self, distance: f64) -> usize {
         self.marks[1..self.legs()].partition_point(|&mark| mark <= distance)
     }
 
-    /// Position and direction at a path distance; straight on before the start and past the end.
+    /// Position and direction at a path distance; straight extensions before the start and after the end.
     pub fn path(&self, distance: f64) -> ([f64; 2], [f64; 2]) {
         let leg = self.leg_at(distance);
         if leg > 0 && distance < self.starts[leg - 1] + self.turns[leg - 1].arc() {
@@ -210,13 +213,13 @@ impl Route {
         self.turns[leg].at(distance - self.starts[leg])
     }
 
-    /// The path distance where the plan is at a time.
+    /// Path distance of the planned position at a time.
     pub fn distance(&self, time: f64) -> f64 {
         let leg = self.times[1..self.legs()].partition_point(|&t| t <= time);
         self.marks[leg] + self.speeds[leg] * (time - self.times[leg])
     }
 
-    /// When the plan is at a path distance.
+    /// Planned time at a path distance.
     pub fn time(&self, distance: f64) -> f64 {
         let leg = self.leg_at(distance);
         self.times[leg] + (distance - self.marks[leg]) / self.speeds[leg]
@@ -230,7 +233,7 @@ impl Route {
         (position, [speed * course[0], speed * course[1]])
     }
 
-    /// Height at a path distance, between those of the waypoints; nan where the plan has none.
+    /// Height at a path distance, interpolated between the waypoints; nan if the plan has none.
     pub fn height(&self, distance: f64) -> f64 {
         if self.heights.is_empty() {
             return f64::NAN;
@@ -242,7 +245,7 @@ impl Route {
         self.heights[leg] + share * (self.heights[leg + 1] - self.heights[leg])
     }
 
-    /// The point of the path nearest to a position. The first leg goes on backwards and the last one
+    /// Point of the path nearest to a position. The first leg is extended backwards and the last one
     /// forwards.
     pub fn project(&self, p: [f64; 2]) -> Projection {
         let mut best = self.nearest_on(0, p);
@@ -255,10 +258,10 @@ impl Route {
         best
     }
 
-    /// The point nearest to a position between the waypoints of a leg.
+    /// Point nearest to a position between the waypoints of a leg.
     pub fn nearest_on(&self, leg: usize, p: [f64; 2]) -> Projection {
         let (turn, last) = (&self.turns[leg], leg + 1 == self.legs());
-        // metres to go to the start of the turn
+        // metres to the start of the turn
         let ahead = -dot(minus(p, turn.start), turn.inbound);
         let mut distance = self.starts[leg] - if last { ahead } else { ahead.max(0.0) };
         if leg > 0 {
@@ -290,15 +293,15 @@ impl Route {
         Projection { along_track: distance, cross_track, course, leg }
     }
 
-    /// Where a position is with respect to a leg and the turn at its end, wherever else the path may
-    /// go: path distance, and offset, positive to the right.
+    /// Path distance and offset (positive to the right) of a position relative to a leg and the turn at its
+    /// end, regardless of the rest of the path.
     pub fn project_leg(&self, leg: usize, p: [f64; 2]) -> (f64, f64) {
         let (s, offset) = self.turns[leg].project(p);
         (self.starts[leg] + s, offset)
     }
 
-    /// Whether an aircraft on a leg, seen once each `update_interval`, is on the next one: past the arc,
-    /// within 4° of its course and 1500 m of its line, or past the zone of the turn.
+    /// Whether an aircraft on a leg, seen once per `update_interval`, has reached the next leg: after the
+    /// arc, within 4° of its course and 1500 m of its line, or after the zone of the turn.
     pub fn is_on_next(
         &self,
         leg: usize,
@@ -316,7 +319,7 @@ impl Route {
             || s > turn.zone_end(norm(velocity), update_interval)
     }
 
-    /// Position along a leg and aside of its line (to the right), and its length.
+    /// Distance along a leg, distance from its line (positive to the right), and its length.
     pub(super) fn on_leg(&self, leg: usize, p: Vector) -> (f64, f64, f64) {
         let (turn, length) = (&self.turns[leg], self.lengths[leg]);
         let since = minus(p, along(turn.corner, -length, turn.inbound));
@@ -324,7 +327,7 @@ impl Route {
     }
 }
 
-/// The turns at the ends of the legs, those of neighbours within the leg between them.
+/// The turns at the ends of the legs, shortened such that the turns at both ends of a leg fit into it.
 fn fly_by(waypoints: &[Vector], speeds: &[f64], bank: f64, turn_rate: f64) -> Vec<Turn> {
     let legs = waypoints.len() - 1;
     let turns: Vec<Turn> = (0..legs)
@@ -398,7 +401,7 @@ mod tests {
             assert!(between(course, u).abs() < step / 1000.0, "{distance}");
             let found = route.project(p);
             assert!(found.cross_track.abs() < 1e-6, "{distance}: {found:?}");
-            // the way crosses itself
+            // the path crosses itself
             assert!(
                 (found.along_track - distance).abs() < 1e-6
                     || norm(minus(route.path(found.along_track).0, p)) < 1e-6

@@ -1,4 +1,4 @@
-//! Times over the waypoints ahead, from the ground speed flown so far against that of the plan.
+//! Times over the waypoints ahead, from the ratio of the ground speed flown so far to the planned one.
 
 use super::correlation::Sighting;
 use super::monitor::Monitor;
@@ -6,12 +6,12 @@ use super::plane::norm;
 use super::route::Route;
 use serde::{Deserialize, Serialize};
 
-/// Seconds over which ground speeds are averaged.
+/// Time over which ground speeds are averaged, s.
 const AVERAGING_TIME: f64 = 60.0;
-/// Seconds in which the ground speed changes by `speed_change_sigma`.
+/// Time in which the ground speed changes by `speed_change_sigma`, s.
 const CHANGE_TIME: f64 = 60.0;
 
-/// Average of the ground speed relative to that of the plan.
+/// Average ratio of the ground speed to the planned one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SpeedHistory {
     weight: f64,
@@ -26,15 +26,16 @@ pub struct SpeedHistory {
 /// Estimated time over a waypoint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimeOver {
-    /// Seconds; nan where the waypoint has been passed.
+    /// Time, s; nan if the waypoint has been passed.
     pub time: f64,
-    /// Its standard deviation.
+    /// Standard deviation of the time.
     pub sigma: f64,
 }
 
 impl SpeedHistory {
-    /// Takes a sighting on a leg of a plan that is followed. Weights of earlier ground speeds fall by
-    /// e in a minute. The speed errors are treated as fully correlated, as those of a track are.
+    /// Adds a sighting on a leg of a plan that is followed. The weights of earlier ground speeds decrease
+    /// by the factor e per minute. The errors of the speeds are treated as fully correlated, like those
+    /// of a track.
     pub fn update(&mut self, route: &Route, leg: usize, seen: &Sighting) {
         let kept = (-(seen.time - self.time).max(0.0) / AVERAGING_TIME).exp();
         let planned = route.speeds()[leg];
@@ -56,10 +57,10 @@ impl SpeedHistory {
         (self.leg_speed * self.speed, self.leg_speed * self.variance.sqrt())
     }
 
-    /// Time over a waypoint: the planned time from here to there, scaled by the ratio of planned and
-    /// flown speed. Its variance adds up those of the position, of the mean speed, and of a random
+    /// Time over a waypoint: the planned time from the present position, scaled by the ratio of planned to
+    /// flown speed. Its variance is the sum of those from the position, the mean speed, and a random
     /// walk of the speed: `σ² = σ_s²/V² + τ² (σ_r² + q τ/3)` at τ seconds ahead, with
-    /// `q = speed_change_sigma²` a minute.
+    /// `q = speed_change_sigma²` per minute.
     pub fn time_over(&self, route: &Route, waypoint: usize, speed_change_sigma: f64) -> TimeOver {
         let planned = route.times()[waypoint] - route.time(self.along_track);
         if self.weight == 0.0 || self.speed <= 0.0 || planned < 0.0 {
@@ -73,8 +74,8 @@ impl SpeedHistory {
     }
 }
 
-/// The speed history after each sighting of a track that is monitored from its first one on.
-/// Sightings that do not conform to the plan change nothing. O(1) a sighting.
+/// Returns the speed history after each sighting of a track, which is monitored from the first sighting on.
+/// Sightings that do not conform to the plan have no effect. O(1) per sighting.
 pub fn speed_histories<'a>(
     route: &'a Route,
     seen: &'a [Sighting],

@@ -1,20 +1,20 @@
-//! One fly-by turn: the arc that is tangent to both legs.
+//! Fly-by turns, whose arc is tangent to both legs.
 
 use super::plane::{Vector, along, between, dot, left, minus, norm, turned, unit};
 use serde::{Deserialize, Serialize};
 
 /// Standard gravity, m/s².
 const GRAVITY: f64 = 9.80665;
-/// A turn by less is none: 4°.
+/// Smallest angle of a turn, 4°; smaller ones count as straight.
 pub(super) const STRAIGHT: f64 = 4.0 * std::f64::consts::PI / 180.0;
-/// The lead of sharper turns is that of this one: 150°. It would have no bound otherwise.
+/// Angle with the longest lead, 150°. Sharper turns have the same lead, which would otherwise be unbounded.
 const SHARPEST: f64 = 150.0 * std::f64::consts::PI / 180.0;
-/// Radii, metres: larger ones are straight lines, and stay finite.
+/// Largest radius, m: larger ones would be practically straight, and the limit keeps numbers finite.
 const LARGEST_RADIUS: f64 = 1e9;
-/// The zone begins before the start by so many leads, and ends beyond the end by so many.
+/// Extent of the zone before the start and after the end of the turn, in leads.
 const ZONE_BEFORE: f64 = 0.7;
 const ZONE_AFTER: f64 = 0.4;
-/// And by so many scans.
+/// Additional extent of the zone on both sides, in scans.
 const ZONE_SCANS: f64 = 2.0;
 
 /// A turn from one leg to the next. Its path has a coordinate s: negative before the arc, 0 to
@@ -23,33 +23,33 @@ const ZONE_SCANS: f64 = 2.0;
 pub struct Turn {
     /// The waypoint B.
     pub corner: [f64; 2],
-    /// Direction of the leg before, u₁, of length 1.
+    /// Direction of the leg before the turn, u₁, of length 1.
     pub inbound: [f64; 2],
-    /// Direction of the leg after, u₂, of length 1.
+    /// Direction of the leg after the turn, u₂, of length 1.
     pub outbound: [f64; 2],
     /// θ, radians, positive to the left, in (−π, π].
     pub angle: f64,
-    /// The radius that speed, bank and rate of turn allow: `max(V²/(g tan bank), V/ω)`.
+    /// Radius that results from speed, bank and rate of turn: `max(V²/(g tan bank), V/ω)`.
     pub full_radius: f64,
-    /// That of the arc, R: smaller where the legs are too short or the turn too sharp for it.
+    /// Radius R of the arc: smaller than the full radius if the legs are too short or the turn is too sharp.
     pub radius: f64,
-    /// From start or end of the arc to the waypoint: `d = R tan(|θ|/2)`.
+    /// Distance of the start and the end of the arc from the waypoint: `d = R tan(|θ|/2)`.
     pub lead: f64,
-    /// Where the arc starts, `B − d u₁`.
+    /// Start of the arc, `B − d u₁`.
     pub start: [f64; 2],
-    /// Where it ends, `B + d u₂`.
+    /// End of the arc, `B + d u₂`.
     pub end: [f64; 2],
-    /// Its centre.
+    /// Centre of the arc.
     pub centre: [f64; 2],
 }
 
 impl Turn {
-    /// The turn at `corner` on the way from `before` to `after`, at so many m/s, with so much bank
-    /// (radians, positive) and at most this rate (rad/s, positive).
+    /// Creates the turn at `corner` on the way from `before` to `after`, at this speed (m/s), with this bank
+    /// (rad, positive) and at most this rate (rad/s, positive).
     ///
     /// The lead is never longer than the shorter leg, and never longer than that of a turn of 150°;
-    /// the arc that is left then is tangent to both legs with a smaller radius. A leg of length 0
-    /// has the direction of the other one. Finite whatever the numbers, if they are.
+    /// a limited arc is tangent to both legs with a smaller radius. A leg of length 0 gets the direction of
+    /// the other one. The result is finite for all finite arguments.
     pub fn new(
         before: [f64; 2],
         corner: [f64; 2],
@@ -84,10 +84,10 @@ impl Turn {
         turn.with_lead(lead.min(norm(first)).min(norm(second)))
     }
 
-    /// The same turn with an arc that starts this far before the waypoint.
+    /// Returns the same turn with an arc that starts at this distance before the waypoint.
     pub(super) fn with_lead(self, lead: f64) -> Self {
         let half = 0.5 * self.angle.abs();
-        // exact where nothing was cut off
+        // exact if the lead is not limited
         let is_full = half <= 0.5 * SHARPEST && lead == self.full_radius * half.tan();
         let radius = if is_full { self.full_radius } else { lead / half.tan() };
         let start = along(self.corner, -lead, self.inbound);
@@ -130,7 +130,7 @@ impl Turn {
     }
 
     /// Path coordinate of a point, and its distance from the path, positive to the right. Before the
-    /// bisector the leg before or the arc counts, after it the leg after or the arc.
+    /// bisector, the path is the first leg and the arc; after it, the arc and the second leg.
     pub fn project(&self, p: [f64; 2]) -> (f64, f64) {
         let s = self.coordinate(p);
         let (position, course) = self.at(s);
@@ -140,7 +140,7 @@ impl Turn {
     fn coordinate(&self, p: Vector) -> f64 {
         let arc = self.arc();
         let swept = || {
-            // seen from the centre, since the start
+            // angle at the centre, from the start of the arc
             let angle = between(minus(self.start, self.centre), minus(p, self.centre));
             (self.radius * self.sign() * angle).clamp(0.0, arc)
         };
@@ -153,19 +153,19 @@ impl Turn {
         }
     }
 
-    /// Whether a point is on the near side of the bisector, `(p − B)·(u₁ + u₂) < 0`.
+    /// Whether a point is before the bisector, `(p − B)·(u₁ + u₂) < 0`.
     pub(super) fn is_before(&self, p: Vector) -> bool {
         dot(minus(p, self.corner), turned(self.inbound, 0.5 * self.angle)) < 0.0
     }
 
-    /// Whether a turn of more than 4° may be flown at `s` by an aircraft with this speed that is seen
-    /// once each `update_interval`: `−(0.7 d + 2VT) < s < R|θ| + 0.4 d + 2VT`.
+    /// Whether an aircraft at `s`, with this speed and seen once per `update_interval`, is in the zone of a
+    /// turn of more than 4°: `−(0.7 d + 2VT) < s < R|θ| + 0.4 d + 2VT`.
     pub fn in_zone(&self, s: f64, speed: f64, update_interval: f64) -> bool {
         let begin = -(ZONE_BEFORE * self.lead + ZONE_SCANS * speed * update_interval);
         self.angle.abs() > STRAIGHT && begin < s && s < self.zone_end(speed, update_interval)
     }
 
-    /// Where the zone ends.
+    /// End of the zone.
     pub(super) fn zone_end(&self, speed: f64, update_interval: f64) -> f64 {
         self.arc() + ZONE_AFTER * self.lead + ZONE_SCANS * speed * update_interval
     }
@@ -182,7 +182,8 @@ mod tests {
         Turn::new([0.0, 0.0], corner, after, 220.0, BANK, RATE)
     }
 
-    /// What every turn must satisfy: tangent to both legs, continuous, and its own projection.
+    /// Properties of every turn: it is tangent to both legs and continuous, and its points project to
+    /// themselves.
     fn check(turn: &Turn) {
         let numbers = [turn.angle, turn.radius, turn.lead, turn.arc()];
         assert!(numbers.iter().all(|x| x.is_finite()), "{turn:?}");
@@ -196,7 +197,7 @@ mod tests {
             assert!((norm(course) - 1.0).abs() < 1e-12);
             let (found, offset) = turn.project(p);
             assert!(offset.abs() < 1e-6, "{turn:?}: {offset}");
-            // both legs of a hairpin are the same line
+            // both legs of a hairpin lie on the same line
             if turn.angle.abs() < 3.0 {
                 assert!((found - s).abs() < 1e-6, "{turn:?}: {found} is not {s}");
             }

@@ -1,29 +1,29 @@
-//! The estimated noise of a radar.
+//! Estimates of the noise of a radar from its innovations.
 
 use super::rules::Beliefs;
 use crate::base::angle::median;
 use crate::kalman::Innovation;
 
-/// Innovations count as if they were at most so many nominal variances.
+/// Largest normalised innovation squared that is used; larger values count as this one.
 const LARGEST_NIS: f64 = 100.0;
 
-/// Running means of a radar's innovations, from which its noise is estimated.
+/// Running means of the innovations of a radar, from which its noise is estimated.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Belief {
     /// EWMA of ν²/S.
     pub q: f64,
     /// EWMA of ν² − S.
     pub d: f64,
-    /// EWMA of ν² alone; nan before the first.
+    /// EWMA of ν² alone; nan before the first innovation.
     pub mean_square: f64,
-    /// ν²/S of the plot of this step.
+    /// ν²/S of the plot of this step; `None` without a plot.
     pub nis: Option<f64>,
 }
 
 impl Belief {
     pub const NEW: Self = Self { q: 1.0, d: 0.0, mean_square: f64::NAN, nis: None };
 
-    /// Takes in this step's innovation, if there is one.
+    /// Updates the means with the innovation of this step, if there is one.
     pub fn update(&mut self, innovation: Option<Innovation>, beta: f64) {
         self.nis = innovation.map(|new| new.value * new.value / new.variance);
         if let (Some(new), Some(nis)) = (innovation, self.nis) {
@@ -37,9 +37,9 @@ impl Belief {
     }
 }
 
-/// The estimated variance of radar i's noise, and whether its plot is a single outlier.
+/// Returns the estimated variance of the noise of radar i, and whether its plot is a single outlier.
 ///
-/// A radar is compared with the median of the others, because a manoeuvre raises the q of all.
+/// A radar is compared with the median of the other radars, because a manoeuvre raises the q of all radars.
 pub(super) fn believed_noise(
     beliefs: &[Option<Belief>],
     i: usize,

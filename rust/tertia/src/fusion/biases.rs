@@ -1,8 +1,9 @@
-//! Constant errors of the radars of a series, from what their plots contradict each other.
+//! Constant errors of the radars of a series, estimated from the contradictions between their plots.
 //!
-//! `z_k(t) = θ(t) + b_k + noise`. One filter runs over all plots with the start of the motion and
-//! the errors as unknown coefficients (de Jong 1991, *Annals of Statistics* 19): what its
-//! innovations depend on them by are the rows of a regression that is exact for the motion assumed.
+//! `z_k(t) = θ(t) + b_k + noise`. One filter processes all plots; the initial state of the motion and
+//! the errors are unknown coefficients (de Jong 1991, *Annals of Statistics* 19). The derivatives of
+//! its innovations by these coefficients are the rows of a regression, which is exact for the motion
+//! model.
 
 use crate::kalman::{PerStep, Singer, Transition};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
@@ -10,17 +11,18 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 /// Errors of K radars.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SeriesBiases {
-    /// Their values (K), zero where a radar is trusted or nothing is known of it.
+    /// Estimated errors (K); zero if a radar is trusted or nothing is known about its error.
     pub value: Vec<f64>,
-    /// Their standard deviations (K).
+    /// Standard deviations of the errors (K).
     pub sigma: Vec<f64>,
-    /// What they add to the covariance of angle, rate and acceleration at each step.
+    /// Covariance that the errors add to angle, rate and acceleration at each step.
     pub covariance: Vec<[f64; 6]>,
 }
 
-/// The regression: columns of the state are the plots' part, the start's, then the radars'.
+/// The regression. The first column is that of the plots; the others are those of the initial state and of
+/// the radars.
 struct Regression {
-    /// The state as it depends on each coefficient.
+    /// Derivatives of the state by the coefficients; the first column is the state if all of them are zero.
     columns: Vec<Vector3<f64>>,
     covariance: [f64; 6],
     information: DMatrix<f64>,
@@ -28,7 +30,7 @@ struct Regression {
     row: Vec<f64>,
 }
 
-/// Coefficients of the start: angle, rate and acceleration.
+/// Number of coefficients of the initial state: angle, rate and acceleration.
 const START: usize = 3;
 
 impl Regression {
@@ -90,7 +92,7 @@ impl Regression {
         ];
     }
 
-    /// The inverse of what is known of the start; `None` before two plots.
+    /// Covariance of the initial state from the information so far; `None` before two plots.
     fn start(&self) -> Option<Matrix3<f64>> {
         let start: Matrix3<f64> = self.information.fixed_view::<START, START>(0, 0).into();
         let scale = start.diagonal().map(|d| if d > 0.0 { d.sqrt().recip() } else { 0.0 });
@@ -99,12 +101,12 @@ impl Regression {
         Some(inverse.component_mul(&(scale * scale.transpose())))
     }
 
-    /// What the radars' errors do to the state, the start being as these plots have it.
+    /// Derivatives of the state by the errors of the radars, if the plots also determine the initial state.
     fn sensitivity(&self, out: &mut Vec<Vector3<f64>>) {
         out.clear();
         let own = &self.columns[1 + START..];
         let Some(inverse) = self.start() else {
-            // one plot: the angle alone
+            // one plot determines the angle alone
             let total = self.information[(0, 0)];
             out.extend((0..own.len()).map(|k| {
                 let share = self.information[(0, START + k)] / total;
@@ -119,7 +121,7 @@ impl Regression {
         }));
     }
 
-    /// Information on the radars' errors and its vector, the start unknown.
+    /// Information on the errors of the radars and its vector, with the initial state eliminated.
     fn of_radars(&self) -> Option<(DMatrix<f64>, DVector<f64>)> {
         let inverse = self.start()?;
         let k = self.vector.len() - START;
@@ -131,11 +133,11 @@ impl Regression {
     }
 }
 
-/// Errors of the radars by their plots (K, steps), without wraps, row by row, and the variances of
-/// these. `prior` has their standard deviations (K): zero is a trusted radar, infinity one of which
-/// nothing is known, but at least one must be finite.
+/// Estimates the errors of the radars, with their variances, from their plots (K, steps), which are
+/// unwrapped and in rows of one radar each. `prior` contains the standard deviations of the errors (K):
+/// zero for a trusted radar, infinity if nothing is known about the error. At least one must be finite.
 ///
-/// Cost O(K² steps) for the regression, O(K²) a step for the covariance.
+/// Cost O(K² steps) for the regression, O(K²) per step for the covariance.
 pub fn series_biases(
     plots: &[f64],
     variance: &[f64],
@@ -169,7 +171,7 @@ pub fn series_biases(
     SeriesBiases { value, sigma, covariance: added }
 }
 
-/// Errors and their covariance; nan where nothing is known, with zeros in the covariance.
+/// Errors and their covariance; errors about which nothing is known are nan and have zeros in the covariance.
 fn posterior(
     found: Option<(DMatrix<f64>, DVector<f64>)>,
     prior: &[f64],
@@ -179,7 +181,7 @@ fn posterior(
     let mut value: Vec<f64> =
         prior.iter().map(|s| if s.is_finite() { 0.0 } else { f64::NAN }).collect();
     let mut covariance = DMatrix::zeros(k, k);
-    // in units of the prior, or of what a flat one is measured with
+    // in units of the prior sigma or, for a flat prior, of the sigma from the measurements alone
     let unit: Vec<f64> = (0..k)
         .map(|i| match prior[i] {
             s if s.is_finite() => s,
@@ -195,7 +197,7 @@ fn posterior(
         unit[i] * information[(i, j)] * unit[j] + own
     });
     let Some(root) = normal.cholesky() else {
-        // flat ones that nothing connects: what was given stays
+        // errors with flat priors that no plot relates to the others: the priors remain unchanged
         (0..k)
             .filter(|&i| prior[i].is_finite())
             .for_each(|i| covariance[(i, i)] = prior[i].powi(2));
@@ -267,7 +269,7 @@ mod tests {
         assert_within(1e-12, one.sigma[0], 0.2);
         assert_within(1e-12, one.covariance[39][0], 0.04);
     }
-    /// Three radars, of which the third misses the second instant, and constant acceleration.
+    /// Three radars, the third without a plot at the second instant, and constant acceleration.
     #[test]
     fn the_normal_equations_of_a_block() {
         let model = Singer::try_new(1e-13, 0.01, true).unwrap();

@@ -1,4 +1,4 @@
-//! The centre that fuses the tracks of several radars, step by step.
+//! The fusion centre, which fuses the tracks of several radars step by step.
 
 use super::belief::{Belief, believed_noise};
 use super::intersection::Intersection;
@@ -9,21 +9,21 @@ use super::rules::{Beliefs, Rule, shares};
 use crate::kalman::{Filter, Innovation, State, Transition};
 use nalgebra::{Const, Matrix3, Vector3};
 
-/// A radar at a step.
+/// Report on a radar at one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RadarReport {
-    /// Of its own filter.
+    /// Innovation of the radar's own filter.
     pub innovation: Innovation,
-    /// The estimated variance of its noise.
+    /// Estimated variance of the radar's noise.
     pub noise: f64,
-    /// Whether its plot was a single outlier.
+    /// Whether the plot of the radar was a single outlier.
     pub outlier: bool,
-    /// Its weight in angle, rate and acceleration: the diagonal of its weight matrix.
+    /// Weight of the radar in angle, rate and acceleration: the diagonal of its weight matrix.
     pub weight: [f64; 3],
 }
 
 impl RadarReport {
-    /// Nothing is known.
+    /// Report without any information.
     pub const NONE: Self = Self {
         innovation: Innovation::NONE,
         noise: f64::NAN,
@@ -32,36 +32,36 @@ impl RadarReport {
     };
 }
 
-/// A radar as the centre sees it.
+/// State of a radar in the centre.
 #[derive(Clone, Debug)]
 struct Radar {
     filter: Filter,
-    /// Estimated covariance of the error that its track actually has.
+    /// Estimated covariance of the actual error of the radar's track.
     actual: Matrix3<f64>,
-    /// Of this step; zero without a plot.
+    /// Gain of this step; zero without a plot.
     gain: Vector3<f64>,
     innovation: Option<Innovation>,
     /// Whether angle and rate are known.
     known: bool,
 }
 
-/// What a plot begins.
+/// State that a plot initiates.
 #[derive(Clone, Copy, Debug)]
 enum Start {
-    /// The angle is known.
+    /// First plot: the angle becomes known.
     FirstPlot,
-    /// The rate is known, so long after the first plot.
+    /// Second plot, with this time since the first: the rate becomes known.
     SecondPlot(f64),
 }
 
-/// The centre: the radars' own filters, their estimated noise, and how their errors are correlated
-/// through their common motion.
+/// The centre: the filters of the radars, their estimated noise, and the cross covariances of their
+/// errors, which come from the common motion.
 #[derive(Clone, Debug)]
 pub struct Centre {
     radars: Vec<Radar>,
     beliefs: Vec<Option<Belief>>,
-    /// cov(e_i, e_j) at i K + j, for i < j. Of a radar that is not known yet, e is what the
-    /// acceleration has done since its first plot.
+    /// cov(e_i, e_j) at i K + j, for i < j. While the state of a radar is not yet known, e is the effect
+    /// of the acceleration since its first plot.
     cross: Vec<Matrix3<f64>>,
     central: Filter,
     robust: Robust,
@@ -71,14 +71,14 @@ pub struct Centre {
     period: Option<f64>,
     weights: Vec<Matrix3<f64>>,
     scratch: Vec<f64>,
-    /// Plots of a step without repetitions.
+    /// Plots of a step; repeated plots are nan.
     kept: Vec<f64>,
-    /// Made when it is needed.
+    /// Created at the first use.
     intersection: Option<Intersection<Const<3>>>,
 }
 
 impl Centre {
-    /// A centre whose radars' filters start as given, all from the same kind of knowledge.
+    /// Creates a centre from the initial filters of the radars. Either all or none of their states are known.
     pub fn new(
         filters: impl IntoIterator<Item = Filter>,
         rule: Rule,
@@ -114,8 +114,8 @@ impl Centre {
         centre
     }
 
-    /// Starts the central filter from all given states, whose priors of rate and acceleration are
-    /// one and the same.
+    /// Starts the central filter from all given states, which share the same priors of rate and
+    /// acceleration.
     fn start_central(&mut self) {
         let known: Vec<usize> = (0..self.radars.len()).collect();
         let mut weights = vec![Matrix3::zeros(); known.len()];
@@ -126,7 +126,7 @@ impl Centre {
         self.weights.fill(Matrix3::zeros());
     }
 
-    /// The states of some radars with the weights as they are.
+    /// Combines the states of the `known` radars with the current weights.
     fn combined(&self, known: &[usize]) -> State {
         let base = self.mean(known[0]);
         let mut mean = base;
@@ -140,7 +140,7 @@ impl Centre {
         State { mean: [mean[0], mean[1], mean[2]], covariance: packed(&covariance) }
     }
 
-    /// Everything that it knows, as lists of numbers.
+    /// Returns the complete state as lists of numbers.
     pub fn saved(&self) -> Vec<Vec<f64>> {
         let mut saved = vec![self.central.saved()];
         saved.extend(self.robust.saved());
@@ -154,7 +154,7 @@ impl Centre {
         saved
     }
 
-    /// The same centre after [`Centre::saved`]; `None` for numbers that did not come from there.
+    /// Restores a centre from [`Centre::saved`]; `None` if the numbers are not those of a saved centre.
     pub fn restored(&self, saved: &[Vec<f64>]) -> Option<Self> {
         let mut centre = self.clone();
         let mut lists = saved.iter();
@@ -174,14 +174,14 @@ impl Centre {
                 _ => return None,
             };
         }
-        // they were not always saved
+        // older saved states do not contain the data on repeated plots
         if lists.len() > 0 {
             centre.repeats.restore(&mut lists)?;
         }
         lists.next().is_none().then_some(centre)
     }
 
-    /// Goes on in time.
+    /// Predicts all filters to the next step.
     pub fn predict(&mut self, transition: &Transition) {
         for radar in &mut self.radars {
             radar.filter.predict(transition);
@@ -198,13 +198,13 @@ impl Centre {
         self.for_each_pair(|_, _, cross| *cross = f * *cross * f.transpose() + q);
     }
 
-    /// Whether the last plot of a radar was left out, because it repeats the one before.
+    /// Whether the last plot of a radar was left out because it repeats the one before.
     pub fn repeats(&self, radar: usize) -> bool {
         self.repeats.repeats(radar)
     }
 
-    /// Takes in the plots z (nan: none) with the nominal variances r of all radars. Rules that find
-    /// faults leave out plots that repeat the one before.
+    /// Updates the centre with the plots z (nan: no plot) of all radars and their nominal variances r.
+    /// Rules that find faults leave out repeated plots.
     pub fn update(&mut self, z: &[f64], r: &[f64], reports: &mut [RadarReport]) -> State {
         if !self.rule.finds_faults() {
             return self.take_in(z, r, reports);
@@ -221,7 +221,7 @@ impl Centre {
         state
     }
 
-    /// Takes in plots as they are.
+    /// Updates the centre with all given plots.
     fn take_in(&mut self, z: &[f64], r: &[f64], reports: &mut [RadarReport]) -> State {
         let robustly = self.rule == Rule::Robust && self.central.is_known();
         let started = self.update_filters(z, r, !robustly);
@@ -264,7 +264,7 @@ impl Centre {
         self.fuse(r, reports)
     }
 
-    /// The robust rule's plots; those that start its filter are used with their stated noise.
+    /// Updates the robust rule. The plots that start its filter are used with their stated noise.
     fn update_robust(&mut self, z: &[f64], r: &[f64], known: bool, reports: &mut [RadarReport]) {
         for (report, radar) in reports.iter_mut().zip(&self.radars) {
             let innovation = radar.innovation.unwrap_or(Innovation::NONE);
@@ -292,8 +292,8 @@ impl Centre {
         }
     }
 
-    /// Updates the radars' own filters with nominal noise, and the central one if it is to be;
-    /// returns what has begun for each.
+    /// Updates the radars' own filters with nominal noise, and also the central filter if `central` is
+    /// set. Returns for each radar which state its plot has initiated.
     fn update_filters(&mut self, z: &[f64], r: &[f64], central: bool) -> Vec<Option<Start>> {
         let mut started = vec![None; z.len()];
         for (i, radar) in self.radars.iter_mut().enumerate() {
@@ -321,7 +321,7 @@ impl Centre {
         started
     }
 
-    /// cov(e_i, e_j), with the noise as stated or as estimated.
+    /// cov(e_i, e_j); on the diagonal with the stated or the estimated noise, depending on the rule.
     fn joint(&self, i: usize, j: usize) -> Matrix3<f64> {
         let k = self.radars.len();
         match i.cmp(&j) {
@@ -350,7 +350,7 @@ impl Centre {
         State { covariance, ..combined }
     }
 
-    /// Before any radar has two plots.
+    /// State before any radar has two plots.
     fn unfused(&self) -> State {
         let states = self.radars.iter().map(|radar| radar.filter.state());
         states.into_iter().find(|state| !state.mean[0].is_nan()).unwrap_or(State::UNKNOWN)
@@ -360,7 +360,7 @@ impl Centre {
         Vector3::from(self.radars[i].filter.state().mean)
     }
 
-    /// Sets the weights; covariance intersection returns its bound of the covariance.
+    /// Sets the weights. Covariance intersection also returns its bound of the covariance.
     fn weigh(&mut self, known: &[usize], r: &[f64]) -> Option<Matrix3<f64>> {
         match self.rule {
             Rule::AdaptiveMatrix | Rule::Matrix => {
@@ -385,7 +385,7 @@ impl Centre {
         }
     }
 
-    /// What the weights of radar i are proportional to, component by component.
+    /// Unnormalised weights of radar i, component by component.
     fn precision(&self, i: usize, r: f64) -> Vector3<f64> {
         let radar = &self.radars[i];
         let same = Vector3::repeat;
@@ -407,7 +407,7 @@ impl Centre {
         }
     }
 
-    /// Covariance intersection; of covariances that are singular together the first radar's.
+    /// Covariance intersection. If the covariances together are singular, the first radar's is returned.
     fn intersect(&mut self, known: &[usize]) -> Option<Matrix3<f64>> {
         let own: Vec<_> = known.iter().map(|&i| self.joint(i, i)).collect();
         let new = || Intersection::new(self.radars.len(), Const::<3>);
@@ -431,8 +431,9 @@ impl Radar {
         Self { filter, actual, gain: Vector3::zeros(), innovation: None, known }
     }
 
-    /// How this step's plot changes the error. After a first plot, the error of the angle is the
-    /// plot's; after a second one, that of the rate is the change of the angle's since, over the time.
+    /// Matrix that this step's plot applies to the error. After a first plot, the error of the angle is
+    /// that of the plot; after a second plot, the error of the rate is the change of the angle's error
+    /// since the first plot, divided by the time between them.
     fn change(&self, start: &Option<Start>) -> Matrix3<f64> {
         match start {
             None => self.kept(),
@@ -443,9 +444,9 @@ impl Radar {
         }
     }
 
-    /// The common error of two radars at the start: of unknown states the acceleration, of given ones
-    /// the prior of rate and acceleration, which a plot of the angle does not change. States with
-    /// correlated components come from plots, and count as independent.
+    /// Common initial error of two radars. If the states are unknown, this is the acceleration; if they
+    /// are given, it is the prior of rate and acceleration, which a plot of the angle does not change.
+    /// States with correlated components come from plots and are regarded as independent.
     fn common_prior(&self, other: &Self) -> Matrix3<f64> {
         let prior = |radar: &Self| {
             let p = &radar.actual;

@@ -1,20 +1,20 @@
-//! Hypotheses that agree on the error of the prediction.
+//! Clusters of hypotheses that agree on the error of the prediction.
 
 use super::hypotheses::{Followed, Row, Spread, largest, sum};
 
-/// Hypotheses disagree if the square of their distance is above so many sums of their variances.
+/// Two hypotheses disagree if their squared distance exceeds this multiple of the sum of their variances.
 const DISAGREEMENT: f64 = 1.0;
-/// Only hypotheses with this share of the most probable one's probability begin a cluster.
+/// A cluster begins only with hypotheses that have at least this share of the largest probability.
 const LEAST_SHARE: f64 = 0.02;
-/// So many clusters are made in a step.
+/// Largest number of clusters per step.
 const CLUSTERS: usize = 5;
 
-/// Hypotheses of one component that agree on e.
+/// A cluster: hypotheses of one component that agree on the error e of the predicted angle.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cluster {
-    /// The component that it becomes.
+    /// Index of the component that the cluster becomes.
     pub component: usize,
-    /// Probability, and what it says of e; until all members are known, what its centre says.
+    /// Probability of the cluster; below, mean and variance of e, initially those of its central hypothesis.
     pub weight: f64,
     pub mean: f64,
     pub variance: f64,
@@ -24,23 +24,24 @@ pub(super) struct Cluster {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Clusters {
     pub all: Vec<Cluster>,
-    /// Of each cluster and each hypothesis after the last plot: its probability, 0 if it does not
-    /// belong to the cluster.
+    /// For each cluster, the probability of each hypothesis after the last plot; 0 if the hypothesis is
+    /// not a member of the cluster.
     members: Vec<Row>,
-    /// The hypotheses that belong to none yet.
+    /// Probabilities of the hypotheses that are not yet in any cluster.
     left: Vec<Row>,
 }
 
 impl Clusters {
-    /// Clusters and the probabilities of their members.
+    /// Returns the clusters and the probabilities of their members.
     #[inline(always)]
     pub fn members(&self) -> impl Iterator<Item = (&Cluster, &[Row])> {
         self.all.iter().zip(self.members.chunks_exact(self.left.len()))
     }
 
-    /// Makes clusters of the hypotheses of each component: around the most probable one, and around
-    /// the most probable of those that disagree with it. Those that are left belong to the nearest;
-    /// components that begin none are given up. Those that are `whole` are not divided.
+    /// Divides the hypotheses of each component into clusters: one around the most probable hypothesis,
+    /// further ones around the most probable of those that disagree with it. The remaining hypotheses join
+    /// the nearest cluster of their component; components without a cluster are dropped. Components for
+    /// which `whole` returns true are not divided.
     #[inline(always)]
     pub fn divide(&mut self, last: &Spread, before: &Followed, whole: impl Fn(usize) -> bool) {
         self.all.clear();
@@ -59,7 +60,7 @@ impl Clusters {
         self.sum_up(last);
     }
 
-    /// Begins a cluster with the hypothesis of this weight, and takes those that agree.
+    /// Begins a cluster with the hypothesis that has this weight, and adds the hypotheses that agree with it.
     #[inline(always)]
     fn begin(
         &mut self,
@@ -91,7 +92,7 @@ impl Clusters {
         }
     }
 
-    /// Gives the hypotheses that are left to the nearest cluster of their component.
+    /// Adds the remaining hypotheses to the nearest cluster of their component.
     fn share_out(&mut self, last: &Spread, before: &Followed) {
         let rows = self.left.len();
         for (row, (weights, (means, variances))) in self.left.iter().zip(last.errors()).enumerate()
@@ -110,7 +111,7 @@ impl Clusters {
         }
     }
 
-    /// Turns weights into probabilities; probability, mean and variance of the clusters.
+    /// Normalises the weights to probabilities, and sets probability, mean and variance of the clusters.
     #[inline(always)]
     fn sum_up(&mut self, last: &Spread) {
         let mut total = 0.0;

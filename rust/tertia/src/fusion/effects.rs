@@ -1,4 +1,4 @@
-//! Estimates whose systematic errors are found from their contradictions: random effects.
+//! Random effects: estimates whose systematic errors are estimated from their contradictions.
 
 use super::independent::Independent;
 use super::joint::vector;
@@ -11,20 +11,20 @@ use crate::weights::COVARIANCES;
 use nalgebra::allocator::Allocator;
 use nalgebra::{DefaultAllocator, Dim, OVector};
 
-/// Values of τ, for the estimate of the cost.
+/// Number of values of τ, from which the cost is estimated.
 pub const STEPS: usize = 161;
 
-/// A combination of estimates with systematic errors, and the buffers for it.
+/// A combination of estimates with systematic errors, with its buffers.
 ///
-/// `x_k = x + u_k + e_k` with `e_k ~ N(0, S_k)`, `u_k ~ N(0, τ² M)`: x with a flat prior, τ integrated
-/// with a half-Cauchy prior of scale 1. M is the fused covariance, in such units that the median of
-/// `√(tr(M^-1 S_k) / m)` is 1, so no unit and no direction matters; for scalars this is
-/// [`random_effects`](crate::base::effects::random_effects).
+/// `x_k = x + u_k + e_k` with `e_k ~ N(0, S_k)`, `u_k ~ N(0, τ² M)`. The prior of x is flat; τ has a
+/// half-Cauchy prior of scale 1 and is integrated out. M is the fused covariance, scaled so that the
+/// median of `√(tr(M^-1 S_k) / m)` is 1; results therefore depend on no unit and no direction. For
+/// scalars this is [`random_effects`](crate::base::effects::random_effects).
 pub(super) struct Effects<D: Dim>
 where
     DefaultAllocator: Allocator<D, D> + Allocator<D>,
 {
-    /// The mean weights, the covariance, and the mean size of the systematic errors.
+    /// Mean weights; below them the covariance and the mean sigma of the systematic errors.
     pub weight: Vec<Square<D>>,
     pub fused: Square<D>,
     pub bias_sigma: OVector<f64, D>,
@@ -33,7 +33,7 @@ where
     terms: Vec<Term<D>>,
 }
 
-/// What one value of τ says.
+/// Result for one value of τ.
 struct Term<D: Dim>
 where
     DefaultAllocator: Allocator<D, D> + Allocator<D>,
@@ -59,7 +59,7 @@ where
         }
     }
 
-    /// Combines two or more estimates (K, m); returns the statistic of their agreement without
+    /// Combines two or more estimates (K, m). Returns the statistic of the test whether they agree without
     /// systematic errors. Cost O(K m³) for each of 161 values of τ.
     pub fn combine(&mut self, x: &[f64], s: &[Square<D>]) -> Result<f64> {
         let statistic = self.independent.combine(x, s)?;
@@ -86,7 +86,7 @@ where
         Ok(statistic)
     }
 
-    /// M, and the largest difference from the first estimate in its units.
+    /// Returns M and the largest difference from the first estimate in units of M.
     fn shape(&self, x: &[f64], s: &[Square<D>]) -> Result<(Square<D>, f64)> {
         let mut shape = self.independent.group.fused.clone();
         let (mut factor, mut inverse) = (shape.clone(), shape.clone());
@@ -123,7 +123,7 @@ where
         let (mut factor, effect) = (shape.clone(), shape * (tau * tau));
         let mut determinants = 0.0;
         let mut logarithm = |x: &Square<D>, y: &Square<D>| {
-            // a sensor that is singular cannot be without an effect
+            // a singular covariance makes an effect of zero impossible
             if !factorise_sum(x, y, &mut factor) {
                 return f64::INFINITY;
             }
@@ -154,7 +154,7 @@ where
         })
     }
 
-    /// The mixture over τ. Its variances are such that two sigmas hold 95.45 % of a component.
+    /// Mixes the terms over τ. The variances are such that two sigmas contain 95.45 % of a component.
     fn mix(&mut self, shares: &[f64], count: usize) {
         self.weight.iter_mut().for_each(|weight| weight.fill(0.0));
         self.fused.fill(0.0);

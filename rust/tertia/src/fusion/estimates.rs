@@ -1,4 +1,4 @@
-//! Estimates of one vector at one instant by several sensors, fused.
+//! Fusion of the estimates of one vector at one instant by several sensors.
 
 use super::effects::Effects;
 use super::fused::{Agreement, Estimates, FusedEstimate, Weighting};
@@ -18,26 +18,26 @@ use nalgebra::allocator::Allocator;
 use nalgebra::{DefaultAllocator, Dim, OVector, U1};
 
 const CROSS: &str = "cross_covariances";
-/// Beyond this size squares of differences overflow.
+/// Largest estimate; squares of larger differences overflow.
 const LARGEST: f64 = 1e150;
-/// Largest difference of two elements that should be equal, in standard deviations.
+/// Largest difference of two elements of a covariance that must be equal, in standard deviations.
 const ASYMMETRY: f64 = 1e-10;
 
 /// The fusion of K estimates of m components, with buffers that are reused from call to call.
 pub trait Fusing: Send {
     /// Fuses estimates. Cost O(K m³); with cross covariances O(K³ m³); covariance intersection
-    /// O(K m³ + K² m² + K³) for each of about ten steps. Slices of other lengths than said panic.
+    /// O(K m³ + K² m² + K³) for each of about ten steps. Panics if a slice has a wrong length.
     ///
     /// # Errors
-    /// An estimate that is only in part a number, a covariance that is none, and, where they are
-    /// inverted, covariances that make a singular one.
+    /// An estimate with some nan components but not all, an invalid covariance, or covariances whose
+    /// combination is singular although its inverse is required.
     fn fuse(&mut self, estimates: &Estimates<'_>, out: &mut FusedEstimate<'_>)
     -> Result<Agreement>;
 
-    /// Adds a scalar to an estimate, whatever the weighting. Cost O(m³).
+    /// Adds a scalar measurement to an estimate, with any weighting. Cost O(m³).
     ///
     /// # Errors
-    /// A covariance that is none, or an estimate that is not finite, or too large.
+    /// An invalid covariance, or an estimate that is not finite or is too large.
     fn fuse_scalar(
         &mut self,
         scalar: &Scalar<'_>,
@@ -45,11 +45,11 @@ pub trait Fusing: Send {
     ) -> Result<Agreement>;
 }
 
-/// The fusion of so many sensors' estimates of so many components, of which the first is an angle
-/// if there is a period.
+/// Returns the fusion of estimates with this many components from this many sensors. If there is a
+/// period, the first component is an angle.
 ///
 /// # Panics
-/// No sensor, or no dimension.
+/// If there is no sensor or no component.
 pub fn fusing(
     sensors: usize,
     dimension: usize,
@@ -68,19 +68,19 @@ where
     sensors: usize,
     weighting: Weighting,
     period: Option<f64>,
-    /// Sensors that have an estimate; what follows is of these, in this order.
+    /// Sensors that have an estimate. The following fields contain only these sensors, in this order.
     present: Vec<usize>,
     covariances: Vec<Square<D>>,
-    /// cov(x_j, x_l), row after row; empty for independent errors.
+    /// cov(x_j, x_l), row by row; empty for independent errors.
     blocks: Vec<Square<D>>,
-    /// Y_k (K, m) of the paper's weights.
+    /// Y_k (K, m) for the weights of the paper.
     corrections: Vec<f64>,
-    /// Estimates from `origin`, angles turned to it.
+    /// Estimates minus `origin`; differences of angles are wrapped.
     relative: Vec<f64>,
     origin: OVector<f64, D>,
     weight: Vec<Square<D>>,
     fused: Square<D>,
-    // made when they are needed
+    // created at the first use
     independent: Option<Independent<D>>,
     joint: Option<Joint<D>>,
     effects: Option<Effects<D>>,
@@ -166,7 +166,7 @@ where
         }
     }
 
-    /// Finds out who is present, and reads the covariances.
+    /// Determines which sensors have an estimate, and reads their covariances.
     fn read(&mut self, estimates: &Estimates<'_>) -> Result<()> {
         let m = self.order.value();
         self.present.clear();
@@ -191,7 +191,7 @@ where
         }
     }
 
-    /// Reads the blocks between sensors, which must make a covariance.
+    /// Reads the blocks between sensors; the joint covariance must be valid.
     fn read_cross(&mut self, cross: &[f64]) -> Result<()> {
         let (count, m) = (self.present.len(), self.order.value());
         self.blocks.resize(count * count, zeros(self.order));
@@ -209,7 +209,7 @@ where
         if is_large_semidefinite(&joint) { Ok(()) } else { Err(Error::IndefiniteJoint) }
     }
 
-    /// The covariance of component a of the j-th estimate and b of the l-th, which is there twice.
+    /// Covariance of component a of estimate j and component b of estimate l, given twice in `cross`.
     fn cross_covariance(
         &self,
         cross: &[f64],
@@ -238,8 +238,8 @@ where
         Ok(upper + 0.5 * (lower - upper))
     }
 
-    /// Estimates from that whose first component is known best, so that neither a common offset
-    /// nor a bad estimate costs digits, and angles are turned to it, whatever the order.
+    /// Subtracts the estimate whose first component has the smallest variance. Then neither a common
+    /// offset nor a bad estimate costs digits, and angles are wrapped about it, in any order of sensors.
     fn set_relative(&mut self, estimates: &[f64]) {
         let m = self.order.value();
         let estimate = |at: usize| &estimates[self.present[at] * m..][..m];
@@ -257,7 +257,7 @@ where
         }
     }
 
-    /// Sets the weights and the covariance; returns the statistic, nan where the rule has none.
+    /// Sets the weights and the covariance. Returns the statistic, nan if the rule has none.
     fn weigh(&mut self) -> Result<f64> {
         if let [_] = self.covariances[..] {
             self.weight[0].fill_with_identity();
@@ -317,7 +317,7 @@ where
         Ok(())
     }
 
-    /// Sets the weights of a rule that weighs component by component.
+    /// Sets the weights of a rule that weights component by component.
     fn weigh_components(&mut self) {
         let m = self.order.value();
         let mut largest = vec![f64::MIN_POSITIVE; if self.corrections.is_empty() { 0 } else { m }];
@@ -343,7 +343,7 @@ where
         }
     }
 
-    /// Sets `Σ W_j cov(x_j, x_l) W_l` of diagonal weights.
+    /// Sets `Σ W_j cov(x_j, x_l) W_l` for diagonal weights.
     fn spread_components(&mut self) {
         let (count, m) = (self.present.len(), self.order.value());
         self.fused.fill(0.0);
@@ -380,7 +380,7 @@ where
         write(&self.fused, out.covariance);
     }
 
-    /// Nothing is known, as before the first plot of a track.
+    /// Writes an unknown estimate, as before the first plot of a track.
     fn write_unknown(&self, out: &mut FusedEstimate<'_>) {
         out.mean.fill(f64::NAN);
         out.covariance.fill(0.0);
@@ -400,7 +400,7 @@ where
     }
 }
 
-/// Fails with the first number among vectors of length m that is not finite, or too large.
+/// Returns an error for the first element of vectors of length m that is not finite or is too large.
 fn require_estimates(
     argument: &'static str,
     estimates: &[f64],
@@ -453,7 +453,7 @@ mod tests {
         }
     }
 
-    /// An error in common adds its covariance, and the weights are those of the rest.
+    /// A common error adds its covariance; the weights are those without this error.
     #[test]
     fn what_is_common_is_added() {
         let common = [0.5, 0.2, 0.2, 0.5];

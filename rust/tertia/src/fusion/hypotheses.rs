@@ -1,52 +1,52 @@
-//! Hypotheses about the levels of a step's noise, by field, so that vectors hold several.
+//! Hypotheses about the noise levels of a step, stored by field for SIMD vectors.
 
 use super::levels::{EXCESSES, MANOEUVRES};
 use crate::base::exponential::exp;
 
-/// Levels of a plot, in a row that fills whole vectors.
+/// Levels of a plot, rounded up to a row that fills whole vectors.
 const LANES: usize = 8;
-/// A number for each level of a plot; what is beyond the levels has no weight.
+/// One number for each level of a plot; elements beyond the last level have no weight.
 pub(super) type Row = [f64; LANES];
-/// So many hypotheses are followed from one plot of a step to the next, at most.
+/// Largest number of hypotheses that are followed from one plot of a step to the next.
 pub(super) const FOLLOWED: usize = 12;
-/// Those with this share of the most probable one's probability, or less, are not.
+/// Hypotheses with at most this share of the largest probability are not followed.
 const NEGLIGIBLE: f64 = 1e-5;
 
 /// The hypotheses that are followed from one plot to the next.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Followed {
     pub count: usize,
-    /// Probability of levels and plots, over that of the most probable one.
+    /// Probability of levels and plots, relative to that of the most probable hypothesis.
     pub weight: [f64; FOLLOWED],
-    /// Of e, the error of the predicted angle.
+    /// Mean of e, the error of the predicted angle; its variance is below.
     pub mean: [f64; FOLLOWED],
     pub variance: [f64; FOLLOWED],
     pub component: [u8; FOLLOWED],
-    /// The hypothesis of the plots before.
+    /// Index of the hypothesis before the last plot.
     pub parent: [u8; FOLLOWED],
-    /// Of the last plot; before the first one that of the prediction.
+    /// Level of the last plot, or level of the prediction before the first plot.
     pub level: [u8; FOLLOWED],
 }
 
-/// The hypotheses after a plot: a row of its levels for each of those before.
+/// The hypotheses after a plot: for each hypothesis before the plot, a row with the levels of the plot.
 #[derive(Clone, Debug)]
 pub(super) struct Spread {
     rows: usize,
-    /// As of [`Followed`]; 0 where it is negligible.
+    /// Weights as in [`Followed`]; 0 if negligible.
     weight: [Row; FOLLOWED],
-    /// Square of the plot's distance, over its variance.
+    /// Squared distance of the plot divided by its variance.
     square: [Row; FOLLOWED],
     mean: [Row; FOLLOWED],
     variance: [Row; FOLLOWED],
 }
 
-/// `a.min(b)` that is one instruction; the second one where either is nan.
+/// `a.min(b)` as a single instruction; returns b if either is nan.
 #[inline(always)]
 fn smaller(a: f64, b: f64) -> f64 {
     if a < b { a } else { b }
 }
 
-/// The largest number; 0 if none is positive.
+/// Largest of the numbers; 0 if none is positive.
 #[inline(always)]
 pub(super) fn largest(rows: &[Row]) -> f64 {
     let mut most = Row::default();
@@ -62,7 +62,7 @@ pub(super) fn largest(rows: &[Row]) -> f64 {
     largest
 }
 
-/// One after the other, so that it does not depend on the vectors.
+/// Adds the elements in order, so that the result does not depend on the length of the vectors.
 #[inline(always)]
 pub(super) fn sum(row: &Row) -> f64 {
     let mut sum = 0.0;
@@ -83,7 +83,7 @@ impl Followed {
         level: [0; FOLLOWED],
     };
 
-    /// Adds a hypothesis about the prediction.
+    /// Adds a hypothesis about the prediction; `e` is the mean and variance of its error.
     pub fn begin(&mut self, component: usize, level: usize, weight: f64, e: (f64, f64)) {
         let i = self.count;
         (self.component[i], self.level[i]) = (component as u8, level as u8);
@@ -91,7 +91,7 @@ impl Followed {
         self.count += 1;
     }
 
-    /// Adds up numbers of its hypotheses for their last levels, and for the hypotheses before them.
+    /// Sums numbers of the hypotheses by the level of the last plot, and by the hypothesis before that plot.
     #[inline(always)]
     fn back(&self, numbers: &[f64; FOLLOWED], of_levels: &mut [f64]) -> [f64; FOLLOWED] {
         let mut of_parents = [0.0; FOLLOWED];
@@ -102,7 +102,7 @@ impl Followed {
         of_parents
     }
 
-    /// The most probable hypotheses after a plot that came to those `before`.
+    /// Selects the most probable hypotheses after a plot; `before` are the hypotheses before the plot.
     #[inline(always)]
     pub fn choose(&mut self, spread: &Spread, before: &Self) {
         let bound = spread.cut();
@@ -126,8 +126,8 @@ impl Followed {
     }
 }
 
-/// Adds up, for the levels of each plot and of the prediction, numbers of the hypotheses after the last
-/// plot. `followed` are the hypotheses before each plot.
+/// Sums numbers of the hypotheses after the last plot by the levels of each plot and of the prediction.
+/// `followed` contains the hypotheses before each plot.
 #[inline(always)]
 pub(super) fn trace(
     followed: &[Followed],
@@ -157,26 +157,26 @@ impl Spread {
         Self { rows: 0, weight: none, square: none, mean: none, variance: none }
     };
 
-    /// The weights, row by row.
+    /// Returns the weights, row by row.
     #[inline(always)]
     pub fn weights(&self) -> &[Row] {
         &self.weight[..self.rows]
     }
 
-    /// Means and variances of e, row by row.
+    /// Returns means and variances of e, row by row.
     #[inline(always)]
     pub fn errors(&self) -> impl Iterator<Item = (&Row, &Row)> {
         self.mean.iter().zip(&self.variance).take(self.rows)
     }
 
-    /// Mean and variance of e of one hypothesis.
+    /// Mean and variance of e under one hypothesis.
     #[inline(always)]
     pub fn error(&self, row: usize, level: usize) -> (f64, f64) {
         (self.mean[row][level], self.variance[row][level])
     }
 
-    /// Takes a plot with the variance r to the hypotheses before, whose levels have these chances in
-    /// each component.
+    /// Combines a plot of variance r with the hypotheses before it. `chances` contains the probabilities of
+    /// the plot's levels in each component.
     #[inline(always)]
     pub fn fill(&mut self, before: &Followed, innovation: f64, r: f64, chances: &[Row]) {
         self.rows = before.count;
@@ -193,7 +193,7 @@ impl Spread {
                 let s = 1.0 / (variance + noise[l]);
                 let share = variance * s;
                 let weight = weight * chance[l] * s.sqrt();
-                // of a far plot it overflows
+                // overflows for a distant plot
                 let square = smaller(away * away * s, f64::MAX);
                 let possible = if weight > 0.0 { square } else { f64::INFINITY };
                 least[l] = smaller(possible, least[l]);
@@ -204,7 +204,7 @@ impl Spread {
         self.weigh(&least);
     }
 
-    /// Multiplies the weights by how well the plot fits, and divides them by the largest.
+    /// Multiplies the weights by the likelihoods of the plot, and divides them by the largest.
     #[inline(always)]
     fn weigh(&mut self, least: &Row) {
         let mut first = f64::INFINITY;
@@ -225,8 +225,8 @@ impl Spread {
         }
     }
 
-    /// Above it are as many weights as are followed at most. It is found by bisection of the bits of
-    /// numbers, whose order is that of the numbers.
+    /// Bound that at most [`FOLLOWED`] weights exceed, by bisection over the bits of positive numbers,
+    /// whose order is that of the numbers.
     #[inline(always)]
     fn cut(&self) -> f64 {
         if self.above(0.0) <= FOLLOWED as u64 {
@@ -244,7 +244,7 @@ impl Spread {
         f64::from_bits(high)
     }
 
-    /// How many weights are larger.
+    /// Number of weights above the bound.
     #[inline(always)]
     fn above(&self, bound: f64) -> u64 {
         let mut count = [0; LANES];
@@ -262,7 +262,7 @@ mod tests {
     use super::*;
     use crate::base::checks::assert_within;
 
-    /// Two hypotheses about the prediction, three plots of the variance 1.
+    /// Two hypotheses about the prediction, and three plots of variance 1.
     fn followed() -> ([Followed; 3], Spread) {
         let mut followed = [Followed::NONE; 3];
         followed[0].begin(0, 0, 0.999, (0.0, 1.0));
@@ -292,7 +292,7 @@ mod tests {
         assert_eq!(weights[0], 1.0);
     }
 
-    /// What is added up for the levels of any plot is the sum over all hypotheses.
+    /// The sum over the levels of any plot is the sum over all hypotheses.
     #[test]
     fn nothing_is_lost_on_the_way_back() {
         let (followed, last) = followed();
@@ -305,7 +305,7 @@ mod tests {
         assert_within(1e-14, of_prediction.iter().sum(), total);
     }
 
-    /// Neither overflows nor fails.
+    /// Plots at extreme distances neither overflow nor fail.
     #[test]
     fn plots_as_far_as_can_be() {
         let mut first = Followed::NONE;

@@ -1,4 +1,4 @@
-//! The best linear combination of independent estimates, by [`crate::weights`].
+//! The best linear combination of independent estimates, based on [`crate::weights`].
 
 use crate::base::error::Result;
 use crate::base::matrix::{Square, zeros};
@@ -6,12 +6,12 @@ use crate::weights::{Group, Sum};
 use nalgebra::allocator::Allocator;
 use nalgebra::{DefaultAllocator, Dim, OVector};
 
-/// A combination, and the buffers for it.
+/// A combination, with its buffers.
 pub(super) struct Independent<D: Dim>
 where
     DefaultAllocator: Allocator<D, D> + Allocator<D>,
 {
-    /// The weights W_k and the fused covariance.
+    /// Contains the weights W_k and the fused covariance.
     pub group: Group<D>,
     sum: Sum<D>,
     before: Square<D>,
@@ -40,14 +40,14 @@ where
 
     /// Combines estimates (K, m); returns `Σ_k (x_k − x̂)^T C_k (x_k − x̂)`. Cost O(K m³).
     ///
-    /// The statistic is the sum of what each estimate adds to those before it, `d^T (F + S_k)^-1 d`:
-    /// no covariance is inverted, and every term is positive.
+    /// The statistic is the sum of the contributions `d^T (F + S_k)^-1 d` of each estimate to those before
+    /// it. No covariance is inverted, and every term is positive.
     pub fn combine(&mut self, x: &[f64], s: &[Square<D>]) -> Result<f64> {
         self.group.weigh(s, None)?;
         self.group.fuse(s, None)?;
         self.group.require_known()?;
         let mut statistic = 0.0;
-        // from the first estimate, so that a common offset costs no digits
+        // relative to the first estimate, so that a common offset costs no digits
         self.mean.fill(0.0);
         self.before.copy_from(&s[0]);
         let m = self.mean.len();
@@ -64,7 +64,7 @@ where
             self.mean += &self.innovation;
             std::mem::swap(&mut self.before, &mut self.after);
         }
-        // differences that are so large that the sum overflows
+        // differences so large that the sum overflows
         Ok(if statistic.is_nan() { f64::INFINITY } else { statistic })
     }
 }

@@ -1,15 +1,15 @@
 //! Covariance intersection of any number of estimates at once.
 //!
 //! The bound of the covariance is `(Σ ω_k C_k)^-1`, `C_k = S_k^-1`, with shares ω_k ≥ 0 whose sum
-//! is 1: the fused covariance of estimates that are independent and have the covariances
-//! `S_k / ω_k`. So no covariance is inverted here either.
+//! is 1. It equals the fused covariance of independent estimates with the covariances `S_k / ω_k`, so
+//! no covariance needs to be inverted here either.
 //!
-//! The shares give the bound the least determinant. A trace would depend on the units, and add
-//! numbers of different ones. With `W_k`, the weights of independent estimates, the determinant is
-//! least where `φ = ln det Σ ω_k W_k` is largest; φ is concave, and `g_k = ∂φ/∂ω_k = tr N_k`,
+//! The shares minimise the determinant of the bound. Its trace would depend on the units, and would
+//! add numbers of different units. With `W_k`, the weights of independent estimates, the determinant
+//! is least where `φ = ln det Σ ω_k W_k` is largest. φ is concave, and `g_k = ∂φ/∂ω_k = tr N_k`,
 //! `−∂²φ/∂ω_j∂ω_k = tr N_j N_k`, `N_k = (Σ ω_j W_j)^-1 W_k`. As `Σ ω_k g_k = m`, the shares that
-//! maximise `φ − m Σ ω_k` have the sum 1 by themselves. They are found by an interior point method
-//! (primal-dual), which treats all estimates alike: equal ones get equal shares.
+//! maximise `φ − m Σ ω_k` have the sum 1 without a further constraint. They are found by a primal-dual
+//! interior point method, which treats all estimates alike: equal estimates get equal shares.
 
 use crate::base::error::{Error, Result};
 use crate::base::matrix::{Square, large, solve_definite, zeros};
@@ -17,20 +17,20 @@ use crate::weights::Group;
 use nalgebra::allocator::Allocator;
 use nalgebra::{DMatrix, DefaultAllocator, Dim};
 
-/// What the logarithm of the determinant may still be too large by.
+/// Largest error of the logarithm of the determinant at which the search ends.
 const GAP: f64 = 1e-13;
-/// Estimates that make less of a difference get equal shares.
+/// If the gradient differs from m by less than this, equal shares are optimal.
 const TIE: f64 = 1e-12;
-/// Largest error of the gradient then.
+/// Largest error of the gradient at which the search ends.
 const GRADIENT: f64 = 1e-9;
-/// Seen: 20.
+/// Largest number of steps; 20 is the largest number observed.
 const MAX_STEPS: usize = 60;
-/// Share of the way to a bound that a step goes at most.
+/// Largest share of the distance to a bound that one step may cover.
 const TO_BOUND: f64 = 0.9995;
-/// How quickly the gap is closed at least.
+/// Largest ratio of the barrier of a step to the mean gap before the step.
 const CLOSING: f64 = 0.1;
 
-/// Weights and bound of a covariance intersection, and the buffers for them.
+/// Weights and bound of a covariance intersection, with its buffers.
 #[derive(Clone, Debug)]
 pub(super) struct Intersection<D: Dim>
 where
@@ -38,14 +38,14 @@ where
 {
     /// W_k.
     pub weight: Vec<Square<D>>,
-    /// The weights of the inflated estimates.
+    /// Fusion of the estimates with the inflated covariances S_k / ω_k.
     group: Group<D>,
     inflated: Vec<Square<D>>,
     used: Vec<usize>,
     search: Search<D>,
 }
 
-/// The point of the search, and the buffers for a step of it.
+/// The current point of the search, with the buffers for a step.
 #[derive(Clone, Debug)]
 struct Search<D: Dim>
 where
@@ -58,11 +58,11 @@ where
     sum: Square<D>,
     /// ω_k.
     share: Vec<f64>,
-    /// Of the constraint ω_k ≥ 0: in the end `m − g_k`.
+    /// Multiplier of the constraint ω_k ≥ 0; converges to `m − g_k`.
     multiplier: Vec<f64>,
     gradient: Vec<f64>,
     curvature: DMatrix<f64>,
-    /// Of the curvature with that of the barrier.
+    /// Cholesky factor of the curvature including that of the barrier.
     factor: DMatrix<f64>,
     step: Vec<f64>,
 }
@@ -81,8 +81,8 @@ where
         }
     }
 
-    /// Sets the weights of all these estimates, as many as there is room for or fewer; returns the
-    /// bound. Cost O(K m³ + K² m² + K³) for each of about ten steps.
+    /// Sets the weights of these estimates, at most as many as there are sensors, and returns the bound.
+    /// Cost O(K m³ + K² m² + K³) for each of about ten steps.
     pub fn intersect(&mut self, covariances: &[Square<D>]) -> Result<&Square<D>> {
         let count = covariances.len();
         self.group.weigh(covariances, None)?;
@@ -129,7 +129,7 @@ where
         }
     }
 
-    /// Starts with equal shares. `units` is a covariance in the units of the estimates.
+    /// Starts with equal shares. `units` is any covariance in the units of the estimates.
     fn start(&mut self, weight: &[Square<D>], units: &Square<D>) {
         let (count, m) = (weight.len(), units.nrows());
         for (scaled, weight) in self.weight.iter_mut().zip(weight) {
@@ -150,7 +150,7 @@ where
         }
     }
 
-    /// Finds the shares; those that are not worth it become zero.
+    /// Finds the shares; shares smaller than their multiplier are set to zero.
     fn run(&mut self) {
         for step in 0..MAX_STEPS {
             if !self.differentiate() {
@@ -180,7 +180,7 @@ where
         self.share.iter_mut().for_each(|share| *share /= sum);
     }
 
-    /// Starts with multipliers that are above zero unless equal shares are the best.
+    /// Sets the initial multipliers: above zero, or all zero if equal shares are already optimal.
     fn start_multipliers(&mut self) {
         let m = self.sum.nrows() as f64;
         let farthest = self.gradient.iter().map(|g| (m - g).abs()).fold(0.0, f64::max);
@@ -214,14 +214,14 @@ where
         true
     }
 
-    /// The largest error of `multiplier = m − gradient`.
+    /// Largest error of the condition `multiplier = m − gradient`.
     fn largest_error(&self) -> f64 {
         let m = self.sum.nrows() as f64;
         let pairs = self.gradient.iter().zip(&self.multiplier);
         pairs.map(|(gradient, multiplier)| (m - gradient - multiplier).abs()).fold(0.0, f64::max)
     }
 
-    /// Newton's step towards `share · multiplier = barrier`.
+    /// Computes Newton's step towards `share · multiplier = barrier`.
     fn solve(&mut self, barrier: f64) -> bool {
         let (count, m) = (self.share.len(), self.sum.nrows() as f64);
         for k in 0..count {
@@ -234,7 +234,7 @@ where
         solve_definite(&mut self.factor, &mut self.step)
     }
 
-    /// Goes as far as the logarithm is like its second-order expansion, and not to a bound.
+    /// Advances as far as the second-order expansion of the logarithm is valid, without reaching a bound.
     fn advance(&mut self, barrier: f64) {
         let count = self.share.len();
         let curved = |k: usize, j: usize| self.curvature[(k.max(j), k.min(j))] * self.step[j];
@@ -242,7 +242,7 @@ where
             (0..count).map(|k| self.step[k] * (0..count).map(|j| curved(k, j)).sum::<f64>()).sum();
         let decrement = along.max(0.0).sqrt();
         let mut length = if decrement > 0.5 { 1.0 / (1.0 + decrement) } else { 1.0 };
-        // the gradient is not needed any more
+        // the gradient is no longer needed
         let change = &mut self.gradient;
         for (k, change) in change.iter_mut().enumerate() {
             let (share, multiplier, step) = (self.share[k], self.multiplier[k], self.step[k]);

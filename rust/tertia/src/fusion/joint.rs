@@ -1,16 +1,15 @@
 //! The best linear combination of estimates whose errors are correlated.
 //!
-//! One estimate after the other is fused into x̂. With `F = cov(x̂)`, `P = cov(x_k)`,
-//! `C = cov(x̂, x_k)` and the difference `ν = x_k − x̂`,
-//!
+//! The estimates are fused into x̂ one by one. With `F = cov(x̂)`, `P = cov(x_k)`,
+//! `C = cov(x̂, x_k)` and the difference `ν = x_k − x̂`:
 //! ```text
 //! A = F − C,  B = P − C^T,  S = A + B = cov(ν)
 //! x̂ ← B S^-1 x̂ + A S^-1 x_k,  F ← C + A S^-1 B^T
 //! ```
 //!
-//! The part of later estimates that is correlated with ν is taken from them,
-//! `x_j ← x_j − cov(x_j, ν) S^-1 ν`; then nothing that is left is correlated with ν.
-//! Only covariances of differences are inverted, and without correlation these are the formulas of
+//! The part of later estimates that is correlated with ν is subtracted from them,
+//! `x_j ← x_j − cov(x_j, ν) S^-1 ν`; after that, nothing that remains is correlated with ν.
+//! Only covariances of differences are inverted. Without correlation, the formulas reduce to those of
 //! [`crate::weights`].
 
 use crate::base::error::{Error, Result};
@@ -20,10 +19,10 @@ use crate::base::matrix::{
 use nalgebra::allocator::Allocator;
 use nalgebra::{DefaultAllocator, Dim, OVector, U1};
 
-/// Relative error that rounding may leave in a fused variance.
+/// Largest relative error of a fused variance that is accepted after rounding.
 const ERROR_ALLOWED: f64 = 1e-3;
 
-/// A combination, and what it is made of.
+/// A combination, with its intermediate results.
 pub(super) struct Joint<D: Dim>
 where
     DefaultAllocator: Allocator<D, D>,
@@ -33,13 +32,13 @@ where
     pub weight: Vec<Square<D>>,
     /// F.
     pub fused: Square<D>,
-    /// cov(x_j, x_l), row after row, of those that are not fused yet.
+    /// cov(x_j, x_l), row by row, of the estimates that are not fused yet.
     blocks: Vec<Square<D>>,
     /// cov(x̂, x_j).
     with_fused: Vec<Square<D>>,
-    /// x_j in terms of the estimates, row after row.
+    /// x_j as linear combinations of the given estimates, row by row.
     parts: Vec<Square<D>>,
-    /// Whether the estimate knows a component better than what was fused before it.
+    /// Whether the new estimate has the smaller variance in a component than the fused one before it.
     is_better: Vec<bool>,
     factor: Square<D>,
     inverse: Square<D>,
@@ -63,7 +62,7 @@ where
         }
     }
 
-    /// Combines estimates (which are changed) with the covariance `blocks`, row after row; returns
+    /// Combines estimates (which are modified) with the covariance `blocks`, row by row. Returns
     /// `Σ ν^T S^-1 ν`. Cost O(K³ m³).
     pub fn combine(&mut self, x: &mut [OVector<f64, D>], blocks: &[Square<D>]) -> Result<f64> {
         let count = x.len();
@@ -84,7 +83,7 @@ where
             }
         }
         if is_semidefinite(&self.fused, &mut self.factor) {
-            // differences that are so large that their squares overflow
+            // differences so large that their squares overflow
             Ok(if statistic.is_nan() { f64::INFINITY } else { statistic })
         } else {
             Err(Error::SingularJoint)
@@ -104,8 +103,8 @@ where
         self.with_fused = blocks[..count].to_vec();
     }
 
-    /// Sets S^-1 and the fused covariance; returns A and B. `own` is the covariance of the estimate
-    /// as it was given: what is left of it may be rounding.
+    /// Sets S^-1 and the fused covariance; returns A and B. `own` is the covariance of the estimate as
+    /// it was given; what the earlier steps have left of it may be rounding error.
     fn add(&mut self, k: usize, own: &Square<D>) -> Result<(Square<D>, Square<D>)> {
         let (count, m) = (self.weight.len(), own.nrows());
         self.is_better.clear();
@@ -116,7 +115,7 @@ where
         if !factorise_sum(&a, &b, &mut self.factor) {
             return Err(Error::SingularJoint);
         }
-        // as a product of two halves, like the fused covariance of independent estimates
+        // as a product of two halves, as for the fused covariance of independent estimates
         let (mut u, mut v) = (a.transpose(), b.transpose());
         half_solve(&self.factor, &mut u);
         half_solve(&self.factor, &mut v);
@@ -135,7 +134,7 @@ where
         Ok((a, b))
     }
 
-    /// Takes the part that is correlated with the difference from the estimates after k.
+    /// Subtracts the part that is correlated with the difference ν from the estimates after k.
     fn take_from_later(
         &mut self,
         k: usize,
@@ -158,7 +157,7 @@ where
             for (l, shared_l) in (later..count).zip(&shared) {
                 self.blocks[j * count + l] -= &taken * shared_l.transpose();
             }
-            // from the estimate that is known better, and exactly what both have in common
+            // computed from the estimate with the smaller variance, so that the common part is exact
             let (of_new, of_old) = (gain * shared_j.transpose(), kept * shared_j.transpose());
             let (own, with_fused) = (&self.blocks[k * count + j], &mut self.with_fused[j]);
             for (i, &is_better) in self.is_better.iter().enumerate() {
@@ -174,7 +173,7 @@ where
     }
 }
 
-/// A vector of zeros.
+/// Returns a vector of zeros.
 pub(super) fn vector<D: Dim>(order: D) -> OVector<f64, D>
 where
     DefaultAllocator: Allocator<D>,

@@ -1,8 +1,8 @@
-//! The levels that the robust rule knows, of a radar's noise and of the prediction's.
+//! Noise levels of the robust rule, for the plots of a radar and for the prediction.
 
-/// Noise variances of a radar over what it states.
+/// Noise variances of a radar relative to the stated one.
 pub(super) const NOISE: [f64; 5] = [0.25, 1.0, 4.0, 16.0, 64.0];
-/// Those of a plot: its radar's, and a single outlier's.
+/// Noise variances of a plot: those of its radar, and that of a single outlier.
 pub(super) const EXCESSES: [f64; NOISE.len() + 1] = [0.25, 1.0, 4.0, 16.0, 64.0, 256.0];
-/// Variances of the prediction over what the filter says.
+/// Variances of the prediction relative to that of the filter.
 pub(super) const MANOEUVRES: [f64; 2] = [1.0, 64.0];

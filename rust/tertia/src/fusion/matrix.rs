@@ -3,8 +3,8 @@
 use crate::kalman::Transition;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-/// A pivot below this share of its diagonal is zero: until each radar has three plots, two tracks
-/// differ in fewer components than three.
+/// A pivot below this share of its diagonal element counts as zero: until each radar has three plots,
+/// two tracks differ in fewer than three components.
 const ZERO_PIVOT: f64 = 1e-9;
 
 pub(super) fn full(p: &[f64; 6]) -> Matrix3<f64> {
@@ -17,7 +17,7 @@ pub(super) fn packed(p: &Matrix3<f64>) -> [f64; 6] {
     [p[(0, 0)], mean(0, 1), mean(0, 2), p[(1, 1)], mean(1, 2), p[(2, 2)]]
 }
 
-/// F and Q.
+/// Returns F and Q.
 pub(super) fn matrices(transition: &Transition) -> (Matrix3<f64>, Matrix3<f64>) {
     let [f01, f02, f12, f22] = transition.f;
     (Matrix3::new(1.0, f01, f02, 0.0, 1.0, f12, 0.0, 0.0, f22), full(&transition.q))
@@ -26,7 +26,7 @@ pub(super) fn matrices(transition: &Transition) -> (Matrix3<f64>, Matrix3<f64>) 
 /// The weights W_i of the combination `Σ W_i x_i` with the least covariance, for estimates whose
 /// joint covariance has the blocks `joint(i, j)`.
 ///
-/// With `Δ_i = x_i − x_1` it is `x_1 − cov(x_1, Δ) cov(Δ)^+ Δ`.
+/// With `Δ_i = x_i − x_1`, the combination is `x_1 − cov(x_1, Δ) cov(Δ)^+ Δ`.
 pub(super) fn best_weights(
     count: usize,
     joint: impl Fn(usize, usize) -> Matrix3<f64>,
@@ -56,8 +56,8 @@ pub(super) fn best_weights(
     }
 }
 
-/// An X with `A X = B` for a semidefinite A in units of its own diagonal, zero where A does not
-/// determine it.
+/// Returns an X with `A X = B` for a semidefinite A, computed in units of its diagonal; components
+/// that A does not determine are zero.
 fn solve_semidefinite(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     let n = a.nrows();
     let scale = DVector::from_fn(n, |i, _| {
@@ -66,7 +66,7 @@ fn solve_semidefinite(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     });
     let mut l = DMatrix::from_fn(n, n, |i, j| 0.5 * (a[(i, j)] + a[(j, i)]) * scale[i] * scale[j]);
     let mut x = DMatrix::from_fn(n, b.ncols(), |i, j| b[(i, j)] * scale[i]);
-    // L D L^T in place, components without a pivot left out
+    // L D L^T in place; components without a pivot are skipped
     for j in 0..n {
         for p in 0..j {
             let f = l[(j, p)] * l[(p, p)];
@@ -95,7 +95,7 @@ fn solve_semidefinite(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
                 column[j] -= l[(i, j)] * column[i];
             }
         }
-        // a component without a pivot takes no part
+        // components without a pivot are zero
         for j in 0..n {
             column[j] *= if l[(j, j)] > 0.0 { scale[j] } else { 0.0 };
         }
@@ -103,7 +103,7 @@ fn solve_semidefinite(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     x
 }
 
-/// The residual vector with its first component turned by whole periods.
+/// Difference of two vectors; the difference of the first component is wrapped.
 pub(super) fn difference(
     x: &Vector3<f64>,
     from: &Vector3<f64>,

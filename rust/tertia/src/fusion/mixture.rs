@@ -1,28 +1,28 @@
-//! The mixture of normal distributions that the robust rule follows.
+//! The mixture of normal distributions that represents the state in the robust rule.
 
 use super::levels::{MANOEUVRES, NOISE};
 use crate::kalman::{Filter, State, residual};
 
-/// A normal distribution of the state, with probabilities of levels given that it is the right one.
+/// A normal distribution of the state, with the probabilities of the noise levels if it is the correct one.
 #[derive(Clone, Debug)]
 pub(super) struct Component {
-    /// Its probability.
+    /// Probability of the component.
     pub weight: f64,
     pub filter: Filter,
-    /// Probabilities of each radar's levels.
+    /// Probabilities of the noise levels of each radar.
     pub noise: Vec<[f64; NOISE.len()]>,
-    /// Probabilities of the prediction's.
+    /// Probabilities of the levels of the prediction.
     pub motion: [f64; MANOEUVRES.len()],
 }
 
 impl Component {
-    /// Its whole state, as lists of numbers.
+    /// Returns the complete state as lists of numbers.
     pub fn saved(&self) -> impl Iterator<Item = Vec<f64>> {
         let own = [vec![self.weight], self.filter.saved(), self.motion.to_vec()];
         own.into_iter().chain(self.noise.iter().map(|noise| noise.to_vec()))
     }
 
-    /// Takes back what was saved.
+    /// Restores the state from saved lists.
     pub fn restore<'a>(&mut self, lists: &mut impl Iterator<Item = &'a Vec<f64>>) -> Option<()> {
         [self.weight] = lists.next()?[..].try_into().ok()?;
         self.filter = self.filter.restored(lists.next()?)?;
@@ -33,12 +33,12 @@ impl Component {
         Some(())
     }
 
-    /// Mean logarithm of a radar's noise variance over what it states.
+    /// Mean logarithm of a radar's noise variance relative to the stated one.
     pub fn log_excess(&self, radar: usize) -> f64 {
         self.noise[radar].iter().zip(NOISE).map(|(p, level)| p * level.ln()).sum()
     }
 
-    /// Takes another one in: mean, covariance and probabilities are those of both together.
+    /// Merges another component into this one, with the mean, covariance and probabilities of both together.
     fn take_in(&mut self, other: &Self, period: Option<f64>) {
         let weight = self.weight + other.weight;
         let share = other.weight / weight;
@@ -51,8 +51,8 @@ impl Component {
     }
 }
 
-/// Merges components, the most alike first, until there are no more than `most` and each pair would
-/// lose more than `agreement` nats of information (Runnalls 2007). The most probable comes first.
+/// Merges the most similar components until there are no more than `most` and merging any pair would
+/// lose more than `agreement` nats of information (Runnalls 2007). The most probable one comes first.
 pub(super) fn reduce(
     components: &mut Vec<Component>,
     most: usize,
@@ -70,7 +70,7 @@ pub(super) fn reduce(
     components.sort_by(|a, b| b.weight.total_cmp(&a.weight));
 }
 
-/// All components as one filter.
+/// Returns all components merged into one filter.
 pub(super) fn united(components: &[Component], period: Option<f64>) -> Filter {
     let mut filter = components[0].filter;
     if let [first, others @ ..] = components
@@ -86,7 +86,7 @@ pub(super) fn united(components: &[Component], period: Option<f64>) -> Filter {
     filter
 }
 
-/// The two components i < j that lose the least by merging, and a bound of that loss.
+/// Returns the two components i < j whose merger loses the least, and a bound of that loss.
 fn most_alike(components: &[Component], period: Option<f64>) -> (f64, usize, usize) {
     let mut least = (f64::INFINITY, 0, 1);
     for (j, b) in components.iter().enumerate() {
@@ -104,10 +104,10 @@ fn most_alike(components: &[Component], period: Option<f64>) -> (f64, usize, usi
     least
 }
 
-/// The place of each element of a covariance.
+/// Row and column of each element of a packed covariance.
 const PLACES: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
 
-/// Mean and covariance of two states together, of which the other one has this share.
+/// Mean and covariance of the mixture of two states; `share` is the weight of the second.
 fn mixed(one: &State, other: &State, share: f64, period: Option<f64>) -> State {
     let [x0, x1, x2] = one.mean;
     let [y0, y1, y2] = other.mean;
@@ -122,10 +122,10 @@ fn mixed(one: &State, other: &State, share: f64, period: Option<f64>) -> State {
     }
 }
 
-/// Smallest share of a variance that the components before it are taken to leave unexplained.
+/// Smallest share of a variance that the preceding components are assumed to leave unexplained.
 const SMALLEST_SHARE: f64 = 1e-12;
 
-/// Of the covariance, without components that are known exactly.
+/// Logarithm of the determinant of the covariance, without components that are known exactly.
 fn log_determinant(state: &State) -> f64 {
     let [p00, p01, p02, p11, p12, p22] = state.covariance;
     let ratio = |a: f64, b: f64| if b > 0.0 { a / b } else { 0.0 };

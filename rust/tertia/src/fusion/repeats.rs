@@ -1,45 +1,46 @@
-//! Radars that repeat their last plot.
+//! Detection of radars that repeat their last plot.
 //!
-//! A radar that is stuck, or whose program reports the last plot again, gives the same number. Noise of the
-//! deviation σ that is recorded in steps of d does so with a chance of at most d / (2 √π σ), which is d times
-//! the density of the difference of two plots at zero; a motion v per step lowers it by exp(−v²/4σ²). A radar
-//! is stuck or it is not: a Markov chain of two states, of which a plot that differs shows the second.
+//! A radar that is stuck, or whose software reports the last plot again, gives the same number. Noise of
+//! standard deviation σ that is recorded in steps of d gives equal plots with a probability of at most
+//! d / (2 √π σ): d times the density of the difference of two plots at zero. A motion v per step lowers it by
+//! the factor exp(−v²/4σ²). Whether a radar is stuck is a Markov chain of two states; a plot that differs
+//! from the last shows that the radar works.
 
 use crate::kalman::residual;
 use std::f64::consts::{PI, SQRT_2};
 
-/// A radar may be so much more accurate than it states, as a ratio of deviations.
+/// Smallest ratio of the actual to the stated standard deviation of a radar that is assumed.
 const ACCURATE: f64 = 0.5;
-/// Where the chance is larger, steps are coarse, and repetitions show nothing.
+/// If the probability of equal plots is larger, the steps are so coarse that repetitions prove nothing.
 const COARSE: f64 = 0.25;
-/// The last move was longer than this, in standard deviations of its noise, less often than once in 700 times.
+/// Noise alone makes a move longer than this, in standard deviations, less often than once in 700 plots.
 const SURE: f64 = 3.0;
-/// The step is looked for among so many plots.
+/// Number of plots from which the step of a record is determined.
 const PLOTS: usize = 16;
-/// The chance is no smaller while the step is that of few plots, or of other radars.
+/// Smallest probability of equal plots while the step comes from few plots or from other radars.
 const UNSURE: f64 = 0.05;
-/// Differences below this share of the plots come from rounding in the arithmetic.
+/// Differences below this share of the plots are rounding errors of the arithmetic.
 const NO_STEP: f64 = 1e-12;
-/// The same of what differences have in common.
+/// The same limit for the common divisor of differences.
 const NO_GRID: f64 = 1e-9;
-/// Odds beyond any doubt.
+/// Upper limit of the odds: beyond any doubt.
 const CERTAIN: f64 = 1e100;
 
 #[derive(Clone, Debug)]
 struct Radar {
-    /// The last different plots, from the last one back.
+    /// The last different plots, the latest first.
     plots: Vec<f64>,
-    /// The smallest difference of two of these so far, which is at least the step of the record.
+    /// Smallest difference between two of these plots so far: an upper bound of the step of the record.
     step: f64,
-    /// That it is stuck.
+    /// Odds that the radar is stuck.
     odds: f64,
 }
 
-/// What is known of the radars' repetitions.
+/// Repetitions of all radars so far.
 #[derive(Clone, Debug)]
 pub(super) struct Repeats {
     radars: Vec<Radar>,
-    /// The chance that a radar sticks at a plot.
+    /// Probability that a radar gets stuck at a plot.
     sticks: f64,
 }
 
@@ -54,8 +55,8 @@ impl Repeats {
         self.radars[radar].odds > 1.0
     }
 
-    /// Turns the plots z (nan: none) of the variances r that are repetitions into nan. O(K), O(K²) while
-    /// radars have given only one number.
+    /// Replaces repeated plots among the plots z (nan: no plot), of variances r, by nan. Cost O(K); O(K²)
+    /// while radars have given only one number.
     pub fn leave_out(&mut self, z: &mut [f64], r: &[f64], period: Option<f64>) {
         let again: Vec<bool> = self
             .radars
@@ -75,8 +76,9 @@ impl Repeats {
         }
     }
 
-    /// That a plot of a radar which works is the last one again, at most. Before it has given many plots, its
-    /// record is taken to have the steps that differences of few plots, also of other radars, have in common.
+    /// Largest probability that a radar that works gives its last plot again. Until the radar has given
+    /// many plots, the step of its record is assumed to be a common divisor of the differences of a few
+    /// plots, also of other radars.
     fn chance(&self, radar: usize, sigma: f64, period: Option<f64>) -> f64 {
         let own = &self.radars[radar];
         let of_step = |step: f64| (step / (2.0 * PI.sqrt() * ACCURATE * sigma)).min(1.0);
@@ -90,13 +92,13 @@ impl Repeats {
         same * (-(moved.max(0.0) / (2.0 * sigma)).powi(2)).exp().max(f64::MIN_POSITIVE)
     }
 
-    /// Its whole state, as lists of numbers.
+    /// Returns the complete state as lists of numbers.
     pub fn saved(&self) -> impl Iterator<Item = Vec<f64>> {
         let of = |radar: &Radar| [&[radar.step, radar.odds], &radar.plots[..]].concat();
         self.radars.iter().map(of)
     }
 
-    /// Takes back what was saved.
+    /// Restores the state from saved lists.
     pub fn restore<'a>(&mut self, lists: &mut impl Iterator<Item = &'a Vec<f64>>) -> Option<()> {
         for radar in &mut self.radars {
             let [step, odds, plots @ ..] = &lists.next()?[..] else { return None };
@@ -107,7 +109,7 @@ impl Repeats {
 }
 
 impl Radar {
-    /// Whether a plot is the last one again; one that is not is kept.
+    /// Whether a plot repeats the last one; a plot that does not is stored.
     fn take(&mut self, plot: f64, period: Option<f64>) -> bool {
         if plot.is_nan() || self.plots.first() == Some(&plot) {
             return !plot.is_nan();
@@ -124,8 +126,8 @@ impl Radar {
         false
     }
 
-    /// The greatest common divisor of the differences of its last plots, by Euclid; infinite for fewer than
-    /// two of them.
+    /// Greatest common divisor of the differences of the last plots, by Euclid's algorithm; infinite for
+    /// fewer than two differences.
     fn grid(&self, period: Option<f64>) -> f64 {
         if self.plots.len() < 3 {
             return f64::INFINITY;
@@ -145,7 +147,7 @@ impl Radar {
 mod tests {
     use super::*;
 
-    /// Which plots of a radar that is as good as it states are left out.
+    /// Returns which plots of a radar are left out; the noise of the radar is as stated.
     fn left_out(plots: &[f64]) -> Vec<bool> {
         let mut repeats = Repeats::new(1, 0.005);
         let left_out = |&plot: &f64| {
@@ -163,7 +165,7 @@ mod tests {
         assert_eq!(found, expected);
     }
 
-    /// A target that moves by ten standard deviations a step is not where it was.
+    /// A target that moves ten standard deviations per step is not expected at the same place again.
     #[test]
     fn a_fast_target_does_not_stay() {
         let mut plots: Vec<f64> = (0..4).map(|step| 10.0 * f64::from(step)).collect();
@@ -171,7 +173,7 @@ mod tests {
         assert_eq!(left_out(&plots), [false, false, false, false, true, true]);
     }
 
-    /// In steps of a standard deviation and more, equal plots are no wonder.
+    /// In steps of a standard deviation or more, equal plots are expected.
     #[test]
     fn coarse_steps_repeat() {
         let mut plots = vec![1.0, 2.0, 1.0];
@@ -179,7 +181,7 @@ mod tests {
         assert!(!left_out(&plots).contains(&true));
     }
 
-    /// A radar that never gave another number is compared with the steps of the others.
+    /// A radar that has never given another number is compared with the steps of the other radars.
     #[test]
     fn stuck_from_the_start() {
         let mut repeats = Repeats::new(2, 0.005);

@@ -1,14 +1,15 @@
-//! The robust rule: one filter for all plots, which estimates their noise.
+//! The robust rule: one filter for all plots, which also estimates their noise.
 //!
 //! The noise variance of a plot is the stated one times an unknown level, which rarely changes for a
-//! radar. The variance of the prediction is that of the filter times an unknown level. All plots of
-//! a step and the prediction measure one error e of the predicted angle: every combination of levels
-//! is a hypothesis under which e is normal, weighted by the likelihood of the plots. Plots that agree
-//! outweigh those that do not, be it that a radar is noisy or that the target manoeuvres.
+//! radar. The variance of the prediction is that of the filter times an unknown level. The prediction
+//! and all plots of a step measure the same quantity e, the error of the predicted angle. Each
+//! combination of levels is a hypothesis under which e is normal, weighted by the likelihood of the
+//! plots. Plots that agree outweigh plots that do not, whether a radar is noisy or the target
+//! manoeuvres.
 //!
-//! Hypotheses that disagree on e are followed apart, each with a state of its own: of two radars
-//! whose plots contradict each other, a track that follows the worse one is soon contradicted by its
-//! own predictions. One common track would not be, because its covariance includes both.
+//! Hypotheses that disagree on e are followed separately, each with its own state. If the plots of two
+//! radars contradict each other, a track that follows the worse radar is soon contradicted by its own
+//! predictions. A single common track would not be contradicted, because its covariance includes both.
 
 use super::clusters::Clusters;
 use super::hypotheses::{Followed, Row, Spread, trace};
@@ -17,42 +18,42 @@ use super::mixture::{Component, reduce, united};
 use crate::kalman::{Filter, Transition, residual};
 use pulp::{Arch, Simd, WithSimd};
 
-/// Their probabilities where nothing is known of a radar: mostly as stated.
+/// Prior probabilities of the noise levels of a radar: mostly as stated.
 const AT_FIRST: [f64; NOISE.len()] = [0.125, 0.5, 0.125, 0.125, 0.125];
-/// Their probabilities where nothing is known.
+/// Prior probabilities of the levels of the prediction: mostly no manoeuvre.
 const MOSTLY_NONE: [f64; MANOEUVRES.len()] = [0.999, 0.001];
-/// Chance that a manoeuvre is over by the next step.
+/// Probability that a manoeuvre has ended by the next step.
 const MANOEUVRE_ENDS: f64 = 0.1;
-/// The variance of e after the step is below that of the prediction by more than this share.
+/// The variance of e after a step is smaller than that of the prediction by at least this share.
 const LEAST_GAIN: f64 = 1e-3;
-/// So many components are followed from one step to the next.
+/// Largest number of components that are followed from one step to the next.
 const COMPONENTS: usize = 3;
-/// Components are united if that loses so little of their information, in nats.
+/// Components are merged if this loses no more than this much information, in nats.
 const AGREEMENT: f64 = 0.01;
 
-/// The probabilities of the radars' noise levels and of the motion.
+/// The robust rule: the components, with the probabilities of noise levels and motion.
 #[derive(Clone, Debug)]
 pub(super) struct Robust {
-    /// The most probable one first.
+    /// The components, the most probable one first.
     components: Vec<Component>,
     change: f64,
     plots: Vec<Plot>,
     /// The hypotheses before each plot.
     followed: Vec<Followed>,
-    /// Those after the last one.
+    /// The hypotheses after the last plot.
     last: Box<Spread>,
     clusters: Clusters,
-    /// Variances of e under the hypotheses after the last plot, times their probabilities.
+    /// Variances of e under the hypotheses after the last plot, times the probabilities of these.
     effects: Vec<Row>,
-    /// Of each plot's levels.
+    /// Sums over the hypotheses for the levels of each plot.
     of_levels: Vec<[f64; EXCESSES.len()]>,
 }
 
-/// The judgement of a radar's plot.
+/// The assessment of a radar's plot.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Judgement {
     pub outlier: bool,
-    /// Share in the correction of this step.
+    /// Share of the plot in the correction of this step.
     pub share: f64,
 }
 
@@ -61,13 +62,13 @@ struct Plot {
     radar: usize,
     innovation: f64,
     r: f64,
-    /// Probability that it is an outlier.
+    /// Probability that the plot is an outlier.
     outlier: f64,
-    /// What a unit of its innovation moves e by.
+    /// Change of e per unit of the plot's innovation.
     pull: f64,
 }
 
-/// [`Robust::judge`] for the widest vectors of the processor.
+/// Runs [`Robust::judge`] with the widest vectors of the processor.
 struct Judge<'a>(&'a mut Robust);
 
 impl WithSimd for Judge<'_> {
@@ -79,7 +80,7 @@ impl WithSimd for Judge<'_> {
     }
 }
 
-/// The probabilities before a step, if with this chance everything is as at first.
+/// Prior probabilities of a step, if this is the chance of a reset to the initial probabilities.
 fn renewed<const N: usize>(now: &[f64; N], at_first: &[f64; N], chance: f64) -> [f64; N] {
     std::array::from_fn(|i| now[i] + chance * (at_first[i] - now[i]))
 }
@@ -104,13 +105,13 @@ impl Robust {
         }
     }
 
-    /// Its whole state, as lists of numbers.
+    /// Returns the complete state as lists of numbers.
     pub fn saved(&self) -> impl Iterator<Item = Vec<f64>> {
         let count = vec![self.components.len() as f64];
         std::iter::once(count).chain(self.components.iter().flat_map(Component::saved))
     }
 
-    /// Takes back what was saved.
+    /// Restores the state from saved lists.
     pub fn restore<'a>(&mut self, lists: &mut impl Iterator<Item = &'a Vec<f64>>) -> Option<()> {
         let [count] = lists.next()?[..].try_into().ok()?;
         let count = (1..=COMPONENTS).find(|&possible| possible as f64 == count)?;
@@ -119,13 +120,13 @@ impl Robust {
         self.components.iter_mut().try_for_each(|component| component.restore(lists))
     }
 
-    /// A radar's noise variance over what it states: the mean level, of logarithms.
+    /// Geometric mean level of a radar: its noise variance relative to the stated one.
     pub fn excess(&self, radar: usize) -> f64 {
         let of_component = |component: &Component| component.weight * component.log_excess(radar);
         self.components.iter().map(of_component).sum::<f64>().exp()
     }
 
-    /// Goes on in time. The filter of a single component is that given to [`Robust::update`].
+    /// Predicts the components to the next step. A single component has the filter of [`Robust::update`].
     pub fn predict(&mut self, transition: &Transition) {
         if self.components.len() > 1 {
             for component in &mut self.components {
@@ -134,7 +135,7 @@ impl Robust {
         }
     }
 
-    /// Takes the plots z (nan: none) into the filter, which knows its state.
+    /// Updates the filter, whose state must be known, with the plots z (nan: no plot).
     pub fn update(
         &mut self,
         filter: &mut Filter,
@@ -166,9 +167,9 @@ impl Robust {
         }
     }
 
-    /// The innovations, from the smallest one on, so that the order of the radars does not matter.
-    /// The others are measured from the smallest, lest plots on both sides of a far prediction be
-    /// turned away from each other.
+    /// Computes the innovations and sorts them by size, so that the order of the radars does not matter.
+    /// All others are unwrapped about the smallest one, so that plots on both sides of a distant prediction
+    /// are not wrapped away from each other.
     fn line_up(&mut self, z: &[f64], r: &[f64], predicted: f64, period: Option<f64>) {
         self.plots.clear();
         for (radar, (&z, &r)) in z.iter().zip(r).enumerate().filter(|(_, (z, _))| !z.is_nan()) {
@@ -185,7 +186,7 @@ impl Robust {
         }
     }
 
-    /// The hypotheses before the plots: each component with each level of its prediction.
+    /// Sets the hypotheses before the plots: each component with each level of its prediction.
     fn begin(&mut self, predicted: f64, period: Option<f64>) {
         let first = &mut self.followed[0];
         first.count = 0;
@@ -208,7 +209,7 @@ impl Robust {
         }
     }
 
-    /// What the plots say of e and of all levels.
+    /// Updates the distribution of e and the probabilities of all levels with the plots.
     #[inline(always)]
     fn judge(&mut self) {
         self.follow();
@@ -218,7 +219,7 @@ impl Robust {
         self.learn();
     }
 
-    /// All hypotheses about the plots, those that are followed.
+    /// Makes the hypotheses about all plots, as far as they are followed.
     #[inline(always)]
     fn follow(&mut self) {
         for (at, plot) in self.plots.iter().enumerate() {
@@ -237,13 +238,13 @@ impl Robust {
         }
     }
 
-    /// Gives each cluster a component: its own, or a copy if that is another cluster's.
+    /// Assigns a component to each cluster: its own, or a copy if another cluster has already taken it.
     fn assign(&mut self) {
         for component in &mut self.components {
             component.weight = 0.0;
         }
         for cluster in &mut self.clusters.all {
-            // from its component's prediction on
+            // relative to the prediction of its component
             let (component, count) = (cluster.component, self.followed[0].count);
             let own = |i: &usize| usize::from(self.followed[0].component[*i]) == component;
             cluster.mean -= (0..count).find(own).map_or(0.0, |i| self.followed[0].mean[i]);
@@ -258,8 +259,8 @@ impl Robust {
         }
     }
 
-    /// Updates the probabilities of levels, of the clusters' components and of the plots. An outlier
-    /// says nothing about its radar's level.
+    /// Updates the probabilities of the levels, of the clusters' components and of the plots. An outlier
+    /// gives no information on the level of its radar.
     fn learn(&mut self) {
         let followed = &self.followed[..self.plots.len()];
         self.effects.clear();
@@ -295,8 +296,8 @@ impl Robust {
         }
     }
 
-    /// Corrects the components by their clusters; without one they are given up. An angle that is
-    /// known exactly needs no correction.
+    /// Corrects the components with their clusters, and drops components without a cluster. An angle that
+    /// is known exactly needs no correction.
     fn correct(&mut self) {
         for cluster in &self.clusters.all {
             let Component { filter, motion, .. } = &mut self.components[cluster.component];
@@ -305,8 +306,8 @@ impl Robust {
                 continue;
             }
             let expected: f64 = motion.iter().zip(MANOEUVRES).map(|(p, level)| p * level).sum();
-            // all plots together are one, z* = x + ν* with the variance R*, after a prediction of
-            // so much more variance
+            // all plots together act as one plot z* = x + ν* of variance R*, after a prediction whose
+            // variance is increased by this factor
             let inflation = expected.max(cluster.variance / prior / (1.0 - LEAST_GAIN));
             let gain = 1.0 - cluster.variance / (inflation * prior);
             filter.correct(cluster.mean / gain, cluster.variance / gain, inflation);

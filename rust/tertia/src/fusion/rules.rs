@@ -1,4 +1,4 @@
-//! The rules by which states are weighed.
+//! The rules by which the states of the radars are weighted.
 
 use crate::base::error::{Result, require};
 
@@ -7,59 +7,59 @@ use crate::base::error::{Result, require};
 pub enum Rule {
     /// Equal weights.
     Equal,
-    /// By the nominal noise of the plots, 1/R.
+    /// Weights 1/R by the nominal noise of the plots.
     Static,
-    /// Component by component by 1/Y², Y = K ν of this step (1)–(13); radars without a plot are
-    /// left out.
+    /// Weights 1/Y², component by component, with Y = K ν of this step (1)–(13); radars without a plot
+    /// are left out.
     Paper,
-    /// The same as printed: a radar without a plot has Y = 0, and all the weight.
+    /// [`Rule::Paper`] as printed: a radar without a plot has Y = 0 and therefore all the weight.
     PaperPrinted,
-    /// By the running mean of ν².
+    /// Weights by the inverse of the running mean of ν².
     Ewma,
-    /// Component by component by 1/P of the radars' own filters.
+    /// Weights 1/P, component by component, of the radars' own filters.
     Posterior,
-    /// Component by component by 1/P of the radars' tracks with their estimated noise.
+    /// Weights 1/P, component by component, of the radars' tracks with their estimated noise.
     Adaptive,
-    /// The best linear combination with cross-covariances, with the estimated noise.
+    /// The best linear combination with cross covariances and the estimated noise.
     AdaptiveMatrix,
-    /// The same with the noise as stated (Bar-Shalom, Campo 1986).
+    /// The best linear combination with cross covariances and the stated noise (Bar-Shalom, Campo 1986).
     Matrix,
     /// Covariance intersection of the radars' own filters.
     CovarianceIntersection,
     /// One filter for all plots.
     Central,
-    /// The same, with the noise of plots and prediction estimated.
+    /// One filter for all plots; the noise of plots and prediction is estimated.
     Robust,
 }
 
 impl Rule {
-    /// Whether the covariances are those of the estimated noise.
+    /// Whether the rule uses covariances with the estimated noise.
     pub(super) fn believes(self) -> bool {
         matches!(self, Self::Adaptive | Self::AdaptiveMatrix)
     }
 
-    /// Whether radars that are worse than they state are found.
+    /// Whether the rule finds radars whose noise is larger than stated.
     pub(super) fn finds_faults(self) -> bool {
         self.believes() || self == Self::Robust
     }
 }
 
-/// How quickly and how easily a radar is treated as worse than stated.
+/// How quickly and how easily the noise of a radar is assumed to be larger than stated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Beliefs {
     /// Weight of the past in the running means, per plot.
     pub forgetting_factor: f64,
-    /// Mean normalised innovation, in units of the others', above which more noise is assumed.
+    /// Mean normalised innovation squared, relative to the other radars, above which more noise is assumed.
     pub threshold: f64,
-    /// Normalised square of a single innovation, likewise, above which it is an outlier.
+    /// Normalised innovation squared, relative to the other radars, above which a plot is an outlier.
     pub outlier_gate: f64,
-    /// For [`Rule::Robust`]: probability that a radar's noise changes from one plot to the next, and
-    /// that a plot is an outlier.
+    /// For [`Rule::Robust`]: probability that the noise of a radar changes from one plot to the next, and
+    /// probability that a plot is an outlier.
     pub change_probability: f64,
 }
 
 impl Beliefs {
-    /// The parameters, validated.
+    /// Returns the validated parameters.
     ///
     /// # Errors
     /// A parameter outside its domain.
@@ -83,8 +83,8 @@ impl Beliefs {
     }
 }
 
-/// Precisions as shares of their sum; those that are infinite share everything, and all share
-/// alike where all are zero.
+/// Returns precisions as shares of their sum. Infinite precisions divide the whole sum among themselves;
+/// if all are zero, the shares are equal.
 pub(super) fn shares(precision: impl Iterator<Item = f64> + Clone) -> impl Iterator<Item = f64> {
     let largest = precision.clone().fold(0.0, f64::max);
     let relative = move |value: f64| match value {

@@ -1,4 +1,4 @@
-//! A redundant scalar, added to an estimate as information of rank one.
+//! A redundant scalar measurement, added to an estimate as information of rank one.
 
 use crate::base::distribution::chi_square_upper;
 use crate::base::matrix::{Square, symmetrise, zeros};
@@ -10,17 +10,17 @@ use nalgebra::{DefaultAllocator, Dim, OVector};
 pub struct Scalar<'a> {
     /// The estimate without the scalar.
     pub estimate: &'a [f64],
-    /// Its covariance.
+    /// Covariance of the estimate.
     pub covariance: &'a [f64],
-    /// The derivatives of the scalar (m).
+    /// The derivatives of the scalar by the vector (m).
     pub h: &'a [f64],
-    /// What was measured.
+    /// The measured value.
     pub value: f64,
     /// Standard deviation of the measurement.
     pub sigma: f64,
 }
 
-/// An estimate with a scalar added, and the buffers for it.
+/// An estimate with an added scalar, with its buffers.
 pub(super) struct Addition<D: Dim>
 where
     DefaultAllocator: Allocator<D, D> + Allocator<D>,
@@ -28,7 +28,7 @@ where
     /// x̂.
     pub mean: OVector<f64, D>,
     pub covariance: Square<D>,
-    /// The scalar's.
+    /// Gain of the scalar.
     pub gain: OVector<f64, D>,
     h: OVector<f64, D>,
     kept: Square<D>,
@@ -51,8 +51,8 @@ where
         }
     }
 
-    /// Adds `z = h·x + noise` to an estimate with this covariance; returns the innovation's square
-    /// over its variance, and the probability of a larger one: gain `g = S h / (h·S h + σ²)`, covariance
+    /// Adds `z = h·x + noise` to an estimate with this covariance. Returns the normalised innovation
+    /// squared and the probability of a larger one. The gain is `g = S h / (h·S h + σ²)`, the covariance
     /// `(I − g h^T) S (I − g h^T)^T + σ² g g^T`. Cost O(m³).
     pub fn add(&mut self, covariance: &Square<D>, scalar: &Scalar<'_>) -> (f64, f64) {
         let variance = scalar.sigma * scalar.sigma;
@@ -71,7 +71,7 @@ where
         self.covariance.ger(variance, &self.gain, &self.gain, 1.0);
         symmetrise(&mut self.covariance);
         for (i, gain) in self.gain.iter().enumerate() {
-            // rounding leaves no variance below that of the scalar alone
+            // rounding must not make a variance smaller than what the scalar alone contributes
             self.covariance[(i, i)] = self.covariance[(i, i)].max(variance * gain * gain);
         }
         let statistic = innovation * innovation / innovation_variance;

@@ -1,6 +1,7 @@
-//! Pressure altitudes, as transponders report them, and heights.
+//! Pressure altitudes, as reported by transponders, and heights.
 
-/// International standard atmosphere (ISO 2533): at the sea Pa and K, and K/m to the tropopause, m.
+/// International standard atmosphere (ISO 2533): pressure, Pa, and temperature, K, at sea level; lapse rate,
+/// K/m; height of the tropopause, m.
 const PRESSURE: f64 = 101_325.0;
 const TEMPERATURE: f64 = 288.15;
 const LAPSE: f64 = 0.0065;
@@ -10,17 +11,17 @@ const GAS: f64 = 287.052_87;
 const GRAVITY: f64 = 9.806_65;
 /// Exponent g / (R β) of the troposphere.
 const EXPONENT: f64 = GRAVITY / (GAS * LAPSE);
-/// Radius of the earth of geopotential heights, m.
+/// Radius of the earth in the definition of geopotential heights, m.
 const GEOPOTENTIAL_RADIUS: f64 = 6_356_766.0;
 
-/// What is known of the weather.
+/// Weather and geoid at a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Atmosphere {
-    /// Pressure that altimeters are set to so that they show the height above the sea, Pa.
+    /// Pressure setting with which altimeters show the height above sea level, Pa.
     pub qnh: f64,
-    /// By how much the air is warmer than the standard, K.
+    /// Temperature of the air minus that of the standard atmosphere, K.
     pub isa_deviation: f64,
-    /// Height of the sea above the ellipsoid, m.
+    /// Height of sea level above the ellipsoid, m.
     pub undulation: f64,
 }
 
@@ -36,7 +37,7 @@ fn pressure(altitude: f64) -> f64 {
 }
 
 impl Atmosphere {
-    /// Height above the ellipsoid of a pressure altitude: over the sea
+    /// Height above the ellipsoid of a pressure altitude. Above sea level it is
     /// `h_p − h_ISA(QNH) + ΔT R/g ln(QNH/p)` in geopotential metres.
     pub fn height(&self, altitude: f64) -> f64 {
         let set = TEMPERATURE / LAPSE * (1.0 - (self.qnh / PRESSURE).powf(1.0 / EXPONENT));
@@ -51,7 +52,7 @@ mod tests {
     use super::*;
     use crate::base::checks::assert_within;
 
-    /// Of the prototype; the second of ISO 2533, in which the tropopause has 226.32 hPa.
+    /// Values of the prototype; the second is that of ISO 2533, with 226.32 hPa at the tropopause.
     #[test]
     fn heights_and_pressures() {
         assert_within(1e-12, pressure(10_668.0), 23_842.272_920_891_48);

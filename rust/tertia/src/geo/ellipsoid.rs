@@ -6,50 +6,50 @@ use serde::{Deserialize, Serialize};
 /// Equatorial radius, m, and flattening.
 pub const RADIUS: f64 = 6_378_137.0;
 const FLATTENING: f64 = 1.0 / 298.257_223_563;
-/// Squares of the first and the second eccentricity, and the polar radius.
+/// Squares of the first and the second eccentricity, and the polar radius, m.
 const E2: f64 = FLATTENING * (2.0 - FLATTENING);
 const E2_SECOND: f64 = E2 / (1.0 - E2);
 const POLAR: f64 = RADIUS * (1.0 - FLATTENING);
-/// Rounds to the latitude: to 1e-15 from anywhere; near the earth the first leaves 1e-11, which is
-/// 1e-15 of the height.
+/// Numbers of iterations. Five give the latitude to 1e-15 from any point; near the earth, one has an error of
+/// 1e-11, which changes the height by a share of 1e-15.
 const ROUNDS: usize = 5;
 const ROUNDS_TO_HEIGHT: usize = 1;
 
-/// A place on the earth.
+/// A place on or above the earth.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Geodetic {
-    /// rad
+    /// Latitude, rad.
     pub latitude: f64,
-    /// rad
+    /// Longitude, rad.
     pub longitude: f64,
-    /// m above the ellipsoid
+    /// Height above the ellipsoid, m.
     pub height: f64,
 }
 
-/// Where the normal through a point meets the ellipsoid.
+/// Direction of the normal to the ellipsoid through a point: sine and cosine of the latitude.
 #[derive(Clone, Copy)]
 struct Foot {
     sine: f64,
     cosine: f64,
-    /// Distance of the point from the axis.
+    /// Distance of the point from the axis of the earth.
     level: f64,
 }
 
-/// Radii of curvature, m: in the meridian, and across it.
+/// Radii of curvature, m, in the meridian and across it.
 pub fn radii(latitude: f64) -> [f64; 2] {
     let squeezed = 1.0 - E2 * latitude.sin().powi(2);
     let across = RADIUS / squeezed.sqrt();
     [across * (1.0 - E2) / squeezed, across]
 }
 
-/// East, north and up of a place as rows, in geocentric coordinates.
+/// East, north and up at a place, as rows, in geocentric coordinates.
 pub(crate) fn axes(latitude: f64, longitude: f64) -> Matrix<3> {
     let (sp, cp) = latitude.sin_cos();
     let (sl, cl) = longitude.sin_cos();
     [[-sl, cl, 0.0], [-sp * cl, -sp * sl, cp], [cp * cl, cp * sl, sp]]
 }
 
-/// x, y, z of a place.
+/// Converts a place to geocentric x, y, z.
 pub fn to_ecef(place: &Geodetic) -> [f64; 3] {
     let (sp, cp) = place.latitude.sin_cos();
     let (sl, cl) = place.longitude.sin_cos();
@@ -59,8 +59,8 @@ pub fn to_ecef(place: &Geodetic) -> [f64; 3] {
     [level * cl, level * sl, (across * (1.0 - E2) + place.height) * sp]
 }
 
-/// The place of x, y, z, to 4e-9 m; the centre of the earth is below the equator. By Bowring's start
-/// and rounds with the reduced latitude (Bowring 1976).
+/// Converts geocentric x, y, z to a place, to 4e-9 m; the centre of the earth is below the equator. By
+/// Bowring's initial value and iterations with the reduced latitude (Bowring 1976).
 pub fn from_ecef(p: &[f64; 3]) -> Geodetic {
     let foot = foot(p, ROUNDS);
     Geodetic {
@@ -70,7 +70,7 @@ pub fn from_ecef(p: &[f64; 3]) -> Geodetic {
     }
 }
 
-/// Height above the ellipsoid and the vertical of a point near the earth.
+/// Height above the ellipsoid and vertical direction of a point near the earth.
 #[inline]
 pub(crate) fn vertical(p: &Vector<3>) -> (f64, Vector<3>) {
     let foot = foot(p, ROUNDS_TO_HEIGHT);
@@ -85,7 +85,7 @@ fn foot(p: &Vector<3>, rounds: usize) -> Foot {
     if distance == 0.0 {
         return Foot { sine: 0.0, cosine: 1.0, level };
     }
-    // tan β = (b z / a r) (1 + e'² b / |p|); sine and cosine of β but for a factor
+    // tan β = (b z / a r) (1 + e'² b / |p|); sine and cosine of β apart from a common factor
     let mut up = POLAR * p[2] * (1.0 + E2_SECOND * POLAR / distance);
     let mut out = RADIUS * level;
     let (mut sine, mut cosine) = (0.0, 1.0);
@@ -102,7 +102,7 @@ fn foot(p: &Vector<3>, rounds: usize) -> Foot {
 }
 
 impl Foot {
-    /// `h = r cos φ + z sin φ − a² / N`, whose error is of second order in that of φ.
+    /// Height `h = r cos φ + z sin φ − a² / N`; its error is of second order in the error of φ.
     #[inline]
     fn height(&self, z: f64) -> f64 {
         let squeezed = (1.0 - E2 * self.sine * self.sine).sqrt();

@@ -1,13 +1,14 @@
-//! Positions and states from one frame to another.
+//! Conversion of positions and states from one frame to another.
 
 use super::ellipsoid::Geodetic;
 use super::local::LocalFrame;
 use super::plane::SystemPlane;
 use crate::base::small::{Matrix, Vector, dot, rotated};
 
-/// Seconds over which the change of a projection along a path is taken: 250 m of the earth's radius.
+/// Time step for the change of a projection along a path, s: 250 m of flight, small against the earth's
+/// radius.
 const MOMENT: f64 = 1.0;
-/// Components of position, velocity and acceleration.
+/// Number of components of position, of velocity and of acceleration.
 const AXES: usize = 3;
 
 /// A frame with three coordinates.
@@ -15,12 +16,12 @@ const AXES: usize = 3;
 pub enum Frame {
     /// East, north and up.
     Local(LocalFrame),
-    /// u, v and the height above the ellipsoid.
+    /// u, v and height above the ellipsoid.
     Plane(SystemPlane),
 }
 
 impl Frame {
-    /// Its origin.
+    /// Returns the origin of the frame.
     pub fn origin(&self) -> Geodetic {
         match self {
             Self::Local(frame) => frame.place(),
@@ -28,7 +29,7 @@ impl Frame {
         }
     }
 
-    /// The coordinates of a geocentric position.
+    /// Converts a geocentric position to coordinates.
     pub fn from_ecef(&self, p: &[f64; 3]) -> [f64; 3] {
         match self {
             Self::Local(frame) => frame.from_ecef(p),
@@ -39,7 +40,7 @@ impl Frame {
         }
     }
 
-    /// The geocentric position of coordinates.
+    /// Converts coordinates to a geocentric position.
     pub fn to_ecef(&self, [a, b, c]: [f64; 3]) -> [f64; 3] {
         match self {
             Self::Local(frame) => frame.to_ecef(&[a, b, c]),
@@ -55,7 +56,7 @@ impl Frame {
         }
     }
 
-    /// `(dJ/dt) v` along a path with this geocentric velocity: what a straight path bends by.
+    /// `(dJ/dt) v` along a path with this geocentric velocity: the apparent acceleration of a straight path.
     fn bend(&self, p: &Vector<3>, v: &Vector<3>) -> Vector<3> {
         if matches!(self, Self::Local(_)) {
             return [0.0; 3];
@@ -67,12 +68,12 @@ impl Frame {
         std::array::from_fn(|i| (later[i] - sooner[i]) / (2.0 * MOMENT))
     }
 
-    /// Moves a state to another frame: position, perhaps velocity, perhaps acceleration, three
-    /// components of each. Both frames are fixed to the earth, so there is no Coriolis term. Returns
-    /// the matrix that turns each of the three, `J_t J_s^-1`. O(1).
+    /// Converts a state to another frame: position, optionally velocity and acceleration, with three
+    /// components each. Both frames are fixed to the earth, so there is no Coriolis term. Returns
+    /// the matrix that transforms each of the three, `J_t J_s^-1`. O(1).
     ///
     /// # Panics
-    /// If there are not 3, 6 or 9 components.
+    /// If the number of components is not 3, 6 or 9.
     pub fn transform(&self, target: &Self, state: &mut [f64]) -> Matrix<3> {
         let part = |state: &[f64], k: usize| std::array::from_fn(|i| state[AXES * k + i]);
         let p = self.to_ecef(part(state, 0));
@@ -97,9 +98,9 @@ impl Frame {
         })
     }
 
-    /// Moves a covariance of such a state by the matrix of [`Frame::transform`]: each block of three
-    /// by three turns alone. What a plane's scale changes within the error of the position is left
-    /// out (1e-8 a second).
+    /// Converts the covariance of such a state with the matrix of [`Frame::transform`]: each block of three
+    /// by three is transformed separately. The change of the scale of a plane within the position error is
+    /// neglected (1e-8 per second).
     pub fn transform_covariance(turn: &Matrix<3>, covariance: &mut [f64]) {
         let n = covariance.len().isqrt();
         for (first, second) in (0..n * n).step_by(AXES).map(|k| (k / n, k % n)) {
@@ -120,7 +121,7 @@ impl Frame {
     }
 }
 
-/// The inverse of a regular matrix, by cross products of its rows.
+/// Inverts a regular matrix by cross products of its rows.
 fn inverse(m: &Matrix<3>) -> Matrix<3> {
     let cross = |a: &Vector<3>, b: &Vector<3>| {
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
@@ -138,7 +139,7 @@ mod tests {
         Geodetic { latitude: latitude.to_radians(), longitude: longitude.to_radians(), height }
     }
 
-    /// Of the prototype: a state 9 km over the first plane that climbs with 5 m/s.
+    /// Values of the prototype: a state 9 km above the first plane that climbs with 5 m/s.
     #[test]
     fn between_tangent_planes() {
         let source = Frame::Local(LocalFrame::new(degrees(50.1, 14.26, 380.0)));

@@ -1,46 +1,46 @@
-//! East, north and up at a place, and what a radar there measures.
+//! Local frames of east, north and up, and the measurements of a radar in them.
 
 use super::ellipsoid::{self, Geodetic, radii, vertical};
 use crate::base::small::{Matrix, Vector, dot, norm, rotated, rotated_back};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// Steps of Newton's to the elevation: off after 0, 1 and 2 are .22 m, 5e-8 m and 3e-9 m.
+/// Number of Newton steps for the elevation; the errors after 0, 1 and 2 steps are 0.22 m, 5e-8 m and 3e-9 m.
 const STEPS: usize = 2;
-/// Share of the range by which the height must change with the elevation: straight above the site it
-/// does not.
+/// Smallest change of the height with the elevation, as a share of the range; directly above the site
+/// there is none.
 const LEAST_SLOPE: f64 = 1e-4;
 
-/// A frame of east, north and up, tangent to the ellipsoid: that of a radar's site.
+/// A frame of east, north and up, tangent to the ellipsoid, at the site of a radar.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LocalFrame {
     pub(super) place: Geodetic,
-    /// Geocentric, m.
+    /// Geocentric position of the origin, m.
     pub(super) origin: Vector<3>,
-    /// East, north, up as rows.
+    /// East, north and up as rows.
     pub(super) axes: Matrix<3>,
     /// Curvature in the meridian and across it, 1/m.
     curvature: [f64; 2],
 }
 
-/// Where a plot is, and how it was seen.
+/// Position of a plot, with the direction from the site.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sight {
-    /// Geocentric, m.
+    /// Geocentric position, m.
     pub position: Vector<3>,
-    /// Unit vectors in the site's axes: from the site to the target, and how they change with the
+    /// Unit vector from the site to the target, in the axes of the site; below, its derivatives by the
     /// elevation and the azimuth.
     pub along: Vector<3>,
     pub rise: Vector<3>,
     pub turn: Vector<3>,
-    /// The target's vertical, geocentric.
+    /// Vertical direction at the target, geocentric.
     pub up: Vector<3>,
     /// Sine and cosine of the elevation.
     pub elevation: [f64; 2],
 }
 
 impl LocalFrame {
-    /// The frame at a place.
+    /// Creates the frame at a place.
     pub fn new(place: Geodetic) -> Self {
         let [meridian, across] = radii(place.latitude);
         Self {
@@ -51,32 +51,32 @@ impl LocalFrame {
         }
     }
 
-    /// Where its origin is.
+    /// Returns the place of the origin.
     pub fn place(&self) -> Geodetic {
         self.place
     }
 
-    /// East, north and up of a geocentric position.
+    /// Converts a geocentric position to east, north and up.
     #[inline]
     pub fn from_ecef(&self, p: &[f64; 3]) -> [f64; 3] {
         rotated(&self.axes, &std::array::from_fn(|i| p[i] - self.origin[i]))
     }
 
-    /// The geocentric position of east, north and up.
+    /// Converts east, north and up to a geocentric position.
     #[inline]
     pub fn to_ecef(&self, local: &[f64; 3]) -> [f64; 3] {
         let turned = rotated_back(&self.axes, local);
         std::array::from_fn(|i| self.origin[i] + turned[i])
     }
 
-    /// The place of a plot with slant range, azimuth and the height of the target. None where no
-    /// elevation leads to this height: the range is less than the difference of the heights, or
-    /// reaches beyond the earth.
+    /// Place of a plot with slant range, azimuth and the height of the target. `None` if there is no
+    /// elevation for this height: the range is smaller than the difference of the heights, or
+    /// extends beyond the earth.
     pub fn polar_to_geodetic(&self, range: f64, azimuth: f64, height: f64) -> Option<Geodetic> {
         Some(ellipsoid::from_ecef(&self.sight(range, azimuth, height)?.position))
     }
 
-    /// Slant range, azimuth from 0 to 2π, and elevation of a place.
+    /// Returns slant range, azimuth from 0 to 2π, and elevation of a place.
     pub fn geodetic_to_polar(&self, place: &Geodetic) -> [f64; 3] {
         let local = self.from_ecef(&ellipsoid::to_ecef(place));
         let ground = (local[0] * local[0] + local[1] * local[1]).sqrt();
@@ -97,7 +97,7 @@ impl LocalFrame {
         // sin e = ((R + H)² − (R + h0)² − ρ²) / 2ρ (R + h0)
         let rise = (height - own) * (2.0 * radius + height + own) - range * range;
         let mut sine = rise / (2.0 * range * (radius + own));
-        // a nan is none, too
+        // nan is excluded, too
         if sine.abs() > 1.0 || sine.is_nan() {
             return None;
         }
@@ -113,7 +113,7 @@ impl LocalFrame {
                 break;
             }
             let step = (height - h) / slope;
-            // turned by atan(step)
+            // rotated by atan(step)
             let (s, c) = (sine + step * cosine, cosine - step * sine);
             let scale = 1.0 / (s * s + c * c).sqrt();
             (sine, cosine) = (s * scale, c * scale);
@@ -123,7 +123,7 @@ impl LocalFrame {
             along: [cosine * sa, cosine * ca, sine],
             rise: [-sine * sa, -sine * ca, cosine],
             turn: [cosine * ca, -cosine * sa, 0.0],
-            // of the step before, 5e-8 m away
+            // from the last step but one, 5e-8 m away
             up,
             elevation: [sine, cosine],
         })
@@ -137,7 +137,7 @@ impl LocalFrame {
 
 impl Sight {
     /// Derivatives of the geocentric position by range, azimuth and height, from
-    /// `dp = along dρ + ρ rise de + ρ turn dα` and `up · dp = dH`. None straight above the site,
+    /// `dp = along dρ + ρ rise de + ρ turn dα` and `up · dp = dH`. `None` directly above the site,
     /// where the height does not change with the elevation.
     #[inline]
     pub fn derivatives(&self, range: f64, site: &LocalFrame) -> Option<[Vector<3>; 3]> {

@@ -1,19 +1,19 @@
 //! The system plane: the oblique stereographic projection that is common in air traffic control
-//! (TransLib, ARTAS), which system tracks of category 62, item 100, use.
+//! (TransLib, ARTAS) and is used by system tracks of category 62, item 100.
 //!
-//! It is not EPSG 9809 (`sterea`), from which it differs by .4 to .9 m at 180 to 450 km, nor Snyder's
-//! ellipsoidal form (`stere`), 9 to 51 m.
+//! It is not EPSG 9809 (`sterea`), from which it differs by 0.4 to 0.9 m at 180 to 450 km, nor Snyder's
+//! ellipsoidal form (`stere`), from which it differs by 9 to 51 m.
 
 use super::ellipsoid::{self, Geodetic, radii, vertical};
 use super::local::LocalFrame;
 use crate::base::small::{Matrix, Vector, dot, rotated, rotated_back};
 use serde::{Deserialize, Serialize};
 
-/// Rounds from a height above the ellipsoid to that above the sphere, to 1e-9 m.
+/// Number of iterations from a height above the ellipsoid to the one above the sphere, for 1e-9 m.
 const ROUNDS: usize = 3;
 
-/// A plane with the sphere of the meridional radius R that touches the ellipsoid at its centre. With
-/// x, y, z in the tangent frame of the centre, whose height is `h_c`:
+/// A plane with a sphere of the meridional radius R that touches the ellipsoid at the centre of the plane.
+/// With x, y, z in the tangent frame of the centre, whose height is `h_c`:
 ///
 /// `H = √(x² + y² + (z + h_c + R)²) − R`, `k = 2R / (2R + h_c + z + H)`, `u = k x`, `v = k y`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -22,7 +22,7 @@ pub struct SystemPlane {
     radius: f64,
 }
 
-/// Projection of a point, and how it changes with x, y, z of the tangent frame.
+/// Projection of a point, and its derivatives by x, y, z of the tangent frame.
 #[derive(Clone, Copy)]
 pub(super) struct Projected {
     pub position: [f64; 2],
@@ -30,26 +30,26 @@ pub(super) struct Projected {
 }
 
 impl SystemPlane {
-    /// The plane about a place.
+    /// Creates the plane with its centre at a place.
     pub fn new(centre: Geodetic) -> Self {
         let [radius, _] = radii(centre.latitude);
         Self { centre: LocalFrame::new(centre), radius }
     }
 
-    /// Where its centre is.
+    /// Returns the centre.
     pub fn centre(&self) -> Geodetic {
         self.centre.place
     }
 
-    /// u and v of a geocentric position, and its height above the sphere, which is not that above the
-    /// ellipsoid.
+    /// Converts a geocentric position to u, v and the height above the sphere, which differs from that above
+    /// the ellipsoid.
     pub fn from_ecef(&self, p: &[f64; 3]) -> [f64; 3] {
         let local = self.centre.from_ecef(p);
         let (scale, height) = self.scale(&local);
         [scale * local[0], scale * local[1], height]
     }
 
-    /// The geocentric position of u, v and a height above the sphere.
+    /// Converts u, v and a height above the sphere to a geocentric position.
     pub fn to_ecef(&self, [u, v, height]: [f64; 3]) -> [f64; 3] {
         let (r, own) = (self.radius, self.centre.place.height);
         let d = u * u + v * v;
@@ -59,7 +59,7 @@ impl SystemPlane {
         self.centre.to_ecef(&[u / k, v / k, z])
     }
 
-    /// The geocentric position of u, v and a height above the ellipsoid.
+    /// Converts u, v and a height above the ellipsoid to a geocentric position.
     pub fn lifted(&self, u: f64, v: f64, height: f64) -> [f64; 3] {
         let mut above = height;
         for _ in 0..ROUNDS {
@@ -68,8 +68,8 @@ impl SystemPlane {
         self.to_ecef([u, v, above])
     }
 
-    /// Scale of lengths on the ground, and azimuth of true north in the plane, which is to be
-    /// subtracted from the courses there.
+    /// Scale of lengths on the ground, and azimuth of true north in the plane, which must be
+    /// subtracted from courses in the plane.
     pub fn scale_and_convergence(&self, u: f64, v: f64, height: f64) -> [f64; 2] {
         let p = self.lifted(u, v, height);
         let place = ellipsoid::from_ecef(&p);
@@ -118,7 +118,7 @@ impl SystemPlane {
 }
 
 impl Projected {
-    /// The derivative of u and v along a geocentric vector.
+    /// Derivative of u and v along a geocentric vector.
     #[inline]
     pub fn along(&self, plane: &SystemPlane, v: &Vector<3>) -> [f64; 2] {
         let local = rotated(&plane.centre.axes, v);
@@ -134,7 +134,7 @@ mod tests {
         Geodetic { latitude: latitude.to_radians(), longitude: longitude.to_radians(), height }
     }
 
-    /// Of the prototype.
+    /// Values of the prototype.
     #[test]
     fn places_in_the_plane() {
         let plane = SystemPlane::new(degrees(50.0, 14.0, 0.0));

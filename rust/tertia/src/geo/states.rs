@@ -1,24 +1,24 @@
-//! Polar states of a radar and those of east and north.
+//! Conversion between polar states of a radar and states of east and north.
 //!
-//! With `e = (sin θ, cos θ)` and `f = (cos θ, −sin θ)`, of which `de/dθ = f` and `df/dθ = −e`:
+//! With `e = (sin θ, cos θ)` and `f = (cos θ, −sin θ)`, for which `de/dθ = f` and `df/dθ = −e`:
 //!
 //! `p = ρ e`, `v = ρ' e + ρ θ' f`, `a = (ρ'' − ρ θ'²) e + (ρ θ'' + 2 ρ' θ') f`.
 //!
-//! An azimuth alone cannot be moved to another site: the range is needed.
+//! An azimuth alone cannot be converted to another site, because the range is required.
 
 use std::f64::consts::PI;
 
-/// Numbers of a state: twice those of one coordinate, which has perhaps a rate, perhaps its rate.
+/// Largest size of a state: two coordinates, each with its rate and acceleration.
 pub const SIZE: usize = 6;
-/// A derivative of a state by another; of shorter states the upper left parts are used.
+/// Derivative of a state by another; shorter states use the upper left parts.
 pub type Jacobian = [[f64; SIZE]; SIZE];
 
-/// `[ρ, ρ', ρ'', θ, θ', θ'']` as `[p, v, a]`, about the radar, with the derivative.
+/// Converts `[ρ, ρ', ρ'', θ, θ', θ'']` to `[p, v, a]` relative to the radar, with the derivatives.
 pub fn to_cartesian(polar: &[f64; SIZE]) -> ([f64; SIZE], Jacobian) {
     let &[r, r1, r2, angle, w, w1] = polar;
     let (sine, cosine) = angle.sin_cos();
     let (along, across) = (r2 - r * w * w, r * w1 + 2.0 * r1 * w);
-    // by ρ, ρ', ρ'', θ, θ', θ'': components along e and f of p, v and a
+    // derivatives by ρ, ρ', ρ'', θ, θ', θ'': components along e and f of p, v and a
     let of = [
         [[1.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, r], [0.0, 0.0], [0.0, 0.0]],
         [[0.0, w], [1.0, 0.0], [0.0, 0.0], [-r * w, r1], [0.0, r], [0.0, 0.0]],
@@ -44,7 +44,8 @@ pub fn to_cartesian(polar: &[f64; SIZE]) -> ([f64; SIZE], Jacobian) {
     ([pe, pn, ve, vn, ae, an], jacobian)
 }
 
-/// `[p, v, a]` about the radar as `[ρ, ρ', ρ'', θ, θ', θ'']`, θ from 0 to 2π. None at the radar.
+/// Converts `[p, v, a]` relative to the radar to `[ρ, ρ', ρ'', θ, θ', θ'']`, θ from 0 to 2π; `None` at
+/// the radar.
 pub fn to_polar(state: &[f64; SIZE]) -> Option<[f64; SIZE]> {
     let &[x, y, vx, vy, ax, ay] = state;
     let r = (x * x + y * y).sqrt();
@@ -74,7 +75,7 @@ mod tests {
         state
     }
 
-    /// Of the prototype.
+    /// Values of the prototype.
     #[test]
     fn there_and_back() {
         let (found, jacobian) = to_cartesian(&radians(STATE));

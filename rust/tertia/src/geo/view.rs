@@ -1,4 +1,4 @@
-//! What a radar on the earth says of a target, in the system plane: the interface to a tracker.
+//! Plots of a radar on the earth in the system plane: the interface to a tracker.
 //!
 //! ```
 //! use tertia::geo::{Geodetic, LocalFrame, SystemPlane, View};
@@ -12,7 +12,7 @@
 //! let seen = view.see(100e3, 1.05, 10_500.0).unwrap();
 //! let r = seen.covariance([75.0, 1.5e-3, 15.0]);
 //! assert!((r.xx + r.yy).sqrt() < 175.0);
-//! // one without takes a height that is only known to 3 km: 280 m more along the range
+//! // a plot without a height gets one that is known only to 3 km: 280 m more along the range
 //! let r = seen.covariance([75.0, 1.5e-3, 3e3]);
 //! assert!((r.xx + r.yy).sqrt() > 250.0);
 //! ```
@@ -23,12 +23,12 @@ use super::plane::SystemPlane;
 use crate::base::plane::Plane;
 use serde::{Deserialize, Serialize};
 
-/// A radar's site and the plane in which its plots are to be.
+/// The site of a radar, and the plane to which its plots are converted.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct View {
     site: LocalFrame,
     plane: SystemPlane,
-    /// The site in the plane.
+    /// Position of the site in the plane.
     origin: [f64; 2],
 }
 
@@ -37,33 +37,33 @@ pub struct View {
 pub struct Seen {
     /// u and v, m.
     pub position: [f64; 2],
-    /// Derivatives of u and v by range, azimuth (per radian) and height. The last is what a height
-    /// that becomes known later moves the plot by, per metre: about −tan e along the range.
+    /// Derivatives of u and v by range, azimuth (per radian) and height. The last one is the displacement of
+    /// the plot per metre of a height that becomes known later: about −tan e along the range.
     pub by: [[f64; 2]; 3],
-    /// Sine and cosine of the elevation, from the site's horizon.
+    /// Sine and cosine of the elevation, relative to the horizon of the site.
     pub elevation: [f64; 2],
 }
 
 impl View {
-    /// The view of a site.
+    /// Creates the view of a site.
     pub fn new(site: LocalFrame, plane: SystemPlane) -> Self {
         let [u, v, _] = plane.from_ecef(&site.origin);
         Self { site, plane, origin: [u, v] }
     }
 
-    /// Where the site is.
+    /// Returns the place of the site.
     pub fn site(&self) -> Geodetic {
         self.site.place()
     }
 
-    /// The site in the plane, u and v.
+    /// Returns the position of the site in the plane, u and v.
     pub fn origin(&self) -> [f64; 2] {
         self.origin
     }
 
-    /// A plot of slant range, azimuth and height above the ellipsoid, in the plane. None where there
-    /// is no elevation that leads to this height, or straight above the radar: not clamped in
-    /// silence. O(1).
+    /// Converts a plot of slant range, azimuth and height above the ellipsoid to the plane. Returns `None`,
+    /// instead of a clamped position, if there is no elevation for this height or directly above the radar.
+    /// O(1).
     #[inline]
     pub fn see(&self, range: f64, azimuth: f64, height: f64) -> Option<Seen> {
         let sight = self.site.sight(range, azimuth, height)?;
@@ -76,10 +76,10 @@ impl View {
         })
     }
 
-    /// A plot as a radar in a flat plane at the site's u, v and height would measure it: range and
-    /// azimuth that lead to the same position. With a height the range is slant, above that of the
-    /// site; without (nan) it is in the plane, and the target is taken to be `level` high. None as
-    /// for [`View::see`].
+    /// Converts a plot to the range and azimuth that a radar in a flat plane, at the u, v and height of
+    /// the site, would measure at the same position. With a height, the range is the slant range,
+    /// relative to the height of the site; without a height (nan), it is the range in the plane, and the
+    /// target is assumed at the height `level`. `None` as for [`View::see`].
     #[inline]
     pub fn flattened(&self, plot: [f64; 3], level: f64) -> Option<[f64; 2]> {
         let [range, azimuth, height] = plot;
@@ -93,7 +93,7 @@ impl View {
 }
 
 impl Seen {
-    /// `J diag(σ²) J'`, the covariance of the position for standard deviations of range, azimuth and
+    /// Covariance of the position, `J diag(σ²) J'`, for these standard deviations of range, azimuth and
     /// height.
     #[inline]
     pub fn covariance(&self, sigmas: [f64; 3]) -> Plane {

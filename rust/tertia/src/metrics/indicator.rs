@@ -1,16 +1,16 @@
-//! How the correlation of normal variables passes to what is inside and what is outside.
+//! Correlation of indicators (inside or outside a region) of correlated normal variables.
 
 use crate::base::distribution::{chi_square_upper_quantile, ln_gamma, normal_two_sided_quantile};
 use crate::base::error::{Result, require};
 use crate::metrics::lasting::POWERS;
 
-/// Terms of the expansions.
+/// Number of terms of the expansions.
 const TERMS: usize = 200;
 
-/// The x with `P(X ≤ x) = probability` of chi-square with `degrees_of_freedom`.
+/// Returns the x with `P(X ≤ x) = probability` for chi-square with `degrees_of_freedom`.
 ///
 /// # Errors
-/// A probability that is none, or no degrees of freedom.
+/// A probability that is not between 0 and 1, or no degrees of freedom.
 pub fn chi_square_quantile(probability: f64, degrees_of_freedom: usize) -> Result<f64> {
     let holds = probability > 0.0 && probability < 1.0;
     require("probability", probability, holds, "between 0 and 1 (exclusive)")?;
@@ -19,17 +19,18 @@ pub fn chi_square_quantile(probability: f64, degrees_of_freedom: usize) -> Resul
     Ok(chi_square_upper_quantile(1.0 - probability, degrees_of_freedom))
 }
 
-/// Weights of the [`POWERS`] of ρ that make up the correlation of two indicators.
+/// Returns the weights of the [`POWERS`] of ρ whose sum is the correlation of two indicators.
 ///
 /// For `axes` m > 0 the indicators are `Σ z_a² ≤ x`, a = 1…m, of two vectors of standard normal
-/// variables with the correlation ρ on each axis, and x has the content `probability` p. With
-/// Laguerre's polynomials and t = x/2, α = m/2, the correlation is
+/// variables with correlation ρ on each axis; the region contains the `probability` p. With
+/// Laguerre polynomials and t = x/2, α = m/2, the correlation is
 /// `Σ_k ρ^2k [t^α e^-t L_{k−1}^(α)(t)]² Γ(k) / (k Γ(α) Γ(k+α) p (1−p))`.
-/// For m = 0 they are `z ≤ x`, with Hermite's: `Σ_k ρ^k φ(x)² He_{k−1}(x)² / (k! p (1−p))`.
-/// Powers between those kept count as the next lower one, which is more.
+/// For m = 0 the indicators are `z ≤ x`, with Hermite polynomials:
+/// `Σ_k ρ^k φ(x)² He_{k−1}(x)² / (k! p (1−p))`. Powers between those of [`POWERS`] are replaced by the
+/// next lower one, which overestimates the correlation.
 ///
 /// # Errors
-/// A probability that is none.
+/// A probability that is not between 0 and 1.
 pub fn indicator_powers(axes: usize, probability: f64) -> Result<[f64; POWERS.len()]> {
     let holds = probability > 0.0 && probability < 1.0;
     require("probability", probability, holds, "between 0 and 1 (exclusive)")?;
@@ -40,7 +41,7 @@ pub fn indicator_powers(axes: usize, probability: f64) -> Result<[f64; POWERS.le
         let at = POWERS.iter().rposition(|kept| *kept <= power).unwrap_or(0);
         weights[at] += term / spread;
     }
-    // the rest of the expansion
+    // the remainder of the expansion
     weights[POWERS.len() - 1] += (1.0 - weights.iter().sum::<f64>()).max(0.0);
     Ok(weights)
 }
@@ -49,7 +50,7 @@ fn hermite(probability: f64) -> Vec<(i32, f64)> {
     let outside = 2.0 * probability.min(1.0 - probability);
     let x = if outside < 1.0 { normal_two_sided_quantile(outside) } else { 0.0 };
     let density = (-x * x).exp() / std::f64::consts::TAU;
-    // orthonormal: h_k = He_k / √k!
+    // orthonormal polynomials: h_k = He_k / √k!
     let (mut before, mut now) = (0.0, 1.0);
     let mut terms = Vec::with_capacity(TERMS);
     for k in 1..=TERMS as i32 {

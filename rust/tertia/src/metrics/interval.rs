@@ -1,20 +1,20 @@
-//! Intervals of figures of a record that is worth an uncertain number of independent values.
+//! Confidence intervals of figures of a record that is worth an uncertain number of independent values.
 
 use crate::base::distribution::{chi_square_upper_real, normal_two_sided, student_two_sided};
 use crate::base::error::{Result, require};
 
-/// Halvings of an interval: more than the digits of a double.
+/// Number of bisections: more than the bits of a double.
 const HALVINGS: usize = 60;
-/// Models of less probability than this change no printed digit.
+/// Models with a smaller probability than this do not change any printed digit.
 const NEGLIGIBLE: f64 = 1e-9;
 
-/// How many independent values a record may be worth.
+/// Distribution of the number of independent values that a record is worth.
 pub struct Worth<'a> {
-    /// Numbers of values.
+    /// Possible numbers of values.
     pub number: &'a [f64],
-    /// Their probabilities.
+    /// Probabilities of these numbers.
     pub probability: &'a [f64],
-    /// Of the variance from which the numbers come; infinite where it is integrated over.
+    /// Degrees of freedom of the variance from which the numbers result; infinite if it is integrated out.
     pub degrees_of_freedom: f64,
 }
 
@@ -27,13 +27,14 @@ impl Worth<'_> {
         require("number", count, fit, "as many as probabilities, and at least one")
     }
 
-    /// The mean of a function of the number.
+    /// Mean of a function of the number over its distribution.
     fn mean(&self, of: impl Fn(f64) -> f64) -> f64 {
         let models = self.number.iter().zip(self.probability);
         models.filter(|(_, p)| **p > NEGLIGIBLE).map(|(n, p)| p * of(*n)).sum()
     }
 
-    /// `P(T ≤ t)` of a standard normal variable, or of Student's.
+    /// `P(T ≤ t)` of a standard normal variable, or of Student's distribution if the degrees of freedom
+    /// are finite.
     fn lower(&self, t: f64) -> f64 {
         let outside = if self.degrees_of_freedom.is_finite() {
             student_two_sided(t.abs(), self.degrees_of_freedom)
@@ -43,7 +44,7 @@ impl Worth<'_> {
         if t < 0.0 { 0.5 * outside } else { 1.0 - 0.5 * outside }
     }
 
-    /// `P(T ≤ t √n)` over the numbers.
+    /// `P(T ≤ t √n)`, averaged over the numbers n.
     fn lower_of_mean(&self, t: f64) -> f64 {
         if t == 0.0 {
             return 0.5;
@@ -52,14 +53,14 @@ impl Worth<'_> {
     }
 }
 
-/// The interval of the expectation of positive values with this mean and ratio of their variance to
-/// the square of the mean (2/m of chi-square with m degrees of freedom).
+/// Interval of the expectation of positive values with this mean and this ratio of their variance to
+/// the square of their mean (2/m for chi-square with m degrees of freedom).
 ///
-/// The mean of n values counts as that of chi-square with `2 n / ratio` degrees of freedom; with
-/// finite degrees of freedom its logarithm is Student's.
+/// The mean of n values is treated as that of chi-square with `2 n / ratio` degrees of freedom. If the
+/// degrees of freedom of `worth` are finite, its logarithm has Student's distribution.
 ///
 /// # Errors
-/// A level that is none, or numbers that do not fit.
+/// An invalid confidence level, or numbers and probabilities that do not match.
 pub fn mean_interval(
     mean: f64,
     ratio: f64,
@@ -81,10 +82,10 @@ pub fn mean_interval(
     Ok([outside, 1.0 - outside].map(|p| mean * crossing(below, p, [-30.0, 30.0]).exp()))
 }
 
-/// The interval of a probability of which a share was observed: Wilson's (1927), over the numbers.
+/// Interval of a probability from an observed share, by Wilson's method (1927), averaged over the numbers.
 ///
 /// # Errors
-/// A level that is none, or numbers that do not fit.
+/// An invalid confidence level, or numbers and probabilities that do not match.
 pub fn share_interval(share: f64, worth: &Worth, confidence_level: f64) -> Result<[f64; 2]> {
     worth.check(confidence_level)?;
     let outside = 0.5 * (1.0 - confidence_level);
@@ -92,11 +93,12 @@ pub fn share_interval(share: f64, worth: &Worth, confidence_level: f64) -> Resul
     Ok([outside, 1.0 - outside].map(|p| crossing(below, p, [0.0, 1.0])))
 }
 
-/// The shares that may be observed of what has this probability: between the order statistics at
-/// these shares lies the quantile (Woodruff 1952). Not cut to 0…1: beyond, the quantile is unbounded.
+/// Range of shares that may be observed for an event of this probability. The quantile of this probability
+/// lies between the order statistics at these shares (Woodruff 1952). The shares are not limited to 0…1:
+/// beyond this range, the quantile is unbounded.
 ///
 /// # Errors
-/// A level that is none, or numbers that do not fit.
+/// An invalid confidence level, or numbers and probabilities that do not match.
 pub fn rank_interval(probability: f64, worth: &Worth, confidence_level: f64) -> Result<[f64; 2]> {
     worth.check(confidence_level)?;
     let holds = probability > 0.0 && probability < 1.0;
@@ -108,7 +110,7 @@ pub fn rank_interval(probability: f64, worth: &Worth, confidence_level: f64) -> 
     Ok([outside, 1.0 - outside].map(|p| crossing(below, p, bounds)))
 }
 
-/// Where a rising function crosses a value, by halving.
+/// Finds where an increasing function has a value, by bisection.
 fn crossing(rising: impl Fn(f64) -> f64, value: f64, [mut low, mut high]: [f64; 2]) -> f64 {
     for _ in 0..HALVINGS {
         let middle = 0.5 * (low + high);
@@ -125,7 +127,7 @@ mod tests {
     const WORTH: Worth =
         Worth { number: &[50.0], probability: &[1.0], degrees_of_freedom: f64::INFINITY };
 
-    /// Wilson's interval of 45 of 50, in closed form.
+    /// Wilson's interval for 45 of 50, in closed form.
     #[test]
     fn wilson() {
         let [low, high] = share_interval(0.9, &WORTH, 0.95).unwrap();
@@ -133,7 +135,7 @@ mod tests {
         assert_within(1e-12, high, 0.9565242350681096);
     }
 
-    /// A share's interval and the ranks of its bounds are inverse to each other.
+    /// The interval of a share and the ranks of its bounds are inverse to each other.
     #[test]
     fn ranks_invert_shares() {
         let [_, high] = share_interval(0.9, &WORTH, 0.95).unwrap();

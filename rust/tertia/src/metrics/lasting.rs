@@ -1,18 +1,18 @@
-//! How long errors last.
+//! Estimation of how long errors last.
 
 use crate::base::error::{Result, require};
 
-/// Shares of the variance that last; the rest is new in each row.
+/// Assumed shares of the variance that are correlated; the rest is new in each row.
 const SHARES: [f64; 8] = [0.05, 0.12, 0.22, 0.35, 0.5, 0.7, 0.9, 1.0];
-/// The shortest correlation length, in steps, and the ratio of successive ones.
+/// Shortest correlation length, in steps, and the ratio of successive lengths.
 const SHORTEST: f64 = 0.3;
 const RATIO: f64 = 1.4;
-/// Smooth errors are thinned until their correlation falls below this: from row to row they hardly
-/// change, which a Gauss–Markov process takes for a long correlation.
+/// Smooth errors are thinned until their correlation falls below this value. From row to row they hardly
+/// change, which a Gauss–Markov process would explain by a long correlation.
 const CORRELATED: f64 = 0.6;
-/// A series keeps at least so many rows.
+/// Smallest number of rows of a series after thinning.
 const LEAST: usize = 10;
-/// Products below this are turned into logarithms.
+/// Products are converted to logarithms when they fall below this.
 const SMALL: f64 = 1e-200;
 /// Prior probability that all errors are independent.
 const INDEPENDENT: f64 = 0.5;
@@ -20,33 +20,33 @@ const INDEPENDENT: f64 = 0.5;
 /// Powers of the correlation whose sums are returned.
 pub const POWERS: [i32; 8] = [1, 2, 3, 4, 6, 8, 12, 16];
 
-/// Models of how long errors last.
+/// Models of the duration of errors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lasting {
     /// Posterior probability of each model.
     pub probability: Vec<f64>,
-    /// `1 + 2/N Σ_{i<j} ρ_ij^k` for the powers k of [`POWERS`]: rows that are worth one independent
-    /// value of a function whose correlation is `ρ^k`.
+    /// `1 + 2/N Σ_{i<j} ρ_ij^k` for the powers k of [`POWERS`]: the number of rows that are worth one
+    /// independent value of a function whose correlation is `ρ^k`.
     pub rows_per_value: Vec<[f64; POWERS.len()]>,
 }
 
-/// The posterior of models in which a share s of the variance is a Gauss–Markov process of
-/// correlation length l, and the rest is white: `ρ_j = s exp(−j/l)`, j > 0.
+/// Computes the posterior of models in which a share s of the variance is a Gauss–Markov process of
+/// correlation length l and the rest is white: `ρ_j = s exp(−j/l)`, j > 0.
 ///
-/// `errors` has `axes` numbers a row, of mean 0 and any scale, whose axes are independent and of
-/// the same model; `gaps` are the steps since the row before, not positive where a series begins.
-/// The scale of each axis is integrated out (prior 1/σ). Half of the prior is on independence, the
-/// rest is flat in exp(−1/l) and s.
+/// `errors` has `axes` numbers per row, with mean 0 and any scale; the axes are independent and follow
+/// the same model. `gaps` contains the steps since the previous row, which are not positive where a
+/// series begins. The scale of each axis is integrated out (prior 1/σ). Half of the prior is on
+/// independence; the rest is flat in exp(−1/l) and s.
 ///
-/// Rows are thinned to every k-th until their correlation is moderate, so that smooth errors, which
-/// are no Gauss–Markov process, are judged where they change. The likelihood is the geometric mean of
-/// those of the k phases; the prior is flat in exp(−k/l), and none on independence.
+/// The rows are thinned to every k-th until their correlation is moderate, so that smooth errors, which
+/// are not a Gauss–Markov process, are assessed over steps in which they change. The likelihood is then the
+/// geometric mean over the k phases; the prior is flat in exp(−k/l), with no share on independence.
 ///
-/// Cost O(N axes) a model, 0.3 s for 10^5 rows of two axes; there are 8 models for each of the
+/// Cost O(N axes) per model, 0.3 s in total for 10^5 rows of two axes; there are 8 models for each of the
 /// lengths from 0.3 to 2 N by factors of 1.4.
 ///
 /// # Errors
-/// Numbers of rows that do not fit, or none.
+/// Numbers of rows that do not match, or no rows.
 pub fn lasting(errors: &[f64], axes: usize, gaps: &[f64]) -> Result<Lasting> {
     let n = gaps.len();
     let fits = axes > 0 && n > 0 && errors.len() == n * axes;
@@ -55,9 +55,9 @@ pub fn lasting(errors: &[f64], axes: usize, gaps: &[f64]) -> Result<Lasting> {
     let thin: Vec<f64> =
         order.iter().flat_map(|row| &errors[row * axes..][..axes]).copied().collect();
     let thin_gaps = gaps_between(gaps, &order, step);
-    // as many records as phases, which tell hardly more than one of them
+    // there are as many records as phases, but together they contain hardly more information than one
     let copies = step as f64;
-    // what had to be thinned is not independent
+    // errors that must be thinned are not independent
     let independent = if step > 1 { 0.0 } else { INDEPENDENT };
     let white = independent.ln() + marginal(&squares(errors, axes), n, 0.0);
     let (mut ln_weights, mut rows_per_value) = (vec![white], vec![[1.0; POWERS.len()]]);
@@ -65,7 +65,7 @@ pub fn lasting(errors: &[f64], axes: usize, gaps: &[f64]) -> Result<Lasting> {
     let mut length = SHORTEST * copies;
     let longest = 2.0 * n as f64;
     while length < longest {
-        // the mass of a flat prior between the middles of neighbours
+        // prior mass between the midpoints to the neighbouring lengths
         let mass =
             (-copies / (length * RATIO.sqrt())).exp() - (-copies * RATIO.sqrt() / length).exp();
         run.decay(gaps, length);
@@ -94,8 +94,9 @@ fn begins(gap: f64) -> bool {
     gap.is_nan() || gap <= 0.0
 }
 
-/// Every how many rows the correlation has fallen below [`CORRELATED`], and the rows in that order:
-/// for each series those of the first phase, then those of the second, ...
+/// Returns the step to every how many rows the errors are thinned, so that their correlation is below
+/// [`CORRELATED`], and the order of rows: for each series those of the first phase, then those of the
+/// second, ...
 fn thinned(errors: &[f64], axes: usize, gaps: &[f64]) -> (usize, Vec<usize>) {
     let mut starts: Vec<usize> = (0..gaps.len()).filter(|row| begins(gaps[*row])).collect();
     if starts.first() != Some(&0) {
@@ -125,7 +126,7 @@ fn thinned(errors: &[f64], axes: usize, gaps: &[f64]) -> (usize, Vec<usize>) {
     (step, order.collect())
 }
 
-/// The steps from each row to the one `step` rows before, 0 where there is none.
+/// Steps from each row to the row `step` before it in the series; 0 if there is none.
 fn gaps_between(gaps: &[f64], order: &[usize], step: usize) -> Vec<f64> {
     let mut begin = 0;
     let sums: Vec<f64> = gaps
@@ -141,7 +142,7 @@ fn gaps_between(gaps: &[f64], order: &[usize], step: usize) -> Vec<f64> {
     order.iter().map(|row| sums[*row]).collect()
 }
 
-/// The sum of squares of each axis.
+/// Sum of squares of each axis.
 fn squares(errors: &[f64], axes: usize) -> Vec<f64> {
     let mut sums = vec![0.0; axes];
     for row in errors.chunks_exact(axes) {
@@ -152,7 +153,7 @@ fn squares(errors: &[f64], axes: usize) -> Vec<f64> {
     sums
 }
 
-/// Log likelihood, the scales integrated out: `−m/2 Σ ln S − N/2 Σ ln rss` of m axes.
+/// Log likelihood with the scales integrated out: `−m/2 Σ ln S − N/2 Σ ln rss` for m axes.
 fn marginal(rss: &[f64], n: usize, ln_variances: f64) -> f64 {
     let of = |rss: &f64| ln_variances + n as f64 * rss.max(f64::MIN_POSITIVE).ln();
     -0.5 * rss.iter().map(of).sum::<f64>()
@@ -174,7 +175,7 @@ fn pairs(factor: &[f64]) -> [f64; POWERS.len()] {
     sums
 }
 
-/// A number for each of the [`SHARES`], which run side by side.
+/// One number for each of the [`SHARES`], which are processed in parallel.
 type Lanes = [f64; SHARES.len()];
 
 const NONE: Lanes = [0.0; SHARES.len()];
@@ -186,14 +187,14 @@ struct Run {
 }
 
 impl Run {
-    /// The factors `exp(−gap/l)`, 0 where a series begins.
+    /// Computes the factors `exp(−gap/l)`; 0 where a series begins.
     fn decay(&mut self, gaps: &[f64], length: f64) {
         for (factor, gap) in self.factor.iter_mut().zip(gaps) {
             *factor = if begins(*gap) { 0.0 } else { (-gap / length).exp() };
         }
     }
 
-    /// Kalman filter of the process in white noise, in units of the whole variance.
+    /// Kalman filter of the process in white noise, in units of the total variance.
     fn marginals(&mut self, errors: &[f64]) -> Lanes {
         let Self { factor, state, rss } = self;
         rss.fill(NONE);
@@ -207,7 +208,7 @@ impl Run {
                 weight[k] = 1.0 / total;
                 gain[k] = variance[k] * weight[k];
                 variance[k] *= 1.0 - gain[k];
-                // the logarithm of a product costs less than the sum of logarithms
+                // the logarithm of a product is cheaper than the sum of logarithms
                 product[k] *= total;
             }
             for ((error, state), rss) in row.iter().zip(&mut *state).zip(&mut *rss) {
@@ -236,7 +237,7 @@ impl Run {
 mod tests {
     use super::*;
 
-    /// An alternating series is independent of what was before, as far as positive correlation goes.
+    /// An alternating series counts as independent, because only positive correlations are modelled.
     #[test]
     fn a_series_that_alternates_is_not_taken_to_last() {
         let errors: Vec<f64> = (0..60).map(|k| if k % 2 == 0 { 1.0 } else { -1.0 }).collect();

@@ -1,7 +1,7 @@
-//! Points and bursts: single outliers and runs of outliers on one side, found together.
+//! Joint detection of points (single outliers) and bursts (runs of outliers on the same side).
 //!
-//! Collective and point anomaly detection (Fisch, Eckley, Fearnhead 2022) for a change in mean,
-//! started from median and MAD, solved exactly by dynamic programming.
+//! Collective and point anomaly detection (Fisch, Eckley, Fearnhead 2022) for a change in mean.
+//! It starts with median and MAD, and is solved exactly by dynamic programming.
 
 use super::summary::Summary;
 use crate::base::angle::median;
@@ -9,20 +9,20 @@ use crate::base::error::{Result, require, require_correlation, require_sample};
 use crate::base::moments::Moments;
 use pulp::{Simd, WithSimd};
 
-/// MAD of the normal distribution to its standard deviation.
+/// Ratio of the standard deviation of a normal distribution to its MAD.
 const MAD_TO_SIGMA: f64 = 1.4826;
-/// Most refits of centre and scale.
+/// Largest number of refits of centre and scale.
 const MAX_ITERATIONS: usize = 3;
 /// If fewer values than this, or than a quarter of the sample, would be left, nothing is flagged.
 const MIN_KEPT: usize = 5;
-/// Shorter samples get the penalties of this many values: median and MAD of a few values are so
+/// Shorter samples get the penalties of this many values. Median and MAD of a few values are so
 /// uncertain that with ln N itself one good value in twenty would be flagged.
 const FEWEST_FOR_PENALTY: usize = 30;
-/// Longer than any burst; the table of lengths must fit into memory.
+/// Limit of the length of bursts; the table of lengths must fit into memory.
 const LONGEST_BURST: usize = 100_000;
-/// Larger penalties and steps would overflow.
+/// Largest penalty and rounding step; larger ones would overflow.
 const LARGEST: f64 = 1e100;
-/// Scores are cut here, so that their squares stay finite.
+/// Largest score; scores are clamped so that their squares remain finite.
 const MAX_SCORE: f64 = 1e150;
 
 /// Parameters of the detection, validated.
@@ -33,7 +33,7 @@ pub struct BurstRule {
     min_length: usize,
     max_length: usize,
     rounding: f64,
-    /// 1/(l φ_l) for l = max_length ..= 1, φ_l the variance inflation of a sum of l values.
+    /// 1/(l φ_l) for l = max_length ..= 1, where φ_l is the variance inflation of a sum of l values.
     inverse_lengths: Vec<f64>,
 }
 
@@ -43,10 +43,11 @@ pub struct BurstWorkspace {
     score: Vec<f64>,
     /// Sum of the scores from each start to the current value.
     sum: Vec<f64>,
-    /// Best total before each start, less the best total so far.
+    /// Best total before each start, relative to the best total so far.
     total: Vec<f64>,
     gain: Vec<f64>,
-    /// Length of the point or burst that ends at each value in the best solution so far, 0: none.
+    /// Length of the point or burst that ends at each value in the best solution so far; 0 if none ends
+    /// there.
     length: Vec<usize>,
     kept: Vec<f64>,
     /// Rounding step of the measurements, zero if unknown.
@@ -54,9 +55,9 @@ pub struct BurstWorkspace {
 }
 
 impl BurstRule {
-    /// A rule with penalties in units of ln N per point and per burst, burst lengths from
-    /// `min_length` to `max_length`, lag-one `correlation` of the noise and `rounding` step of
-    /// the measurements (0: none, or unknown).
+    /// Creates a rule with penalties in units of ln N per point and per burst, burst lengths from
+    /// `min_length` to `max_length`, the lag-one `correlation` of the noise and the `rounding` step of
+    /// the measurements (0: not rounded, or unknown).
     ///
     /// # Errors
     /// A parameter outside its domain.
@@ -89,7 +90,7 @@ impl BurstRule {
         })
     }
 
-    /// Marks points and bursts. O(N · max_length).
+    /// Flags points and bursts. O(N · max_length).
     ///
     /// ```
     /// use tertia::screening::{BurstRule, BurstWorkspace};
@@ -105,7 +106,7 @@ impl BurstRule {
     /// ```
     ///
     /// # Errors
-    /// Fewer than 3 values, a value that is not finite, deviations out of range.
+    /// Fewer than 3 values, a value that is not finite, or deviations out of range.
     ///
     /// # Panics
     /// If the slices differ in length.
@@ -138,7 +139,7 @@ impl BurstRule {
         Ok(Summary::of_moments(&kept, (self.point_penalty * ln_n).sqrt() * scale))
     }
 
-    /// As [`BurstRule::detect`], and writes the cleaned sample (nan in place of outliers).
+    /// [`BurstRule::detect`] that also writes the cleaned sample (nan in place of outliers).
     ///
     /// # Errors
     /// As [`BurstRule::detect`].
@@ -160,8 +161,7 @@ impl BurstRule {
         Ok(summary)
     }
 
-    /// Median and MAD, or [`BurstRule::start_of_ties`] where the MAD is zero; stores the rounding
-    /// step.
+    /// Median and MAD, or [`BurstRule::start_of_ties`] if the MAD is zero; stores the rounding step.
     fn start(&self, y: &[f64], workspace: &mut BurstWorkspace) -> Result<(f64, f64)> {
         let n = y.len() as f64;
         let deviations = &mut workspace.kept;
@@ -179,9 +179,10 @@ impl BurstRule {
         self.start_of_ties(y, centre, workspace)
     }
 
-    /// More than half of the measurements equal `centre`. If they are rounded, those one step away
-    /// are as good, so both determine centre and scale. If the step is unknown, it is taken from the
-    /// nearest different measurement, and the scale is at least the mean absolute deviation.
+    /// Centre and scale if more than half of the measurements equal `centre`. If measurements are rounded,
+    /// those one step away are equally good, so both values determine centre and scale. If the step is
+    /// unknown, it is the distance of the nearest different measurement, and the scale is at least the
+    /// mean absolute deviation.
     fn start_of_ties(
         &self,
         y: &[f64],
@@ -207,10 +208,10 @@ impl BurstRule {
         Ok((near.mean(), near.variance().sqrt().hypot(rounding).max(floor)))
     }
 
-    /// The best partition into normal values, points and bursts:
+    /// Finds the best partition into normal values, points and bursts:
     /// `C[t] = max(C[t−1], C[t−1] + x_t² − β_p, max_l C[t−l] + (x_{t−l+1}+…+x_t)²/(l φ_l) − β_c)`.
-    /// Ties: normal before point before the longest burst. Totals are relative to the latest one, so
-    /// that an enormous value does not cost the later ones their digits.
+    /// Of equal totals, a normal value is preferred to a point, and a point to the longest burst. Totals are
+    /// relative to the latest one, so that an enormous value does not cost the later ones their digits.
     #[inline(always)]
     fn solve(&self, ln_n: f64, workspace: &mut BurstWorkspace) {
         let (point_cost, burst_cost) = (self.point_penalty * ln_n, self.burst_penalty * ln_n);
@@ -265,7 +266,8 @@ impl WithSimd for Solve<'_> {
     }
 }
 
-/// The largest value, −∞ if there is none; in lanes, because a single maximum is a chain.
+/// Largest value, −∞ if there is none; in several lanes, because a single maximum is a chain of dependent
+/// steps.
 #[inline(always)]
 fn largest(values: &[f64]) -> f64 {
     let larger = |a: f64, b: f64| if b > a { b } else { a };
@@ -283,7 +285,7 @@ fn largest(values: &[f64]) -> f64 {
     best
 }
 
-/// Four slices in step.
+/// Iterates over four slices in parallel.
 #[inline(always)]
 fn izip<'a>(
     sums: &'a mut [f64],
@@ -295,8 +297,8 @@ fn izip<'a>(
     pairs.zip(weights.iter().zip(totals)).map(|((s, g), (w, c))| (s, g, w, c))
 }
 
-/// `1/(l φ_l)` for l = longest ..= 1, where `φ_l = 1 + 2 Σ_{j<l} (1 − j/l) ρ^j` is the variance of the
-/// mean of l values of an AR(1) process over that of white noise. O(longest).
+/// `1/(l φ_l)` for l = longest ..= 1, where `φ_l = 1 + 2 Σ_{j<l} (1 − j/l) ρ^j` is the ratio of the variance
+/// of the mean of l values of an AR(1) process to that for white noise. O(longest).
 fn inverse_lengths(correlation: f64, longest: usize) -> Vec<f64> {
     // Σ ρ^j and Σ j ρ^j over j < l
     let (mut sum, mut first_moment, mut power) = (0.0, 0.0, 1.0);
@@ -313,7 +315,7 @@ fn inverse_lengths(correlation: f64, longest: usize) -> Vec<f64> {
 }
 
 impl BurstWorkspace {
-    /// Standard deviation of the rounding of the readings.
+    /// Standard deviation of the rounding errors of the measurements.
     fn rounding_sigma(&self) -> f64 {
         self.step / 12_f64.sqrt()
     }
@@ -334,7 +336,8 @@ impl BurstWorkspace {
         }
     }
 
-    /// Moments of what is not flagged; of everything, and no flags, where too little is left.
+    /// Moments of the values that are not flagged. If too few are left, removes all flags and uses all
+    /// values.
     fn refit(&mut self, y: &[f64], outlier: &mut [bool]) -> Result<Moments> {
         self.kept.clear();
         let pairs = y.iter().zip(&*outlier);
@@ -379,7 +382,7 @@ mod tests {
         assert!(flagged <= 15, "{flagged}");
     }
 
-    /// `1 + 2 Σ (1 − j/l) ρ^j` summed directly.
+    /// Sums `1 + 2 Σ (1 − j/l) ρ^j` directly.
     #[test]
     fn inflation_of_correlated_means() {
         for rho in [-0.5, 0.0, 0.3, 0.9] {

@@ -1,4 +1,4 @@
-//! Tests of a single value, of the most deviating one, and of the largest variance.
+//! Tests of a single value, of the most deviating value, and of the largest variance.
 
 use super::others::moments_of_others;
 use crate::base::distribution::{
@@ -11,7 +11,7 @@ use crate::base::error::{
 };
 use crate::base::moments::Moments;
 
-/// A test statistic and the probability of a more extreme one without outliers.
+/// A test statistic with its p-value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OutlierTest {
     /// The test statistic.
@@ -20,30 +20,31 @@ pub struct OutlierTest {
     pub pvalue: f64,
 }
 
-/// The tests whose thresholds [`critical_value`] gives; `n` is the number that follows the name.
+/// The tests with a [`critical_value`]; `n` has the meaning stated for each test.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Test {
-    /// (R1): a value against n others, sigma known.
+    /// (R1): a value against n others with known sigma.
     ZTest,
-    /// (R2), (R3): a value against n others, sigma estimated from them.
+    /// (R2), (R3): a value against n others, from which sigma is estimated.
     TTest,
-    /// (M4): a value against the others of a sample of n.
+    /// (M4): a value against the other values of a sample of n.
     LeaveOneOut,
-    /// (M1) for a value chosen beforehand, n with it (Thompson's τ).
+    /// (M1) for a value chosen beforehand, in a sample of n including this value (Thompson's τ).
     ThompsonTau,
-    /// The most deviating value of n.
+    /// The most deviating of n values.
     Grubbs,
-    /// The largest of n variances, as a share of their sum; each with these degrees of freedom.
+    /// The largest of n variances as a share of their sum; each has these degrees of freedom.
     Cochran(f64),
 }
 
-/// Threshold of `test` at this significance for sample size `n`.
+/// Returns the threshold of `test` at this significance for sample size `n`.
 ///
-/// Exact, except for `Grubbs` and `Cochran`: there the significance is Bonferroni's, exact as long as two
-/// values cannot exceed the threshold at once (G > √((N−1)/2), C > 1/2), else not above `significance`.
+/// Exact, except for `Grubbs` and `Cochran`, which use Bonferroni's bound. The bound is exact as long as two
+/// values cannot exceed the threshold at once (G > √((N−1)/2), C > 1/2); otherwise the false-alarm rate is
+/// at most `significance`.
 ///
 /// # Errors
-/// n too small for the test, or a significance outside (0, 1).
+/// If n is too small for the test, or the significance is outside (0, 1).
 pub fn critical_value(n: usize, significance: f64, test: Test) -> Result<f64> {
     require_significance(significance)?;
     require("n", n as f64, n >= minimum(test), minimum_text(test))?;
@@ -70,7 +71,7 @@ pub fn critical_value(n: usize, significance: f64, test: Test) -> Result<f64> {
 /// [`critical_value`].
 ///
 /// # Errors
-/// n too small for the test, or k ≤ 0.
+/// If n is too small for the test, or k ≤ 0.
 pub fn false_alarm_probability(k: f64, n: usize, test: Test) -> Result<f64> {
     require_positive("k", k)?;
     require("n", n as f64, n >= minimum(test), minimum_text(test))?;
@@ -89,7 +90,7 @@ pub fn false_alarm_probability(k: f64, n: usize, test: Test) -> Result<f64> {
     })
 }
 
-/// Above the upper limit the tails lose more than four digits.
+/// Requires valid degrees of freedom; above the upper limit the tails lose more than four digits.
 fn require_degrees(degrees: f64) -> Result<()> {
     let holds = (1.0..=1e9).contains(&degrees);
     require("degrees_of_freedom", degrees, holds, "between 1 and 1e9")
@@ -113,7 +114,7 @@ fn minimum_text(test: Test) -> &'static str {
 
 /// `τ = t (N−1) / √(N (N−2+t²))`.
 fn tau(t: f64, n: f64) -> f64 {
-    // divided by t, whose square may overflow
+    // in terms of 1/t², because t² may overflow
     (n - 1.0) / (n * (1.0 + (n - 2.0) / (t * t))).sqrt()
 }
 
@@ -138,11 +139,11 @@ fn pvalue_against(others: &Moments, x: f64) -> f64 {
     student_two_sided(t, n - 1.0)
 }
 
-/// Is `x` an outlier against n others with these moments, with known sigma (R1)?
+/// Tests whether `x` is an outlier against n others with these moments and known sigma (R1):
 /// `t = |x − ȳ| / (σ √((n+1)/n))`. O(1).
 ///
 /// # Errors
-/// No others, an x that is not finite, sigma ≤ 0.
+/// No other values, an x that is not finite, or sigma ≤ 0.
 pub fn z_test(x: f64, others: &Moments, sigma: f64) -> Result<OutlierTest> {
     require_positive("sigma", sigma)?;
     require_others(x, others, 1)?;
@@ -151,18 +152,18 @@ pub fn z_test(x: f64, others: &Moments, sigma: f64) -> Result<OutlierTest> {
     Ok(OutlierTest { statistic, pvalue: normal_two_sided(statistic) })
 }
 
-/// Is `x` an outlier against n others with these moments, with estimated sigma (R2), (R3)?
+/// Tests whether `x` is an outlier against n others with these moments and estimated sigma (R2), (R3):
 /// `t = |x − ȳ| / s`. O(1).
 ///
 /// # Errors
-/// Fewer than two others, or an x that is not finite.
+/// Fewer than two other values, or an x that is not finite.
 pub fn t_test(x: f64, others: &Moments) -> Result<OutlierTest> {
     require_others(x, others, 2)?;
     let statistic = standardised(others, x);
     Ok(OutlierTest { statistic, pvalue: pvalue_against(others, x) })
 }
 
-/// `|x − M| / √D`, zero where x is the mean of a constant sample.
+/// `|x − M| / √D`; zero if x is the mean of a constant sample.
 fn standardised(moments: &Moments, x: f64) -> f64 {
     match moments.deviation(x).abs() {
         0.0 => 0.0,
@@ -175,11 +176,11 @@ fn require_others(x: f64, others: &Moments, minimum: usize) -> Result<()> {
     require_finite("x", &[x])
 }
 
-/// Thompson's τ of every value, `|y_i − M| / √D`, and its p-value as if it had been chosen
+/// Computes Thompson's τ of every value, `|y_i − M| / √D`, and its p-value for a value chosen
 /// beforehand. O(N).
 ///
 /// # Errors
-/// Fewer than 3 values, a value that is not finite, deviations out of range.
+/// Fewer than 3 values, a value that is not finite, or deviations out of range.
 ///
 /// # Panics
 /// If the slices differ in length.
@@ -196,11 +197,11 @@ pub fn thompson_tau(y: &[f64], statistic: &mut [f64], pvalue: &mut [f64]) -> Res
     Ok(())
 }
 
-/// Grubbs' test: index of the most deviating value, `G = |y_i − M| / √D` and its two-sided p-value
-/// (Bonferroni, exact while G > √((N−1)/2)). O(N).
+/// Grubbs' test: returns the index of the most deviating value, `G = |y_i − M| / √D` and its two-sided
+/// p-value (Bonferroni's bound, exact if G > √((N−1)/2)). O(N).
 ///
 /// # Errors
-/// Fewer than 3 values, a value that is not finite, deviations out of range.
+/// Fewer than 3 values, a value that is not finite, or deviations out of range.
 pub fn grubbs(y: &[f64]) -> Result<(usize, OutlierTest)> {
     require_sample("y", y, 3)?;
     let moments = Moments::of("y", y)?;
@@ -211,11 +212,11 @@ pub fn grubbs(y: &[f64]) -> Result<(usize, OutlierTest)> {
     Ok((index, OutlierTest { statistic, pvalue }))
 }
 
-/// Cochran's test: index of the largest of L variances, its share C of their sum, and the p-value
-/// (Bonferroni, exact while C > 1/2). O(L).
+/// Cochran's test: returns the index of the largest of L variances, its share C of their sum, and the
+/// p-value (Bonferroni's bound, exact if C > 1/2). O(L).
 ///
 /// # Errors
-/// Fewer than 2 variances, one that is negative or not finite, or all zero; degrees of freedom
+/// Fewer than 2 variances, a variance that is negative or not finite, only zeros, or degrees of freedom
 /// below 1.
 pub fn cochran(variances: &[f64], degrees_of_freedom: f64) -> Result<(usize, OutlierTest)> {
     require_sample("variances", variances, 2)?;
@@ -234,8 +235,8 @@ pub fn cochran(variances: &[f64], degrees_of_freedom: f64) -> Result<(usize, Out
     Ok((index, OutlierTest { statistic: 1.0 / (1.0 + others), pvalue }))
 }
 
-/// P-value of one variance of `count`, `d` with `nu` degrees of freedom, against the pooled others,
-/// whose sum of squares is `sum_others · nu` with `nu_others`.
+/// P-value of one of `count` variances, `d` with `nu` degrees of freedom, against the pooled others,
+/// whose sum of squares is `sum_others · nu` with `nu_others` degrees of freedom.
 pub(crate) fn extreme_variance_pvalue(
     d: f64,
     nu: f64,
@@ -250,7 +251,7 @@ pub(crate) fn extreme_variance_pvalue(
     (count * fisher_upper(d / pooled, nu, nu_others)).min(1.0)
 }
 
-/// Index of the first largest value.
+/// Index of the largest value; of equal values, the first.
 fn index_of_largest(values: impl Iterator<Item = f64>) -> usize {
     let mut best = (0, f64::NEG_INFINITY);
     for (i, v) in values.enumerate() {
@@ -279,7 +280,7 @@ mod tests {
         assert_close(unknown.pvalue, 0.020_804_163_965_268_6);
     }
 
-    /// The leave-one-out rule and (R3) with n − 1 others are one test.
+    /// The leave-one-out rule and (R3) with n − 1 others are the same test.
     #[test]
     fn leave_one_out_is_a_t_test_with_one_fewer() {
         for n in [3, 10, 1000] {

@@ -1,22 +1,22 @@
-//! The classical rule (M1): each value against the mean and variance of the whole sample.
+//! The classical rule (M1): compares each value with the mean and variance of the whole sample.
 
 use super::others::moments_of_cleaned;
 use super::summary::Summary;
 use crate::base::error::{Error, Result, require_positive, require_sample};
 use crate::base::moments::Moments;
 
-/// What replaces an outlier.
+/// Replacement of an outlier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Replacement {
-    /// Mean of the nearest good values on both sides (at an end of the sample: the one there is).
+    /// Mean of the nearest good values on both sides (at an end of the sample: the only one).
     Neighbours,
-    /// Mean of the whole sample, outliers included.
+    /// Mean of the whole sample, including outliers.
     Mean,
-    /// Nothing: the value is excluded.
+    /// No replacement: the value is excluded.
     Excluded,
 }
 
-/// The k-sigma rule, and what it does with outliers.
+/// The k-sigma rule with its treatment of outliers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KSigmaRule {
     k: f64,
@@ -24,7 +24,7 @@ pub struct KSigmaRule {
 }
 
 impl KSigmaRule {
-    /// A rule that flags y_i if `|y_i − M| > k √D`.
+    /// Creates a rule that flags y_i if `|y_i − M| > k √D`.
     ///
     /// # Errors
     /// k ≤ 0.
@@ -33,7 +33,7 @@ impl KSigmaRule {
         Ok(Self { k, replacement })
     }
 
-    /// Screens `y`: marks outliers and writes the cleaned sample (nan where excluded). O(N).
+    /// Screens `y`: flags outliers and writes the cleaned sample (nan for excluded values). O(N).
     ///
     /// # Errors
     /// Fewer than 2 values, a value that is not finite, deviations out of range, or too few left.

@@ -1,20 +1,20 @@
-//! The leave-one-out rule (M2)–(M4): each value against the mean and variance of the others.
+//! The leave-one-out rule (M2)–(M4): compares each value with the mean and variance of the others.
 
 use super::others::{MIN_COUNT, moments_of_cleaned, moments_of_kept, moments_of_others};
 use super::summary::Summary;
 use crate::base::error::{Result, require, require_positive, require_sample};
 use crate::base::moments::Moments;
 
-/// Repeated passes that replace outliers consume the whole sample below k = 2.1617; refused below
-/// this.
+/// Smallest k for several passes that replace outliers. Below k = 2.1617, repeated passes consume the whole
+/// sample.
 const MIN_K_REPLACING_PASSES: f64 = 2.5;
-/// Repeated passes that exclude outliers do so below √3.
+/// Smallest k for several passes that exclude outliers. Below √3, they consume the whole sample.
 const MIN_K_EXCLUDING_PASSES: f64 = 1.732_050_807_568_877_2;
 
 /// The mean and variance with which the values of one pass are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Statistics {
-    /// Those of the sample as cleaned so far, as in the paper.
+    /// Those of the sample cleaned up to the current value, as in the paper.
     Sequential,
     /// Those of the sample at the start of the pass.
     Frozen,
@@ -29,7 +29,7 @@ pub enum Direction {
     Backward,
 }
 
-/// `N (N−2)/k² + N − 1`: divided by k², which may overflow but must not be zero.
+/// `N (N−2)/k² + N − 1`. The division allows k² to overflow; the lower bound of k keeps k² from being zero.
 #[inline(always)]
 fn room(k: f64, n: f64) -> f64 {
     const SMALLEST_K: f64 = 1e-150;
@@ -37,14 +37,14 @@ fn room(k: f64, n: f64) -> f64 {
     n * (n - 2.0) / (k * k) + (n - 1.0)
 }
 
-/// The rule is `|y_i − M| > c √D` with `c = k (N−1)^(3/2) / √(N [N(N−2) + k²(N−1)])`; this is c √D.
+/// Returns c √D of the rule `|y_i − M| > c √D`, `c = k (N−1)^(3/2) / √(N [N(N−2) + k²(N−1)])`.
 #[inline(always)]
 pub(super) fn threshold(k: f64, moments: &Moments) -> f64 {
     let n = moments.count();
     (n - 1.0) * (moments.sum_of_squares() / (n * room(k, n))).sqrt()
 }
 
-/// The leave-one-out rule, and what it does with outliers.
+/// The leave-one-out rule with its treatment of outliers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LeaveOneOutRule {
     k: f64,
@@ -55,11 +55,12 @@ pub struct LeaveOneOutRule {
 }
 
 impl LeaveOneOutRule {
-    /// A rule that flags y_i if `|M'_i − y_i| > k √D'_i` and replaces it by M'_i or,
+    /// Creates a rule that flags y_i if `|M'_i − y_i| > k √D'_i` and replaces it by M'_i or,
     /// without `replace`, excludes it.
     ///
     /// # Errors
-    /// k ≤ 0, no pass, or several passes with a k at which they would consume the whole sample.
+    /// If k ≤ 0, if there is no pass, or for several passes with a k at which they would consume the
+    /// whole sample.
     pub fn try_new(
         k: f64,
         statistics: Statistics,
@@ -79,8 +80,8 @@ impl LeaveOneOutRule {
         Ok(Self { k, statistics, direction, replace, passes })
     }
 
-    /// Screens `y`: marks outliers and writes the cleaned sample (nan where excluded).
-    /// O(N) a pass; each of the few values that dominate the sum of squares costs O(N) more.
+    /// Screens `y`: flags outliers and writes the cleaned sample (nan for excluded values).
+    /// O(N) per pass; each of the few values that dominate the sum of squares costs an additional O(N).
     ///
     /// # Errors
     /// Fewer than 3 values, a value that is not finite, deviations out of range, or fewer than 2
@@ -145,8 +146,8 @@ impl LeaveOneOutRule {
         Ok(!replacements.is_empty())
     }
 
-    /// A flagged value changes the statistics to exactly M ← M'_i, SS ← SS'_i, so between two
-    /// flagged values the pass is a search for the next value outside a fixed band.
+    /// A flagged value changes the statistics to exactly M ← M'_i, SS ← SS'_i. Between two flagged values,
+    /// the pass is therefore a search for the next value outside a fixed band.
     fn sequential_pass(
         &self,
         mut moments: Moments,
@@ -165,7 +166,7 @@ impl LeaveOneOutRule {
             let mut others = moments_of_others(cleaned, i, &moments, scratch)?;
             cleaned[i] = f64::NAN;
             if others.sum_of_squares() < 0.5 * reference {
-                // many small downdates have cancelled: start afresh
+                // many small downdates have cancelled digits: compute the moments again
                 others = moments_of_kept(cleaned, scratch)?;
                 reference = others.sum_of_squares();
             }

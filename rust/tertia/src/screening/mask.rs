@@ -1,4 +1,4 @@
-//! The leave-one-out rule with frozen statistics as a mask, in about one read of memory.
+//! The leave-one-out rule with frozen statistics as a mask, with about one read of memory.
 
 use super::leave_one_out::threshold;
 use super::others::MIN_COUNT;
@@ -6,8 +6,8 @@ use crate::base::error::{Result, require_positive, require_sample};
 use crate::base::moments::{BLOCK, Moments};
 use pulp::{Simd, WithSimd};
 
-/// Marks the outliers of the rule with frozen statistics. O(N); about one read of
-/// memory where the sample is stationary, never more than two; N/85 bytes of memory.
+/// Flags the outliers of the rule with frozen statistics. O(N), with about one read of memory if the
+/// sample is stationary and never more than two, and N/85 bytes of additional memory.
 ///
 /// ```
 /// let mut outlier = [false; 6];
@@ -19,7 +19,7 @@ use pulp::{Simd, WithSimd};
 /// ```
 ///
 /// # Errors
-/// k ≤ 0, fewer than 3 values, a value that is not finite, deviations out of range.
+/// k ≤ 0, fewer than 3 values, a value that is not finite, or deviations out of range.
 ///
 /// # Panics
 /// If the slices differ in length.
@@ -47,7 +47,7 @@ impl WithSimd for Mark<'_> {
     }
 }
 
-/// Two reads: moments, then marks.
+/// Flags in two reads of memory: one for the moments, one for the flags.
 #[inline(always)]
 fn mark<S: Simd>(simd: S, y: &[f64], k: f64, outlier: &mut [bool]) -> Moments {
     let moments = Moments::unchecked(simd, y);
@@ -62,8 +62,8 @@ fn mark_beyond(y: &[f64], moments: &Moments, half_width: f64, outlier: &mut [boo
     }
 }
 
-/// Marks each block, while it is in the cache, with the band of the values so far; afterwards only
-/// the blocks that have a value between that band's edges and the final ones are read again.
+/// Flags each block while it is in the cache, with the band of the values so far. Then only those blocks
+/// are read again that have a value between the edges of that band and the edges of the final band.
 #[inline(always)]
 fn mark_blocks<S: Simd>(simd: S, y: &[f64], k: f64, outlier: &mut [bool]) -> Moments {
     let (moments, blocks) = mark_provisionally(simd, y, k, outlier);
@@ -95,7 +95,8 @@ fn mark_provisionally<S: Simd>(
     (moments, blocks)
 }
 
-/// The band a block was marked with, and the distance of its nearest value to the band's edges.
+/// The band with which a block was flagged, and the smallest distance of its values from the edges of the
+/// band.
 struct Marked {
     moments: Moments,
     half_width: f64,
@@ -103,7 +104,7 @@ struct Marked {
 }
 
 impl Marked {
-    /// Whether no mark changes with this band.
+    /// Whether all flags remain the same with this band.
     #[inline(always)]
     fn holds_for(&self, moments: &Moments, half_width: f64) -> bool {
         let moved = moments.distance(&self.moments) + (self.half_width - half_width).abs();
@@ -112,10 +113,10 @@ impl Marked {
     }
 }
 
-/// As [`mark_beyond`]; returns how near to the edges a value comes.
+/// [`mark_beyond`] that returns the smallest distance of a value from the edges.
 #[inline(always)]
 fn mark_with_margin(y: &[f64], moments: &Moments, half_width: f64, outlier: &mut [bool]) -> f64 {
-    // as integers: see `downdate`
+    // compared as integers: see `downdate`
     let mut nearest = f64::INFINITY.to_bits().cast_signed();
     for (flag, &v) in outlier.iter_mut().zip(y) {
         let beyond = moments.deviation(v).abs() - half_width;
@@ -140,7 +141,7 @@ mod tests {
         assert!(again < 250, "{again} of 1000");
     }
 
-    /// The blocks marked early are marked again where the band has moved over a value.
+    /// Blocks flagged early are flagged again if the band has moved across a value.
     #[test]
     fn a_mask_is_the_same_however_the_sample_drifts() {
         let n = 5 * BLOCK + 77;

@@ -1,4 +1,5 @@
-//! Outliers of a series that moves: each measurement against a polynomial through its neighbours.
+//! Outliers of a series that changes with time: compares each measurement with a polynomial through its
+//! neighbours.
 
 use super::summary::Summary;
 use crate::base::angle::{median, nearest, require_period, unwrap_about_median};
@@ -6,18 +7,18 @@ use crate::base::basis::Basis;
 use crate::base::error::{Result, require, require_each, require_times};
 use crate::base::moments::Moments;
 
-/// MAD of the normal distribution to its standard deviation.
+/// Ratio of the standard deviation of a normal distribution to its MAD.
 const MAD_TO_SIGMA: f64 = 1.4826;
 const PASSES: usize = 3;
-/// A measurement is flagged if no other deviates more so near to it: an outlier makes its neighbours
-/// deviate, too.
+/// A measurement is flagged only if no other within this distance deviates more, because an outlier also
+/// makes its neighbours deviate.
 const NEAR: usize = 2;
-/// Neighbours that a polynomial must have beyond its degree.
+/// Number of neighbours that a polynomial requires in addition to its degree.
 const SPARE: usize = 3;
 const HIGHEST: usize = 9;
-/// Smaller deviations, as a share of the largest measurement, are rounding errors.
+/// Deviations below this share of the largest measurement are rounding errors.
 const SAME: f64 = 1e-13;
-/// Squares of larger numbers would overflow.
+/// Largest measurement; squares of larger numbers would overflow.
 const LARGEST: f64 = 1e140;
 
 /// Parameters of the rule, validated.
@@ -32,21 +33,21 @@ pub struct MovingRule {
 /// Buffers that are reused from row to row.
 #[derive(Clone, Debug, Default)]
 pub struct MovingWorkspace {
-    /// Whether a measurement is there and not an outlier.
+    /// Whether a measurement is present and not an outlier.
     kept: Vec<bool>,
-    /// What the neighbours expect; nan where they are too few.
+    /// Value expected from the neighbours; nan if they are too few.
     expected: Vec<f64>,
-    /// Deviation over `√(1 + h)`; nan where there is none.
+    /// Deviation divided by `√(1 + h)`; nan if there is none.
     score: Vec<f64>,
     scratch: Vec<f64>,
     neighbours: Neighbours,
 }
 
-/// The polynomial through the neighbours of one measurement: its value there is `Σ c_j y_j`.
+/// The polynomial through the neighbours of a measurement; its value at the measurement is `Σ c_j y_j`.
 #[derive(Clone, Debug, Default)]
 struct Neighbours {
     index: Vec<usize>,
-    /// Their times less that of the measurement.
+    /// Times of the neighbours minus that of the measurement.
     at: Vec<f64>,
     value: Vec<f64>,
     unwrapped: Vec<f64>,
@@ -54,13 +55,15 @@ struct Neighbours {
     basis: Basis,
     weight: Vec<f64>,
     ones: Vec<f64>,
-    /// Times for which the weights are.
+    /// Times for which the weights were computed.
     weighed: Vec<f64>,
 }
 
 impl MovingRule {
+    /// Creates a rule.
+    ///
     /// # Errors
-    /// A window that is even, a degree that it cannot have, a threshold or period that is not positive.
+    /// An even window, a degree that is too high for it, or a threshold or period that is not positive.
     pub fn try_new(window: usize, degree: usize, k: f64, period: Option<f64>) -> Result<Self> {
         require("window", window as f64, window % 2 == 1, "an odd number")?;
         let holds = degree + SPARE < window && degree <= HIGHEST;
@@ -70,15 +73,15 @@ impl MovingRule {
         Ok(Self { window, degree, k, period })
     }
 
-    /// Flags what deviates by more than `k σ √(1 + h)` from the least-squares polynomial through the
-    /// others of its window, with the variance `h σ²` of that polynomial and `σ = 1.4826 median |z|`,
-    /// `z = e/√(1 + h)`: in each of up to three passes the largest deviations within two places.
-    /// Those that agree with what is left are taken back.
-    /// Measurements that are nan are not there. `cleaned` has the polynomials in place of outliers.
-    /// O(N window degree) for each pass.
+    /// Flags measurements that deviate by more than `k σ √(1 + h)` from the least-squares polynomial
+    /// through the others of their window, where `h σ²` is the variance of that polynomial,
+    /// `σ = 1.4826 median |z|` and `z = e/√(1 + h)`. Each of up to three passes flags the largest
+    /// deviations within two places, and releases flagged measurements that agree with the remaining
+    /// ones. Measurements that are nan are missing. `cleaned` contains the polynomials in place of
+    /// outliers. O(N window degree) per pass.
     ///
     /// # Errors
-    /// A measurement that is infinite, times that decrease, deviations that cannot be squared.
+    /// A measurement that is infinite, times that decrease, or deviations that cannot be squared.
     ///
     /// # Panics
     /// If the slices differ in length.
@@ -137,8 +140,8 @@ impl MovingRule {
     }
 }
 
-/// Takes those back that agree with what is left: a large outlier makes its neighbours deviate. Whether
-/// there are any.
+/// Releases flagged measurements that agree with the remaining ones, because a large outlier also makes its
+/// neighbours deviate. Returns whether there were any.
 fn release(score: &[f64], limit: f64, kept: &mut [bool], outlier: &mut [bool]) -> bool {
     let mut found = false;
     for i in 0..score.len() {
@@ -149,7 +152,7 @@ fn release(score: &[f64], limit: f64, kept: &mut [bool], outlier: &mut [bool]) -
     found
 }
 
-/// Flags the scores above the limit than which none nearby is larger; whether there are any.
+/// Flags the scores above the limit that are the largest nearby; returns whether there were any.
 fn flag(score: &[f64], limit: f64, kept: &mut [bool], outlier: &mut [bool]) -> bool {
     let of = |kept: &[bool], i: usize| if kept[i] && score[i] > limit { score[i] } else { 0.0 };
     let mut found = false;
@@ -157,7 +160,7 @@ fn flag(score: &[f64], limit: f64, kept: &mut [bool], outlier: &mut [bool]) -> b
     for i in 0..score.len() {
         let own = of(&before, i);
         let near = i.saturating_sub(NEAR)..(i + NEAR + 1).min(score.len());
-        // of equal ones the first
+        // of equal scores, only the first counts
         let largest =
             near.clone().all(|j| if j < i { of(&before, j) < own } else { of(&before, j) <= own });
         if own > 0.0 && largest {
@@ -174,8 +177,8 @@ fn mean_of(cleaned: &[f64], scratch: &mut Vec<f64>) -> Result<f64> {
 }
 
 impl Neighbours {
-    /// What the others in the window of `i` expect there, and the variance of that over σ²; nan if
-    /// they are too few. Near the ends the window is the first or the last one.
+    /// Returns the value at `i` expected from the others in its window, and the ratio of its variance to
+    /// σ²; nan if they are too few. Near the ends the window is the first or the last one.
     fn expect(
         &mut self,
         rule: &MovingRule,

@@ -1,14 +1,14 @@
-//! Mean and variance of the others (M2), (M3), for one value or for every value of a sample.
+//! Mean and variance of the other values (M2), (M3), for one value or for every value of a sample.
 
 use crate::base::error::{Error, Result, require_sample};
 use crate::base::moments::Moments;
 use pulp::{Simd, WithSimd};
 
-/// A value with a larger share of the sum of squares is not downdated: the others are summed anew.
+/// If the share of a value in the sum of squares is larger, the others are summed again instead of downdated.
 const MAX_SHARE: f64 = 0.5;
-/// A mean below this share of the spread has lost three digits to cancellation.
+/// If a mean is below this share of the spread, it has lost three digits to cancellation.
 const MIN_MEAN: f64 = 1e-3;
-/// Smallest sample: D'_i has the divisor N − 2.
+/// Smallest sample, because the divisor of D'_i is N − 2.
 pub(super) const MIN_COUNT: usize = 3;
 
 /// Moments of the values that are not nan.
@@ -21,7 +21,7 @@ pub(super) fn moments_of_kept(cleaned: &[f64], scratch: &mut Vec<f64>) -> Result
     Moments::of("y", scratch)
 }
 
-/// As [`moments_of_kept`], and at least two values must be left.
+/// [`moments_of_kept`] with an error if fewer than two values are left.
 pub(super) fn moments_of_cleaned(cleaned: &[f64], scratch: &mut Vec<f64>) -> Result<Moments> {
     let moments = moments_of_kept(cleaned, scratch)?;
     if moments.count() < 2.0 {
@@ -30,9 +30,9 @@ pub(super) fn moments_of_cleaned(cleaned: &[f64], scratch: &mut Vec<f64>) -> Res
     Ok(moments)
 }
 
-/// Moments of all kept values but `cleaned[i]`: by downdating where that is exact to rounding,
-/// otherwise anew, where `cleaned[i]` makes up more than half of the sum of squares (at most two
-/// values can).
+/// Moments of all kept values except `cleaned[i]`: by downdating if that is exact to rounding. If
+/// `cleaned[i]` makes up more than half of the sum of squares (at most two values can), they are
+/// summed again.
 pub(super) fn moments_of_others(
     cleaned: &[f64],
     i: usize,
@@ -48,12 +48,12 @@ pub(super) fn moments_of_others(
     Moments::of("y", scratch)
 }
 
-/// Leave-one-out mean M'_i (M2) and variance D'_i (M3) of every value. O(N).
+/// Computes the leave-one-out mean M'_i (M2) and variance D'_i (M3) of every value. O(N).
 ///
 /// With e_i = y_i − M: `M'_i = M − e_i/(N−1)`, `D'_i = (SS − e_i² N/(N−1)) / (N−2)`.
 ///
 /// # Errors
-/// Fewer than 3 values, a value that is not finite, deviations out of range.
+/// Fewer than 3 values, a value that is not finite, or deviations out of range.
 ///
 /// # Panics
 /// If the three slices differ in length.
@@ -80,7 +80,7 @@ pub fn statistics(y: &[f64], mean: &mut [f64], variance: &mut [f64]) -> Result<(
     Ok(())
 }
 
-/// M'_i in twice the precision, for values that cancel. O(N).
+/// Computes M'_i in double the precision, for values that cancel. O(N).
 fn recompute_means(y: &[f64], mean: &mut [f64]) {
     let (mut sum, mut error) = (0.0, 0.0);
     for &v in y {
@@ -94,14 +94,14 @@ fn recompute_means(y: &[f64], mean: &mut [f64]) {
     }
 }
 
-/// `a + b` and what its rounding has lost (Knuth).
+/// `a + b` and its rounding error (Knuth).
 fn two_sum(a: f64, b: f64) -> (f64, f64) {
     let sum = a + b;
     let b_rounded = sum - a;
     (sum, (a - (sum - b_rounded)) + (b - b_rounded))
 }
 
-/// What decides whether a leave-one-out value has lost digits.
+/// Extremes that show whether a leave-one-out value has lost digits.
 struct Extremes {
     /// The largest `e_i² N/(N−1)`.
     lost: f64,
@@ -131,8 +131,8 @@ fn downdate(moments: &Moments, y: &[f64], mean: &mut [f64], variance: &mut [f64]
     let n = moments.count();
     let (centre, squares) = (moments.mean(), moments.sum_of_squares());
     let (per_mean, per_square, per_variance) = (1.0 / (n - 1.0), n / (n - 1.0), 1.0 / (n - 2.0));
-    // bits of numbers that are not negative are in the order of the numbers, and integers have a
-    // maximum that the compiler turns into vectors
+    // the bits of non-negative numbers have the order of the numbers, and compilers vectorise the maximum of
+    // integers
     let (mut most_lost, mut least_mean) = (0_i64, i64::MAX);
     for ((&v, m), d) in y.iter().zip(mean).zip(variance) {
         let e = moments.deviation(v);
@@ -153,7 +153,7 @@ mod tests {
     use super::*;
     use crate::base::checks::assert_close;
 
-    /// (M2), (M3) by hand.
+    /// (M2), (M3) computed by hand.
     #[test]
     fn statistics_of_the_others() {
         let y = [12.4, 11.8, 40.0, 12.1, 12.9, 11.5, 20.0, 12.2, 12.0, 11.9];

@@ -1,8 +1,8 @@
-//! The cleaned sample in numbers.
+//! Summary of a cleaned sample.
 
 use crate::base::moments::Moments;
 
-/// Mean and variance of a cleaned sample, and the threshold that it passed.
+/// Mean and variance of a cleaned sample, and the threshold that was applied.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Summary {
     /// Mean of the cleaned sample.

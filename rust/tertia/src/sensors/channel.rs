@@ -1,43 +1,43 @@
-//! Channels of a rotating radar, primary and secondary, and the ways in which it detects a target by
-//! them.
+//! Channels of a rotating radar, primary and secondary, and the combinations of channels by which it detects
+//! a target.
 
 use crate::base::error::{Result, require, require_positive};
 use serde::{Deserialize, Serialize};
 
-/// By what a plot was detected.
+/// Channels that detected a plot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Detection {
-    /// By the echo alone.
+    /// The echo alone.
     Psr,
-    /// By a reply alone, of modes A and C.
+    /// A reply in modes A and C alone.
     Ssr,
-    /// By both.
+    /// Both the echo and a reply in modes A and C.
     PsrSsr,
-    /// By a reply of mode S alone.
+    /// A reply in mode S alone.
     ModeS,
-    /// By that and the echo.
+    /// Both the echo and a reply in mode S.
     PsrModeS,
 }
 
 impl Detection {
-    /// All of them.
+    /// All combinations.
     pub const ALL: [Self; 5] = [Self::Psr, Self::Ssr, Self::PsrSsr, Self::ModeS, Self::PsrModeS];
 
-    /// The one with this index; none where there is none.
+    /// Returns the combination with this index; `None` if there is none.
     #[inline]
     pub fn of(index: i64) -> Option<Self> {
         usize::try_from(index).ok().and_then(|index| Self::ALL.get(index).copied())
     }
 }
 
-/// How a radar detects targets by echoes, or by replies.
+/// Properties of a radar's detection by echoes, or by replies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Channel {
-    /// Probability that it detects a target in a scan.
+    /// Probability that the channel detects a target in a scan.
     pub detection_probability: f64,
     /// Standard deviations of range, m, and azimuth, rad.
     pub sigmas: [f64; 2],
-    /// Its false plots in a scan; nan: estimated.
+    /// Mean number of false plots of the channel in a scan; nan if it is to be estimated.
     pub clutter_per_scan: f64,
 }
 
@@ -53,21 +53,21 @@ impl Channel {
     }
 }
 
-/// A way of detecting a target: by some of the channels, and by no other.
+/// A way of detecting a target: by exactly this combination of channels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Way {
     /// The channels.
     pub detection: Detection,
-    /// Probability that a target is detected so in a scan.
+    /// Probability that a target is detected in this way in a scan.
     pub probability: f64,
-    /// Standard deviations of range and azimuth as stated: those of the reply, where there is one.
+    /// Stated standard deviations of range, m, and azimuth, rad: those of the reply if there is one.
     pub sigmas: [f64; 2],
-    /// False plots in a scan; nan: estimated.
+    /// Mean number of false plots in a scan; nan if it is to be estimated.
     pub clutter_per_scan: f64,
 }
 
-/// The ways of channels that detect independently: primary, secondary and mode S. A target has a
-/// transponder of one kind; where a radar asks for both, half of the targets have each.
+/// Returns the ways of detection for channels that detect independently: primary, secondary and mode S. A
+/// target has a transponder of one kind; if the radar interrogates both, half of the targets have each kind.
 pub(super) fn ways([psr, ssr, mode_s]: [Option<Channel>; 3]) -> Vec<Way> {
     let secondary =
         [(Detection::Ssr, Detection::PsrSsr, ssr), (Detection::ModeS, Detection::PsrModeS, mode_s)];

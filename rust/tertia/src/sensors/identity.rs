@@ -1,34 +1,35 @@
-//! Identities: what the transponder of a target says of who it is.
+//! Identities: the information of a transponder on the identity of its target.
 
 use serde::{Deserialize, Serialize};
 
-/// Characters of an aircraft identification, and bits of each.
+/// Number of characters of an aircraft identification, and number of bits of each.
 const LETTERS: usize = 8;
 const BITS: usize = 6;
-/// The code of a space, and the first letter, whose codes start again at 0.
+/// Code of a space, and ASCII code of the character whose code is 0.
 const SPACE: i64 = 32;
 const LETTER: u32 = 0x40;
 
-/// Identities of a target by their kinds; negative where there is none.
+/// Identities of a target by kind; negative if unknown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Identities {
-    /// Any number that stays with the target.
+    /// Any other number that stays with the target.
     pub identity: i64,
-    /// Aircraft identification: eight characters, the first in the highest bits, each by the six lowest
-    /// bits of its ASCII code (ICAO Annex 10, volume IV, 3.1.2.9), also those that are not allowed there.
+    /// Aircraft identification: eight characters, the first in the highest bits, each as the six lowest
+    /// bits of its ASCII code (ICAO Annex 10, volume IV, 3.1.2.9), including characters that are not
+    /// allowed there.
     pub callsign: i64,
-    /// Address of 24 bits.
+    /// 24-bit address.
     pub icao_address: i32,
-    /// Mode 3/A code of 12 bits.
+    /// 12-bit mode 3/A code.
     pub mode_3a: i16,
 }
 
-/// A kind of identity, those that are shared least first.
+/// A kind of identity, in the order of how rarely it is shared by several targets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum IdentityKind {
-    /// Address of 24 bits.
+    /// 24-bit address.
     Address,
-    /// Any number.
+    /// Any other number.
     Number,
     /// Aircraft identification.
     Callsign,
@@ -46,19 +47,19 @@ impl Identities {
     /// No identity of any kind.
     pub const NONE: Self = Self { identity: -1, callsign: -1, icao_address: -1, mode_3a: -1 };
 
-    /// One that is a number alone.
+    /// Returns an identity that is only a number.
     pub fn of(identity: i64) -> Self {
         Self { identity, ..Self::NONE }
     }
 
-    /// Whether there is one of any kind.
+    /// Whether an identity of any kind is known.
     #[inline]
     pub fn is_some(&self) -> bool {
-        // negative only where all are
+        // the result is negative only if all are negative
         self.identity & self.callsign & i64::from(self.icao_address) & i64::from(self.mode_3a) >= 0
     }
 
-    /// The same, with those of another in place of kinds that are not known.
+    /// Returns these identities, with unknown kinds replaced by those of another target report.
     pub fn or(&self, other: &Self) -> Self {
         let [identity, callsign] =
             [(self.identity, other.identity), (self.callsign, other.callsign)]
@@ -77,8 +78,8 @@ impl Identities {
         numbers.into_iter().chain(codes).any(|is_same| is_same == Some(false))
     }
 
-    /// The kind that is shared least of those that both have, and whether it is equal; none where they
-    /// have no kind in common.
+    /// Compares the kind that is shared most rarely among those that both have. Returns it and whether it is
+    /// equal; `None` if they have no kind in common.
     pub fn compare(&self, other: &Self) -> Option<(IdentityKind, bool)> {
         let of = |kind: IdentityKind| move |is_same: bool| (kind, is_same);
         both(self.icao_address, other.icao_address)
@@ -88,28 +89,28 @@ impl Identities {
             .or_else(|| both(self.mode_3a, other.mode_3a).map(of(IdentityKind::Code)))
     }
 
-    /// Whether both are of one target, by that kind.
+    /// Whether both belong to the same target, according to [`Self::compare`].
     pub fn same(&self, other: &Self) -> Option<bool> {
         self.compare(other).map(|(_, is_same)| is_same)
     }
 }
 
-/// Whether two identities of a kind are equal; none where one is not known.
+/// Whether two identities of a kind are equal; `None` if one is unknown.
 #[inline]
 pub(crate) fn both<T: Copy + PartialOrd + From<i8>>(a: T, b: T) -> Option<bool> {
     let none = T::from(0);
     (a >= none && b >= none).then_some(a == b)
 }
 
-/// The number of a callsign, of characters from 0x20 to 0x5F of ASCII and zeros at its end; −1 for an
-/// empty one.
+/// Converts a callsign to its number. Characters are from 0x20 to 0x5F of ASCII, with zeros at the end; an
+/// empty callsign gives −1.
 pub fn callsign_number(text: [u32; LETTERS]) -> i64 {
     let code = |letter: u32| if letter == 0 { SPACE } else { i64::from(letter & 63) };
     let blank = text.iter().all(|&letter| code(letter) == SPACE);
     if blank { -1 } else { text.iter().fold(0, |sum, &letter| sum << BITS | code(letter)) }
 }
 
-/// The characters of a callsign by its number, with zeros in place of spaces at its end.
+/// Converts a number to the characters of a callsign, with zeros in place of trailing spaces.
 pub fn callsign_text(number: i64) -> [u32; LETTERS] {
     let mut text = [0; LETTERS];
     if number < 0 {

@@ -1,26 +1,26 @@
-//! One measurement of a station: what a position predicts, and how that changes with it.
+//! A single measurement of a station: its prediction from a position, and the derivatives.
 
 use crate::base::small::{Matrix, Vector, dot, norm, rotated, rotated_back};
 
-/// Up to these tangents five and nine terms of a series are an arctangent to the last bit.
+/// Largest tangents for which five and nine terms of the series give the arctangent to the last bit.
 const TINY_TANGENT: f64 = 0.01;
 pub(crate) const SMALL_TANGENT: f64 = 0.1;
-/// Of `t − t³/3 + t⁵/5 − …`, nine terms, without the signs, from the last one to the second.
+/// Coefficients of `t − t³/3 + t⁵/5 − …`, nine terms, without signs, from the last one to the second.
 pub(crate) const TERMS: [f64; 8] =
     [1.0 / 17.0, 1.0 / 15.0, 1.0 / 13.0, 1.0 / 11.0, 1.0 / 9.0, 1.0 / 7.0, 1.0 / 5.0, 1.0 / 3.0];
 
-/// What is measured.
+/// Kind of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Range,
     Azimuth,
     Elevation,
-    /// A station's range less that of the first station, which is the origin.
+    /// Range of a station minus that of the first station, which is the origin.
     RangeDifference,
-    /// When a signal came to a station, times its speed: the range and what is the same for all,
-    /// the emission.
+    /// Time of arrival of a signal at a station, times its speed: the range plus the emission, which is
+    /// common to all stations.
     Arrival,
-    /// The last coordinate, which no station measured.
+    /// The last coordinate, which no station has measured.
     Height,
 }
 
@@ -32,13 +32,13 @@ impl Kind {
         matches!(self, Self::Azimuth | Self::Elevation)
     }
 
-    /// Whether it tells distances from stations only compared with each other.
+    /// Whether the kind determines only differences of the distances from stations.
     pub fn is_difference(self) -> bool {
         matches!(self, Self::RangeDifference | Self::Arrival)
     }
 }
 
-/// A measured number, its station (relative to the first one) and its standard deviation.
+/// A measured value, its station (relative to the first one) and its standard deviation.
 #[derive(Clone, Debug)]
 pub(crate) struct Measurement<const D: usize> {
     pub kind: Kind,
@@ -50,12 +50,12 @@ pub(crate) struct Measurement<const D: usize> {
     pub precision: f64,
     pub sine: f64,
     pub cosine: f64,
-    /// East, north and up of the station; of angles in space, where they are not those of the
+    /// East, north and up at the station, for angles in three dimensions if they differ from those of the
     /// frame.
     pub axes: Option<Matrix<D>>,
 }
 
-/// A whitened residual, measured less predicted, and the derivatives of the whitened prediction.
+/// A whitened residual, measured minus predicted, and the derivatives of the whitened prediction.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Row<const D: usize> {
     pub residual: f64,
@@ -63,7 +63,7 @@ pub(crate) struct Row<const D: usize> {
 }
 
 impl<const D: usize> Row<D> {
-    /// In other units.
+    /// Multiplies the row by a factor, which changes its units.
     #[inline(always)]
     pub fn scaled(mut self, factor: f64) -> Self {
         self.residual *= factor;
@@ -80,7 +80,8 @@ impl<const D: usize> Measurement<D> {
         Self { kind, index, station, value, precision: 1.0 / sigma, sine, cosine, axes: None }
     }
 
-    /// The same, if angles refer to the axes of the station: its east, north and up, as rows.
+    /// Returns the measurement with angles relative to the axes of the station: its east, north and up,
+    /// as rows.
     pub fn about(mut self, axes: &Matrix<D>) -> Self {
         if !self.kind.is_angle() {
             return self;
@@ -89,7 +90,7 @@ impl<const D: usize> Measurement<D> {
             self.axes = Some(*axes);
             return self;
         }
-        // in the plane another north turns the azimuth
+        // in the plane, a different north rotates the azimuth
         let mut direction = [0.0; D];
         (direction[0], direction[1]) = (self.sine, self.cosine);
         let direction = rotated_back(axes, &direction);
@@ -97,7 +98,7 @@ impl<const D: usize> Measurement<D> {
         self
     }
 
-    /// Residual and gradient at a state: a position and, if there is one number more, the emission of
+    /// Residual and gradient at a state: a position and, if there is one more number, the emission of
     /// arrivals.
     #[inline(always)]
     pub fn row_at<const N: usize>(&self, x: &Vector<N>) -> Row<N> {
@@ -128,7 +129,7 @@ impl<const D: usize> Measurement<D> {
         }
     }
 
-    /// The same of an offset from the station, in its axes.
+    /// Residual and gradient for an offset from the station, in the axes of the station.
     #[inline(always)]
     fn row_of(&self, d: &Vector<D>, p: &Vector<D>) -> Row<D> {
         match self.kind {
@@ -157,7 +158,7 @@ impl<const D: usize> Measurement<D> {
     #[inline]
     fn range_difference(&self, d: &Vector<D>, p: &Vector<D>) -> Row<D> {
         let (range, first) = (norm(d), norm(p));
-        // (r² − r0²) / (r + r0) cancels less than r − r0 where the target is far away
+        // (r² − r0²) / (r + r0) loses fewer digits than r − r0 if the target is far away
         let station = &self.station;
         let difference = (dot(station, station) - 2.0 * dot(station, p)) / (range + first);
         let mut gradient = [0.0; D];
@@ -167,7 +168,7 @@ impl<const D: usize> Measurement<D> {
         Row { residual: (self.value - difference) * self.precision, gradient }
     }
 
-    /// The residual by way of sine and cosine of the difference, so that it is wrapped.
+    /// Residual from sine and cosine of the difference, so that it is wrapped.
     #[inline]
     fn azimuth(&self, d: &Vector<D>) -> Row<D> {
         let [east, north] = [d[0], d[1]];
@@ -197,7 +198,7 @@ impl<const D: usize> Measurement<D> {
         Row { residual: -angle(sine, cosine) * self.precision, gradient }
     }
 
-    /// Whether the direction to a position is lost: it is at the station, or straight above.
+    /// Whether the direction to a position is undefined: the position is at the station or directly above it.
     pub fn is_blind(&self, p: &Vector<D>, near: f64) -> bool {
         let mut d: Vector<D> = std::array::from_fn(|i| p[i] - self.station[i]);
         if let Some(axes) = &self.axes {
@@ -213,7 +214,7 @@ impl<const D: usize> Measurement<D> {
     }
 }
 
-/// `atan2(sine, cosine)`, by its series near zero: four times as fast as the library's.
+/// `atan2(sine, cosine)`, by its series near zero: four times as fast as the library function.
 #[inline(always)]
 fn angle(sine: f64, cosine: f64) -> f64 {
     let size = sine.abs();
@@ -226,7 +227,7 @@ fn angle(sine: f64, cosine: f64) -> f64 {
     sine.atan2(cosine)
 }
 
-/// So many terms of `t − t³/3 + t⁵/5 − …`
+/// Sums this number of terms of `t − t³/3 + t⁵/5 − …`
 #[inline(always)]
 fn series<const TERMS: u8>(t: f64) -> f64 {
     let s = t * t;
@@ -237,9 +238,9 @@ fn series<const TERMS: u8>(t: f64) -> f64 {
     t - t * sum
 }
 
-/// Reads what was measured at an instant, station by station, with where each number stands: of K
-/// stations and of each kind in turn, nan where there is none. Positions count from the first
-/// station, which costs no digits; a σ that is not known is taken as 1.
+/// Reads the measurements of an instant, with the index of each number. The numbers are those of K
+/// stations for each kind in turn, nan if missing. Positions are relative to the first station, which
+/// costs no digits; an unknown σ is replaced by 1.
 pub(crate) fn read<const D: usize>(
     stations: &[f64],
     axes: Option<&[f64]>,
@@ -271,8 +272,8 @@ pub(crate) fn read<const D: usize>(
     }
 }
 
-/// What K stations measure of a position without errors: K numbers of each kind, nan of elevations
-/// in the plane. The arguments are those of an instant, `predicted` has 5 K numbers. O(K).
+/// Predicts the measurements of K stations for a position, without errors: K numbers of each kind, nan for
+/// elevations in the plane. The arguments are those of an instant; `predicted` has 5 K numbers. O(K).
 pub fn predict<const D: usize>(
     stations: &[f64],
     axes: Option<&[f64]>,
@@ -285,7 +286,7 @@ pub fn predict<const D: usize>(
     predicted.fill(f64::NAN);
     read(stations, axes, &zeros, &ones, |place, m: Measurement<D>| {
         if D == 3 || m.kind != Kind::Elevation {
-            // the residual of zero
+            // minus the residual of a measured zero
             predicted[place] = -m.row(&p).residual;
         }
     });

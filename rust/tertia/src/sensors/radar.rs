@@ -1,23 +1,23 @@
-//! A radar: from range and azimuth to east and north, with their covariance.
+//! Radars: conversion of range and azimuth to east and north, with their covariance.
 
 use super::channel::{Channel, Detection, Way, ways};
 use crate::base::error::{Result, require, require_positive};
 use crate::base::plane::Plane;
 use serde::{Deserialize, Serialize};
 
-/// Standard deviation of a reported height: hundreds of feet, rounded, and the encoder.
+/// Standard deviation of a reported height, m: rounding to hundreds of feet, and the error of the encoder.
 pub(crate) const HEIGHT_SIGMA: f64 = 15.0;
-/// Share of the range below which the ground range counts as zero: straight above the radar.
+/// Share of the range below which the ground range counts as zero: the target is directly above the radar.
 const LEAST_GROUND_SHARE: f64 = 1e-3;
 
-/// Where a radar is, and how it measures.
+/// Position of a radar, and the properties of its measurements.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Radar {
     /// East, north and up, m.
     pub position: [f64; 3],
     /// Standard deviation of ranges, m.
     pub range_sigma: f64,
-    /// That of azimuths, rad.
+    /// Standard deviation of azimuths, rad.
     pub azimuth_sigma: f64,
     /// Time of one rotation, s.
     pub scan_period: f64,
@@ -25,14 +25,16 @@ pub struct Radar {
     pub max_range: f64,
     /// Probability that a target is detected in a scan.
     pub detection_probability: f64,
-    /// Differences of range, m, and azimuth, rad, at each of which two targets make one plot with a
-    /// probability of a half; none: all targets are resolved.
+    /// Differences of range, m, and azimuth, rad, at each of which two targets give one common plot with a
+    /// probability of a half; `None` if all targets are resolved.
     pub resolution: Option<[f64; 2]>,
-    /// The ways in which it detects a target, where its channels are known.
+    /// The ways of detecting a target, if the channels are known.
     pub ways: Option<Box<Ways>>,
 }
 
 impl Radar {
+    /// Checks the properties of the radar.
+    ///
     /// # Errors
     /// A number outside its domain.
     pub fn check(&self) -> Result<()> {
@@ -52,14 +54,14 @@ impl Radar {
     }
 
     /// Covariance of the plot of a target at this position and height above the radar (nan: unknown).
-    /// With a height, the slant range and the error of the height add to it.
+    /// A known height adds the effect of the slant range and the error of the height.
     #[inline]
     pub fn noise_at(&self, position: [f64; 2], up: f64) -> Plane {
         let d = [position[0] - self.position[0], position[1] - self.position[1]];
         let squared = (d[0] * d[0] + d[1] * d[1]).max(f64::MIN_POSITIVE);
         let up = if up.is_finite() { up * up } else { 0.0 };
         let range = self.range_sigma * self.range_sigma;
-        // nearer than this, no plot is used
+        // closer targets have no usable plots
         let ground = squared.max(LEAST_GROUND_SHARE * LEAST_GROUND_SHARE * (squared + up));
         let along = range + up * (range + HEIGHT_SIGMA * HEIGHT_SIGMA) / ground;
         let across = self.azimuth_sigma * self.azimuth_sigma * squared;
@@ -72,14 +74,14 @@ impl Radar {
         }
     }
 
-    /// East and north of a plot, corrected for the noise of the azimuth, by which sine and cosine are
-    /// smaller by exp(−σ²/2) on average. None where it is straight above the radar.
+    /// East and north of a plot, corrected for the noise of the azimuth, which reduces sine and cosine by the
+    /// factor exp(−σ²/2) on average. `None` if the target is directly above the radar.
     pub fn position_of(&self, range: f64, azimuth: f64, height: f64) -> Option<[f64; 2]> {
         let ground = self.ground_squared(range, height)?;
         Some(self.position_at(ground, azimuth, self.stretch()))
     }
 
-    /// Square of the ground range of a plot. None where it is straight above the radar.
+    /// Square of the ground range of a plot. `None` if the target is directly above the radar.
     #[inline]
     pub(crate) fn ground_squared(&self, range: f64, height: f64) -> Option<f64> {
         let up = if height.is_finite() { height - self.position[2] } else { 0.0 };
@@ -88,12 +90,13 @@ impl Radar {
         (squared > least * least).then_some(squared)
     }
 
-    /// By how much the mean position of plots is nearer than the target.
+    /// Factor by which the mean position of plots is closer than the target, because of the noise of the
+    /// azimuth.
     pub(crate) fn stretch(&self) -> f64 {
         (0.5 * self.azimuth_sigma * self.azimuth_sigma).exp()
     }
 
-    /// East and north by the square of the ground range, and [`Radar::stretch`].
+    /// East and north from the square of the ground range and [`Radar::stretch`].
     #[inline]
     pub(crate) fn position_at(&self, ground_squared: f64, azimuth: f64, stretch: f64) -> [f64; 2] {
         let (sine, cosine) = azimuth.sin_cos();
@@ -106,7 +109,7 @@ impl Radar {
         self.distance(position) <= self.max_range
     }
 
-    /// The distance by a faster formula, for bounds only.
+    /// Distance by a faster formula than [`Self::distance`], for bounds only.
     #[inline]
     pub(crate) fn about(&self, position: [f64; 2]) -> f64 {
         let [x, y] = [position[0] - self.position[0], position[1] - self.position[1]];
@@ -122,7 +125,7 @@ impl Radar {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ways {
     each: Vec<Way>,
-    /// The radar with the noise of each, and with the largest of all.
+    /// The radar with the noise of each way; below, with the largest noise of all.
     seen: Vec<Radar>,
     worst: Radar,
 }
@@ -137,7 +140,7 @@ impl Ways {
         ways
     }
 
-    /// All of them.
+    /// Returns all ways.
     pub fn all(&self) -> &[Way] {
         &self.each
     }
@@ -146,8 +149,8 @@ impl Ways {
         self.each.iter().position(|way| way.detection == detection)
     }
 
-    /// Sets the noise of all ways, where the radar itself is assumed to have these standard deviations
-    /// in place of those that it states, and the variances of its noise are so many times as large.
+    /// Sets the noise of all ways. The radar itself is assumed to have the standard deviations `assumed`
+    /// instead of those `stated`; `factors` are the ratios of its estimated to its stated variances.
     pub(crate) fn assume(&mut self, assumed: [f64; 2], stated: [f64; 2], factors: [f64; 2]) {
         let mut most = assumed;
         for (way, radar) in self.each.iter().zip(&mut self.seen) {
@@ -163,8 +166,8 @@ impl Ways {
 }
 
 impl Radar {
-    /// The same with a primary channel, a secondary one and one of mode S, or some of them: it detects
-    /// what one of them detects.
+    /// Returns the radar with a primary channel, a secondary channel and a mode S channel, or some of
+    /// them. The radar detects a target if one of its channels does.
     ///
     /// # Errors
     /// A number outside its domain, or no channel.
@@ -177,20 +180,20 @@ impl Radar {
         Ok(Self { detection_probability, ways: Some(Box::new(ways)), ..self })
     }
 
-    /// The detection of a plot, if it is one of this radar's.
+    /// Returns the detection of a plot if it is one of this radar's ways.
     #[inline]
     pub(crate) fn known(&self, detection: Option<Detection>) -> Option<Detection> {
         self.way(detection).map(|way| way.detection)
     }
 
-    /// The way of a plot.
+    /// Returns the way in which a plot was detected.
     #[inline]
     pub(crate) fn way(&self, detection: Option<Detection>) -> Option<&Way> {
         let ways = self.ways.as_ref()?;
         Some(&ways.each[ways.index(detection?)?])
     }
 
-    /// The radar with the noise of plots that were detected so.
+    /// Returns the radar with the noise of plots with this detection.
     #[inline]
     pub(crate) fn detecting(&self, detection: Option<Detection>) -> &Self {
         let Some(ways) = &self.ways else { return self };
@@ -198,7 +201,7 @@ impl Radar {
         index.map_or(self, |index| &ways.seen[index])
     }
 
-    /// The radar with the largest noise of its plots.
+    /// Returns the radar with the largest noise of all its ways.
     #[inline]
     pub(crate) fn at_worst(&self) -> &Self {
         self.ways.as_ref().map_or(self, |ways| &ways.worst)

@@ -1,32 +1,32 @@
-//! When the rotating beam of a radar passes flights.
+//! Times at which the rotating beam of a radar passes flights.
 
 use super::traffic::{State, Traffic};
 use nalgebra::Complex;
 use std::f64::consts::PI;
 
-/// A step of Newton's so short that the next is below a microsecond, seconds; and how many there are
-/// at most.
+/// Newton step, s, after which the next one would be shorter than a microsecond; and largest number of steps.
 const MEETS: f64 = 1e-3;
 const ROUNDS: usize = 20;
-/// Rates of the beam relative to an aircraft, in those of the beam, for which meetings are found.
+/// Range of the beam's rate relative to an aircraft, as a share of the beam's own rate, in which passages
+/// are found.
 const SHARES: [f64; 2] = [0.5, 1.5];
-/// Scans beyond which a meeting belongs to another scan.
+/// Largest distance of a passage from its expected time, in scans; beyond, it belongs to another scan.
 const NEAR: f64 = 0.75;
 
-/// A beam that turns clockwise.
+/// A beam that rotates clockwise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Beam {
-    /// Where the radar is, east and north, metres.
+    /// Position of the radar, east and north, m.
     pub position: [f64; 2],
-    /// Seconds of a rotation.
+    /// Time of a rotation, s.
     pub scan_period: f64,
-    /// A time at which the beam points to the north.
+    /// A time at which the beam points north, s.
     pub phase: f64,
 }
 
-/// The meetings of a beam and each flight, flights and times: scan by scan, in each scan in the order
-/// of the flights. A scan later the beam is where the aircraft was; the next meeting is found from
-/// there.
+/// Returns the passages of the beam over each flight, as flights and times: scan by scan, and in each scan in
+/// the order of the flights. The search for the next passage starts one scan later, where the beam is at the
+/// last azimuth of the aircraft.
 pub fn meetings(traffic: &Traffic<'_>, beam: &Beam) -> Vec<(usize, f64)> {
     let mut found = Vec::new();
     for flight in 0..traffic.start.len() {
@@ -43,25 +43,25 @@ pub fn meetings(traffic: &Traffic<'_>, beam: &Beam) -> Vec<(usize, f64)> {
             if time > end || time.is_nan() {
                 break;
             }
-            // whatever an aircraft right above the radar does, time goes on
+            // time advances even if an aircraft is directly above the radar
             guess = (time + rotation).max(guess + 0.5 * beam.scan_period);
         }
     }
-    // stable
+    // the sort is stable
     found.sort_by_key(|&(scan, ..)| scan);
     found.into_iter().map(|(_, flight, time)| (flight, time)).collect()
 }
 
 impl Beam {
-    /// When beam and aircraft are at one azimuth, and how long until the next time. By Newton's
-    /// method. Right above the radar, where an aircraft's azimuth may change as quickly as the
-    /// beam's, there may be no such time.
+    /// Finds the time at which beam and aircraft have the same azimuth, and the time until the next
+    /// passage, by Newton's method. Directly above the radar, where the azimuth of an aircraft may change
+    /// as quickly as that of the beam, there may be no such time.
     fn meet(&self, traffic: &Traffic<'_>, flight: usize, guess: f64) -> Option<(f64, f64)> {
         let mut time = guess;
         for _ in 0..ROUNDS {
             let (azimuth, rate) = self.azimuth(traffic, flight, time);
             let lag = (azimuth - self.angle(time)) / (2.0 * PI);
-            // the aircraft runs away from the beam, or towards it
+            // the aircraft moves away from the beam, or towards it
             let share = (1.0 - rate * self.scan_period / (2.0 * PI)).clamp(SHARES[0], SHARES[1]);
             let rotation = self.scan_period / share;
             let late = rotation * ((lag + 0.5).rem_euclid(1.0) - 0.5);
@@ -74,12 +74,12 @@ impl Beam {
         None
     }
 
-    /// Azimuth of a flight and its rate; before the start and after the end those there.
+    /// Azimuth of a flight and its rate; before the start and after the end, those at the start and the end.
     fn azimuth(&self, traffic: &Traffic<'_>, flight: usize, time: f64) -> (f64, f64) {
         let inside = time.clamp(traffic.start[flight], traffic.end(flight));
         let State { position, velocity, .. } = traffic.state(flight, inside);
         let offset = position - Complex::new(self.position[0], self.position[1]);
-        // an aircraft right above the radar has any azimuth
+        // an aircraft directly above the radar has no particular azimuth
         let slope = velocity / if offset == Complex::ZERO { Complex::ONE } else { offset };
         (offset.re.atan2(offset.im), -slope.im)
     }

@@ -1,4 +1,4 @@
-//! A point mass that flies a route by banking, with a rate of roll, in a constant wind.
+//! A point mass that flies a route by banking, with a finite rate of roll, in a constant wind.
 
 use super::wander::Wander;
 use nalgebra::Complex;
@@ -7,64 +7,64 @@ use std::f64::consts::PI;
 type Plane = Complex<f64>;
 
 const GRAVITY: f64 = 9.80665;
-/// Of the speed, m/s²; of the height, m/s.
+/// Rate of change of the speed, m/s², and of the height, m/s.
 const ACCELERATION: f64 = 0.5;
 const CLIMB: f64 = 15.0;
-/// Seconds in which a course is met, and a leg; the largest angle at which it is met.
+/// Times in which a course and a leg are captured, s, and largest angle at which a leg is intercepted.
 const COURSE_TIME: f64 = 3.0;
 const LEG_TIME: f64 = 20.0;
 const INTERCEPT: f64 = 40.0 * PI / 180.0;
-/// Share of the sharpest course at which a leg can still be met without flying through it.
+/// Share of the steepest course on which a leg can still be captured without overshoot.
 const CAPTURE: f64 = 0.85;
-/// Beyond, a bank is a turn.
+/// Smallest bank that counts as a turn.
 const TURNING: f64 = 5.0 * PI / 180.0;
-/// Back on the plan: metres and radians off it.
+/// Largest distance, m, and course error, rad, at which the flight is back on its plan.
 const ON_LEG: f64 = 500.0;
 const ON_COURSE: f64 = 5.0 * PI / 180.0;
-/// Sine of turns too small to begin them early; radii before a waypoint where a turn begins at most.
+/// Sine of the largest turn that does not begin early; largest lead of a turn, in radii.
 const SMALL_TURN: f64 = 0.02;
 const LARGEST_LEAD: f64 = 4.0;
-/// Radians off the course to a waypoint at which the turn to it has ended; radii from a waypoint
-/// within which it is not headed for: it might be circled for ever.
+/// Largest course error, rad, at which the turn to a waypoint has ended; smallest distance, in radii, from
+/// which an aircraft heads for a waypoint, because it might circle a closer one forever.
 const BESIDE: f64 = 2.0 * PI / 180.0;
 const TOO_NEAR: f64 = 2.5;
 
-/// How a waypoint is passed.
+/// How a flight passes a waypoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Passing {
     /// The turn ends on the next leg.
     FlyBy,
-    /// The turn begins at the waypoint, and the leg is met later.
+    /// The turn begins at the waypoint, and the next leg is intercepted later.
     FlyOver,
-    /// The next waypoint is headed for from where the turn ends.
+    /// At the end of the turn, the flight proceeds directly to the next waypoint.
     Direct,
 }
 
-/// What is flown: N waypoints, each with its height and how it is passed.
+/// A route to be flown: N waypoints, each with its height and the way in which it is passed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Route {
-    /// Metres.
+    /// East and north, m.
     pub waypoints: Vec<Plane>,
-    /// m/s, from each waypoint to the next, N − 1.
+    /// Speed from each waypoint to the next, m/s (N − 1).
     pub speeds: Vec<f64>,
-    /// Metres; nan where there are none.
+    /// Height at each waypoint, m; nan if there are none.
     pub heights: Vec<f64>,
-    /// One for each waypoint.
+    /// How each waypoint is passed.
     pub passing: Vec<Passing>,
-    /// Metres before a waypoint by which its turn begins too early.
+    /// Distance, m, by which the turn at each waypoint begins too early.
     pub early: Vec<f64>,
-    /// The waypoint at which the plan is left, and that from which on it may be met again.
+    /// Waypoint at which the flight leaves its plan.
     pub leave: Option<usize>,
-    /// See `leave`.
+    /// Waypoint from which on the flight may be back on its plan.
     pub rejoin: Option<usize>,
-    /// Seconds after which the flight ends wherever it is.
+    /// Time after which the flight ends at the latest, s.
     pub longest: f64,
 }
 
-/// What differs among flights.
+/// Parameters that differ between flights.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pilot {
-    /// m/s.
+    /// Wind, m/s.
     pub wind: Plane,
     /// Error of the airspeed, m/s.
     pub speed_error: f64,
@@ -76,41 +76,41 @@ pub struct Pilot {
     pub turn_rate: f64,
 }
 
-/// A flight at an instant.
+/// State of a flight at one instant, for output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Metres.
+    /// East and north, m.
     pub position: [f64; 2],
-    /// Over the ground, m/s.
+    /// Velocity over the ground, m/s.
     pub velocity: [f64; 2],
-    /// Of the course over the ground, rad/s, positive clockwise.
+    /// Rate of turn of the course over the ground, rad/s, positive clockwise.
     pub turn_rate: f64,
-    /// Whether the bank is that of a turn.
+    /// Whether the bank is large enough for a turn.
     pub is_turning: bool,
-    /// Metres.
+    /// Height, m.
     pub height: f64,
 }
 
-/// The state of a flight. The leg that is flown is the line through `origin` in the direction `along`.
-/// Where `homing`, it begins where the aircraft is, until the turn to the waypoint ahead has ended.
+/// The state of a flight. The current leg is the line through `origin` in the direction `along`. If `homing`
+/// is set, the leg begins at the aircraft, until the turn to the waypoint ahead has ended.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Flight {
     route: Route,
     pilot: Pilot,
     step: f64,
-    /// Navigation error and slow variation of the speed.
+    /// Cross-track navigation error; below, slow variation of the speed.
     offset: Wander,
     variation: Wander,
     time: f64,
     flying: bool,
-    /// The waypoint behind.
+    /// Index of the waypoint behind.
     leg: usize,
     origin: Plane,
     along: Plane,
     homing: bool,
     steady: f64,
     speed: f64,
-    /// The largest tangent of the bank: the pilot's, or that of the largest rate of turn.
+    /// Largest tangent of the bank, from the pilot's bank or from the largest rate of turn.
     limit: f64,
     bank: f64,
     turn_rate: f64,
@@ -123,8 +123,8 @@ pub struct Flight {
 }
 
 impl Flight {
-    /// A flight at the first waypoint of its route, with the distance to the right of its legs by
-    /// which navigation errs, and the variation of its speed.
+    /// Creates a flight at the first waypoint of its route. `offset` is the navigation error to the right of
+    /// the legs, and `variation` that of the speed.
     ///
     /// # Panics
     /// If the route has fewer than two waypoints, or columns of different lengths.
@@ -154,7 +154,7 @@ impl Flight {
             bank: 0.0,
             turn_rate: 0.0,
             height,
-            // navigation takes the aircraft to be on the leg
+            // according to its navigation, the aircraft is on the leg
             position: origin + Plane::I * along * offset.value(),
             heading: along,
             velocity: along,
@@ -167,7 +167,7 @@ impl Flight {
         flight
     }
 
-    /// The flight now; none once it has ended.
+    /// Returns the present state; `None` after the end of the flight.
     pub fn sample(&self) -> Option<Sample> {
         self.flying.then(|| Sample {
             position: [self.position.re, self.position.im],
@@ -178,12 +178,13 @@ impl Flight {
         })
     }
 
-    /// Seconds from the start at which the plan was left, and at which it was met again; nan: never.
+    /// Times since the start at which the flight left its plan and at which it was back, s; nan if it
+    /// never did.
     pub fn departure(&self) -> (f64, f64) {
         (self.left, self.returned)
     }
 
-    /// Goes on by a step, with standard normal numbers for the speed and for navigation.
+    /// Advances by one step, with standard normal numbers for the speed and for navigation.
     pub fn advance(&mut self, speed: [f64; 2], navigation: [f64; 2]) {
         let Self { step, .. } = *self;
         self.pass_waypoints();
@@ -191,7 +192,7 @@ impl Flight {
         let bank = self.bank + (wanted - self.bank).clamp(-reach, reach);
         let mean = 0.5 * (bank + self.bank);
         let half = Complex::cis(-0.5 * step * GRAVITY / self.speed * mean.tan());
-        // along the chord of the step's arc
+        // along the chord of the arc of this step
         self.position += (self.heading * half * self.speed + self.pilot.wind) * step;
         self.heading *= half * half;
         self.bank = bank;
@@ -200,13 +201,13 @@ impl Flight {
         self.climb();
         self.time += step;
         self.velocity = self.heading * self.speed + self.pilot.wind;
-        // that of the course over the ground, not of the heading
+        // the rate of the course over the ground, not of the heading
         let lift = GRAVITY * bank.tan() * (self.heading * self.velocity.conj()).re;
         self.turn_rate = lift / self.velocity.norm_sqr();
         self.flying &= self.time < self.route.longest;
     }
 
-    /// Takes the next leg where the turn to it is due, and ends where there is none.
+    /// Changes to the next leg if the turn to it is due, and ends the flight if there is none.
     fn pass_waypoints(&mut self) {
         let (ahead, last) = (self.leg + 1, self.route.waypoints.len() - 1);
         let corner = self.route.waypoints[ahead];
@@ -214,12 +215,12 @@ impl Flight {
         let (ends, passing) = (ahead >= last, self.route.passing[ahead]);
         let lead = if passing == Passing::FlyBy && !ends { self.lead(following) } else { 0.0 };
         let closing = (self.velocity * self.along.conj()).re;
-        // a turn begins with a step: half a step early or late on average
+        // turns begin at the start of a step: half a step early or late on average
         let is_near =
             ((corner - self.position) * self.along.conj()).re <= lead + 0.5 * self.step * closing;
         if is_near && self.flying && !self.homing {
             if ends {
-                // a flight has two samples at least
+                // a flight has at least two samples
                 self.flying = self.time == 0.0;
             } else {
                 self.leg = ahead;
@@ -236,9 +237,9 @@ impl Flight {
         self.look_for_plan();
     }
 
-    /// How far before the waypoint ahead the turn to the following leg begins. The air turns the
-    /// aircraft along an arc, and the wind carries that: the turn's end has to lie on the following
-    /// leg. Half of the roll is lost on each side of the arc.
+    /// Distance before the waypoint ahead at which the turn to the following leg begins. The aircraft
+    /// flies an arc relative to the air, which the wind carries along; the end of the turn must be on the
+    /// following leg. Half of the time to roll is lost at each end of the arc.
     fn lead(&self, following: Plane) -> f64 {
         let sine = (self.along.conj() * following).im;
         if sine.abs() <= SMALL_TURN {
@@ -257,7 +258,7 @@ impl Flight {
         lead.clamp(0.0, LARGEST_LEAD * radius)
     }
 
-    /// Notes when the flight is back on its plan.
+    /// Records the time at which the flight is back on its plan.
     fn look_for_plan(&mut self) {
         let is_after = self.route.rejoin.is_some_and(|rejoin| self.leg >= rejoin);
         if is_after && self.flying && self.returned.is_nan() {
@@ -269,15 +270,15 @@ impl Flight {
         }
     }
 
-    /// The bank that brings the aircraft to its leg, and holds it there.
+    /// Bank that brings the aircraft to its leg and holds it there.
     fn wanted_bank(&mut self) -> f64 {
         self.home();
         let (speed, limit) = (self.speed, self.limit);
-        // to the right of the leg, as navigation has it
+        // distance to the right of the leg, according to navigation
         let off = ((self.position - self.origin) * self.along.conj()).im;
         let across = self.offset.value() - off;
         let (distance, ground) = (across.abs(), self.velocity.norm());
-        // the angle at which to meet the leg: in proportion, and so that the turn to it fits
+        // intercept angle: proportional to the distance, and small enough for the turn onto the leg
         let sharpest = (2.0 * distance * GRAVITY * limit).sqrt() / ground;
         let angle = (distance / (ground * LEG_TIME)).min(INTERCEPT).min(CAPTURE * sharpest);
         let course = self.along * Complex::cis(angle.copysign(across));
@@ -285,12 +286,12 @@ impl Flight {
         let size = error.abs();
         self.homing &= size > BESIDE;
         let bank = (size * speed / (COURSE_TIME * GRAVITY)).min(limit).atan();
-        // rolling out takes the heading no farther: g / (V roll) ln(1 / cos(bank))
+        // the heading change during the roll-out must not exceed the error: g / (V roll) ln(1 / cos(bank))
         let out = (-size * speed * self.pilot.roll / GRAVITY).exp().acos();
         bank.min(out).copysign(error)
     }
 
-    /// Lets the leg of one that heads for a waypoint begin where it believes to be.
+    /// While homing on a waypoint, lets the leg begin at the position according to navigation.
     fn home(&mut self) {
         if !self.homing {
             return;
@@ -302,7 +303,7 @@ impl Flight {
         self.homing = way.norm() > TOO_NEAR * radius;
     }
 
-    /// Approaches the speed of the leg.
+    /// Changes the speed towards that of the leg.
     fn change_speed(&mut self, push: [f64; 2]) {
         let leg = self.leg.min(self.route.speeds.len() - 1);
         let target = self.route.speeds[leg] + self.pilot.speed_error;
@@ -317,7 +318,7 @@ impl Flight {
         self.limit = self.pilot.bank.tan().min(self.pilot.turn_rate * self.speed / GRAVITY);
     }
 
-    /// Approaches the height of the route.
+    /// Changes the height towards that of the route.
     fn climb(&mut self) {
         let (first, second) = (self.route.waypoints[self.leg], self.route.waypoints[self.leg + 1]);
         let way = second - first;
@@ -328,7 +329,7 @@ impl Flight {
         self.height += (wanted - self.height).clamp(-reach, reach);
     }
 
-    /// The heading that holds a course in the wind.
+    /// Heading that holds a course in the wind.
     fn crab(&self, course: Plane) -> Plane {
         let across = (self.pilot.wind * course.conj()).im;
         let along = (self.speed * self.speed - across * across).sqrt();
@@ -336,7 +337,7 @@ impl Flight {
     }
 }
 
-/// The direction of a vector; the last waypoint has no leg.
+/// Direction of a vector; zero after the last waypoint, which has no leg.
 fn unit(vector: Plane) -> Plane {
     vector / vector.norm().max(1e-9)
 }

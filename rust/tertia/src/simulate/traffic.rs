@@ -1,33 +1,33 @@
-//! Flights between their samples.
+//! Interpolation of flights between their samples.
 
 use nalgebra::Complex;
 
-/// Flights on grids of equal steps. Positions (F, S) and velocities follow each other flight by
+/// Flights sampled in equal steps. Positions (F, S) and velocities are stored flight by
 /// flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Traffic<'a> {
-    /// Time of the first sample of each flight, seconds.
+    /// Time of the first sample of each flight, s.
     pub start: &'a [f64],
-    /// Number of its samples, two or more.
+    /// Number of samples of each flight, two or more.
     pub count: &'a [i64],
-    /// Seconds from sample to sample.
+    /// Time from sample to sample, s.
     pub step: f64,
-    /// Metres.
+    /// East and north, m.
     pub position: &'a [[f64; 2]],
-    /// m/s.
+    /// Velocity, m/s.
     pub velocity: &'a [[f64; 2]],
-    /// Metres; nan where flights have no heights.
+    /// Height, m; nan if flights have no heights.
     pub height: &'a [f64],
 }
 
-/// A flight at an instant.
+/// State of a flight at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
-    /// Metres.
+    /// East and north, m.
     pub position: Complex<f64>,
-    /// m/s.
+    /// Velocity, m/s.
     pub velocity: Complex<f64>,
-    /// Metres.
+    /// Height, m.
     pub height: f64,
 }
 
@@ -37,9 +37,9 @@ impl Traffic<'_> {
         self.start[flight] + (self.count[flight] - 1) as f64 * self.step
     }
 
-    /// A flight at a time: the cubic that has positions and velocities of the samples before and after,
-    /// and the height between theirs. Both go on beyond the first and the last sample. nan at a time
-    /// that is nan.
+    /// State of a flight at a time, from the cubic through the positions and velocities of the
+    /// neighbouring samples, and with linear interpolation of the height. Both are extrapolated before
+    /// the first and after the last sample. nan if the time is nan.
     ///
     /// # Panics
     /// If there is no such flight, or a flight has fewer than two samples.
@@ -54,7 +54,7 @@ impl Traffic<'_> {
             (complex(self.position[k]), complex(self.position[k + 1]) - complex(self.position[k]));
         let begin = complex(self.velocity[k]) * self.step;
         let end = complex(self.velocity[k + 1]) * self.step;
-        // by its derivatives at the first sample
+        // coefficients from the derivatives at the first sample
         let (square, cube) = (way * 3.0 - begin * 2.0 - end, begin + end - way * 2.0);
         let position = first + (begin + (square + cube * u) * u) * u;
         let velocity = (begin + (square * 2.0 + cube * 3.0 * u) * u) / self.step;

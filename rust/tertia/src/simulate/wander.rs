@@ -1,15 +1,15 @@
-//! A normal process whose rate is a process, too (critically damped).
+//! A smooth, critically damped normal process, whose state is its value and its rate.
 
-/// One step of the process: its transition, and a root of the covariance of its noise.
+/// One step of the process: its transition matrix, and a root of the covariance of its noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Process {
-    /// Row by row.
+    /// Transition matrix, row by row.
     pub transition: [[f64; 2]; 2],
-    /// Row by row.
+    /// Root of the covariance, row by row.
     pub root: [[f64; 2]; 2],
 }
 
-/// The process and its rate.
+/// The state of the process: its value and its rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wander {
     process: Process,
@@ -17,17 +17,17 @@ pub struct Wander {
 }
 
 impl Wander {
-    /// Starts from a value and a rate.
+    /// Starts with a value and a rate.
     pub fn new(process: Process, state: [f64; 2]) -> Self {
         Self { process, state }
     }
 
-    /// The process now.
+    /// Returns the present value.
     pub fn value(&self) -> f64 {
         self.state[0]
     }
 
-    /// Goes on by a step, with two standard normal numbers.
+    /// Advances by one step, with two standard normal numbers.
     pub fn advance(&mut self, push: [f64; 2]) {
         let Process { transition: f, root } = self.process;
         let x = self.state;

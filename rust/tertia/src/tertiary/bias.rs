@@ -1,14 +1,14 @@
-//! What the systematic errors of a radar do to the states of its tracks.
+//! Effect of the systematic errors of a radar on the states of its tracks.
 
 use crate::registration::{ERRORS, Errors};
 use crate::sensors::Radar;
 use nalgebra::{Matrix4, Vector4};
 
-/// Derivatives of a state by offset and gain of the range, azimuth and clock.
+/// Derivatives of a state by the offset and gain of the range, the azimuth and the clock.
 ///
-/// With e and f the unit vectors away from the radar and clockwise across, and `e' = θ' f`, they are
-/// of the position `s e, s ρ e, r f, −v`, where s is slant over ground range, and of the velocity the
-/// rates of these.
+/// Let e be the unit vector away from the radar, f the one across (clockwise), and `e' = θ' f`. The
+/// derivatives of the position are `s e, s ρ e, r f, −v`, where s is the slant range divided by the ground
+/// range; those of the velocity are the rates of these.
 pub(super) fn sensitivity(state: &Vector4<f64>, height: f64, radar: &Radar) -> Matrix4<f64> {
     let [x, y] = [state[0] - radar.position[0], state[1] - radar.position[1]];
     let [vx, vy] = [state[2], state[3]];
@@ -39,8 +39,8 @@ pub(super) fn sensitivity(state: &Vector4<f64>, height: f64, radar: &Radar) -> M
     )
 }
 
-/// What errors of covariance `block` between two sensors do to two states: `J Σ K'`. In plain loops, which
-/// compilers unroll; in the order of sums of a general product.
+/// Covariance `J Σ K'` of two states from errors whose covariance between the two sensors is `block`. Written
+/// in plain loops, which compilers unroll, and with the order of summation of a general product.
 #[inline(always)]
 pub(super) fn propagated(j: &Matrix4<f64>, block: &Matrix4<f64>, k: &Matrix4<f64>) -> Matrix4<f64> {
     product(&product(j, block), &k.transpose())
@@ -58,7 +58,7 @@ fn product(a: &Matrix4<f64>, b: &Matrix4<f64>) -> Matrix4<f64> {
     product
 }
 
-/// The state without these errors.
+/// Returns the state corrected for these errors.
 pub(super) fn corrected(
     state: &Vector4<f64>,
     sensitivity: &Matrix4<f64>,

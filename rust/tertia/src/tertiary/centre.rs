@@ -1,4 +1,4 @@
-//! The centre, cycle by cycle.
+//! The fusion centre, which makes a picture in each cycle.
 
 use super::bias::{corrected, propagated, sensitivity};
 use super::groups::{Group, grouped};
@@ -21,67 +21,67 @@ use std::collections::BTreeSet;
 use std::num::NonZero;
 use std::ops::Deref;
 
-/// Scans after which a track is old.
+/// Number of scans without a row after which a track is no longer used.
 const OLD: f64 = 2.5;
-/// Time to bring a track to an instant, to filter the plots of a target, and to show it, ns.
+/// Time to extrapolate a track, to filter the plots of a target, and to make its row of the picture, ns.
 const SAMPLE_NS: f64 = 300.0;
 const FOLLOW_NS: f64 = 3000.0;
 const SHOWN_NS: f64 = 500.0;
-/// Cycles after which a target is confirmed, and after which a sensor should have seen it.
+/// Cycles after which a target is confirmed, and cycles without another sensor after which it is doubtful.
 const CONFIRMED: usize = 3;
 const UNSEEN: usize = 10;
-/// Detection probability of a sensor that must see a target within its range.
+/// Detection probability from which a sensor must see a target within its range.
 const CERTAIN: f64 = 0.8;
 
-/// How a centre works.
+/// Settings of a centre.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
     /// The sensors.
     pub radars: Vec<Radar>,
-    /// How states are fused.
+    /// Rule by which states are fused.
     pub rule: Rule,
     /// Correlation of positions and velocities of two tracks of one target, for [`Rule::Matrix`].
     pub cross_correlation: [f64; 2],
-    /// Whether the errors of the sensors are estimated.
+    /// Whether the systematic errors of the sensors are estimated.
     pub registers: bool,
-    /// Systematic errors as they are known before, their standard deviations, and the rates at which
-    /// they drift, 1/s.
+    /// Prior of the systematic errors of each sensor: their values, their standard deviations, and the rates
+    /// of their drift, 1/s.
     pub errors: Vec<[Errors; 3]>,
 }
 
-/// A target of the picture.
+/// A target in the picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SystemTrack {
-    /// Its number, from 1.
+    /// Number of the target, from 1.
     pub number: u64,
-    /// East and north, and their rates.
+    /// East and north, and their rates, m and m/s.
     pub state: [f64; 4],
-    /// Row by row.
+    /// Covariance of the state, row by row.
     pub covariance: [f64; 16],
-    /// Number of the track of each sensor.
+    /// Number of the member track of each sensor.
     pub members: Vec<Option<i64>>,
-    /// Of the agreement of its members; nan of one.
+    /// p-value of the test whether the members agree; nan for a single member.
     pub pvalue: f64,
-    /// Whether it was there for three cycles.
+    /// Whether the target has been present for three cycles.
     pub confirmed: bool,
-    /// Whether a sensor that must see it does not.
+    /// Whether a sensor that should see the target does not see it.
     pub doubtful: bool,
-    /// Metres; nan where no sensor reports one.
+    /// Height, m; nan if no sensor reports one.
     pub height: f64,
-    /// Of each kind, that of its newest member that has one.
+    /// Of each kind, the identity from the newest member that has one.
     pub identities: Identities,
 }
 
-/// A centre that makes one picture of the tracks of several sensors.
+/// The fusion centre, which makes one picture from the tracks of several sensors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Centre {
     settings: Settings,
     registrar: Registrar,
-    /// In the order of their sensors and numbers.
+    /// Sorted by sensor and track number.
     #[expect(clippy::vec_box, reason = "they are a kilobyte each, and change their places")]
     members: Vec<Box<Member>>,
     waiting: Vec<Row>,
-    /// In the order of their numbers.
+    /// Sorted by number.
     #[expect(clippy::vec_box, reason = "they are a kilobyte each, and change their places")]
     targets: Vec<Box<Target>>,
     pairs: Pairs,
@@ -92,11 +92,11 @@ pub struct Centre {
 }
 
 impl Centre {
-    /// A centre that knows no tracks.
+    /// Creates a centre without tracks.
     pub fn new(settings: Settings) -> Self {
         let [start, sigma, drift] =
             [0, 1, 2].map(|at| settings.errors.iter().map(|one| one[at]).collect::<Vec<_>>());
-        // reports of tracks are positions
+        // tracks are reported as positions, without slant ranges
         let slant = vec![false; settings.radars.len()];
         Self {
             registrar: Registrar::new(settings.radars.clone(), slant, start, sigma, &drift),
@@ -111,24 +111,24 @@ impl Centre {
         }
     }
 
-    /// What is known of the errors of the sensors.
+    /// Returns the registrar, which estimates the errors of the sensors.
     pub fn registrar(&self) -> &Registrar {
         &self.registrar
     }
 
-    /// The centre, as bytes.
+    /// Returns the centre as bytes.
     pub fn to_bytes(&self) -> Vec<u8> {
         saved(self)
     }
 
-    /// The centre that was written; none where these are not such bytes, or damaged.
+    /// Restores a centre from [`Centre::to_bytes`]; `None` if the bytes are invalid or damaged.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         restored(bytes)
     }
 
-    /// Takes messages, in any order, and makes the picture of a time. What is later waits for the next
-    /// one; what is older than the last row of its track is dropped. The picture does not depend on the
-    /// number of threads.
+    /// Adds messages, in any order, and makes the picture at `time`. Messages with later times are kept for
+    /// the next picture; those older than the last row of their track are dropped. The picture does not
+    /// depend on the number of threads.
     ///
     /// # Errors
     /// A state that is not finite.
@@ -214,7 +214,7 @@ impl Centre {
         live.iter().map(|&(_, place)| place).collect()
     }
 
-    /// The sensors, best first.
+    /// Returns the indices of the sensors, the best first.
     fn order(&self) -> Vec<usize> {
         let radars = &self.settings.radars;
         let mut order: Vec<_> = (0..radars.len()).collect();
@@ -224,7 +224,7 @@ impl Centre {
         order
     }
 
-    /// The number of each group: that of the target with most members in common, or a new one.
+    /// Assigns a number to each group: that of the target with the most members in common, or a new one.
     fn name(&mut self, groups: &[Group], places: &[usize]) -> Vec<u64> {
         let mut own = Vec::with_capacity(places.len());
         for (g, group) in groups.iter().enumerate() {
@@ -234,7 +234,7 @@ impl Centre {
         own.sort_unstable();
         let mut common: Vec<_> =
             own.chunk_by(|a, b| a == b).map(|same| (same[0], same.len())).collect();
-        // the sort is stable: then the older number, then the first group
+        // the sort is stable: of equal counts, the older number comes first, then the first group
         common.sort_by_key(|&(_, count)| std::cmp::Reverse(count));
         let (mut numbers, mut used) = (vec![None; groups.len()], IntegerMap::default());
         for ((number, g), _) in common {
@@ -260,8 +260,8 @@ impl Centre {
         found
     }
 
-    /// Filters the plots behind the tracks; what can be learnt of the errors of the sensors, group by group,
-    /// in order of time.
+    /// Filters the plots behind the tracks. Returns, group by group and in order of time, the updates from
+    /// which the errors of the sensors can be estimated.
     fn follow(
         &mut self,
         groups: &[Group],
@@ -299,7 +299,7 @@ impl Centre {
         Ok(learnt)
     }
 
-    /// Learns the errors of the sensors.
+    /// Updates the estimated errors of the sensors.
     fn learn(
         &mut self,
         learnt: &[Vec<Update>],
@@ -320,7 +320,7 @@ impl Centre {
         Ok(())
     }
 
-    /// The sensors with the noise that their plots have.
+    /// Returns the sensors with the estimated noise of their plots.
     fn noisy(&self) -> Vec<Radar> {
         let noise = self.registrar.noise();
         let radars = self.settings.radars.iter().zip(noise);
@@ -339,7 +339,7 @@ impl Centre {
         periods.map(|k| self.settings.radars[k].scan_period).fold(0.0, f64::max)
     }
 
-    /// Whether several sensors see a target, or no other one must.
+    /// Whether several sensors see a target, or no other sensor should see it.
     fn is_seen(&self, group: &Group, samples: &[Sample]) -> bool {
         let [only] = group.members[..] else { return true };
         let sample = &samples[only];
@@ -352,7 +352,7 @@ impl Centre {
         })
     }
 
-    /// A target as it is shown.
+    /// Returns the row of a target in the picture.
     fn shown(
         &self,
         group: &Group,
@@ -418,8 +418,8 @@ impl Centre {
         })
     }
 
-    /// Takes the tracks of two targets for those of one, or keeps them apart, until they are released.
-    /// False where there is no such target, or both have a track of the same sensor to be joined.
+    /// Joins the tracks of two targets, or keeps them separate, until they are released. Returns false if
+    /// one of the targets does not exist, or if targets to be joined both have a track of the same sensor.
     pub fn decide(&mut self, a: u64, b: u64, joined: bool) -> bool {
         let ids = |number: u64| -> Vec<(usize, u64)> {
             let own = self.members.iter().filter(|member| member.target == Some(number));
@@ -442,7 +442,7 @@ impl Centre {
         true
     }
 
-    /// Forgets what was decided of the tracks of a target; false where there is no such target.
+    /// Withdraws the decisions on the tracks of a target; false if the target does not exist.
     pub fn release(&mut self, number: u64) -> bool {
         let ids: BTreeSet<u64> = self
             .members
@@ -457,14 +457,14 @@ impl Centre {
     }
 }
 
-/// Numbers of targets in order, with the places of their groups.
+/// Returns the numbers of targets in ascending order, with the indices of their groups.
 fn in_order(numbers: &[u64]) -> impl Iterator<Item = (u64, usize)> {
     let mut order: Vec<_> = numbers.iter().copied().zip(0..).collect();
     order.sort_unstable();
     order.into_iter()
 }
 
-/// The targets that something is known of, by their numbers; both are in order.
+/// Joins targets with the values known for their numbers. Both inputs are sorted by number.
 fn matched<O: Deref<Target = Box<Target>>, T>(
     targets: impl Iterator<Item = O>,
     known: impl Iterator<Item = (u64, T)>,
@@ -477,7 +477,7 @@ fn matched<O: Deref<Target = Box<Target>>, T>(
     })
 }
 
-/// The track of a group with the least uncertainty of its position.
+/// Index of the track of a group with the smallest position variance.
 fn best(group: &Group, samples: &[Sample]) -> usize {
     let trace = |i: usize| samples[i].covariance[(0, 0)] + samples[i].covariance[(1, 1)];
     let first = group.members[0];

@@ -1,8 +1,8 @@
-//! Whether two tracks are of one target (Bar-Shalom, Fortmann 1988).
+//! Test whether two tracks belong to the same target (Bar-Shalom, Fortmann 1988).
 
 use nalgebra::{Cholesky, Matrix4, Vector4};
 
-/// The distance of two tracks.
+/// Distance between two tracks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Distance {
     /// `D² = d' T⁻¹ d`
@@ -12,10 +12,10 @@ pub struct Distance {
 }
 
 impl Distance {
-    /// Of a difference d with the covariance T; none where T is not positive definite.
+    /// Distance of a difference d with the covariance T; `None` if T is not positive definite.
     #[inline(always)]
     pub fn new(difference: &Vector4<f64>, covariance: Matrix4<f64>) -> Option<Self> {
-        // L D L' = T and L z = d in plain loops, which compilers unroll; columns are rows
+        // L D L' = T and L z = d in plain loops, which compilers unroll; columns take the place of rows
         let (mut t, mut z) = (covariance.data.0, difference.data.0[0]);
         let (mut squared, mut determinant) = (0.0, 1.0);
         for k in 0..4 {
@@ -38,16 +38,16 @@ impl Distance {
         Some(Self { squared, ln_determinant })
     }
 
-    /// Log-likelihood ratio of one target against two of a density (per m² and (m/s)²).
+    /// Log-likelihood ratio of one target to two targets at this density, per m² and (m/s)².
     pub fn score(&self, density: f64) -> f64 {
         -0.5 * (self.squared + self.ln_determinant) - density.ln()
     }
 }
 
-/// Covariance between two tracks of one target that share its process noise, for correlations of
+/// Covariance between two tracks of one target that share its process noise, from the correlations of
 /// positions and velocities: `C = L_a diag(r_p, r_p, r_v, r_v) L_b'` with the Cholesky factors L. With
-/// |r| ≤ 1 the joint matrix is positive definite, which correlations of the elements do not ensure. None
-/// where a covariance is not.
+/// |r| ≤ 1 the joint matrix is positive definite; correlations of the single elements would not ensure
+/// this. Returns `None` if a covariance is not positive definite.
 pub fn shared(a: &Matrix4<f64>, b: &Matrix4<f64>, correlation: [f64; 2]) -> Option<Matrix4<f64>> {
     let (a, b) = (Cholesky::new(*a)?.l(), Cholesky::new(*b)?.l());
     let [position, velocity] = correlation;
@@ -80,7 +80,7 @@ mod tests {
 
     const DENSITY: f64 = 2e-9 / (std::f64::consts::PI * 250.0 * 250.0);
 
-    /// Values by NumPy.
+    /// Expected values computed with NumPy.
     #[test]
     fn two_tracks() {
         let d = Vector4::new(140.0, -95.0, 6.0, 4.0);
@@ -97,7 +97,7 @@ mod tests {
         assert!(Distance::new(&d, -a).is_none() && shared(&a, &-b, [0.1; 2]).is_none());
     }
 
-    /// Pairs of three tracks by NumPy.
+    /// Pairs among three tracks, computed with NumPy.
     #[test]
     fn three_tracks() {
         let c = Matrix4::from_diagonal(&Vector4::new(1e4, 1e4, 40.0, 40.0));

@@ -1,4 +1,4 @@
-//! What a tracker would make of the plots behind a track of another filter.
+//! A filter of Tertia's tracker, applied to the plots behind a track that another filter made.
 
 use super::row::{Row, carried};
 use crate::base::plane::Plane;
@@ -6,29 +6,29 @@ use crate::sensors::Radar;
 use crate::tracker::{Estimate, Follower, ImmModel};
 use serde::{Deserialize, Serialize};
 
-/// Share of the newest plot in the running mean of innovations, and the most that one counts.
+/// Weight of the newest plot in the running mean of innovations, and the largest value that is used of one.
 const MEMORY: f64 = 0.3;
 const SURPRISE: f64 = 20.0;
 
-/// A filter of straight flight, turns and changes of speed along a track. The state of a filter without turns
-/// lags in turns, by more than it states: compared with those of other sensors, it would be of another
-/// target.
+/// A filter with models of straight flight, turns and changes of speed, applied along a track. The state of a
+/// filter without models of turns lags in turns, by more than its covariance states. Compared with tracks of
+/// other sensors, it would seem to belong to another target.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Filtered {
     follower: Follower,
-    /// Running mean of the normalised squares of innovations, over what is expected.
+    /// Running mean of the normalised innovation squared, relative to its expected value.
     surprise: f64,
 }
 
 impl Filtered {
-    /// From the state of a row.
+    /// Starts the filter with the state of a row.
     pub fn new(row: &Row, radar: &Radar) -> Self {
         let model = ImmModel::default();
         let follower = Follower::new(&model, row.estimate(radar), row.turning(), row.time);
         Self { follower, surprise: 1.0 }
     }
 
-    /// A position of this covariance.
+    /// Updates the filter with a position of this covariance.
     pub fn follow(&mut self, time: f64, place: [f64; 2], noise: Plane, radar: &Radar) {
         let model = ImmModel::default();
         self.follower.predict(&model, time, radar.scan_period);
@@ -40,7 +40,7 @@ impl Filtered {
         self.follower.correct(&model, place, noise);
     }
 
-    /// Position and velocity at a time.
+    /// Returns position and velocity at a time.
     pub fn at(&self, time: f64) -> Estimate<4> {
         let mut estimate = self.follower.estimate();
         estimate.covariance *= self.surprise.max(1.0);

@@ -1,30 +1,30 @@
-//! The gain of a sensor's filter, found from how plots move its tracks.
+//! Estimate of the gain of a sensor's filter from the corrections that plots apply to its tracks.
 //!
-//! A plot moves position and velocity of a track by `α y` and `β y / T`, whatever the filter states about its
-//! accuracy. Their ratio is seen in the rows; and in the steady state of a filter of nearly constant velocity
-//! `β = 2 (2 − α) − 4 √(1 − α)` (Kalata 1984), so that with `r = β / α`
+//! A plot corrects the position and velocity of a track by `α y` and `β y / T`, whatever accuracy the filter
+//! states. The ratio of these corrections is visible in the rows. In the steady state of a filter of nearly
+//! constant velocity, `β = 2 (2 − α) − 4 √(1 − α)` (Kalata 1984), and therefore with `r = β / α`
 //!
 //! `√(1 − α) = (2 − r) / (2 + r)`.
 
 use serde::{Deserialize, Serialize};
 
-/// Share of earlier rows that is left after each one, and the largest step that counts as it is.
+/// Forgetting factor of the sums per row, and the largest step that is used in full, in sigmas of a plot.
 const MEMORY: f64 = 0.9;
 const LARGE: f64 = 2.0;
-/// α that is expected before rows show it, and its weight in squares of the noise of a plot.
+/// Expected α before rows are observed, and its weight as squares in sigmas of a plot.
 const USUAL: f64 = 0.5;
 const EXPECTED: f64 = 0.1;
-/// Least and largest gain.
+/// Smallest and largest gain.
 const LEAST: f64 = 0.05;
 const LARGEST: f64 = 0.98;
-/// Logarithm of the ratio of the factors along and across below which they are one.
+/// If the logarithm of the ratio of the factors along and across is smaller than this, they count as equal.
 const ALIKE: f64 = 0.3;
-/// Share of the changes of velocity that those of position explain, below which the two are of different
-/// origin.
+/// If the corrections of position explain less than this share of those of velocity, the two do not come
+/// from the same plots.
 const EXPLAINED: f64 = 0.5;
 
-/// Sums of squares and products of what plots moved along an axis, in units of the noise of a plot; and of
-/// the squares times the stated gain.
+/// Sums of squares and products of the corrections along one axis, in sigmas of a plot; `stated` sums the
+/// squares times the stated gain.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Sums {
     position: f64,
@@ -33,26 +33,26 @@ struct Sums {
     stated: f64,
 }
 
-/// What is known of the gain along and across the line of sight.
+/// Sums from which the gain along and across the line of sight is estimated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Gain([Sums; 2]);
 
-/// What a plot has moved along and across, in standard deviations of a plot.
+/// Correction by a plot, along and across the line of sight, in standard deviations of a plot.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Step {
-    /// Of the position.
+    /// Correction of the position.
     pub position: [f64; 2],
-    /// Of the velocity, times the time since the plot before.
+    /// Correction of the velocity, times the time since the previous plot.
     pub velocity: [f64; 2],
-    /// The gain by the stated covariance, `P⁺ R⁻¹`.
+    /// Gain according to the stated covariance, `P⁺ R⁻¹`.
     pub stated: [f64; 2],
 }
 
 impl Gain {
-    /// A plot has moved the track.
+    /// Adds the correction by a plot.
     pub fn see(&mut self, step: &Step) {
         let [a, b] = step.position;
-        // in turns steps are large, and say no more than others
+        // in turns the steps are large, but they contain no more information than others
         let scale = (LARGE / a.hypot(b)).min(1.0);
         for (axis, sums) in self.0.iter_mut().enumerate() {
             let (position, velocity) = (scale * step.position[axis], scale * step.velocity[axis]);
@@ -64,9 +64,9 @@ impl Gain {
         }
     }
 
-    /// α along each axis: as stated, but for a factor; or, where rows come at other times than plots and
-    /// their covariances are not those of the states after plots, by the ratio of each axis. None where
-    /// velocities change for other reasons than positions.
+    /// Estimates α along each axis: the stated gain times a common factor or, if the rows come at other times
+    /// than the plots and their covariances are therefore not those after a plot, the α from the ratio of
+    /// corrections on each axis. Returns `None` if velocities change for other reasons than positions.
     pub fn along(&self, stated: [f64; 2], is_periodic: bool) -> Option<[f64; 2]> {
         let explained: f64 = self.0.iter().map(Sums::explained).sum();
         if explained < EXPLAINED * self.0.iter().map(|sums| sums.velocity).sum::<f64>() {
@@ -81,7 +81,7 @@ impl Gain {
             (sums.position * own[axis] + EXPECTED * USUAL, sums.stated + EXPECTED * USUAL)
         });
         let [(a, b), (c, d)] = parts;
-        // else not even the shape of what is stated is right
+        // otherwise not even the shape of the stated covariance is right
         let is_common = (a * d / (b * c)).ln().abs() < ALIKE;
         let factor = (a + c) / (b + d);
         Some(if is_common { stated.map(|gain| limited(gain * factor)) } else { own })
@@ -89,7 +89,7 @@ impl Gain {
 }
 
 impl Sums {
-    /// α by the ratio of the changes of velocity and position.
+    /// α from the ratio of the corrections of velocity and position.
     fn alpha(&self) -> f64 {
         let ratio = (self.both + EXPECTED * ratio(USUAL)) / (self.position + EXPECTED);
         let root = ((2.0 - ratio) / (2.0 + ratio)).max(0.0);
@@ -105,7 +105,7 @@ fn limited(gain: f64) -> f64 {
     gain.clamp(LEAST, LARGEST)
 }
 
-/// β / α of a filter of this α.
+/// β / α of a filter with this α.
 fn ratio(gain: f64) -> f64 {
     let root = (1.0 - gain).sqrt();
     2.0 * (1.0 - root) / (1.0 + root)
@@ -116,7 +116,7 @@ mod tests {
     use super::*;
     use crate::base::random::Random;
 
-    /// Of a filter whose gains are these, where these are stated.
+    /// Estimated gains for a filter with these actual and stated gains.
     fn found(gain: [f64; 2], stated: [f64; 2], is_periodic: bool) -> [f64; 2] {
         let (mut random, mut filter) = (Random::new(7), Gain::default());
         for _ in 0..60 {

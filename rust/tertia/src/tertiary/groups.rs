@@ -1,21 +1,21 @@
-//! Tracks of several sensors in groups, one group a target.
+//! Grouping of the tracks of several sensors; each group is one target.
 
 use super::near::Sample;
 use super::pairs::Candidate;
 use crate::association::{Assigner, Pair};
 
-/// Tracks that are one target.
+/// A group of tracks that belong to one target.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Group {
-    /// Places in the list of samples.
+    /// Indices in the list of samples.
     pub members: Vec<usize>,
-    /// Of the gains of all its pairs.
+    /// Sum of the gains of all pairs of the group.
     sum: f64,
-    /// Of the distances squared.
+    /// Sum of the squared distances of all pairs.
     pub squared: f64,
 }
 
-/// What a track would add to a group.
+/// Contribution of a track if it is added to a group.
 #[derive(Clone, Copy, Default)]
 struct Offer {
     group: usize,
@@ -25,10 +25,10 @@ struct Offer {
     passes: bool,
 }
 
-/// Groups by one assignment for each sensor, in this order, of its tracks to the groups so far.
+/// Groups tracks. For each sensor, in this order, its tracks are assigned to the groups made so far.
 ///
-/// With the sum s of the gains of its pairs a group of n tracks is worth `2 s / n`: for equal
-/// covariances that is the joint log-likelihood ratio. Cost O(pairs) and that of the assignments.
+/// A group of n tracks whose pairs have gains of sum s has the value `2 s / n`; for equal covariances this is
+/// the joint log-likelihood ratio. Cost O(pairs) plus the cost of the assignments.
 pub(super) fn grouped(samples: &[Sample], candidates: &[Candidate], order: &[usize]) -> Vec<Group> {
     let near = Near::new(samples.len(), candidates);
     let mut groups: Vec<Group> = Vec::new();
@@ -74,7 +74,7 @@ pub(super) fn grouped(samples: &[Sample], candidates: &[Candidate], order: &[usi
     groups
 }
 
-/// The candidates of each track.
+/// Candidates for each track.
 struct Near {
     start: Vec<usize>,
     others: Vec<(usize, Candidate)>,
@@ -101,8 +101,8 @@ impl Near {
         Self { start, others: others.into_iter().flatten().collect() }
     }
 
-    /// What the track would add to groups that have a pair with it in the gate, and none that is out of
-    /// the question.
+    /// Sets the contributions of a track to all groups in which at least one pair with the track is in the
+    /// gate and every member is a candidate.
     fn offers(&self, i: usize, group_of: &[usize], groups: &[Group], offers: &mut Vec<Offer>) {
         offers.clear();
         for &(other, candidate) in &self.others[self.start[i]..self.start[i + 1]] {

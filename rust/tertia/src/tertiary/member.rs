@@ -1,4 +1,4 @@
-//! The tracks of the sensors, row by row.
+//! The tracks of the sensors, updated row by row.
 
 use super::filtered::Filtered;
 use super::gain::Gain;
@@ -13,14 +13,15 @@ use crate::tracker::Estimate;
 use serde::{Deserialize, Serialize};
 use std::num::NonZero;
 
-/// Scans after which a track is forgotten.
+/// Number of scans without a row after which a track is deleted.
 pub(super) const FORGOTTEN: f64 = 6.0;
-/// Share of the newest row in the running share of those of another filter than the tracker's, that share to
-/// begin with, and the one from which on the filter is another one: it may seem so for a turn.
+/// `MEMORY` is the weight of the newest row in the running share of rows that Tertia's filter cannot have
+/// made, `UNKNOWN` the initial share; from `FOREIGN` on, the track counts as made by another filter. A
+/// single turn may seem to be made by one.
 const MEMORY: f64 = 0.05;
 const UNKNOWN: f64 = 0.6;
 const FOREIGN: f64 = 0.7;
-/// Time of a row, ns.
+/// Time to process a row, ns.
 const ROW_NS: f64 = 2000.0;
 
 /// A track of a sensor.
@@ -31,21 +32,23 @@ pub(super) struct Member {
     is_doubtful: bool,
     pub before: [Option<Past>; 2],
     pub pending: Vec<Tracklet>,
-    /// The filter that may have made it.
+    /// Tertia's filter, which may have made the track.
     shadow: Shadow,
-    /// Of another one: its gain, and what the models make of the plots behind its rows.
+    /// If another filter made it: its gain, and the track that Tertia's models make of the plots behind
+    /// its rows.
     gain: Gain,
     filtered: Option<Filtered>,
     foreign: f64,
-    /// Whether rows have come without a plot.
+    /// Whether there have been rows without a plot.
     is_periodic: bool,
-    /// Time of its last plot.
+    /// Time of the last plot.
     plotted: f64,
     pub target: Option<u64>,
 }
 
-/// Takes the rows of the tracks in order of time, `next` being the id of the next track; rows after `time`
-/// go to `waiting`, and those that waited are taken. Cost O(N log N) for N rows, and O(M) for M tracks.
+/// Adds rows to their tracks in order of time; `next` is the id of the next new track. Rows after `time`
+/// go to `waiting`, and rows that were waiting are added. Cost O(N log N) for N rows plus O(M) for M
+/// tracks.
 #[expect(clippy::vec_box, reason = "they are a kilobyte each, and change their places")]
 pub(super) fn take(
     members: &mut Vec<Box<Member>>,
@@ -64,7 +67,7 @@ pub(super) fn take(
         (a.0, a.1).cmp(&(b.0, b.1)).then(a.2.total_cmp(&b.2)).then(a.3.cmp(&b.3))
     });
     let (known, mut at, mut begun) = (members.len(), 0, None);
-    // rows of tracks that go on, those of one track together
+    // rows of existing tracks, grouped by track
     let mut added: Vec<(usize, &Row)> = Vec::with_capacity(order.len());
     for (.., i) in order {
         let row = all[i as usize];
@@ -88,7 +91,7 @@ pub(super) fn take(
         let newest = added.last().filter(|(member, _)| *member == own);
         let newest = newest.map_or(members[own].last.time, |(_, row)| row.time);
         if row.time - newest > FORGOTTEN * radar.scan_period {
-            // the number is used again
+            // the sensor has used the number again for a new track
             while added.pop_if(|(member, _)| *member == own).is_some() {}
             *members[own] = Member::new(*next, *row, radar);
             *next += 1;
@@ -109,7 +112,7 @@ pub(super) fn take(
         Ok(())
     })?;
     if begun.is_some() {
-        // two runs that are in order
+        // the list consists of two sorted runs
         members.sort_by_key(|member| member.place());
     }
     Ok(())
@@ -136,7 +139,7 @@ impl Member {
         member
     }
 
-    /// Its sensor and number.
+    /// Sensor and track number, by which members are sorted.
     fn place(&self) -> (usize, i64) {
         (self.last.sensor, self.last.track)
     }
@@ -151,7 +154,8 @@ impl Member {
             self.is_periodic = true;
             return;
         }
-        // in doubt the filter stays where it was, as the sensor's does if the plot was none of the target
+        // in doubt the filter is not updated; nor is the sensor's filter if the plot did not belong to
+        // the target
         let plot = if self.is_doubtful { None } else { self.shadow.follow(&row, radar) };
         let is_same = self.shadow.is_same && !self.is_doubtful;
         let is_unlike = if is_same { 0.0 } else { 1.0 };
@@ -160,12 +164,13 @@ impl Member {
         self.plotted = row.time;
     }
 
-    /// Whether another filter than a tracker's made it.
+    /// Whether a filter other than Tertia's made the track.
     fn is_foreign(&self) -> bool {
         self.foreign > FOREIGN
     }
 
-    /// Keeps what is behind the last row: this plot, or what can be known without its filter.
+    /// Stores what is known of the plot behind the last row: `plot`, or an estimate without knowledge of
+    /// the filter.
     fn look_behind(&mut self, plot: Option<[f64; 2]>, radar: &Radar) {
         let last = (&self.last, self.is_doubtful);
         let gain = (&mut self.gain, self.is_periodic);
@@ -185,7 +190,7 @@ impl Member {
         self.pending.push(Tracklet::new(&self.last, place, own, radar));
     }
 
-    /// Where it is at a time.
+    /// Returns position and velocity of the track at a time.
     pub fn at(&self, time: f64, radar: &Radar) -> Estimate<4> {
         match &self.filtered {
             Some(filtered) if self.is_foreign() => filtered.at(time),

@@ -1,4 +1,5 @@
-//! Which tracks are near one another: a first look at all of them, by what fits into caches.
+//! Search for tracks that are near each other: a first test of all tracks on compact data that fit into
+//! caches.
 
 use super::share::mapped;
 use crate::association::Grid;
@@ -9,50 +10,51 @@ use pulp::{Arch, Simd, WithSimd};
 use std::collections::BTreeMap;
 use std::num::NonZero;
 
-/// Beyond this distance squared nothing is remembered of a pair.
+/// Squared distance above which no history of a pair is kept.
 pub(super) const FAR: f64 = 100.0;
-/// Standard deviation of a height, m, and how fast that of an old one grows, m/s.
+/// Standard deviation of a height, m, and its growth with the age of the height, m/s.
 const HEIGHT: f64 = 60.0;
 const CLIMB: f64 = 10.0;
-/// Heights that differ by so many standard deviations are of two targets.
+/// Heights that differ by more than this many standard deviations belong to two targets.
 pub(super) const APART: f64 = 4.5;
-/// Largest distance of positions along an axis, m.
+/// Largest difference of positions along an axis, m.
 const REACH: f64 = 8000.0;
-/// Tracks that one thread looks at at a time, and the time of one, ns.
+/// Number of tracks that one thread examines at a time, and time for one track, ns.
 const PART: usize = 256;
 const LOOK_NS: f64 = 200.0;
-/// Numbers of a sample that are compared.
+/// Number of values of a sample that are compared.
 const LANES: usize = 8;
 
 /// A track of a sensor at the instant of the picture, without its biases.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Sample {
-    /// Which track, in the order of their beginnings.
+    /// Id of the track, in order of initiation.
     pub id: u64,
     pub sensor: usize,
     pub mean: Vector4<f64>,
     pub covariance: Matrix4<f64>,
-    /// The covariance with what unknown errors of the sensor add.
+    /// Covariance including the contribution of unknown errors of the sensor.
     pub whole: Matrix4<f64>,
-    /// By the errors of the sensor.
+    /// Derivatives of the state by the errors of the sensor.
     pub sensitivity: Matrix4<f64>,
     pub height: f64,
-    /// Seconds since the message.
+    /// Time since the last row, s.
     pub age: f64,
     pub identities: Identities,
 }
 
-/// The samples that may be of the target of each one, by their places in the list of all.
+/// For each sample, the indices of the samples that may belong to the same target.
 pub(super) struct Near {
-    /// Where those of each sample begin, and where the last one's end.
+    /// Start of the list of each sample in `others`, and the end of the last list.
     start: Vec<u32>,
     others: Vec<u32>,
 }
 
 impl Near {
-    /// For each sample, later ones of other sensors; `by_hand` all that are not far away. Samples are looked
-    /// at cell by cell, as in any other order most of what is read is not in the cache, and each with those
-    /// that come after it in this order.
+    /// Finds for each sample the later samples of other sensors that may belong to the same target. With
+    /// `by_hand`, these are all samples that are not far away. The samples are examined cell by cell,
+    /// each with those after it in this order, because in any other order most of the data would not be
+    /// in the cache.
     ///
     /// # Errors
     /// A position that is not finite.
@@ -87,14 +89,14 @@ impl Near {
         Ok(Self { start, others })
     }
 
-    /// Those of a sample, in no order.
+    /// Returns the samples near a sample, in no particular order.
     pub fn of(&self, i: usize) -> &[u32] {
         &self.others[self.start[i] as usize..self.start[i + 1] as usize]
     }
 }
 
-/// Finds the samples of a target that one may be of, the one in this place of the first of `layers`, among
-/// those after it; adds the pairs to `found`.
+/// Adds to `found` the pairs of one sample with the samples after it that may belong to the same target. The
+/// sample is at this index in the first of the `layers`.
 fn look(
     layers: &[Layer],
     at: usize,
@@ -126,8 +128,8 @@ fn look(
     }
 }
 
-/// Which of several samples may be of the target of one, all tests at once and without a jump: each alone is
-/// as good as random, which processors cannot guess.
+/// Tests at once which of several samples may belong to the same target as one sample. All tests are made
+/// without branches: each outcome alone is almost random, so processors cannot predict it.
 struct Test<'a> {
     own: [f64; LANES],
     lanes: [&'a [f64]; LANES],
@@ -148,7 +150,7 @@ impl WithSimd for Test<'_> {
             let variance = |at: usize| own[at] + lanes[at][k];
             let is_near = |axis: usize| squared(axis) <= REACH * REACH;
             let is_far = |axis: usize| squared(axis) > FAR * variance(axis + 2);
-            // the errors of two sensors may be correlated, which doubles the variance at most
+            // the errors of two sensors may be correlated, which at most doubles the variance
             let is_faster = |axis: usize| squared(axis + 4) > 2.0 * FAR * variance(axis + 6);
             let is_other = is_far(0) | is_far(1) | is_faster(0) | is_faster(1);
             *passed = is_near(0) & is_near(1) & (by_hand | !is_other);
@@ -156,25 +158,26 @@ impl WithSimd for Test<'_> {
     }
 }
 
-/// Samples whose variances are of one size: how far others are sought depends on both.
+/// Samples with variances of similar size. The distance of the search depends on the variances of both
+/// samples.
 struct Layer {
     grid: Grid,
-    /// Cell by cell, the places of the samples in the list of all, and their sensors.
+    /// Cell by cell, the indices of the samples in the list of all samples, and their sensors.
     order: Vec<(u32, u32)>,
-    /// What is compared of them, in the same order.
+    /// Compared values of the samples, in the same order.
     lanes: [Vec<f64>; LANES],
     /// Largest variance of a position along an axis.
     largest: f64,
 }
 
 impl Layer {
-    /// How far along an axis the samples are that one with this variance is compared with.
+    /// Distance along an axis up to which a sample with this variance is compared with those of the layer.
     fn reach(&self, variance: f64) -> f64 {
         (FAR * (variance + self.largest)).sqrt().min(REACH)
     }
 }
 
-/// Samples by powers of four of their variances. Cost O(N).
+/// Divides samples into layers by powers of four of their variances. Cost O(N).
 fn layers(spots: &[Spot]) -> Result<Vec<Layer>> {
     let mut sizes: BTreeMap<i32, Vec<usize>> = BTreeMap::new();
     let variance = |spot: &Spot| spot.variance[0].max(spot.variance[1]);
@@ -198,7 +201,7 @@ fn layers(spots: &[Spot]) -> Result<Vec<Layer>> {
     sizes.into_values().map(layer).collect()
 }
 
-/// What a first look at a track needs.
+/// Data of a track for the first test.
 #[derive(Clone, Copy)]
 pub(super) struct Spot {
     pub id: u64,
@@ -221,7 +224,7 @@ impl Spot {
         Self { id, sensor, place, variance, velocity, spread, height, age }
     }
 
-    /// Place, its variances, velocity, and its variances.
+    /// Position and its variances, velocity and its variances.
     #[inline]
     fn lanes(&self) -> [f64; LANES] {
         let Self { place: [x, y], variance: [xx, yy], velocity: [u, v], spread: [uu, vv], .. } =
@@ -229,7 +232,7 @@ impl Spot {
         [x, y, xx, yy, u, v, uu, vv]
     }
 
-    /// Whether the heights are those of two targets.
+    /// Whether the heights differ so much that they belong to two targets.
     pub fn is_apart(&self, other: &Self) -> bool {
         let up = self.height - other.height;
         up * up > APART * APART * height_variance([self.age, other.age])

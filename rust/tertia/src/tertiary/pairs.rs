@@ -1,4 +1,4 @@
-//! Which tracks of different sensors may be of one target: now and before.
+//! Pairs of tracks of different sensors that may belong to one target, with their histories.
 
 use super::bias::propagated;
 use super::compare::Distance;
@@ -14,68 +14,68 @@ use std::iter::Peekable;
 use std::num::NonZero;
 use std::slice::Iter;
 
-/// χ² of four components: .999, and .999999 for a pair that has been one.
+/// Quantiles of χ² with four degrees of freedom: 0.999, and 0.999999 for pairs that already were one target.
 const GATE: f64 = 18.466_826_952_9;
 const KEEP: f64 = 33.376_841_581_66;
-/// Share of the newest value in running means.
+/// Weight of the newest value in running means.
 const SHARE: f64 = 0.25;
-/// What a pair that has been one is worth at least, and more than others.
+/// Smallest gain of a pair that already was one target, and its bonus over other pairs.
 const LEAST: f64 = 0.1;
 const BONUS: f64 = 2.0;
-/// Range of heights over which other targets are spread, m.
+/// Range of heights over which other targets are distributed, m.
 const LAYER: f64 = 10_000.0;
 /// Likelihood ratio of equal identities.
 const IDENTITIES: f64 = 4096.0;
-/// Cycles in a row in which identities differ, after which they are of two targets.
+/// Number of successive cycles with different identities after which tracks belong to two targets.
 const DIFFERENT: u8 = 2;
-/// Least density of other targets, per m², and the spread of their velocities, m/s.
+/// Smallest density of other targets, per m², and the speed up to which their velocities are spread, m/s.
 const LEAST_DENSITY: f64 = 2e-9;
 const VELOCITIES: f64 = 250.0;
-/// Sides of the least rectangle that others are spread over, m.
+/// Smallest side of the rectangle over which other targets are distributed, m.
 const LEAST_EXTENT: f64 = 20e3;
-/// Tracks that one thread compares at a time, and the time of one, ns.
+/// Number of tracks that one thread compares at a time, and time for one track, ns.
 const PART: usize = 256;
 const PAIRS_NS: f64 = 1000.0;
-/// By a hand that joined them.
+/// Gain of a pair that was joined by hand.
 const JOINED: f64 = 1e6;
 
-/// What is remembered of a pair.
+/// History of a pair.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct History {
     score: f64,
     squared: f64,
-    /// Whether the two were of one target.
+    /// Whether the two tracks belonged to one target.
     pub paired: bool,
-    /// Cycles in which their identities differed.
+    /// Number of successive cycles in which the identities differed.
     different: u8,
 }
 
-/// Two tracks, by their places in the list of samples, with the gain of pairing them; `passes` in the
-/// gate.
+/// A pair of tracks, as indices in the list of samples, with the gain of pairing them; `passes` is whether
+/// the pair is in the gate.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Candidate {
     pub first: usize,
     pub second: usize,
     pub gain: f64,
     pub passes: bool,
-    /// D² now.
+    /// Current D².
     pub squared: f64,
 }
 
-/// What hands have decided of pairs of tracks.
+/// Decisions by hand on pairs of tracks.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Manual {
     pub joined: BTreeSet<(u64, u64)>,
     pub separate: BTreeSet<(u64, u64)>,
 }
 
-/// Pairs and their histories, in the order of the numbers of their tracks.
+/// Pairs and their histories, sorted by the ids of their tracks.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Pairs {
     known: Vec<((u64, u64), History)>,
 }
 
-/// Errors of all sensors, and their covariances, sensor by sensor.
+/// Estimated errors of all sensors, and their covariances in blocks of two sensors.
 pub(super) struct Known {
     pub errors: Vec<Errors>,
     blocks: Vec<Matrix4<f64>>,
@@ -91,19 +91,20 @@ impl Known {
         Self { errors, blocks }
     }
 
-    /// Between two sensors.
+    /// Covariance of the errors of two sensors.
     pub fn block(&self, a: usize, b: usize) -> &Matrix4<f64> {
         &self.blocks[a * self.errors.len() + b]
     }
 }
 
-/// The key of two tracks.
+/// Key of a pair of tracks.
 pub(super) fn key(a: u64, b: u64) -> (u64, u64) {
     (a.min(b), a.max(b))
 }
 
 impl Pairs {
-    /// All pairs of samples, in order of their ids, that may be one target, with `density` of others.
+    /// Returns all pairs of samples that may belong to one target, sorted by id. `density` is that of
+    /// other targets.
     ///
     /// # Errors
     /// A position that is not finite.
@@ -115,7 +116,7 @@ impl Pairs {
         density: f64,
         n_threads: Option<NonZero<usize>>,
     ) -> Result<Vec<Candidate>> {
-        // compact, as most of what is near is far in terms of its variance
+        // compact data, because most samples that are near are far in terms of their variance
         let spots: Vec<_> = samples.iter().map(Spot::new).collect();
         let by_hand = !manual.joined.is_empty();
         let near = Near::new(&spots, by_hand, n_threads)?;
@@ -163,7 +164,8 @@ impl Pairs {
         Ok(found.into_iter().flatten().map(|(candidate, ..)| candidate).collect())
     }
 
-    /// Remembers which pairs, the candidates of the last look, are one target: `group` of each sample.
+    /// Stores which candidates of the last look belong to one target; `group` contains the group of each
+    /// sample.
     pub fn remember(&mut self, candidates: &[Candidate], group: &[usize]) {
         for ((_, history), pair) in self.known.iter_mut().zip(candidates) {
             history.paired = group[pair.first] == group[pair.second];
@@ -171,10 +173,10 @@ impl Pairs {
     }
 }
 
-/// What is remembered of pairs, in order of their ids.
+/// Histories of pairs, sorted by id.
 type Old<'a> = Peekable<Iter<'a, ((u64, u64), History)>>;
 
-/// The distance of two samples whose sensors' errors have this covariance.
+/// Computes the distance of two samples; `block` is the covariance of the errors of their sensors.
 struct Compared<'a> {
     a: &'a Sample,
     b: &'a Sample,
@@ -193,7 +195,7 @@ impl WithSimd for Compared<'_> {
     }
 }
 
-/// The gain of a pair, and what is remembered of it.
+/// Returns the gain of a pair and its new history.
 fn judged(
     a: &Sample,
     b: &Sample,
@@ -238,8 +240,8 @@ fn judged(
     (Candidate { first: 0, second: 0, gain, passes, squared }, next)
 }
 
-/// Density of other targets in position and velocity: that of the sensor with most tracks, in the
-/// rectangle that holds nine tenths of each axis.
+/// Density of other targets in position and velocity: the number of tracks of the sensor with the most,
+/// over the rectangle that contains nine tenths of the positions on each axis.
 pub(super) fn density(samples: &[Sample]) -> f64 {
     let velocities = std::f64::consts::PI * VELOCITIES * VELOCITIES;
     let mut counts: BTreeMap<usize, usize> = BTreeMap::new();

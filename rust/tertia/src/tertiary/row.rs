@@ -1,38 +1,38 @@
-//! A message about a track of one sensor, and where the track is at another time.
+//! Messages about the tracks of a sensor, and the extrapolation of a track to another time.
 
 use crate::sensors::{Identities, Radar};
 use crate::tracker::{Estimate, ImmModel};
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
-/// Acceleration of a target between two messages, straight on and in a turn, m/s².
+/// Acceleration of a target between two messages in straight flight and in a turn, m/s².
 const STRAIGHT: f64 = 0.1;
 const TURNING: f64 = 3.0;
 
-/// A message about a track of one sensor.
+/// A message about a track of a sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Row {
     /// Index of the sensor.
     pub sensor: usize,
-    /// Number of the track, which the sensor may use again.
+    /// Number of the track; the sensor may use it again.
     pub track: i64,
-    /// Seconds.
+    /// Time of the message, s.
     pub time: f64,
     /// East and north, and their rates, m and m/s.
     pub state: [f64; 4],
-    /// Of the state, row by row; nan where the sensor does not say.
+    /// Covariance of the state, row by row; nan if the sensor does not report it.
     pub covariance: [f64; 16],
-    /// Metres; nan where it is not known.
+    /// Height, m; nan if it is not known.
     pub height: f64,
-    /// Replies of the transponder.
+    /// Identities from the replies of the transponder.
     pub identities: Identities,
-    /// Probability that the target turns; nan where it is not known.
+    /// Probability that the target turns; nan if it is not known.
     pub turn_probability: f64,
 }
 
 impl Row {
-    /// Position and velocity with their covariance, by the accuracy of the sensor where it states none:
-    /// that of a plot, and of the velocity by a line through three plots.
+    /// Position and velocity with their covariance. If the sensor reports none, the covariance of the
+    /// position is that of a plot, and that of the velocity comes from a line through three plots.
     pub fn estimate(&self, radar: &Radar) -> Estimate<4> {
         let mean = SVector::from(self.state);
         if self.covariance.iter().all(|value| value.is_finite()) {
@@ -50,12 +50,12 @@ impl Row {
         Estimate { mean, covariance }
     }
 
-    /// Height above a sensor; that of the sensor where it is not known.
+    /// Height above the sensor; 0 if the height is not known.
     pub fn above(&self, radar: &Radar) -> f64 {
         if self.height.is_finite() { self.height - radar.position[2] } else { 0.0 }
     }
 
-    /// Probability of a turn, in the mean of traffic where it is not known.
+    /// Probability of a turn; the mean of all traffic if it is not known.
     pub fn turning(&self) -> f64 {
         if self.turn_probability.is_finite() {
             return self.turn_probability.clamp(0.0, 1.0);
@@ -64,21 +64,21 @@ impl Row {
         model.turn_time / (model.turn_time + model.straight_time)
     }
 
-    /// The track straight on at another time.
+    /// Extrapolates the track to another time with constant velocity.
     pub fn at(&self, time: f64, radar: &Radar) -> Estimate<4> {
         carried(self.estimate(radar), self.turning(), time - self.time)
     }
 }
 
-/// A state straight on for t seconds, where the target turns with this probability: `F P F' + σ² Γ Γ'`,
-/// Γ = (t²/2, t), where σ is an acceleration that may begin at any time.
+/// Extrapolates a state by t seconds with constant velocity, for a target that turns with this probability:
+/// `F P F' + σ² Γ Γ'`, Γ = (t²/2, t), where σ is an acceleration that may begin at any time.
 pub(super) fn carried(estimate: Estimate<4>, turning: f64, t: f64) -> Estimate<4> {
     let Estimate { mut mean, mut covariance } = estimate;
     let square = (1.0 - turning) * STRAIGHT * STRAIGHT + turning * TURNING * TURNING;
     for i in 0..2 {
         mean[i] += t * mean[i + 2];
     }
-    // rows, then columns
+    // F P, then F P F'
     for j in 0..4 {
         for i in 0..2 {
             covariance[(i, j)] += t * covariance[(i + 2, j)];

@@ -1,4 +1,4 @@
-//! How the tracks of one target are fused.
+//! Rules by which the tracks of one target are fused.
 
 use super::compare::shared;
 use crate::base::error::Result;
@@ -8,10 +8,10 @@ use crate::tracker::Estimate;
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
-/// Range at which the accuracy of radars is compared for fixed weights, m.
+/// Range at which the accuracies of radars are compared for fixed weights, m.
 const USUAL_RANGE: f64 = 100e3;
 
-/// How the tracks of one target are fused.
+/// Rules by which the tracks of one target are fused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Rule {
     /// The plots behind the tracks are reconstructed and filtered.
@@ -20,24 +20,24 @@ pub enum Rule {
     Matrix,
     /// Covariance intersection.
     Intersection,
-    /// Fixed weights by the accuracy of the sensors.
+    /// Fixed weights from the accuracy of the sensors.
     Static,
     /// Equal weights.
     Equal,
-    /// Component by component by the last corrections.
+    /// Weights from the last corrections, component by component.
     Paper,
 }
 
-/// A state of one sensor at the common instant.
+/// State of the track of one sensor at the common instant.
 pub(super) struct Part {
     pub sensor: usize,
     pub estimate: Estimate<4>,
-    /// By which the last row moved the state.
+    /// Correction of the state by the last row.
     pub correction: [f64; 4],
 }
 
 impl Rule {
-    /// Fuses states of several sensors by a rule of states.
+    /// Fuses the states of several sensors; for rules that fuse states.
     pub(super) fn fuse(
         self,
         parts: &[Part],

@@ -1,19 +1,19 @@
-//! The filter of a sensor's own tracker, run beside its track.
+//! Tertia's own filter, run beside a sensor's track to find out whether the sensor uses the same filter.
 
 use super::row::Row;
 use crate::sensors::Radar;
 use crate::tracker::{Estimate, Follower, ImmModel};
 use serde::{Deserialize, Serialize};
 
-/// Share of the newest row in the running mean of squares, and the mean from which on the sensor's filter
-/// is another one.
+/// Weight of the newest row in the running mean of squares, and the mean above which the sensor uses
+/// another filter.
 const MEMORY: f64 = 0.3;
 const UNLIKE: f64 = 0.03;
-/// Square below which the velocity is that of the filter, and not only near it.
+/// Square below which the velocity is exactly that of the filter, and not only similar.
 const SAME: f64 = 1e-3;
 
-/// A filter of straight flight, turns and changes of speed, as Tertia's trackers have it by default. What it predicts is
-/// what the sensor's tracker predicted, if that is such a filter; velocities tell whether it is.
+/// The default filter of Tertia's tracker, with models of straight flight, turns and changes of speed. If the
+/// sensor uses this filter, the predictions of both are equal; the velocities show whether this is the case.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Shadow {
     follower: Follower,
@@ -24,14 +24,14 @@ pub(super) struct Shadow {
 }
 
 impl Shadow {
-    /// From the first row of a track.
+    /// Starts with the first row of a track.
     pub fn new(row: &Row, radar: &Radar) -> Self {
         let model = ImmModel::default();
         let follower = Follower::new(&model, row.estimate(radar), row.turning(), row.time);
         Self { follower, unlike: 0.0, is_same: false }
     }
 
-    /// The plot that moved the track to its next row; none where another filter did.
+    /// Returns the plot that moved the track to its next row; `None` if another filter made the row.
     pub fn follow(&mut self, row: &Row, radar: &Radar) -> Option<[f64; 2]> {
         self.follower.predict(&ImmModel::default(), row.time, radar.scan_period);
         let predicted = self.follower.estimate().mean;
@@ -69,8 +69,8 @@ mod tests {
         ways: None,
     };
 
-    /// Plots of a target that turns after 80 s, or brakes, with errors of about a sigma, and the rows of a
-    /// tracker whose straight flight and turns are equally likely to begin with.
+    /// Plots of a target that turns after 80 s or brakes, with errors of about one sigma, and the rows of a
+    /// tracker whose initial probabilities of straight flight and turns are equal.
     fn flown(model: &ImmModel, brakes: bool) -> Vec<([f64; 2], Row)> {
         let (mut x, mut y, mut course, mut speed) = (30e3, 40e3, 0.4_f64, 200.0);
         let start = SVector::from([x, y, 78.0, 184.0]);
@@ -108,7 +108,7 @@ mod tests {
         found
     }
 
-    /// Errors of the plots behind rows, none where its filter seems to be another one.
+    /// Errors of the plots behind rows; `None` where the filter seems to be another one.
     fn errors(rows: &[([f64; 2], Row)]) -> Vec<Option<f64>> {
         let mut shadow = Shadow::new(&rows[5].1, &RADAR);
         let off = |([x, y], plot): ([f64; 2], &[f64; 2])| (x - plot[0]).hypot(y - plot[1]);
@@ -119,7 +119,7 @@ mod tests {
     #[test]
     fn plots_behind_rows_of_the_same_filter() {
         let found = errors(&flown(&ImmModel::default(), false));
-        // it does not know how the mixture began, and forgets that
+        // the initial probabilities of the models are not known; their influence fades
         assert!(found.iter().all(|error| error.is_some_and(|error| error < 20.0)), "{found:?}");
         let late = found[30..].iter().flatten();
         assert!(late.clone().all(|&error| error < 0.1), "{found:?}");
@@ -129,7 +129,7 @@ mod tests {
     fn plots_behind_rows_of_a_target_that_brakes() {
         let found = errors(&flown(&ImmModel::default(), true));
         let known: Vec<_> = found.iter().flatten().collect();
-        // a change of speed that becomes a model moves the row, too
+        // a change of speed that becomes a model of its own also moves the row
         assert!(known.len() + 6 >= found.len(), "{found:?}");
         assert!(known.iter().all(|&&error| error < 20.0), "{found:?}");
         assert!(
@@ -140,7 +140,7 @@ mod tests {
 
     #[test]
     fn another_filter_is_noticed() {
-        // as good as never a turn, and rough: a filter of nearly constant velocity
+        // practically no turns, and large process noise: a filter of nearly constant velocity
         let model = ImmModel { straight_sigma: 3.0, straight_time: 1e9, ..ImmModel::default() };
         let rows = flown(&model, false);
         let mut shadow = Shadow::new(&rows[5].1, &RADAR);

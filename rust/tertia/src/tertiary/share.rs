@@ -1,10 +1,11 @@
-//! Work on many targets, by several threads.
+//! Work on many targets, divided among threads.
 
 use crate::base::batch::for_each_row;
 use crate::base::error::Result;
 use std::num::NonZero;
 
-/// Work from which on a batch may be stopped half done, which would leave the picture so.
+/// Largest cost that is stated for a batch, so that it is never interrupted: stopped halfway, it would leave
+/// the picture partly updated.
 const STOPPABLE_NS: f64 = 1e8;
 
 /// Replaces `found` by the results of `work` on all items, in their order, whatever the number of threads, in
@@ -30,7 +31,7 @@ pub(super) fn fill<I: Send, T: Default + Send>(
 /// the time of one item.
 ///
 /// # Errors
-/// That of the first item that failed.
+/// The error of the first item that failed.
 pub(super) fn mapped<I: Send, T: Send>(
     items: impl ExactSizeIterator<Item = I> + Send,
     nanoseconds: f64,
@@ -38,7 +39,7 @@ pub(super) fn mapped<I: Send, T: Send>(
     work: impl Fn(I) -> Result<T> + Sync,
 ) -> Result<Vec<T>> {
     if n_threads == NonZero::new(1) {
-        // a fallible `collect` knows no length
+        // a fallible `collect` cannot reserve the length
         let mut found = Vec::with_capacity(items.len());
         for item in items {
             found.push(work(item)?);

@@ -1,4 +1,4 @@
-//! A target of the picture: its number, its age, and its filter.
+//! A target of the picture, with its number, age and filter.
 
 use super::bias::propagated;
 use super::near::Sample;
@@ -11,21 +11,21 @@ use crate::tracker::{Estimate, Follower, ImmModel};
 use nalgebra::{Cholesky, SMatrix};
 use serde::{Deserialize, Serialize};
 
-/// Share of the newest plot in the running mean of innovations, and the most that one counts.
+/// Weight of the newest plot in the running mean of innovations, and the largest value that is used of one.
 const MEMORY: f64 = 0.3;
 const SURPRISE: f64 = 20.0;
 
-/// A plot behind a row of a track, as its sensor measured it.
+/// A plot behind a row of a track, reconstructed as its sensor measured it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Tracklet {
     pub report: Report,
     pub turn_probability: f64,
-    /// Its covariance where that is not the sensor's.
+    /// Covariance of the plot if it is not the sensor's noise.
     pub own: Option<Plane>,
 }
 
 impl Tracklet {
-    /// Of a position by a row.
+    /// Creates a tracklet from the position behind a row.
     pub fn new(row: &Row, [x, y]: [f64; 2], own: Option<Plane>, radar: &Radar) -> Self {
         let (dx, dy) = (x - radar.position[0], y - radar.position[1]);
         let report = Report {
@@ -40,20 +40,20 @@ impl Tracklet {
     }
 }
 
-/// A target.
+/// A target of the picture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Target {
     pub number: u64,
-    /// Cycles in which it was there.
+    /// Number of cycles in which the target was present.
     pub cycles: usize,
-    /// Cycles for which a sensor that must see it has not.
+    /// Number of successive cycles in which a sensor that should see the target did not.
     pub unseen: usize,
     pub follower: Option<Follower>,
-    /// Running mean of the normalised squares of innovations, over what is expected.
+    /// Running mean of the normalised innovation squared, relative to its expected value.
     surprise: f64,
-    /// Running mean of the squares of innovations, m².
+    /// Running mean of the innovation variance per axis, m².
     square: f64,
-    /// What unknown errors of the sensors add to its covariance.
+    /// Contribution of unknown errors of the sensors to the covariance.
     pub added: SMatrix<f64, 4, 4>,
 }
 
@@ -63,8 +63,8 @@ impl Target {
         Self { number, cycles: 0, unseen: 0, follower: None, surprise: 1.0, square: 0.0, added }
     }
 
-    /// Filters the plots behind its rows, in order of time, or begins with a state. Returns what the
-    /// registration can learn of.
+    /// Filters the plots behind the rows in order of time; a new target starts with a state. Returns the
+    /// updates from which the registration can estimate errors.
     pub fn follow(
         &mut self,
         tracklets: &[Tracklet],
@@ -97,7 +97,7 @@ impl Target {
             let mut noise = tracklet.own.unwrap_or_else(|| radar.noise_at(z, up));
             follower.predict(&model, report.time, radar.scan_period);
             let estimate = follower.estimate();
-            // a late one comes along with the velocity
+            // a late plot is moved along with the velocity to the time of the filter
             let late = follower.time - report.time;
             if late > 0.0 {
                 let p = &estimate.covariance;
@@ -141,19 +141,19 @@ impl Target {
         learnt
     }
 
-    /// Position and velocity at a time.
+    /// Returns position and velocity at a time.
     pub fn at(&self, time: f64, period: f64) -> Option<Estimate<4>> {
         let mut follower = self.follower?;
         follower.predict(&ImmModel::default(), time, period);
         let mut estimate = follower.estimate();
         let surprise = self.surprise.max(1.0);
         estimate.covariance *= surprise;
-        // less than nothing is left where what was known of the errors is older than the last row
+        // the sum may be indefinite if the known errors are older than the last row
         let whole = estimate.covariance + self.added;
         if Cholesky::new(whole).is_some() {
             estimate.covariance = whole;
         }
-        // a turn that is not noticed yet moves plots by half of what it adds to the velocity over time
+        // a turn that is not yet detected moves plots by half of what it adds to the velocity over time
         let velocity = (surprise - 1.0) * self.square / (period * period);
         estimate.covariance[(2, 2)] += velocity;
         estimate.covariance[(3, 3)] += velocity;

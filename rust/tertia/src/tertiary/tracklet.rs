@@ -1,4 +1,4 @@
-//! The plot behind a row of a track, reconstructed from the track (a tracklet).
+//! Reconstruction of the plot behind a row of a track from the track itself (a tracklet).
 
 use super::gain::{Gain, Step};
 use super::row::Row;
@@ -7,48 +7,49 @@ use crate::sensors::Radar;
 use crate::tracker::Estimate;
 use serde::{Deserialize, Serialize};
 
-/// Scans since the last plot after which the gain is another one than usual.
+/// Number of scans since the last plot after which the gain is not the usual one.
 const LONGEST_GAP: f64 = 2.0;
-/// Variance of a row along some direction, in that of a plot, from which on it is of two possibilities: a
-/// filter that has taken a plot knows more than the plot, and several models that disagree seldom reach 3.
+/// If the variance of a row in some direction exceeds this many variances of a plot, the row mixes two
+/// alternatives: a filter with a plot is more accurate than the plot, and several models that disagree
+/// seldom reach 3.
 const DOUBT: f64 = 5.0;
-/// A row that has moved a track by less, in standard deviations of a plot, has none.
+/// A row that moves a track by less than this, in standard deviations of a plot, has no plot.
 const STILL: f64 = 0.02;
 
-/// What is remembered of an earlier row of a track.
+/// An earlier row of a track.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Past {
     time: f64,
     state: [f64; 4],
     turning: f64,
     is_doubtful: bool,
-    /// Time of its last plot.
+    /// Time of the last plot.
     plotted: f64,
 }
 
 impl Past {
     pub fn new(row: &Row, is_doubtful: bool, plotted: f64) -> Self {
         let &Row { time, state, turn_probability, .. } = row;
-        // a sensor that does not tell turns does not expect them to go on
+        // a sensor that does not report turns does not predict that they continue
         let turning = if turn_probability.is_finite() { row.turning() } else { 0.0 };
         Self { time, state, turning, is_doubtful, plotted }
     }
 
-    /// By which a later row moved the state that went straight on from this one.
+    /// Correction by a later row, relative to a straight extrapolation of this one.
     pub fn correction(&self, row: &Row) -> [f64; 4] {
         let [x, y] = self.carried(row.time - self.time, 0.0);
         let [.., vx, vy] = self.state;
         [row.state[0] - x, row.state[1] - y, row.state[2] - vx, row.state[3] - vy]
     }
 
-    /// Change of course since a row before it over time, rad/s, anticlockwise.
+    /// Rate of turn since an earlier row, rad/s, anticlockwise.
     fn turn_rate(&self, first: &Self) -> f64 {
         let ([_, _, a, b], [_, _, c, d]) = (first.state, self.state);
         let rate = (a * d - b * c).atan2(a * c + b * d) / (self.time - first.time);
         if rate.is_finite() { rate } else { 0.0 }
     }
 
-    /// Position after t seconds of a turn at this rate.
+    /// Position after t seconds of a turn with this rate.
     fn carried(&self, t: f64, rate: f64) -> [f64; 2] {
         let [x, y, vx, vy] = self.state;
         let half = 0.5 * rate * t;
@@ -58,17 +59,17 @@ impl Past {
     }
 }
 
-/// What a later row has moved a track by.
+/// The correction of a track by a later row.
 struct Moved {
     step: Step,
-    /// Along and across the line of sight, as long as the standard deviations of a plot.
+    /// Axes along and across the line of sight, with the length of the standard deviations of a plot.
     axes: [[f64; 2]; 2],
-    /// Where the track was expected.
+    /// Predicted position of the track.
     predicted: [f64; 2],
 }
 
 impl Moved {
-    /// By a row since the last one, from which on the track turned at a rate.
+    /// Correction by a row since the last one; from then on, the track turned with this rate.
     fn new(row: &Row, last: &Past, rate: f64, radar: &Radar) -> Self {
         let [x, y, vx, vy] = row.state;
         let t = row.time - last.time;
@@ -102,27 +103,26 @@ impl Moved {
         Self { step, axes, predicted }
     }
 
-    /// Along and across in the plane.
+    /// Converts components along and across the line of sight to the plane.
     fn in_plane(&self, [along, across]: [f64; 2]) -> [f64; 2] {
         [0, 1].map(|k| along * self.axes[0][k] + across * self.axes[1][k])
     }
 
-    /// The plot that did it, by these gains.
+    /// Returns the plot that caused the correction with these gains.
     fn plot(&self, gain: [f64; 2]) -> [f64; 2] {
         let by = self.in_plane([0, 1].map(|axis| self.step.position[axis] / gain[axis]));
         [self.predicted[0] + by[0], self.predicted[1] + by[1]]
     }
 }
 
-/// Whether a row only says that the track goes straight on: as good as surely no plot moves a track so
-/// little.
+/// Whether a row only extrapolates the track straight ahead: practically no plot moves a track so little.
 pub(super) fn coasts(row: &Row, last: &Past, radar: &Radar) -> bool {
     let step = Moved::new(row, last, 0.0, radar).step;
     step.position.iter().chain(&step.velocity).all(|by| by.abs() < STILL)
 }
 
-/// Whether the sensor does not know which of two plots, or none, was of the target: the next ones show it,
-/// and one of two states that lie far apart is given up.
+/// Whether the sensor is in doubt which of two plots belonged to the target, or whether any did. The next
+/// plots decide, and one of two distant states is then dropped.
 pub(super) fn is_doubtful(row: &Row, radar: &Radar) -> bool {
     let [x, y, ..] = row.state;
     let r = radar.noise_at([x, y], row.above(radar));
@@ -131,20 +131,20 @@ pub(super) fn is_doubtful(row: &Row, radar: &Radar) -> bool {
     left.xx < 0.0 || left.determinant() < 0.0
 }
 
-/// What a row says of a position.
+/// Information on a position behind a row.
 pub(super) enum Behind {
     /// The plot, with the noise of the sensor.
     Plot([f64; 2]),
-    /// The state as it is, with its own covariance: after a gap, in doubt and after it, or at the beginning,
-    /// no prediction is known, and little that was used before is in it.
+    /// The state with its own covariance. This is used after a gap, during and after doubt, and at the
+    /// beginning: there is no known prediction, and the state contains little that was used before.
     State([f64; 2], Plane),
-    /// Nothing.
+    /// No information.
     Nothing,
 }
 
-/// What is behind the last row of a track, by the rows before it, the last one first, and the gain of its
-/// filter, where the plot is not known by the filter that made the row. So high above its sensor that a
-/// small error of the range is a large one on the ground, it says nothing.
+/// Returns the information behind the last row of a track. If the plot is not known because another filter
+/// made the row, it is estimated from the rows before (the latest first) and the gain of that filter. If the
+/// target is so high above the sensor that a small error of the range is large on the ground, there is none.
 pub(super) fn behind(
     plot: Option<[f64; 2]>,
     (row, is_doubtful): (&Row, bool),
@@ -170,7 +170,7 @@ pub(super) fn behind(
     if row.time - last.plotted <= LONGEST_GAP * radar.scan_period {
         gain.see(&moved.step);
     }
-    // where velocities do not come from positions, these are as they were measured
+    // if velocities are not derived from positions, the positions are those of the plots
     let gain = gain.along(moved.step.stated, is_periodic);
     Behind::Plot(gain.map_or([x, y], |gain| moved.plot(gain)))
 }
@@ -199,8 +199,8 @@ mod tests {
         assert_eq!(last.carried(4.0, 0.0), [4.0 * last.state[2], 4.0 * last.state[3]]);
     }
 
-    /// A row between two states is a position of its own covariance, and so is the row after it where the
-    /// filter is not known.
+    /// A row between two states is a position with its own covariance; so is the row after it if the filter
+    /// is not known.
     #[test]
     fn a_row_in_doubt_is_of_no_plot() {
         let radar = radar_of([50.0, 1e-3]);

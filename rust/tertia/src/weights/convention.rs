@@ -1,53 +1,53 @@
-//! How well a sample covariance is known.
+//! Uncertainty of a sample covariance.
 
 use crate::base::distribution::{normal_two_sided, student_two_sided_quantile, two_sigma};
 use crate::base::error::{Result, require};
 
-/// What two sigmas of a normal variable leave outside, as it is usually rounded.
+/// Probability that a normal variable is outside two sigmas, as it is usually rounded.
 const OUTSIDE_TWO_SIGMA: f64 = 0.0455;
-/// From so many degrees of freedom on, Student's distribution is the normal one.
+/// From this number of degrees of freedom on, Student's distribution is treated as normal.
 const NORMAL_FROM: f64 = 1e9;
 
-/// How a covariance was estimated from n measurements.
+/// Estimator of a covariance from n measurements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Convention {
     /// Deviations from the sample mean, divisor n − 1.
     SampleMean,
     /// Deviations from the true mean, divisor n.
     KnownMean,
-    /// Deviations from the true mean, divisor n − 1: as (3) to (5) are printed. Biased by n/(n − 1).
+    /// Deviations from the true mean, divisor n − 1, as (3) to (5) are printed. Biased by n/(n − 1).
     Paper,
     /// First differences of a slowly moving target, `Σ dx dx^T / (2 (n − 1))`.
     Differences,
 }
 
-/// The Wishart law of a sample covariance, in units of the true one.
+/// The Wishart distribution of a sample covariance, relative to the true covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Law {
-    /// ν.
+    /// Degrees of freedom ν.
     pub degrees_of_freedom: f64,
-    /// 1 for an unbiased estimate.
+    /// Mean; 1 for an unbiased estimate.
     pub mean: f64,
 }
 
 impl Law {
-    /// The c of `cov(ŝ_ij, ŝ_ql) = c (s_iq s_jl + s_il s_jq)`, (4).
+    /// Returns the c of `cov(ŝ_ij, ŝ_ql) = c (s_iq s_jl + s_il s_jq)`, (4).
     pub fn factor(&self) -> f64 {
         self.mean * self.mean / self.degrees_of_freedom
     }
 
-    /// The same of the estimate over its own mean.
+    /// Returns the c of the estimate divided by its own mean.
     pub fn relative_factor(&self) -> f64 {
         1.0 / self.degrees_of_freedom
     }
 }
 
 impl Convention {
-    /// The law of n measurements. For differences it is the Wishart law with the same covariance;
-    /// the others are exact.
+    /// Returns the distribution for n measurements. For differences, it is the Wishart distribution with the
+    /// same covariance; for the other conventions it is exact.
     ///
     /// # Errors
-    /// n is not a whole number of at least 2, or infinite for a covariance that is known.
+    /// If n is not a whole number of at least 2. It may be infinite for a known covariance.
     pub fn wishart(self, n: f64) -> Result<Law> {
         let holds = n >= 2.0 && (n.fract() == 0.0 || n == f64::INFINITY);
         require("n", n, holds, "a whole number of at least 2, or inf where it is known exactly")?;
@@ -62,8 +62,8 @@ impl Convention {
     }
 }
 
-/// What an estimated sigma is to be multiplied by for an interval of two of them to hold 95.45 %:
-/// half of Student's quantile.
+/// Factor by which an estimated sigma must be multiplied so that an interval of two sigmas contains
+/// 95.45 %: half of Student's quantile.
 pub fn student_factor(degrees_of_freedom: f64) -> f64 {
     if degrees_of_freedom >= NORMAL_FROM {
         return 1.0;
@@ -71,8 +71,8 @@ pub fn student_factor(degrees_of_freedom: f64) -> f64 {
     0.5 * student_two_sided_quantile(OUTSIDE_TWO_SIGMA, degrees_of_freedom)
 }
 
-/// The same where the ratio of estimated and actual sigma has been simulated: two sigmas, so
-/// multiplied, hold 95.45 % on average. Cost O(ratios).
+/// [`student_factor`] from simulated ratios of estimated to actual sigma: with this factor, two sigmas
+/// contain 95.45 % on average. Cost O(ratios).
 pub fn simulated_factor(ratios: &[f64]) -> f64 {
     let outside = |h: f64| {
         ratios.iter().map(|ratio| normal_two_sided(h * ratio)).sum::<f64>() / ratios.len() as f64
@@ -80,14 +80,14 @@ pub fn simulated_factor(ratios: &[f64]) -> f64 {
     two_sigma(outside, 2.0)
 }
 
-/// Fails unless the error of an estimate fused with estimated weights has a finite variance.
+/// Returns an error unless the error of an estimate fused with estimated weights has a finite variance.
 ///
-/// In more than one dimension the two least known sensors must have more than m + 1 degrees of
-/// freedom together, and all sensors together must lack fewer than m − 1 of the m that each needs
-/// to be regular: in every direction that is lacking a sensor seems to be exact.
+/// In more than one dimension, the two least known sensors must together have more than m + 1 degrees of
+/// freedom. Each sensor needs m to be regular; all sensors together must lack fewer than m − 1, because
+/// in every direction that is lacking a sensor seems to be exact.
 ///
 /// # Errors
-/// See above.
+/// Too few degrees of freedom, as described above.
 pub fn require_degrees_of_freedom(
     each: impl Iterator<Item = f64>,
     n: f64,
@@ -109,11 +109,11 @@ pub fn require_degrees_of_freedom(
     require("n", n, dimension == 1 || enough, requirement)
 }
 
-/// The least number of measurements, the same for all sensors, with which the loss is finite and
+/// Returns the smallest number of measurements, equal for all sensors, for which the loss is finite and
 /// Wishart matrices can be drawn.
 ///
 /// # Errors
-/// There is none: never.
+/// Never.
 pub fn least_count(convention: Convention, sensors: usize, dimension: usize) -> Result<f64> {
     let mut n = 2.0;
     loop {

@@ -1,7 +1,7 @@
-//! The weights of several sensors, without inverting the covariance of any.
+//! The weights of several sensors, computed without inverting any single covariance.
 //!
-//! `W_k = A_k (A_k + S_k)^-1`, A_k the fused covariance of the others; two are fused as
-//! `X (X + Y)^-1 Y`. Only sums are inverted, so a sensor may be singular by itself.
+//! `W_k = A_k (A_k + S_k)^-1`, where A_k is the fused covariance of the others; two covariances are fused as
+//! `X (X + Y)^-1 Y`. Only sums are inverted, so the covariance of a single sensor may be singular.
 
 use super::COVARIANCES;
 use crate::base::error::{Error, Result};
@@ -12,16 +12,16 @@ use crate::base::matrix::{
 use nalgebra::allocator::Allocator;
 use nalgebra::{DefaultAllocator, Dim};
 
-/// Relative error that rounding may leave in a fused variance.
+/// Largest relative error of a fused variance that is accepted after rounding.
 const ERROR_ALLOWED: f64 = 1e-3;
 
-/// Several covariances and the weights they make.
+/// Several covariances and the weights that result from them.
 pub(crate) struct Problem<D: Dim>
 where
     DefaultAllocator: Allocator<D, D>,
 {
     pub covariances: Vec<Square<D>>,
-    /// The covariances' factors as of [`read_covariance`].
+    /// Factors of the covariances from [`read_covariance`].
     pub factors: Vec<Square<D>>,
     pub group: Group<D>,
 }
@@ -47,13 +47,13 @@ where
         Ok(())
     }
 
-    /// Reads the covariances and weighs them.
+    /// Reads the covariances and computes the weights.
     pub fn weigh(&mut self, covariances: &[f64]) -> Result<()> {
         self.read(covariances)?;
         self.group.weigh(&self.covariances, None)
     }
 
-    /// The same, and makes sure that the fused covariance may be returned.
+    /// [`Self::weigh`] that also computes the fused covariance and requires that it is accurate.
     pub fn fuse(&mut self, covariances: &[f64]) -> Result<()> {
         self.weigh(covariances)?;
         self.group.fuse(&self.covariances, None)?;
@@ -61,7 +61,7 @@ where
     }
 }
 
-/// Weights of the members of a group, and the buffers for them and as many or fewer.
+/// Weights of the members of a group, with buffers for at most as many sensors.
 #[derive(Clone, Debug)]
 pub(crate) struct Group<D: Dim>
 where
@@ -73,17 +73,17 @@ where
     pub complement: Vec<Square<D>>,
     /// (ΣC_i)^-1, after [`Group::fuse`].
     pub fused: Square<D>,
-    /// Whether rounding has left enough digits of its variances.
+    /// Whether the fused variances have enough digits after rounding.
     is_known: bool,
-    /// The fused covariance of members 0..=i; only of three or more.
+    /// The fused covariance of members 0..=i; only used for three or more members.
     forward: Vec<Square<D>>,
-    /// The fused covariance of members i..; only of three or more.
+    /// The fused covariance of members i..; only used for three or more members.
     backward: Vec<Square<D>>,
     others: Square<D>,
     sum: Sum<D>,
 }
 
-/// A sum of two covariances, and what is computed of it.
+/// A sum of two covariances, with its factor and its inverse.
 #[derive(Clone, Debug)]
 pub(crate) struct Sum<D: Dim>
 where
@@ -103,7 +103,7 @@ where
         Self { inverse: new(), factor: new(), halves: [new(), new()] }
     }
 
-    /// `(x + y)^-1`; `sensor` is the one to name if there is none.
+    /// Computes `(x + y)^-1`; `sensor` is named in the error if the sum is singular.
     pub fn invert(&mut self, x: &Square<D>, y: &Square<D>, sensor: usize) -> Result<()> {
         if factorise_sum(x, y, &mut self.factor) {
             invert(&mut self.factor, &mut self.inverse);
@@ -114,9 +114,9 @@ where
         Err(Error::SingularSum { argument: COVARIANCES, index: vec![sensor] })
     }
 
-    /// `out = x (x + y)^-1 y`, as the product of two halves: were one of them multiplied by the
-    /// inverse, ill-conditioned covariances would lose their digits twice. Returns whether every
-    /// variance is known well enough.
+    /// Computes `out = x (x + y)^-1 y` as the product of two halves. If one of the covariances were
+    /// multiplied by the inverse, ill-conditioned covariances would lose digits twice. Returns whether
+    /// every variance is accurate enough.
     pub fn fuse(
         &mut self,
         x: &Square<D>,
@@ -160,7 +160,7 @@ where
         }
     }
 
-    /// Weighs the sensors except `without`; the results of the others keep their order.
+    /// Computes the weights of the sensors except `without`; the results keep the order of the sensors.
     /// Cost O(K m³).
     pub fn weigh(&mut self, covariances: &[Square<D>], without: Option<usize>) -> Result<()> {
         let sensor = members(without);
@@ -175,7 +175,7 @@ where
         }
     }
 
-    /// Sets the fused covariance of sensors that were weighed before.
+    /// Computes the fused covariance of the sensors given to [`Group::weigh`] before.
     pub fn fuse(&mut self, covariances: &[Square<D>], without: Option<usize>) -> Result<()> {
         let sensor = members(without);
         match covariances.len() - usize::from(without.is_some()) {
@@ -189,7 +189,7 @@ where
         Ok(())
     }
 
-    /// Makes sure that [`Group::fuse`] has left a covariance that may be returned.
+    /// Returns an error unless the covariance from [`Group::fuse`] is accurate and valid.
     pub fn require_known(&mut self) -> Result<()> {
         if self.is_known && is_semidefinite(&self.fused, &mut self.others) {
             Ok(())
@@ -245,7 +245,7 @@ where
     }
 }
 
-/// Index among all sensors of the members that are not `without`.
+/// Maps the index of a member to the index among all sensors, which include `without`.
 fn members(without: Option<usize>) -> impl Fn(usize) -> usize {
     move |member| member + usize::from(without.is_some_and(|k| member >= k))
 }

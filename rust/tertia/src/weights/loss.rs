@@ -1,5 +1,5 @@
-//! What estimated weights cost: their bias and the excess of the fused estimate's mean squared
-//! error over the fused covariance.
+//! Cost of estimated weights: their bias, and the excess of the mean squared error of the fused
+//! estimate over the fused covariance.
 
 use super::group::{Group, Problem};
 use crate::base::error::Result;
@@ -7,15 +7,15 @@ use crate::base::matrix::{Square, symmetrise, zeros};
 use nalgebra::allocator::Allocator;
 use nalgebra::{DefaultAllocator, Dim};
 
-/// The loss found by simulation.
+/// Loss determined by simulation.
 pub(super) struct Simulated {
-    /// Trace of the mean excess over the trace of the fused covariance.
+    /// Trace of the mean excess divided by the trace of the fused covariance.
     pub loss: f64,
     /// Standard error of `loss`; infinite for a single draw.
     pub loss_sigma: f64,
 }
 
-/// Buffers.
+/// Buffers for the loss.
 pub(super) struct Loss<D: Dim>
 where
     DefaultAllocator: Allocator<D, D>,
@@ -58,7 +58,7 @@ where
         self.term.zip_apply(w, |term, w| *term += trace * w);
     }
 
-    /// `E Ŵ_k − W_k`, to second order, where the mean of Ŝ_j is `μ_j S_j`:
+    /// `E Ŵ_k − W_k` to second order, if the mean of Ŝ_j is `μ_j S_j`:
     /// `Σ_j {(μ_j − 1) W_j − c_j W_j [(I − W_j) + tr(I − W_j) I]} (W_k − δ_jk I)`.
     pub fn bias(&mut self, weights: &Group<D>, c: &[f64], mean: &[f64], k: usize) -> &Square<D> {
         self.out.fill(0.0);
@@ -74,7 +74,7 @@ where
         &self.out
     }
 
-    /// `Σ_j c_j W_j [(I − W_j) + tr(I − W_j) I] S_p`, the excess to first order.
+    /// The excess to first order, `Σ_j c_j W_j [(I − W_j) + tr(I − W_j) I] S_p`.
     pub fn first_order(&mut self, weights: &Group<D>, c: &[f64]) -> &Square<D> {
         self.expand(weights, c);
         self.expansion.mul_to(&weights.fused, &mut self.out);
@@ -82,9 +82,9 @@ where
         &self.out
     }
 
-    /// The mean over draws of `Σ_j (Ŵ_j − W_j) S_j (Ŵ_j − W_j)^T`, which is the excess exactly.
+    /// Mean over draws of `Σ_j (Ŵ_j − W_j) S_j (Ŵ_j − W_j)^T`, which is exactly the excess.
     ///
-    /// The factors are the Cholesky factors L of the covariances, and a draw is one Wishart matrix B
+    /// `factors` are the Cholesky factors L of the covariances; a draw contains one Wishart matrix B
     /// with mean I for every sensor, so that `Ŝ_j = L B L^T`.
     pub fn simulated<'a>(
         &mut self,

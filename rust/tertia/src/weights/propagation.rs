@@ -1,8 +1,8 @@
-//! How a change of the covariances changes a weight, to first order, and what that makes of their
-//! covariances.
+//! Change of a weight with the covariances, to first order, and the covariances of weights that result
+//! from it.
 //!
-//! `dW_k = Σ_j B_j dS_j A_j` with `B_j = W_j` and `A_j = C_j (W_k − δ_jk I)`, so the Jacobian's
-//! blocks are `P_kj = A_j^T ⊗ B_j` (vec by columns), and everything else follows from A_j and B_j.
+//! `dW_k = Σ_j B_j dS_j A_j` with `B_j = W_j` and `A_j = C_j (W_k − δ_jk I)`. The blocks of the Jacobian
+//! are therefore `P_kj = A_j^T ⊗ B_j` (vec by columns), and everything else follows from A_j and B_j.
 
 use super::group::{Problem, Sum};
 use crate::base::error::Result;
@@ -10,7 +10,7 @@ use crate::base::matrix::{Square, symmetrise, zeros};
 use nalgebra::allocator::Allocator;
 use nalgebra::{DefaultAllocator, Dim};
 
-/// The factors of the Jacobian's blocks, and buffers.
+/// The factors of the blocks of the Jacobian, with buffers.
 pub(crate) struct Propagation<D: Dim>
 where
     DefaultAllocator: Allocator<D, D>,
@@ -46,7 +46,7 @@ where
         Self { left: list(), right: list(), sum: Sum::new(order), terms: Terms::new(order) }
     }
 
-    /// Finds the factors for the weight of sensor k.
+    /// Computes the factors for the weight of sensor k.
     ///
     /// With the weights V_j and the fused covariance A of the others and `G = (A + S_k)^-1`:
     /// `W_k = A G`, `W_j = (I − W_k) V_j`, `C_j W_k = V_j^T G`, `C_k (W_k − I) = −G`.
@@ -93,7 +93,7 @@ where
         }
     }
 
-    /// Adds up `c_j P_kj (S_j ⊗ S_j)(I + K) P_kj^T` over the sensors, m² by m², in O(K m⁴).
+    /// Sums `c_j P_kj (S_j ⊗ S_j)(I + K) P_kj^T` over the sensors, m² by m², in O(K m⁴).
     pub fn write_covariance(&mut self, covariances: &[Square<D>], c: &[f64], out: &mut [f64]) {
         for j in 0..covariances.len() {
             self.terms.set(&covariances[j], &self.left[j], &self.right[j]);
@@ -126,7 +126,7 @@ where
         symmetrise(&mut self.r);
     }
 
-    /// Writes or adds `c (U_bq R_ap + Q_aq Q_pb)` at row (b, a) and column (q, p): exactly symmetric.
+    /// Writes or adds `c (U_bq R_ap + Q_aq Q_pb)` at row (b, a) and column (q, p); exactly symmetric.
     fn put<const ADD: bool>(&mut self, c: f64, out: &mut [f64]) {
         self.u *= c;
         self.q *= c.sqrt();

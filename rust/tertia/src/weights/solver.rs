@@ -1,4 +1,4 @@
-//! Everything that is computed of covariances, by one solver with buffers.
+//! A solver for all quantities that are computed from covariances, with its buffers.
 
 use super::group::Problem;
 use super::loss::Loss;
@@ -8,55 +8,55 @@ use crate::base::matrix::{Square, into_cholesky, read_covariance, with_order, wr
 use nalgebra::allocator::Allocator;
 use nalgebra::{DefaultAllocator, Dim};
 
-/// What is computed of the covariances of K sensors in m dimensions; `sensor` counts from 0, and the
+/// Quantities computed from the covariances of K sensors in m dimensions; `sensor` counts from 0, and the
 /// covariance of Ŝ_j is `c_j (S_j ⊗ S_j)(I + K)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Quantity<'a> {
     /// `W_k` of every sensor (K, m, m). Cost O(K m³).
     Weights,
-    /// `S_p` (m, m); an error where it is lost to rounding. Cost O(K m³).
+    /// `S_p` (m, m); an error if it is lost to rounding. Cost O(K m³).
     FusedCovariance,
-    /// `∂vec W_k / ∂vec S_j` for every j (K, m², m²), (7)–(14): for two sensors and k = 1, P1 and
-    /// P2. Cost O(K m⁴), that of writing it.
+    /// `∂vec W_k / ∂vec S_j` for every j (K, m², m²), (7)–(14); for two sensors and k = 1, these are P1 and
+    /// P2. Cost O(K m⁴), which is that of writing the result.
     Jacobian {
         /// k.
         sensor: usize,
     },
-    /// The factors B_j and then A_j (2, K, m, m) of `dW_k = Σ_j B_j dS_j A_j`. Cost O(K m³).
+    /// The factors B_j, followed by A_j (2, K, m, m), of `dW_k = Σ_j B_j dS_j A_j`. Cost O(K m³).
     JacobianFactors {
         /// k.
         sensor: usize,
     },
-    /// The covariance (m², m²) of vec Ŵ_k to first order (10). Cost O(K m⁴).
+    /// Covariance (m², m²) of vec Ŵ_k to first order (10). Cost O(K m⁴).
     WeightCovariance {
         /// k.
         sensor: usize,
-        /// One for each sensor.
+        /// c of each sensor.
         c: &'a [f64],
     },
-    /// `E Ŵ_k − W_k` (m, m) to second order, where the mean of Ŝ_j is `mean_j S_j`. Cost O(K m³).
+    /// `E Ŵ_k − W_k` (m, m) to second order, if the mean of Ŝ_j is `mean_j S_j`. Cost O(K m³).
     WeightBias {
         /// k.
         sensor: usize,
-        /// One for each sensor, relative to the mean.
+        /// c of each sensor, relative to the mean.
         c: &'a [f64],
-        /// One for each sensor.
+        /// Mean of each sensor.
         mean: &'a [f64],
     },
-    /// `S_p`, and to first order the excess of the mean squared error over it (2, m, m).
+    /// `S_p`, followed by the excess of the mean squared error over it to first order (2, m, m).
     /// Cost O(K m³).
     Excess {
-        /// One for each sensor, relative to the mean.
+        /// c of each sensor, relative to the mean.
         c: &'a [f64],
     },
-    /// The same from draws of Wishart matrices with mean I; and then the loss, which is the trace of
-    /// the excess over that of `S_p`, and its standard error (2 m² + 2). Cost O(T K m³).
+    /// [`Quantity::Excess`] from draws of Wishart matrices with mean I, followed by the loss (the trace
+    /// of the excess divided by that of `S_p`) and its standard error (2 m² + 2). Cost O(T K m³).
     SimulatedExcess {
-        /// (T, K, m, m).
+        /// Draws (T, K, m, m).
         draws: &'a [f64],
     },
-    /// The covariance (m², m²) of the vec of a sample covariance (4), for the S (m, m) of one
-    /// sensor. Cost O(m⁴).
+    /// Covariance (m², m²) of vec Ŝ of a sample covariance (4), for the S (m, m) of one sensor.
+    /// Cost O(m⁴).
     CovarianceOfCovariance {
         /// c.
         c: f64,
@@ -64,7 +64,7 @@ pub enum Quantity<'a> {
 }
 
 impl Quantity<'_> {
-    /// The shape of the result for so many sensors and dimensions.
+    /// Returns the shape of the result for this number of sensors and dimensions.
     pub fn shape(&self, sensors: usize, m: usize) -> Vec<usize> {
         match self {
             Self::Weights => vec![sensors, m, m],
@@ -80,12 +80,12 @@ impl Quantity<'_> {
     }
 }
 
-/// A computation, with buffers that are reused from call to call.
+/// A computation with buffers that are reused from call to call.
 pub trait Weighing: Send {
-    /// Writes the quantity of covariances (K, m, m). Slices of other lengths than said panic.
+    /// Computes a quantity from covariances (K, m, m). Panics if a slice has a wrong length.
     ///
     /// # Errors
-    /// A covariance that is none, or sensors that are singular in the same direction.
+    /// An invalid covariance, or sensors that are singular in the same direction.
     fn compute(
         &mut self,
         quantity: &Quantity<'_>,
@@ -94,11 +94,11 @@ pub trait Weighing: Send {
     ) -> Result<()>;
 }
 
-/// The computation for so many sensors and dimensions.
+/// Returns the computation for this number of sensors and dimensions.
 ///
 /// ```
 /// use tertia::weights::{Quantity, weighing};
-/// // two scalar estimates with the variances 1 and 3: three quarters for the first
+// two scalar estimates with the variances 1 and 3: the first gets a weight of three quarters
 /// let mut weights = [0.0; 2];
 /// weighing(2, 1).compute(&Quantity::Weights, &[1.0, 3.0], &mut weights)?;
 /// assert_eq!(weights, [0.75, 0.25]);
@@ -106,7 +106,7 @@ pub trait Weighing: Send {
 /// ```
 ///
 /// # Panics
-/// No sensor, or no dimension.
+/// If there is no sensor or no dimension.
 pub fn weighing(sensors: usize, dimension: usize) -> Box<dyn Weighing> {
     assert!(sensors >= 1 && dimension >= 1, "{sensors} sensors, {dimension} dimensions");
     with_order!(dimension, |order| Box::new(Solver::new(sensors, order)))
@@ -118,7 +118,7 @@ where
 {
     order: D,
     problem: Problem<D>,
-    // made when they are needed
+    // created at the first use
     propagation: Option<Propagation<D>>,
     loss: Option<Loss<D>>,
 }
@@ -232,7 +232,7 @@ mod tests {
     use crate::base::checks::assert_all_close;
 
     const TWO: [f64; 8] = [4.0, 1.0, 1.0, 2.0, 1.0, -0.5, -0.5, 3.0];
-    /// P2 of TWO, by exact fractions.
+    /// P2 of TWO, from exact fractions.
     const P2: [[f64; 4]; 4] = [
         [-0.159167431894705, -0.0244872972145699, 0.0159167431894705, 0.00244872972145699],
         [-0.0326497296194266, -0.0775431078461381, 0.00326497296194266, 0.00775431078461382],
@@ -258,7 +258,7 @@ mod tests {
         assert_all_close(&[loss], &[0.151638326798165]);
     }
 
-    /// The same numbers whether the order is known when compiling or not: block diagonal matrices.
+    /// The same results whether the order is known at compile time or not: block diagonal matrices.
     #[test]
     fn any_order_and_any_number() {
         let (sensors, m) = (4, 12);
@@ -270,7 +270,7 @@ mod tests {
             (0..sensors * m * m).map(|at| block(at / (m * m), at / m % m, at % m)).collect();
         let mut weights = vec![0.0; sensors * m * m];
         weighing(sensors, m).compute(&Quantity::Weights, &covariances, &mut weights).unwrap();
-        // of two equal pairs, each member has half the weight of its pair
+        // each member of two equal pairs has half the weight of its pair
         for (at, &w) in weights.iter().enumerate().filter(|(at, _)| at / (m * m) == 3) {
             let (i, j) = (at / m % m, at % m);
             let pair = [78.0, 12.0, 16.0, 38.0][2 * (i % 2) + j % 2] / 99.0;
@@ -294,7 +294,7 @@ mod tests {
         assert!(text.starts_with("covariances[1, 1, 0] is nan"));
         let text = fails([1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0]).to_string();
         assert!(text.starts_with("covariances[1] and the covariances fused"), "{text}");
-        // singular in different directions: weights, but no fused covariance
+        // singular in different directions: there are weights, but no fused covariance
         let crossed = [1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0, 1.0];
         assert!(solver.compute(&Quantity::Weights, &crossed, &mut out).is_ok());
         let fused = solver.compute(&Quantity::FusedCovariance, &crossed, &mut out[..4]);
