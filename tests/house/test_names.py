@@ -37,6 +37,13 @@ def test_what_the_vocabulary_names_is_in_the_code() -> None:
     assert sorted(term for term in terms if not re.search(rf"\b{term}\b", SOURCES)) == []
 
 
+def test_the_vocabulary_has_each_term_once() -> None:
+    rows = re.findall(r"^\| (`[^|]*?) \|", VOCABULARY, flags=re.MULTILINE)
+    terms = [term for row in rows for term in row.split(", ")]
+    assert len(terms) > 50
+    assert sorted(term for term in set(terms) if terms.count(term) > 1) == []
+
+
 def test_no_page_speaks_a_name_that_was_given_up() -> None:
     given_up = "TrackFusion|FusionResult|TrackSmooth|PolynomialSmooth|known_sigma|plan_prior"
     pages = [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md"]

@@ -7,10 +7,10 @@
 //! Main modules, where those on the right use those on the left: `estimate <- kinematics, lean; motion <-
 //! bank; level, geometry <- plot; mht <- association; geometry, plans, association, motion <- settings,
 //! velocities <- plan, curve, prospects <- window <- filter <- resolution, sight, moving; plan <-
-//! correlation; height, identity, beams, filter, moving, correlation, tree, suspicion, outliers <- track <-
-//! cluster, row, claim, extent, patches, clutter, schedule, doubles, reflections, ended, azimuths; outliers
-//! <- noise <- strays <- resume <- share <- scan <- live <- kept, control, found <- lag`; `kinematics, motion
-//! <- smooth` beside them.
+//! correlation; doubles, extent, fixed, patches, tally, weighed <- clutter; height, identity, beams, filter,
+//! moving, correlation, existence, tree, suspicion, outliers, clutter <- track <- cluster, row, claim,
+//! schedule, reflections, ended, azimuths; outliers <- noise <- strays <- resume <- share <- scan <- live <-
+//! ending, kept, control, found <- lag`; `kinematics, motion <- smooth` beside them.
 //!
 //! A plot costs O(1) as long as the number of targets within a gate does not grow; memory is O(tracks).
 

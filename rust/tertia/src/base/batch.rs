@@ -108,6 +108,16 @@ pub fn for_each_row<R: Send, S>(
     }
 }
 
+/// Calls `work` on every part, on this number of threads.
+pub(crate) fn for_each_part<P: Send>(threads: usize, parts: Vec<P>, work: impl Fn(P) + Sync) {
+    let work = |(): &mut (), part: P| {
+        work(part);
+        Ok(())
+    };
+    for_each_row(parts.into_iter(), 0.0, NonZero::new(threads), || (), work)
+        .expect("nothing fails");
+}
+
 /// Locks even if another thread has panicked: no data behind these locks can be left half-changed.
 fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)

@@ -9,9 +9,9 @@ use super::patches::Patches;
 use super::plot::Measured;
 use super::prospects::There;
 use super::settings::Settings;
-use super::share::run;
 use super::tally::{Places, Tally, estimated, gain_by_way};
 use super::weighed::Weighed;
+use crate::base::batch::for_each_part;
 use crate::sensors::Radar;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
@@ -367,7 +367,7 @@ pub(super) fn note(
         left[plots[i].radar].push(i);
     }
     let parts = clutter.iter_mut().zip(radars).zip(left).collect();
-    run(threads, parts, |((own, radar), left): ((&mut Clutter, &Radar), Vec<usize>)| {
+    for_each_part(threads, parts, |((own, radar), left): ((&mut Clutter, &Radar), Vec<usize>)| {
         for (i, plot) in left.into_iter().map(|i| (i, &plots[i])) {
             own.note(plot, seconds.density(i), radar);
         }

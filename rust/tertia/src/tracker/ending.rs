@@ -4,8 +4,8 @@ use super::clutter::{Clutter, Held};
 use super::live::Tracker;
 use super::row::{Row, Rows};
 use super::settings::Settings;
-use super::share::run;
 use super::track::Track;
+use crate::base::batch::for_each_part;
 
 /// Tracks that a thread looks at together: sums over them are the same for any number of threads.
 const TOGETHER: usize = 1024;
@@ -88,6 +88,6 @@ fn in_parts<T: Default + Send>(
     let mut found = Vec::new();
     found.resize_with(tracks.len().div_ceil(TOGETHER), T::default);
     let parts = tracks.chunks_mut(TOGETHER).zip(&mut found).collect();
-    run(threads, parts, |(tracks, own)| look(tracks, own));
+    for_each_part(threads, parts, |(tracks, own)| look(tracks, own));
     found
 }

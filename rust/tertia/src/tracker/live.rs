@@ -11,8 +11,9 @@ use super::plot::{Measured, Plot, PlotStatus, Plots, keep_followed};
 use super::row::Rows;
 use super::scan::{Scan, Sky};
 use super::settings::Settings;
-use super::share::{SHARES_PER_THREAD, run};
+use super::share::SHARES_PER_THREAD;
 use super::track::Track;
+use crate::base::batch::for_each_part;
 use crate::base::error::{Error, Result, require, require_positive};
 use crate::base::interrupt::poll;
 use crate::base::scratch::Scratch;
@@ -435,7 +436,7 @@ fn extend<T: Sync>(
     found.resize(start + items.len(), Measured::default());
     let part = part(items.len(), threads);
     let parts = items.chunks(part).zip(found[start..].chunks_mut(part)).collect();
-    run(threads, parts, |(items, room): (&[T], &mut [Measured])| {
+    for_each_part(threads, parts, |(items, room): (&[T], &mut [Measured])| {
         items.iter().zip(room).for_each(|(item, room)| *room = make(item));
     });
 }

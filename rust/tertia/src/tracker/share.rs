@@ -9,9 +9,8 @@ use super::row::Row;
 use super::settings::Settings;
 use super::track::Track;
 use crate::association::{Assigner, Pair, is_inside};
-use crate::base::batch::for_each_row;
+use crate::base::batch::for_each_part;
 use std::hint::black_box;
-use std::num::NonZero;
 
 mod columns;
 mod doubt;
@@ -369,7 +368,7 @@ impl Shares {
         let shares = self.ready(threads);
         let size = tracks.len().div_ceil(shares.len()).max(1);
         let parts: Vec<_> = tracks.chunks(size).enumerate().zip(shares).collect();
-        run(threads, parts, |((index, tracks), share)| look(share, index * size, tracks));
+        for_each_part(threads, parts, |((index, tracks), share)| look(share, index * size, tracks));
     }
 
     /// The claims of all shares, one after the other.
@@ -412,7 +411,7 @@ impl Shares {
             parts.push((&*mine, own, share));
             (claims, tracks) = (rest, others);
         }
-        run(threads, parts, |(claims, tracks, share)| work(share, claims, tracks));
+        for_each_part(threads, parts, |(claims, tracks, share)| work(share, claims, tracks));
     }
 
     /// Numbers of the tracks that were confirmed, sorted.
@@ -453,19 +452,4 @@ impl Shares {
         let given = &share.given[index as usize];
         Some((given, share.rows.get(given.row as usize)))
     }
-}
-
-/// Calls `work` on every part, on `threads` threads.
-pub(super) fn run<P: Send>(threads: usize, parts: Vec<P>, work: impl Fn(P) + Sync) {
-    let done = for_each_row(
-        parts.into_iter(),
-        0.0,
-        NonZero::new(threads),
-        || (),
-        |(), part| {
-            work(part);
-            Ok(())
-        },
-    );
-    done.expect("nothing fails");
 }

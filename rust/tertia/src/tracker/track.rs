@@ -55,8 +55,7 @@ const SCANS_PER_FALSE_TRACK: f64 = 1000.0;
 /// Whether a track is confirmed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) enum Stage {
-    /// Numbers of plots and missed detections so far, and the log-likelihood ratio of a target against a
-    /// chain of false plots, less the required one (`evidence`).
+    /// `evidence` is the log-likelihood ratio of a target against false plots, less the required one.
     Tentative {
         hits: usize,
         misses: usize,
@@ -86,8 +85,7 @@ pub(super) struct Track {
     /// Scan period of the quickest sensor that sees the target, s.
     quickest: f64,
     swerve: Swerve,
-    /// Whether the track is no fixed echo: the target has moved or has replied, or fixed echoes are not
-    /// searched for.
+    /// Whether the target has moved or has replied, or fixed echoes are not searched for.
     pub moved: bool,
     pub number: u64,
     /// The states of the track under other hypotheses.
@@ -120,8 +118,7 @@ pub(super) struct Track {
     pub there: There,
     /// Density of false plots at its first plot, as it was estimated at that time, 1/m².
     pub believed: f64,
-    /// Whether its first plot counts among those that belong to no track: it is neither a second plot of a
-    /// target nor a reflection nor a fixed echo.
+    /// Whether its first plot is neither a second plot of a target, nor a reflection, nor a fixed echo.
     pub is_counted: bool,
     /// Its plots, until it is confirmed.
     basis: Basis,
@@ -257,7 +254,7 @@ impl Track {
         self.is_due_at(plot.time, plot.radar, radar.scan_period)
     }
 
-    /// The same of a plot at a time, by the index of its radar and the period of its scans.
+    /// The same for a plot at a time, from the index and the scan period of its radar.
     #[inline]
     pub fn is_due_at(&self, time: f64, radar: usize, period: f64) -> bool {
         self.expected_by(radar).is_none_or(|e| time - e.seen > SOONEST * period)
@@ -278,9 +275,8 @@ impl Track {
         is_near.then(|| odds + (self.density(z, r) * self.also_moving(plot, settings)).ln())
     }
 
-    /// Returns what a plot adds to the evidence: the `gain` with which it was taken. The score of the paper
-    /// is no likelihood, and is replaced by the log-likelihood ratio with a density of `others` per square
-    /// metre.
+    /// Returns what a plot adds to the evidence: the `gain` with which it was taken. The score of the paper is
+    /// replaced by the log-likelihood ratio against a density of `others` per square metre.
     #[inline]
     pub fn evidence_of(&self, plot: &Measured, gain: f64, others: f64, settings: &Settings) -> f64 {
         if !matches!(settings.association, Association::Paper(_)) {
@@ -310,9 +306,8 @@ impl Track {
         nearest
     }
 
-    /// Adds the score of a plot of this radar, which is against a missed detection, to the evidence, less the
-    /// logarithm `others` of the factor by which second plots and outliers of targets increase the density of
-    /// false plots.
+    /// Adds the score of a plot against a missed detection to the evidence, less `others`: the logarithm of
+    /// the factor by which second plots and outliers of targets increase the density of false plots.
     pub fn credit(&mut self, gain: f64, others: f64, radar: usize, settings: &Settings) {
         self.existence.see(gain - others, radar, settings);
         if let Stage::Tentative { evidence, .. } = &mut self.stage {
