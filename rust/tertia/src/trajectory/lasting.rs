@@ -495,3 +495,12 @@ fn without<const D: usize, const N: usize>(
     setting.smoother = own.smoother;
     rest
 }
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn a_block_has_an_instant_however_many_columns_there_are() {
+        assert_eq!(super::length(1000, 40.0, 6), 10);
+        assert_eq!(super::length(40, 40.0, 610), 40);
+    }
+}
