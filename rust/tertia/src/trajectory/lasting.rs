@@ -22,11 +22,9 @@ use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 use std::rc::Rc;
 
-/// Least number of independent ways in which lasting errors would cause contradictions, for the absence of
-/// contradictions to show that there are no such errors.
+/// Least number of independent contradictions that lasting errors would cause before their absence is believed.
 const TELLING: usize = 2;
-/// Ratio of the variance of lasting errors to that of the smoothed noise, below which lasting errors are
-/// neglected.
+/// Variance of lasting errors over that of the smoothed noise, below which lasting errors are neglected.
 const NEGLIGIBLE: f64 = 0.1;
 /// Number of blocks of instants within the memory of the smoother, least number of blocks in the record, and
 /// largest product of the numbers of blocks and columns.
@@ -35,8 +33,7 @@ const LEAST_BLOCKS: usize = 10;
 const MOST_NUMBERS: usize = 600;
 /// Probability that one column is far more wrong than all others, from which that column is left out.
 const DISTRUSTED: f64 = 0.9;
-/// Largest number of rounds of removing the estimated errors, and the change, in standard errors, that ends
-/// them.
+/// Largest number of rounds of removing the estimates, and the change, in standard errors, that ends them.
 const ROUNDS: usize = 3;
 const SETTLED: f64 = 0.1;
 /// Decreases of the squared scores and of the squared residuals by Tukey's weights with normal errors,
@@ -385,8 +382,7 @@ fn answers<const D: usize, const N: usize>(
     responses(&instants, columns.len())
 }
 
-/// Number of instants over which the smoother averages: the median ratio of the variances before and after
-/// smoothing.
+/// Number of instants over which the smoother averages: the median ratio of variances before and after it.
 fn memory<const D: usize, const N: usize>(record: &Record<'_>, found: &Found<D, N>) -> f64 {
     let trace = |matrix: &[f64]| matrix.iter().step_by(D + 1).sum::<f64>();
     let ratio = |t: usize| {
@@ -413,8 +409,7 @@ fn together<const D: usize, const N: usize>(
     (wished.min(memory / IN_MEMORY) as usize).max(1)
 }
 
-/// Number of instants in a block: a part of the memory of the smoother, within the limits of the number of
-/// blocks.
+/// Number of instants in a block: a part of the memory of the smoother, within limits of the number of blocks.
 fn length(n: usize, memory: f64, columns: usize) -> usize {
     let wished = (memory / IN_MEMORY) as usize;
     let most = (MOST_NUMBERS / columns).max(1);
@@ -500,7 +495,6 @@ fn without<const D: usize, const N: usize>(
 mod tests {
     #[test]
     fn a_block_has_an_instant_however_many_columns_there_are() {
-        assert_eq!(super::length(1000, 40.0, 6), 10);
         assert_eq!(super::length(40, 40.0, 610), 40);
     }
 }
