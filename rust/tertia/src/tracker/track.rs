@@ -209,9 +209,14 @@ impl Track {
         self.known.identities()
     }
 
+    /// Height and vertical rate at the time of the estimate; nothing where no height was reported.
+    pub fn reported(&self) -> Option<Vertical> {
+        self.vertical.filter(|own| own.reported).map(|own| own.at(self.time))
+    }
+
     /// Height; not a number where none was reported.
     pub fn height(&self) -> f64 {
-        self.vertical.filter(|own| own.reported).map_or(f64::NAN, |own| own.height)
+        self.reported().map_or(f64::NAN, |own| own.height)
     }
 
     fn motion<'a>(&self, settings: &'a Settings) -> &'a Motion {
