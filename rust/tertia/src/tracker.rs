@@ -57,6 +57,7 @@ mod prospects;
 mod reflections;
 mod resolution;
 mod resume;
+mod rivals;
 mod row;
 mod scan;
 mod schedule;

@@ -10,9 +10,12 @@ const SLANTED: f64 = 0.01;
 const BEFORE: f64 = 1.5;
 /// By how much the logarithm of the odds may fall by one plot.
 const STEP: f64 = -4.0;
+/// By how much it may rise in all: another target may also seem to keep its distance.
+const CONSTANT: f64 = 2.0;
 /// Logarithm of the probability that a target is not seen where its reflection is.
 const UNSEEN: f64 = -3.0;
-/// Scans for which a reflection lasts on average: a target stays.
+/// Scans for which a reflection lasts on average: a target stays. That of a side lobe lasts while the target is
+/// near, which its range shows.
 const LASTING: f64 = 15.0;
 
 /// What a plot is if it is the reflection of a target.
@@ -45,7 +48,7 @@ pub(super) struct Suspicion {
     distance: f64,
     variance: f64,
     plots: f64,
-    /// Logarithm of the odds of a reflection, and of those by the first plot.
+    /// Logarithm of the odds of a reflection, and the mean of those by each plot alone.
     log_odds: f64,
     first: f64,
 }
@@ -56,7 +59,13 @@ impl Reflection {
         self.is_unsure && self.is_likely()
     }
 
-    fn is_likely(&self) -> bool {
+    /// Whether it is that of a side lobe, which is at the range of the target.
+    fn is_beside(&self) -> bool {
+        self.since.is_finite()
+    }
+
+    /// Whether it is likelier than another target.
+    pub fn is_likely(&self) -> bool {
         self.is_seen && self.log_odds > 0.0
     }
 
@@ -94,18 +103,37 @@ impl Suspicion {
             return;
         }
         let is_own = |one: &&Reflection| one.track == self.track && plot.radar == self.radar;
-        let mut own = reflections.filter(is_own);
-        let Some(one) = own.next() else {
+        let one = reflections.filter(is_own).next();
+        let lasts = one.is_none_or(Reflection::is_beside);
+        let most = if lasts { self.first } else { self.first - self.plots / LASTING };
+        self.compare(one);
+        self.log_odds = self.log_odds.min(most);
+    }
+
+    /// Compares the distance of the reflector by one more plot, which may be no reflection.
+    pub fn compare(&mut self, one: Option<&Reflection>) {
+        let Some(one) = one else {
             self.log_odds += UNSEEN;
             return;
         };
         if one.is_seen {
             let log_odds = self.log_odds + (0.5 - 0.5 * self.square(one)).max(STEP);
-            self.log_odds = log_odds.min(self.first - self.plots / LASTING);
+            self.log_odds = log_odds.min(self.first + CONSTANT);
             self.plots += 1.0;
             self.distance += (one.distance - self.distance) / self.plots;
             self.variance += (one.variance - self.variance) / self.plots;
+            self.first += (one.log_odds - self.first) / self.plots;
         }
+    }
+
+    /// Whether it is a reflection by so many plots, with such odds.
+    pub fn is_at_least(&self, plots: f64, log_odds: f64) -> bool {
+        self.plots >= plots && self.log_odds >= log_odds
+    }
+
+    /// Number of the track of the target.
+    pub fn track(&self) -> u64 {
+        self.track
     }
 
     /// Normalised square of the difference in distance.

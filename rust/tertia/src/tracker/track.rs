@@ -15,6 +15,7 @@ use super::outliers::Stray;
 use super::plan::Guide;
 use super::plot::{Measured, Source};
 use super::prospects::{Prospects, There};
+use super::rivals::Rivals;
 use super::settings::{Confirmation, MAX_DELAY, Settings};
 use super::suspicion::Suspicion;
 use super::swerve::Swerve;
@@ -124,6 +125,8 @@ pub(super) struct Track {
     /// Its plots until it is confirmed.
     basis: Basis,
     suspicion: Option<Box<Suspicion>>,
+    /// Tracks of which it may be a reflection, where that is not known at its first plot.
+    rivals: Option<Box<Rivals>>,
 }
 
 /// What the target does if it is not what is shown.
@@ -190,6 +193,7 @@ impl Track {
             is_counted: false,
             basis: Basis::default(),
             suspicion: None,
+            rivals: None,
         };
         if matches!(plot.source, Source::Moving(..)) {
             track.begin(None, settings);
@@ -207,16 +211,6 @@ impl Track {
     /// The identities by the transponder.
     pub fn identities(&self) -> Identities {
         self.known.identities()
-    }
-
-    /// Height and vertical rate at the time of the estimate; nothing where no height was reported.
-    pub fn reported(&self) -> Option<Vertical> {
-        self.vertical.filter(|own| own.reported).map(|own| own.at(self.time))
-    }
-
-    /// Height; not a number where none was reported.
-    pub fn height(&self) -> f64 {
-        self.reported().map_or(f64::NAN, |own| own.height)
     }
 
     fn motion<'a>(&self, settings: &'a Settings) -> &'a Motion {

@@ -77,7 +77,10 @@ impl Track {
         let speed = self.speed_probability(settings);
         let refuted =
             self.is_confirmed() && self.may_be_clutter() && self.existence.is_refuted(speed);
-        !gone && !refuted && silence <= (settings.coasting as f64 + 0.5) * self.period
+        !gone
+            && !refuted
+            && !self.is_refuted()
+            && silence <= (settings.coasting as f64 + 0.5) * self.period
     }
 
     /// Whether it may have gone from false plot to false plot: it has no reply of a transponder.
