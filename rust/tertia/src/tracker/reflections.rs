@@ -17,6 +17,8 @@ const SHARE: f64 = 0.01;
 const LEVELS: f64 = 30.0;
 /// Largest distance of a reflector from its radar, m.
 const FARTHEST: f64 = 30e3;
+/// Likelihood ratio from which on the range of a plot is that of a side lobe.
+const BESIDE: f64 = 10.0;
 /// Standard deviations by which a side lobe may seem nearer than its target.
 const SIGMAS: f64 = 3.0;
 /// Scans by which a radar may have seen a target earlier than when its beam passed it last, and more if the plot
@@ -177,7 +179,18 @@ fn of_target(
     let log_odds = (SHARE * (1.0 + side_lobe) * same).ln();
     let since = if distance < error { track.first.time } else { f64::NEG_INFINITY };
     let (plot, track) = (index, track.number);
-    let one = Reflection { plot, track, distance, variance, log_odds, is_seen, is_unsure, since };
+    let is_beside = side_lobe > BESIDE;
+    let one = Reflection {
+        plot,
+        track,
+        distance,
+        variance,
+        log_odds,
+        is_seen,
+        is_unsure,
+        since,
+        is_beside,
+    };
     Some(Found::Reflection(one))
 }
 

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// Plots of a reflection after which it is sure, if the logarithm of its odds is so large.
 const ENOUGH: f64 = 5.0;
 const SURE: f64 = 6.9;
-/// Of two tracks that began together, the side lobe is missed in so many scans more than the target; each scan
+/// Of a target and its side lobe, which are at one range, the side lobe is missed in so many scans more than the target; each scan
 /// in which only the side lobe is seen outweighs so many.
 const MISSED: f64 = 4.0;
 const OUTWEIGHED: f64 = 2.0;
@@ -35,13 +35,12 @@ struct Rival {
 }
 
 impl Rivals {
-    /// Weighs one more plot of a track that began at `begin`, by the reflections that the plot may be. Cost
-    /// O(reflections²).
+    /// Weighs one more plot of a track, by the reflections that the plot may be. Cost O(reflections²).
     pub fn weigh<'a>(
         &mut self,
         plot: &Measured,
         reflections: impl Iterator<Item = &'a Reflection> + Clone,
-        (begin, period): (f64, f64),
+        period: f64,
     ) {
         if !plot.identities.is_some() {
             return;
@@ -54,8 +53,7 @@ impl Rivals {
             let number = rival.suspicion.track();
             let found = reflections.clone().find(|one| one.track == number);
             let is_weaker = rival.compare(plot, found, period);
-            let is_of_it =
-                |one: &Reflection| one.is_of_target(begin, period) || is_weaker && !one.is_unsure;
+            let is_of_it = |one: &Reflection| !one.is_unsure && (one.is_farther() || is_weaker);
             let is_likely = rival.suspicion.is_at_least(ENOUGH, SURE);
             self.is_sure |= is_likely && found.is_some_and(is_of_it);
         }
@@ -95,21 +93,31 @@ mod tests {
         Measured { time, identities: Identities::of(1), ..Measured::default() }
     }
 
-    /// That of a track that began at `since`, at a distance.
-    fn reflection(distance: f64, since: f64) -> Reflection {
+    /// By a reflector at a distance, or a side lobe.
+    fn reflection(distance: f64) -> Reflection {
         let (plot, track, variance, log_odds) = (0, 1, 1e4, 7.0);
-        let (is_seen, is_unsure) = (true, false);
-        Reflection { plot, track, distance, variance, log_odds, is_seen, is_unsure, since }
+        let (is_seen, is_unsure, is_beside) = (true, false, distance == 0.0);
+        let since = if is_beside { 0.0 } else { f64::NEG_INFINITY };
+        Reflection {
+            plot,
+            track,
+            distance,
+            variance,
+            log_odds,
+            is_seen,
+            is_unsure,
+            since,
+            is_beside,
+        }
     }
 
-    /// Whether a track that began in the first scan is a reflection after these scans: in which it is seen, and
-    /// with the other one.
+    /// Whether a track is a reflection after these scans: whether it is seen, and whether the other one is.
     fn after(scans: &[(bool, bool)], one: Reflection) -> bool {
         let mut own = Rivals::default();
         for (scan, (is_seen, is_other_seen)) in scans.iter().enumerate() {
             if *is_seen {
                 let found = is_other_seen.then_some(one);
-                own.weigh(&plot(scan), found.iter(), (0.0, PERIOD));
+                own.weigh(&plot(scan), found.iter(), PERIOD);
             }
         }
         own.is_sure
@@ -117,7 +125,7 @@ mod tests {
 
     #[test]
     fn the_farther_track_is_the_reflection() {
-        let one = reflection(5e3, f64::NEG_INFINITY);
+        let one = reflection(5e3);
         assert!(after(&[(true, true); 8], one) && !after(&[(true, true); 4], one));
         let unsure = Reflection { is_unsure: true, ..one };
         assert!(!after(&[(true, true); 8], unsure));
@@ -128,22 +136,20 @@ mod tests {
     #[test]
     fn the_track_that_is_missed_more_often_is_the_side_lobe() {
         let (both, only, other) = ((true, true), (true, false), (false, true));
-        let one = reflection(0.0, 0.0);
+        let one = reflection(0.0);
         assert!(!after(&[both; 60], one));
         assert!(after(&[other, both, both, other].repeat(4), one));
         assert!(!after(&[both, both, both, both, both, only, other].repeat(8), one));
         assert!(!after(&[only, both, both, only].repeat(4), one));
-        // one that began long before is the target
-        assert!(after(&[both; 8], reflection(0.0, -20.0)));
     }
 
     #[test]
     fn what_another_radar_sees_is_no_reflection() {
-        let one = reflection(5e3, f64::NEG_INFINITY);
+        let one = reflection(5e3);
         let mut own = Rivals::default();
         for scan in 0..30 {
             let radar = scan % 2;
-            own.weigh(&Measured { radar, ..plot(scan) }, [one].iter(), (0.0, PERIOD));
+            own.weigh(&Measured { radar, ..plot(scan) }, [one].iter(), PERIOD);
             assert!(!own.is_sure);
         }
     }

@@ -36,6 +36,8 @@ pub(super) struct Reflection {
     pub is_unsure: bool,
     /// First plot of the target, s, where the plot may be of a side lobe: either may be of that if both are new.
     pub since: f64,
+    /// Whether the plot is at the range of the target, as that of a side lobe.
+    pub is_beside: bool,
 }
 
 /// Whether a track is the reflection of a target.
@@ -48,6 +50,8 @@ pub(super) struct Suspicion {
     distance: f64,
     variance: f64,
     plots: f64,
+    /// Plots that were not at the range of a side lobe.
+    fading: f64,
     /// Logarithm of the odds of a reflection, and the mean of those by each plot alone.
     log_odds: f64,
     first: f64,
@@ -59,14 +63,14 @@ impl Reflection {
         self.is_unsure && self.is_likely()
     }
 
-    /// Whether it is that of a side lobe, which is at the range of the target.
-    fn is_beside(&self) -> bool {
-        self.since.is_finite()
-    }
-
     /// Whether it is likelier than another target.
     pub fn is_likely(&self) -> bool {
         self.is_seen && self.log_odds > 0.0
+    }
+
+    /// Whether it is farther from the radar than the target for sure, so that it cannot be of a side lobe.
+    pub fn is_farther(&self) -> bool {
+        self.since == f64::NEG_INFINITY
     }
 
     /// Whether it is of the target, rather than of a track that began at this time.
@@ -84,8 +88,8 @@ impl Suspicion {
         let seen = reflections.filter(|one| one.is_likely());
         let one = seen.max_by(|a, b| a.log_odds.total_cmp(&b.log_odds))?;
         let Reflection { track, distance, variance, log_odds, .. } = *one;
-        let (radar, plots, first) = (plot.radar, 1.0, log_odds);
-        Some(Self { radar, track, distance, variance, plots, log_odds, first })
+        let (radar, plots, fading, first) = (plot.radar, 1.0, 0.0, log_odds);
+        Some(Self { radar, track, distance, variance, plots, fading, log_odds, first })
     }
 
     /// Whether a reflection is likelier than another target.
@@ -97,17 +101,17 @@ impl Suspicion {
     pub fn weigh<'a>(
         &mut self,
         plot: &Measured,
-        reflections: impl Iterator<Item = &'a Reflection>,
+        mut reflections: impl Iterator<Item = &'a Reflection>,
     ) {
         if !self.holds() || !plot.identities.is_some() {
             return;
         }
         let is_own = |one: &&Reflection| one.track == self.track && plot.radar == self.radar;
-        let one = reflections.filter(is_own).next();
-        let lasts = one.is_none_or(Reflection::is_beside);
-        let most = if lasts { self.first } else { self.first - self.plots / LASTING };
+        let one = reflections.find(is_own);
+        let fades = one.is_some_and(|one| one.is_seen && !one.is_beside);
+        self.fading += f64::from(u8::from(fades));
         self.compare(one);
-        self.log_odds = self.log_odds.min(most);
+        self.log_odds = self.log_odds.min(self.first - self.fading / LASTING);
     }
 
     /// Compares the distance of the reflector by one more plot, which may be no reflection.
@@ -150,9 +154,19 @@ mod tests {
     use crate::sensors::Identities;
 
     fn reflection(distance: f64, log_odds: f64) -> Reflection {
-        let (is_seen, is_unsure, since) = (true, false, f64::NEG_INFINITY);
-        let (plot, track, variance) = (0, 1, 1e4);
-        Reflection { plot, track, distance, variance, log_odds, is_seen, is_unsure, since }
+        let (plot, track, variance, since) = (0, 1, 1e4, f64::NEG_INFINITY);
+        let (is_seen, is_unsure, is_beside) = (true, false, false);
+        Reflection {
+            plot,
+            track,
+            distance,
+            variance,
+            log_odds,
+            is_seen,
+            is_unsure,
+            since,
+            is_beside,
+        }
     }
 
     fn after(log_odds: f64, plots: &[Option<f64>]) -> bool {
@@ -181,6 +195,21 @@ mod tests {
         assert!(!own.holds());
         let plot = Measured::default();
         assert!(Suspicion::of(&plot, [reflection(5e3, -1.0)].iter()).is_none());
+    }
+
+    #[test]
+    fn a_side_lobe_lasts() {
+        let plot = Measured { identities: Identities::of(1), ..Measured::default() };
+        let lobe = Reflection { is_beside: true, ..reflection(0.0, 5.0) };
+        let mut own = Suspicion::of(&plot, [lobe].iter()).unwrap();
+        (0..200).for_each(|_| own.weigh(&plot, [lobe].iter()));
+        assert!(own.holds());
+        // as long as it is at the range of the target
+        let other = Reflection { is_beside: false, ..lobe };
+        (0..70).for_each(|_| own.weigh(&plot, [other].iter()));
+        assert!(own.holds());
+        (0..7).for_each(|_| own.weigh(&plot, [other].iter()));
+        assert!(!own.holds());
     }
 
     #[test]

@@ -44,11 +44,11 @@ impl Track {
 
     /// Weighs whether it is a reflection after all, by a plot that may be one.
     pub fn doubt(&mut self, plot: &Measured, reflections: &[Reflection], settings: &Settings) {
-        let (number, begin) = (self.number, self.first.time);
+        let number = self.number;
         let period = settings.radars[plot.radar].scan_period;
         if let Some(rivals) = &mut self.rivals {
             let others = reflections.iter().filter(|one| one.track != number);
-            rivals.weigh(plot, others, (begin, period));
+            rivals.weigh(plot, others, period);
         }
     }
 
