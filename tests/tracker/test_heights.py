@@ -137,3 +137,27 @@ def test_a_height_that_is_impossible_is_not_used():
     np.testing.assert_allclose(table.height, 5e3, atol=1.0)
     overhead = Tracker([radar]).update(Plots([0.0], [9e3], 0.5, height=9.4e3))
     assert overhead.track_of_plot[0] == -3
+
+
+@pytest.mark.parametrize(
+    ("period", "rate"), [(4.0, 15.0), (4.0, -40.0), (10.0, 25.0), (12.0, 40.0)]
+)
+def test_a_climb_is_shown_at_once_and_a_wrong_height_is_not(period, rate):
+    random = np.random.default_rng(5)
+    radar = Radar(range_sigma=50.0, azimuth_sigma=np.radians(0.08), scan_period=period)
+    time = period * np.arange(30.0)
+    climb = (time - 9.4 * period).clip(0.0, 12.0 * period)
+    truth = np.column_stack([40e3 + 150.0 * time, np.full(30, 30e3), 7000.0 + rate * climb])
+    height = np.round(truth[:, 2] / 30.48) * 30.48
+    height[[6, 16, 27]] = 11_000.0, 300.0, 9000.0
+    height[18] = np.nan
+    rho = np.linalg.norm(truth, axis=1) + 50.0 * random.standard_normal(30)
+    azimuth = np.arctan2(*truth[:, :2].T) + radar.azimuth_sigma * random.standard_normal(30)
+    plots = Plots(time, rho, azimuth, height=height, icao_address=np.full(30, 5))
+    table = track(plots, [radar])
+    assert len(np.unique(table.track)) == 1
+    of = np.searchsorted(time, table.time)
+    assert np.all(np.abs(table.height - truth[of, 2]) < 50.0)
+    # the rate four scans after a change
+    for scans, expected in ((range(9), 0.0), (range(14, 22), rate), (range(26, 30), 0.0)):
+        assert np.all(np.abs(table.vertical_rate - expected)[np.isin(of, scans)] < 4.0)

@@ -61,6 +61,7 @@ mod prospects;
 mod reflections;
 mod resolution;
 mod resume;
+mod rivals;
 mod row;
 mod scan;
 mod schedule;

@@ -14,6 +14,16 @@ const UNKNOWN: f64 = 1.2e7;
 pub(super) const SPAN: f64 = 12_000.0;
 /// Probability that a reported height is wrong.
 const WRONG: f64 = 1e-3;
+/// Mean time between changes of the vertical rate, s, and the standard deviation of the rate after one, m/s.
+const STEADY: f64 = 200.0;
+const RATE: f64 = 20.0;
+/// Normalised innovation squared up to which the rate has not changed.
+const EXPECTED: f64 = 9.0;
+/// Heights that no model expects are those of the target if so many in a row agree: the largest vertical
+/// rate between them, m/s, and a margin for their errors, m.
+const ENOUGH: u8 = 3;
+const MAX_RATE: f64 = 150.0;
+const MARGIN: f64 = 4.0 * SIGMA;
 
 /// Height and vertical rate.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -26,18 +36,52 @@ pub(super) struct Vertical {
     most: f64,
     /// Whether the target has reported its height.
     pub reported: bool,
+    refused: Refused,
+}
+
+/// Heights in a row that no model expects, and time and height of the last one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Refused {
+    count: u8,
+    time: f64,
+    height: f64,
+}
+
+impl Refused {
+    /// Counts one more; one that contradicts the others is the first.
+    fn count(self, time: f64, height: f64) -> Self {
+        let most = MAX_RATE * (time - self.time).abs() + MARGIN;
+        let agrees = (height - self.height).abs() <= most;
+        Self { count: if agrees { self.count + 1 } else { 1 }, time, height }
+    }
 }
 
 impl Vertical {
     pub fn new(time: f64, height: f64) -> Self {
         let variance = [SIGMA * SIGMA, 0.0, CLIMB * CLIMB];
-        Self { time, height, vertical_rate: 0.0, variance, most: UNKNOWN, reported: true }
+        Self {
+            time,
+            height,
+            vertical_rate: 0.0,
+            variance,
+            most: UNKNOWN,
+            reported: true,
+            refused: Refused::default(),
+        }
     }
 
     /// A height that is assumed, because none was reported; `most` is its variance.
     pub fn assumed(time: f64, [height, most]: [f64; 2]) -> Self {
         let variance = [most, 0.0, CLIMB * CLIMB];
-        Self { time, height, vertical_rate: 0.0, variance, most, reported: false }
+        Self {
+            time,
+            height,
+            vertical_rate: 0.0,
+            variance,
+            most,
+            reported: false,
+            refused: Refused::default(),
+        }
     }
 
     /// Variance of the height.
@@ -59,29 +103,104 @@ impl Vertical {
         Self { time, height: self.height + t * self.vertical_rate, variance, ..*self }
     }
 
+    /// As the vertical rate changes at some time until then: the old rate before that, any rate after it.
+    fn changed(&self, time: f64) -> Self {
+        let t = time - self.time;
+        let [hh, hc, cc] = self.variance;
+        let (rate, any) = (self.vertical_rate, RATE * RATE);
+        let spread = t * (hc + t * (cc + any) / 3.0 + t * rate * rate / 12.0);
+        let variance = [(hh + spread).min(self.most), 0.5 * t * any, any];
+        Self { time, height: self.height + 0.5 * t * rate, vertical_rate: 0.0, variance, ..*self }
+    }
+
     /// Likelihood ratio of a reported height: this target against any other.
     #[inline]
     pub fn ratio(&self, time: f64, height: f64) -> f64 {
-        self.at(time).ratio_now(height)
+        let now = self.at(time);
+        let mut likelihood = now.likelihood(height);
+        if !now.expects(height) {
+            let probability = self.change_probability(time);
+            let changed = self.changed(time).likelihood(height);
+            likelihood += probability * (changed - likelihood);
+        }
+        WRONG + (1.0 - WRONG) * likelihood
     }
 
+    /// Whether the rate has not changed, as a height shows.
     #[inline]
-    fn ratio_now(&self, height: f64) -> f64 {
+    fn expects(&self, height: f64) -> bool {
+        (height - self.height).powi(2) < EXPECTED * (self.variance[0] + SIGMA * SIGMA)
+    }
+
+    /// Density of a right height, relative to that of a wrong one.
+    #[inline]
+    fn likelihood(&self, height: f64) -> f64 {
         let s = self.variance[0] + SIGMA * SIGMA;
         let d = height - self.height;
-        let density = exp(-0.5 * d * d / s) / (std::f64::consts::TAU * s).sqrt();
-        WRONG + (1.0 - WRONG) * density * SPAN
+        SPAN * exp(-0.5 * d * d / s) / (std::f64::consts::TAU * s).sqrt()
     }
 
-    /// Corrects by a reported height, unless it is wrong.
+    /// Probability that the vertical rate changes until then.
+    fn change_probability(&self, time: f64) -> f64 {
+        let t = (time - self.time).max(0.0);
+        t / (STEADY + t)
+    }
+
+    /// Corrects by a height, of which the rate may have changed, unless it is more likely that it is wrong:
+    /// the mean and the covariance of the three cases (Bar-Shalom, Li, Kirubarajan 2001, section 11.6).
     pub fn correct(&mut self, time: f64, height: f64) {
         let now = self.at(time);
-        if now.ratio_now(height) < WRONG.sqrt() {
+        if now.expects(height) {
+            *self = now.taught(height);
             return;
         }
-        *self = now;
-        self.reported = true;
+        let (probability, changed) = (self.change_probability(time), self.changed(time));
+        let steady = (1.0 - WRONG) * (1.0 - probability) * now.likelihood(height);
+        let turned = (1.0 - WRONG) * probability * changed.likelihood(height);
+        if steady + turned < WRONG {
+            self.refuse(time, height);
+            return;
+        }
+        let all = [(steady, now.taught(height)), (turned, changed.taught(height)), (WRONG, now)];
+        *self = Self::mixed(&all);
+    }
+
+    /// Leaves a height out, or begins anew with it and the one before.
+    fn refuse(&mut self, time: f64, height: f64) {
+        let before = self.refused;
+        self.refused = before.count(time, height);
+        if self.refused.count >= ENOUGH {
+            let mut anew = Self::new(before.time, before.height);
+            anew.variance[2] = RATE * RATE;
+            *self = anew.at(time).taught(height);
+        }
+    }
+
+    /// The mean and the covariance of several, by their weights.
+    fn mixed(all: &[(f64, Self); 3]) -> Self {
+        let total: f64 = all.iter().map(|(weight, _)| weight).sum();
+        let mean = |of: fn(&Self) -> f64| {
+            all.iter().map(|(weight, one)| weight * of(one)).sum::<f64>() / total
+        };
+        let (height, vertical_rate) = (mean(|one| one.height), mean(|one| one.vertical_rate));
+        let mut variance = [0.0; 3];
+        for (weight, one) in all {
+            let (u, v) = (one.height - height, one.vertical_rate - vertical_rate);
+            for (sum, (own, apart)) in
+                variance.iter_mut().zip(one.variance.into_iter().zip([u * u, u * v, v * v]))
+            {
+                *sum += weight / total * (own + apart);
+            }
+        }
+        Self { height, vertical_rate, variance, ..all[0].1 }
+    }
+
+    /// After a right height.
+    fn taught(mut self, height: f64) -> Self {
         self.learn(height, SIGMA * SIGMA);
+        self.reported = true;
+        self.refused = Refused::default();
+        self
     }
 
     /// Corrects by a height that was inferred from the ranges of several radars.
@@ -98,5 +217,103 @@ impl Vertical {
         self.vertical_rate += gain[1] * d;
         let left = r / (hh + r);
         self.variance = [hh * left, hc * left, cc - gain[1] * hc];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STEP: f64 = 30.48;
+
+    fn near(tolerance: f64, found: f64, expected: f64) {
+        assert!((found - expected).abs() <= tolerance, "{found} is not {expected}");
+    }
+
+    fn rounded(height: f64) -> f64 {
+        (height / STEP).round() * STEP
+    }
+
+    fn level(period: f64) -> Vertical {
+        let mut own = Vertical::new(0.0, 5000.0);
+        for k in 1..20 {
+            own.correct(f64::from(k) * period, 5000.0);
+        }
+        own
+    }
+
+    #[test]
+    fn a_new_vertical_rate_is_followed() {
+        for period in [4.0, 6.0, 10.0, 12.0] {
+            for rate in [-40.0, -25.0, -15.0, 15.0, 25.0, 40.0] {
+                let mut own = level(period);
+                let begin = own.time + 0.3 * period;
+                for k in 1..=20 {
+                    let time = own.time + period;
+                    let height = 5000.0 + rate * (time - begin);
+                    own.correct(time, rounded(height));
+                    near(45.0, own.height, height);
+                    if k > 3 {
+                        near(4.0, own.vertical_rate, rate);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn one_wrong_height_is_left_out() {
+        let own = level(4.0);
+        for height in [0.0, 4300.0, 5700.0, 9000.0] {
+            let mut other = own;
+            other.correct(80.0, height);
+            other.correct(84.0, 5000.0);
+            near(1e-9, other.height, 5000.0);
+            near(1e-9, other.vertical_rate, 0.0);
+        }
+        // one that is near may be right, but the next one decides
+        let mut other = own;
+        other.correct(80.0, 5152.4);
+        for time in [84.0, 88.0, 92.0] {
+            other.correct(time, 5000.0);
+        }
+        near(25.0, other.height, 5000.0);
+    }
+
+    #[test]
+    fn three_heights_that_agree_are_right() {
+        let mut own = level(4.0);
+        for (time, height) in [(80.0, 9000.0), (84.0, 9100.0)] {
+            own.correct(time, height);
+            near(1e-9, own.at(time).height, 5000.0);
+        }
+        let mut other = own;
+        own.correct(88.0, 9200.0);
+        near(10.0, own.height, 9200.0);
+        near(3.0, own.vertical_rate, 25.0);
+        // another one contradicts them
+        other.correct(88.0, 2000.0);
+        other.correct(92.0, 9300.0);
+        near(1e-9, other.at(92.0).height, 5000.0);
+    }
+
+    #[test]
+    fn a_change_spreads_over_the_time_until_then() {
+        // mean and variance over the time of the change, by sums
+        let own = Vertical { vertical_rate: 8.0, ..level(4.0) };
+        let found = own.changed(own.time + 10.0);
+        let [hh, hc, cc] = own.variance;
+        let (mut mean, mut square, mut with) = (0.0, 0.0, 0.0);
+        for k in 0..1000 {
+            let before = 10.0 * (f64::from(k) + 0.5) / 1000.0;
+            let (mean_then, after) = (own.height + 8.0 * before, 10.0 - before);
+            let variance = hh + 2.0 * before * hc + before * before * cc + 400.0 * after * after;
+            mean += mean_then / 1000.0;
+            square += (variance + (mean_then - 5040.0).powi(2)) / 1000.0;
+            with += 400.0 * after / 1000.0;
+        }
+        near(1e-6, found.height, mean);
+        near(1e-3 * square, found.variance[0], square);
+        near(1e-6, found.variance[1], with);
     }
 }

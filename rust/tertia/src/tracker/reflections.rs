@@ -18,12 +18,16 @@ const SHARE: f64 = 0.01;
 const LEVELS: f64 = 30.0;
 /// Largest distance of a reflector from its radar, m.
 const FARTHEST: f64 = 30e3;
+/// Likelihood ratio from which on the range of a plot is that of a side lobe.
+const BESIDE: f64 = 10.0;
 /// Standard deviations by which the plot of a side lobe may seem nearer than its target.
 const SIGMAS: f64 = 3.0;
 /// Scans by which a radar may have seen a target earlier than when its beam last passed the target,
 /// and the additional scans if the plot of that scan has yet to be assigned.
 const EARLY: f64 = 0.25;
 const UNASSIGNED: f64 = 1.0;
+/// Cosine of the largest angle between directions that are one, 1°.
+const BEHIND: f64 = 0.999_847_7;
 /// Number of plots of a tentative track from which other plots may be its reflections.
 const ENOUGH: usize = 2;
 
@@ -31,8 +35,12 @@ const ENOUGH: usize = 2;
 #[derive(Default)]
 pub(super) struct Reflections {
     all: Vec<Reflection>,
-    /// Identities of plots that no confirmed track has taken, and the indices of these plots.
+    /// Identities of plots that no confirmed track has, or one that may be a reflection.
     names: Vec<((u8, i64), usize)>,
+    /// Plots of such tracks, and their numbers.
+    doubted: Vec<(usize, u64)>,
+    /// Tracks that may be, as a target nearer to the radar has their identity.
+    farther: Vec<u64>,
 }
 
 impl Reflections {
@@ -40,6 +48,36 @@ impl Reflections {
     pub fn of(&self, plot: usize) -> &[Reflection] {
         let own = &self.all[self.all.partition_point(|one| one.plot < plot)..];
         &own[..own.partition_point(|one| one.plot == plot)]
+    }
+
+    /// Notes the plot of a confirmed track that may be a reflection.
+    pub fn doubt(&mut self, plot: usize, track: u64) {
+        self.doubted.push((plot, track));
+    }
+
+    /// Forgets the plots of the last scan.
+    pub fn clear(&mut self) {
+        self.doubted.clear();
+    }
+
+    /// Weighs whether the confirmed tracks that may be reflections are. Cost O(tracks + plots of these).
+    pub fn weigh(&mut self, plots: &[Measured], (tracks, settings): (&mut [Track], &Settings)) {
+        self.doubted.sort_unstable_by_key(|&(plot, track)| (track, plot));
+        self.farther.sort_unstable();
+        if self.doubted.is_empty() && self.farther.is_empty() {
+            return;
+        }
+        for track in tracks.iter_mut().filter(|track| track.is_confirmed()) {
+            let first = self.doubted.partition_point(|one| one.1 < track.number);
+            let number = track.number;
+            let own = self.doubted[first..].iter().take_while(|one| one.1 == number);
+            for &(plot, _) in own {
+                track.doubt(&plots[plot], self.of(plot), settings);
+            }
+            if self.farther.binary_search(&track.number).is_ok() {
+                track.begin_to_doubt();
+            }
+        }
     }
 
     /// Finds possible reflections among the plots that no confirmed track has taken. Cost O(plots),
@@ -50,13 +88,15 @@ impl Reflections {
         (taken, deferred): (&[bool], &[bool]),
         (tracks, settings): (&[Track], &Settings),
     ) {
-        let Self { all, names } = self;
+        let Self { all, names, doubted, farther } = self;
         all.clear();
         names.clear();
+        farther.clear();
         let polar = |plot: &Measured| !settings.geometry(plot.radar).is_position();
-        for (i, plot) in plots.iter().enumerate() {
-            if !taken[i] && !deferred[i] && plot.identities.is_some() && polar(plot) {
-                names.extend(each(&settings.identities(plot).0).map(|name| (name, i)));
+        let left = (0..plots.len()).filter(|&i| !taken[i] && !deferred[i]);
+        for i in left.chain(doubted.iter().map(|(plot, _)| *plot)) {
+            if plots[i].identities.is_some() && polar(&plots[i]) {
+                names.extend(each(&settings.identities(&plots[i]).0).map(|name| (name, i)));
             }
         }
         if names.is_empty() {
@@ -67,7 +107,11 @@ impl Reflections {
             for name in each(&track.identities()) {
                 let first = names.partition_point(|(other, _)| *other < name);
                 for &(_, i) in names[first..].iter().take_while(|(other, _)| *other == name) {
-                    all.extend(of_target((i, &plots[i]), (name.0, track), settings));
+                    match of_target((i, &plots[i]), (name.0, track), settings) {
+                        Some(Found::Reflection(one)) => all.push(one),
+                        Some(Found::Farther) => farther.push(track.number),
+                        None => (),
+                    }
                 }
             }
         }
@@ -86,13 +130,20 @@ fn each(own: &Identities) -> impl Iterator<Item = (u8, i64)> + use<> {
 const KINDS: [IdentityKind; 4] =
     [IdentityKind::Address, IdentityKind::Number, IdentityKind::Callsign, IdentityKind::Code];
 
-/// The plot as a reflection of a target that has the same identity of this kind; none if it cannot
-/// be one.
+/// What a plot and a track of one identity may be.
+enum Found {
+    /// The plot is a reflection of the target.
+    Reflection(Reflection),
+    /// The track is a reflection of the target of the plot.
+    Farther,
+}
+
+/// The plot as a reflection of a target with an identity of this kind; none where neither can be one of the other.
 fn of_target(
     (index, plot): (usize, &Measured),
     (kind, track): (u8, &Track),
     settings: &Settings,
-) -> Option<Reflection> {
+) -> Option<Found> {
     let (kind, own) = (KINDS[usize::from(kind)], track.identities());
     let reply = settings.identities(plot).0;
     if own.compare(&reply) != Some((kind, true)) || own.contradicts(&reply) {
@@ -108,13 +159,17 @@ fn of_target(
         return None;
     }
     let (place, p) = track.position_at(plot.time);
-    let Path { distance, variance, side_lobe, turned } = Path::of(plot, (place, p), settings);
+    let Path { distance, variance, side_lobe, turned, is_behind } =
+        Path::of(plot, (place, p), settings);
     let more = if track.is_confirmed() { 0.0 } else { UNASSIGNED };
     if age > (turned + EARLY + more) * radar.scan_period {
         return None;
     }
     let error = SIGMAS * variance.sqrt() + EXTENT;
-    if !(-error..=FARTHEST + error).contains(&distance) {
+    if distance < -error {
+        return track.is_confirmed().then_some(Found::Farther);
+    }
+    if distance > FARTHEST + error || (distance > error && is_behind) {
         return None;
     }
     let [x, y] = [0, 1].map(|i| plot.position[i] - place[i]);
@@ -125,7 +180,19 @@ fn of_target(
     let log_odds = (SHARE * (1.0 + side_lobe) * same).ln();
     let since = if distance < error { track.first.time } else { f64::NEG_INFINITY };
     let (plot, track) = (index, track.number);
-    Some(Reflection { plot, track, distance, variance, log_odds, is_seen, is_unsure, since })
+    let is_beside = side_lobe > BESIDE;
+    let one = Reflection {
+        plot,
+        track,
+        distance,
+        variance,
+        log_odds,
+        is_seen,
+        is_unsure,
+        since,
+        is_beside,
+    };
+    Some(Found::Reflection(one))
 }
 
 /// The path from a radar to a target by way of a reflector on the ground.
@@ -138,6 +205,8 @@ struct Path {
     side_lobe: f64,
     /// How far the beam has turned since it passed the target, as a share of a scan.
     turned: f64,
+    /// Whether the plot is in the direction of the target.
+    is_behind: bool,
 }
 
 impl Path {
@@ -176,6 +245,7 @@ impl Path {
             distance,
             variance: ranges + azimuths,
             side_lobe: FARTHEST * density,
+            is_behind: cosine > BEHIND,
             turned: sine.atan2(cosine).rem_euclid(TAU) / TAU,
         }
     }

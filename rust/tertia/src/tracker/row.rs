@@ -57,8 +57,7 @@ pub struct Row {
 
 impl Row {
     pub(super) fn of(track: &Track, radar: usize, plot: Option<usize>) -> Self {
-        let reported = track.vertical.filter(|vertical| vertical.reported);
-        let vertical = reported.map(|vertical| (vertical.height, vertical.vertical_rate));
+        let vertical = track.reported().map(|vertical| (vertical.height, vertical.vertical_rate));
         let none = ([f64::NAN; 2], Plane { xx: f64::NAN, xy: f64::NAN, yy: f64::NAN });
         let (innovation, innovation_covariance) =
             if plot.is_some() { track.innovation } else { none };

@@ -100,6 +100,7 @@ impl Scan {
         self.load(sky, plots);
         self.leave_out(sky, &mut report);
         self.first = (0, 0);
+        self.reflections.clear();
         self.take(sky, true, [oldest, hold], &mut report);
         let known = Known { settings: sky.settings, clutter: sky.clutter, noise: sky.noise };
         let sought = (known, &mut sky.tracks[..], &mut *sky.rows);
@@ -117,6 +118,7 @@ impl Scan {
         self.others.clear();
         self.others.extend_from_slice(self.seconds.of_confirmed());
         self.reflections.find(near, used, (sky.tracks, sky.settings));
+        self.reflections.weigh(&self.plots, (sky.tracks, sky.settings));
         let tracks = (&mut sky.tracks[..], sky.settings);
         strays::find(near, used, tracks, (sky.noise, sky.clutter), &mut self.others);
         let mut schedule = Schedule::at(self.plots.first(), sky.tracks, sky.settings);
@@ -309,7 +311,7 @@ impl Scan {
             return false;
         }
         let Self { plots, taken, deferred, claims, claimed, places, shares, .. } = self;
-        let (others, seconds, reflections) = (&self.others[..], &self.seconds, &self.reflections);
+        let (others, seconds) = (&self.others[..], &self.seconds);
         // tracks in the order of the components
         places.clear();
         places.resize(sky.tracks.len(), NOWHERE);
@@ -336,7 +338,7 @@ impl Scan {
             deferred,
             others,
             seconds,
-            reflections,
+            reflections: &self.reflections,
             settings,
             clutter,
             noise,
@@ -381,6 +383,9 @@ impl Scan {
             }
             if let Some(radar) = given.outlier {
                 sky.noise[radar].outliers.took();
+            }
+            if confirmed && given.is_doubted {
+                self.reflections.doubt(given.plot as usize, track);
             }
             if given.is_still {
                 let plot = &plots[given.plot as usize];

@@ -312,7 +312,7 @@ impl Share {
             self.rows.push(Row::of(track, measured.radar, Some(measured.index)));
         }
         let (number, is_still) = (track.number, !track.moved && track.is_confirmed());
-        let is_reflection = track.is_reflection();
+        let (is_reflection, is_doubted) = (track.is_reflection(), track.is_doubted());
         self.given.push(Given {
             place,
             plot,
@@ -322,6 +322,7 @@ impl Share {
             stray,
             is_still,
             is_reflection,
+            is_doubted,
             row,
         });
     }

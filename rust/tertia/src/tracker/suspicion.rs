@@ -12,10 +12,13 @@ const SLANTED: f64 = 0.01;
 const BEFORE: f64 = 1.5;
 /// Largest fall of the logarithm of the odds by one plot.
 const STEP: f64 = -4.0;
+/// By how much it may rise in all: another target may also seem to keep its distance.
+const CONSTANT: f64 = 2.0;
 /// Logarithm of the probability that the target of a reflection is not seen where the reflection
 /// requires it to be.
 const UNSEEN: f64 = -3.0;
-/// Mean duration of a reflection, in scans; a target stays longer.
+/// Scans for which a reflection lasts on average: a target stays. That of a side lobe lasts while the target is
+/// near, which its range shows.
 const LASTING: f64 = 15.0;
 
 /// A plot, regarded as the reflection of a target.
@@ -38,6 +41,8 @@ pub(super) struct Reflection {
     /// Time of the first plot of the target, s, if the plot may be of a side lobe: if both are new,
     /// either may be the side lobe of the other.
     pub since: f64,
+    /// Whether the plot is at the range of the target, as that of a side lobe.
+    pub is_beside: bool,
 }
 
 /// The suspicion that a track is the reflection of a target.
@@ -50,7 +55,9 @@ pub(super) struct Suspicion {
     distance: f64,
     variance: f64,
     plots: f64,
-    /// Logarithm of the odds of a reflection, and the part of the first plot in it.
+    /// Plots that were not at the range of a side lobe.
+    fading: f64,
+    /// Logarithm of the odds of a reflection, and the mean of those by each plot alone.
     log_odds: f64,
     first: f64,
 }
@@ -62,8 +69,14 @@ impl Reflection {
         self.is_unsure && self.is_likely()
     }
 
-    fn is_likely(&self) -> bool {
+    /// Whether it is likelier than another target.
+    pub fn is_likely(&self) -> bool {
         self.is_seen && self.log_odds > 0.0
+    }
+
+    /// Whether it is farther from the radar than the target for sure, so that it cannot be of a side lobe.
+    pub fn is_farther(&self) -> bool {
+        self.since == f64::NEG_INFINITY
     }
 
     /// Whether the target is the original, rather than a track that began at this time.
@@ -81,8 +94,8 @@ impl Suspicion {
         let seen = reflections.filter(|one| one.is_likely());
         let one = seen.max_by(|a, b| a.log_odds.total_cmp(&b.log_odds))?;
         let Reflection { track, distance, variance, log_odds, .. } = *one;
-        let (radar, plots, first) = (plot.radar, 1.0, log_odds);
-        Some(Self { radar, track, distance, variance, plots, log_odds, first })
+        let (radar, plots, fading, first) = (plot.radar, 1.0, 0.0, log_odds);
+        Some(Self { radar, track, distance, variance, plots, fading, log_odds, first })
     }
 
     /// Whether a reflection is likelier than another target.
@@ -94,24 +107,43 @@ impl Suspicion {
     pub fn weigh<'a>(
         &mut self,
         plot: &Measured,
-        reflections: impl Iterator<Item = &'a Reflection>,
+        mut reflections: impl Iterator<Item = &'a Reflection>,
     ) {
         if !self.holds() || !plot.identities.is_some() {
             return;
         }
         let is_own = |one: &&Reflection| one.track == self.track && plot.radar == self.radar;
-        let mut own = reflections.filter(is_own);
-        let Some(one) = own.next() else {
+        let one = reflections.find(is_own);
+        let fades = one.is_some_and(|one| one.is_seen && !one.is_beside);
+        self.fading += f64::from(u8::from(fades));
+        self.compare(one);
+        self.log_odds = self.log_odds.min(self.first - self.fading / LASTING);
+    }
+
+    /// Compares the distance of the reflector by one more plot, which may be no reflection.
+    pub fn compare(&mut self, one: Option<&Reflection>) {
+        let Some(one) = one else {
             self.log_odds += UNSEEN;
             return;
         };
         if one.is_seen {
             let log_odds = self.log_odds + (0.5 - 0.5 * self.square(one)).max(STEP);
-            self.log_odds = log_odds.min(self.first - self.plots / LASTING);
+            self.log_odds = log_odds.min(self.first + CONSTANT);
             self.plots += 1.0;
             self.distance += (one.distance - self.distance) / self.plots;
             self.variance += (one.variance - self.variance) / self.plots;
+            self.first += (one.log_odds - self.first) / self.plots;
         }
+    }
+
+    /// Whether it is a reflection by so many plots, with such odds.
+    pub fn is_at_least(&self, plots: f64, log_odds: f64) -> bool {
+        self.plots >= plots && self.log_odds >= log_odds
+    }
+
+    /// Number of the track of the target.
+    pub fn track(&self) -> u64 {
+        self.track
     }
 
     /// Squared normalised difference in the distance of the reflector.
@@ -128,9 +160,19 @@ mod tests {
     use crate::sensors::Identities;
 
     fn reflection(distance: f64, log_odds: f64) -> Reflection {
-        let (is_seen, is_unsure, since) = (true, false, f64::NEG_INFINITY);
-        let (plot, track, variance) = (0, 1, 1e4);
-        Reflection { plot, track, distance, variance, log_odds, is_seen, is_unsure, since }
+        let (plot, track, variance, since) = (0, 1, 1e4, f64::NEG_INFINITY);
+        let (is_seen, is_unsure, is_beside) = (true, false, false);
+        Reflection {
+            plot,
+            track,
+            distance,
+            variance,
+            log_odds,
+            is_seen,
+            is_unsure,
+            since,
+            is_beside,
+        }
     }
 
     fn after(log_odds: f64, plots: &[Option<f64>]) -> bool {
@@ -159,6 +201,21 @@ mod tests {
         assert!(!own.holds());
         let plot = Measured::default();
         assert!(Suspicion::of(&plot, [reflection(5e3, -1.0)].iter()).is_none());
+    }
+
+    #[test]
+    fn a_side_lobe_lasts() {
+        let plot = Measured { identities: Identities::of(1), ..Measured::default() };
+        let lobe = Reflection { is_beside: true, ..reflection(0.0, 5.0) };
+        let mut own = Suspicion::of(&plot, [lobe].iter()).unwrap();
+        (0..200).for_each(|_| own.weigh(&plot, [lobe].iter()));
+        assert!(own.holds());
+        // as long as it is at the range of the target
+        let other = Reflection { is_beside: false, ..lobe };
+        (0..70).for_each(|_| own.weigh(&plot, [other].iter()));
+        assert!(own.holds());
+        (0..7).for_each(|_| own.weigh(&plot, [other].iter()));
+        assert!(!own.holds());
     }
 
     #[test]

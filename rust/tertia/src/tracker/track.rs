@@ -15,6 +15,7 @@ use super::outliers::Stray;
 use super::plan::Guide;
 use super::plot::{Measured, Source};
 use super::prospects::{Prospects, There};
+use super::rivals::Rivals;
 use super::settings::{Confirmation, MAX_DELAY, Settings};
 use super::suspicion::Suspicion;
 use super::swerve::Swerve;
@@ -123,6 +124,8 @@ pub(super) struct Track {
     /// Its plots, until it is confirmed.
     basis: Basis,
     suspicion: Option<Box<Suspicion>>,
+    /// Tracks of which it may be a reflection, where that is not known at its first plot.
+    rivals: Option<Box<Rivals>>,
 }
 
 /// The other explanation of a plot far from the track: an acceleration instead of an outlier, or the reverse.
@@ -189,6 +192,7 @@ impl Track {
             is_counted: false,
             basis: Basis::default(),
             suspicion: None,
+            rivals: None,
         };
         if matches!(plot.source, Source::Moving(..)) {
             track.begin(None, settings);
@@ -206,11 +210,6 @@ impl Track {
     /// The identities in the replies of the transponder.
     pub fn identities(&self) -> Identities {
         self.known.identities()
-    }
-
-    /// Height; nan if none was reported.
-    pub fn height(&self) -> f64 {
-        self.vertical.filter(|own| own.reported).map_or(f64::NAN, |own| own.height)
     }
 
     fn motion<'a>(&self, settings: &'a Settings) -> &'a Motion {

@@ -27,6 +27,8 @@ pub(in crate::tracker) struct Given {
     pub is_still: bool,
     /// Whether the track is more likely a reflection than not.
     pub is_reflection: bool,
+    /// Whether it may be one after all.
+    pub is_doubted: bool,
     /// Index of the row, if there is one.
     pub(super) row: u32,
 }

@@ -63,6 +63,16 @@ impl Track {
         }
     }
 
+    /// Height and vertical rate at the time of the estimate; nothing where no height was reported.
+    pub fn reported(&self) -> Option<Vertical> {
+        self.vertical.filter(|own| own.reported).map(|own| own.at(self.time))
+    }
+
+    /// Height; not a number where none was reported.
+    pub fn height(&self) -> f64 {
+        self.reported().map_or(f64::NAN, |own| own.height)
+    }
+
     /// The estimate, with a covariance that includes the uncertainty of the height and of what the
     /// target does.
     pub fn widened(&self) -> Estimate<4> {

@@ -80,7 +80,10 @@ impl Track {
         let refuted = self.is_confirmed()
             && self.may_be_clutter()
             && self.existence.is_refuted(self.speed_probability(settings));
-        !gone && !refuted && silence <= (settings.coasting as f64 + 0.5) * self.period
+        !gone
+            && !refuted
+            && !self.is_refuted()
+            && silence <= (settings.coasting as f64 + 0.5) * self.period
     }
 
     /// Whether the track may consist of false plots only: no transponder has replied.

@@ -28,6 +28,35 @@ impl Track {
             Some(suspicion) => suspicion.weigh(plot, own),
             None => self.suspicion = Suspicion::of(plot, own).map(Box::new),
         }
+        if self.rivals.is_none() && reflections.iter().any(Reflection::is_likely) {
+            self.rivals = Some(Box::default());
+        }
+        self.doubt(plot, reflections, settings);
+    }
+
+    /// Whether it may be a reflection although it is confirmed.
+    pub fn is_doubted(&self) -> bool {
+        self.rivals.is_some()
+    }
+
+    /// Doubts a confirmed track from its next plot on.
+    pub fn begin_to_doubt(&mut self) {
+        self.rivals.get_or_insert_default();
+    }
+
+    /// Weighs whether it is a reflection after all, by a plot that may be one.
+    pub fn doubt(&mut self, plot: &Measured, reflections: &[Reflection], settings: &Settings) {
+        let number = self.number;
+        let period = settings.radars[plot.radar].scan_period;
+        if let Some(rivals) = &mut self.rivals {
+            let others = reflections.iter().filter(|one| one.track != number);
+            rivals.weigh(plot, others, period);
+        }
+    }
+
+    /// Whether it is a reflection, as was found after it was confirmed.
+    pub fn is_refuted(&self) -> bool {
+        self.is_confirmed() && self.rivals.as_ref().is_some_and(|rivals| rivals.is_sure)
     }
 
     /// Whether the track is more likely a reflection than not.
