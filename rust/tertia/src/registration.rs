@@ -12,6 +12,7 @@
 //! | `gaussian` | what is known of the errors, and how it ages | O(K³) |
 //! | `roster` | the tracks by number | O(1) a row |
 //! | `followed` | a track, and what the errors add to their covariances | O(R²) a row of R radars |
+//! | `settled` | velocities and azimuths, which no error of a radar moves: what they leave of that | O(R) a row |
 //! | `vote` | sudden changes that are larger than the gates, by the tracks that miss their plots | O(V²) |
 //! | `alarm` | radars whose last plots do not fit their tracks | O(1) a plot |
 //! | `watch` | noise that has grown suddenly, by the last innovations | O(1) a plot |
@@ -35,6 +36,7 @@ mod parallax;
 mod recording;
 mod roster;
 mod row;
+mod settled;
 mod sighting;
 mod start;
 mod vote;
@@ -43,7 +45,7 @@ mod watch;
 pub use calibration::{Calibration, Run, calibrate};
 pub use common::{Common, common};
 pub use correction::correct;
-pub use exchange::{Changed, Learnt, Update, Updates};
+pub use exchange::{Changed, Learnt, Other, Update, Updates};
 pub use lines::{Line, PolarPlot, lines};
 pub use live::Registrar;
 pub use noise::{Level, Noise, noise, stretch_of};
