@@ -31,7 +31,13 @@ from tertia.location._height import (
     without_height,
     without_heights,
 )
-from tertia.location._readers import checked, correlation_of, deviations, require_kinds
+from tertia.location._readers import (
+    checked,
+    correlation_of,
+    deviations,
+    near_enough,
+    require_kinds,
+)
 from tertia.location._result import location_of
 from tertia.location._speed import Speed
 from tertia.location._wind import Wind, read_medium
@@ -109,7 +115,8 @@ def reconstruct(
         Times of the instants in seconds, in non-decreasing order. A single measurement at an
         instant is sufficient.
     range, azimuth, elevation : array_like of shape (N, K), optional
-        Measurements in metres and radians; nan where one is missing.
+        Measurements in metres and radians; nan where one is missing. Near a station, noise may make
+        a range negative, by at most 5 `range_sigma`.
     range_difference : array_like of shape (N, K - 1), optional
         For each station except the first, its range minus the range of the first station, in
         metres; see `tertia.location.locate`.
@@ -322,7 +329,7 @@ def reconstruct(
         if kind == "azimuth" and curves is not None:
             known = known - curves[0]
         if kind == "range":
-            known = np.where(known > 0, known, np.nan)
+            known = np.where(near_enough(known, sigmas[kind]), known, np.nan)
         values[:, at, first:], own[:, at, first:] = known, sigmas[kind]
     places, axes, flat = without_heights(places, axes, measured)
     usual = _usual(own, values)
@@ -545,7 +552,7 @@ def _checked(
     missing = np.argwhere(np.isnan(sigma) & ~np.isnan(array))
     if missing.size:
         raise ValueError(f"{kind}_sigma of station {missing[0][1]} is missing")
-    return checked(array, kind, k)
+    return checked(array, kind, k, sigma=sigma)
 
 
 def require_options(
