@@ -1,7 +1,7 @@
 //! A track as a registrar follows it: where it is, which radars see it, and what their errors add to
 //! its covariance.
 
-use super::settled::{self, Settled};
+use super::settled::{self, Gain, Settled, restrain};
 use super::sighting::{ERRORS, Errors, Sighting};
 use crate::base::plane::Plane;
 use nalgebra::DMatrix;
@@ -12,9 +12,6 @@ const HALVINGS: usize = 8;
 
 /// Share of a variance that the components before must leave in a regular matrix.
 const REGULAR: f64 = 1e-12;
-
-/// By which the errors of a plot along east and north change position and velocity.
-pub(super) type Gain = [[f64; 4]; 2];
 
 /// By each error of one radar, in units of the prior: position and velocity, or the errors of another.
 type Part = [[f64; 4]; ERRORS];
@@ -339,19 +336,6 @@ impl Followed {
             self.parts.len() - 1
         });
         &mut self.parts[at]
-    }
-}
-
-/// Makes a gain of states from `at` on one that goes to what was measured at most: that of a filter of
-/// several models is of no one gain.
-#[inline(always)]
-pub(super) fn restrain(gain: &mut Gain, at: usize) {
-    let [east, north] = *gain;
-    let middle = 0.5 * (east[at] + north[at + 1]);
-    let determinant = east[at] * north[at + 1] - east[at + 1] * north[at];
-    let most = middle + (middle * middle - determinant).max(0.0).sqrt();
-    if most > 1.0 {
-        gain.as_flattened_mut().iter_mut().for_each(|value| *value /= most);
     }
 }
 

@@ -1,8 +1,10 @@
 //! What measurements that no error of a radar moves do to a track: a velocity that comes with a plot, or an
 //! azimuth of another sensor. The errors have less influence on the track after them.
 
-use super::followed::{Gain, restrain};
 use crate::base::plane::Plane;
+
+/// By which the errors of a plot along east and north change position and velocity.
+pub(super) type Gain = [[f64; 4]; 2];
 
 /// `1 − K H`, for a measurement `H v`.
 pub(super) struct Settled {
@@ -53,6 +55,19 @@ fn times(covariance: &[f64; 16], by: Plane) -> Gain {
     let column =
         |a: f64, b: f64| std::array::from_fn(|i| covariance[8 + i] * a + covariance[12 + i] * b);
     [column(by.xx, by.xy), column(by.xy, by.yy)]
+}
+
+/// Makes a gain of states from `at` on one that goes to what was measured at most: that of a filter of
+/// several models is of no one gain.
+#[inline(always)]
+pub(super) fn restrain(gain: &mut Gain, at: usize) {
+    let [east, north] = *gain;
+    let middle = 0.5 * (east[at] + north[at + 1]);
+    let determinant = east[at] * north[at + 1] - east[at + 1] * north[at];
+    let most = middle + (middle * middle - determinant).max(0.0).sqrt();
+    if most > 1.0 {
+        gain.as_flattened_mut().iter_mut().for_each(|value| *value /= most);
+    }
 }
 
 fn dot(a: &[f64; 4], b: &[f64; 4]) -> f64 {
