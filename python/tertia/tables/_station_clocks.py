@@ -24,6 +24,9 @@ _TARGETS, _INSTANTS, _SIDE = 20, 200, 3
 _AGREES = 0.2
 # least instants, least mean square of the contradictions, and most of it that other clocks leave
 _FEWEST, _CONTRADICTION, _LEFT = 8, 2.0, 0.5
+# mean square of what other clocks leave, and its share of the contradictions, with which wrong
+# positions of stations, which look the same on a straight path, are no better explanation
+_AS_STATED, _FAR = 1.5, 10.0
 # how much larger the information criterion must be with other errors of the stations
 _EVIDENCE = 10.0
 # least difference of two clocks in its standard deviations
@@ -57,7 +60,8 @@ def doubt_station_clocks(targets: Sequence[Target]) -> None:
     listed = ", ".join(f"{late[k]:.3g} ± {sigma[k]:.1g} s to those of {names[k]}" for k in wrong)
     doubt(
         "the stations contradict each other, and would agree if their clocks differed: if the "
-        f"times of {names[0]} are correct, add {listed}"
+        f"times of {names[0]} are correct, add {listed}; on a straight path, a wrong position of a "
+        "station looks the same"
     )
 
 
@@ -209,7 +213,9 @@ def _differences(blocks: list[FloatArray], k: int) -> tuple[FloatArray, FloatArr
     left, criterion = _left(rows[:, 0], rows[:, clocks])
     if before < _CONTRADICTION or left > _LEFT * before:
         return None
-    if criterion > min(_left(rows[:, 0], rows[:, part])[1] for part in others) - _EVIDENCE:
+    explains = left <= _AS_STATED and before >= _FAR * left
+    rivals = others[:1] if explains else others
+    if criterion > min(_left(rows[:, 0], rows[:, part])[1] for part in rivals) - _EVIDENCE:
         return None
     covariance = np.linalg.inv(rows[:, clocks].T @ rows[:, clocks]) * max(left, 1.0)
     return np.append(0.0, found), np.append(0.0, np.sqrt(np.diag(covariance)))
