@@ -642,6 +642,7 @@ class Registrar:
         rows: tuple[TrackColumns, int],
         track_of_plot: IntArray,
         noise: FloatArray,
+        azimuth_sigmas: FloatArray,
         time: float,
         alive: IntArray,
     ) -> tuple[IntArray, FloatArray, FloatArray]: ...

@@ -356,3 +356,42 @@ def test_wrong_arguments():
     assert_refused(lambda: Plots([0.0], sensor_position=[0.0]), ValueError, "sensor_position")
     bad = Plots([np.nan, 0.0], azimuth=[0.1, np.nan], sensor=1)
     assert np.all(tracker.update(bad).track_of_plot == PlotStatus.INVALID)
+
+
+def test_cameras_beside_radars_that_are_registered():
+    """Errors of radars have little influence on tracks that precise azimuths hold."""
+    random = np.random.default_rng(74)
+    places = np.array([[-3e4, 0.0], [3e4, 0.0], [0.0, -2e4], [2e4, 1.5e4]])
+    start = np.array([[-8e3, 6e3], [5e3, -3e3], [1e3, 9e3]])
+    velocity = np.array([[80.0, 20.0], [-60.0, 70.0], [30.0, -90.0]])
+    columns = []
+    for k in range(3):
+        for s, place in enumerate(places):
+            time = np.arange(0.1 + 0.3 * k + 0.5 * s, 200.0, 4.0 if s < 2 else 1.0)
+            away, noise = (
+                start[k] + time[:, np.newaxis] * velocity[k],
+                random.normal(size=len(time)),
+            )
+            azimuth = seen_from(place, away) + (0.0015 if s < 2 else 0.0002) * noise
+            distance, number = np.full(len(time), np.nan), -1
+            if s < 2:
+                distance = np.linalg.norm(away - place, axis=1) + random.normal(
+                    0.0, 30.0, len(time)
+                )
+                distance, azimuth, number = distance + [60, -80][s], azimuth + [1e-3, -1e-3][s], k
+            rest = [np.full(len(time), value) for value in (s, number)]
+            columns.append((time, distance, azimuth, *rest))
+    time, distance, azimuth, sensor, number = map(np.concatenate, zip(*columns, strict=True))
+    order = np.argsort(time)
+    plots = Plots(time, distance, azimuth, sensor=sensor, identity=number)[order]
+    radars = [Radar(place, range_sigma=30.0, azimuth_sigma=0.0015, scan_period=4.0)
+              for place in places[:2]]  # fmt: skip
+    cameras = [Station(place, azimuth_sigma=0.0002) for place in places[2:]]
+    rows = track(plots, [*radars, *cameras])
+    rows = rows[rows.time > 60.0]
+    assert len(np.unique(rows.track)) == 3
+    truth = start[rows.identity] + rows.time[:, np.newaxis] * velocity[rows.identity]
+    error, spread = rows.position - truth, rows.covariance[:, :2, :2]
+    assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 9.0
+    assert np.sqrt(np.median(np.trace(spread, axis1=1, axis2=2))) < 9.0
+    assert np.mean(nees(error, spread) < 5.991) > 0.85

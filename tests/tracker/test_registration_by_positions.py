@@ -10,7 +10,7 @@ from tertia.geo import SystemPlane
 from tertia.metrics import nees
 from tertia.registration import register
 from tertia.sensors import RADAR_LIMITS, Bias, PositionSensor, Radar, Station
-from tertia.tracker import Plots, Tracker
+from tertia.tracker import Plots, Tracker, track
 
 ADSB = PositionSensor(position_sigma=25.0, bias=Bias())
 BIAS = Bias(range=200.0, azimuth=0.3, degrees=True)
@@ -190,3 +190,54 @@ def test_a_saved_tracker_goes_on():
     tables = [followed(one, plots, begin=60.0, end=120.0)[-1] for one in (tracker, again)]
     assert np.array_equal(tables[0].covariance, tables[1].covariance)
     assert np.array_equal(tracker.bias.range, again.bias.range)
+
+
+def turning(seed, duration=300.0):
+    """Three aircraft, each in a wide turn: a radar with errors, ADS-B, multilateration."""
+    random, rate = np.random.default_rng([73, seed]), 0.004
+    start = np.array([[2e4, -4e4], [-3e4, 3e4], [3e4, 2e4]])
+    course, radius = np.array([-0.3, 2.2, 4.2]), np.array([200.0, 190.0, 180.0]) / rate
+    columns = []
+    for k in range(3):
+        for sensor, time in enumerate((np.arange(0.1 + k, duration, 4.0),
+                                       np.arange(0.3, duration, 0.8),
+                                       np.arange(0.6, duration, 1.0))):  # fmt: skip
+            now, count = course[k] + rate * time, len(time)
+            place = start[k] + radius[k] * np.column_stack(
+                [np.cos(course[k]) - np.cos(now), np.sin(now) - np.sin(course[k])]
+            )
+            speed = radius[k] * rate * np.column_stack([np.sin(now), np.cos(now)])
+            none, noise = np.full(count, np.nan), random.normal(size=(count, 2))
+            distance = np.hypot(*place.T) + 80.0 + 30.0 * noise[:, 0]
+            azimuth = np.arctan2(*place.T) + 0.0015 + 0.0012 * noise[:, 1]
+            wild = 600.0 * (random.random((count, 1)) < 0.02) * random.normal(size=(count, 2))
+            columns.append([
+                time,
+                distance if sensor == 0 else none,
+                azimuth if sensor == 0 else none,
+                np.full(count, sensor),
+                place + (25.0 * noise if sensor == 1 else 30.0 * noise + wild)
+                if sensor else np.full((count, 2), np.nan),
+                speed + random.normal(0.0, 0.7, (count, 2))
+                if sensor == 1 else np.full((count, 2), np.nan),
+                np.full(count, k),
+            ])  # fmt: skip
+    time, distance, azimuth, sensor, position, velocity, number = map(
+        np.concatenate, zip(*columns, strict=True)
+    )
+    plots = Plots(
+        time, distance, azimuth, sensor=sensor, position=position, velocity=velocity,
+        identity=number,
+    )  # fmt: skip
+    return plots[np.argsort(time)]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_velocities_leave_errors_of_the_radar_little_influence(seed):
+    radar = Radar([0.0, 0.0], range_sigma=30.0, azimuth_sigma=0.0012, scan_period=4.0)
+    adsb = PositionSensor(position_sigma=75.0, velocity_sigma=0.7)
+    tracks = track(turning(seed), [radar, adsb, PositionSensor(position_sigma=30.0)])
+    rows = tracks[tracks.time > 60.0]
+    assert len(np.unique(rows.track)) == 3
+    sigma = np.sqrt(np.trace(rows.covariance[:, :2, :2], axis1=1, axis2=2))
+    assert sigma.max() < 36.0

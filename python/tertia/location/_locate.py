@@ -83,7 +83,8 @@ def locate(
     stations : sequence of K Station, or array_like of shape (..., K, D)
         The stations, or their positions in metres, with D = 2 or 3.
     range : array_like of shape (..., K), optional
-        Ranges in metres; nan where one is missing.
+        Ranges in metres; nan where one is missing. Near a station, noise may make a range negative,
+        by at most 5 `range_sigma`.
     azimuth : array_like of shape (..., K), optional
         Azimuths in radians, clockwise from north; nan where one is missing.
     elevation : array_like of shape (..., K), optional
@@ -273,8 +274,8 @@ def locate(
     measured: _Measured = {}
     for kind, (value, sigma) in given.items():
         if value is not None:
-            seen = checked(value, kind, k, degrees=degrees)
             random = deviations(sigma, sigmas.get(kind), kind, k, degrees=degrees)
+            seen = checked(value, kind, k, sigma=random, degrees=degrees)
             measured[kind] = own.corrected(kind, seen), own.widened(kind, random, measured=seen)
     arrivals = None
     if arrival_time is not None:

@@ -9,29 +9,67 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia._arrays import (
-    SMALLEST,
+    BoolArray,
     FloatArray,
     positive,
     radians,
     real,
     require_between,
+    require_each,
     samples,
 )
 from tertia.sensors._kinds import ANGLES, angle_sigma
 
+# sigmas by which noise makes the range of a target near its station negative at most
+NOISE = 5.0
+# so many ranges that are not positive are no noise if all are equal
+_EQUAL = 5
 _DOMAINS: dict[str, tuple[str, tuple[float, ...]]] = {
-    "range": ("a positive number", (SMALLEST,)),
     "elevation": ("between -pi and pi (radians)", (-np.pi, np.pi)),
 }
 
 
-def checked(value: npt.ArrayLike, kind: str, k: int, *, degrees: bool = False) -> FloatArray:
+def checked(
+    value: npt.ArrayLike,
+    kind: str,
+    k: int,
+    *,
+    sigma: FloatArray | float = np.inf,
+    degrees: bool = False,
+) -> FloatArray:
     """Return measurements, (..., K) or (..., K - 1), after checking whether they are possible."""
     array = radians(value, kind, degrees=degrees) if kind in ANGLES else samples(value, kind)
     require_length(array, kind, k)
     domain, limits = _DOMAINS.get(kind, ("a finite number", ()))
     require_between(array, kind, f"{domain}, or nan", *limits, missing=True)
+    if kind == "range":
+        _require_ranges(array, sigma)
     return array
+
+
+def near_enough(ranges: FloatArray, sigma: FloatArray) -> BoolArray:
+    """Return which ranges are positive, or at most as far below 0 as noise makes them.
+
+    Zeros count only beside other ranges of the same station, near to 0: alone, they more often mean
+    that nothing was measured.
+    """
+    near = (np.abs(ranges) <= NOISE * sigma) & (ranges != 0.0)
+    beside = near.any(axis=tuple(range(near.ndim - 1)))
+    found: BoolArray = (ranges > 0.0) | ((ranges <= 0.0) & np.where(ranges < 0.0, near, beside))
+    return found
+
+
+def _require_ranges(ranges: FloatArray, sigma: FloatArray | float) -> None:
+    """Raise an error if a range is negative by more than noise, or stands for no measurement."""
+    low = ranges[ranges <= 0.0]
+    if not low.size:
+        return
+    ranges, sigma = np.broadcast_arrays(ranges, sigma)
+    required = f"a positive number, one that is negative by at most {NOISE:g} sigmas, or nan"
+    require_each(ranges, np.isnan(ranges) | near_enough(ranges, sigma), "range", required)
+    if low.size >= _EQUAL and np.all(low == low[0]):
+        required = f"nan if nothing was measured: all {low.size} ranges that are not positive are"
+        require_each(ranges, ~(ranges <= 0.0), "range", f"{required} the same")
 
 
 def deviations(

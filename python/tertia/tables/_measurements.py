@@ -11,6 +11,7 @@ import numpy as np
 import polars as pl
 
 from tertia._arrays import BoolArray, FloatArray, IntArray
+from tertia.location._readers import NOISE
 from tertia.sensors import Kind, Station
 from tertia.tables._combined import combined
 from tertia.tables._doubts import doubt, doubt_differences, doubt_ranges, doubt_unit
@@ -170,7 +171,8 @@ def read_targets(
         raise RecordError(
             f"elevations need the heights of the sensors: give {column} of the sensors{where}"
         )
-    _refuse_impossible(measured, records, repeated=tolerance == np.inf)
+    noise = _stated(sensors, "range")
+    _refuse_impossible(measured, records, noise, repeated=tolerance == np.inf)
     if not placed:
         places = np.array([one.position for one in sensors.items])
         for kind, judge in (("range", doubt_ranges), ("range_difference", doubt_differences)):
@@ -261,12 +263,22 @@ def _one_by_one(records: Records, placed: Sequence[str]) -> pl.DataFrame:
     return pl.concat([measured, empty]).sort("record", maintain_order=True)
 
 
-def _refuse_impossible(measured: pl.DataFrame, records: Records, *, repeated: bool) -> None:
-    """Refuse values outside their domain, duplicates, and range differences of the first sensor."""
+def _refuse_impossible(
+    measured: pl.DataFrame, records: Records, noise: FloatArray, *, repeated: bool
+) -> None:
+    """Refuse values outside their domain, duplicates, and range differences of the first sensor.
+
+    `noise` has the sigmas of the ranges of the sensors, (K,), for rows without one.
+    """
     rows = measured.filter(pl.col("kind").is_not_null())
+    own = rows["sigma"].to_numpy()
+    least = -NOISE * np.nan_to_num(np.where(np.isnan(own), noise[rows["site"].to_numpy()], own))
+    rows = rows.with_columns(least=least)
     one = replace(records, rows=rows)
     kind, value = pl.col("kind"), pl.col("value")
-    one.refuse((kind == "range") & (value <= 0), "range is {value:g}; it must be positive", "range")
+    # a target near the sensor may have a range below 0
+    low = (value < pl.col("least")) | ((value == 0) & (pl.col("least") == 0))
+    one.refuse((kind == "range") & low, "range is {value:g}; it must be positive", "range")
     one.refuse(
         (kind == "azimuth") & (value.abs() > 720),
         "azimuth is {value:g}; it must be between -720 and 720 degrees",

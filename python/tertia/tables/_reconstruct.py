@@ -31,6 +31,7 @@ from tertia.tables._positions import (
     result_names,
 )
 from tertia.tables._sensors import Sensors
+from tertia.tables._station_clocks import doubt_station_clocks
 from tertia.trajectory import Trajectory
 from tertia.trajectory import reconstruct as reconstruct_path
 from tertia.trajectory._reconstruct import require_options
@@ -144,6 +145,7 @@ def paths_of(
         source, stations, columns=columns, by=by, results=results, tolerance=tolerance
     )
     doubt_conventions(targets, options)
+    doubt_station_clocks(targets)
     paths = each_of(progress(targets), lambda one: _path(one, stations, options))
     return Positions(paths, stations)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tertia._arrays import BoolArray, IntArray
+from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.sensors import Station
 
 if TYPE_CHECKING:
@@ -44,6 +44,12 @@ def check_station(station: Station, name: str) -> None:
                 f"{name}.bias.{key} is {getattr(bias, key)}; the tracker estimates no errors of a "
                 "Station: it must be 0"
             )
+
+
+def azimuth_sigmas(sensors: Sequence[Any]) -> FloatArray:
+    """Return the standard deviations of the azimuths of stations, (K,); nan for other sensors."""
+    known = [one.azimuth_sigma if isinstance(one, Station) else np.nan for one in sensors]
+    return np.array(known, dtype=np.float64)
 
 
 def placed(plots: Plots, sensors: Sequence[Any]) -> Plots:

@@ -13,10 +13,11 @@ from tertia._arrays import BoolArray, FloatArray, IntArray
 from tertia.sensors import Bias, PositionSensor, Radar, Station
 from tertia.sensors._identities import NO_CALLSIGN, NO_IDENTITY, NUMBERS, leading
 from tertia.sensors._sensors import drift_rates, own_biases
+from tertia.tracker._azimuths import azimuth_sigmas, placed
 from tertia.tracker._earth import in_plane
 from tertia.tracker._models import ProfileName, with_heights
 from tertia.tracker._plots import Plots
-from tertia.tracker._sensors import Sensor, core_sensors, interval, slant
+from tertia.tracker._sensors import Sensor, core_sensors, interval, slant, velocities_of
 from tertia.tracker._start import are_placed, bias_of, columns_of, start
 from tertia.tracker._table import TrackTable
 
@@ -190,8 +191,11 @@ class Registrar:
             table, begin = rows
             plots = plots._replaced(height=table.heights(plots.height, first, begin))
             plots = with_heights(plots, self.sensors, self.profile)
-        flat = in_plane(plots, self.sensors)
-        return self._core.learn(flat, first, rows, tracks, noise, time, alive)
+        if plots.velocity is not None:
+            plots = plots._replaced(velocity_covariance=velocities_of(plots, self.sensors)[1])
+        flat = placed(in_plane(plots, self.sensors), self.sensors)
+        sigmas = azimuth_sigmas(self.sensors)
+        return self._core.learn(flat, first, rows, tracks, noise, sigmas, time, alive)
 
     @property
     def _first(self) -> float:

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from tertia import _core
-from tertia._arrays import instance
+from tertia._arrays import FloatArray, instance
 from tertia.sensors import PositionSensor, Radar, Station
 from tertia.tracker._azimuths import check_station
 from tertia.tracker._earth import plane_of
@@ -78,6 +78,32 @@ def check_velocities(plots: Plots, sensors: Sequence[Sensor]) -> None:
             f"plots.velocity[{at}] is that of sensors[{sensor}], which is not a PositionSensor: "
             "only velocities that come with positions are used; it must be nan"
         )
+
+
+def velocities_of(plots: Plots, sensors: Sequence[Sensor]) -> tuple[FloatArray, FloatArray]:
+    """Return velocities, (N, 2), and covariances, (N, 2, 2); nan if a plot has none."""
+    return reported(plots.velocity, plots.velocity_covariance, plots, sensors, "velocity")
+
+
+def reported(
+    values: FloatArray | None,
+    covariance: FloatArray | None,
+    plots: Plots,
+    sensors: Sequence[Sensor],
+    of: str,
+) -> tuple[FloatArray, FloatArray]:
+    """Return reported values with their covariances, by default those of the sensors."""
+    found, spread = np.full((len(plots), 2), np.nan), np.full((len(plots), 2, 2), np.nan)
+    if values is None:
+        return found, spread
+    stated = [getattr(one, f"{of}_sigma", None) for one in sensors]
+    variance = np.array([np.nan if sigma is None else sigma**2 for sigma in stated])
+    spread = variance[plots.sensor][:, np.newaxis, np.newaxis] * np.eye(2)
+    if covariance is not None:
+        spread = np.where(np.isnan(covariance), spread, covariance)
+    known = np.isfinite(spread).all(axis=(1, 2)) & np.isfinite(values).all(axis=1)
+    found[known], spread[~known] = values[known], np.nan
+    return found, spread
 
 
 def _core_sensor(sensor: Sensor, period: float) -> tuple[_core.Radar, _core.Geometry]:

@@ -38,7 +38,7 @@ from tertia.tracker._errors import errors
 from tertia.tracker._models import CvModel, ImmModel, Motion, core_motion
 from tertia.tracker._plots import Plots
 from tertia.tracker._registrar import is_registrable
-from tertia.tracker._sensors import interval
+from tertia.tracker._sensors import interval, reported, velocities_of
 from tertia.tracker._table import TrackTable
 from tertia.tracker._tracker import track
 
@@ -374,7 +374,7 @@ class _Rows:
         # clocks are continuous in tracks, but plots that waited for others have rows of later times
         clock = tracks.time[rows] - own_biases(radars).correct(own).time
         time = corrected.time + np.where(np.abs(clock) > _WAITING, clock, 0.0)
-        velocity, spread = _velocities(corrected, sites)
+        velocity, spread = velocities_of(corrected, sites)
         number = _joined(replace(tracks[rows], time=time), radars)
         levelled, doubt = _levelled(corrected, number, time)
         position, covariance, shared = _places(levelled, sites, doubt)
@@ -427,7 +427,7 @@ def _places(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return positions of plots and reports, (N, 2), and covariances as `_placed` does."""
     radars = [k for k, one in enumerate(sensors) if isinstance(one, Radar)]
-    position, covariance = _reported(plots.position, plots.covariance, plots, sensors, "position")
+    position, covariance = reported(plots.position, plots.covariance, plots, sensors, "position")
     shared = np.zeros_like(covariance)
     own = np.isin(plots.sensor, radars)
     if own.any():
@@ -435,32 +435,6 @@ def _places(
         sites = [one for one in sensors if isinstance(one, Radar)]
         position[own], covariance[own], shared[own] = _placed(polar, sites, doubt[own])
     return position, covariance, shared
-
-
-def _velocities(plots: Plots, sensors: Sequence[_Sensor]) -> tuple[FloatArray, FloatArray]:
-    """Return velocities, (N, 2), and covariances, (N, 2, 2); nan if a plot has none."""
-    return _reported(plots.velocity, plots.velocity_covariance, plots, sensors, "velocity")
-
-
-def _reported(
-    values: FloatArray | None,
-    covariance: FloatArray | None,
-    plots: Plots,
-    sensors: Sequence[_Sensor],
-    of: str,
-) -> tuple[FloatArray, FloatArray]:
-    """Return reported values with their covariances, by default those of the sensors."""
-    found, spread = np.full((len(plots), 2), np.nan), np.full((len(plots), 2, 2), np.nan)
-    if values is None:
-        return found, spread
-    stated = [getattr(one, f"{of}_sigma", None) for one in sensors]
-    variance = np.array([np.nan if sigma is None else sigma**2 for sigma in stated])
-    spread = variance[plots.sensor][:, np.newaxis, np.newaxis] * np.eye(2)
-    if covariance is not None:
-        spread = np.where(np.isnan(covariance), spread, covariance)
-    known = np.isfinite(spread).all(axis=(1, 2)) & np.isfinite(values).all(axis=1)
-    found[known], spread[~known] = values[known], np.nan
-    return found, spread
 
 
 def _joined(tracks: TrackTable, radars: Sequence[_Sensor]) -> IntArray:

@@ -31,7 +31,13 @@ from tertia.location._height import (
     without_height,
     without_heights,
 )
-from tertia.location._readers import checked, correlation_of, deviations, require_kinds
+from tertia.location._readers import (
+    checked,
+    correlation_of,
+    deviations,
+    near_enough,
+    require_kinds,
+)
 from tertia.location._result import location_of
 from tertia.location._speed import Speed
 from tertia.location._wind import Wind, read_medium
@@ -39,6 +45,7 @@ from tertia.sensors import Bias, Kind, Station
 from tertia.sensors._kinds import ANGLES, KINDS, STATION_KINDS
 from tertia.sensors._sensors import by_kind, stack_stations, survey_sigmas
 from tertia.smoothing import SmoothedPositions, local_polynomial
+from tertia.trajectory._doubts import warn_of_path
 from tertia.trajectory._result import Trajectory
 from tertia.trajectory._speed import in_found_medium, instants
 from tertia.trajectory._systematic import bias_of, prior_of, unit_of, without_deviations
@@ -49,20 +56,6 @@ Smoother: TypeAlias = Literal["rts", "local-polynomial"]
 
 # share of instants with outliers from which angles may be in degrees
 _CONTRADICTED = 0.25
-_BEHIND = (
-    "no path above the stations fits the measurements: the path is below them; give initial to "
-    "choose the side"
-)
-_MAY_CROSS = (
-    "the path turns back at the plane of the stations, although one that crosses it would be "
-    "smoother: what is measured is the same on both sides of the plane; measure elevations, or add "
-    "a station outside the plane"
-)
-_MIRRORED = (
-    "two paths explain the measurements (almost) equally well: this one, above the stations, and "
-    "its mirror image below them (mirror_image); give initial to choose. A path that crosses the "
-    "plane of the stations would be reflected at it"
-)
 
 
 def reconstruct(
@@ -109,7 +102,8 @@ def reconstruct(
         Times of the instants in seconds, in non-decreasing order. A single measurement at an
         instant is sufficient.
     range, azimuth, elevation : array_like of shape (N, K), optional
-        Measurements in metres and radians; nan where one is missing.
+        Measurements in metres and radians; nan where one is missing. Near a station, noise may make
+        a range negative, by at most 5 `range_sigma`.
     range_difference : array_like of shape (N, K - 1), optional
         For each station except the first, its range minus the range of the first station, in
         metres; see `tertia.location.locate`.
@@ -184,6 +178,7 @@ def reconstruct(
     -----
     UserWarning
         If most angles contradict each other when read as radians, but agree when read as degrees.
+        If more than half of the measurements are left out.
         If the path and its mirror image below the stations fit the measurements equally well, if no
         path above the stations fits, or if a path that crosses their plane would be smoother.
 
@@ -322,7 +317,7 @@ def reconstruct(
         if kind == "azimuth" and curves is not None:
             known = known - curves[0]
         if kind == "range":
-            known = np.where(known > 0, known, np.nan)
+            known = np.where(near_enough(known, sigmas[kind]), known, np.nan)
         values[:, at, first:], own[:, at, first:] = known, sigmas[kind]
     places, axes, flat = without_heights(places, axes, measured)
     usual = _usual(own, values)
@@ -362,7 +357,7 @@ def reconstruct(
     found = _in_space(found) if flat else found
     mean, smoothed, kinds = found["mean"], found["smoothed"], tuple(measured)
     d = mean.shape[1] // 3
-    _warn_of_sides(found)
+    warn_of_path(found, values)
     return Trajectory(
         times,
         mean[:, :d],
@@ -383,14 +378,6 @@ def reconstruct(
         wind=wind.mean,
         wind_covariance=wind.covariance,
     )
-
-
-def _warn_of_sides(found: dict[str, Any]) -> None:
-    """Warn if it is not certain on which side of the plane of the stations the path is."""
-    remarks = (found["image"] is not None, _MIRRORED), (found["is_behind"], _BEHIND)
-    for applies, remark in (*remarks, (found["may_cross"], _MAY_CROSS)):
-        if applies:
-            warnings.warn(remark, UserWarning, stacklevel=3)
 
 
 def _in_space(found: dict[str, Any]) -> dict[str, Any]:
@@ -545,7 +532,7 @@ def _checked(
     missing = np.argwhere(np.isnan(sigma) & ~np.isnan(array))
     if missing.size:
         raise ValueError(f"{kind}_sigma of station {missing[0][1]} is missing")
-    return checked(array, kind, k)
+    return checked(array, kind, k, sigma=sigma)
 
 
 def require_options(

@@ -322,6 +322,19 @@ impl View<'_> {
         }
     }
 
+    /// The position of a plot, if it has one.
+    fn place(&self, index: usize) -> Option<[f64; 2]> {
+        let place = self.position.as_ref()?.as_chunks::<2>().0[index];
+        place[0].is_finite().then_some(place)
+    }
+
+    /// The velocity of a plot and its covariance, if it has both.
+    #[inline(always)]
+    fn moving(&self, index: usize) -> Option<([f64; 2], Plane)> {
+        self.velocity.as_ref()?;
+        self.report(index)?.stated_velocity()
+    }
+
     /// Returns the reported position of a plot and its velocity, with their covariances.
     #[inline]
     fn report(&self, index: usize) -> Option<Report> {

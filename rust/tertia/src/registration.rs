@@ -11,10 +11,11 @@
 //! | `live` | the errors scan by scan, from a few dozen targets | O(K³) a scan |
 //! | `gaussian` | estimates of the errors with their covariance, and how they drift | O(K³) |
 //! | `roster` | the tracks by number | O(1) a row |
-//! | `followed` | a track, and the effect of the errors on its covariance | O(R²) a row of R radars |
-//! | `vote` | sudden changes larger than the gates, from tracks whose plots are missing | O(V²) |
-//! | `alarm` | radars whose latest plots do not fit their tracks | O(1) a plot |
-//! | `watch` | noise that has grown suddenly, from the latest innovations | O(1) a plot |
+//! | `followed` | a track, and what the errors add to their covariances | O(R²) a row of R radars |
+//! | `settled` | velocities and azimuths, which no error of a radar moves: what they leave of that | O(R) a row |
+//! | `vote` | sudden changes that are larger than the gates, by the tracks that miss their plots | O(V²) |
+//! | `alarm` | radars whose last plots do not fit their tracks | O(1) a plot |
+//! | `watch` | noise that has grown suddenly, by the last innovations | O(1) a plot |
 //! | `start` | errors far larger than expected, from the tracks of each radar at one instant | O(C² N) |
 //! | `correction` | states with biases removed and covariances scaled to the noise found | O(M K) |
 
@@ -35,6 +36,7 @@ mod parallax;
 mod recording;
 mod roster;
 mod row;
+mod settled;
 mod sighting;
 mod start;
 mod vote;
@@ -43,7 +45,7 @@ mod watch;
 pub use calibration::{Calibration, Run, calibrate};
 pub use common::{Common, common};
 pub use correction::correct;
-pub use exchange::{Changed, Learnt, Update, Updates};
+pub use exchange::{Changed, Learnt, Other, Update, Updates};
 pub use lines::{Line, PolarPlot, lines};
 pub use live::Registrar;
 pub use noise::{Level, Noise, noise, stretch_of};

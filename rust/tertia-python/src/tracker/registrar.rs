@@ -8,7 +8,9 @@ use numpy::PyReadonlyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use tertia::registration::{self as core, Changed, ERRORS, Report, TargetPlot, Update, Updates};
+use tertia::registration::{
+    self as core, Changed, ERRORS, Other, Report, TargetPlot, Update, Updates,
+};
 use tertia::tracker::{Data, Plots};
 
 /// Estimates the errors of radars scan by scan.
@@ -72,11 +74,12 @@ impl Registrar {
         Ok(([time?, range?, azimuth?], places.transpose()?))
     }
 
-    /// Updates the errors with the rows of a table of tracks, from an index on, until a time. `plots` are
-    /// the plots of these rows, and the first of them has the number `first`. Adds the contribution of
-    /// unknown errors to the covariances of the rows, and moves the rows by the change of the errors.
-    /// `alive` contains the numbers of all tracks in ascending order. Returns the moves of the tracks:
-    /// numbers, times, and positions with velocities.
+    /// Learns from the rows of a table of tracks, from a number on, and the plots that they are of, of
+    /// which the first has this number, until a time; adds what is not known of the errors to the
+    /// covariances, and moves the rows by what was learnt. `azimuth_sigmas` are those of sensors that measure
+    /// azimuths alone, whose plots have the place of the sensor for a position, and not numbers for others.
+    /// `alive` are the numbers of all tracks, in order.
+    /// Returns the same of the tracks: numbers, times, positions and velocities.
     #[allow(clippy::too_many_arguments)] // those of the Python method
     fn learn<'py>(
         &mut self,
@@ -86,6 +89,7 @@ impl Registrar {
         rows: (PyRef<'py, TrackColumns>, usize),
         track_of_plot: PyReadonlyArray1<'py, i64>,
         noise: Input<'py>,
+        azimuth_sigmas: Input<'py>,
         time: f64,
         alive: PyReadonlyArray1<'py, i64>,
     ) -> PyResult<(Integers<'py>, Array<'py>, Array<'py>)> {
@@ -95,11 +99,13 @@ impl Registrar {
             .map(|[a, b, c, d]| [[a, b], [c, d]])
             .collect();
         same_length(self.0.errors().len(), &[noise.len()])?;
+        let azimuth_sigmas = azimuth_sigmas.numbers("azimuth_sigmas")?;
+        same_length(noise.len(), &[azimuth_sigmas.len()])?;
         let plots = plots.read(&plots.time, self.0.errors().len())?;
         let (track_of_plot, alive) = (track_of_plot.as_slice()?, alive.as_slice()?);
         same_length(plots.len(), &[track_of_plot.len()])?;
         let (table, begin) = rows;
-        let mut told = Told::take(py, &table, &plots, (first, begin))?;
+        let mut told = Told::take(py, &table, (&plots, &azimuth_sigmas), (first, begin))?;
         let tracks = release(py, 1e3 * told.count() as f64, || {
             let loose = told.loose(track_of_plot);
             self.0.learn_rows(&mut told, &loose, &noise, (time, Some(alive)))
@@ -153,6 +159,8 @@ impl Registrar {
 /// `first`.
 struct Told<'a> {
     plots: &'a View<'a>,
+    /// Of sensors that measure azimuths alone; not a number of the others.
+    azimuth_sigmas: &'a [f64],
     first: i64,
     begin: usize,
     track: Vec<i64>,
@@ -173,11 +181,12 @@ impl<'a> Told<'a> {
     fn take(
         py: Python<'_>,
         table: &TrackColumns,
-        plots: &'a View<'a>,
+        (plots, azimuth_sigmas): (&'a View<'a>, &'a [f64]),
         (first, begin): (i64, usize),
     ) -> PyResult<Self> {
         Ok(Self {
             plots,
+            azimuth_sigmas,
             first,
             begin,
             track: table.take_integers(py, "track")?,
@@ -247,7 +256,18 @@ impl Updates for Told<'_> {
         let row = self.begin + row;
         let radar = self.sensor[row] as usize;
         let missed = || Report { time: self.time[row], ..missed(radar) };
-        let report = self.plot_of(row).map_or_else(missed, |own| self.plots.measured(own));
+        let own = self.plot_of(row);
+        let sight = own.filter(|_| self.azimuth_sigmas[radar].is_finite());
+        let report = match own {
+            Some(own) if sight.is_none() => self.plots.measured(own),
+            _ => missed(),
+        };
+        let other = match sight {
+            Some(own) => {
+                self.plots.place(own).map(|at| Other::Azimuth(at, self.azimuth_sigmas[radar]))
+            }
+            None => own.and_then(|own| self.plots.moving(own)).map(|(v, r)| Other::Velocity(v, r)),
+        };
         let pair = |values: &[f64]| [values[2 * row], values[2 * row + 1]];
         let upper = &self.covariance[10 * row..][..10];
         let [xx, xy, yy] = self.spread.as_chunks::<3>().0[row];
@@ -263,6 +283,7 @@ impl Updates for Told<'_> {
             covariance: WHOLE.map(|at| upper[at]),
             innovation: pair(&self.innovation),
             innovation_covariance: [xx, xy, xy, yy],
+            other,
         }
     }
 }

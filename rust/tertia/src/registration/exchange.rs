@@ -1,6 +1,13 @@
 //! Data that a tracker and a registrar exchange.
 
 use super::recording::TargetPlot;
+use crate::association::gate::{self, GUARD};
+use crate::base::plane::Plane;
+use std::sync::LazyLock;
+
+/// Square of the distance beyond which a tracker has not used a velocity.
+static FARTHEST: LazyLock<f64> =
+    LazyLock::new(|| gate::threshold(GUARD, 2).expect("a probability"));
 
 /// A row of a track.
 #[derive(Clone, Debug)]
@@ -19,6 +26,17 @@ pub struct Update {
     pub innovation: [f64; 2],
     /// Row by row.
     pub innovation_covariance: [f64; 4],
+    /// What else the track has seen, of which errors of radars are no part.
+    pub other: Option<Other>,
+}
+
+/// A measurement on which the errors of radars have no influence.
+#[derive(Clone, Copy, Debug)]
+pub enum Other {
+    /// Velocity that came with the plot, and its covariance.
+    Velocity([f64; 2], Plane),
+    /// Azimuth, instead of a plot, from this place, and its standard deviation.
+    Azimuth([f64; 2], f64),
 }
 
 impl Update {
@@ -26,6 +44,23 @@ impl Update {
     pub(super) fn distance(&self) -> f64 {
         let ([a, b], [xx, xy, _, yy]) = (self.innovation, self.innovation_covariance);
         (a * a * yy - 2.0 * a * b * xy + b * b * xx) / (xx * yy - xy * xy)
+    }
+
+    /// Noise of the velocity that came with the plot, if the track has used it: it is then as near as that
+    /// to the track.
+    #[inline(always)]
+    pub(super) fn used_velocity(&self) -> Option<Plane> {
+        let Some(Other::Velocity(reported, noise)) = self.other else { return None };
+        let off = [0, 1].map(|i| reported[i] - self.velocity[i]);
+        (noise.inverse().form(off) <= *FARTHEST).then_some(noise)
+    }
+
+    /// The derivatives of an azimuth, in sigmas, by position and velocity.
+    pub(super) fn used_azimuth(&self) -> Option<[f64; 4]> {
+        let Some(Other::Azimuth(place, sigma)) = self.other else { return None };
+        let [x, y] = [0, 1].map(|i| self.position[i] - place[i]);
+        let scale = sigma * (x * x + y * y);
+        (scale > 0.0).then(|| [y / scale, -x / scale, 0.0, 0.0])
     }
 
     /// Innovation along a direction, and its variance.

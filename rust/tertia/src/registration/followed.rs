@@ -1,7 +1,9 @@
 //! A track as a registrar follows it: its position, the radars that see it, and the effect of their errors on
 //! its covariance.
 
+use super::settled::{self, Gain, Settled, restrain};
 use super::sighting::{ERRORS, Errors, Sighting};
+use crate::base::plane::Plane;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
@@ -10,9 +12,6 @@ const HALVINGS: usize = 8;
 
 /// Least share of a variance that remains after elimination of the components before it, in a regular matrix.
 const REGULAR: f64 = 1e-12;
-
-/// Change of position and velocity by the errors of a plot along east and north.
-pub(super) type Gain = [[f64; 4]; 2];
 
 /// Change of position and velocity by each error of one radar, in units of the prior; or the covariance of
 /// the errors of two radars.
@@ -169,11 +168,40 @@ impl Followed {
         self.row_time = time;
     }
 
+    /// A plot has updated the track, whose covariance (row by row) and velocity are these now, and so has
+    /// a velocity of this noise, if there is one. The radar may have such errors; `sigma` is the noise
+    /// with which the gain was made, and `own` that of the plot.
     #[inline(always)]
-    /// Follows a plot that has updated the track, whose covariance (row by row) and velocity are now these.
-    /// `unknowns` are the errors that the radar may have, `sigma` is the noise with which the gain was made,
-    /// and `own` that of the plot.
     pub fn correct(
+        &mut self,
+        seen: &Sighting,
+        noise: [[f64; 2]; 2],
+        (covariance, reported): (&[f64; 16], Option<Plane>),
+        velocity: [f64; 2],
+        unknowns: &[Option<(usize, f64)>; ERRORS],
+    ) {
+        let Some(moving) = reported else {
+            return self.place(seen, noise, covariance, velocity, unknowns);
+        };
+        self.place(seen, noise, &settled::before(covariance, moving), velocity, unknowns);
+        self.settle(&Settled::by_velocity(covariance, moving));
+    }
+
+    /// What no error of a radar moves has updated the track.
+    #[cold]
+    pub fn settle(&mut self, by: &Settled) {
+        for row in self.parts.iter_mut().flat_map(|(.., part)| part) {
+            *row = by.left(*row);
+        }
+        // (1 − K H) E (1 − K H)'
+        for _ in 0..2 {
+            let rows = self.excess.map(|row| by.left(row));
+            self.excess = std::array::from_fn(|i| std::array::from_fn(|j| rows[j][i]));
+        }
+    }
+
+    #[inline(always)]
+    fn place(
         &mut self,
         seen: &Sighting,
         [sigma, own]: [[f64; 2]; 2],
@@ -191,14 +219,8 @@ impl Followed {
             gain[0][i] = a * east + b * both;
             gain[1][i] = a * both + b * north;
         }
-        // the covariance of a filter with several models belongs to no single gain; a track moves at most to
-        // the plot
-        let middle = 0.5 * (gain[0][0] + gain[1][1]);
-        let determinant = gain[0][0] * gain[1][1] - gain[0][1] * gain[1][0];
-        let most = middle + (middle * middle - determinant).max(0.0).sqrt();
-        if most > 1.0 {
-            gain.as_flattened_mut().iter_mut().for_each(|value| *value /= most);
-        }
+        // a track goes to a plot at most
+        restrain(&mut gain, 0);
         for axis in 0..2 {
             let share = own[axis] / sigma[axis];
             self.share = self.share.min(share * share);

@@ -136,6 +136,7 @@ impl Target {
                 covariance,
                 innovation,
                 innovation_covariance,
+                other: None,
             });
         }
         learnt

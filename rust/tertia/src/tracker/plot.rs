@@ -44,6 +44,12 @@ impl Report {
         holds.then_some(Moving { velocity: self.velocity, noise })
     }
 
+    /// Its velocity and the covariance of it, if it has both.
+    pub fn stated_velocity(&self) -> Option<([f64; 2], Plane)> {
+        let Moving { velocity, noise } = self.moving(f64::NAN)?;
+        Some((velocity, noise))
+    }
+
     /// All numbers of the report.
     fn numbers(&self) -> [f64; 10] {
         let ([x, y], Plane { xx, xy, yy }) = (self.position, self.covariance);

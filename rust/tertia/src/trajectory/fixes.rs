@@ -16,6 +16,10 @@ const RUNNING: usize = 5;
 const ANYWHERE: f64 = 1e4;
 /// Largest contribution of a squared residual to the cost by which positions are chosen.
 const MOST: f64 = 9.0;
+/// Factors of the stated noise with which instants are located for the beginning of a path, one after the
+/// other, while hardly any has a position: of one in so many at most, several contradict each other.
+const LARGER: [f64; 4] = [3.0, 10.0, 30.0, 100.0];
+const HARDLY_ANY: usize = 10;
 /// Cost (ns) per number of an instant, for the choice of threads.
 const LOCATE_NS: f64 = 500.0;
 
@@ -68,7 +72,27 @@ impl Fixes {
                 }
             }
         }
+        if record.robust && mirror.is_none() {
+            start.relocate_contradictory::<D>(record, &measured.values);
+        }
         Ok((own, beside, start.located()?))
+    }
+
+    /// Locates instants with a larger noise while hardly any has a position, because with the noise as
+    /// stated a few measurements that agree by chance contradict the others.
+    fn relocate_contradictory<const D: usize>(&mut self, record: &Record<'_>, values: &[f64]) {
+        let width = record.width();
+        for factor in LARGER {
+            let located = (0..record.len()).filter(|&t| self.is_located(t)).count();
+            if HARDLY_ANY * located > record.len() {
+                return;
+            }
+            let is_open = |t: &usize| self.fixes[*t].status == Status::Ambiguous;
+            let open: Vec<usize> = (0..record.len()).filter(is_open).collect();
+            let own: Vec<f64> =
+                open.iter().flat_map(|t| &values[t * width..][..width]).copied().collect();
+            self.relocate_as::<D>(record, &open, &own, factor);
+        }
     }
 
     /// Locates all instants on the side of the mirror's normal from values (N, 5, K).
@@ -156,9 +180,21 @@ impl Fixes {
 
     /// Locates these instants from these values.
     fn relocate<const D: usize>(&mut self, record: &Record<'_>, open: &[usize], values: &[f64]) {
+        self.relocate_as::<D>(record, open, values, 1.0);
+    }
+
+    /// The same with so many times the stated noise.
+    fn relocate_as<const D: usize>(
+        &mut self,
+        record: &Record<'_>,
+        open: &[usize],
+        values: &[f64],
+        factor: f64,
+    ) {
         let width = record.width();
         let mut new = Self::empty(open.len(), width, D);
-        let sigmas: Vec<f64> = open.iter().flat_map(|&t| record.sigmas_at(t)).copied().collect();
+        let sigmas: Vec<f64> =
+            open.iter().flat_map(|&t| record.sigmas_at(t)).map(|sigma| factor * sigma).collect();
         new.fill::<D>(record, open, values, &sigmas, None);
         for (at, &t) in open.iter().enumerate() {
             self.take::<D>(t, &new, at, width);

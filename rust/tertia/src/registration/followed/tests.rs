@@ -54,7 +54,7 @@ fn filtered(steps: usize) -> (Matrix4<f64>, Matrix4<f64>, Followed) {
         if n == 0 {
             track.begin(&seen, [WIDE, OWN], (&covariance, false), [0.0; 2], &unknowns);
         } else {
-            track.correct(&seen, [WIDE, OWN], &covariance, [0.0; 2], &unknowns);
+            track.correct(&seen, [WIDE, OWN], (&covariance, None), [0.0; 2], &unknowns);
         }
         track.limit(&covariance);
     }
@@ -107,7 +107,7 @@ fn no_gain_goes_beyond_the_plot() {
     let unknowns = std::array::from_fn(|j| Some((j, PRIOR[j])));
     let mut track = Followed::new(0.0);
     for _ in 0..20 {
-        track.correct(&seen, [OWN, OWN], &covariance, [0.0; 2], &unknowns);
+        track.correct(&seen, [OWN, OWN], (&covariance, None), [0.0; 2], &unknowns);
         let offset = track.parts[0].2[0];
         assert!((0.0..=PRIOR[0] * (1.0 + 1e-9)).contains(&offset[1]), "{offset:?}");
     }

@@ -7,6 +7,7 @@ use crate::registration::block::Unknowns;
 use crate::registration::exchange::{Changed, Given, Learnt, Update, Updates};
 use crate::registration::followed::{self, Blocks, Followed};
 use crate::registration::recording::scans;
+use crate::registration::settled::Settled;
 use crate::registration::sighting::{Errors, Report, Sighting};
 use crate::sensors::Radar;
 use pulp::{Arch, Simd, WithSimd};
@@ -187,11 +188,14 @@ impl Applied<'_> {
                 let stated = (&update.covariance, update.confirmed);
                 track.begin(&seen, sigma, stated, velocity, own);
             } else {
-                track.correct(&seen, sigma, &update.covariance, velocity, own);
+                let reported = update.used_velocity();
+                track.correct(&seen, sigma, (&update.covariance, reported), velocity, own);
             }
             if update.confirmed {
                 track.see(report.time, report.radar, update.position, velocity);
             }
+        } else if let Some(row) = update.used_azimuth() {
+            track.settle(&Settled::by_azimuth(&update.covariance, row));
         }
         track.limit(&update.covariance);
     }

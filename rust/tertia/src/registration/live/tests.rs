@@ -57,6 +57,7 @@ fn what_the_errors_add_to_a_track() {
         covariance,
         innovation,
         innovation_covariance,
+        other: None,
     };
     let (unknowns, errors) = (registrar.unknowns(), registrar.blocks(&registrar.known.covariance));
     let added = registrar.carry(&update, (place.0, false), &stated, &unknowns).added(&errors);
@@ -153,6 +154,7 @@ fn rows() -> Vec<Update> {
             covariance: std::array::from_fn(|n| if n % 5 == 0 { 900.0 } else { 0.0 }),
             innovation: [f64::NAN; 2],
             innovation_covariance: [f64::NAN; 4],
+            other: None,
         }
     };
     (0..5).map(row).collect()

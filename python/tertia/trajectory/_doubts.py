@@ -1,0 +1,54 @@
+"""Warnings about paths that may be wrong."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+
+from tertia._arrays import BoolArray, FloatArray
+
+# share of measurements that contradict a path from which it is doubtful
+_MOST = 0.5
+_BEHIND = (
+    "no path above the stations fits the measurements: the path is below them; give initial to "
+    "choose the side"
+)
+_MAY_CROSS = (
+    "the path turns back at the plane of the stations, although one that crosses it would be "
+    "smoother: what is measured is the same on both sides of the plane; measure elevations, or add "
+    "a station outside the plane"
+)
+_MIRRORED = (
+    "two paths explain the measurements (almost) equally well: this one, above the stations, and "
+    "its mirror image below them (mirror_image); give initial to choose. A path that crosses the "
+    "plane of the stations would be reflected at it"
+)
+
+
+def warn_of_path(found: dict[str, Any], values: FloatArray) -> None:
+    """Warn if a path found by the core from measurements, (N, 5, K), may be wrong."""
+    _warn_of_sides(found)
+    _warn_if_few_agree(found["outlier"], values)
+
+
+def _warn_if_few_agree(outlier: BoolArray, values: FloatArray) -> None:
+    """Warn if the path contradicts most measurements."""
+    left_out, count = np.count_nonzero(outlier), np.count_nonzero(np.isfinite(values))
+    if left_out > _MOST * count:
+        warnings.warn(
+            f"{left_out} of {count} measurements contradict the path and are left out, so it may "
+            "be wrong: are sigmas far too small, do clocks of stations differ, or are positions of "
+            "stations wrong?",
+            UserWarning,
+            stacklevel=4,
+        )
+
+
+def _warn_of_sides(found: dict[str, Any]) -> None:
+    """Warn if it is not certain on which side of the plane of the stations the path is."""
+    remarks = (found["image"] is not None, _MIRRORED), (found["is_behind"], _BEHIND)
+    for applies, remark in (*remarks, (found["may_cross"], _MAY_CROSS)):
+        if applies:
+            warnings.warn(remark, UserWarning, stacklevel=4)
