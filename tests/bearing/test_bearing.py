@@ -718,6 +718,7 @@ class TestErrorBars:
         ({"significance": 1, "method": "paper"}, ValueError, "significance is 1"),
         ({"correlation": -1}, ValueError, "correlation is -1"),
         ({"rounding": np.nan}, ValueError, "rounding is nan"),
+        ({"rounding": 1e-201}, ValueError, "rounding is"),
         ({"bias_sigma": -1}, ValueError, "bias_sigma is -1.0; it must be 0, a positive number or"),
         ({"bias_sigma": np.nan}, ValueError, "bias_sigma is nan"),
         ({"bias_sigma": "1"}, TypeError, "bias_sigma is '1'"),

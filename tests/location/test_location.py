@@ -641,6 +641,22 @@ class TestDegenerate:
         batch = locate([[0, 0], [1000, 0], [1000, -800]], azimuth=[azimuth] * 2, azimuth_sigma=0.01)
         np.testing.assert_array_equal(batch.status, LocationStatus.AT_STATION)
 
+    @pytest.mark.parametrize("method", ["robust", "least-squares"])
+    @pytest.mark.parametrize("sigma", [1.0, 0.1, 1e-3])
+    def test_rounding_is_not_small_compared_with_sigma(self, sigma, method):
+        """Ranges of satellites: the rounding errors of positions are more than 1e-9 sigma."""
+        rng = np.random.default_rng(1)
+        directions = rng.normal(size=(9, 3))
+        places = 2.6e7 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        targets = rng.normal(0, 4e6, (100, 3))
+        distances = np.linalg.norm(targets[:, np.newaxis] - places, axis=-1)
+        measured = distances + sigma * rng.uniform(-1.7, 1.7, distances.shape)
+        fixes = locate(places, range=measured, range_sigma=sigma, method=method)
+        assert not np.any(fixes.status == LocationStatus.NOT_CONVERGED)
+        assert fixes.success.mean() > 0.9
+        errors = ((fixes.position - targets) / fixes.sigma)[fixes.success]
+        assert 0.8 < np.sqrt(np.mean(errors**2)) < 1.2
+
     def test_initial_decides(self):
         for north in (-500, 500):
             fix = locate(
@@ -789,6 +805,18 @@ class TestLenthMethods:
         fix = locate(PLANE, azimuth=measured, method="lenth-mle")
         np.testing.assert_allclose(fix.position, best.x, rtol=0, atol=0.5)  # it is flat
         assert negative(fix.position) <= best.fun + 1e-13
+
+    @pytest.mark.parametrize("method", ["lenth-mle", "lenth-huber", "lenth-andrews"])
+    @pytest.mark.parametrize("sigma", [0.0, 1e-7, 1e-4])
+    def test_precise_azimuths_of_unknown_sigma(self, sigma, method):
+        rng = np.random.default_rng(3)
+        targets = TARGET + rng.uniform(-500, 500, (200, 2))
+        d = targets[:, np.newaxis] - PLANE
+        measured = np.arctan2(d[..., 0], d[..., 1])
+        measured += sigma * rng.uniform(-1.7, 1.7, measured.shape)
+        fixes = locate(PLANE, azimuth=measured, method=method)
+        assert fixes.success.all()
+        np.testing.assert_allclose(fixes.position, targets, rtol=0, atol=1e-6 + 1e5 * sigma)
 
     @pytest.mark.parametrize("method", ["lenth-mle", "lenth-huber", "lenth-andrews"])
     def test_they_are_for_azimuths_in_the_plane(self, method):

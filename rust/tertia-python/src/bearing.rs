@@ -2,6 +2,7 @@
 
 use crate::arrays::{Array, Gaps, Input, Output, Threads, columns, repeated, unknown, value_error};
 use pyo3::prelude::*;
+use std::collections::HashMap;
 use tertia::bearing::{
     BlockOutput, Estimate, Estimator, Known, Method, PaperRule, RobustRule, VarianceTest, Workspace,
 };
@@ -142,16 +143,14 @@ fn of_present<'a>(each: &[f64], theta: &[f64], kept: &'a mut Vec<f64>) -> &'a [f
     kept
 }
 
-/// Returns the groups of the measurements that are present, numbered from 0.
+/// Returns the groups of the measurements that are present, numbered from 0 in the order in which they
+/// first appear.
 fn numbered<'a>(groups: &[f64], theta: &[f64], numbers: &'a mut Vec<f64>) -> &'a [f64] {
-    let mut known: Vec<f64> = Vec::new();
+    let mut known = HashMap::new();
     numbers.clear();
     for (group, _) in groups.iter().zip(theta).filter(|(_, theta)| !theta.is_nan()) {
-        let place = known.iter().position(|g| g == group).unwrap_or_else(|| {
-            known.push(*group);
-            known.len() - 1
-        });
-        numbers.push(place as f64);
+        let next = known.len() as f64;
+        numbers.push(*known.entry(*group as u64).or_insert(next));
     }
     numbers
 }

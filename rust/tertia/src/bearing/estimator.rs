@@ -15,9 +15,8 @@ use crate::screening::{KSigmaRule, Replacement};
 use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
-/// Largest rounding step: larger ones would overflow.
-const LARGEST_ROUNDING: f64 = 1e100;
-/// Range of sigmas: outside, squares or their reciprocals would leave the range of a double.
+/// Range of sigmas and of rounding steps: outside, squares or their reciprocals would leave the range of a
+/// double.
 const SIGMAS: RangeInclusive<f64> = 1e-100..=1e100;
 /// Angles with a standard deviation below this share of the period count as having a direction.
 const NARROW: f64 = 1.0 / 6.0;
@@ -54,8 +53,8 @@ impl Estimator {
                 (rule.block_size, rule.validated()?.k)
             }
             Method::Robust(rule) => {
-                let holds = (0.0..=LARGEST_ROUNDING).contains(&rule.rounding);
-                let wanted = "zero or a positive number, not above 1e100";
+                let holds = rule.rounding == 0.0 || SIGMAS.contains(&rule.rounding);
+                let wanted = "zero or a positive number, from 1e-100 to 1e100";
                 require("rounding", rule.rounding, holds, wanted)?;
                 (rule.block_size, 1.0)
             }
@@ -275,6 +274,13 @@ mod tests {
         assert!((result.estimate.value - 10.05).abs() < 0.02, "{:?}", result.estimate);
         assert!((result.estimate.sigma - 0.15).abs() < 0.03, "{:?}", result.estimate);
         assert_close(result.estimate.polarity, 7.0 / 30.0);
+    }
+
+    #[test]
+    fn a_rounding_step_whose_square_vanishes_is_refused() {
+        let of = |rounding| Method::Robust(RobustRule { block_size: 10, rounding });
+        let made = |rounding| Estimator::try_new(of(rounding), None, None);
+        assert!(made(1e-201).is_err() && made(1e-100).is_ok() && made(0.0).is_ok());
     }
 
     #[test]

@@ -153,10 +153,11 @@ impl Sample {
         let likelihood = |k: usize| around[k].log_likelihood;
         let highest = (0..starts.len()).map(likelihood).fold(f64::NEG_INFINITY, f64::max);
         let mut modes: Vec<Mode> = Vec::new();
-        for k in 0..starts.len() {
-            if likelihood(k) < highest - FAR_BELOW || !leads_to_maximum(&around, k) {
-                continue;
-            }
+        let leads =
+            |&k: &usize| likelihood(k) >= highest - FAR_BELOW && leads_to_maximum(&around, k);
+        // the slope may also change its sign twice between the likeliest start and its neighbour
+        let likeliest = (0..starts.len()).filter(|&k| likelihood(k) == highest);
+        for k in (0..starts.len()).filter(leads).chain(likeliest) {
             let mode = self.climb(starts[k], factor);
             let apart = |m: &Mode| (m.centre - mode.centre).abs() > SAME * mode.variance.sqrt();
             if modes.iter().all(apart) {
@@ -278,5 +279,24 @@ impl WithSimd for Sums<'_> {
         let [information, slope, doubt] =
             [information, slope, doubt].map(|lanes| lanes.iter().sum());
         Around { log_likelihood, information, slope, doubt }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::Random;
+
+    /// With sigmas that are far too small, every few measurements form a maximum, and the slopes at the
+    /// starts, which are only some of the measurements, need not point to the highest one.
+    #[test]
+    fn the_likeliest_measurement_leads_to_a_mode() {
+        for seed in 0..60 {
+            let mut random = Random::new(seed);
+            let mut normal = || (0..4).map(|_| random.symmetric(0.866)).sum::<f64>();
+            let y: Vec<f64> = (0..300).map(|_| 45.0 + normal()).collect();
+            let fit = Sample::by_group(&y, &[0.01; 300], None)[0].fit(1.0);
+            assert!((fit.value - 45.0).abs() < 3.0 && fit.within > 0.0, "{seed}");
+        }
     }
 }

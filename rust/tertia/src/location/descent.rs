@@ -32,6 +32,8 @@ const LARGEST_DAMPING: f64 = 1e12;
 const NEWTON: [f64; 3] = [0.0, 0.1, 0.4];
 /// Relative increase of the cost that may be due to rounding.
 pub(super) const ROUNDING: f64 = 1e-12;
+/// Rounding error of a distance, relative to the size of the geometry.
+const ROUNDING_OF_DISTANCES: f64 = 4.0 * f64::EPSILON;
 /// Distance, in extents of the problem, beyond which a descent counts as diverged.
 pub(super) const FAR: f64 = 1e6;
 
@@ -280,7 +282,8 @@ impl<const D: usize, const N: usize> Problem<'_, D, N> {
         self.measurements.iter().map(cost).sum()
     }
 
-    /// Descends until a step is shorter than `tolerance` standard deviations.
+    /// Descends until a step is shorter than `tolerance` standard deviations, or than the rounding errors of
+    /// the residuals make it.
     ///
     /// The first choice is a Newton step with ψ'. If the cost curves downward or would increase, steps
     /// between this and the weighted (Gauss–Newton) step are tried, then the weighted step, then ever
@@ -308,7 +311,7 @@ impl<const D: usize, const N: usize> Problem<'_, D, N> {
                         match self.step(p, &factor, &normal, loss, scale) {
                             Ok(taken) => break taken,
                             // the remaining differences are due to rounding
-                            Err(size) if size <= tolerance * tolerance => {
+                            Err(size) if size <= self.smallest(p, &normal, tolerance) => {
                                 return (End::Converged, normal);
                             }
                             Err(_) => {}
@@ -326,11 +329,19 @@ impl<const D: usize, const N: usize> Problem<'_, D, N> {
             if norm(p) > FAR * self.extent {
                 return (End::Diverged, normal);
             }
-            if size <= tolerance * tolerance {
+            if size <= self.smallest(p, &normal, tolerance) {
                 return (End::Converged, normal);
             }
         }
         (End::Moving, normal)
+    }
+
+    /// Returns the squared length, in standard deviations, of the steps below which a descent ends: those
+    /// of `tolerance`, or those due to rounding if the geometry is large compared with the sigmas.
+    fn smallest(&self, p: &Vector<N>, normal: &Normal<N>, tolerance: f64) -> f64 {
+        let distance = ROUNDING_OF_DISTANCES * (self.extent + norm(p));
+        let trace: f64 = (0..N).map(|i| normal.matrix[i][i]).sum();
+        (tolerance * tolerance).max(distance * distance * trace)
     }
 
     /// Takes a step that does not increase the cost: returns the new state, the normal equations there,
@@ -350,5 +361,35 @@ impl<const D: usize, const N: usize> Problem<'_, D, N> {
         let next = self.normal(&trial, loss, scale);
         let down = next.cost <= normal.cost * (1.0 + ROUNDING) + f64::MIN_POSITIVE;
         if down { Ok((trial, next, size)) } else { Err(size) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::Random;
+
+    /// Satellites: the rounding errors of distances of 50,000 km are more than a billionth of these sigmas.
+    #[test]
+    fn rounding_does_not_keep_a_descent_moving() {
+        let mut random = Random::new(1);
+        let mut place = || -> Vector<3> { std::array::from_fn(|_| random.symmetric(2.6e7)) };
+        for (sigma, loss) in [1.0, 1e-2, 1e-4].into_iter().flat_map(|sigma| {
+            [Loss::SQUARE, Loss::Alike(Cost::Tukey(TUKEY))].map(|loss| (sigma, loss))
+        }) {
+            let target = place();
+            let measurements: Vec<_> = (0..8)
+                .map(|k| {
+                    let station = if k == 0 { [0.0; 3] } else { place() };
+                    let way: Vector<3> = std::array::from_fn(|i| target[i] - station[i]);
+                    let error = sigma * f64::from(k % 3 - 1);
+                    Measurement::new(Kind::Range, k as usize, station, norm(&way) + error, sigma)
+                })
+                .collect();
+            let problem = Problem::<3, 3> { measurements: &measurements, extent: 5e7 };
+            let mut p = target.map(|v| v + sigma);
+            let (end, _) = problem.descend(&mut p, loss, 1.0, 50, TOLERANCE);
+            assert_eq!(end, End::Converged, "{sigma} {loss:?}");
+        }
     }
 }

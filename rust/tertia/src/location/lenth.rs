@@ -22,6 +22,10 @@ pub(super) const ZERO: f64 = CONSTANT * PI;
 const SINGULAR: f64 = 1e-12;
 const STEPS: usize = 500;
 const TOLERANCE: f64 = 1e-10;
+/// Rounding error of a residual, in radians. It limits the accuracy of κ.
+const ROUNDING: f64 = 1e-14;
+/// Largest κ. Residuals that would need a larger one are rounding errors, and show nothing.
+const LARGEST_KAPPA: f64 = 1e24;
 
 /// How the weight of an azimuth decreases with its residual.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,7 +74,7 @@ pub(super) fn estimate<const D: usize>(
     for step in 0..STEPS {
         // the first steps are unweighted: κ at the start is not yet that of the errors
         let rule = if step < 5 { Weight::One } else { weight };
-        let of = |cosine: f64| rule.of((2.0 * kappa * (1.0 - cosine)).max(0.0).sqrt());
+        let of = |turn: f64| rule.of((2.0 * kappa * turn).max(0.0).sqrt());
         let Some(next) = solve(measurements, &p, of) else { break };
         let moved: Vector<D> = std::array::from_fn(|i| next[i] - p[i]);
         let size = norm(&next);
@@ -79,24 +83,27 @@ pub(super) fn estimate<const D: usize>(
         if known_kappa.is_none() {
             kappa = concentration(measurements, &p, of);
         }
-        let steady = (kappa - last).abs() <= TOLERANCE * kappa;
+        let steady = (kappa - last).abs() <= (TOLERANCE + ROUNDING * kappa.sqrt()) * kappa;
         if step >= 5 && steady && norm(&moved) <= TOLERANCE * size {
             converged = true;
             break;
         }
     }
-    let of = |cosine: f64| weight.of((2.0 * kappa * (1.0 - cosine)).max(0.0).sqrt());
+    let of = |turn: f64| weight.of((2.0 * kappa * turn).max(0.0).sqrt());
     let covariance = covariance(measurements, &p, of, kappa);
     Estimate { position: p, covariance, kappa, converged }
 }
 
-/// Returns the terms of one azimuth: cosine of its residual, (s, c), (s*, c*).
+/// Returns the terms of one azimuth: 1 minus the cosine of its residual, without cancellation, (s, c),
+/// (s*, c*).
 fn terms<const D: usize>(m: &Measurement<D>, p: &Vector<D>) -> (f64, [f64; 2], [f64; 2]) {
     // θ is anticlockwise from east, the azimuth clockwise from north
     let (s, c) = (m.cosine, m.sine);
     let (x, y) = (p[0] - m.station[0], p[1] - m.station[1]);
     let d = (x * x + y * y).sqrt();
-    ((c * x + s * y) / d, [s, c], [y / d.powi(3), x / d.powi(3)])
+    let (sine, cosine) = ((s * x - c * y) / d, (c * x + s * y) / d);
+    let turn = if cosine > 0.0 { sine * sine / (1.0 + cosine) } else { 1.0 - cosine };
+    (turn, [s, c], [y / d.powi(3), x / d.powi(3)])
 }
 
 fn solve<const D: usize>(
@@ -107,8 +114,8 @@ fn solve<const D: usize>(
     let mut a = [[0.0; 2]; 2];
     let mut b = [0.0; 2];
     for m in measurements {
-        let (cosine, [s, c], [ss, cs]) = terms(m, p);
-        let w = weight(cosine);
+        let (turn, [s, c], [ss, cs]) = terms(m, p);
+        let w = weight(turn);
         let z = s * m.station[0] - c * m.station[1];
         a[0][0] += w * s * ss;
         a[0][1] -= w * c * ss;
@@ -136,16 +143,18 @@ fn concentration<const D: usize>(
 ) -> f64 {
     let (mut sum, mut total) = (0.0, 0.0);
     for m in measurements {
-        let cosine = terms(m, p).0;
-        let w = weight(cosine);
-        sum += w * cosine;
+        let turn = terms(m, p).0;
+        let w = weight(turn);
+        sum += w * turn;
         total += w;
     }
-    let mean = sum / total;
-    let rest = 1.0 - mean;
+    let rest = sum / total;
+    let mean = 1.0 - rest;
     let reciprocal =
         2.0 * rest + rest * rest * (0.48794 - 0.82905 * mean - 1.3915 * mean * mean) / mean;
-    1.0 / reciprocal
+    let kappa = 1.0 / reciprocal;
+    // nan remains nan
+    if kappa > LARGEST_KAPPA { LARGEST_KAPPA } else { kappa }
 }
 
 /// Returns `κ^-1 [Σ w s* s, −½ Σ w (s* c + c* s); ·, Σ w c* c]^-1`.
@@ -157,12 +166,42 @@ fn covariance<const D: usize>(
 ) -> Option<Matrix<D>> {
     let mut a = [[0.0; D]; D];
     for m in measurements {
-        let (cosine, [s, c], [ss, cs]) = terms(m, p);
-        let w = weight(cosine) * kappa;
+        let (turn, [s, c], [ss, cs]) = terms(m, p);
+        let w = weight(turn) * kappa;
         a[0][0] += w * ss * s;
         a[0][1] -= 0.5 * w * (ss * c + cs * s);
         a[1][1] += w * cs * c;
     }
     a[1][0] = a[0][1];
     Factor::try_new(&a, 0.0).map(|factor| factor.inverse())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::Random;
+    use crate::sensors::Kind;
+
+    /// With small errors, the cosines of the residuals have lost most of their digits.
+    #[test]
+    fn precise_bearings_converge() {
+        let stations = [[0.0, 0.0], [1e4, 0.0], [0.0, 1e4], [1e4, 1.2e4], [-5e3, 3e3]];
+        for sigma in [0.0, 1e-9, 1e-7, 1e-5, 1e-3] {
+            let mut random = Random::new(3);
+            for _ in 0..50 {
+                let p = [3e3 + random.symmetric(2e3), 4.5e3 + random.symmetric(2e3)];
+                let mut measured = |(k, station): (usize, &Vector<2>)| {
+                    let azimuth = (p[0] - station[0]).atan2(p[1] - station[1]);
+                    let value = azimuth + random.symmetric(1.7 * sigma);
+                    Measurement::new(Kind::Azimuth, k, *station, value, 1.0)
+                };
+                let measurements: Vec<_> = stations.iter().enumerate().map(&mut measured).collect();
+                for weight in [Weight::One, Weight::Huber, Weight::Andrews] {
+                    let found = estimate(&measurements, p, None, weight);
+                    assert!(found.converged && found.covariance.is_some(), "{sigma} {weight:?}");
+                    assert!(1.0 / found.kappa.sqrt() < 2.0 * sigma + 2e-12);
+                }
+            }
+        }
+    }
 }

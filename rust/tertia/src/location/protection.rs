@@ -70,11 +70,12 @@ impl Protection {
         let (inverse, shift) = all.solve()?;
         let own = horizontal(&inverse);
         let error = Radial::try_new(own, f64::INFINITY)?;
+        let faults = faults.min(rows.len());
         let count = (1..=faults).map(|size| combinations(rows.len(), size)).sum::<f64>();
         let mut modes = Vec::new();
         let mut unguarded = self.more_than(faults, rows.len());
         let mut set = Vec::new();
-        for size in 1..=faults.min(rows.len()) {
+        for size in 1..=faults {
             let probability = self.probability_of(size, rows.len());
             let rank = size.min(2);
             let quantile = chi_square_upper_quantile(self.false_alarm_probability / count, rank);
@@ -263,6 +264,7 @@ mod tests {
         // none: one fault is more probable than the risk; two measurements cannot check each other; a
         // fault
         assert!(MILD.level_of(&rows, 0).is_none());
+        assert_eq!(MILD.level_of(&rows, usize::MAX), MILD.level_of(&rows, 4));
         assert!(MILD.level_of(&rows[..2], 1).is_none());
         let mut wrong = rows;
         wrong[0].residual = 20.0;
