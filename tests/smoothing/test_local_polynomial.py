@@ -205,6 +205,13 @@ class TestPolynomial:
             # values and variance have measurements in common: not Student's law exactly
             assert np.mean(within) == pytest.approx(0.95, abs=0.01)
 
+    @pytest.mark.parametrize("window", [13, 15, 100_001])
+    def test_a_window_may_be_longer_than_the_record(self, window):
+        """One polynomial: its degrees of freedom are exact. Nothing is as long as the window."""
+        found = local_polynomial(series(13), window, 2)
+        assert found.degrees_of_freedom == 13 - 3
+        np.testing.assert_array_equal(found.value, local_polynomial(series(13), 13, 2).value)
+
     @pytest.mark.parametrize("derivative", [0, 1, 2])
     def test_known_variances_cover(self, derivative):
         trials, n = 5_000, 30

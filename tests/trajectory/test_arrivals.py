@@ -592,3 +592,11 @@ def test_a_smooth_motion_has_no_white_acceleration() -> None:
         track = solved(net(seed, k=8, emissions=150, survey=0.0, beacons=1))
         shares.append(track.acceleration_noise[TAG] / (track.jerk[TAG] * 20.0**2 / 3))
     assert np.median(shares) < 0.1
+
+
+def test_times_beyond_the_range_of_sums():
+    scale = 1e304
+    time = np.cumsum(np.random.default_rng(1).uniform(20, 40, 200))
+    time = np.concatenate([time, time + 71.3]) * scale
+    heard = Arrivals(time, np.repeat([0, 1], 200), np.full(400, TAG))
+    assert len(group_arrivals(heard)) == 400

@@ -446,3 +446,13 @@ def test_constant_offsets_are_found_from_a_tag_that_walks():
     assert np.mean(held) > 0.9
     # where an eighth of the variance of large errors had to drift, too, it was 0.27 m
     assert np.sqrt(np.median(squares)) < 0.15
+
+
+def test_given_errors_of_one_time():
+    """Equal times of all instants: the correlation time of errors that do not drift was 0."""
+    truth = np.tile([300.0, 200.0], (5, 1))
+    azimuth = directions(truth) + SIGMA * np.random.default_rng(1).standard_normal((5, 4))
+    track = reconstruct(finders(), np.zeros(5), azimuth=azimuth, bias=Bias(azimuth_sigma=SIGMA))
+    alone = reconstruct(finders(), np.zeros(5), azimuth=azimuth, bias=Bias())
+    own, without = (one.covariance[0, [0, 1], [0, 1]] for one in (track, alone))
+    assert np.all(own > without)

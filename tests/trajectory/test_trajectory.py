@@ -803,6 +803,17 @@ def test_degrees_are_told():
         reconstruct(stations, np.arange(5.0), azimuth=azimuth)
 
 
+@pytest.mark.parametrize("order", ["spatial-first", "temporal-first"])
+def test_a_short_window_limits_the_adaptive_degree(order):
+    time = np.arange(20.0)
+    truth = 1e3 + np.outer(time, [10.0, 5.0])
+    measured = np.linalg.norm(truth[:, np.newaxis] - PLACES[:, :2], axis=-1)
+    stations = [Station(place, range_sigma=1.0) for place in PLACES[:, :2]]
+    options = {"order": order, "smoother": "local-polynomial", "window": 3}
+    track = reconstruct(stations, time, range=measured, **options)
+    np.testing.assert_allclose(track.position, truth, atol=10.0)
+
+
 def test_the_jerk_is_weighted_by_its_likelihood_and_the_fourth_root_of_itself():
     """The covariance of a short path is the mean over jerks, here by a fine sum over known ones."""
     random, time = np.random.default_rng(3), 5.0 * np.arange(12)

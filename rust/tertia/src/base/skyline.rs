@@ -157,11 +157,13 @@ impl Skyline {
         let mut runs: Vec<(usize, usize)> = Vec::new();
         let mut column: Vec<f64> = Vec::new();
         let mut sum = Vec::new();
-        let reach = self.reach();
+        // these rows, the last one first
+        let mut below: Vec<usize> = Vec::new();
         for j in (0..n).rev() {
             runs.clear();
             column.clear();
-            for i in (j + 1..=reach[j]).filter(|&i| self.first[i] <= j) {
+            below.retain(|&i| self.first[i] <= j);
+            for &i in below.iter().rev() {
                 if runs.last().is_none_or(|(start, at)| start + column.len() - at != i) {
                     runs.push((i, column.len()));
                 }
@@ -205,17 +207,9 @@ impl Skyline {
             }
             let at = inverse.at(j, j);
             inverse.values[at] = diagonal / pivot;
+            below.push(j);
         }
         inverse
-    }
-
-    /// Last row that reaches each column.
-    fn reach(&self) -> Vec<usize> {
-        let mut reach: Vec<usize> = (0..self.order()).collect();
-        for (i, &first) in self.first.iter().enumerate() {
-            reach[first..=i].fill(i);
-        }
-        reach
     }
 }
 
@@ -267,6 +261,23 @@ mod tests {
                 assert_within(1e-12, z.get(j, i), inverse[(i, j)]);
             }
         }
+    }
+
+    /// A row that begins at the first column must not make each column look at all rows.
+    #[test]
+    fn many_low_rows_and_a_full_one() {
+        let n = 400_000;
+        let first = (0..n).map(|i: usize| if i == n - 1 { 0 } else { i.saturating_sub(1) });
+        let mut a = Skyline::zeros(first.collect());
+        for i in 0..n {
+            a.add(i, i, 4.0);
+        }
+        a.add(n - 1, 0, 2.0);
+        a.factorise().expect("definite");
+        let z = a.inverse();
+        assert_within(1e-12, z.get(0, 0), 1.0 / 3.0);
+        assert_within(1e-12, z.get(n - 1, 0), -1.0 / 6.0);
+        assert_within(1e-12, z.get(n / 2, n / 2), 0.25);
     }
 
     #[test]

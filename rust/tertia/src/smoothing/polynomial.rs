@@ -320,7 +320,9 @@ impl Polynomial {
         let root = variance.sqrt();
         out.sigma.iter_mut().for_each(|sigma| *sigma *= root);
         let most = count - self.top() as f64 - 1.0;
-        let nu = (count * self.stencil(1.0).freedom).min(most);
+        // one polynomial for the whole record has so many; a window may be far longer than the record
+        let is_one = self.window >= record.y.len();
+        let nu = if is_one { most } else { (count * self.stencil(1.0).freedom).min(most) };
         Fit { residual_variance: variance, degrees_of_freedom: nu }
     }
 }

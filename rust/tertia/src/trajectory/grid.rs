@@ -166,8 +166,10 @@ impl<'a> Grid<'a> {
         let step = span / blocks.time.len() as f64;
         let mut times: Vec<f64> =
             TIMES.iter().map(|part| part * span).filter(|t| *t > RESOLVED * step).collect();
+        // positive even if all instants have the same time
+        let whole = span.max(f64::MIN_POSITIVE);
         if times.is_empty() {
-            times.push(span.max(f64::MIN_POSITIVE));
+            times.push(whole);
         }
         // errors of given size without a given share are constant
         let own: Vec<(Option<f64>, Option<f64>)> = columns
@@ -180,7 +182,7 @@ impl<'a> Grid<'a> {
             .collect();
         let any_share = own.iter().any(|own| own.0.is_none());
         let any_time = own.iter().any(|own| own.1.is_none() && own.0 != Some(0.0));
-        let times = if any_time { times } else { vec![span] };
+        let times = if any_time { times } else { vec![whole] };
         let courses = [Kernel::Markov, Kernel::Smooth]
             .into_iter()
             .flat_map(|kernel| times.iter().map(move |&time| Course { time, kernel }))

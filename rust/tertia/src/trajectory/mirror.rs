@@ -295,14 +295,17 @@ impl<const D: usize> Sides<D> {
     }
 
     /// Returns the instants at which a path is nearer to the plane than at all around them, and some of those
-    /// around.
+    /// around: a limited number, because of equal distances only the first counts.
     pub fn nearest(&self, path: &Path) -> Vec<usize> {
         let distance: Vec<f64> =
             path.mean.chunks_exact(3 * D).map(|s| self.mirror.distance(&s[..D]).abs()).collect();
         let reach = (distance.len() / AROUND).max(1);
         let is_nearest = |t: &usize| {
-            let around = t.saturating_sub(reach)..(t + reach + 1).min(distance.len());
-            distance[around].iter().all(|other| *other >= distance[*t])
+            let own = distance[*t];
+            (1..=reach).all(|by| {
+                t.checked_sub(by).is_none_or(|at| distance[at] > own)
+                    && distance.get(t + by).is_none_or(|other| *other >= own)
+            })
         };
         let nearest = (0..distance.len().saturating_sub(1)).filter(is_nearest);
         let around = |t: usize| {
@@ -348,4 +351,32 @@ fn places<const D: usize>(record: &Record<'_>) -> Vec<Vector<D>> {
     let stations = record.stations.chunks_exact(D).enumerate();
     let own = stations.filter(|(at, _)| is_heard[at % k]);
     own.map(|(_, place)| std::array::from_fn(|i| place[i])).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::smoothing::{ProcessNoise, ProcessNoiseFit, Summary};
+
+    /// Each of the instants costs a path.
+    #[test]
+    fn of_equal_distances_few_are_nearest() {
+        let (normal, n) = ([0.0, 0.0, 1.0], 1000);
+        let mirror = Mirror { normal, centre: [0.0; 3], size: 1.0, is_exact: true, is_level: true };
+        let motion = ProcessNoise::with_jerk(0.0);
+        let path = |height: &dyn Fn(usize) -> f64| Path {
+            mean: (0..n)
+                .flat_map(|t| [[0.0, 0.0, height(t)], [0.0; 3], [0.0; 3]])
+                .flatten()
+                .collect(),
+            covariance: Vec::new(),
+            fit: ProcessNoiseFit { motion, relative_error: 0.0 },
+            summary: Summary { log_likelihood: 0.0, count: 0 },
+        };
+        let nearest =
+            |height: &dyn Fn(usize) -> f64| Sides::new(mirror.clone(), n).nearest(&path(height));
+        assert_eq!(nearest(&|_| 30.0), [0, 25, 50]);
+        assert!(nearest(&|t| 30.0 + (t % 7) as f64).len() <= 6 * AROUND);
+        assert_eq!(nearest(&|t| t.abs_diff(400) as f64), [350, 375, 400, 425, 450]);
+    }
 }

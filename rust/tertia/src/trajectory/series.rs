@@ -73,9 +73,9 @@ impl Series {
             value: [(); 3].map(|()| vec![f64::NAN; n]),
             sigma: [(); 3].map(|()| vec![f64::INFINITY; n]),
         };
-        // a short record limits the degree
+        // a short record limits the degree, and so does a short window
         let count = y.iter().filter(|v| !v.is_nan()).count();
-        let most = MAX_DEGREE.min(count.saturating_sub(1));
+        let most = MAX_DEGREE.min(count.saturating_sub(1)).min(window.saturating_sub(2));
         let (top, chosen) =
             degree.map_or((most, Degree::Adaptive(most)), |degree| (degree, Degree::Fixed(degree)));
         let mut used = vec![0; n];

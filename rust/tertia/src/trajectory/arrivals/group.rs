@@ -175,6 +175,10 @@ fn peak_line(known: &[Vec<f64>], own: &[Vec<f64>], span: f64) -> Option<(Line, f
     for _ in 0..LINES {
         let near: Vec<(f64, f64)> =
             points.iter().copied().filter(|point| distance(&line, point) <= width).collect();
+        if near.is_empty() {
+            // sums of the times are beyond the largest number
+            return None;
+        }
         line = robust_line(&near);
         let mut distances: Vec<f64> = near.iter().map(|point| distance(&line, point)).collect();
         distances.sort_by(f64::total_cmp);
