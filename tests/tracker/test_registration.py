@@ -1,5 +1,6 @@
 """Systematic errors of radars, found while tracking."""
 
+import copy
 import pickle
 from dataclasses import replace
 
@@ -163,12 +164,14 @@ def test_a_copy_goes_on_to_the_last_bit():
     tracker = Tracker(RADARS, registration=True)
     for some, end in parts[:30]:
         tracker.update(some, time=end)
-    copy = pickle.loads(pickle.dumps(tracker))
+    saved, copied = pickle.loads(pickle.dumps(tracker)), copy.copy(tracker)
     for some, end in parts[30:40]:
-        one, other = tracker.update(some, time=end), copy.update(some, time=end)
-        np.testing.assert_array_equal(one.covariance, other.covariance)
-        np.testing.assert_array_equal(one.position, other.position)
-    np.testing.assert_array_equal(columns(tracker.bias), columns(copy.bias))
+        one, *others = [each.update(some, time=end) for each in (tracker, saved, copied)]
+        for other in others:
+            np.testing.assert_array_equal(one.covariance, other.covariance)
+            np.testing.assert_array_equal(one.position, other.position)
+    for each in (saved, copied):
+        np.testing.assert_array_equal(columns(tracker.bias), columns(each.bias))
 
 
 def test_a_damaged_state_is_refused():
