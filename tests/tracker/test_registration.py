@@ -421,3 +421,16 @@ def test_scans_of_a_recording_with_a_wrong_time() -> None:
     assert np.concatenate(parts).tolist() == list(range(len(time)))
     # the last plot is in the last whole scan
     assert [len(part) for part in scans_of(np.arange(0.0, 13.0), 4.0)] == [4, 4, 5]
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+def test_large_errors_are_found_although_a_plot_of_each_scan_has_no_time(wrong):
+    bias = Bias(azimuth=[0.0, 4.0], degrees=True)
+    plots = recording(3, bias)
+    best, found = Tracker(RADARS, registration=True), Tracker(RADARS, registration=True)
+    for some, end in scans(plots)[:12]:
+        best.update(some, time=end)
+        more = some[np.r_[np.arange(len(some)), 0]]
+        found.update(replace(more, time=np.r_[some.time, wrong]), time=end)
+    np.testing.assert_array_equal(columns(found.bias), columns(best.bias))
+    assert np.degrees(found.bias.azimuth)[1] == pytest.approx(4.0, abs=0.2)
