@@ -14,6 +14,7 @@ from tertia.sensors import RADAR_LIMITS, Bias, Radar
 from tertia.tracker import Plots, Tracker, track
 from tertia.tracker._registrar import _AMPLE, Registrar, _thinned
 from tertia.tracker._registrar import scans as scans_of
+from tertia.tracker._start import _time_of_most_pairs
 from tertia.tracker._tracker import tracked
 
 RADARS = [
@@ -434,3 +435,8 @@ def test_large_errors_are_found_although_a_plot_of_each_scan_has_no_time(wrong):
         found.update(replace(more, time=np.r_[some.time, wrong]), time=end)
     np.testing.assert_array_equal(columns(found.bias), columns(best.bias))
     assert np.degrees(found.bias.azimuth)[1] == pytest.approx(4.0, abs=0.2)
+
+
+def test_tracks_of_one_instant_have_no_time_of_most_pairs():
+    table = track(recording(3), RADARS)[:1]
+    assert _time_of_most_pairs([table, table], [4.0, 5.0]) is None
