@@ -18,8 +18,11 @@ use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
 use std::num::NonZero;
 
+mod sink;
 #[cfg(test)]
 mod tests;
+
+use sink::{Claim, Sink};
 
 /// Number of steps in the shortest scan: the more there are, the less is repeated for plots that come in
 /// order.
@@ -64,32 +67,6 @@ struct Step {
     number: i64,
     next_number: u64,
     rows: Vec<Row>,
-}
-
-/// Collects rows, and the tracks of the plots that are given in the present call.
-struct Sink<'a> {
-    rows: Vec<Row>,
-    claims: &'a mut [Claim],
-    first: usize,
-    tentative: bool,
-}
-
-/// The track of a plot and the first plot of this track, or why the plot was not used.
-type Claim = Result<(u64, usize), PlotStatus>;
-
-impl Rows for Sink<'_> {
-    fn wants(&self, _: bool) -> bool {
-        true
-    }
-
-    fn push(&mut self, row: &Row) {
-        if let Some(plot) = row.plot.and_then(|plot| plot.checked_sub(self.first)) {
-            self.claims[plot] = Ok((row.track as u64, row.first_plot));
-        }
-        if self.tentative || row.confirmed {
-            self.rows.push(*row);
-        }
-    }
 }
 
 /// Plots of a step with their indices.
@@ -405,16 +382,21 @@ impl LagTracker {
         let mut statuses = Vec::new();
         let order = self.tracker.order(&own, &mut statuses);
         for ((_, index), status) in own.0.iter().zip(statuses) {
-            if let Some(claim) = index.checked_sub(sink.first) {
-                sink.claims[claim] = Err(status);
-            }
+            sink.refuse(*index, status);
         }
         let next = self.tracker.waits().or(order.first().map(|(time, _)| *time));
         let times = [next.unwrap_or(hold), hold, until];
         let levels = self.tracker.levels(&own, &order);
         let index = |i: usize| own.0[i].1;
         let part = Part { plots: &own, now: &order[..], levels: &levels, index, times };
-        self.tracker.stretch(scan, &part, |_, _| (), sink, n_threads);
+        let mut refused = Vec::new();
+        let report = |plot: usize, status| match status {
+            // the rows tell the tracks
+            PlotStatus::Track(_) => {}
+            _ => refused.push((plot, status)),
+        };
+        self.tracker.stretch(scan, &part, report, sink, n_threads);
+        refused.into_iter().for_each(|(plot, status)| sink.refuse(plot, status));
         if hold > until {
             self.tracker.finish(until, sink, 1);
         }

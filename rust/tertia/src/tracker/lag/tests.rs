@@ -131,6 +131,24 @@ fn given(association: Association, calls: &[Vec<Plot>]) -> (Vec<PlotStatus>, Vec
 }
 
 #[test]
+fn second_plots_are_duplicates_with_a_lag_as_without() {
+    let mut calls = vec![Vec::new(); 20];
+    for (scan, own) in calls.iter_mut().enumerate() {
+        for target in 0..40 {
+            let (time, azimuth) =
+                (4.0 * scan as f64 + 0.09 * f64::from(target), 0.15 * f64::from(target));
+            let first = Plot { azimuth, ..plot((time, 150.0 * time, 0)) };
+            let second = Plot { time: time + 0.01, range: first.range + 30.0, ..first };
+            own.extend([first, second]);
+        }
+    }
+    let (statuses, _) = given(Association::Gnn, &calls);
+    let count = |wanted| statuses.iter().filter(|status| **status == wanted).count();
+    assert!(count(PlotStatus::Duplicate) > 600);
+    assert_eq!(count(PlotStatus::Invalid), 0);
+}
+
+#[test]
 fn a_late_plot_that_makes_the_choice_uncertain_is_shown() {
     let own = |scan: i32| plot((4.0 * f64::from(scan), 800.0 * f64::from(scan), 0));
     let last = own(29);
