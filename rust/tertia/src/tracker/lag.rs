@@ -15,7 +15,7 @@ use crate::base::error::{Error, require};
 use crate::base::interrupt::poll;
 use crate::base::state::{restored, saved};
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::num::NonZero;
 
 mod sink;
@@ -285,6 +285,7 @@ impl LagTracker {
         let oldest = self.step_of(self.now - self.lag);
         let mut order = Vec::with_capacity(plots.len());
         let mut claims = Vec::with_capacity(plots.len());
+        let mut filed = BTreeSet::new();
         for i in 0..plots.len() {
             let plot = plots.get(i);
             let step = self.step_of(plot.time);
@@ -297,12 +298,15 @@ impl LagTracker {
                 continue;
             }
             order.push((plot.time, i));
-            let own = self.journal.entry(step).or_default();
-            let place = own.partition_point(|(other, _)| other.by_content(&plot).is_le());
-            own.insert(place, (plot, first + i));
+            self.journal.entry(step).or_default().push((plot, first + i));
+            filed.insert(step);
             while self.kept.len() > 1 && self.kept.back().is_some_and(|(next, _)| *next > step) {
                 self.kept.pop_back();
             }
+        }
+        for step in filed {
+            let own = self.journal.entry(step).or_default();
+            own.sort_by(|(one, _), (other, _)| one.by_content(other));
         }
         self.tracker.count(plots.len());
         order.sort_by(|a, b| a.0.total_cmp(&b.0));
