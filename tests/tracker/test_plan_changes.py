@@ -1,5 +1,6 @@
 """Flight plans that are added, replaced, removed, and given to tracks while the tracker runs."""
 
+import copy
 import pickle
 
 import numpy as np
@@ -239,3 +240,11 @@ def test_a_blocked_plan_that_is_replaced_counts_once_the_track_is_on_the_new_rou
     tracker.replace_plan(0, cleared)
     found = scans(tracker, plots[60:66])
     assert [bool(table.conforms[-1]) for table in found] == [False] * 4 + [True] * 2
+
+
+def test_plans_that_are_added_later_are_not_in_a_copy():
+    tracker = Tracker([RADAR], plans=[plan_of(ROUTE)])
+    copied = copy.copy(tracker)
+    tracker.add_plan(plan_of(SHORTCUT))
+    assert len(tracker.plans) == 2
+    assert len(copied.plans) == 1

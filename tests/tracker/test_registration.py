@@ -1,5 +1,6 @@
 """Systematic errors of radars, found while tracking."""
 
+import copy
 import pickle
 from dataclasses import replace
 
@@ -13,6 +14,7 @@ from tertia.sensors import RADAR_LIMITS, Bias, Radar
 from tertia.tracker import Plots, Tracker, track
 from tertia.tracker._registrar import _AMPLE, Registrar, _thinned
 from tertia.tracker._registrar import scans as scans_of
+from tertia.tracker._start import _time_of_most_pairs
 from tertia.tracker._tracker import tracked
 
 RADARS = [
@@ -163,12 +165,14 @@ def test_a_copy_goes_on_to_the_last_bit():
     tracker = Tracker(RADARS, registration=True)
     for some, end in parts[:30]:
         tracker.update(some, time=end)
-    copy = pickle.loads(pickle.dumps(tracker))
+    saved, copied = pickle.loads(pickle.dumps(tracker)), copy.copy(tracker)
     for some, end in parts[30:40]:
-        one, other = tracker.update(some, time=end), copy.update(some, time=end)
-        np.testing.assert_array_equal(one.covariance, other.covariance)
-        np.testing.assert_array_equal(one.position, other.position)
-    np.testing.assert_array_equal(columns(tracker.bias), columns(copy.bias))
+        one, *others = [each.update(some, time=end) for each in (tracker, saved, copied)]
+        for other in others:
+            np.testing.assert_array_equal(one.covariance, other.covariance)
+            np.testing.assert_array_equal(one.position, other.position)
+    for each in (saved, copied):
+        np.testing.assert_array_equal(columns(tracker.bias), columns(each.bias))
 
 
 def test_a_damaged_state_is_refused():
@@ -418,3 +422,21 @@ def test_scans_of_a_recording_with_a_wrong_time() -> None:
     assert np.concatenate(parts).tolist() == list(range(len(time)))
     # the last plot is in the last whole scan
     assert [len(part) for part in scans_of(np.arange(0.0, 13.0), 4.0)] == [4, 4, 5]
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+def test_large_errors_are_found_although_a_plot_of_each_scan_has_no_time(wrong):
+    bias = Bias(azimuth=[0.0, 4.0], degrees=True)
+    plots = recording(3, bias)
+    best, found = Tracker(RADARS, registration=True), Tracker(RADARS, registration=True)
+    for some, end in scans(plots)[:12]:
+        best.update(some, time=end)
+        more = some[np.r_[np.arange(len(some)), 0]]
+        found.update(replace(more, time=np.r_[some.time, wrong]), time=end)
+    np.testing.assert_array_equal(columns(found.bias), columns(best.bias))
+    assert np.degrees(found.bias.azimuth)[1] == pytest.approx(4.0, abs=0.2)
+
+
+def test_tracks_of_one_instant_have_no_time_of_most_pairs():
+    table = track(recording(3), RADARS)[:1]
+    assert _time_of_most_pairs([table, table], [4.0, 5.0]) is None

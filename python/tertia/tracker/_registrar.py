@@ -222,7 +222,7 @@ class Registrar:
         if np.isnan(self._begin) and len(known):
             self._begin = float(np.min(known))
             self._due = self._begin + self._first
-        self.kept = [one for one in self.kept if np.max(one.time) > time - _SCANS * self.period]
+        self.kept = [one for one in self.kept if _newest(one) > time - _SCANS * self.period]
         if len(known):
             self.kept.append(plots)
         if time < self._due or not self.kept:
@@ -301,9 +301,7 @@ class Registrar:
 
 def scans(time: FloatArray, period: float) -> list[IntArray]:
     """Return the indices of the plots in each scan period, in order of time."""
-    if len(time) and np.max(time) - np.min(time) < 1.5 * period:
-        return [np.arange(len(time))]
-    order = np.argsort(time, kind="stable")
+    order = np.argsort(np.where(np.isfinite(time), time, np.nan), kind="stable")
     known = time[order[: np.count_nonzero(np.isfinite(time))]]
     if not len(known) or known[-1] - known[0] < 1.5 * period:
         return [np.arange(len(time))]
@@ -312,6 +310,11 @@ def scans(time: FloatArray, period: float) -> list[IntArray]:
     last = np.ceil((known[-1] - known[0]) / period) - 1.0
     edges = np.flatnonzero(np.diff(np.minimum(number, last))) + 1
     return np.split(order, edges)
+
+
+def _newest(plots: Plots) -> float:
+    """Return the time of the last plot that has one."""
+    return float(np.max(plots.time, where=np.isfinite(plots.time), initial=-np.inf))
 
 
 def _thinned(plots: Plots, sensors: int) -> Plots:

@@ -91,6 +91,9 @@ def _time_of_most_pairs(tables: Sequence[TrackTable], ages: Sequence[float]) -> 
     if len(known) < 2:
         return None
     first, last = min(map(np.min, known)), max(map(np.max, known))
+    if first == last:
+        # tracks of one instant lead nowhere
+        return None
     times = np.arange(first + max(ages), last + max(ages), max(ages))[:10_000]
     counts = np.zeros((len(tables), len(times)), dtype=np.int64)
     for k, (table, age) in enumerate(zip(tables, ages, strict=True)):

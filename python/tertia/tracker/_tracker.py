@@ -536,10 +536,10 @@ class Tracker:
         return self._core.suspended_plans()
 
     def __getstate__(self) -> _State:
-        """Return the complete state of the tracker."""
+        """Return the complete state of the tracker, which does not change with it."""
         saved = self._core.__getstate__()
-        own = self.sensors, self._plans, self.clock_period, self.lag, self.n_threads
-        return *own, self._registrar, saved
+        own = self.sensors, [*self._plans], self.clock_period, self.lag, self.n_threads
+        return *own, copy(self._registrar), saved
 
     def __setstate__(self, state: _State) -> None:
         """Restore the state of the tracker."""

@@ -15,11 +15,14 @@ use crate::base::error::{Error, require};
 use crate::base::interrupt::poll;
 use crate::base::state::{restored, saved};
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::num::NonZero;
 
+mod sink;
 #[cfg(test)]
 mod tests;
+
+use sink::{Claim, Sink};
 
 /// Number of steps in the shortest scan: the more there are, the less is repeated for plots that come in
 /// order.
@@ -64,32 +67,6 @@ struct Step {
     number: i64,
     next_number: u64,
     rows: Vec<Row>,
-}
-
-/// Collects rows, and the tracks of the plots that are given in the present call.
-struct Sink<'a> {
-    rows: Vec<Row>,
-    claims: &'a mut [Claim],
-    first: usize,
-    tentative: bool,
-}
-
-/// The track of a plot and the first plot of this track, or why the plot was not used.
-type Claim = Result<(u64, usize), PlotStatus>;
-
-impl Rows for Sink<'_> {
-    fn wants(&self, _: bool) -> bool {
-        true
-    }
-
-    fn push(&mut self, row: &Row) {
-        if let Some(plot) = row.plot.and_then(|plot| plot.checked_sub(self.first)) {
-            self.claims[plot] = Ok((row.track as u64, row.first_plot));
-        }
-        if self.tentative || row.confirmed {
-            self.rows.push(*row);
-        }
-    }
 }
 
 /// Plots of a step with their indices.
@@ -308,6 +285,7 @@ impl LagTracker {
         let oldest = self.step_of(self.now - self.lag);
         let mut order = Vec::with_capacity(plots.len());
         let mut claims = Vec::with_capacity(plots.len());
+        let mut filed = BTreeSet::new();
         for i in 0..plots.len() {
             let plot = plots.get(i);
             let step = self.step_of(plot.time);
@@ -320,12 +298,15 @@ impl LagTracker {
                 continue;
             }
             order.push((plot.time, i));
-            let own = self.journal.entry(step).or_default();
-            let place = own.partition_point(|(other, _)| other.by_content(&plot).is_le());
-            own.insert(place, (plot, first + i));
+            self.journal.entry(step).or_default().push((plot, first + i));
+            filed.insert(step);
             while self.kept.len() > 1 && self.kept.back().is_some_and(|(next, _)| *next > step) {
                 self.kept.pop_back();
             }
+        }
+        for step in filed {
+            let own = self.journal.entry(step).or_default();
+            own.sort_by(|(one, _), (other, _)| one.by_content(other));
         }
         self.tracker.count(plots.len());
         order.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -405,16 +386,21 @@ impl LagTracker {
         let mut statuses = Vec::new();
         let order = self.tracker.order(&own, &mut statuses);
         for ((_, index), status) in own.0.iter().zip(statuses) {
-            if let Some(claim) = index.checked_sub(sink.first) {
-                sink.claims[claim] = Err(status);
-            }
+            sink.refuse(*index, status);
         }
         let next = self.tracker.waits().or(order.first().map(|(time, _)| *time));
         let times = [next.unwrap_or(hold), hold, until];
         let levels = self.tracker.levels(&own, &order);
         let index = |i: usize| own.0[i].1;
         let part = Part { plots: &own, now: &order[..], levels: &levels, index, times };
-        self.tracker.stretch(scan, &part, |_, _| (), sink, n_threads);
+        let mut refused = Vec::new();
+        let report = |plot: usize, status| match status {
+            // the rows tell the tracks
+            PlotStatus::Track(_) => {}
+            _ => refused.push((plot, status)),
+        };
+        self.tracker.stretch(scan, &part, report, sink, n_threads);
+        refused.into_iter().for_each(|(plot, status)| sink.refuse(plot, status));
         if hold > until {
             self.tracker.finish(until, sink, 1);
         }

@@ -258,7 +258,12 @@ impl Tracker {
             let hold = if rest.is_empty() { f64::INFINITY } else { until - WAITING * period };
             let (index, times) = (|index| first + index, [next, hold, end]);
             let part = Part { plots, now, levels: &levels, index, times };
-            let report = |plot: usize, status| statuses[plot - first] = status;
+            // plots that wait since a call that was interrupted have no status in this one
+            let report = |plot: usize, status| {
+                if let Some(own) = plot.checked_sub(first) {
+                    statuses[own] = status;
+                }
+            };
             self.stretch(&mut scan, &part, report, rows, n_threads);
         }
         self.scan.0 = scan;

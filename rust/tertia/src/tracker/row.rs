@@ -107,8 +107,9 @@ impl Row {
             let Plane { xx, xy, yy } = row.innovation_covariance;
             let [a, b] = row.innovation;
             let (turns, exists) = (row.turn_probability, row.existence_probability);
-            let (speed, height) = (row.speed_change_probability, row.height);
-            [row.time, a, b, xx, xy, yy, turns, speed, exists, height, row.vertical_rate]
+            let (speed, chosen) = (row.speed_change_probability, row.association_probability);
+            let [height, rate] = [row.height, row.vertical_rate];
+            [row.time, a, b, xx, xy, yy, turns, speed, chosen, exists, height, rate]
         };
         let same = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
         let (mine, others) = (&self.estimate, &other.estimate);
@@ -116,7 +117,7 @@ impl Row {
             let plan = (row.plan, row.plan_status);
             (row.track, row.radar, row.plot, row.identities, plan)
         };
-        let flags = |row: &Self| (row.confirmed, row.conforms);
+        let flags = |row: &Self| (row.confirmed, row.conforms, row.merged);
         whole(self) == whole(other)
             && flags(self) == flags(other)
             && same(&numbers(self), &numbers(other))

@@ -4,10 +4,12 @@ use super::*;
 use crate::base::checks::assert_within;
 use crate::base::plane::Plane;
 use crate::sensors::{Identities, Radar, radar_of};
+use crate::tracker::association::Association;
 use crate::tracker::estimate::Estimate;
 use crate::tracker::filter::Filter;
 use crate::tracker::level::Level;
-use crate::tracker::motion::Motion;
+use crate::tracker::mht::Mht;
+use crate::tracker::motion::{ImmModel, Motion};
 use crate::tracker::plot::Measured;
 use crate::tracker::settings::Settings;
 use crate::tracker::track::{Stage, Track};
@@ -111,4 +113,50 @@ fn a_tracker_that_has_had_plots_cannot_have_them_again() {
     let later = plot((12.0, 2400.0, 0));
     tracker.track(&[later][..], Some(13.0), &mut statuses, &mut rows, None).unwrap();
     assert_eq!(tracker.tracker().plots(), 4);
+}
+
+/// A tracker of one radar, with a lag, and what it has given.
+fn given(association: Association, calls: &[Vec<Plot>]) -> (Vec<PlotStatus>, Vec<Row>) {
+    let motion = Motion::Imm(ImmModel::default());
+    let usual = Settings::new(vec![radar()], motion);
+    let settings = Settings { association, clutter_density: 1e-15, ..usual };
+    let mut tracker = LagTracker::try_new(Tracker::try_new(settings).unwrap(), 20.0).unwrap();
+    let (mut all, mut rows, mut statuses) = (Vec::new(), Vec::new(), Vec::new());
+    for plots in calls {
+        let end = plots.iter().map(|plot| plot.time + 0.02).fold(0.0, f64::max);
+        tracker.track(&plots[..], Some(end), &mut statuses, &mut rows, None).unwrap();
+        all.append(&mut statuses);
+    }
+    (all, rows)
+}
+
+#[test]
+fn second_plots_are_duplicates_with_a_lag_as_without() {
+    let mut calls = vec![Vec::new(); 20];
+    for (scan, own) in calls.iter_mut().enumerate() {
+        for target in 0..40 {
+            let (time, azimuth) =
+                (4.0 * scan as f64 + 0.09 * f64::from(target), 0.15 * f64::from(target));
+            let first = Plot { azimuth, ..plot((time, 150.0 * time, 0)) };
+            let second = Plot { time: time + 0.01, range: first.range + 30.0, ..first };
+            own.extend([first, second]);
+        }
+    }
+    let (statuses, _) = given(Association::Gnn, &calls);
+    let count = |wanted| statuses.iter().filter(|status| **status == wanted).count();
+    assert!(count(PlotStatus::Duplicate) > 600);
+    assert_eq!(count(PlotStatus::Invalid), 0);
+}
+
+#[test]
+fn a_late_plot_that_makes_the_choice_uncertain_is_shown() {
+    let own = |scan: i32| plot((4.0 * f64::from(scan), 800.0 * f64::from(scan), 0));
+    let last = own(29);
+    let other = Plot { time: last.time - 0.01, range: last.range + 100.0, ..last };
+    let mut calls: Vec<Vec<Plot>> = (0..30).map(|scan| vec![own(scan)]).collect();
+    calls.push(vec![other]);
+    let (_, rows) = given(Association::Mht(Mht::default()), &calls);
+    let shown = rows.last().unwrap();
+    assert_eq!(shown.time, last.time);
+    assert!(shown.association_probability < 0.95, "{}", shown.association_probability);
 }

@@ -17,24 +17,24 @@ impl Track {
     }
 
     fn miss_due(&mut self, end: f64, settings: &Settings, mut missed: impl FnMut(&Self, usize)) {
-        for i in 0..self.beams.all().len() {
-            loop {
-                let Expected { radar, time, .. } = self.beams.all()[i];
-                let station = &settings.radars[radar];
-                if time + MAX_DELAY * station.scan_period >= end || !self.is_alive(settings) {
-                    break;
+        while self.is_alive(settings) {
+            // in the order of time, whichever radar saw the target first
+            let is_past =
+                |e: &&mut Expected| e.time + MAX_DELAY * settings.radars[e.radar].scan_period < end;
+            let past = self.beams.all_mut().iter_mut().filter(is_past);
+            let Some(next) = past.min_by(|a, b| a.time.total_cmp(&b.time)) else { break };
+            let Expected { radar, time, .. } = *next;
+            let station = &settings.radars[radar];
+            next.time += station.scan_period;
+            self.predict(time, settings.pace(radar), settings);
+            if self.is_missed(station, settings) {
+                self.existence.miss(radar, settings);
+                if let Stage::Tentative { misses, evidence, .. } = &mut self.stage {
+                    *misses += 1;
+                    *evidence += (1.0 - station.detection_probability).ln();
                 }
-                self.beams.all_mut()[i].time += station.scan_period;
-                self.predict(time, settings.pace(radar), settings);
-                if self.is_missed(station, settings) {
-                    self.existence.miss(radar, settings);
-                    if let Stage::Tentative { misses, evidence, .. } = &mut self.stage {
-                        *misses += 1;
-                        *evidence += (1.0 - station.detection_probability).ln();
-                    }
-                    self.follow(station.scan_period, settings);
-                    missed(self, radar);
-                }
+                self.follow(station.scan_period, settings);
+                missed(self, radar);
             }
         }
     }

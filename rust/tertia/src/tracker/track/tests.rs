@@ -115,3 +115,16 @@ fn a_track_that_is_surely_faster_than_targets_can_be_ends() {
     assert!(alive_at(57.5, 100.0).1);
     assert!(!alive_at(57.5, 1.0).1);
 }
+
+#[test]
+fn misses_of_several_radars_are_counted_in_the_order_of_time() {
+    let mut settings = settings();
+    settings.radars[1] = Radar { scan_period: 10.0, ..settings.radars[0].clone() };
+    let mut track = track(&settings);
+    track.correct(&Measured { radar: 1, ..plot(5.0, [3.1e4, 4.075e4]) }, &settings);
+    track.confirm(&settings);
+    let mut rows = Vec::new();
+    track.miss(28.0, &settings, |track, radar| rows.push((track.time, radar)));
+    let expected = [(8.0, 0), (12.0, 0), (15.0, 1), (16.0, 0), (20.0, 0), (24.0, 0), (25.0, 1)];
+    assert_eq!(rows, expected);
+}

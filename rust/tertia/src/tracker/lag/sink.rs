@@ -1,0 +1,41 @@
+//! What comes of the plots of a call: rows, and the track of each plot.
+
+use crate::tracker::plot::PlotStatus;
+use crate::tracker::row::{Row, Rows};
+
+/// Collects rows, and the tracks of the plots that are given in the present call.
+pub(super) struct Sink<'a> {
+    pub rows: Vec<Row>,
+    pub claims: &'a mut [Claim],
+    /// Index of the first of these plots among all that were given.
+    pub first: usize,
+    /// Whether rows of tentative tracks are collected, too.
+    pub tentative: bool,
+}
+
+/// The track of a plot and the first plot of this track, or why the plot was not used.
+pub(super) type Claim = Result<(u64, usize), PlotStatus>;
+
+impl Rows for Sink<'_> {
+    fn wants(&self, _: bool) -> bool {
+        true
+    }
+
+    fn push(&mut self, row: &Row) {
+        if let Some(plot) = row.plot.and_then(|plot| plot.checked_sub(self.first)) {
+            self.claims[plot] = Ok((row.track as u64, row.first_plot));
+        }
+        if self.tentative || row.confirmed {
+            self.rows.push(*row);
+        }
+    }
+}
+
+impl Sink<'_> {
+    /// Notes why a plot is not used, if it is given in the present call.
+    pub fn refuse(&mut self, plot: usize, status: PlotStatus) {
+        if let Some(plot) = plot.checked_sub(self.first) {
+            self.claims[plot] = Err(status);
+        }
+    }
+}
