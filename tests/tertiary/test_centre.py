@@ -249,6 +249,19 @@ def test_a_sensor_without_covariances():
     assert last(fuse_tracks(bare, RADARS, method="matrix")).count == 4
 
 
+@pytest.mark.parametrize("method", ["tracklets", "matrix"])
+def test_a_row_at_the_place_of_a_sensor(method):
+    centre = FusionCentre(RADARS, method=method)
+    for time, off in zip(np.arange(0.0, 20.0, 4.0), (30.0, -20.0, 0.0, 40.0, -30.0), strict=True):
+        away = np.array([[200.0 * (time - 8.0) + off, off], [3e4, 200.0 * time + off]])
+        places = RADARS[0].position[:2] + away
+        rows = SensorTracks([time] * 2, 0, [1, 2], places, [[200.0, off], [off, 200.0]])
+        found = centre.update(rows, time=time)
+        assert len(found) == 2
+        assert np.isfinite(found.position).all()
+        assert np.all(np.linalg.eigvalsh(found.covariance) > 0)
+
+
 def test_late_messages_wait():
     tracks = messages(20.0)
     centre = FusionCentre(RADARS)
