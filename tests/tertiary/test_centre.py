@@ -272,6 +272,15 @@ def test_late_messages_wait():
     assert_array_equal(found.position, last(whole).position)
 
 
+def test_the_last_row_is_in_the_last_cycle():
+    # 2104.81 + 1865 cycles of 2.5 s is 6767.3099999999995
+    times = [2104.81, 6767.31]
+    tracks = SensorTracks(times, 0, [1, 2], [[3e4, 0.0]] * 2, [[0.0, 0.0]] * 2)
+    found = fuse_tracks(tracks, RADARS[:1], update_interval=2.5)
+    assert_array_equal(last(found).members, [[2]])
+    assert found.time[-1] == times[-1]
+
+
 def test_nothing():
     assert len(fuse_tracks(messages()[:0], RADARS)) == 0
 
