@@ -262,6 +262,13 @@ def test_a_row_at_the_place_of_a_sensor(method):
         assert np.all(np.linalg.eigvalsh(found.covariance) > 0)
 
 
+def test_covariances_lose_the_asymmetry_of_rounding():
+    rounded = COVARIANCE.copy()
+    rounded[2, 3] += 1e-12 * rounded[2, 2]
+    found = SensorTracks([1.0], 0, 1, [[1e3, 0.0]], [[0.0, 0.0]], covariance=rounded).covariance
+    assert_array_equal(found, np.swapaxes(found, 1, 2))
+
+
 def test_late_messages_wait():
     tracks = messages(20.0)
     centre = FusionCentre(RADARS)
@@ -303,6 +310,10 @@ def test_wrong_messages():
         SensorTracks([0.0], -1, 1, [[0.0, 0.0]], [[0.0, 0.0]])
     with pytest.raises(ValueError, match=r"time\[0\]"):
         SensorTracks([np.nan], 0, 1, [[0.0, 0.0]], [[0.0, 0.0]])
+    skewed = COVARIANCE.copy()
+    skewed[0, 1] += 1.0
+    with pytest.raises(ValueError, match=r"covariance\[0, 0, 1\] is .* must be symmetric"):
+        SensorTracks([0.0], 0, 1, [[1e3, 0.0]], [[0.0, 0.0]], covariance=skewed)
     centre = FusionCentre(RADARS[:1])
     with pytest.raises(ValueError, match=r"sensor\[0\] is 1; there are 1"):
         centre.update(SensorTracks([0.0], 1, 1, [[1e3, 0.0]], [[0.0, 0.0]]), time=1.0)
