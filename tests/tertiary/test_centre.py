@@ -184,6 +184,28 @@ def test_hands_join_separate_and_release():
         near.release(7)
 
 
+@pytest.mark.parametrize("decide", [FusionCentre.join, FusionCentre.separate])
+def test_decisions_end_with_their_tracks(decide):
+    states = []
+    for is_decided in (False, True):
+        centre = FusionCentre(RADARS[:2], registration=False)
+        for time in np.arange(0.0, 100.0, 4.0):
+            count = 4 if time < 12.0 else 2
+            places = np.array([[3e4, 4e4], [3e4, 4e4], [-6e4, 0.0], [-6e4, 5e3]])[:count]
+            rows = SensorTracks(
+                [time] * count,
+                [0, 1, 0, 1][:count],
+                [1, 1, 2, 2][:count],
+                places,
+                np.zeros((count, 2)),
+            )
+            found = centre.update(rows, time=time + 1.0)
+            if is_decided and time == 4.0:
+                decide(centre, *found.track[found.position[:, 0] < 0])
+        states.append(pickle.dumps(centre))
+    assert states[0] == states[1]
+
+
 def test_separate_targets_stay_apart():
     centre = FusionCentre(RADARS[:2], registration=False)
     apart = messages(10.0, sensors=(0, 1), places=PLACES[:1], shift=(0.0, 3000.0))
