@@ -126,3 +126,9 @@ class TestTimesOver:
         blocked = np.flatnonzero(~conformance(one, times, position, velocity).conforms)[0]
         assert 20 <= blocked < 24
         np.testing.assert_array_equal(found.speed[blocked:], found.speed[blocked])
+
+
+def test_a_track_without_plots_has_a_text():
+    plan = FlightPlan(WAY, 220.0)
+    found = estimate_times_over(plan, [], np.empty((0, 2)), np.empty((0, 2)))
+    assert repr(found) == "TimesOver(0 plots)"

@@ -9,7 +9,7 @@ import pytest
 from places import DATA
 
 from tertia import simulate
-from tertia.geo import LocalFrame
+from tertia.geo import LocalFrame, cartesian_to_polar
 from tertia.location import Station, locate
 from tertia.sensors import Bias
 from tertia.trajectory import reconstruct
@@ -91,6 +91,14 @@ def test_there_and_back():
         np.testing.assert_allclose(value, expected, rtol=0, atol=1e-7)
     assert FRAME.to_local(*places.reshape(3, 20, 10)).shape == (20, 10, 3)
     assert all(isinstance(value, float) for value in FRAME.to_geodetic([0, 0, 0]))
+
+
+def test_north_is_0_and_not_a_full_circle():
+    frame = LocalFrame(-20.0, 14.26, 380.0)
+    _, azimuth, _ = frame.geodetic_to_polar(np.linspace(-19.9, -17.0, 500), 14.26, 1000.0)
+    assert np.all((azimuth >= 0.0) & (azimuth < 2 * np.pi))
+    assert np.isnan(frame.geodetic_to_polar(NAN, 14.26, 1000.0)).all()
+    assert cartesian_to_polar([-1e-12, 80e3, 0.0, 0.0])[2] == 0.0
 
 
 def test_no_place_stays_none():

@@ -140,6 +140,16 @@ def test_noise_that_changes_is_seen_in_its_time():
         assert np.all(np.abs(off / getattr(history.sigma, kind)[k])[away] < 4.5), (kind, k)
 
 
+def test_one_target_shows_the_noise_of_the_whole_recording():
+    traffic = simulate.dense_traffic(1, area=(1e5, 1e5), turning_share=0.0, rng=1)
+    plots = simulate.radar_plots(traffic, radars(order=(0, 1)), rng=2).plots
+    found = register(plots, radars(order=(0, 1)))
+    for kind in KINDS:
+        factor, sigma = getattr(found.noise_factor, kind), getattr(found.noise_factor_sigma, kind)
+        assert np.all(np.abs(factor - 1.0) < 4 * sigma)
+        assert np.isnan(getattr(found.noise_history.factor, kind)).all()
+
+
 def test_what_differences_do_not_show_is_unknown():
     plots = recording(3)
     own = plots[plots.sensor == 0]

@@ -184,6 +184,28 @@ def test_hands_join_separate_and_release():
         near.release(7)
 
 
+@pytest.mark.parametrize("decide", [FusionCentre.join, FusionCentre.separate])
+def test_decisions_end_with_their_tracks(decide):
+    states = []
+    for is_decided in (False, True):
+        centre = FusionCentre(RADARS[:2], registration=False)
+        for time in np.arange(0.0, 100.0, 4.0):
+            count = 4 if time < 12.0 else 2
+            places = np.array([[3e4, 4e4], [3e4, 4e4], [-6e4, 0.0], [-6e4, 5e3]])[:count]
+            rows = SensorTracks(
+                [time] * count,
+                [0, 1, 0, 1][:count],
+                [1, 1, 2, 2][:count],
+                places,
+                np.zeros((count, 2)),
+            )
+            found = centre.update(rows, time=time + 1.0)
+            if is_decided and time == 4.0:
+                decide(centre, *found.track[found.position[:, 0] < 0])
+        states.append(pickle.dumps(centre))
+    assert states[0] == states[1]
+
+
 def test_separate_targets_stay_apart():
     centre = FusionCentre(RADARS[:2], registration=False)
     apart = messages(10.0, sensors=(0, 1), places=PLACES[:1], shift=(0.0, 3000.0))
@@ -249,6 +271,26 @@ def test_a_sensor_without_covariances():
     assert last(fuse_tracks(bare, RADARS, method="matrix")).count == 4
 
 
+@pytest.mark.parametrize("method", ["tracklets", "matrix"])
+def test_a_row_at_the_place_of_a_sensor(method):
+    centre = FusionCentre(RADARS, method=method)
+    for time, off in zip(np.arange(0.0, 20.0, 4.0), (30.0, -20.0, 0.0, 40.0, -30.0), strict=True):
+        away = np.array([[200.0 * (time - 8.0) + off, off], [3e4, 200.0 * time + off]])
+        places = RADARS[0].position[:2] + away
+        rows = SensorTracks([time] * 2, 0, [1, 2], places, [[200.0, off], [off, 200.0]])
+        found = centre.update(rows, time=time)
+        assert len(found) == 2
+        assert np.isfinite(found.position).all()
+        assert np.all(np.linalg.eigvalsh(found.covariance) > 0)
+
+
+def test_covariances_lose_the_asymmetry_of_rounding():
+    rounded = COVARIANCE.copy()
+    rounded[2, 3] += 1e-12 * rounded[2, 2]
+    found = SensorTracks([1.0], 0, 1, [[1e3, 0.0]], [[0.0, 0.0]], covariance=rounded).covariance
+    assert_array_equal(found, np.swapaxes(found, 1, 2))
+
+
 def test_late_messages_wait():
     tracks = messages(20.0)
     centre = FusionCentre(RADARS)
@@ -257,6 +299,15 @@ def test_late_messages_wait():
     assert len(found) == 4
     whole = fuse_tracks(tracks, RADARS, update_interval=10.0)
     assert_array_equal(found.position, last(whole).position)
+
+
+def test_the_last_row_is_in_the_last_cycle():
+    # 2104.81 + 1865 cycles of 2.5 s is 6767.3099999999995
+    times = [2104.81, 6767.31]
+    tracks = SensorTracks(times, 0, [1, 2], [[3e4, 0.0]] * 2, [[0.0, 0.0]] * 2)
+    found = fuse_tracks(tracks, RADARS[:1], update_interval=2.5)
+    assert_array_equal(last(found).members, [[2]])
+    assert found.time[-1] == times[-1]
 
 
 def test_nothing():
@@ -281,6 +332,10 @@ def test_wrong_messages():
         SensorTracks([0.0], -1, 1, [[0.0, 0.0]], [[0.0, 0.0]])
     with pytest.raises(ValueError, match=r"time\[0\]"):
         SensorTracks([np.nan], 0, 1, [[0.0, 0.0]], [[0.0, 0.0]])
+    skewed = COVARIANCE.copy()
+    skewed[0, 1] += 1.0
+    with pytest.raises(ValueError, match=r"covariance\[0, 0, 1\] is .* must be symmetric"):
+        SensorTracks([0.0], 0, 1, [[1e3, 0.0]], [[0.0, 0.0]], covariance=skewed)
     centre = FusionCentre(RADARS[:1])
     with pytest.raises(ValueError, match=r"sensor\[0\] is 1; there are 1"):
         centre.update(SensorTracks([0.0], 1, 1, [[1e3, 0.0]], [[0.0, 0.0]]), time=1.0)

@@ -75,6 +75,8 @@ class TimesOver(Result):
 
     def __repr__(self) -> str:
         """Return the times after the last plot."""
+        if len(self.time) == 0:
+            return "TimesOver(0 plots)"
         pairs = zip(self.time[-1], self.sigma[-1], strict=True)
         listed = ", ".join(
             "passed" if np.isnan(time) else f"{time:.0f} ± {sigma:.2g}" for time, sigma in pairs

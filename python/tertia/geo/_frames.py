@@ -122,7 +122,7 @@ class LocalFrame(Frame):
         Returns
         -------
         tuple of three float or ndarray of shape (...)
-            Slant range in metres, azimuth in radians from 0 to 2π, and elevation in radians.
+            Slant range in metres, azimuth in radians in [0, 2π), and elevation in radians.
 
         Raises
         ------

@@ -92,7 +92,7 @@ def cartesian_to_polar(
     Returns
     -------
     state : ndarray of shape (..., 4) or (..., 6)
-        Range and its rate, then azimuth, from 0 to 2π, and its rate. If there are six components,
+        Range and its rate, then azimuth, in [0, 2π), and its rate. If there are six components,
         each rate is followed by the acceleration. For a target at the sensor the state is nan, and
         there is a warning.
     covariance : ndarray of shape (..., n, n)

@@ -433,6 +433,8 @@ def fuse_tracks(tracks: SensorTracks, sensors: Sequence[Radar], **options: Any) 
                 f"{last - first:.6g} s, {_CYCLES} are allowed"
             )
         ends = first + centre.update_interval * np.arange(1, cycles + 1)
+        # rounding may put the last cycle before the last row
+        ends[-1] = max(ends[-1], last)
         edges = np.searchsorted(ordered.time, ends, side="right")
         begin = 0
         for end, time in zip(edges, ends, strict=True):

@@ -13,9 +13,11 @@ from tertia._arrays import (
     BoolArray,
     FloatArray,
     IntArray,
+    diagonal,
     finite,
     instance,
     integer,
+    place_of,
     require_each,
     samples,
 )
@@ -33,6 +35,8 @@ from tertia.tracker import TrackTable
 
 # as for plots: larger ones are errors of units
 _LARGEST = {"time": 1e11, "position": 1e9, "velocity": 1e5, "covariance": 1e18, "height": 1e9}
+# largest difference of elements mirrored at the diagonal, in standard deviations, as in the core
+_ASYMMETRY = 1e-10
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -71,7 +75,7 @@ class SensorTracks(Result):
     ------
     ValueError
         If columns have different lengths, if a number is not finite or is too large, or a
-        covariance is not positive definite.
+        covariance is not symmetric or not positive definite.
     TypeError
         If a column has the wrong type.
 
@@ -146,6 +150,7 @@ class SensorTracks(Result):
         for key, largest in _LARGEST.items():
             values = getattr(self, key)
             require_each(values, ~(np.abs(values) > largest), key, f"at most {largest:g} in size")
+        object.__setattr__(self, "covariance", _symmetric(self.covariance))
         known = np.all(np.isfinite(self.covariance), axis=(1, 2))
         try:
             np.linalg.cholesky(self.covariance[known])
@@ -251,3 +256,19 @@ class SensorTracks(Result):
         """Return a text that states the numbers of tracks and rows."""
         tracks = np.unique(np.column_stack([self.sensor, self.track]), axis=0)
         return f"SensorTracks({len(tracks)} tracks, {len(self)} rows)"
+
+
+def _symmetric(covariance: FloatArray) -> FloatArray:
+    """Return covariances without the asymmetry of rounding; larger ones are errors."""
+    mirrored = np.swapaxes(covariance, 1, 2)
+    if np.array_equal(covariance, mirrored, equal_nan=True):
+        return covariance
+    sigma = np.sqrt(np.abs(diagonal(covariance)))
+    scale = sigma[:, :, np.newaxis] * sigma[:, np.newaxis, :]
+    for index in np.argwhere(np.abs(covariance - mirrored) > _ASYMMETRY * scale)[:1]:
+        at = tuple(index)
+        raise ValueError(
+            f"{place_of('covariance', index)} is {covariance[at]} and its mirror image is "
+            f"{mirrored[at]}; a covariance matrix must be symmetric"
+        )
+    return covariance + 0.5 * (mirrored - covariance)

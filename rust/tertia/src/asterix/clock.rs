@@ -3,8 +3,9 @@ use std::collections::HashMap;
 const DAY: f64 = 86_400.0;
 /// Truncated times start again after this many seconds, and at midnight.
 const TRUNCATED: f64 = 512.0;
-/// Stands for all sources, for those that never report a full time.
-const ANY: i64 = i64::MIN;
+/// Stands for all sources, for those that never report a full time. No number does: records without a source
+/// have one, too.
+const ANY: Option<i64> = None;
 
 /// Completes truncated times of day from full ones.
 ///
@@ -15,14 +16,14 @@ const ANY: i64 = i64::MIN;
 pub fn complete_times(full: &[f64], truncated: &[f64], source: &[i64]) -> Vec<f64> {
     let mut last = HashMap::new();
     for (&time, &source) in full.iter().zip(source).rev().filter(|(time, _)| time.is_finite()) {
-        last.insert(source, time);
+        last.insert(Some(source), time);
         last.insert(ANY, time);
     }
     let records = full.iter().zip(truncated).zip(source);
     records
         .map(|((&full, &truncated), &source)| {
-            let known = last.contains_key(&source) || !last.contains_key(&ANY);
-            let source = if known { source } else { ANY };
+            let known = last.contains_key(&Some(source)) || !last.contains_key(&ANY);
+            let source = if known { Some(source) } else { ANY };
             let time = match last.get(&source) {
                 _ if full.is_finite() => full,
                 Some(&near) if truncated.is_finite() => nearest(truncated, near),
@@ -74,6 +75,12 @@ mod tests {
         let truncated: Vec<f64> = (0..50).map(|k| f64::from(100 * k) % TRUNCATED).collect();
         let found = complete_times(&[NONE; 50], &truncated, &[7; 50]);
         assert_eq!(found, (0..50).map(|k| f64::from(100 * k)).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_record_without_a_source_tells_nothing_about_others() {
+        let found = complete_times(&[NONE; 3], &[10.0, 500.0, 5.0], &[i64::MIN, 7, 7]);
+        assert_eq!(found, [10.0, 500.0, 517.0]);
     }
 
     /// A day is not a whole number of periods of 512 seconds.

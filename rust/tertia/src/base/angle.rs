@@ -17,7 +17,8 @@ pub(crate) fn nearest(theta: f64, reference: f64, period: f64) -> f64 {
 #[inline]
 pub(crate) fn principal(theta: f64, period: f64) -> f64 {
     let angle = theta.rem_euclid(period);
-    if angle < period { angle } else { 0.0 }
+    // rounded up from just below zero; nan remains nan
+    if angle >= period { 0.0 } else { angle }
 }
 
 /// Median; for an even number of values, the mean of the two middle ones. O(N); `values` is

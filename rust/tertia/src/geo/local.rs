@@ -1,9 +1,10 @@
 //! Local frames of east, north and up, and the measurements of a radar in them.
 
 use super::ellipsoid::{self, Geodetic, radii, vertical};
+use crate::base::angle::principal;
 use crate::base::small::{Matrix, Vector, dot, norm, rotated, rotated_back};
 use serde::{Deserialize, Serialize};
-use std::f64::consts::PI;
+use std::f64::consts::TAU;
 
 /// Number of Newton steps for the elevation; the errors after 0, 1 and 2 steps are 0.22 m, 5e-8 m and 3e-9 m.
 const STEPS: usize = 2;
@@ -76,13 +77,11 @@ impl LocalFrame {
         Some(ellipsoid::from_ecef(&self.sight(range, azimuth, height)?.position))
     }
 
-    /// Returns slant range, azimuth from 0 to 2π, and elevation of a place.
+    /// Returns slant range, azimuth in [0, 2π), and elevation of a place.
     pub fn geodetic_to_polar(&self, place: &Geodetic) -> [f64; 3] {
         let local = self.from_ecef(&ellipsoid::to_ecef(place));
         let ground = (local[0] * local[0] + local[1] * local[1]).sqrt();
-        let azimuth = local[0].atan2(local[1]);
-        let azimuth = if azimuth < 0.0 { azimuth + 2.0 * PI } else { azimuth };
-        [norm(&local), azimuth, local[2].atan2(ground)]
+        [norm(&local), principal(local[0].atan2(local[1]), TAU), local[2].atan2(ground)]
     }
 
     /// Solves `h(p(e)) = H` for the elevation e, `p(e) = o + ρ (cos e g + sin e U)`,
@@ -159,6 +158,7 @@ impl Sight {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::f64::consts::PI;
 
     fn site(latitude: f64, longitude: f64, height: f64) -> LocalFrame {
         LocalFrame::new(Geodetic {
@@ -190,7 +190,7 @@ mod tests {
                     let place = radar.polar_to_geodetic(range, azimuth, 1.05e4).unwrap();
                     let [r, a, _] = radar.geodetic_to_polar(&place);
                     assert!((r - range).abs() < 1e-6, "{range} {azimuth}: {r}");
-                    let turned = (a - azimuth + PI).rem_euclid(2.0 * PI) - PI;
+                    let turned = (a - azimuth + PI).rem_euclid(TAU) - PI;
                     assert!(turned.abs() < 1e-12, "{range} {azimuth}: {turned:e}");
                     assert!((place.height - 1.05e4).abs() < 1e-7, "{range} {azimuth}");
                 }

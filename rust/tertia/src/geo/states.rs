@@ -6,7 +6,8 @@
 //!
 //! An azimuth alone cannot be converted to another site, because the range is required.
 
-use std::f64::consts::PI;
+use crate::base::angle::principal;
+use std::f64::consts::TAU;
 
 /// Largest size of a state: two coordinates, each with its rate and acceleration.
 pub const SIZE: usize = 6;
@@ -44,7 +45,7 @@ pub fn to_cartesian(polar: &[f64; SIZE]) -> ([f64; SIZE], Jacobian) {
     ([pe, pn, ve, vn, ae, an], jacobian)
 }
 
-/// Converts `[p, v, a]` relative to the radar to `[ρ, ρ', ρ'', θ, θ', θ'']`, θ from 0 to 2π; `None` at
+/// Converts `[p, v, a]` relative to the radar to `[ρ, ρ', ρ'', θ, θ', θ'']`, θ in [0, 2π); `None` at
 /// the radar.
 pub fn to_polar(state: &[f64; SIZE]) -> Option<[f64; SIZE]> {
     let &[x, y, vx, vy, ax, ay] = state;
@@ -56,8 +57,7 @@ pub fn to_polar(state: &[f64; SIZE]) -> Option<[f64; SIZE]> {
     // ρ' = v e, θ' = v f / ρ, ρ'' = a e + ρ θ'², θ'' = (a f − 2 ρ' θ') / ρ
     let (r1, w) = (vx * sine + vy * cosine, (vx * cosine - vy * sine) / r);
     let (along, across) = (ax * sine + ay * cosine, ax * cosine - ay * sine);
-    let angle = sine.atan2(cosine);
-    let angle = if angle < 0.0 { angle + 2.0 * PI } else { angle };
+    let angle = principal(sine.atan2(cosine), TAU);
     Some([r, r1, along + r * w * w, angle, w, (across - 2.0 * r1 * w) / r])
 }
 

@@ -29,7 +29,8 @@ pub struct Noise {
 }
 
 /// Estimates the noise from all lines, and in the stretches of time between `edges`. The level is robust: it
-/// starts from the median, and is then the mean of the values below the 99.9 % quantile of χ².
+/// starts from the median, and is then the mean of the values below the 99.9 % quantile of χ². For the whole
+/// recording, stretches with too few lines are taken together.
 pub fn noise(lines: &[Line], edges: &[f64]) -> Noise {
     let mut squares = vec![[(); 2].map(|()| Vec::new()); edges.len().saturating_sub(1)];
     for line in lines {
@@ -37,10 +38,15 @@ pub fn noise(lines: &[Line], edges: &[f64]) -> Noise {
         stretch[0].push(line.mean_square[0]);
         stretch[1].push(line.mean_square[1]);
     }
+    let few = squares.iter().filter(|axes| axes[0].len() < FEWEST);
+    let rest = [0, 1].map(|axis| {
+        robust_mean(&mut few.clone().flat_map(|axes| &axes[axis]).copied().collect::<Vec<_>>())
+    });
     let parts: Vec<[(f64, f64); 2]> =
         squares.into_iter().map(|axes| axes.map(|mut own| robust_mean(&mut own))).collect();
     let whole = [0, 1].map(|axis| {
-        let known = || parts.iter().map(|part| part[axis]).filter(|(_, count)| *count > 0.0);
+        let parts = || parts.iter().chain([&rest]).map(|part| part[axis]);
+        let known = || parts().filter(|(_, count)| *count > 0.0);
         let total: f64 = known().map(|(_, count)| count).sum();
         let value = (known().map(|(variance, count)| count * variance).sum::<f64>() / total).sqrt();
         // Var(mean square) = 2 σ⁴ / degrees of freedom
@@ -97,5 +103,15 @@ mod tests {
         assert_eq!(found.stretches[0][0], range);
         assert!(found.stretches[1][0].value.is_nan());
         assert!(noise(&[], &[0.0, 1.0]).whole[0].value.is_nan());
+    }
+
+    #[test]
+    fn stretches_with_few_lines_count_together() {
+        let line = |k: u32| Line { time: f64::from(k), mean_square: [25.0, 100.0] };
+        let lines: Vec<Line> = (0..9).map(line).collect();
+        let found = noise(&lines, &[0.0, 3.0, 6.0, 9.0]);
+        assert_eq!(found.whole.map(|level| level.value), [5.0, 10.0]);
+        assert!((found.whole[0].sigma - 5.0 / 72.0_f64.sqrt()).abs() < 1e-12);
+        assert!(found.stretches.iter().flatten().all(|level| level.value.is_nan()));
     }
 }

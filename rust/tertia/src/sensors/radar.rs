@@ -64,6 +64,10 @@ impl Radar {
         // closer targets have no usable plots
         let ground = squared.max(LEAST_GROUND_SHARE * LEAST_GROUND_SHARE * (squared + up));
         let along = range + up * (range + HEIGHT_SIGMA * HEIGHT_SIGMA) / ground;
+        if squared <= f64::MIN_POSITIVE {
+            // at the radar itself the direction is unknown
+            return Plane { xx: along, xy: 0.0, yy: along };
+        }
         let across = self.azimuth_sigma * self.azimuth_sigma * squared;
         let share = 1.0 / squared;
         let (ee, en, nn) = (d[0] * d[0] * share, d[0] * d[1] * share, d[1] * d[1] * share);
@@ -240,6 +244,12 @@ mod tests {
             let found = radar.noise_at([0.0, ground], up).yy;
             assert!((found / expected - 1.0).abs() < 1e-4, "{ground} {up}: {found} {expected}");
         }
+    }
+
+    #[test]
+    fn noise_at_the_radar_is_that_of_the_range() {
+        let radar = radar_of([50.0, 1e-3]);
+        assert_eq!(radar.noise_at([0.0; 2], 0.0), Plane { xx: 2500.0, xy: 0.0, yy: 2500.0 });
     }
 
     fn channel(detection_probability: f64, sigmas: [f64; 2]) -> Option<Channel> {

@@ -144,6 +144,7 @@ impl Centre {
         self.members.retain(|member| {
             time - member.last.time <= FORGOTTEN * radars[member.last.sensor].scan_period
         });
+        self.manual.forget(self.members.iter().map(|member| member.id));
         let known = Known::new(self.registrar.errors(), &self.registrar.covariance());
         let mut samples = std::mem::take(&mut self.samples.0);
         let places = self.sample(&mut samples, time, &known, n_threads);

@@ -69,6 +69,20 @@ pub(super) struct Manual {
     pub separate: BTreeSet<(u64, u64)>,
 }
 
+impl Manual {
+    /// Drops the decisions on tracks that no longer exist: nobody can release them, and while pairs are
+    /// joined, all pairs within some kilometres are compared.
+    pub fn forget(&mut self, alive: impl Iterator<Item = u64>) {
+        if self.joined.is_empty() && self.separate.is_empty() {
+            return;
+        }
+        let alive: BTreeSet<u64> = alive.collect();
+        let kept = |pair: &(u64, u64)| alive.contains(&pair.0) && alive.contains(&pair.1);
+        self.joined.retain(kept);
+        self.separate.retain(kept);
+    }
+}
+
 /// Pairs and their histories, sorted by the ids of their tracks.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Pairs {

@@ -78,13 +78,14 @@ impl Moved {
         let [.., px, py] = last.state;
         let by = [vx - cosine * px + sine * py, vy - sine * px - cosine * py];
         let (dx, dy) = (x - radar.position[0], y - radar.position[1]);
-        let ground = dx.hypot(dy).max(1.0);
+        let ground = dx.hypot(dy);
+        // at the radar itself any direction will do
+        let [e, n] = if ground > 0.0 { [dx / ground, dy / ground] } else { [0.0, 1.0] };
         let noise = radar.noise_at([x, y], row.above(radar));
-        let axes =
-            [[dx / ground, dy / ground], [dy / ground, -dx / ground]].map(|[east, north]| {
-                let sigma = noise.form([east, north]).sqrt();
-                [east * sigma, north * sigma]
-            });
+        let axes = [[e, n], [n, -e]].map(|[east, north]| {
+            let sigma = noise.form([east, north]).sqrt();
+            [east * sigma, north * sigma]
+        });
         let in_sigmas =
             |[east, north]: [f64; 2]| axes.map(|[a, b]| (a * east + b * north) / (a * a + b * b));
         let period = radar.scan_period;
@@ -229,5 +230,24 @@ mod tests {
         assert!(matches!(found, Behind::State(_, own) if own.xx == 1e3));
         let found = behind(&row(4.0, 1e3), [past(&sure), None]);
         assert!(matches!(found, Behind::Plot(_)));
+    }
+
+    #[test]
+    fn a_row_at_the_radar_has_a_plot() {
+        let radar = radar_of([50.0, 1e-3]);
+        let row = |time, east: f64| Row {
+            sensor: 0,
+            track: 1,
+            time,
+            state: [east, 0.0, 200.0, 0.0],
+            covariance: [f64::NAN; 16],
+            height: f64::NAN,
+            identities: Identities::NONE,
+            turn_probability: f64::NAN,
+        };
+        let (last, own) = (Past::new(&row(0.0, -780.0), false, 0.0), row(4.0, 0.0));
+        let mut gain = Gain::default();
+        let found = behind(None, (&own, false), &[Some(last), None], (&mut gain, false), &radar);
+        assert!(matches!(found, Behind::Plot(plot) if plot.iter().all(|x| x.is_finite())));
     }
 }
