@@ -3,7 +3,8 @@
 //! [`reconstruct`] locates every instant on its own and smooths the positions. Measurements that contradict
 //! the smooth path are left out, positions are linearised about the path, and systematic errors of the
 //! stations are estimated from contradictions between stations. [`by_polynomials`] smooths the positions
-//! without a motion model, [`temporal_first`] smooths the measurements of each station. Cost O(N K).
+//! without a motion model, [`temporal_first`] smooths the measurements of each station. Cost O(N K),
+//! and up to O(K³) for each size of systematic errors that is tried.
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
