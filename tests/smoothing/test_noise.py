@@ -296,3 +296,19 @@ def test_outliers_at_any_place():
     # some tracks lose their turn where it begins with outliers
     assert np.mean(np.array(rmse) < 20.0) >= 0.85
     assert widest < 1000.0
+
+
+def test_a_model_whose_likelihood_is_lost_to_rounding_does_not_spoil_the_others():
+    """Variances of very different size: everything was nan."""
+    random = np.random.default_rng(15)
+    y = np.round(random.standard_normal((13, 3)) * 50)
+    variances = 10 ** random.uniform(-8, 8, (13, 3))
+    found = smooth(y, variances, time=1e9 + 0.1 * np.arange(13), robust=False, jerk=1e-3)
+    assert np.all(np.isfinite(found.mean))
+    assert np.all(np.isfinite(found.covariance))
+
+
+def test_no_plots_with_a_prior_and_correlated_noise():
+    prior = np.zeros(6), np.eye(6)
+    found = smooth(np.empty((0, 2)), 1.0, initial=prior, correlation_time=5.0)
+    assert found.mean.shape == (0, 6)

@@ -235,8 +235,8 @@ def reconstruct(
 
     With "temporal-first", the velocity is the product of A_t and the rates of the smoothed series.
 
-    The cost is O(N K). If systematic errors are estimated, a cost is added that hardly depends on N,
-    but rises with K² to K³: 40 stations with ranges, azimuths and elevations take about 20 s.
+    The cost is O(N K). If systematic errors are estimated, a cost is added that hardly depends on
+    N, but rises with K² to K³: 40 stations with ranges, azimuths and elevations take about 20 s.
 
     Examples
     --------

@@ -163,7 +163,8 @@ fn improve<const M: usize, const S: usize, const N: usize>(
         && faults != Faults::none(track)
         && search.is_healthy(&faults, near, expected);
     let (candidates, weights) = candidates(&search, options, &faults, near, is_healthy);
-    let most = (0..weights.len()).max_by(|&a, &b| weights[a].total_cmp(&weights[b]))?;
+    let known = (0..weights.len()).filter(|&i| weights[i] > 0.0);
+    let most = known.max_by(|&a, &b| weights[a].total_cmp(&weights[b]))?;
     let best = &candidates[most];
     average::<M, S, N>(&mut search, &candidates, &weights, most, &faults, out)?;
     outlier.copy_from_slice(&faults.gross);
@@ -237,15 +238,21 @@ fn candidates<const M: usize, const N: usize>(
             }
         }
     }
-    let logs: Vec<f64> =
-        found.iter().zip(&log_prior).map(|(one, prior)| one.value + prior).collect();
+    let logs = found.iter().zip(&log_prior).map(|(one, prior)| one.value + prior).collect();
+    (found, weights_of(logs))
+}
+
+/// Returns weights that add up to 1 from the logarithms of probabilities, 0 where these are small or nan: the
+/// likelihood of a model may be lost to rounding.
+fn weights_of(mut logs: Vec<f64>) -> Vec<f64> {
+    logs.iter_mut().filter(|log| log.is_nan()).for_each(|log| *log = f64::NEG_INFINITY);
     let highest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let mut weights: Vec<f64> = logs.iter().map(|log| (log - highest).exp()).collect();
     for _ in 0..2 {
         let sum: f64 = weights.iter().sum();
         weights.iter_mut().for_each(|w| *w = if *w < LEAST_WEIGHT * sum { 0.0 } else { *w / sum });
     }
-    (found, weights)
+    weights
 }
 
 /// Averages the results over the models; the covariance includes the spread between them. Returns none, and
@@ -298,4 +305,16 @@ fn average<const M: usize, const S: usize, const N: usize>(
         *to = from / best.factor;
     }
     Some(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_model_without_likelihood_does_not_spoil_the_others() {
+        let weights = weights_of(vec![-5.0, f64::NAN, -5.0, -50.0]);
+        assert_eq!(weights, [0.5, 0.0, 0.5, 0.0]);
+        assert!(weights_of(vec![f64::NAN; 2]).iter().all(|weight| weight.is_nan()));
+    }
 }

@@ -80,10 +80,11 @@ impl<'a, const M: usize, const N: usize> Search<'a, M, N> {
         jerk: Option<f64>,
         white: &Smoothed<'_>,
     ) -> Option<Self> {
+        let (low, _) = range(track, Family::Jerk.power())?;
         let engine = Lasting::new::<S>(track, fit.motion)?;
         let engine = engine.near(track, &white.mean[..S], &white.covariance[..S * S]);
         let used = if track.prior.is_empty() { S } else { 0 };
-        Some(Self { track, engine, jerk, used, low: range(track, Family::Jerk.power())?.0 })
+        Some(Self { track, engine, jerk, used, low })
     }
 
     /// Starts anew with a state as vague as this motion makes it.
