@@ -70,6 +70,19 @@ z = np.cumsum(rng.normal(0.0, 0.01, 3_000_000)) + rng.normal(0.0, 3.0, (4, 3_000
 ready()
 fuse_series(z, 9.0, SingerModel(0.2, 1 / 20, 0.01, exact=True))
 """,
+    "calibrate": """
+from tertia.registration import calibrate
+from tertia.sensors import Station
+n = 1_000_000
+turn = rng.uniform(0.0, 6.28, n)
+ready()
+calibrate(
+    Station([0.0, 0.0], azimuth_sigma=0.02),
+    np.arange(n) * 1.0,
+    1e3 * np.stack([np.sin(turn), np.cos(turn)], axis=-1),
+    azimuth=turn + 0.02 * rng.standard_normal(n),
+)
+""",
     "fit_noise": """
 from tertia.kalman import fit_noise
 time = np.cumsum(rng.uniform(0.5, 1.5, 1_000_000))

@@ -12,8 +12,8 @@ from scipy import stats
 from tolerances import CHANCE
 
 from tertia import simulate
-from tertia.registration import register
-from tertia.sensors import RADAR_LIMITS, Bias, Radar
+from tertia.registration import calibrate, register
+from tertia.sensors import RADAR_LIMITS, Bias, Radar, Station
 from tertia.tracker import Plots, track
 from tertia.tracker._errors import errors
 
@@ -237,3 +237,17 @@ def test_bad_input():
     assert_refused(lambda: register(plots, []), ValueError, "sensors is empty")
     tracks = track(plots[:100], radars())
     assert_refused(lambda: register(plots, radars(), tracks=tracks), ValueError, "tracks is of 100")
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"range": [1e3, np.inf]}, "range[1] is inf"),
+        ({"azimuth": [0.0, np.inf]}, "azimuth[1] is inf"),
+        ({"azimuth": [0.0, 0.0], "deviation_order": 100_000}, "deviation_order is 100000"),
+    ],
+)
+def test_calibrations_that_are_refused(given, text):
+    finder = Station([0.0, 0.0], range_sigma=5.0, azimuth_sigma=0.02)
+    place = [[0.0, 1e3], [0.0, 2e3]]
+    assert_refused(lambda: calibrate(finder, [0.0, 1.0], place, **given), ValueError, text)

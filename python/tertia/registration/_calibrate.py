@@ -9,12 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from tertia import _core
-from tertia._arrays import FloatArray, instance, instants_of, integer, points, radians, samples
+from tertia._arrays import FloatArray, instance, instants_of, integer, points, radians, squarable
 from tertia.sensors import Bias, Station
 from tertia.sensors._kinds import ANGLES, STATION_KINDS
 
-# largest order of the series that is tried
-_MOST = 8
+# largest order of the series that is tried, and that may be given
+_MOST, _LARGEST = 8, 180
 
 
 def calibrate(
@@ -42,8 +42,8 @@ def calibrate(
         Measurements of the sensor in metres and radians; nan where one is missing.
     deviation_order : int, optional
         Order of the Fourier series that describes how the azimuth bias depends on the azimuth. By
-        default it is the likeliest order up to 8. If the run covers less than 120 degrees of
-        azimuth, the order is limited to 1.
+        default it is the likeliest order up to 8; it may be up to 180. If the run covers less than
+        120 degrees of azimuth, the order is limited to 1.
     degrees : bool
         Whether the angles in this call are in degrees.
 
@@ -57,7 +57,8 @@ def calibrate(
     Raises
     ------
     ValueError
-        If a shape is wrong, nothing was measured, or a standard deviation is missing.
+        If a shape is wrong, nothing was measured, a standard deviation is missing, or a number is
+        outside its domain.
     TypeError
         If an argument has the wrong type.
 
@@ -106,7 +107,7 @@ def calibrate(
             f"({instants.size}, {station.position.shape[-1]})"
         )
     if deviation_order is not None:
-        deviation_order = integer(deviation_order, "deviation_order", 0)
+        deviation_order = _order(deviation_order)
     expected = _expected(station, place)
     fields: dict[str, Any] = {}
     drifts = []
@@ -115,7 +116,8 @@ def calibrate(
             continue
         if kind not in expected:
             raise ValueError(f"{kind} needs a station with three coordinates")
-        known = radians(values, kind, degrees=degrees) if kind in ANGLES else samples(values, kind)
+        known = radians(values, kind, degrees=degrees) if kind in ANGLES else values
+        known = squarable(known, kind)
         if known.shape != instants.shape:
             raise ValueError(f"{kind} has shape {known.shape}; it must be {instants.shape}")
         sigma = getattr(station, f"{kind}_sigma")
@@ -165,6 +167,14 @@ def _expected(station: Station, place: FloatArray) -> dict[str, FloatArray]:
     if offset.shape[-1] == 3:
         expected["elevation"] = np.arctan2(offset[:, 2], level)
     return expected
+
+
+def _order(value: int) -> int:
+    """Return the given order of the series, after checking it."""
+    order = integer(value, "deviation_order", 0)
+    if order > _LARGEST:
+        raise ValueError(f"deviation_order is {order}; it must be at most {_LARGEST}")
+    return order
 
 
 def _orders(order: int | None, direction: FloatArray) -> tuple[int, int]:

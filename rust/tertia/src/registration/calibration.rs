@@ -9,6 +9,7 @@
 //! residuals in neighbouring directions, whose mean is the variance of these errors.
 
 use crate::base::angle::median;
+use crate::base::interrupt::poll;
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
@@ -244,6 +245,7 @@ fn filter(
     let (mut h, mut last) = (DVector::zeros(n), run.time[0]);
     h[size] = 1.0;
     for (i, row) in rows.iter().enumerate().filter(|(i, _)| weight[*i] > 0.0) {
+        poll();
         if drift > 0.0 {
             let rest = (-(run.time[i] - last) / time).exp();
             last = run.time[i];
