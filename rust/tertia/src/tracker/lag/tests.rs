@@ -4,11 +4,9 @@ use super::*;
 use crate::base::checks::assert_within;
 use crate::base::plane::Plane;
 use crate::sensors::{Identities, Radar, radar_of};
-use crate::tracker::association::Association;
 use crate::tracker::estimate::Estimate;
 use crate::tracker::filter::Filter;
 use crate::tracker::level::Level;
-use crate::tracker::mht::Mht;
 use crate::tracker::motion::{ImmModel, Motion};
 use crate::tracker::plot::Measured;
 use crate::tracker::settings::Settings;
@@ -116,10 +114,10 @@ fn a_tracker_that_has_had_plots_cannot_have_them_again() {
 }
 
 /// A tracker of one radar, with a lag, and what it has given.
-fn given(association: Association, calls: &[Vec<Plot>]) -> (Vec<PlotStatus>, Vec<Row>) {
+fn given(calls: &[Vec<Plot>]) -> (Vec<PlotStatus>, Vec<Row>) {
     let motion = Motion::Imm(ImmModel::default());
     let usual = Settings::new(vec![radar()], motion);
-    let settings = Settings { association, clutter_density: 1e-15, ..usual };
+    let settings = Settings { clutter_density: 1e-15, ..usual };
     let mut tracker = LagTracker::try_new(Tracker::try_new(settings).unwrap(), 20.0).unwrap();
     let (mut all, mut rows, mut statuses) = (Vec::new(), Vec::new(), Vec::new());
     for plots in calls {
@@ -142,21 +140,18 @@ fn second_plots_are_duplicates_with_a_lag_as_without() {
             own.extend([first, second]);
         }
     }
-    let (statuses, _) = given(Association::Gnn, &calls);
+    let (statuses, _) = given(&calls);
     let count = |wanted| statuses.iter().filter(|status| **status == wanted).count();
     assert!(count(PlotStatus::Duplicate) > 600);
     assert_eq!(count(PlotStatus::Invalid), 0);
 }
 
 #[test]
-fn a_late_plot_that_makes_the_choice_uncertain_is_shown() {
-    let own = |scan: i32| plot((4.0 * f64::from(scan), 800.0 * f64::from(scan), 0));
-    let last = own(29);
-    let other = Plot { time: last.time - 0.01, range: last.range + 100.0, ..last };
-    let mut calls: Vec<Vec<Plot>> = (0..30).map(|scan| vec![own(scan)]).collect();
-    calls.push(vec![other]);
-    let (_, rows) = given(Association::Mht(Mht::default()), &calls);
-    let shown = rows.last().unwrap();
-    assert_eq!(shown.time, last.time);
-    assert!(shown.association_probability < 0.95, "{}", shown.association_probability);
+fn rows_with_another_probability_or_a_shared_plot_are_not_the_same() {
+    let calls: Vec<_> =
+        (0..5).map(|k| vec![plot((4.0 * f64::from(k), 800.0 * f64::from(k), 0))]).collect();
+    let row = given(&calls).1.pop().unwrap();
+    assert!(row.is_same(&row.clone()));
+    assert!(!row.is_same(&Row { association_probability: 0.7, ..row }));
+    assert!(!row.is_same(&Row { merged: true, ..row }));
 }
