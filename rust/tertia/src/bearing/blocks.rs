@@ -73,23 +73,29 @@ impl BlockTable {
         squares / degrees
     }
 
-    /// Whether the variance of block j is too large compared with those of the other `used` blocks, by
-    /// the exact F test with Bonferroni's correction (for equal sizes: Cochran's test).
-    pub fn variance_is_extreme(
-        &self,
-        j: usize,
-        used: impl Fn(usize) -> bool,
-        significance: f64,
-    ) -> bool {
-        let count = (0..self.len()).filter(|&i| used(i)).count() as f64;
-        let others = |i| i != j && used(i);
-        let degrees: f64 = (0..self.len()).filter(|&i| others(i)).map(|i| self.degrees(i)).sum();
-        if degrees == 0.0 || self.degrees(j) == 0.0 {
-            return false;
+    /// Returns which of the `used` blocks have too large a variance compared with the others of them, by
+    /// the exact F test with Bonferroni's correction (for equal sizes: Cochran's test). O(blocks).
+    pub fn extreme_variances(&self, used: &[bool], significance: f64) -> Vec<bool> {
+        let count = used.iter().filter(|used| **used).count() as f64;
+        let plus = |[degrees, squares]: [f64; 2], j: usize| match self.degrees(j) {
+            nu if used[j] && nu > 0.0 => [degrees + nu, squares + nu * self.variance[j]],
+            _ => [degrees, squares],
+        };
+        // sums over the blocks before and after each one: differences from the sum of all would cancel
+        let mut after = vec![[0.0; 2]; self.len() + 1];
+        for j in (0..self.len()).rev() {
+            after[j] = plus(after[j + 1], j);
         }
-        let nu = self.degrees(j);
-        let sum = self.pooled_variance(others) * degrees / nu;
-        extreme_variance_pvalue(self.variance[j], nu, sum, degrees, count) < significance
+        let mut before = [0.0; 2];
+        let is_extreme = |j: usize| {
+            let [degrees, squares] = [0, 1].map(|i| before[i] + after[j + 1][i]);
+            before = plus(before, j);
+            let nu = self.degrees(j);
+            let pvalue =
+                || extreme_variance_pvalue(self.variance[j], nu, squares / nu, degrees, count);
+            used[j] && nu > 0.0 && degrees > 0.0 && pvalue() < significance
+        };
+        (0..self.len()).map(is_extreme).collect()
     }
 
     /// Sets weights proportional to `information` that sum to one; if there are infinite ones, these

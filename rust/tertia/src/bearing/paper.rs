@@ -47,17 +47,18 @@ pub(super) fn as_printed(
 fn extreme_variances(rule: &PaperRule, blocks: &BlockTable, used: &[bool]) -> Vec<bool> {
     let total: f64 =
         blocks.variance.iter().zip(used).filter(|(_, used)| **used).map(|(d, _)| 1.0 / d).sum();
-    let is_extreme = |j: usize| match rule.variance_test {
-        VarianceTest::Off => false,
-        VarianceTest::Factor(k2) => blocks.variance[j] > k2 / total,
-        VarianceTest::Student(significance) => {
-            blocks.variance[j] > student_factor(significance, rule.block_size) / total
-        }
-        VarianceTest::Cochran(significance) => {
-            blocks.variance_is_extreme(j, |i| used[i], significance)
-        }
+    let exceeds = |k2: f64| {
+        let pairs = blocks.variance.iter().zip(used);
+        pairs.map(|(d, used)| *used && *d > k2 / total).collect()
     };
-    (0..blocks.len()).map(|j| used[j] && is_extreme(j)).collect()
+    match rule.variance_test {
+        VarianceTest::Off => vec![false; blocks.len()],
+        VarianceTest::Factor(k2) => exceeds(k2),
+        VarianceTest::Student(significance) => {
+            exceeds(student_factor(significance, rule.block_size))
+        }
+        VarianceTest::Cochran(significance) => blocks.extreme_variances(used, significance),
+    }
 }
 
 /// Runs the corrected algorithm: blocks are excluded instead of copied, the tests among blocks are

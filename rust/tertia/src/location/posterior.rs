@@ -142,7 +142,10 @@ impl Posterior {
             more
         });
         let count = within.count();
-        let level = nodes[count - 1].ln;
+        let Some(level) = nodes[..count].last().map(|node| node.ln) else {
+            // the range is less than the rounding of coordinates
+            return Density { ln_level: f64::NAN, outline: Outline::empty() };
+        };
         let scene = self.scene();
         let ln_density = |p: [f64; 2]| {
             let (misfit, nearest) = scene.misfit(p);
@@ -275,5 +278,44 @@ impl<'a> Mass<'a> {
 
     fn total(&self, of: impl Fn(&Node) -> f64) -> f64 {
         self.shares.iter().zip(self.nodes).map(|(share, node)| share * of(node)).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two stations, and two others at `far` m, which see the target in practically one direction from
+    /// everywhere within the range of 300 m: summary, and area of the region.
+    fn with_distant(far: f64) -> (Summary, f64) {
+        let stations = [0.0, 0.0, 200.0, 100.0, far, 0.2 * far, -far, 0.7 * far];
+        let mut values = vec![f64::NAN; KINDS * 4];
+        for (value, station) in values[4..8].iter_mut().zip(stations.chunks(2)) {
+            *value = (100.0 - station[0]).atan2(200.0 - station[1]);
+        }
+        let sigmas = [0.05; KINDS * 4];
+        let bearings =
+            Bearings { stations: &stations, axes: None, values: &values, sigmas: &sigmas };
+        let posterior = Posterior::new(&bearings, 300.0).unwrap();
+        let (decay, prior) = (Decay::new(4, &sigmas), concentration::prior());
+        let area = posterior.region(&decay, &prior, 0.95).outline.area;
+        (posterior.summary(&decay, &prior), area)
+    }
+
+    #[test]
+    fn how_far_distant_stations_are_does_not_matter() {
+        let (near, area) = with_distant(1e4);
+        let sigma = near.covariance[0][0].sqrt();
+        for far in [1e5, 1e6, 1e7, 1e8, 1e10] {
+            let (summary, found) = with_distant(far);
+            assert!((found / area - 1.0).abs() < 0.1, "{far} {found} {area}");
+            // the small probability near a distant station counts in the mean if it is very far
+            if far <= 1e6 {
+                let moved = (0..2).map(|axis| (summary.mean[axis] - near.mean[axis]).abs());
+                assert!(moved.fold(0.0, f64::max) < 0.1 * sigma, "{far} {summary:?}");
+            }
+        }
+        // a range below the rounding of coordinates
+        assert!(with_distant(1e20).1.is_nan());
     }
 }

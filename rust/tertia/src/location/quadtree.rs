@@ -5,7 +5,12 @@ use super::concentration::Evidence;
 
 /// Number of squares across the square that contains all positions within range.
 const ACROSS: usize = 16;
-/// Largest number of times that a square is divided.
+/// Squares with sides above this share of the maximum range are divided wherever they may be within range:
+/// if stations are far apart, few of their points would be. With more divisions than this, coordinates
+/// would no longer differ.
+const RESOLVED: f64 = 0.5;
+const FINER: usize = 40;
+/// Largest number of times that a square is divided because of the density.
 const LEVELS: usize = 11;
 /// A square is divided if it may contain this share of the probability and its ln density may exceed
 /// that at its centre by [`CHANGE`].
@@ -117,7 +122,7 @@ pub(super) struct Node {
 
 /// Returns the nodes of a quadrature of the density `g(S(p))` within range. O(nodes · bearings).
 pub(super) fn nodes(scene: &Scene<'_>, evidence: &Evidence<'_>) -> Vec<Node> {
-    let square = |centre: [f64; 2], side: f64| {
+    let square = &|centre: [f64; 2], side: f64| {
         let (misfit, nearest) = scene.misfit(centre);
         let reach = scene.max_range + RADIUS * side;
         (nearest <= reach).then(|| Square {
@@ -133,6 +138,17 @@ pub(super) fn nodes(scene: &Scene<'_>, evidence: &Evidence<'_>) -> Vec<Node> {
     let grid = (0..ACROSS).flat_map(|i| (0..ACROSS).map(move |j| (i, j)));
     let mut squares: Vec<Square> =
         grid.filter_map(|(i, j)| square([at(0, i), at(1, j)], step)).collect();
+    let quarters = |s: Square| {
+        let half = 0.5 * s.side;
+        let centres = CORNERS.map(|corner| [0, 1].map(|i| s.centre[i] + 0.5 * half * corner[i]));
+        centres.into_iter().filter_map(move |centre| square(centre, half))
+    };
+    for _ in 0..FINER {
+        if squares.iter().all(|s| s.side <= RESOLVED * scene.max_range) {
+            break;
+        }
+        squares = squares.into_iter().flat_map(quarters).collect();
+    }
     for _ in 0..LEVELS {
         let largest = squares.iter().map(|s| s.ln).fold(f64::NEG_INFINITY, f64::max);
         let total: f64 = squares.iter().map(|s| s.side * s.side * (s.ln - largest).exp()).sum();
@@ -144,13 +160,7 @@ pub(super) fn nodes(scene: &Scene<'_>, evidence: &Evidence<'_>) -> Vec<Node> {
         if coarse.is_empty() {
             break;
         }
-        for s in coarse {
-            let half = 0.5 * s.side;
-            let child = |corner: &[f64; 2]| {
-                square([0, 1].map(|axis| s.centre[axis] + 0.5 * half * corner[axis]), half)
-            };
-            squares.extend(CORNERS.iter().filter_map(child));
-        }
+        squares.extend(coarse.into_iter().flat_map(quarters));
     }
     let inner = |s: Square| {
         CORNERS.iter().filter_map(move |corner| {
