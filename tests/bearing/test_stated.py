@@ -232,3 +232,9 @@ def test_a_gap_of_many_sigmas_is_no_rounding() -> None:
     found = estimate_bearing([10.0, 10.0, 40.0], sigma=3.0)
     assert found.outlier.tolist() == [False, False, True]
     assert found.sigma < 3.0
+
+
+def test_distant_measurements_do_not_hide_the_others() -> None:
+    found = estimate_bearing([102.7, 100.0, 100.0, 100.0, 100.0, 117.2, 100.0, 164.1], sigma=0.03)
+    assert found.value == pytest.approx(100.0, abs=1e-9)
+    np.testing.assert_array_equal(np.flatnonzero(found.outlier), [0, 5, 7])

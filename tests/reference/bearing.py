@@ -580,10 +580,10 @@ def stated(y, s, correlation):
             starts = starts[np.arange(32) * (len(starts) - 1) // 31]
         log = np.array([good(c, f)[2] for c in starts])
         slope = np.array([good(c, f)[0] / s**2 @ (y - c) for c in starts])
-        found = []
-        after, before = np.r_[slope[1:], -np.inf], np.r_[np.inf, slope[:-1]]
+        found, after, before = [], np.r_[slope[1:], -np.inf], np.r_[np.inf, slope[:-1]]
         leads = (slope >= 0) & (after <= 0) | (slope <= 0) & (before >= 0)
-        for k in np.flatnonzero(leads & (log >= log.max() - 15)):
+        likely = np.flatnonzero(leads & (log >= log.max() - 15))
+        for k in (*likely, *np.flatnonzero(log == log.max())):
             mode = maximum(starts[k], f)
             if all(abs(mode[0] - other[0]) > 0.3 * np.sqrt(mode[1]) for other in found):
                 found.append(mode)

@@ -287,6 +287,15 @@ mod tests {
     use super::*;
     use crate::base::random::Random;
 
+    /// The density of measurements that are very far away is not exactly zero: their slopes may be larger
+    /// than those of the good ones.
+    #[test]
+    fn distant_measurements_do_not_hide_the_others() {
+        let y = [102.7, 100.0, 100.0, 100.0, 100.0, 117.2, 100.0, 164.1];
+        let fit = Sample::by_group(&y, &[0.03; 8], None)[0].fit(1.0);
+        assert_eq!(fit.value, 100.0);
+    }
+
     /// With sigmas that are far too small, every few measurements form a maximum, and the slopes at the
     /// starts, which are only some of the measurements, need not point to the highest one.
     #[test]
