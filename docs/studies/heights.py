@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import product
 
 import numpy as np
@@ -24,7 +25,8 @@ PERIODS, GARBLED = (4.0, 6.0, 10.0, 12.0), (0.0, 0.01, 0.05)
 def flown(time: FloatArray, random: np.random.Generator) -> tuple[FloatArray, FloatArray, IntArray]:
     """Return heights, vertical rates and phases at times of the aircraft, (scans, aircraft)."""
     rate = random.uniform(*RATES, AIRCRAFT) * random.choice([-1.0, 1.0], AIRCRAFT)
-    until = np.abs(rate) / np.exp(random.uniform(*np.log(ACCELERATIONS), AIRCRAFT))
+    least, most = map(math.log, ACCELERATIONS)
+    until = np.abs(rate) / np.exp(random.uniform(least, most, AIRCRAFT))
     begin, end = random.uniform(*BEGIN, AIRCRAFT), random.uniform(*END, AIRCRAFT)
 
     def changed(since: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -92,6 +94,6 @@ def table() -> str:
             cells += [f"{rms[0]:.0f}", f"{np.max(np.abs(height[own])):.0f}", f"{rms[1]:.1f}"]
         rows.append([f"{period:.0f} s", f"{share:.0%}", *cells])
     head = ["scan", "wrong heights"]
-    for phase in PHASES:
-        head += [f"RMSE, {phase}, m", "largest, m", "RMSE of the rate, m/s"]
+    for name in PHASES:
+        head += [f"RMSE, {name}, m", "largest, m", "RMSE of the rate, m/s"]
     return markdown(head, rows)

@@ -132,3 +132,36 @@ def test_aircraft_with_one_address_by_mistake_are_two():
     found = track(joined(*parts)[0], [RADAR])
     assert len(shown(found)) == 2
     assert not np.any(found.track_of_plot == PlotStatus.REFLECTION)
+
+
+def of_part(found, part, number):
+    """Times of the confirmed rows of tracks by the plots of a part."""
+    seen = found[found.confirmed & (found.plot >= 0)]
+    return seen.time[part[seen.plot] == number]
+
+
+@pytest.mark.parametrize("way", [live, lambda plots: track(plots, [RADAR])])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_side_lobe_that_begins_with_its_aircraft_ends(way, seed):
+    rng = np.random.default_rng([61, seed])
+    place = flown([6e3, 4e3], [-20.0, 50.0])
+    beside = lobe(place, rng, 0, mode_3a=0o7000)
+    often = np.arange(SCANS) % 5 < 3
+    beside = {name: column[often] for name, column in beside.items()}
+    plots, part = joined(plotted(place, rng, mode_3a=0o7000), beside)
+    found = way(plots)
+    assert np.max(of_part(found, part, 1), initial=0.0) < 50 * PERIOD
+    assert len(of_part(found, part, 0)) > SCANS - 12
+
+
+@pytest.mark.parametrize("way", [live, lambda plots: track(plots, [RADAR])])
+def test_a_reflection_that_begins_before_its_aircraft_ends(way):
+    rng = np.random.default_rng(62)
+    place = flown([-9e3, 14e3], [100.0, 60.0])
+    own = plotted(place, rng, icao_address=0x3C6586)
+    own = {name: column[8:] for name, column in own.items()}
+    plots, part = joined(own, reflected(place, rng, 0, icao_address=0x3C6586))
+    found = way(plots)
+    assert len(of_part(found, part, 1)) > 0
+    assert np.max(of_part(found, part, 1)) < 25 * PERIOD
+    assert len(of_part(found, part, 0)) > SCANS - 8 - 5
