@@ -20,6 +20,8 @@
 //! | `doubt` | what measurements that may be faults add to the covariance |
 //! | `growth` | what residuals add to it that are too large |
 //! | `contradiction` | the same for all instants together |
+//! | `modes`, `mixture` | the same where there are outliers among few redundant measurements |
+//! | `normals` | ellipses of mixtures of normal errors |
 //! | `evidence` | how likely measurements are, with sigmas of one size or another |
 //! | `alone` | how large the sigmas are of one instant that has outliers |
 //! | `profile` | where the cost is no parabola |
@@ -54,6 +56,9 @@ mod lane;
 mod lanes;
 mod lenth;
 mod medium;
+mod mixture;
+mod modes;
+mod normals;
 mod posterior;
 mod profile;
 mod protection;
@@ -74,6 +79,7 @@ pub use contour::Outline;
 pub use contradiction::Contradiction;
 pub use fix::{Fix, Instant, Method, Output, Status};
 pub use medium::Medium;
+pub use mixture::Mixture;
 pub use posterior::{Bearings, Density, Posterior, Summary, pooled};
 pub use protection::Protection;
 pub use region::{Located, Spread};

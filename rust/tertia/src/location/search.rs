@@ -26,10 +26,10 @@ const NORMAL_MEDIAN: f64 = 0.674_489_750_196_081_7;
 /// Minima whose likelihoods differ less than by a factor of 20 cannot be told apart: ln 20.
 const AMBIGUOUS: f64 = 2.995_732_273_553_991;
 /// Points within so many standard deviations, squared, belong to one minimum.
-const SAME_MINIMUM: f64 = 25.0;
+pub(super) const SAME_MINIMUM: f64 = 25.0;
 /// What of a distance, squared, a point costs at least that is on the slopes of a minimum: of a
 /// parabola half of it.
-const SLOPE: f64 = 0.25;
+pub(super) const SLOPE: f64 = 0.25;
 /// Other minima looked for, and where outliers are frequent.
 const RIVALS: usize = 3;
 const RIVALS_OF_MANY: usize = 8;
