@@ -154,7 +154,8 @@ def locate(
         Smallest number of degrees of freedom at which outliers are searched for; by default it is 2
         if there are times of arrival, and 3 otherwise. With one degree of freedom, it cannot be
         decided which measurement is faulty. With two, this can rarely be decided for angles and
-        ranges.
+        ranges. If such instants of a batch measure no angles and have outliers, the covariance
+        allows for each of the possibilities.
     initial : array_like of shape (..., D), optional
         A position near the target. If several positions fit the measurements, it determines which
         of them is returned.

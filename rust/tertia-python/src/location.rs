@@ -13,7 +13,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tertia::batch::for_each_row;
 use tertia::location::{
-    self, Contradiction, Fix, Instant, Locator, Method, Speed, Wind, Workspace,
+    self, Contradiction, Fix, Instant, Locator, Method, Mixture, Speed, Wind, Workspace,
 };
 use tertia::sensors::{KINDS, predict};
 
@@ -222,8 +222,8 @@ pub fn locate<'py>(
     let (speed_sigma, wind_sigma) = medium;
     let (mut speed, mut wind) = find_medium(py, &locator, &mut batch, medium)?;
     let is_alone = batch.count() == 1 && !pooled && name == "robust" && free.contains(&true);
-    let contradiction = match is_alone {
-        true => Contradiction::NONE,
+    let (contradiction, mixture) = match is_alone {
+        true => (Contradiction::NONE, None),
         false => adapt(py, &mut locator, &mut batch, &free, pooled)?,
     };
     let growth = || {
@@ -240,8 +240,12 @@ pub fn locate<'py>(
         speed.sigma = (speed.sigma * growth.sqrt()).min(speed_sigma);
         locator = locator.with_speed_sigma(speed.sigma);
     }
-    let alone = is_alone.then_some(&free[..]);
-    let mut found = locate_batch(py, &locator, &batch, alone, wind.as_ref(), n_threads)?;
+    let special = match mixture {
+        Some(mixture) => Special::Mixed(mixture, &free),
+        None if is_alone => Special::Alone(&free),
+        None => Special::None,
+    };
+    let mut found = locate_batch(py, &locator, &batch, special, wind.as_ref(), n_threads)?;
     if batch.count() > 1 && name == "robust" {
         let instants = batch.instants();
         let seen = (&*found.outlier.values()?, &found.fixes[..]);
@@ -250,7 +254,7 @@ pub fn locate<'py>(
             _ => locator.of_batch::<3>(&instants, seen, &mut Workspace::default()),
         })?;
         if let Some(locator) = other {
-            found = locate_batch(py, &locator, &batch, None, wind.as_ref(), n_threads)?;
+            found = locate_batch(py, &locator, &batch, special, wind.as_ref(), n_threads)?;
         }
     }
     let still = |wind: Wind| {
@@ -258,7 +262,7 @@ pub fn locate<'py>(
         Ok::<_, PyErr>((wind.mean, wind.covariance, array(py, &[values.len()], values)?))
     };
     let wind = wind.map(still).transpose()?;
-    let Contradiction { growth, factor, degrees_of_freedom, common } = contradiction;
+    let Contradiction { growth, factor, degrees_of_freedom, common, .. } = contradiction;
     let columns = fix_columns(py, batch.values.batch(), &found.fixes)?;
     Ok((
         found.position,
@@ -292,33 +296,44 @@ fn find_medium(
     Ok((found.speed, found.wind))
 }
 
-/// Estimates how much the instants contradict the stated standard deviations, and adapts these and the
-/// locator.
+/// Instants that are not located as those of a healthy batch, and which of their sigmas may be wrong.
+#[derive(Clone, Copy)]
+enum Special<'a> {
+    None,
+    /// One that has no company.
+    Alone(&'a [bool]),
+    /// Those with few redundant measurements, of which some are wrong.
+    Mixed(Mixture, &'a [bool]),
+}
+
+/// Finds by how much instants contradict stated standard deviations, or how many of few redundant
+/// measurements are wrong, and adapts standard deviations and the locator.
 fn adapt(
     py: Python<'_>,
     locator: &mut Locator,
     batch: &mut Batch<'_>,
     free: &[bool],
     pooled: bool,
-) -> PyResult<Contradiction> {
+) -> PyResult<(Contradiction, Option<Mixture>)> {
     let is_free = free.contains(&true);
     if is_free {
         *locator = locator.growing();
     }
     if !pooled && (batch.count() <= 1 || !is_free) {
-        return Ok(Contradiction::NONE);
+        return Ok((Contradiction::NONE, None));
     }
     let instants = batch.instants();
-    let found = release(py, LOCATE_NS * batch.values.size(), || match batch.d {
-        2 => locator.contradiction::<2>(&instants, free, pooled, &mut Workspace::default()),
-        _ => locator.contradiction::<3>(&instants, free, pooled, &mut Workspace::default()),
+    let cost = LOCATE_NS * batch.values.size();
+    let (found, mixture) = release(py, cost, || match batch.d {
+        2 => locator.errors::<2>(&instants, free, pooled, &mut Workspace::default()),
+        _ => locator.errors::<3>(&instants, free, pooled, &mut Workspace::default()),
     })?;
     drop(instants);
     if found.is_any() {
         found.apply(batch.sigmas.values.to_mut(), free);
     }
     *locator = locator.with_common(found.common);
-    Ok(found)
+    Ok((found, mixture))
 }
 
 /// Locates the instants of a batch.
@@ -326,7 +341,7 @@ fn locate_batch<'py>(
     py: Python<'py>,
     locator: &Locator,
     batch: &Batch<'_>,
-    alone: Option<&[bool]>,
+    special: Special<'_>,
     wind: Option<&Wind>,
     n_threads: Threads,
 ) -> PyResult<Found<'py>> {
@@ -362,15 +377,9 @@ fn locate_batch<'py>(
                     outlier,
                 })
                 .collect();
-            match (d, alone) {
-                (2, Some(free)) => {
-                    fixes[0] = locator.locate_alone(&instants[0], free, &mut out[0], plane);
-                }
-                (_, Some(free)) => {
-                    fixes[0] = locator.locate_alone(&instants[0], free, &mut out[0], space);
-                }
-                (2, None) => locator.locate_all(&instants, &mut out, fixes, plane),
-                (_, None) => locator.locate_all(&instants, &mut out, fixes, space),
+            match d {
+                2 => locate_block(locator, special, &instants, &mut out, fixes, plane),
+                _ => locate_block(locator, special, &instants, &mut out, fixes, space),
             }
             if let Some(wind) = wind {
                 for ((instant, out), fix) in instants.iter().zip(&mut out).zip(fixes) {
@@ -385,6 +394,26 @@ fn locate_batch<'py>(
     })?;
     done.map_err(|failure| rows.error(failure))?;
     Ok(Found { position, covariance, residual, outlier, fixes })
+}
+
+/// Locates instants side by side.
+fn locate_block<const D: usize>(
+    locator: &Locator,
+    special: Special<'_>,
+    instants: &[Instant<'_>],
+    out: &mut [location::Output<'_>],
+    fixes: &mut [Fix],
+    workspace: &mut Workspace<D>,
+) {
+    match special {
+        Special::None => locator.locate_all(instants, out, fixes, workspace),
+        Special::Alone(free) => {
+            fixes[0] = locator.locate_alone(&instants[0], free, &mut out[0], workspace);
+        }
+        Special::Mixed(mixture, free) => {
+            locator.locate_all_mixed(instants, (&mixture, free), (out, fixes), workspace);
+        }
+    }
 }
 
 /// Covariances and dilutions at positions, for stations with their axes, and for standard deviations of the

@@ -16,16 +16,17 @@
 //! | `arrivals` | starting points from times of arrival |
 //! | `descent` | Gauss–Newton and Newton steps with Levenberg damping |
 //! | `block`, `lanes`, `total` | the same for several instants side by side |
-//! | `starts` | costs of starting points, several side by side |
-//! | `doubt` | what doubtful measurements add to the covariance |
-//! | `growth` | growth of the covariance of one instant with residuals that are too large |
-//! | `contradiction` | the same for all instants of a batch together |
-//! | `evidence` | likelihood of the measurements for given sizes of the sigmas |
-//! | `alone` | size of the errors of a single instant that contradicts its sigmas |
-//! | `faulty` | frequency of outliers in a batch |
-//! | `profile` | the covariance where the cost is not a parabola |
-//! | `solver` | location of instants from reading to results |
-//! | `search` | search for the best minimum: start, robust steps, other minima |
+//! | `starts` | what points to start from cost, several side by side |
+//! | `doubt` | what measurements that may be faults add to the covariance |
+//! | `growth` | what residuals add to it that are too large |
+//! | `contradiction` | the same for all instants together |
+//! | `modes`, `mixture` | the same where there are outliers among few redundant measurements |
+//! | `normals` | ellipses of mixtures of normal errors |
+//! | `evidence` | how likely measurements are, with sigmas of one size or another |
+//! | `alone` | how large the sigmas are of one instant that has outliers |
+//! | `profile` | where the cost is no parabola |
+//! | `solver` | the way of an instant |
+//! | `search` | start, robust steps, other minima |
 //! | `summary` | covariance, σ, dilution of precision |
 //! | `lenth` | the estimators of Lenth (1981), for azimuths only |
 //! | `posterior`, `quadtree`, `concentration` | the density of positions from two to four bearings |
@@ -55,6 +56,9 @@ mod lane;
 mod lanes;
 mod lenth;
 mod medium;
+mod mixture;
+mod modes;
+mod normals;
 mod posterior;
 mod profile;
 mod protection;
@@ -75,6 +79,7 @@ pub use contour::Outline;
 pub use contradiction::Contradiction;
 pub use fix::{Fix, Instant, Method, Output, Status};
 pub use medium::Medium;
+pub use mixture::Mixture;
 pub use posterior::{Bearings, Density, Posterior, Summary, pooled};
 pub use protection::Protection;
 pub use region::{Located, Spread};

@@ -11,10 +11,11 @@
 
 use super::contradiction::{WIDEST, stretch};
 use super::fix::{Fix, Instant, Output, Status};
-use super::growth::{DOUBTED, HALVINGS, LIMIT, OUTSIDE, SCALE};
+use super::growth::{DOUBTED, OUTSIDE, SCALE};
+use super::normals::{self, Normal};
 use super::solver::{Locator, Workspace};
-use crate::base::distribution::{chi_square_upper, chi_square_upper_real};
-use crate::base::small::{Factor, Matrix, Vector, quadratic};
+use crate::base::distribution::chi_square_upper;
+use crate::base::small::{Matrix, Vector};
 use crate::sensors::{KINDS, Kind};
 
 /// p-value below which residuals are too large.
@@ -184,46 +185,14 @@ fn settle<const D: usize>(all: &mut [Hypothesis<D>]) -> Option<usize> {
     Some(if fits { 0 } else { likeliest })
 }
 
-/// Returns the factor, at least 1, by which the covariance of the best hypothesis is multiplied so that
-/// its 95 % ellipse contains 95 % of the mixture. The squared normal errors about another position are
-/// approximated by a multiple of χ² with the same mean and variance (Satterthwaite 1946).
+/// The factor of the best one's covariance with which its ellipse of 95 % holds 95 % of the mixture,
+/// 1 at least.
 fn growth<const D: usize>(all: &[Hypothesis<D>], best: usize) -> f64 {
-    let own = &all[best];
-    let Some(factor) = Factor::try_new(&own.covariance, 0.0) else { return 1.0 };
-    let inverse = factor.inverse();
-    let bounded = all.iter().filter(|other| other.fix.status == Status::None);
-    let terms: Vec<_> =
-        bounded.map(|other| (other.weight, moments(other, own, &inverse))).collect();
-    let outside = |growth: f64| -> f64 {
-        let of = |&(weight, (mean, variance)): &(f64, (f64, f64))| {
-            let freedom = 2.0 * mean * mean / variance;
-            weight * chi_square_upper_real(growth * LIMIT[D - 2] * freedom / mean, freedom)
-        };
-        terms.iter().map(of).sum()
+    let of = |own: &Hypothesis<D>| Normal {
+        weight: own.weight,
+        position: own.position,
+        covariance: own.covariance,
     };
-    let (mut low, mut high) = (0.0, f64::from(DOUBLINGS + 4) * std::f64::consts::LN_2);
-    for _ in 0..HALVINGS {
-        let middle = 0.5 * (low + high);
-        if outside(middle.exp()) > OUTSIDE { low = middle } else { high = middle }
-    }
-    (0.5 * (low + high)).exp()
-}
-
-/// Returns mean and variance of the squared distance, in the metric `inverse` of the hypothesis `own`,
-/// between its position and the target, if `other` is the true hypothesis.
-fn moments<const D: usize>(
-    other: &Hypothesis<D>,
-    own: &Hypothesis<D>,
-    inverse: &Matrix<D>,
-) -> (f64, f64) {
-    let product: Matrix<D> = std::array::from_fn(|i| {
-        std::array::from_fn(|j| (0..D).map(|k| inverse[i][k] * other.covariance[k][j]).sum())
-    });
-    let shift: Vector<D> = std::array::from_fn(|i| other.position[i] - own.position[i]);
-    let pulled: Vector<D> = std::array::from_fn(|i| (0..D).map(|k| inverse[i][k] * shift[k]).sum());
-    let trace: f64 = (0..D).map(|i| product[i][i]).sum();
-    let square: f64 =
-        (0..D).map(|i| (0..D).map(|j| product[i][j] * product[j][i]).sum::<f64>()).sum();
-    let mean = trace + quadratic(inverse, &shift);
-    (mean, 2.0 * square + 4.0 * quadratic(&other.covariance, &pulled))
+    let bounded: Vec<_> = all.iter().filter(|own| own.fix.status == Status::None).map(of).collect();
+    normals::growth(bounded.iter(), &all[best].position, &all[best].covariance).max(1.0)
 }

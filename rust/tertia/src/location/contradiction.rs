@@ -30,7 +30,7 @@ use crate::base::distribution::{chi_square_upper_quantile, fisher_upper_quantile
 use crate::sensors::{KINDS, Kind};
 
 /// Largest number of instants of a batch, evenly spread, that are examined.
-const SAMPLE: usize = 256;
+pub(super) const SAMPLE: usize = 256;
 /// Largest number of rounds.
 const ROUNDS: usize = 12;
 /// Change of the logarithm of every factor below which the rounds end.
@@ -43,7 +43,8 @@ const OUTSIDE: f64 = 0.05;
 const ALIKE: f64 = 10.0;
 /// Quantile of the standard normal distribution for a one-sided test at 99 %.
 const SURELY: f64 = 2.326;
-/// Scatter, in stated variances, up to which a kind counts as having none.
+/// Chance that an instant of a batch with normal errors has far larger residuals.
+const HEAVY: f64 = 0.01;
 const LEAST_SCATTER: f64 = 1e-6;
 /// Share of outliers above which they may be due to sigmas that are too small.
 const MANY: f64 = 0.03;
@@ -65,6 +66,8 @@ pub struct Contradiction {
     pub degrees_of_freedom: [f64; KINDS],
     /// Share of the stated variance that does not show as scatter, and must be common to all stations.
     pub common: [f64; KINDS],
+    /// Whether residuals of some instants are far larger than those of larger noise.
+    pub is_heavy: bool,
 }
 
 impl Contradiction {
@@ -74,6 +77,7 @@ impl Contradiction {
         factor: [1.0; KINDS],
         degrees_of_freedom: [0.0; KINDS],
         common: [0.0; KINDS],
+        is_heavy: false,
     };
 
     /// Multiplies the standard deviations of the 5 K measurements of each instant by the square root of
@@ -92,6 +96,12 @@ impl Contradiction {
             false => 1.0,
         };
         self.growth.iter().zip(&self.degrees_of_freedom).map(of).fold(1.0, f64::max)
+    }
+
+    /// The share of so many degrees of freedom that counts: less for errors that last.
+    pub(super) fn independent(&self, freedom: &[f64; KINDS]) -> f64 {
+        let all: f64 = freedom.iter().sum();
+        (self.degrees_of_freedom.iter().sum::<f64>() / all).min(1.0)
     }
 
     /// Whether any variance changes.
@@ -184,7 +194,8 @@ impl Locator {
                 (factor, sums) = (other, others);
             }
         }
-        let mut found = Contradiction { factor, ..Contradiction::NONE };
+        let is_heavy = !pooled && factor != start && sums.are_heavy(count);
+        let mut found = Contradiction { factor, is_heavy, ..Contradiction::NONE };
         let total: f64 = sums.freedom.iter().sum();
         let others = |freedom: f64| ALIKE.min(total - freedom);
         for kind in 0..KINDS {
@@ -393,6 +404,14 @@ impl Sums {
     /// Whether many instants have no position.
     fn loses_many(&self) -> bool {
         self.lost > LOST * (self.lost + self.found)
+    }
+
+    /// Whether the residuals of an instant, of so many, are larger than normal ones.
+    fn are_heavy(&self, count: usize) -> bool {
+        let freedom = (self.freedom.iter().sum::<f64>() / self.found).ceil() as usize;
+        let limit = chi_square_upper_quantile(HEAVY / count as f64, freedom.max(1));
+        let of = |own: &[f64]| own.iter().map(|r| r * r).sum::<f64>();
+        self.residual.chunks(self.residual.len() / count).any(|own| of(own) > limit)
     }
 
     /// Returns the effective number of instants divided by their number `count`, from the correlation

@@ -30,7 +30,7 @@ pub(super) const LIMIT: [f64; 2] = [5.991_464_547_107_979, 7.814_727_903_251_179
 /// Upper normal quantile at 10 %.
 const QUANTILE: f64 = 1.281_551_565_544_600_4;
 /// Number of steps of the bisection of a logarithm.
-pub(super) const HALVINGS: usize = 40;
+const HALVINGS: usize = 40;
 /// Relative weight below which terms are left out.
 const LEAST_WEIGHT: f64 = 1e-12;
 

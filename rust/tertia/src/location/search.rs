@@ -27,10 +27,10 @@ const NORMAL_MEDIAN: f64 = 0.674_489_750_196_081_7;
 /// Minima whose likelihoods differ by less than a factor of 20 cannot be told apart: ln 20.
 const AMBIGUOUS: f64 = 2.995_732_273_553_991;
 /// Points within this squared distance of a minimum, in squared sigmas, belong to it.
-const SAME_MINIMUM: f64 = 25.0;
+pub(super) const SAME_MINIMUM: f64 = 25.0;
 /// A point on the slope of a minimum costs more than it by at least this share of its squared distance, in
 /// sigmas. For a parabola the share would be a half.
-const SLOPE: f64 = 0.25;
+pub(super) const SLOPE: f64 = 0.25;
 /// Largest number of other minima that are searched for.
 const RIVALS: usize = 3;
 /// The same if outliers are frequent.

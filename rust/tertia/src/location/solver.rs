@@ -164,6 +164,11 @@ impl Locator {
         Self { method: Method::LeastSquares, ..*self }
     }
 
+    /// The same, with covariances that follow from the sigmas whatever the residuals are.
+    pub(super) fn trusting(&self) -> Self {
+        Self { grows: false, ..*self }
+    }
+
     /// Returns the loss for this number of degrees of freedom.
     pub(super) fn loss(&self, redundancy: usize, of_arrivals: bool) -> Loss {
         match self.method {

@@ -100,11 +100,13 @@ pub(super) fn find_faults<const M: usize, const S: usize, const N: usize>(
     (0..count).for_each(|part| faults.gross[part] = part % each > 0);
     // start from a stiff path: a flexible one would follow the faults
     let near = Near::intensity(search.low);
-    let mut found = settle::<M, S, N>(search, &parts, faults, near, Scale::Free)?;
+    let jerk = (Family::Jerk, Scale::Free);
+    let mut found = settle::<M, S, N>(search, &parts, faults, near, jerk)?;
     // a long run that a stiff path leaves out may be a turn
     let turning = without_runs(&parts, &found.faults);
     let near = search.likeliest(&turning);
-    if let Some(other) = settle::<M, S, N>(search, &parts, turning, near, Scale::Stated)
+    let stated = (Family::Jerk, Scale::Stated);
+    if let Some(other) = settle::<M, S, N>(search, &parts, turning, near, stated)
         && score(search, &parts, &other.faults) > score(search, &parts, &found.faults)
     {
         found = other;
@@ -124,13 +126,13 @@ fn settle<const M: usize, const S: usize, const N: usize>(
     parts: &Parts<'_>,
     mut faults: Faults,
     mut near: Near,
-    scale: Scale,
+    (family, scale): (Family, Scale),
 ) -> Option<Settled> {
     let mut found = Found::default();
     let mut misfit = vec![0.0; parts.counts.len()];
     for _ in 0..ROUNDS {
-        let best = search.best(Family::Jerk, LastingNoise::NONE, scale, &faults, near);
-        near.intensity = best.model.motion.jerk.max(f64::MIN_POSITIVE).ln();
+        let best = search.best(family, LastingNoise::NONE, scale, &faults, near);
+        near.intensity = family.log(best.model.motion).max(f64::MIN_POSITIVE.ln());
         // the vague first state must not depend on a jerk that outliers have raised
         search.restart::<S>(best.model.motion.times(best.factor.powi(2)));
         search.engine.smooth(parts.track, &best.model, &faults, &mut found)?;
@@ -144,6 +146,25 @@ fn settle<const M: usize, const S: usize, const N: usize>(
         faults = next;
     }
     Some(Settled { faults, near, misfit })
+}
+
+/// The outliers of a track whose position wanders, with the noise as stated, if that is likelier by such
+/// odds than white jerk, without these faults of it and near one: steps look like outliers and jumps there.
+pub(super) fn find_rough_faults<const M: usize, const S: usize, const N: usize>(
+    search: &mut Search<'_, M, N>,
+    (faults, near): (&Faults, Near),
+    odds: f64,
+) -> Option<Faults> {
+    let none = LastingNoise::NONE;
+    let jerk = search.best(Family::Jerk, none, Scale::Prior, faults, near);
+    let near = Near::intensity(Family::Velocity.like(jerk.model.motion, search.track));
+    let rough = search.best(Family::Velocity, none, Scale::Stated, faults, near);
+    if rough.value < jerk.value + odds.ln() {
+        return None;
+    }
+    let (parts, first) = (Parts::of(search.track), Faults::none(search.track));
+    let stated = (Family::Velocity, Scale::Stated);
+    Some(settle::<M, S, N>(search, &parts, first, near, stated)?.faults)
 }
 
 /// Log-likelihood of positions with the noise as stated. Positions that are left out count as much as the

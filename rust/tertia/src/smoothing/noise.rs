@@ -6,7 +6,7 @@
 //! jerk need not be noise.
 
 use super::expected::Expected;
-use super::faults::find_faults;
+use super::faults::{find_faults, find_rough_faults};
 use super::fit::{Family, ProcessNoiseFit, fit_process_noise, likeliest_other, median_step};
 use super::lasting::Found;
 use super::model::{Faults, LastingNoise, Model};
@@ -158,11 +158,18 @@ fn improve<const M: usize, const S: usize, const N: usize>(
     if let Some(found) = options.robust.then(|| find_faults::<M, S, N>(&mut search)).flatten() {
         (faults, near) = found;
     }
+    let mut is_rough = faults == Faults::none(track);
+    if !is_rough && options.jerk.is_none() && track.numbers == track.dimension {
+        let own = find_rough_faults::<M, S, N>(&mut search, (&faults, near), 1.0 / ROUGH);
+        is_rough = own.is_some();
+        faults = own.unwrap_or(faults);
+    }
     // outliers and jumps may be the only deviations
     let is_healthy = options.correlation_time.is_none_or(|time| time == 0.0)
         && faults != Faults::none(track)
         && search.is_healthy(&faults, near, expected);
-    let (candidates, weights) = candidates(&search, options, &faults, near, is_healthy);
+    let found = (&faults, is_rough);
+    let (candidates, weights) = candidates(&search, options, found, near, is_healthy);
     let known = (0..weights.len()).filter(|&i| weights[i] > 0.0);
     let most = known.max_by(|&a, &b| weights[a].total_cmp(&weights[b]))?;
     let best = &candidates[most];
@@ -188,7 +195,7 @@ fn improve<const M: usize, const S: usize, const N: usize>(
 fn candidates<const M: usize, const N: usize>(
     search: &Search<'_, M, N>,
     options: &Options,
-    faults: &Faults,
+    (faults, may_be_rough): (&Faults, bool),
     near: Near,
     is_healthy: bool,
 ) -> (Vec<Candidate>, Vec<f64>) {
@@ -211,9 +218,9 @@ fn candidates<const M: usize, const N: usize>(
         log_prior = vec![(WHITE * (1.0 - WANDERING)).ln(), (WHITE * WANDERING).ln()];
     }
     let has_velocities = search.track.numbers > search.track.dimension;
-    // a random walk of the position looks like larger, correlated noise, and like outliers: therefore the
-    // noise is as stated here, and there must be no faults
-    if options.jerk.is_none() && !has_velocities && *faults == Faults::none(search.track) {
+    // steps from plot to plot look like larger noise that lasts: noise is as stated here; outliers look like
+    // steps where a motion has none
+    if options.jerk.is_none() && !has_velocities && may_be_rough {
         let near = Near::intensity(Family::Velocity.like(white.model.motion, search.track));
         found.push(best(Family::Velocity, LastingNoise::NONE, Scale::Stated, near));
         log_prior.push(ROUGH.ln());

@@ -1,0 +1,158 @@
+//! Positions of an instant with so few redundant measurements that weights do not tell which are
+//! wrong, with one set of wrong measurements or another.
+
+use super::descent::{End, Loss, Problem};
+use super::fix::Instant;
+use super::record::NOWHERE;
+use super::search::{SAME_MINIMUM as SAME, SLOPE, least};
+use super::solver::{Locator, Workspace};
+use super::starts;
+use crate::base::small::{Vector, quadratic};
+use crate::sensors::{KINDS, Kind, Measurement, Row};
+
+/// The most redundant measurements: with more, weights tell.
+const MOST: usize = 2;
+/// Standard deviation of the errors of wrong measurements, where positions are looked for.
+const WRONG: f64 = 20.0;
+/// Points from which descents begin, their steps, and the length of a step, in standard deviations, that
+/// ends them: the likelihood takes one step more.
+const TRIES: usize = 3;
+const STEPS: usize = 8;
+const NEAR: f64 = 0.1;
+/// Positions that are less likely by so much, as a logarithm, do not count.
+const UNLIKELY: f64 = 10.0;
+
+/// A position that explains the measurements, if some are wrong.
+pub(super) struct Mode<const D: usize> {
+    /// Which are wrong: bits, by their number.
+    pub wrong: u32,
+    /// Relative to the first station.
+    pub position: Vector<D>,
+    /// Residuals and their derivatives, in units of the stated sigmas.
+    pub rows: Vec<Row<D>>,
+}
+
+/// The positions of an instant, with each set of wrong measurements.
+pub(super) struct Modes<const D: usize> {
+    pub modes: Vec<Mode<D>>,
+    /// Kind of each measurement, and where it stands in the instant; none of a height.
+    pub places: Vec<Option<(usize, usize)>>,
+    /// Whether its sigma may be wrong, and it itself.
+    pub free: Vec<bool>,
+}
+
+impl Locator {
+    /// Whether an instant has redundant measurements, but too few for a robust fit, and no angles: the large
+    /// errors of these last, as those of the direction do, rather than come and go.
+    pub(super) fn has_few(&self, instant: &Instant<'_>, dimension: usize) -> bool {
+        let height = usize::from(instant.height.is_some());
+        let count = instant.values.iter().filter(|v| !v.is_nan()).count() + height;
+        let redundant = count.saturating_sub(dimension);
+        let stations = instant.values.len() / KINDS;
+        let angles = Kind::Azimuth as usize * stations..(Kind::Elevation as usize + 1) * stations;
+        (1..=MOST).contains(&redundant)
+            && instant.values[angles].iter().all(|v| v.is_nan())
+            && self.is_robust()
+            && !self.has_arrivals(instant)
+            && self.loss(redundant, false) == Loss::SQUARE
+    }
+
+    /// The positions of an instant that has few redundant measurements: at most two for each set of at
+    /// most one more wrong measurement than is redundant. O(2^M M).
+    pub(super) fn modes<const D: usize>(
+        &self,
+        instant: &Instant<'_>,
+        free: &[bool],
+        workspace: &mut Workspace<D>,
+    ) -> Modes<D> {
+        let record = &mut workspace.own.records[0];
+        record.read(instant, self.correlation);
+        let stations = free.len() / KINDS;
+        let is_known = |place: usize| place != NOWHERE;
+        let places = record.places.iter().map(|&p| is_known(p).then_some((p / stations, p)));
+        let places: Vec<_> = places.collect();
+        let free: Vec<bool> = places.iter().map(|own| own.is_some_and(|(_, p)| free[p])).collect();
+        let mut found = Modes { modes: Vec::new(), places, free };
+        if record.unknown {
+            return found;
+        }
+        let (measurements, extent) = (&record.measurements, record.extent);
+        let candidates = &mut workspace.own.buffers.candidates;
+        candidates.find(measurements, extent);
+        let (points, mut costs) = (&candidates.points, Vec::new());
+        let redundant = measurements.len() - D;
+        let may_be =
+            |wrong: u32| (0..measurements.len()).all(|i| found.free[i] || !is_in(wrong, i));
+        let sets = |count: usize| {
+            let all = 0..1_u32 << measurements.len();
+            all.filter(move |wrong| wrong.count_ones() as usize == count)
+        };
+        let stretched = |wrong: u32| -> Vec<Measurement<D>> {
+            let mut own = measurements.clone();
+            let all = own.iter_mut().enumerate();
+            all.filter(|(i, _)| is_in(wrong, *i)).for_each(|(_, own)| own.precision /= WRONG);
+            own
+        };
+        let mut modes = Vec::new();
+        let mut add = |wrong: u32, position: Vector<D>| {
+            let rows = measurements.iter().map(|m| m.row_at(&position)).collect();
+            modes.push(Mode { wrong, position, rows });
+        };
+        let mut ends = Vec::new();
+        for wrong in (0..=redundant).flat_map(sets).filter(|wrong| may_be(*wrong)) {
+            let own = stretched(wrong);
+            let problem = Problem { measurements: &own, extent };
+            starts::costs(&own, points, Loss::SQUARE, &mut costs);
+            for (position, _) in minima(&problem, points, &mut costs) {
+                ends.push(position);
+                add(wrong, position);
+            }
+        }
+        // what is left determines no position: the best of the others
+        for wrong in sets(redundant + 1).filter(|wrong| may_be(*wrong)) {
+            starts::costs(&stretched(wrong), &ends, Loss::SQUARE, &mut costs);
+            if let Some(at) = least(&costs) {
+                add(wrong, ends[at]);
+            }
+        }
+        found.modes = modes;
+        found
+    }
+}
+
+/// Whether a set has a measurement.
+pub(super) fn is_in(set: u32, i: usize) -> bool {
+    set >> i & 1 == 1
+}
+
+/// The lowest minimum that points lead to, and another one if it is not much less likely, with their
+/// costs.
+fn minima<const D: usize>(
+    problem: &Problem<'_, D, D>,
+    points: &[Vector<D>],
+    costs: &mut [f64],
+) -> Vec<(Vector<D>, f64)> {
+    let mut found: Vec<(Vector<D>, f64)> = Vec::new();
+    for _ in 0..TRIES {
+        let Some(at) = least(costs) else { break };
+        let mut state = points[at];
+        let (end, normal) = problem.descend(&mut state, Loss::SQUARE, 1.0, STEPS, NEAR);
+        costs[at] = f64::INFINITY;
+        let distance = |point: &Vector<D>| {
+            quadratic(&normal.matrix, &std::array::from_fn(|i| point[i] - state[i]))
+        };
+        for (point, cost) in points.iter().zip(costs.iter_mut()) {
+            if distance(point) <= SAME.max((*cost - normal.cost) / SLOPE) {
+                *cost = f64::INFINITY;
+            }
+        }
+        let ended = matches!(end, End::Converged | End::Moving);
+        if ended && found.iter().all(|(own, _)| distance(own) > SAME) {
+            found.push((state, normal.cost));
+        }
+    }
+    found.sort_by(|a, b| a.1.total_cmp(&b.1));
+    found.truncate(2);
+    found.dedup_by(|b, a| b.1 > a.1 + UNLIKELY);
+    found
+}
