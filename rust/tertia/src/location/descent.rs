@@ -33,7 +33,7 @@ const NEWTON: [f64; 3] = [0.0, 0.1, 0.4];
 /// Relative increase of the cost that may be due to rounding.
 pub(super) const ROUNDING: f64 = 1e-12;
 /// Rounding error of a distance, relative to the size of the geometry.
-const ROUNDING_OF_DISTANCES: f64 = 4.0 * f64::EPSILON;
+const ROUNDING_OF_DISTANCES: f64 = 16.0 * f64::EPSILON;
 /// Distance, in extents of the problem, beyond which a descent counts as diverged.
 pub(super) const FAR: f64 = 1e6;
 
@@ -283,7 +283,7 @@ impl<const D: usize, const N: usize> Problem<'_, D, N> {
     }
 
     /// Descends until a step is shorter than `tolerance` standard deviations, or than the rounding errors of
-    /// the residuals make it.
+    /// distances.
     ///
     /// The first choice is a Newton step with ψ'. If the cost curves downward or would increase, steps
     /// between this and the weighted (Gauss–Newton) step are tried, then the weighted step, then ever
@@ -311,7 +311,7 @@ impl<const D: usize, const N: usize> Problem<'_, D, N> {
                         match self.step(p, &factor, &normal, loss, scale) {
                             Ok(taken) => break taken,
                             // the remaining differences are due to rounding
-                            Err(size) if size <= self.smallest(p, &normal, tolerance) => {
+                            Err(size) if size <= tolerance * tolerance => {
                                 return (End::Converged, normal);
                             }
                             Err(_) => {}
@@ -324,24 +324,24 @@ impl<const D: usize, const N: usize> Problem<'_, D, N> {
                     }
                 },
             };
+            let is_rounding = self.is_rounding(p, &trial);
             (*p, normal) = (trial, next);
             damping = if damping <= FIRST_DAMPING { 0.0 } else { damping / GROWTH };
             if norm(p) > FAR * self.extent {
                 return (End::Diverged, normal);
             }
-            if size <= self.smallest(p, &normal, tolerance) {
+            if is_rounding || size <= tolerance * tolerance {
                 return (End::Converged, normal);
             }
         }
         (End::Moving, normal)
     }
 
-    /// Returns the squared length, in standard deviations, of the steps below which a descent ends: those
-    /// of `tolerance`, or those due to rounding if the geometry is large compared with the sigmas.
-    fn smallest(&self, p: &Vector<N>, normal: &Normal<N>, tolerance: f64) -> f64 {
-        let distance = ROUNDING_OF_DISTANCES * (self.extent + norm(p));
-        let trace: f64 = (0..N).map(|i| normal.matrix[i][i]).sum();
-        (tolerance * tolerance).max(distance * distance * trace)
+    /// Whether a step from one position to another is a rounding error of distances: it may be many standard
+    /// deviations long if the geometry is large compared with the sigmas.
+    fn is_rounding(&self, from: &Vector<N>, to: &Vector<N>) -> bool {
+        let step: Vector<N> = std::array::from_fn(|i| to[i] - from[i]);
+        norm(&step) <= ROUNDING_OF_DISTANCES * (self.extent + norm(to))
     }
 
     /// Takes a step that does not increase the cost: returns the new state, the normal equations there,
