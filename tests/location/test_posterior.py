@@ -225,11 +225,12 @@ def test_errors(options, message):
 
 @pytest.mark.parametrize("far", [1e6, 1e8])
 def test_stations_that_are_much_farther_apart_than_the_range(far):
-    places = np.array([[0, 0], [200, 100], [far, 0.2 * far]])
-    d = np.array([100.0, 200.0]) - places
-    azimuth = np.arctan2(d[:, 0], d[:, 1])
-    options = {"method": "posterior", "max_range": 300.0}
-    fix = locate(places, azimuth=azimuth, azimuth_sigma=0.05, **options)
-    near = locate(places * [[1], [1], [1e4 / far]], azimuth=azimuth, azimuth_sigma=0.05, **options)
-    assert fix.region().area == pytest.approx(near.region().area, rel=0.1)
-    assert fix.region().contains([100, 200])
+    def region(far):
+        places = np.array([[0, 0], [200, 100], [far, 0.2 * far]])
+        d = np.array([100.0, 200.0]) - places
+        azimuth = np.arctan2(d[:, 0], d[:, 1])
+        options = {"method": "posterior", "max_range": 300.0}
+        return locate(places, azimuth=azimuth, azimuth_sigma=0.05, **options).region()
+
+    assert region(far).area == pytest.approx(region(1e4).area, rel=0.03)
+    assert region(far).contains([100, 200])
