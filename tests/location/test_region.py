@@ -198,7 +198,7 @@ def test_levels_that_do_not_exist():
     assert fix.protection_level(fault_probability=1e-2) == INF
     assert np.isfinite(fix.protection_level(fault_probability=1e-2, faults=3, risk=1e-4))
     # more faults than measurements
-    assert fix.protection_level(faults=2**63) == fix.protection_level(faults=6)
+    assert fix.protection_level(faults=2**31 - 1) == fix.protection_level(faults=6)
     few = locate(RING[:2], range=exact[:2], range_sigma=10.0, initial=TARGET, **LEAST)
     assert few.protection_level() == INF
     assert few.protection_level(faults=0) == INF
