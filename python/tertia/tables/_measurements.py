@@ -263,6 +263,21 @@ def _one_by_one(records: Records, placed: Sequence[str]) -> pl.DataFrame:
     return pl.concat([measured, empty]).sort("record", maintain_order=True)
 
 
+def _below_noise(rows: pl.DataFrame, noise: FloatArray) -> BoolArray:
+    """Return which rows have ranges that are not positive, and not because of noise near a sensor.
+
+    Zeros count only if the sensor has other ranges near to 0: alone, they more often mean that
+    nothing was measured.
+    """
+    value, own = (rows[name].to_numpy() for name in ("value", "sigma"))
+    site, is_range = rows["site"].to_numpy(), (rows["kind"] == "range").to_numpy()
+    sigma = np.where(np.isnan(own), noise[site], own)
+    near = is_range & (np.abs(value) <= NOISE * sigma) & (value != 0.0)
+    beside = np.bincount(site[near], minlength=len(noise)) > 0
+    found: BoolArray = is_range & (value <= 0.0) & ~np.where(value < 0.0, near, beside[site])
+    return found
+
+
 def _refuse_impossible(
     measured: pl.DataFrame, records: Records, noise: FloatArray, *, repeated: bool
 ) -> None:
@@ -271,14 +286,10 @@ def _refuse_impossible(
     `noise` has the sigmas of the ranges of the sensors, (K,), for rows without one.
     """
     rows = measured.filter(pl.col("kind").is_not_null())
-    own = rows["sigma"].to_numpy()
-    least = -NOISE * np.nan_to_num(np.where(np.isnan(own), noise[rows["site"].to_numpy()], own))
-    rows = rows.with_columns(least=least)
+    rows = rows.with_columns(low=_below_noise(rows, noise))
     one = replace(records, rows=rows)
     kind, value = pl.col("kind"), pl.col("value")
-    # a target near the sensor may have a range below 0
-    low = (value < pl.col("least")) | ((value == 0) & (pl.col("least") == 0))
-    one.refuse((kind == "range") & low, "range is {value:g}; it must be positive", "range")
+    one.refuse(pl.col("low"), "range is {value:g}; it must be positive", "range")
     one.refuse(
         (kind == "azimuth") & (value.abs() > 720),
         "azimuth is {value:g}; it must be between -720 and 720 degrees",

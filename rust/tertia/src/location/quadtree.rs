@@ -10,6 +10,8 @@ const ACROSS: usize = 16;
 /// would no longer differ.
 const RESOLVED: f64 = 0.5;
 const FINER: usize = 40;
+/// Number of squares from which on they are not divided because of their size.
+const MANY: usize = 1 << 14;
 /// Largest number of times that a square is divided because of the density.
 const LEVELS: usize = 11;
 /// A square is divided if it may contain this share of the probability and its ln density may exceed
@@ -144,7 +146,8 @@ pub(super) fn nodes(scene: &Scene<'_>, evidence: &Evidence<'_>) -> Vec<Node> {
         centres.into_iter().filter_map(move |centre| square(centre, half))
     };
     for _ in 0..FINER {
-        if squares.iter().all(|s| s.side <= RESOLVED * scene.max_range) {
+        let is_fine = |s: &Square| s.side <= RESOLVED * scene.max_range;
+        if squares.len() >= MANY || squares.iter().all(is_fine) {
             break;
         }
         squares = squares.into_iter().flat_map(quarters).collect();
