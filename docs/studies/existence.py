@@ -21,7 +21,7 @@ SCANS, CLUTTER_SCANS = repetitions(240, least=60), repetitions(5000, least=100)
 CLUTTER = (5.0, 50.0, 200.0)
 RULES: dict[str, Any] = {"3 of 4 and evidence": (3, 4), "existence": 0.999}
 EDGES = (0.01, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.99, 1.0)
-# plots of a track by which it is told what it follows
+# plots of a track that decide what it follows
 LATELY = 5
 
 

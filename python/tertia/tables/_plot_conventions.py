@@ -89,7 +89,7 @@ class _Near:
 
 
 def _near_in_time(plots: Plots, sensors: Sensors[Any], chosen: Sequence[int]) -> list[_Near]:
-    """Return plots of each two sensors that may be of one target, where that can be told."""
+    """Return plots of each two sensors that may be of one target, where that can be known."""
     rows = {}
     for k in chosen:
         own = np.flatnonzero((plots.sensor == k) & np.isfinite(plots.time))

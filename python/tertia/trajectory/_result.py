@@ -56,7 +56,7 @@ class Trajectory(Result):
         polynomials and with "temporal-first".
     mirror_image : ndarray of shape (N, D) or None
         Mirror image of the path on the other side of the stations, if it explains the measurements
-        (almost) equally well; None if it does not, or if `initial` told the side.
+        (almost) equally well; None if it does not, or if `initial` gives the side.
     propagation_speed, propagation_speed_sigma : float, ndarray of shape (N,) or None
         Estimated speed of the signals in m/s and its standard deviation; None if no
         `propagation_speed_sigma` was given.
