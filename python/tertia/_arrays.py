@@ -115,7 +115,7 @@ def instants_of(time: npt.ArrayLike) -> FloatArray:
     """Return times of shape (N,), after checking that there are some and that none decreases."""
     instants = finite(time, "time")
     if instants.ndim != 1 or instants.size == 0:
-        raise ValueError(f"time has shape {instants.shape}; it must be (N,)")
+        raise ValueError(f"time has shape {instants.shape}; it must be (N,), N at least 1")
     back = np.flatnonzero(np.diff(instants) < 0)
     if back.size:
         raise ValueError(f"time[{back[0] + 1}] is before the previous time; time must not decrease")
