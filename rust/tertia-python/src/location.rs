@@ -188,11 +188,11 @@ pub fn fix_columns<'py>(
     columns(py, batch, fixes, of)
 }
 
-/// Positions, covariances, residuals and marks of outliers; and the columns of `fix_columns`.
-/// `robustness` is the method and the degrees of freedom that it requires; `differences` contains whether
-/// late arrivals are more likely to be outliers, and the correlation of range differences. The last
-/// results are the share by which signals are faster than stated, its standard deviation, and the wind,
-/// if wind is allowed. `medium` contains the prior standard deviations of the share, and of the wind in
+/// Returns positions, covariances, residuals and marks of outliers, the columns of `fix_columns`, the four
+/// columns of `Contradiction`, the share by which signals are faster than stated, its standard deviation,
+/// and the wind, if wind is allowed. `robustness` is the method and the degrees of freedom that it requires;
+/// `differences` contains whether late arrivals are more likely to be outliers, and the correlation of
+/// range differences; `medium` contains the prior standard deviations of the share, and of the wind in
 /// units of the signal speed.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)] // the Python signature
@@ -296,18 +296,19 @@ fn find_medium(
     Ok((found.speed, found.wind))
 }
 
-/// Instants that are not located as those of a healthy batch, and which of their sigmas may be wrong.
+/// Cases that need a special method, and marks of the sigmas that may be wrong.
 #[derive(Clone, Copy)]
 enum Special<'a> {
     None,
-    /// One that has no company.
+    /// A single instant.
     Alone(&'a [bool]),
-    /// Those with few redundant measurements, of which some are wrong.
+    /// A batch in which some measurements of instants with few redundant measurements are wrong.
     Mixed(Mixture, &'a [bool]),
 }
 
-/// Finds by how much instants contradict stated standard deviations, or how many of few redundant
-/// measurements are wrong, and adapts standard deviations and the locator.
+/// Estimates by how much the instants contradict the stated standard deviations and, if some measurements of
+/// instants with few redundant ones are wrong, the distribution of their errors; adapts the standard
+/// deviations and the locator.
 fn adapt(
     py: Python<'_>,
     locator: &mut Locator,
@@ -396,7 +397,7 @@ fn locate_batch<'py>(
     Ok(Found { position, covariance, residual, outlier, fixes })
 }
 
-/// Locates instants side by side.
+/// Locates a block of instants side by side.
 fn locate_block<const D: usize>(
     locator: &Locator,
     special: Special<'_>,
@@ -416,8 +417,8 @@ fn locate_block<const D: usize>(
     }
 }
 
-/// Covariances and dilutions at positions, for stations with their axes, and for standard deviations of the
-/// measurements and of the positions of stations.
+/// Returns covariances and dilutions of precision at positions, for stations with their axes, and for
+/// standard deviations of the measurements and of the positions of stations.
 #[pyfunction]
 pub fn location_accuracy<'py>(
     py: Python<'py>,
@@ -461,7 +462,8 @@ pub fn location_accuracy<'py>(
     Ok((covariance, dilution))
 }
 
-/// Measurements that stations would make of positions (..., D) without errors, (..., kinds, K).
+/// Returns the measurements (..., kinds, K) that stations would make, without errors, of targets at positions
+/// (..., D).
 #[pyfunction]
 pub fn predicted<'py>(
     py: Python<'py>,

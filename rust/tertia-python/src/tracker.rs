@@ -52,7 +52,7 @@ impl PlotTracker {
         tracker.map(Self).map_err(value_error)
     }
 
-    /// Time up to which everything is processed.
+    /// Time up to which all plots are processed.
     #[getter]
     fn time(&self) -> f64 {
         self.0.tracker().time()
@@ -97,7 +97,7 @@ impl PlotTracker {
         Ok(())
     }
 
-    /// Restarts as if the last plots had not been given.
+    /// Restarts without tracks, as if the last `plots` plots had not been given.
     fn restart(&mut self, plots: usize) {
         self.0.tracker_mut().restart(plots);
     }
@@ -143,7 +143,8 @@ impl PlotTracker {
         Self(self.0.clone())
     }
 
-    /// Returns a copy with what a later tracker has estimated about the plots; `None` if they are as stated.
+    /// Returns a copy with the properties of the plots that a later tracker has estimated; `None` if they are
+    /// as stated.
     fn knowing(&self, later: &Self) -> Option<Self> {
         self.0.clone().knowing(&later.0).map(Self)
     }
@@ -246,7 +247,7 @@ fn refused(refusal: tracker::Refusal) -> PyErr {
     PyValueError::new_err(refusal.to_string())
 }
 
-/// East and north of plots (N, 2) and their covariances (N, 2, 2); nan if there is no position.
+/// Returns east and north of plots (N, 2) and their covariances (N, 2, 2); nan if there is no position.
 #[pyfunction]
 pub fn plots_to_cartesian<'py>(
     py: Python<'py>,
@@ -304,7 +305,7 @@ impl View<'_> {
         self.position.is_some()
     }
 
-    /// Returns what registration requires of a plot.
+    /// Returns the part of a plot that registration needs.
     #[inline(always)]
     fn measured(&self, index: usize) -> registration::Report {
         // nan if the sensor is a radar
@@ -322,13 +323,13 @@ impl View<'_> {
         }
     }
 
-    /// The position of a plot, if it has one.
+    /// Returns the position that a plot reports, if there is one.
     fn place(&self, index: usize) -> Option<[f64; 2]> {
         let place = self.position.as_ref()?.as_chunks::<2>().0[index];
         place[0].is_finite().then_some(place)
     }
 
-    /// The velocity of a plot and its covariance, if it has both.
+    /// Returns the velocity that a plot reports and its covariance, if there are both.
     #[inline(always)]
     fn moving(&self, index: usize) -> Option<([f64; 2], Plane)> {
         self.velocity.as_ref()?;
@@ -376,7 +377,7 @@ impl Plots for View<'_> {
 }
 
 impl Columns<'_> {
-    /// Returns the plots, with these times, of this number of sensors.
+    /// Reads the plots, with these times; the indices of their sensors must be below `sensors`.
     pub fn read<'a>(&'a self, time: &'a Input<'_>, sensors: usize) -> PyResult<View<'a>> {
         let values = |column: &'a Option<Input<'_>>, name: &'static str, axes: usize| {
             let rows = column.as_ref().map(|column| column.rows(name, axes)).transpose();

@@ -16,16 +16,17 @@
 //! | `arrivals` | starting points from times of arrival |
 //! | `descent` | Gauss–Newton and Newton steps with Levenberg damping |
 //! | `block`, `lanes`, `total` | the same for several instants side by side |
-//! | `starts` | what points to start from cost, several side by side |
-//! | `doubt` | what measurements that may be faults add to the covariance |
-//! | `growth` | what residuals add to it that are too large |
-//! | `contradiction` | the same for all instants together |
-//! | `modes`, `mixture` | the same where there are outliers among few redundant measurements |
-//! | `normals` | ellipses of mixtures of normal errors |
-//! | `evidence` | how likely measurements are, with sigmas of one size or another |
-//! | `alone` | how large the sigmas are of one instant that has outliers |
-//! | `profile` | where the cost is no parabola |
-//! | `solver` | the way of an instant |
+//! | `starts` | costs of starting points, several side by side |
+//! | `doubt` | effect on the covariance of measurements that may be faults |
+//! | `growth` | growth of the covariance if residuals are too large for the stated sigmas |
+//! | `contradiction` | by how much all instants together contradict the stated sigmas |
+//! | `modes`, `mixture` | outliers in a batch of instants with few redundant measurements |
+//! | `normals` | error ellipses of mixtures of normal distributions |
+//! | `evidence` | likelihood of the measurements for given sizes of the sigmas |
+//! | `alone` | size of the errors of a single instant that contradicts the stated sigmas |
+//! | `faulty` | frequency of outliers in a batch |
+//! | `profile` | covariances where the cost is not a parabola |
+//! | `solver` | location of an instant, from its measurements to the results |
 //! | `search` | start, robust steps, other minima |
 //! | `summary` | covariance, σ, dilution of precision |
 //! | `lenth` | the estimators of Lenth (1981), for azimuths only |

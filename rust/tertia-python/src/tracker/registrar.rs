@@ -46,8 +46,8 @@ impl Registrar {
         Ok(())
     }
 
-    /// Times, ranges and azimuths of plots after removing the known errors, (N,) each, and positions, (N, 2),
-    /// if there are any.
+    /// Returns the times, ranges and azimuths of plots after correction for the known errors, (N,) each, and
+    /// the positions, (N, 2), if there are any.
     #[allow(clippy::type_complexity)] // columns
     fn correct<'py>(
         &self,
@@ -74,12 +74,13 @@ impl Registrar {
         Ok(([time?, range?, azimuth?], places.transpose()?))
     }
 
-    /// Learns from the rows of a table of tracks, from a number on, and the plots that they are of, of
-    /// which the first has this number, until a time; adds what is not known of the errors to the
-    /// covariances, and moves the rows by what was learnt. `azimuth_sigmas` are those of sensors that measure
-    /// azimuths alone, whose plots have the place of the sensor for a position, and not numbers for others.
-    /// `alive` are the numbers of all tracks, in order.
-    /// Returns the same of the tracks: numbers, times, positions and velocities.
+    /// Learns, up to `time`, from the rows of a table of tracks and from their plots. `rows` is the table
+    /// with the index of the first row to be used; `first` is the number of the first of the plots. The rows
+    /// are shifted by what was learnt about the errors, and the remaining uncertainty of the errors is added
+    /// to their covariances. `noise` is that of `PlotTracker.noise`, (K, 2, 2). `azimuth_sigmas` are the
+    /// sigmas of sensors that measure only azimuths, whose plots have the position of the sensor as their
+    /// position, and nan for all other sensors. `alive` are the numbers of all tracks in ascending order.
+    /// Returns the shifts of the tracks: numbers, times, and positions with velocities (T, 4).
     #[allow(clippy::too_many_arguments)] // those of the Python method
     fn learn<'py>(
         &mut self,
@@ -131,12 +132,12 @@ impl Registrar {
         ])
     }
 
-    /// Returns which radars' plots may not confirm tracks for now, (K,).
+    /// Returns marks of the radars whose plots may not confirm tracks for now, (K,).
     fn held(&self) -> Vec<bool> {
         self.0.held()
     }
 
-    /// Returns times and radars of sudden changes.
+    /// Returns times and radars of sudden changes of errors.
     fn changes(&self) -> Vec<(f64, usize)> {
         self.0.changes().to_vec()
     }
@@ -155,11 +156,10 @@ impl Registrar {
 }
 
 /// The columns of a table of tracks, with the plots of the rows from `begin` on; the first plot has the
-/// number
-/// `first`.
+/// number `first`.
 struct Told<'a> {
     plots: &'a View<'a>,
-    /// Of sensors that measure azimuths alone; not a number of the others.
+    /// Sigmas of the sensors that measure only azimuths; nan for other sensors.
     azimuth_sigmas: &'a [f64],
     first: i64,
     begin: usize,
@@ -203,7 +203,7 @@ impl<'a> Told<'a> {
         })
     }
 
-    /// Returns the columns to the table.
+    /// Puts the columns back into the table.
     fn put_back(self, py: Python<'_>, table: &TrackColumns) {
         for (name, values) in [
             ("time", self.time),
@@ -307,7 +307,7 @@ impl Changed for Told<'_> {
 const WHOLE: [usize; 16] = [0, 1, 2, 3, 1, 4, 5, 6, 2, 5, 7, 8, 3, 6, 8, 9];
 const UPPER: [usize; 10] = [0, 1, 2, 3, 5, 6, 7, 10, 11, 15];
 
-/// Returns the report of a radar that does not see a target.
+/// Returns the report for a missed detection of a radar.
 fn missed(radar: usize) -> Report {
     let none = f64::NAN;
     Report { radar, time: none, range: none, azimuth: none, height: none, place: None }

@@ -63,7 +63,7 @@ impl Locator {
         all[best].write(growth(&all, best), free, out)
     }
 
-    /// Returns the position for each size of the sigmas, as far as there is one.
+    /// Returns the positions for all sizes of the sigmas that have one.
     fn hypotheses<const D: usize>(
         &self,
         instant: &Instant<'_>,
@@ -185,8 +185,8 @@ fn settle<const D: usize>(all: &mut [Hypothesis<D>]) -> Option<usize> {
     Some(if fits { 0 } else { likeliest })
 }
 
-/// The factor of the best one's covariance with which its ellipse of 95 % holds 95 % of the mixture,
-/// 1 at least.
+/// Returns the factor, at least 1, of the covariance of the best hypothesis for which its 95 % ellipse
+/// contains 95 % of the mixture.
 fn growth<const D: usize>(all: &[Hypothesis<D>], best: usize) -> f64 {
     let of = |own: &Hypothesis<D>| Normal {
         weight: own.weight,

@@ -43,7 +43,7 @@ const OUTSIDE: f64 = 0.05;
 const ALIKE: f64 = 10.0;
 /// Quantile of the standard normal distribution for a one-sided test at 99 %.
 const SURELY: f64 = 2.326;
-/// Chance that an instant of a batch with normal errors has far larger residuals.
+/// Probability that the residuals of any instant count as far too large, in a batch with normal errors.
 const HEAVY: f64 = 0.01;
 const LEAST_SCATTER: f64 = 1e-6;
 /// Share of outliers above which they may be due to sigmas that are too small.
@@ -66,7 +66,7 @@ pub struct Contradiction {
     pub degrees_of_freedom: [f64; KINDS],
     /// Share of the stated variance that does not show as scatter, and must be common to all stations.
     pub common: [f64; KINDS],
-    /// Whether residuals of some instants are far larger than those of larger noise.
+    /// Whether the residuals of some instants are far larger than those of normal noise with this factor.
     pub is_heavy: bool,
 }
 
@@ -98,7 +98,7 @@ impl Contradiction {
         self.growth.iter().zip(&self.degrees_of_freedom).map(of).fold(1.0, f64::max)
     }
 
-    /// The share of so many degrees of freedom that counts: less for errors that last.
+    /// Returns the effective share of these degrees of freedom; lasting errors reduce it.
     pub(super) fn independent(&self, freedom: &[f64; KINDS]) -> f64 {
         let all: f64 = freedom.iter().sum();
         (self.degrees_of_freedom.iter().sum::<f64>() / all).min(1.0)
@@ -406,7 +406,7 @@ impl Sums {
         self.lost > LOST * (self.lost + self.found)
     }
 
-    /// Whether the residuals of an instant, of so many, are larger than normal ones.
+    /// Whether the residuals of any of the `count` instants are far larger than normal ones.
     fn are_heavy(&self, count: usize) -> bool {
         let freedom = (self.freedom.iter().sum::<f64>() / self.found).ceil() as usize;
         let limit = chi_square_upper_quantile(HEAVY / count as f64, freedom.max(1));

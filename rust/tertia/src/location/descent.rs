@@ -43,7 +43,7 @@ pub(super) struct Outliers {
     /// Density of outliers in units of the default, which is one outlier in a hundred measurements with
     /// sizes spread over [`FLAT`].
     pub odds: f64,
-    /// Share of the outliers among ranges that are too long.
+    /// Share of too long ranges among the ranges that are outliers.
     pub late: f64,
 }
 
@@ -88,7 +88,7 @@ impl Cost {
         match self {
             Self::Square => (1.0, 0.5 * u * u, 1.0),
             Self::Huber(c) if u.abs() <= c => (1.0, 0.5 * u * u, 1.0),
-            // the weight in place of ψ' = 0: steps are shorter, and never fail
+            // ψ' is 0; with the weight in its place, steps are shorter and never fail
             Self::Huber(c) => (c / u.abs(), c * (u.abs() - 0.5 * c), c / u.abs()),
             Self::Tukey(c) => {
                 let q = (u / c).powi(2);
@@ -337,8 +337,8 @@ impl<const D: usize, const N: usize> Problem<'_, D, N> {
         (End::Moving, normal)
     }
 
-    /// Whether a step from one position to another is a rounding error of distances: it may be many standard
-    /// deviations long if the geometry is large compared with the sigmas.
+    /// Whether a step from one position to another is due to rounding errors of distances: such a step may be
+    /// many standard deviations long if the geometry is large compared with the sigmas.
     fn is_rounding(&self, from: &Vector<N>, to: &Vector<N>) -> bool {
         let step: Vector<N> = std::array::from_fn(|i| to[i] - from[i]);
         norm(&step) <= ROUNDING_OF_DISTANCES * (self.extent + norm(to))

@@ -24,7 +24,7 @@ const STEPS: usize = 500;
 const TOLERANCE: f64 = 1e-10;
 /// Rounding error of a residual, in radians. It limits the accuracy of κ.
 const ROUNDING: f64 = 1e-14;
-/// Largest κ. Residuals that would need a larger one are rounding errors, and show nothing.
+/// Largest κ. Residuals that would give a larger κ are mere rounding errors and contain no information.
 const LARGEST_KAPPA: f64 = 1e24;
 
 /// How the weight of an azimuth decreases with its residual.
@@ -94,8 +94,8 @@ pub(super) fn estimate<const D: usize>(
     Estimate { position: p, covariance, kappa, converged }
 }
 
-/// Returns the terms of one azimuth: 1 minus the cosine of its residual, without cancellation, (s, c),
-/// (s*, c*).
+/// Returns the terms of one azimuth: 1 minus the cosine of its residual, computed without cancellation;
+/// (s, c); and (s*, c*).
 fn terms<const D: usize>(m: &Measurement<D>, p: &Vector<D>) -> (f64, [f64; 2], [f64; 2]) {
     // θ is anticlockwise from east, the azimuth clockwise from north
     let (s, c) = (m.cosine, m.sine);
@@ -182,7 +182,7 @@ mod tests {
     use crate::base::random::Random;
     use crate::sensors::Kind;
 
-    /// With small errors, the cosines of the residuals have lost most of their digits.
+    /// If errors are small, 1 minus the cosine of a residual loses most of its digits to cancellation.
     #[test]
     fn precise_bearings_converge() {
         let stations = [[0.0, 0.0], [1e4, 0.0], [0.0, 1e4], [1e4, 1.2e4], [-5e3, 3e3]];

@@ -1,12 +1,13 @@
-//! Outliers among so few redundant measurements that robust fits do not find them.
+//! Outliers in a batch of instants that have too few redundant measurements for a robust fit.
 //!
-//! With one or two degrees of freedom, a robust fit cannot tell which measurement is wrong, and least
-//! squares spread its error over the position. In a batch it can be told how frequent and how large
-//! such errors are: a measurement has normal noise of variance φ or, with probability ε, an error of mean μ
-//! and variance s² besides (in units of its variance). Each set of wrong measurements has its own
-//! positions ([`modes`](super::modes)), each with a restricted likelihood (Patterson, Thompson 1971).
-//! ε, φ, μ and s come from rounds of expectation and maximisation (Dempster, Laird, Rubin 1977). The
-//! likeliest position counts, and the ellipse of 95 % holds 95 % of the mixture of all of them.
+//! With one or two degrees of freedom, a robust fit cannot tell which measurement is wrong, and a
+//! least-squares fit spreads the error over the position. A batch, however, shows how frequent and how
+//! large such errors are. Every measurement has normal noise with variance φ; with probability ε, it also
+//! has an error with mean μ and variance s². Errors are in units of the stated sigmas. Each set of wrong
+//! measurements has its own positions ([`modes`](super::modes)), each with a restricted likelihood
+//! (Patterson, Thompson 1971). ε, φ, μ and s are estimated in rounds of expectation and maximisation
+//! (Dempster, Laird, Rubin 1977). The result is the most probable position, and its 95 % ellipse contains
+//! 95 % of the mixture of all positions.
 
 use super::contradiction::{Contradiction, SAMPLE};
 use super::fix::{Fix, Instant, Output, Status};
@@ -18,42 +19,44 @@ use crate::base::distribution::chi_square_upper;
 use crate::base::small::{Factor, Matrix, Vector, dot, quadratic};
 use crate::sensors::KINDS;
 
-/// Where rounds begin: share of wrong measurements, variance of their errors.
+/// Start of the rounds: share of wrong measurements, and variance of their additional errors.
 const FIRST: (f64, f64) = (0.05, 400.0);
 const ROUNDS: usize = 10;
-/// Least and largest share.
+/// Smallest and largest share of wrong measurements.
 const SHARES: (f64, f64) = (0.003, 0.45);
-/// Least variance of errors: smaller ones are noise.
+/// Smallest variance of the additional errors: smaller errors are noise.
 const LEAST: f64 = 25.0;
-/// ln of the likelihood ratio, to noise that is larger than stated, from which on measurements are wrong.
+/// Smallest ln of the likelihood ratio of wrong measurements to noise that is larger than stated, for which
+/// measurements are taken to be wrong.
 const CLEARLY: f64 = 10.0;
-/// What of the mixture gives the ellipse its shape.
+/// The most probable positions determine the shape of the ellipse until they have this probability together.
 const MOST: f64 = 0.97;
-/// Positions of less probability do not count.
+/// Largest probability of a position that is left out of the ellipse.
 const LEAST_WEIGHT: f64 = 1e-3;
-/// Probability from which on a measurement is an outlier.
+/// A measurement that is wrong with a higher probability than this is marked as an outlier.
 const WRONG: f64 = 0.5;
 
-/// Errors of the measurements of a batch, in units of the stated sigmas.
+/// Distribution of the errors of the measurements of a batch, in units of the stated sigmas.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mixture {
     /// Share of wrong measurements.
     share: f64,
     /// Variance of the noise of each kind.
     noise: [f64; KINDS],
-    /// Mean and variance of what is wrong.
+    /// Mean of the additional errors of wrong measurements of each kind; below, their variance.
     mean: [f64; KINDS],
     variance: [f64; KINDS],
 }
 
-/// A position after a step to the minimum of its likelihood.
+/// Result of a Gauss–Newton step from the position of a mode to the maximum of its restricted likelihood.
 struct Judged<const D: usize> {
+    /// ln of the restricted likelihood; [`Mixture::weighed`] replaces it by the probability of the mode.
     ln: f64,
     step: Vector<D>,
     covariance: Matrix<D>,
 }
 
-/// What a round adds up.
+/// Sums over the modes of a sample of instants in one round.
 #[derive(Default)]
 struct Sums {
     ln: f64,
@@ -71,7 +74,7 @@ impl Mixture {
         Self { share, noise, mean: [mean; KINDS], variance: [variance; KINDS] }
     }
 
-    /// The same in units of sigmas that are larger by the roots of these factors.
+    /// Returns these errors in units of sigmas that are larger by the square roots of these factors.
     fn relative_to(&self, factor: &[f64; KINDS]) -> Self {
         let over = |own: &[f64; KINDS], power: f64| {
             std::array::from_fn(|kind| own[kind] / factor[kind].powf(power))
@@ -84,12 +87,13 @@ impl Mixture {
         }
     }
 
-    /// What the noise of all is, if it is all that an instant is given.
+    /// Returns a contradiction whose factors are the noise variances of this mixture: for a batch in which
+    /// there are hardly any instants with more redundant measurements.
     fn contradiction(&self, other: &Contradiction) -> Contradiction {
         Contradiction { growth: self.noise, factor: self.noise, common: [0.0; KINDS], ..*other }
     }
 
-    /// Mean and variance of the error of a measurement.
+    /// Returns the mean and variance of the error of a measurement in a mode.
     fn error<const D: usize>(&self, all: &Modes<D>, mode: &Mode<D>, i: usize) -> (f64, f64) {
         match all.places[i] {
             Some((kind, _)) if is_in(mode.wrong, i) => {
@@ -125,7 +129,8 @@ impl Mixture {
         (!ln.is_nan()).then(|| Judged { ln, step, covariance: factor.inverse() })
     }
 
-    /// Positions that count, with ln of their likelihoods turned into probabilities, and ln of their sum.
+    /// Returns the possible modes of an instant, with probabilities in place of ln of their likelihoods, and
+    /// ln of the sum of these likelihoods.
     fn weighed<'a, const D: usize>(
         &self,
         all: &'a Modes<D>,
@@ -139,7 +144,7 @@ impl Mixture {
         (found, top + total.ln())
     }
 
-    /// A round of expectation.
+    /// Computes the sums of one round (the expectation step).
     fn sums<const D: usize>(&self, sample: &[Modes<D>]) -> Sums {
         let mut sums = Sums::default();
         for all in sample {
@@ -166,7 +171,7 @@ impl Mixture {
             let error = row.residual - dot(&row.gradient, &judged.step);
             let unknown = quadratic(&judged.covariance, &row.gradient);
             if is_in(mode.wrong, i) {
-                // of the error a share is what is wrong
+                // `share` divides the deviation from the mean between the additional error and noise
                 let (mean, variance, noise) =
                     (self.mean[kind], self.variance[kind], self.noise[kind]);
                 let share = variance / (variance + noise);
@@ -184,7 +189,7 @@ impl Mixture {
 }
 
 impl Sums {
-    /// What is likeliest with these probabilities.
+    /// Returns the most likely mixture for these sums (the maximisation step).
     fn next(&self) -> Mixture {
         let wrong = self.wrong.max(f64::MIN_POSITIVE);
         let mean = self.error / wrong;
@@ -202,8 +207,10 @@ impl Sums {
 }
 
 impl Locator {
-    /// How a batch contradicts its sigmas, and the errors of what has few redundant measurements, if
-    /// some are wrong: then what has more of them tells of the sigmas, if there is any.
+    /// Returns how a batch contradicts its sigmas. If measurements of instants with few redundant
+    /// measurements are wrong, also returns the distribution of their errors, in units of the enlarged
+    /// sigmas; the contradiction is then estimated from the other instants if there are at least two,
+    /// otherwise from the noise of this distribution.
     pub fn errors<const D: usize>(
         &self,
         instants: &[Instant<'_>],
@@ -226,9 +233,9 @@ impl Locator {
         (rest, Some(mixture))
     }
 
-    /// The errors of a batch that contradicts its sigmas, if wrong measurements explain it better than
-    /// noise that is larger than stated, among instants with few redundant measurements. O(2^M M), for
-    /// at most 256 instants.
+    /// Returns the distribution of the errors of a batch that contradicts its sigmas, if in the instants
+    /// with few redundant measurements wrong measurements are a better explanation than noise that is
+    /// larger than stated. O(2^M M) for each of at most 256 instants.
     fn mixture<const D: usize>(
         &self,
         instants: &[Instant<'_>],
@@ -266,7 +273,8 @@ impl Locator {
         Some(mixture)
     }
 
-    /// [`Locator::locate_all`], of a batch in which few redundant measurements have such errors.
+    /// As [`Locator::locate_all`], for a batch whose instants with few redundant measurements have errors
+    /// with this distribution. The marks in `errors` (5 K) say which measurements may be wrong.
     pub fn locate_all_mixed<const D: usize>(
         &self,
         instants: &[Instant<'_>],
@@ -285,8 +293,8 @@ impl Locator {
         }
     }
 
-    /// Estimates the position of an instant with few redundant measurements, of a batch with such errors.
-    /// None if it has no position with any of them. O(2^M M).
+    /// Estimates the position of an instant with few redundant measurements from the distribution of the
+    /// errors of its batch. Returns `None` if no set of wrong measurements gives a position. O(2^M M).
     fn locate_mixed<const D: usize>(
         &self,
         instant: &Instant<'_>,
@@ -327,7 +335,7 @@ impl Locator {
         Some(fix)
     }
 
-    /// The position by least squares near another one, with a set of wrong measurements.
+    /// Estimates the position for the wrong measurements of a mode, by least squares from a start near it.
     fn with_wrong<const D: usize>(
         &self,
         instant: &Instant<'_>,
@@ -360,7 +368,7 @@ impl Locator {
     }
 }
 
-/// The covariance about the best position, with an ellipse of 95 % that holds 95 % of the mixture.
+/// Returns the covariance whose 95 % ellipse about the best position contains 95 % of the mixture.
 fn spread<const D: usize>(mut mixture: Vec<Normal<D>>, best: usize) -> Matrix<D> {
     let position = mixture[best].position;
     mixture.sort_by(|a, b| b.weight.total_cmp(&a.weight));

@@ -1,5 +1,5 @@
-//! Positions of an instant with so few redundant measurements that weights do not tell which are
-//! wrong, with one set of wrong measurements or another.
+//! Positions of an instant for each set of measurements that may be wrong, if there are too few redundant
+//! measurements for the weights of a robust fit to show which are wrong.
 
 use super::descent::{End, Loss, Problem};
 use super::fix::Instant;
@@ -10,40 +10,43 @@ use super::starts;
 use crate::base::small::{Vector, quadratic};
 use crate::sensors::{KINDS, Kind, Measurement, Row};
 
-/// The most redundant measurements: with more, weights tell.
+/// Largest number of redundant measurements: with more, the weights of a robust fit show which are wrong.
 const MOST: usize = 2;
-/// Standard deviation of the errors of wrong measurements, where positions are looked for.
+/// Standard deviation of wrong measurements in the search for positions, in stated sigmas.
 const WRONG: f64 = 20.0;
-/// Points from which descents begin, their steps, and the length of a step, in standard deviations, that
-/// ends them: the likelihood takes one step more.
+/// Largest number of descents for each set of wrong measurements.
 const TRIES: usize = 3;
+/// Largest number of steps of a descent.
 const STEPS: usize = 8;
+/// Length of a step, in standard deviations, below which a descent ends. This is enough, because one more
+/// step is taken when the likelihood is computed.
 const NEAR: f64 = 0.1;
-/// Positions that are less likely by so much, as a logarithm, do not count.
+/// Difference in log likelihood from the best position of a set beyond which its other position is left out.
 const UNLIKELY: f64 = 10.0;
 
-/// A position that explains the measurements, if some are wrong.
+/// A position that explains the measurements if a certain set of them is wrong.
 pub(super) struct Mode<const D: usize> {
-    /// Which are wrong: bits, by their number.
+    /// Set of the wrong measurements: bit i is measurement i.
     pub wrong: u32,
-    /// Relative to the first station.
+    /// Position relative to the first station.
     pub position: Vector<D>,
-    /// Residuals and their derivatives, in units of the stated sigmas.
+    /// Residuals of all measurements and their derivatives, in units of the stated sigmas.
     pub rows: Vec<Row<D>>,
 }
 
-/// The positions of an instant, with each set of wrong measurements.
+/// The positions of an instant for all sets of wrong measurements.
 pub(super) struct Modes<const D: usize> {
     pub modes: Vec<Mode<D>>,
-    /// Kind of each measurement, and where it stands in the instant; none of a height.
+    /// Kind of each measurement and its index in the instant; `None` for a height.
     pub places: Vec<Option<(usize, usize)>>,
-    /// Whether its sigma may be wrong, and it itself.
+    /// Whether each measurement, and its sigma, may be wrong.
     pub free: Vec<bool>,
 }
 
 impl Locator {
-    /// Whether an instant has redundant measurements, but too few for a robust fit, and no angles: the large
-    /// errors of these last, as those of the direction do, rather than come and go.
+    /// Whether an instant has redundant measurements, but too few for a robust fit, and no angles: large
+    /// errors of angles, such as those of the alignment of a station, last and do not vary from instant to
+    /// instant.
     pub(super) fn has_few(&self, instant: &Instant<'_>, dimension: usize) -> bool {
         let height = usize::from(instant.height.is_some());
         let count = instant.values.iter().filter(|v| !v.is_nan()).count() + height;
@@ -57,8 +60,9 @@ impl Locator {
             && self.loss(redundant, false) == Loss::SQUARE
     }
 
-    /// The positions of an instant that has few redundant measurements: at most two for each set of at
-    /// most one more wrong measurement than is redundant. O(2^M M).
+    /// Returns the positions of an instant with few redundant measurements: at most two for each set with
+    /// no more wrong measurements than there are redundant ones, and one for each set with one more.
+    /// O(2^M M).
     pub(super) fn modes<const D: usize>(
         &self,
         instant: &Instant<'_>,
@@ -108,7 +112,7 @@ impl Locator {
                 add(wrong, position);
             }
         }
-        // what is left determines no position: the best of the others
+        // the other measurements determine no position: take the best one of those found above
         for wrong in sets(redundant + 1).filter(|wrong| may_be(*wrong)) {
             starts::costs(&stretched(wrong), &ends, Loss::SQUARE, &mut costs);
             if let Some(at) = least(&costs) {
@@ -120,13 +124,13 @@ impl Locator {
     }
 }
 
-/// Whether a set has a measurement.
+/// Whether a set contains measurement i.
 pub(super) fn is_in(set: u32, i: usize) -> bool {
     set >> i & 1 == 1
 }
 
-/// The lowest minimum that points lead to, and another one if it is not much less likely, with their
-/// costs.
+/// Returns the lowest minimum that descents from the points lead to and, unless it is far less likely, the
+/// next one, with their costs.
 fn minima<const D: usize>(
     problem: &Problem<'_, D, D>,
     points: &[Vector<D>],

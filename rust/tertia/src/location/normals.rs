@@ -1,24 +1,24 @@
-//! An error that is a mixture of normal errors about several positions.
+//! Error ellipses of a mixture of normal distributions about several positions.
 
 use super::growth::{LIMIT, OUTSIDE};
 use crate::base::distribution::chi_square_upper_real;
 use crate::base::small::{Factor, Matrix, Vector, quadratic};
 
-/// Logarithms of the least and of the largest growth.
+/// Logarithms of the smallest and of the largest growth.
 const RANGE: (f64, f64) = (-5.0, 12.0);
 const STEPS: usize = 60;
 const TOLERANCE: f64 = 1e-9;
 
-/// A normal error about a position, with its probability.
+/// A normal distribution about a position, with its probability in the mixture.
 pub(super) struct Normal<const D: usize> {
     pub weight: f64,
     pub position: Vector<D>,
     pub covariance: Matrix<D>,
 }
 
-/// The factor of a covariance with which its ellipse of 95 % about a position holds 95 % of the mixture.
-/// The squares of normal errors about another position are about those of a multiple of χ² with the
-/// same mean and variance (Satterthwaite 1946). O(terms).
+/// Returns the factor of a covariance for which its 95 % ellipse about a position contains 95 % of the
+/// mixture. For each term, the distribution of the squared distance from the position is approximated by
+/// that of a multiple of χ² with the same mean and variance (Satterthwaite 1946). O(terms).
 pub(super) fn growth<'a, const D: usize>(
     mixture: impl Iterator<Item = &'a Normal<D>>,
     position: &Vector<D>,
@@ -37,7 +37,7 @@ pub(super) fn growth<'a, const D: usize>(
     zero(|growth| (outside(growth.exp()).max(f64::MIN_POSITIVE) / OUTSIDE).ln()).exp()
 }
 
-/// Where a falling function is zero, by the Illinois method (Dowell, Jarratt 1971).
+/// Returns the zero of a decreasing function, by the Illinois method (Dowell, Jarratt 1971).
 fn zero(f: impl Fn(f64) -> f64) -> f64 {
     let (mut low, mut high) = RANGE;
     let (mut above, mut below) = (f(low), f(high));
@@ -59,8 +59,8 @@ fn zero(f: impl Fn(f64) -> f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// Mean and variance of the square of the distance between the target and a position, with this inverse
-/// covariance.
+/// Returns the mean and variance of the squared distance between the target and a position, normalised with
+/// this inverse covariance.
 fn moments<const D: usize>(
     own: &Normal<D>,
     position: &Vector<D>,

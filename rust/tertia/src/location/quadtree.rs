@@ -5,12 +5,12 @@ use super::concentration::Evidence;
 
 /// Number of squares across the square that contains all positions within range.
 const ACROSS: usize = 16;
-/// Squares with sides above this share of the maximum range are divided wherever they may be within range:
-/// if stations are far apart, few of their points would be. With more divisions than this, coordinates
-/// would no longer differ.
+/// Squares that may be within range are divided while their sides exceed this share of the maximum range:
+/// if stations are far apart, few points of larger squares would be within range.
 const RESOLVED: f64 = 0.5;
+/// Largest number of these divisions. With more, the coordinates of the squares would no longer differ.
 const FINER: usize = 40;
-/// Number of squares from which on they are not divided because of their size.
+/// Number of squares from which on squares are no longer divided because of their size.
 const MANY: usize = 1 << 14;
 /// Largest number of times that a square is divided because of the density.
 const LEVELS: usize = 11;
@@ -106,7 +106,7 @@ impl Ray {
 struct Square {
     centre: [f64; 2],
     side: f64,
-    /// ln of the density at the centre, and an upper bound of it in the square.
+    /// ln of the density at the centre; below, its upper bound within the square.
     ln: f64,
     ln_bound: f64,
 }

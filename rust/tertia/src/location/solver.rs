@@ -164,7 +164,7 @@ impl Locator {
         Self { method: Method::LeastSquares, ..*self }
     }
 
-    /// The same, with covariances that follow from the sigmas whatever the residuals are.
+    /// Returns this estimator with covariances that follow from the sigmas alone, whatever the residuals.
     pub(super) fn trusting(&self) -> Self {
         Self { grows: false, ..*self }
     }
@@ -271,7 +271,7 @@ impl Locator {
         }
     }
 
-    /// Computes the results of a record, from the minimum that its start led to or from others.
+    /// Computes the results of a record from the minimum that its start led to, or from other minima.
     fn finish<const D: usize, const N: usize>(
         &self,
         instant: &Instant<'_>,
@@ -343,8 +343,8 @@ impl Locator {
         }
     }
 
-    /// Returns the minimum of the cost. If station positions are uncertain, angles have the errors due to
-    /// this at the minimum.
+    /// Returns the minimum of the cost. If station positions are uncertain, the sigmas of angles include the
+    /// effect of this uncertainty at the minimum.
     fn minimum<const D: usize, const N: usize>(
         &self,
         instant: &Instant<'_>,
@@ -429,8 +429,8 @@ impl Locator {
     }
 
     /// Computes the covariance that a position estimated by the stations would have, for arguments as in
-    /// [`Instant`] with `sigmas` that are nan for what stations do not measure. It is infinite if the
-    /// position is not determined. Returns the dilution of precision. O(K).
+    /// [`Instant`] with `sigmas` that are nan for what stations do not measure. The covariance is infinite
+    /// if the position is not determined. Returns the dilution of precision. O(K).
     pub fn accuracy<const D: usize>(
         &self,
         instant: &Instant<'_>,

@@ -1,8 +1,8 @@
 //! Plots that do not belong to a track, and jumps of its position.
 //!
-//! A position, or a velocity, is recognised as an outlier by its difference from its estimate by all others;
-//! a jump, by how much it would explain (de Jong, Penzer 1998). The largest are removed, and the rest is
-//! examined again.
+//! A position or a velocity is recognised as an outlier by its difference from the estimate that all other
+//! measurements give, and a jump by how much of the differences it would explain (de Jong, Penzer 1998). The
+//! largest faults are removed, and the rest is examined again.
 
 // indices are those of the formulas
 #![allow(clippy::needless_range_loop)]
@@ -22,10 +22,10 @@ const SIGNIFICANCE: f64 = 0.02;
 const JUMP_LIMIT: f64 = 2.0;
 /// Factor by which a jump must explain more than an outlier; otherwise it is an outlier.
 const OVER_OUTLIER: f64 = 1.2;
-/// Least misfit of what is left out in a round, relative to the largest.
+/// Smallest misfit of a position that is newly left out in a round, relative to the largest.
 const SHARE: f64 = 0.2;
 const ROUNDS: usize = 20;
-/// Number of successive positions that may be a turn if they are left out.
+/// Number of successive outliers from which on they may be a turn instead.
 const LONG: usize = 4;
 /// Least number of plots before and after a jump; fewer are outliers.
 const FEW: usize = 3;
@@ -39,7 +39,7 @@ struct Parts<'a> {
     track: &'a Track<'a>,
     /// Number of measured components of each part.
     counts: Vec<usize>,
-    /// Limit of a squared difference, and its median, for each number of components.
+    /// Limit of a squared difference for each number of components; below, its median.
     limits: Vec<f64>,
     medians: Vec<f64>,
 }
@@ -66,8 +66,8 @@ impl<'a> Parts<'a> {
         self.counts.iter().filter(|&&count| count > 0).count()
     }
 
-    /// Median of the squared differences of positions, or of velocities, relative to that of healthy ones; at
-    /// least 1.
+    /// Returns the median of the squared differences of positions, or of velocities, relative to the median
+    /// expected without faults; at least 1.
     fn unit(&self, misfit: &[f64], quantity: Quantity) -> f64 {
         let first = usize::from(quantity == Quantity::Velocity);
         let own = misfit.iter().zip(&self.counts).skip(first).step_by(self.each());
@@ -85,8 +85,8 @@ struct Settled {
     misfit: Vec<f64>,
 }
 
-/// Returns the outliers and jumps of a track, and a start for the search for its motion without them; none if
-/// they are so many that good plots cannot be recognised.
+/// Returns the outliers and jumps of a track, and a start for the search for its motion without them; `None`
+/// if there are so many outliers that good plots cannot be recognised.
 ///
 /// Positions are compared with each other first, because velocities may be wrong for long; then the
 /// velocities that contradict the positions are found.
@@ -120,7 +120,7 @@ pub(super) fn find_faults<const M: usize, const S: usize, const N: usize>(
     (2 * gross < parts.known()).then_some((faults, near))
 }
 
-/// Searches for faults again and again, until nothing changes.
+/// Searches for faults again and again until they no longer change.
 fn settle<const M: usize, const S: usize, const N: usize>(
     search: &mut Search<'_, M, N>,
     parts: &Parts<'_>,
@@ -148,8 +148,10 @@ fn settle<const M: usize, const S: usize, const N: usize>(
     Some(Settled { faults, near, misfit })
 }
 
-/// The outliers of a track whose position wanders, with the noise as stated, if that is likelier by such
-/// odds than white jerk, without these faults of it and near one: steps look like outliers and jumps there.
+/// Returns the outliers and jumps of a track whose position is a random walk with the noise as stated, if
+/// such a motion is at least `odds` times as likely as one with white jerk; otherwise `None`. Both are fitted
+/// without the given faults, and the search starts at `near`. In a fit with white jerk, the steps of a random
+/// walk look like outliers and jumps.
 pub(super) fn find_rough_faults<const M: usize, const S: usize, const N: usize>(
     search: &mut Search<'_, M, N>,
     (faults, near): (&Faults, Near),
@@ -167,8 +169,8 @@ pub(super) fn find_rough_faults<const M: usize, const S: usize, const N: usize>(
     Some(settle::<M, S, N>(search, &parts, first, near, stated)?.faults)
 }
 
-/// Log-likelihood of positions with the noise as stated. Positions that are left out count as much as the
-/// others, and are penalised by half the limit of an outlier each.
+/// Returns the log-likelihood of the positions with the noise as stated. Each position that is left out
+/// counts as much as an average one of the others, less half the limit of an outlier.
 fn score<const M: usize, const N: usize>(
     search: &Search<'_, M, N>,
     parts: &Parts<'_>,
@@ -198,7 +200,8 @@ fn without_runs(parts: &Parts<'_>, faults: &Faults) -> Faults {
     fewer
 }
 
-/// Returns the next faults: with a further jump if that explains most, else without the worst positions.
+/// Returns the faults for the next round: with a further jump if that explains most, otherwise with the
+/// positions that fit worst as outliers.
 fn changed(parts: &Parts<'_>, faults: &Faults, misfit: &[f64], jump: &[f64]) -> Faults {
     let (n, each) = (parts.track.len(), parts.each());
     let unit = parts.unit(misfit, Quantity::Position);
@@ -228,8 +231,8 @@ fn changed(parts: &Parts<'_>, faults: &Faults, misfit: &[f64], jump: &[f64]) -> 
     next
 }
 
-/// Replaces two jumps near each other by a run of outliers of the positions; `each` is the number of parts of
-/// an instant.
+/// Replaces two jumps near each other by outliers of all positions between them; `each` is the number of
+/// parts of an instant.
 fn close_runs(each: usize, faults: &mut Faults) {
     let n = faults.jumps.len();
     let jumps: Vec<usize> = (0..n).filter(|&k| faults.jumps[k]).collect();
@@ -243,8 +246,8 @@ fn close_runs(each: usize, faults: &mut Faults) {
     }
 }
 
-/// Squared difference of a part from its estimate by all others, over its variance; nan if nothing is
-/// measured.
+/// Returns the squared difference of a part from the estimate that all other measurements give, divided by
+/// its variance; nan if nothing is measured.
 fn of_part<const S: usize>(parts: &Parts<'_>, part: usize, found: &Found, is_gross: bool) -> f64 {
     let Parts { track, counts, .. } = parts;
     if counts[part] == 0 {
@@ -276,7 +279,7 @@ fn of_part<const S: usize>(parts: &Parts<'_>, part: usize, found: &Found, is_gro
             } else if value > 1e-9 {
                 factor[i][i] = value.sqrt();
             } else {
-                // the others do not determine it
+                // the other measurements do not determine this component
                 return 0.0;
             }
         }

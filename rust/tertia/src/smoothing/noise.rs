@@ -20,21 +20,21 @@ use super::track::Track;
 /// Correlations of successive plots that are tried, and shares of the noise that are correlated.
 const CORRELATIONS: [f64; 7] = [0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98];
 const SHARES: [f64; 2] = [0.95, 0.6];
-/// Prior probability that the noise is white, and in these cases that the velocity is a random walk.
+/// Prior probability that the noise is white; below, that the velocity is a random walk if noise is white.
 const WHITE: f64 = 0.5;
 const WANDERING: f64 = 0.5;
-/// Prior probability, relative to that of all others, that the position is a random walk: so small that it
-/// hardly counts unless the plots require it.
+/// Prior probability that the position is a random walk, relative to that of all other models together: so
+/// small that this model hardly counts unless the plots require it.
 const ROUGH: f64 = 0.02;
-/// Least weight of a model that counts.
+/// Smallest weight of a model that is not left out.
 const LEAST_WEIGHT: f64 = 0.02;
 
 /// Assumptions about the noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// Intensity of the jerk; none: to be estimated.
+    /// Intensity of the jerk; `None` if it is to be estimated.
     pub jerk: Option<f64>,
-    /// Time over which the noise is correlated, 0 for white noise; none: to be estimated.
+    /// Time over which the noise is correlated, 0 for white noise; `None` if it is to be estimated.
     pub correlation_time: Option<f64>,
     /// Whether noise may be larger than stated, plots may be outliers, and the position may jump.
     pub robust: bool,
@@ -110,8 +110,8 @@ pub fn smooth_with_noise(
     (summary, noise)
 }
 
-/// Makes the covariance that of a mixture with the motion of the other family, if that is likely: the second
-/// moment about the mean, which does not change.
+/// Includes the motion of the other family in the covariance, if this motion is likely: the covariance
+/// becomes the second moment of the mixture of both about the mean, which does not change.
 fn add_other_family(
     track: &Track<'_>,
     fit: &ProcessNoiseFit,
@@ -218,8 +218,8 @@ fn candidates<const M: usize, const N: usize>(
         log_prior = vec![(WHITE * (1.0 - WANDERING)).ln(), (WHITE * WANDERING).ln()];
     }
     let has_velocities = search.track.numbers > search.track.dimension;
-    // steps from plot to plot look like larger noise that lasts: noise is as stated here; outliers look like
-    // steps where a motion has none
+    // the steps of a random walk look like larger, lasting noise, so this model has the noise as stated;
+    // outliers look like such steps although the motion has none, so it is tried only if `may_be_rough`
     if options.jerk.is_none() && !has_velocities && may_be_rough {
         let near = Near::intensity(Family::Velocity.like(white.model.motion, search.track));
         found.push(best(Family::Velocity, LastingNoise::NONE, Scale::Stated, near));
@@ -249,8 +249,8 @@ fn candidates<const M: usize, const N: usize>(
     (found, weights_of(logs))
 }
 
-/// Returns weights that add up to 1 from the logarithms of probabilities, 0 where these are small or nan: the
-/// likelihood of a model may be lost to rounding.
+/// Turns logarithms of probabilities into weights that add up to 1. The weights of small probabilities are 0,
+/// and those of nan, which is the likelihood of a model that was lost to rounding.
 fn weights_of(mut logs: Vec<f64>) -> Vec<f64> {
     logs.iter_mut().filter(|log| log.is_nan()).for_each(|log| *log = f64::NEG_INFINITY);
     let highest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -262,8 +262,8 @@ fn weights_of(mut logs: Vec<f64>) -> Vec<f64> {
     weights
 }
 
-/// Averages the results over the models; the covariance includes the spread between them. Returns none, and
-/// writes nothing, if too many digits are lost.
+/// Averages the results over the models; the covariance includes the spread between them. Returns
+/// `None`, and writes nothing, if too many digits are lost.
 fn average<const M: usize, const S: usize, const N: usize>(
     search: &mut Search<'_, M, N>,
     candidates: &[Candidate],
