@@ -181,8 +181,8 @@ class Registrar:
         """Update the errors from plots and their tracks; `first` numbers the first plot.
 
         `rows` are a table and the index of the first row that the plots have added to it, `noise`,
-        (K, 2), is the noise with which the rows were made, and `alive` are the numbers of all
-        tracks, in order. The uncertainty of the errors is added to the covariances of the rows, and
+        (K, 2, 2), is the noise with which the rows were made and the noise that was found, and
+        `alive` are the numbers of all tracks, in order. The uncertainty of the errors is added to the covariances of the rows, and
         the rows are moved by the change of the errors. Returns tracks, and by how much they move at
         which times.
         """
