@@ -178,8 +178,8 @@ impl Pairs {
         Ok(found.into_iter().flatten().map(|(candidate, ..)| candidate).collect())
     }
 
-    /// Stores which candidates of the last look belong to one target; `group` contains the group of each
-    /// sample.
+    /// Stores which candidates of the last call of `look` belong to one target; `group` contains the group
+    /// of each sample.
     pub fn remember(&mut self, candidates: &[Candidate], group: &[usize]) {
         for ((_, history), pair) in self.known.iter_mut().zip(candidates) {
             history.paired = group[pair.first] == group[pair.second];

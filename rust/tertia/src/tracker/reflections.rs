@@ -62,7 +62,8 @@ impl Reflections {
         self.doubted.clear();
     }
 
-    /// Updates the evidence on confirmed tracks that may be reflections. Cost O(tracks + plots of such tracks).
+    /// Updates the evidence on confirmed tracks that may be reflections. Cost O(tracks + plots of
+    /// the tracks that may be reflections).
     pub fn weigh(&mut self, plots: &[Measured], (tracks, settings): (&mut [Track], &Settings)) {
         self.doubted.sort_unstable_by_key(|&(plot, track)| (track, plot));
         self.farther.sort_unstable();
@@ -83,7 +84,8 @@ impl Reflections {
     }
 
     /// Finds possible reflections among the plots that no confirmed track has taken and those of confirmed
-    /// tracks that may be reflections. Cost O(plots), and O(tracks log plots) if any of these plots has an identity.
+    /// tracks that may be reflections. Cost O(plots), and O(tracks log plots) if any of these plots has an
+    /// identity.
     pub fn find(
         &mut self,
         Near { plots, .. }: Near<'_>,

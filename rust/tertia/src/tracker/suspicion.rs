@@ -122,8 +122,8 @@ impl Suspicion {
         self.log_odds = self.log_odds.min(self.first - self.fading / LASTING);
     }
 
-    /// Updates the odds by the distance of the reflector according to one more plot. `one` is none if the plot
-    /// cannot be a reflection of the target.
+    /// Updates the odds by the distance of the reflector according to one more plot. `one` is none if
+    /// this plot cannot be a reflection of the target.
     pub fn compare(&mut self, one: Option<&Reflection>) {
         let Some(one) = one else {
             self.log_odds += UNSEEN;

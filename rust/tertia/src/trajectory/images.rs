@@ -105,8 +105,8 @@ fn cost<const D: usize, const N: usize>(
     residuals.iter_mut().enumerate().map(cost).sum()
 }
 
-/// Returns the mirror image of a path (N, 3D), if either of the two may be right. If neither is above the
-/// other, there is no path.
+/// Returns the mirror image of a path (N, 3D), if either of the two may be right. It is an error if
+/// neither is above the other.
 pub(super) fn image<const D: usize, const N: usize>(
     found: &Found<D, N>,
     mean: &[f64],
