@@ -11,8 +11,8 @@
 //! | `live` | the errors scan by scan, from a few dozen targets | O(K³) a scan |
 //! | `gaussian` | estimates of the errors with their covariance, and how they drift | O(K³) |
 //! | `roster` | the tracks by number | O(1) a row |
-//! | `followed` | a track, and what the errors add to their covariances | O(R²) a row of R radars |
-//! | `settled` | velocities and azimuths, which no error of a radar moves: what they leave of that | O(R) a row |
+//! | `followed` | a track, and the effect of the errors on its covariance | O(R²) a row of R radars |
+//! | `settled` | how velocities and azimuths without such errors reduce that effect | O(R) a row |
 //! | `vote` | sudden changes that are larger than the gates, by the tracks that miss their plots | O(V²) |
 //! | `alarm` | radars whose last plots do not fit their tracks | O(1) a plot |
 //! | `watch` | noise that has grown suddenly, by the last innovations | O(1) a plot |

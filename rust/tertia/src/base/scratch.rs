@@ -1,9 +1,9 @@
-//! Memory that is kept from one call to the next.
+//! Buffers whose memory is reused from one call to the next.
 
 use std::fmt;
 
-/// Buffers that are no part of the state that holds them: copies of the state begin with empty ones, and two
-/// states are equal whatever their buffers contain.
+/// Buffers that do not count as part of the state that contains them: a copy of the state begins with empty
+/// buffers, and two states are equal whatever their buffers contain.
 #[derive(Default)]
 pub(crate) struct Scratch<T>(pub T);
 

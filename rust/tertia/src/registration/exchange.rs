@@ -5,7 +5,8 @@ use crate::association::gate::{self, GUARD};
 use crate::base::plane::Plane;
 use std::sync::LazyLock;
 
-/// Square of the distance beyond which a tracker has not used a velocity.
+/// Squared normalised difference between a reported velocity and that of the track, above which a tracker has
+/// not used the reported one.
 static FARTHEST: LazyLock<f64> =
     LazyLock::new(|| gate::threshold(GUARD, 2).expect("a probability"));
 
@@ -16,38 +17,38 @@ pub struct Update {
     pub plot: TargetPlot,
     /// Whether the track is confirmed.
     pub confirmed: bool,
-    /// Position and velocity of the track.
+    /// Position of the track, m.
     pub position: [f64; 2],
-    /// Metres per second.
+    /// Velocity, m/s.
     pub velocity: [f64; 2],
     /// Covariance of position and velocity, row by row.
     pub covariance: [f64; 16],
-    /// Plot less prediction, and its covariance, row by row; nan if unknown.
+    /// Plot minus prediction; nan if unknown.
     pub innovation: [f64; 2],
-    /// Row by row.
+    /// Covariance of the innovation, row by row; nan if unknown.
     pub innovation_covariance: [f64; 4],
-    /// What else the track has seen, of which errors of radars are no part.
+    /// Further measurement that has updated the track and that the errors of radars do not affect.
     pub other: Option<Other>,
 }
 
-/// A measurement on which the errors of radars have no influence.
+/// A measurement that the errors of radars do not affect.
 #[derive(Clone, Copy, Debug)]
 pub enum Other {
     /// Velocity that came with the plot, and its covariance.
     Velocity([f64; 2], Plane),
-    /// Azimuth, instead of a plot, from this place, and its standard deviation.
+    /// Azimuth without a range, in place of a plot: position of the sensor, and standard deviation.
     Azimuth([f64; 2], f64),
 }
 
 impl Update {
-    /// Squared innovation over its covariance.
+    /// Returns the normalised innovation squared.
     pub(super) fn distance(&self) -> f64 {
         let ([a, b], [xx, xy, _, yy]) = (self.innovation, self.innovation_covariance);
         (a * a * yy - 2.0 * a * b * xy + b * b * xx) / (xx * yy - xy * xy)
     }
 
-    /// Noise of the velocity that came with the plot, if the track has used it: it is then as near as that
-    /// to the track.
+    /// Returns the noise of the velocity that came with the plot, if the track has used this velocity. That
+    /// is assumed if it differs little enough from the velocity of the track.
     #[inline(always)]
     pub(super) fn used_velocity(&self) -> Option<Plane> {
         let Some(Other::Velocity(reported, noise)) = self.other else { return None };
@@ -55,7 +56,8 @@ impl Update {
         (noise.inverse().form(off) <= *FARTHEST).then_some(noise)
     }
 
-    /// The derivatives of an azimuth, in sigmas, by position and velocity.
+    /// Returns the derivatives of an azimuth, in sigmas, with respect to position and velocity; none if the
+    /// row has no azimuth.
     pub(super) fn used_azimuth(&self) -> Option<[f64; 4]> {
         let Some(Other::Azimuth(place, sigma)) = self.other else { return None };
         let [x, y] = [0, 1].map(|i| self.position[i] - place[i]);
@@ -63,7 +65,7 @@ impl Update {
         (scale > 0.0).then(|| [y / scale, -x / scale, 0.0, 0.0])
     }
 
-    /// Innovation along a direction, and its variance.
+    /// Returns the innovation along a direction, and its variance.
     pub(super) fn along(&self, [east, north]: [f64; 2]) -> (f64, f64) {
         let ([a, b], [xx, xy, _, yy]) = (self.innovation, self.innovation_covariance);
         let variance = east * (east * xx + 2.0 * north * xy) + north * north * yy;

@@ -13,8 +13,8 @@ const HALVINGS: usize = 8;
 /// Least share of a variance that remains after elimination of the components before it, in a regular matrix.
 const REGULAR: f64 = 1e-12;
 
-/// Change of position and velocity by each error of one radar, in units of the prior; or the covariance of
-/// the errors of two radars.
+/// Change of position and velocity by each error of one radar, with errors in units of the prior; or the
+/// covariance of the errors of two radars.
 type Part = [[f64; 4]; ERRORS];
 
 /// A track after its last row.
@@ -27,9 +27,10 @@ pub(super) struct Followed {
     pub velocity: [f64; 2],
     /// Radars that have seen the track, time of their last plots, and effect of their errors on the track.
     pub parts: Vec<(usize, f64, Part)>,
-    /// Part of the covariance that is due to noise of plots that stands for unknown errors.
+    /// Part of the covariance that is due to the additional noise of plots that stands for unknown errors.
     excess: [[f64; 4]; 4],
-    /// Smallest ratio of the variance of the noise to that with the part that stands for errors.
+    /// Smallest ratio, over all plots, of the variance of the noise alone to the variance that includes the
+    /// part that stands for unknown errors.
     share: f64,
 }
 
@@ -40,7 +41,7 @@ pub(super) struct Blocks {
 }
 
 impl Blocks {
-    /// From a covariance whose columns are the errors `columns[radar][error]`.
+    /// Arranges a covariance in which error `error` of radar `radar` has the column `columns[radar][error]`.
     pub fn new(covariance: &DMatrix<f64>, columns: &[[Option<usize>; ERRORS]]) -> Self {
         let radars = columns.len();
         let of = |row: Option<usize>, column: Option<usize>| match (row, column) {
@@ -54,14 +55,15 @@ impl Blocks {
         Self { radars, blocks: (0..radars * radars).map(block).collect() }
     }
 
-    /// Covariance of the errors of two radars.
+    /// Returns the covariance of the errors of two radars.
     fn of(&self, k: usize, other: usize) -> &Part {
         &self.blocks[k * self.radars + other]
     }
 }
 
-/// Raises the noise with and without the uncertainty of the errors to that which a tracker has used and has
-/// found: a tracker notices errors that last from scan to scan, of which a block shows only a part.
+/// Raises the noise with the uncertainty of the errors to the noise that a tracker has used, and the noise
+/// without it to the noise that the tracker has found: a tracker notices errors that last from scan to scan,
+/// of which a block shows only a part.
 pub(super) fn use_noise(applied: &mut [[[f64; 2]; 2]], used: &[[[f64; 2]; 2]]) {
     for ([wide, own], [used, found]) in applied.iter_mut().zip(used) {
         for axis in 0..2 {
@@ -100,7 +102,7 @@ impl Followed {
         let weight: [[f64; 2]; 2] = std::array::from_fn(|i| {
             std::array::from_fn(|j| root[0] * u[i] * u[j] + root[1] * v[i] * v[j])
         });
-        // the velocity of a track with a single plot does not depend on it
+        // the velocity of a track with a single plot does not depend on that plot
         let known = if is_confirmed { 4 } else { 2 };
         for i in 0..known {
             for j in 0..known {
@@ -136,7 +138,7 @@ impl Followed {
         own.map_or(f64::NEG_INFINITY, |(_, time, _)| *time)
     }
 
-    /// Takes a plot of a confirmed track.
+    /// Notes a plot of the confirmed track, and the state of the track after it.
     pub fn see(&mut self, time: f64, radar: usize, position: [f64; 2], velocity: [f64; 2]) {
         (self.time, self.position, self.velocity) = (time, position, velocity);
         self.part(radar).1 = time;
@@ -168,9 +170,10 @@ impl Followed {
         self.row_time = time;
     }
 
-    /// A plot has updated the track, whose covariance (row by row) and velocity are these now, and so has
-    /// a velocity of this noise, if there is one. The radar may have such errors; `sigma` is the noise
-    /// with which the gain was made, and `own` that of the plot.
+    /// Updates the effects of the errors after a plot and, if there is one, a velocity with the noise
+    /// `reported` have updated the track. `covariance` (row by row) and `velocity` are those of the track
+    /// after both; `noise` is the noise with which the gain was computed and that of the plot alone;
+    /// `unknowns` are the errors that the radar may have.
     #[inline(always)]
     pub fn correct(
         &mut self,
@@ -187,7 +190,7 @@ impl Followed {
         self.settle(&Settled::by_velocity(covariance, moving));
     }
 
-    /// What no error of a radar moves has updated the track.
+    /// Reduces the effects of the errors after a measurement that they do not affect has updated the track.
     #[cold]
     pub fn settle(&mut self, by: &Settled) {
         for row in self.parts.iter_mut().flat_map(|(.., part)| part) {
@@ -219,7 +222,7 @@ impl Followed {
             gain[0][i] = a * east + b * both;
             gain[1][i] = a * both + b * north;
         }
-        // a track goes to a plot at most
+        // a plot moves a track no farther than to the plot itself
         restrain(&mut gain, 0);
         for axis in 0..2 {
             let share = own[axis] / sigma[axis];
@@ -232,8 +235,8 @@ impl Followed {
         self.update(seen.radar, &gain, &own);
     }
 
-    /// Updates the effects of the errors by a plot of a radar, which a unit of each of its errors moves by
-    /// `own`, with this gain.
+    /// Updates the effects of the errors after a plot of a radar was used with this gain. A unit of each
+    /// error of the radar moves the plot by `own`.
     #[inline(always)]
     pub fn update(&mut self, radar: usize, [east, north]: &Gain, own: &[[f64; 2]; ERRORS]) {
         self.part(radar);
@@ -249,8 +252,8 @@ impl Followed {
         }
     }
 
-    /// Updates the excess by a plot whose assumed noise is larger than its noise, by variances along east,
-    /// both and north, with this gain.
+    /// Updates the excess after a plot was used with this gain. The assumed covariance of the plot exceeds
+    /// that of its noise by these elements: east-east, east-north and north-north.
     #[inline(always)]
     fn exceed(&mut self, gain: &Gain, [xx, xy, yy]: [f64; 3]) {
         let [east, north] = gain;
@@ -267,9 +270,9 @@ impl Followed {
         }
     }
 
-    /// Limits the excess so that at least half the share that the noise itself has remains of the covariance
-    /// of a row (row by row): a filter with several models has no single gain, so the excess may be
-    /// overestimated.
+    /// Halves the excess until it is less than `1 − share / 2` of the covariance of a row (row by row), so
+    /// that at least half the share of the noise itself remains: a filter with several models has no single
+    /// gain, so the excess may be overestimated.
     #[inline(always)]
     pub fn limit(&mut self, covariance: &[f64; 16]) {
         let most = 1.0 - 0.5 * self.share;
@@ -288,8 +291,8 @@ impl Followed {
         self.excess = [[0.0; 4]; 4];
     }
 
-    /// Returns the change of the covariance by the errors, row by row: their effect on the track, less the
-    /// noise that stood for them in the filter. Cost O(R²) for R radars that see the track.
+    /// Returns the change of the covariance by the errors, row by row: the covariance that the errors cause,
+    /// less the excess that stood for them in the filter. Cost O(R²) for R radars that see the track.
     #[inline(always)]
     pub fn added(&self, errors: &Blocks) -> [f64; 16] {
         let mut sum = [[0.0; 4]; 4];
@@ -360,7 +363,7 @@ fn is_regular(mut a: [[f64; 4]; 4]) -> bool {
     true
 }
 
-/// Displacement of a plot by a unit of each error, in units of the prior.
+/// Returns the displacement of a plot by each error, for an error of one unit of the prior.
 #[inline(always)]
 fn displaced(
     seen: &Sighting,
@@ -381,7 +384,7 @@ fn displaced(
     moved
 }
 
-/// `sum + a b`
+/// Adds the product `a b` to `sum`.
 #[inline(always)]
 fn add_product(sum: &mut Part, a: &Part, b: &Part) {
     for i in 0..ERRORS {
@@ -389,7 +392,7 @@ fn add_product(sum: &mut Part, a: &Part, b: &Part) {
     }
 }
 
-/// `sum + a b`, written so that compilers vectorise it.
+/// Returns `sum + a b`, written so that compilers vectorise it.
 #[inline(always)]
 fn combined(sum: [f64; 4], a: &[f64; ERRORS], b: &Part) -> [f64; 4] {
     let plus = |sum: [f64; 4], a: f64, b: &[f64; 4]| {

@@ -1,26 +1,28 @@
-//! What measurements that no error of a radar moves do to a track: a velocity that comes with a plot, or an
-//! azimuth of another sensor. The errors have less influence on the track after them.
+//! Measurements that the errors of radars do not affect: a velocity that comes with a plot, or an azimuth of
+//! another sensor. Each of them reduces the influence of the errors on the track.
 
 use crate::base::plane::Plane;
 
-/// By which the errors of a plot along east and north change position and velocity.
+/// Change of position and velocity by a unit error of a plot along east and along north.
 pub(super) type Gain = [[f64; 4]; 2];
 
-/// `1 − K H`, for a measurement `H v`.
+/// The factor `1 − K H` by which a measurement `H v` with the gain K multiplies an error v of a state.
 pub(super) struct Settled {
     rows: [[f64; 4]; 2],
     gain: Gain,
 }
 
 impl Settled {
-    /// By a velocity of this noise, from the covariance (row by row) after it: `K = P H' R⁻¹`.
+    /// Returns the factor of a velocity with this noise R, from the covariance P after the velocity was used
+    /// (row by row): `K = P H' R⁻¹`.
     pub fn by_velocity(covariance: &[f64; 16], noise: Plane) -> Self {
         let mut gain = times(covariance, noise.inverse());
         restrain(&mut gain, 2);
         Self { rows: [[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]], gain }
     }
 
-    /// By a measurement of variance 1 with these derivatives, from the covariance after it.
+    /// Returns the factor of a measurement of variance 1 with the derivatives `row`, from the covariance
+    /// after the measurement was used.
     pub fn by_azimuth(covariance: &[f64; 16], row: [f64; 4]) -> Self {
         let gain: [f64; 4] =
             std::array::from_fn(|i| (0..4).map(|j| covariance[4 * i + j] * row[j]).sum());
@@ -28,15 +30,15 @@ impl Settled {
         Self { rows: [row, [0.0; 4]], gain: [gain.map(|k| k / most), [0.0; 4]] }
     }
 
-    /// `(1 − K H) v`
+    /// Returns `(1 − K H) v`.
     pub fn left(&self, v: [f64; 4]) -> [f64; 4] {
         let [a, b] = [0, 1].map(|axis| dot(&self.rows[axis], &v));
         std::array::from_fn(|i| v[i] - self.gain[0][i] * a - self.gain[1][i] * b)
     }
 }
 
-/// The covariance before a velocity: `P + P H' (R − H P H')⁻¹ H P`. That of a filter of several models is
-/// of no one gain, and may be larger than the noise; it is then as it is.
+/// Returns the covariance before a velocity was used: `P + P H' (R − H P H')⁻¹ H P`. A filter with several
+/// models has no single gain, so `H P H'` may exceed the noise R; P is then returned unchanged.
 pub(super) fn before(covariance: &[f64; 16], noise: Plane) -> [f64; 16] {
     let [own, both, other] = [10, 11, 15].map(|at| covariance[at]);
     let left = Plane { xx: noise.xx - own, xy: noise.xy - both, yy: noise.yy - other };
@@ -50,15 +52,15 @@ pub(super) fn before(covariance: &[f64; 16], noise: Plane) -> [f64; 16] {
     })
 }
 
-/// `P H' M` of the velocity, by columns.
+/// Returns the columns of `P H' M`, where H selects the velocity.
 fn times(covariance: &[f64; 16], by: Plane) -> Gain {
     let column =
         |a: f64, b: f64| std::array::from_fn(|i| covariance[8 + i] * a + covariance[12 + i] * b);
     [column(by.xx, by.xy), column(by.xy, by.yy)]
 }
 
-/// Makes a gain of states from `at` on one that goes to what was measured at most: that of a filter of
-/// several models is of no one gain.
+/// Limits a gain so that the measured components of the state, `at` and the next one, move no farther than to
+/// the measured values: a filter with several models has no single gain, so the gain may be overestimated.
 #[inline(always)]
 pub(super) fn restrain(gain: &mut Gain, at: usize) {
     let [east, north] = *gain;
@@ -90,7 +92,7 @@ mod tests {
         std::array::from_fn(|n| p[(n / 4, n % 4)])
     }
 
-    /// A covariance after a measurement, and what is left of a vector then.
+    /// Returns the covariance after a measurement, and `1 − K H`.
     fn after(
         p: &Matrix4<f64>,
         h: &Matrix2x4<f64>,

@@ -68,7 +68,7 @@ pub struct SystemTrack {
     pub doubtful: bool,
     /// Height, m; nan if no sensor reports one.
     pub height: f64,
-    /// Of each kind, the identity from the newest member that has one.
+    /// Identity of each kind, from the newest member that has one.
     pub identities: Identities,
 }
 
@@ -172,8 +172,8 @@ impl Centre {
         picture
     }
 
-    /// Takes the tracks that are not old, at a time, without the errors of their sensors, by their ids;
-    /// returns their places in the list of members.
+    /// Replaces `samples` by the states at this time of all tracks that are not old, corrected for the errors
+    /// of their sensors and sorted by id. Returns the places of these tracks in the list of members.
     fn sample(
         &self,
         samples: &mut Vec<Sample>,

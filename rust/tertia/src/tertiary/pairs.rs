@@ -70,8 +70,8 @@ pub(super) struct Manual {
 }
 
 impl Manual {
-    /// Drops the decisions on tracks that no longer exist: nobody can release them, and while pairs are
-    /// joined, all pairs within some kilometres are compared.
+    /// Drops the decisions on tracks that no longer exist: nobody can withdraw these decisions, and as long
+    /// as any pair is joined by hand, all pairs within some kilometres are compared.
     pub fn forget(&mut self, alive: impl Iterator<Item = u64>) {
         if self.joined.is_empty() && self.separate.is_empty() {
             return;
@@ -178,8 +178,8 @@ impl Pairs {
         Ok(found.into_iter().flatten().map(|(candidate, ..)| candidate).collect())
     }
 
-    /// Stores which candidates of the last look belong to one target; `group` contains the group of each
-    /// sample.
+    /// Stores which candidates of the last call of `look` belong to one target; `group` contains the group
+    /// of each sample.
     pub fn remember(&mut self, candidates: &[Candidate], group: &[usize]) {
         for ((_, history), pair) in self.known.iter_mut().zip(candidates) {
             history.paired = group[pair.first] == group[pair.second];

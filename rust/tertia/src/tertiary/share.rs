@@ -8,8 +8,9 @@ use std::num::NonZero;
 /// the picture partly updated.
 const STOPPABLE_NS: f64 = 1e8;
 
-/// Replaces `found` by the results of `work` on all items, in their order, whatever the number of threads, in
-/// memory that is there already: results that are large are neither moved nor first made empty.
+/// Replaces the contents of `found` by the results of `work` on all items, in the order of the items for any
+/// number of threads. The memory of `found` is reused, so that large results are neither moved nor first
+/// created empty.
 pub(super) fn fill<I: Send, T: Default + Send>(
     found: &mut Vec<T>,
     items: impl ExactSizeIterator<Item = I> + Send,
@@ -27,8 +28,8 @@ pub(super) fn fill<I: Send, T: Default + Send>(
     for_each_row(rows, cost, n_threads, || (), work).expect("nothing fails");
 }
 
-/// The results of `work` on all items, in their order, whatever the number of threads; `nanoseconds` is
-/// the time of one item.
+/// Returns the results of `work` on all items, in the order of the items for any number of threads;
+/// `nanoseconds` is the time for one item.
 ///
 /// # Errors
 /// The error of the first item that failed.

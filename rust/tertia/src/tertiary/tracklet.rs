@@ -7,7 +7,8 @@ use crate::sensors::Radar;
 use crate::tracker::Estimate;
 use serde::{Deserialize, Serialize};
 
-/// Number of scans since the last plot after which the gain is not the usual one.
+/// Longest time since the last plot, in scans, after which a correction is still used to estimate the gain:
+/// after a longer gap, the gain is not the usual one.
 const LONGEST_GAP: f64 = 2.0;
 /// If the variance of a row in some direction exceeds this many variances of a plot, the row mixes two
 /// alternatives: a filter with a plot is more accurate than the plot, and several models that disagree
@@ -69,7 +70,7 @@ struct Moved {
 }
 
 impl Moved {
-    /// Correction by a row since the last one; from then on, the track turned with this rate.
+    /// Returns the correction by a row, relative to a prediction from the last row with this rate of turn.
     fn new(row: &Row, last: &Past, rate: f64, radar: &Radar) -> Self {
         let [x, y, vx, vy] = row.state;
         let t = row.time - last.time;
@@ -79,7 +80,7 @@ impl Moved {
         let by = [vx - cosine * px + sine * py, vy - sine * px - cosine * py];
         let (dx, dy) = (x - radar.position[0], y - radar.position[1]);
         let ground = dx.hypot(dy);
-        // at the radar itself any direction will do
+        // exactly above the radar, the direction is arbitrary
         let [e, n] = if ground > 0.0 { [dx / ground, dy / ground] } else { [0.0, 1.0] };
         let noise = radar.noise_at([x, y], row.above(radar));
         let axes = [[e, n], [n, -e]].map(|[east, north]| {
@@ -200,8 +201,8 @@ mod tests {
         assert_eq!(last.carried(4.0, 0.0), [4.0 * last.state[2], 4.0 * last.state[3]]);
     }
 
-    /// A row between two states is a position with its own covariance; so is the row after it if the filter
-    /// is not known.
+    /// The information behind a row between two states is a position with its own covariance, and so is that
+    /// behind the next row if the filter is not known.
     #[test]
     fn a_row_in_doubt_is_of_no_plot() {
         let radar = radar_of([50.0, 1e-3]);

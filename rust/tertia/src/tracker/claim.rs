@@ -10,6 +10,7 @@ use std::f64::consts::PI;
 
 /// Time by which a plot may come earlier or later than the beam is expected, as a share of a scan.
 const BEAM: f64 = 0.1;
+
 /// A track that a radar may have seen, and the plots of this radar that may belong to it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Claim {
@@ -25,16 +26,16 @@ pub(super) struct Claim {
     pub end: u32,
 }
 
-/// The plots of a scan that tracks look for.
+/// The plots of a scan, among which tracks look for their own.
 #[derive(Clone, Copy)]
 pub(super) struct Around<'a> {
     pub grid: &'a Grid,
     pub plots: &'a [Measured],
-    /// Their times, which are read more often than the rest of them.
+    /// Times of the plots: a separate copy, because they are read more often than the other data.
     pub times: &'a [f64],
 }
 
-/// How far from where they are expected the plots of a scan may be, for other reasons than noise of
+/// How far the plots of a scan may be from their expected positions, for reasons other than the noise of
 /// radars.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Spread {
@@ -64,21 +65,21 @@ impl Spread {
 }
 
 impl Claim {
-    /// A claim of the track with this index to the claimed plots from `start` to `end`.
+    /// Creates a claim of the track with this index to the claimed plots from `start` to `end`.
     pub fn new(track: usize, start: usize, end: usize) -> Self {
         let [track, start, end] = [track, start, end].map(|i| i as u32);
         Self { track, rank: 0, root: 0, component: 0, start, end }
     }
 
-    /// Its plots, out of the plots of all claims.
+    /// Returns the plots of this claim, given the plots of all claims.
     #[inline]
     pub fn plots<'a>(&self, claimed: &'a [u32]) -> std::slice::Iter<'a, u32> {
         claimed[self.start as usize..self.end as usize].iter()
     }
 }
 
-/// Returns centre and half widths of the box in which plots of a track by this radar may be from `begin` to
-/// `end`; none if the radar does not see the track in that time.
+/// Returns the centre and the half widths of the box in which plots of a track by this radar may be between
+/// `begin` and `end`; none if the radar does not see the track in that time.
 #[inline]
 pub(super) fn reach(
     track: &Track,
@@ -139,8 +140,8 @@ pub(super) fn reach(
     (nearest <= station.max_range).then_some((centre, half))
 }
 
-/// Whether a plot may be of the same target as one of the plots that have just started tracks (`begun`): one
-/// of another sensor, or of the same position sensor.
+/// Whether a plot may be of the same target as a plot that has just started a track (`begun`) and that comes
+/// from another sensor or from the same position sensor.
 pub(super) fn is_near(
     plot: &Measured,
     (grid, plots): (&Grid, &[Measured]),

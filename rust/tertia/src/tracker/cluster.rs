@@ -118,7 +118,7 @@ impl Cluster {
         }
     }
 
-    /// Returns for each member the first member of those that depend on one another. Two members depend on
+    /// Returns for each member the first member of its group of dependent members. Two members depend on
     /// each other if a state of one and a state of the other have the same plot.
     fn joined(&self, tracks: &[&mut Track]) -> Vec<usize> {
         let mut plots: Vec<(usize, usize)> = Vec::new();
@@ -138,7 +138,7 @@ impl Cluster {
         joined
     }
 
-    /// Returns the members whose first one is `first`, as a cluster.
+    /// Returns the group of members whose first member is `first`, as a cluster.
     fn part(&self, joined: &[usize], first: usize) -> Self {
         let mut part = self.clone();
         let kept: Vec<bool> = joined.iter().map(|own| *own == first).collect();
@@ -147,7 +147,7 @@ impl Cluster {
     }
 }
 
-/// `ln(eᵃ + eᵇ)`
+/// Returns `ln(eᵃ + eᵇ)`.
 fn ln_sum(a: f64, b: f64) -> f64 {
     a.max(b) + (-(a - b).abs()).exp().ln_1p()
 }
@@ -175,9 +175,9 @@ impl Clusters {
         cells
     }
 
-    /// Takes back the clusters that no thread took and those that threads return. Makes final choices, separates
-    /// members that do not depend on one another, and shows the best state of each track. Cost O(tracks) if
-    /// there is a cluster.
+    /// Takes back the clusters that no thread took and those that threads return. Makes final choices,
+    /// separates members that do not depend on one another, and shows the best state of each track. Cost
+    /// O(tracks) if there is a cluster.
     pub fn close(
         &mut self,
         cells: Cells,
@@ -277,24 +277,25 @@ impl Cells {
     }
 }
 
-/// Numbers and indices of all tracks, by number: a resumed track is not in the order of its number.
+/// Numbers and indices of all tracks, sorted by number: the tracks themselves are not sorted if one was
+/// resumed under an older number.
 struct Places(Vec<(u64, usize)>);
 
 impl Places {
-    /// Those of these tracks. Cost O(tracks) if they are in order.
+    /// Returns the numbers and indices of these tracks. Cost O(tracks) if the tracks are sorted by number.
     fn of(tracks: &[Track]) -> Self {
         let mut places: Vec<_> = tracks.iter().map(|track| track.number).zip(0..).collect();
         places.sort_unstable();
         Self(places)
     }
 
-    /// Index of the track with this number.
+    /// Returns the index of the track with this number.
     fn find(&self, number: u64) -> Option<usize> {
         let at = self.0.binary_search_by_key(&number, |(number, _)| *number).ok()?;
         Some(self.0[at].1)
     }
 
-    /// The tracks with these numbers, by number.
+    /// Returns the tracks with these numbers, sorted by number.
     fn tracks<'a>(&self, numbers: &[u64], tracks: &'a mut [Track]) -> Vec<&'a mut Track> {
         let mut places: Vec<usize> = numbers.iter().filter_map(|own| self.find(*own)).collect();
         places.sort_unstable();

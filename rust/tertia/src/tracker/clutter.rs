@@ -16,7 +16,7 @@ use crate::sensors::Radar;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// Memory, in scans, of the mean density, and of the share of false plots along routes.
+/// Memory, in scans, of the mean density and of the share of false plots along routes.
 const MEMORY: f64 = 10.0;
 const ON_ROUTES: f64 = 30.0;
 /// Number of scans whose plots must have been counted before they determine the density.
@@ -34,11 +34,12 @@ pub(super) struct Clutter {
     known: Option<f64>,
     /// Plots of tracks that have ended without being confirmed.
     lately: Tally,
-    /// Those of the first scan, in which all targets are new, and (`opened`) the end of that scan, s.
+    /// The part of `lately` from the first scan, in which all targets are new; `opened` is the end of that
+    /// scan, s.
     opening: Tally,
     opened: f64,
-    /// What flight plans say about the places of the first plots of these tracks; their weights fade more
-    /// slowly.
+    /// What flight plans say about the places of the first plots of tracks that have ended without being
+    /// confirmed; the weights of these plots fade more slowly.
     places: Places,
     /// Plots of tentative tracks.
     held: Held,
@@ -63,7 +64,7 @@ pub(super) struct Held {
 }
 
 impl Held {
-    /// Both together.
+    /// Returns the sum of both.
     pub fn with(&self, other: &Self) -> Self {
         let [all, since] = [self.all.with(&other.all), self.since.with(&other.since)];
         Self { all, since, places: self.places.with(&other.places) }
@@ -177,7 +178,7 @@ impl Clutter {
         self.again(radar, plot, self.density(radar)) > FIXED
     }
 
-    /// Whether a place more likely than not is that of a fixed echo.
+    /// Whether there is more likely than not a fixed echo at this place.
     pub fn has_source(&self, radar: &Radar, position: [f64; 2]) -> bool {
         let mean = self.density(radar);
         self.fixed.as_ref().is_some_and(|fixed| fixed.is_source(radar, position, mean))
@@ -190,7 +191,8 @@ impl Clutter {
         }
     }
 
-    /// Counts where a plot is that no confirmed track has, unless second plots of targets are as dense there.
+    /// Counts the place of a plot that no confirmed track has taken, unless second plots of targets, with the
+    /// density `second`, are denser there than false plots.
     fn note(&mut self, plot: &Measured, second: f64, radar: &Radar) {
         if self.patches.is_none() || second > self.density(radar) {
             return;
@@ -204,7 +206,7 @@ impl Clutter {
         self.stays(radar, plot);
     }
 
-    /// Takes over how dense plots are, and where they come again and again.
+    /// Takes over from another estimate how dense false plots are, and where they occur again and again.
     pub fn learn(&mut self, other: &Self) {
         self.clone_from(other);
         let Held { all, places, .. } = std::mem::take(&mut self.held);
@@ -264,7 +266,7 @@ impl Clutter {
         (self.lately.scans > 0.0).then(|| mean.max(1.0))
     }
 
-    /// Share of false plots that are along routes, in excess of those that are everywhere.
+    /// Share of false plots that lie along routes, in excess of those that occur everywhere.
     pub fn on_routes(&self) -> f64 {
         let all = self.places.with(&self.held.places);
         (all.there.routed + BEFOREHAND) / (all.plots + 2.0 * BEFOREHAND)
@@ -327,7 +329,7 @@ impl Clutter {
         }
     }
 
-    /// Adds to `held` the place of the first plot of such a track.
+    /// Adds to `held` the place of the first plot of a tentative track.
     pub fn add_place(&self, held: &mut Held, radar: &Radar, (time, there): (f64, There)) {
         held.places.add(there, self.weight(radar, time, ON_ROUTES));
     }
@@ -353,8 +355,9 @@ impl Clutter {
     }
 }
 
-/// Counts the plots before `hold` that confirmed tracks have left where they are, unless second plots of
-/// targets are as dense there as false ones; each radar for itself, on so many threads.
+/// Counts the places of the plots before `hold` that no confirmed track has taken, unless second plots of
+/// targets are denser there than false plots. The radars are independent of one another and are divided among
+/// the threads.
 pub(super) fn note(
     (plots, hold): (&[Measured], f64),
     (taken, deferred): (&[bool], &[bool]),

@@ -1,4 +1,4 @@
-//! Time that passes: scans in which radars miss targets, and tracks that end.
+//! Passage of time: counts the scans in which radars missed targets, and ends tracks.
 
 use super::clutter::{Clutter, Held};
 use super::live::Tracker;
@@ -7,10 +7,11 @@ use super::settings::Settings;
 use super::track::Track;
 use crate::base::batch::for_each_part;
 
-/// Tracks that a thread looks at together: sums over them are the same for any number of threads.
+/// Number of tracks in each part of the work of threads. As it is fixed, sums do not depend on the number of
+/// threads.
 const TOGETHER: usize = 1024;
 
-/// Which of some tracks go on, and the plots of those of them that are tentative.
+/// For a part of the tracks: which of them continue, and the plots of the tentative ones that do.
 #[derive(Default)]
 struct Survey {
     is_alive: Vec<bool>,
@@ -18,7 +19,8 @@ struct Survey {
 }
 
 impl Survey {
-    /// Looks at tracks. Cost O(tracks + their plots).
+    /// Determines which tracks continue, and adds up the plots of the tentative ones. Cost O(tracks + their
+    /// plots).
     fn look(&mut self, tracks: &[Track], clutter: &[Clutter], settings: &Settings) {
         self.held.resize_with(clutter.len(), Held::default);
         for track in tracks {
@@ -32,7 +34,7 @@ impl Survey {
 }
 
 impl Tracker {
-    /// Counts missed detections until `end`.
+    /// Counts the missed detections until `end`, and gives out a row for each one of a confirmed track.
     pub(super) fn finish<R: Rows>(&mut self, end: f64, rows: &mut R, threads: usize) {
         let settings = &self.settings;
         let missed = in_parts(&mut self.tracks, threads, |tracks, rows: &mut Vec<Row>| {
@@ -49,7 +51,8 @@ impl Tracker {
         self.time = self.time.max(end);
     }
 
-    /// Removes the tracks that have ended, and counts the plots of those that are not confirmed.
+    /// Removes the tracks that have ended. Their plots are counted as false plots if they were never
+    /// confirmed; the plots of tentative tracks that continue are counted anew.
     pub(super) fn bury(&mut self, threads: usize) {
         let Self { tracks, ended, settings, clutter, time, .. } = self;
         let known = &*clutter;
@@ -79,7 +82,7 @@ impl Tracker {
     }
 }
 
-/// What `look` finds of each part of the tracks, in order.
+/// Calls `look` for each part of the tracks, and returns the results in the order of the parts.
 fn in_parts<T: Default + Send>(
     tracks: &mut [Track],
     threads: usize,

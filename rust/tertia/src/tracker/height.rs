@@ -1,4 +1,4 @@
-//! Estimates the height of a target over time, by which targets above one another are distinguished.
+//! Estimates the height of a target over time, which distinguishes targets above one another.
 
 use crate::base::exponential::exp;
 use crate::sensors::HEIGHT_SIGMA as SIGMA;
@@ -14,13 +14,14 @@ const UNKNOWN: f64 = 1.2e7;
 pub(super) const SPAN: f64 = 12_000.0;
 /// Probability that a reported height is wrong.
 const WRONG: f64 = 1e-3;
-/// Mean time between changes of the vertical rate, s, and the standard deviation of the rate after one, m/s.
+/// Mean time between changes of the vertical rate, s, and the standard deviation of the rate after a change,
+/// m/s.
 const STEADY: f64 = 200.0;
 const RATE: f64 = 20.0;
-/// Normalised innovation squared up to which the rate has not changed.
+/// Normalised innovation squared up to which the vertical rate is taken to be unchanged.
 const EXPECTED: f64 = 9.0;
-/// Heights that no model expects are those of the target if so many in a row agree: the largest vertical
-/// rate between them, m/s, and a margin for their errors, m.
+/// Number of successive heights that no model expects and that are taken to be right if they agree; largest
+/// vertical rate between two heights that agree, m/s, and margin for their errors, m.
 const ENOUGH: u8 = 3;
 const MAX_RATE: f64 = 150.0;
 const MARGIN: f64 = 4.0 * SIGMA;
@@ -39,7 +40,8 @@ pub(super) struct Vertical {
     refused: Refused,
 }
 
-/// Heights in a row that no model expects, and time and height of the last one.
+/// Number of successive heights that agree although no model expects them, and time and height of the last
+/// one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Refused {
     count: u8,
@@ -48,7 +50,7 @@ struct Refused {
 }
 
 impl Refused {
-    /// Counts one more; one that contradicts the others is the first.
+    /// Counts one more height; a height that contradicts the one before starts the count again.
     fn count(self, time: f64, height: f64) -> Self {
         let most = MAX_RATE * (time - self.time).abs() + MARGIN;
         let agrees = (height - self.height).abs() <= most;
@@ -70,7 +72,8 @@ impl Vertical {
         }
     }
 
-    /// A height that is assumed, because none was reported; `most` is its variance.
+    /// Creates an estimate from an assumed height, because none was reported; `most` is the variance of the
+    /// height.
     pub fn assumed(time: f64, [height, most]: [f64; 2]) -> Self {
         let variance = [most, 0.0, CLIMB * CLIMB];
         Self {
@@ -103,7 +106,8 @@ impl Vertical {
         Self { time, height: self.height + t * self.vertical_rate, variance, ..*self }
     }
 
-    /// As the vertical rate changes at some time until then: the old rate before that, any rate after it.
+    /// Predicts the state if the vertical rate changes at some instant before this time, all instants being
+    /// equally likely: the old rate holds before the change, and any rate after it.
     fn changed(&self, time: f64) -> Self {
         let t = time - self.time;
         let [hh, hc, cc] = self.variance;
@@ -126,13 +130,13 @@ impl Vertical {
         WRONG + (1.0 - WRONG) * likelihood
     }
 
-    /// Whether the rate has not changed, as a height shows.
+    /// Whether a reported height is consistent with an unchanged vertical rate.
     #[inline]
     fn expects(&self, height: f64) -> bool {
         (height - self.height).powi(2) < EXPECTED * (self.variance[0] + SIGMA * SIGMA)
     }
 
-    /// Density of a right height, relative to that of a wrong one.
+    /// Returns the density of a correctly reported height, relative to that of a wrong one.
     #[inline]
     fn likelihood(&self, height: f64) -> f64 {
         let s = self.variance[0] + SIGMA * SIGMA;
@@ -140,14 +144,15 @@ impl Vertical {
         SPAN * exp(-0.5 * d * d / s) / (std::f64::consts::TAU * s).sqrt()
     }
 
-    /// Probability that the vertical rate changes until then.
+    /// Returns the probability that the vertical rate changes before this time.
     fn change_probability(&self, time: f64) -> f64 {
         let t = (time - self.time).max(0.0);
         t / (STEADY + t)
     }
 
-    /// Corrects by a height, of which the rate may have changed, unless it is more likely that it is wrong:
-    /// the mean and the covariance of the three cases (Bar-Shalom, Li, Kirubarajan 2001, section 11.6).
+    /// Updates the state by a reported height, unless the height is more likely wrong than right. The result
+    /// for an unexpected height is the mean and the covariance of three cases: the rate is unchanged, the
+    /// rate has changed, the height is wrong (Bar-Shalom, Li, Kirubarajan 2001, section 11.6).
     pub fn correct(&mut self, time: f64, height: f64) {
         let now = self.at(time);
         if now.expects(height) {
@@ -165,7 +170,8 @@ impl Vertical {
         *self = Self::mixed(&all);
     }
 
-    /// Leaves a height out, or begins anew with it and the one before.
+    /// Leaves a height out; if enough successive heights agree, starts again from this one and the one
+    /// before.
     fn refuse(&mut self, time: f64, height: f64) {
         let before = self.refused;
         self.refused = before.count(time, height);
@@ -176,7 +182,7 @@ impl Vertical {
         }
     }
 
-    /// The mean and the covariance of several, by their weights.
+    /// Returns the mean and the covariance of a mixture of states with these weights.
     fn mixed(all: &[(f64, Self); 3]) -> Self {
         let total: f64 = all.iter().map(|(weight, _)| weight).sum();
         let mean = |of: fn(&Self) -> f64| {
@@ -195,7 +201,7 @@ impl Vertical {
         Self { height, vertical_rate, variance, ..all[0].1 }
     }
 
-    /// After a right height.
+    /// Returns the state after an update by a correctly reported height.
     fn taught(mut self, height: f64) -> Self {
         self.learn(height, SIGMA * SIGMA);
         self.reported = true;
@@ -203,7 +209,7 @@ impl Vertical {
         self
     }
 
-    /// Corrects by a height that was inferred from the ranges of several radars.
+    /// Updates the state by a height that was inferred from the ranges of several radars.
     pub fn infer(&mut self, time: f64, height: f64, variance: f64) {
         *self = self.at(time);
         self.learn(height, variance);
@@ -271,7 +277,7 @@ mod tests {
             near(1e-9, other.height, 5000.0);
             near(1e-9, other.vertical_rate, 0.0);
         }
-        // one that is near may be right, but the next one decides
+        // a height that deviates little may be right, but the next one decides
         let mut other = own;
         other.correct(80.0, 5152.4);
         for time in [84.0, 88.0, 92.0] {
@@ -291,7 +297,7 @@ mod tests {
         own.correct(88.0, 9200.0);
         near(10.0, own.height, 9200.0);
         near(3.0, own.vertical_rate, 25.0);
-        // another one contradicts them
+        // a height that contradicts the others starts the count again
         other.correct(88.0, 2000.0);
         other.correct(92.0, 9300.0);
         near(1e-9, other.at(92.0).height, 5000.0);
@@ -299,7 +305,7 @@ mod tests {
 
     #[test]
     fn a_change_spreads_over_the_time_until_then() {
-        // mean and variance over the time of the change, by sums
+        // mean and covariance over all instants of the change, by numerical summation
         let own = Vertical { vertical_rate: 8.0, ..level(4.0) };
         let found = own.changed(own.time + 10.0);
         let [hh, hc, cc] = own.variance;

@@ -1,5 +1,5 @@
-//! Takes late plots: everything after a late plot is processed again, so that final rows are as if all plots
-//! had come in order.
+//! Takes late plots: everything after a late plot is processed again, so that final rows are the same as if
+//! all plots had come in order.
 //!
 //! Time is divided into steps of half the shortest scan. The plots of a step are sorted by content, not by
 //! arrival, and a step is final when it is older than the lag. Copies of the state are kept at four instants
@@ -24,7 +24,7 @@ mod tests;
 
 use sink::{Claim, Sink};
 
-/// Number of steps in the shortest scan: the more there are, the less is repeated for plots that come in
+/// Number of steps in the shortest scan: with more steps, less is processed again for plots that come in
 /// order.
 const STEPS: f64 = 2.0;
 /// Number of copies of the state within the lag.
@@ -49,7 +49,7 @@ pub struct LagTracker {
     commands: Vec<(i64, Command)>,
     /// Rows of the steps that are not final, and the number of the next new track after each step.
     steps: VecDeque<Step>,
-    /// The rows of these steps that were given out last, by step.
+    /// The rows of these steps as they were last given out, in order of steps.
     shown: Vec<(i64, Row)>,
     /// First step whose rows have not been given out as final.
     open: i64,
@@ -206,8 +206,8 @@ impl LagTracker {
         Ok(())
     }
 
-    /// Returns this tracker with what a later one has estimated about the plots; none if this is all as
-    /// stated or usual.
+    /// Returns this tracker with the properties of the plots that a later one has estimated; none if all of
+    /// them are as stated or usual.
     #[must_use]
     pub fn knowing(mut self, later: &Self) -> Option<Self> {
         let differs = self.tracker.learn_plots(&later.tracker);
@@ -278,8 +278,8 @@ impl LagTracker {
         (time / self.step()).floor() as i64
     }
 
-    /// Files plots in the journal, and drops the copies of the state after the oldest of them. Returns why
-    /// plots are not used, as far as that is known.
+    /// Files plots in the journal, and drops the copies of the state after the oldest of these plots. Returns
+    /// the reasons why plots are not used, as far as they are known.
     fn file<P: Plots + ?Sized>(&mut self, plots: &P, end: Option<f64>) -> Vec<Claim> {
         let first = self.tracker.plots();
         let oldest = self.step_of(self.now - self.lag);
@@ -395,7 +395,7 @@ impl LagTracker {
         let part = Part { plots: &own, now: &order[..], levels: &levels, index, times };
         let mut refused = Vec::new();
         let report = |plot: usize, status| match status {
-            // the rows tell the tracks
+            // the sink takes the tracks of plots from the rows
             PlotStatus::Track(_) => {}
             _ => refused.push((plot, status)),
         };
@@ -420,7 +420,7 @@ impl LagTracker {
         }
     }
 
-    /// Returns the last copy, and removes it if the one before it is near.
+    /// Returns the last copy, and removes it if the copy before it is less than `spacing` steps older.
     fn last_kept(&mut self, spacing: i64) -> (i64, Kept) {
         let mut from_last = self.kept.iter().rev().map(|(next, _)| *next);
         let (last, before) = (from_last.next(), from_last.next());
@@ -442,8 +442,8 @@ impl LagTracker {
         self.numbered > before
     }
 
-    /// Gives out rows that are not final, as far as they differ from what was given out: for each track, all
-    /// rows from the first that differs. Rows of steps before `changed` are the same as before.
+    /// Gives out rows that are not final, as far as they differ from those last given out: for each track,
+    /// all rows from the first that differs. Rows of steps before `changed` are the same as before.
     fn show<R: Rows>(&mut self, final_steps: i64, changed: i64, rows: &mut R) {
         let place = self.shown.partition_point(|(step, _)| *step < final_steps.max(changed));
         let mut old: Vec<Row> = self.shown.drain(place..).map(|(_, row)| row).collect();

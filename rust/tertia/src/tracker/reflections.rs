@@ -1,5 +1,5 @@
-//! Plots that may be of a target elsewhere: its replies also reach the radar by way of a building, or by a
-//! side lobe of the antenna (Stevens, Secondary Surveillance Radar, 1988).
+//! Finds plots that may come from a target elsewhere, whose replies also reach the radar by way of a building
+//! or through a side lobe of the antenna (Stevens, Secondary Surveillance Radar, 1988).
 
 use super::doubles::Near;
 use super::identity::rarity;
@@ -11,40 +11,42 @@ use crate::base::plane::Plane;
 use crate::sensors::{Identities, IdentityKind};
 use std::f64::consts::TAU;
 
-/// Mean number of reflections of a target per scan of a radar, before any plot.
+/// Prior mean number of reflections of a target per scan of a radar.
 const SHARE: f64 = 0.01;
 /// Largest factor by which equal heights are likelier for one target than for two: aircraft fly at
 /// the same levels.
 const LEVELS: f64 = 30.0;
 /// Largest distance of a reflector from its radar, m.
 const FARTHEST: f64 = 30e3;
-/// Likelihood ratio from which on the range of a plot is that of a side lobe.
+/// Likelihood ratio of its range above which a plot counts as that of a side lobe.
 const BESIDE: f64 = 10.0;
 /// Standard deviations by which the plot of a side lobe may seem nearer than its target.
 const SIGMAS: f64 = 3.0;
-/// Scans by which a radar may have seen a target earlier than when its beam last passed the target,
-/// and the additional scans if the plot of that scan has yet to be assigned.
+/// Number of scans by which the last plot of a target may be earlier than the last passage of the beam over
+/// the target, and the additional scans if the plot of that passage has yet to be assigned.
 const EARLY: f64 = 0.25;
 const UNASSIGNED: f64 = 1.0;
-/// Cosine of the largest angle between directions that are one, 1°.
+/// Cosine of the largest angle between two directions that count as the same, 1°.
 const BEHIND: f64 = 0.999_847_7;
-/// Number of plots of a tentative track from which other plots may be its reflections.
+/// Number of plots below which a tentative track may itself be the reflection.
 const ENOUGH: usize = 2;
 
-/// The possible reflections of a scan, by plot.
+/// The possible reflections in a scan, sorted by plot.
 #[derive(Default)]
 pub(super) struct Reflections {
     all: Vec<Reflection>,
-    /// Identities of plots that no confirmed track has, or one that may be a reflection.
+    /// Identities and indices of the plots that no confirmed track has taken, and of those taken by a
+    /// confirmed track that may be a reflection.
     names: Vec<((u8, i64), usize)>,
-    /// Plots of such tracks, and their numbers.
+    /// Plots of confirmed tracks that may be reflections, and the numbers of these tracks.
     doubted: Vec<(usize, u64)>,
-    /// Tracks that may be, as a target nearer to the radar has their identity.
+    /// Numbers of confirmed tracks that may be reflections because a plot nearer to the radar has the same
+    /// identity.
     farther: Vec<u64>,
 }
 
 impl Reflections {
-    /// The possible reflections that this plot may be.
+    /// Returns the reflections that this plot may be.
     pub fn of(&self, plot: usize) -> &[Reflection] {
         let own = &self.all[self.all.partition_point(|one| one.plot < plot)..];
         &own[..own.partition_point(|one| one.plot == plot)]
@@ -60,7 +62,8 @@ impl Reflections {
         self.doubted.clear();
     }
 
-    /// Weighs whether the confirmed tracks that may be reflections are. Cost O(tracks + plots of these).
+    /// Updates the evidence on confirmed tracks that may be reflections. Cost O(tracks + plots of
+    /// the tracks that may be reflections).
     pub fn weigh(&mut self, plots: &[Measured], (tracks, settings): (&mut [Track], &Settings)) {
         self.doubted.sort_unstable_by_key(|&(plot, track)| (track, plot));
         self.farther.sort_unstable();
@@ -80,8 +83,9 @@ impl Reflections {
         }
     }
 
-    /// Finds possible reflections among the plots that no confirmed track has taken. Cost O(plots),
-    /// and O(tracks log plots) if any of these plots has an identity.
+    /// Finds possible reflections among the plots that no confirmed track has taken and those of confirmed
+    /// tracks that may be reflections. Cost O(plots), and O(tracks log plots) if any of these plots has an
+    /// identity.
     pub fn find(
         &mut self,
         Near { plots, .. }: Near<'_>,
@@ -119,7 +123,7 @@ impl Reflections {
     }
 }
 
-/// Kinds and numbers of identities.
+/// Returns the kind and the number of each identity that is known.
 fn each(own: &Identities) -> impl Iterator<Item = (u8, i64)> + use<> {
     let Identities { icao_address, identity, callsign, mode_3a } = *own;
     let all = [icao_address.into(), identity, callsign, mode_3a.into()];
@@ -130,15 +134,16 @@ fn each(own: &Identities) -> impl Iterator<Item = (u8, i64)> + use<> {
 const KINDS: [IdentityKind; 4] =
     [IdentityKind::Address, IdentityKind::Number, IdentityKind::Callsign, IdentityKind::Code];
 
-/// What a plot and a track of one identity may be.
+/// Relation between a plot and a track with the same identity.
 enum Found {
-    /// The plot is a reflection of the target.
+    /// The plot may be a reflection of the target of the track.
     Reflection(Reflection),
-    /// The track is a reflection of the target of the plot.
+    /// The track may be a reflection of the target of the plot, as it is farther from the radar.
     Farther,
 }
 
-/// The plot as a reflection of a target with an identity of this kind; none where neither can be one of the other.
+/// Returns the relation between a plot and a track with the same identity of this kind; none if neither can
+/// be a reflection of the other.
 fn of_target(
     (index, plot): (usize, &Measured),
     (kind, track): (u8, &Track),
@@ -200,18 +205,18 @@ struct Path {
     /// Distance of the reflector from the radar, and its variance.
     distance: f64,
     variance: f64,
-    /// Likelihood ratio of the range of the plot: a side lobe, which sees the target at its range,
-    /// against another target.
+    /// Likelihood ratio of the range of the plot: a side lobe, which sees the target at the range of the
+    /// target, against another target.
     side_lobe: f64,
     /// How far the beam has turned since it passed the target, as a share of a scan.
     turned: f64,
-    /// Whether the plot is in the direction of the target.
+    /// Whether the plot is in the same direction from the radar as the target.
     is_behind: bool,
 }
 
 impl Path {
-    /// The path by which a plot is of the target at `place`: the slant range R of the plot is the
-    /// distance d of the reflector plus the slant range from there to the target,
+    /// Returns the path by which a plot is a reflection of the target at `place`: the slant range R of the
+    /// plot is the distance d of the reflector plus the slant range from there to the target,
     /// `(R − d)² = d² − 2 d a cos Δ + a² + h²`.
     fn of(plot: &Measured, (place, p): ([f64; 2], Plane), settings: &Settings) -> Self {
         let radar = &settings.radars[plot.radar];
@@ -227,7 +232,7 @@ impl Path {
             _ => (if plot.height.is_finite() { plot.height - up } else { 0.0 }, 0.0),
         };
         let slant = f64::hypot(g, height);
-        // 0 where the plot is at the place of the target
+        // this would be 0 if the plot were at the place of the target
         let base = (slant - a * cosine).max(1.0);
         let distance = 0.5 * (g - a) * (g + a) / base;
         let seen = radar.detecting(plot.detection);

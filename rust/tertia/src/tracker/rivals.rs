@@ -1,41 +1,44 @@
-//! What speaks for it that a track is a reflection although it may be confirmed: the track of its target was
-//! unknown then, or could as well be the reflection.
+//! Evidence that a track is a reflection, which is collected even after the track was confirmed: at that
+//! time, the track of the target may have been unknown, or either track could have been the reflection of the
+//! other.
 
 use super::plot::Measured;
 use super::suspicion::{Reflection, Suspicion};
 use serde::{Deserialize, Serialize};
 
-/// Plots of a reflection after which it is sure, if the logarithm of its odds is so large.
+/// Least number of plots, and least logarithm of the odds, with which a reflection is certain.
 const ENOUGH: f64 = 5.0;
 const SURE: f64 = 6.9;
-/// Of a target and its side lobe, which are at one range, the side lobe is missed in so many scans more than the target; each scan
-/// in which only the side lobe is seen outweighs so many.
+/// A target and its side lobe are at the same range. A track is taken for the side lobe if it was missed in
+/// at least `MISSED` scans, and in `OUTWEIGHED` more for each scan in which it was seen without the other
+/// track.
 const MISSED: f64 = 4.0;
 const OUTWEIGHED: f64 = 2.0;
 
-/// Tracks of which one may be the target whose reflection a track is.
+/// The tracks of which a track may be a reflection.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Rivals {
-    /// Of the first plot that was compared.
+    /// Radar of the first plot that was compared: the reflection is of this radar.
     radar: Option<usize>,
     all: Vec<Rival>,
-    /// Whether the track is a reflection of one of them.
+    /// Whether the track is certainly a reflection of one of the rivals.
     pub is_sure: bool,
 }
 
-/// One of them.
+/// A track of which another track may be a reflection.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Rival {
     suspicion: Suspicion,
-    /// First plot of the track that was compared with it, s, how many were, and in how many of their scans it
-    /// was not seen.
+    /// Time of the first plot of the suspected track that was compared with the rival, s; number of these
+    /// plots; number of them in whose scans the rival was not seen.
     since: f64,
     plots: f64,
     unseen: f64,
 }
 
 impl Rivals {
-    /// Weighs one more plot of a track, by the reflections that the plot may be. Cost O(reflections²).
+    /// Updates the evidence by one more plot of the suspected track and the `reflections` that this plot may
+    /// be. Cost O(reflections²).
     pub fn weigh<'a>(
         &mut self,
         plot: &Measured,
@@ -45,7 +48,7 @@ impl Rivals {
         if !plot.identities.is_some() {
             return;
         }
-        // of another radar it is no reflection
+        // a plot of another radar is no reflection by the same reflector
         let is_same = *self.radar.get_or_insert(plot.radar) == plot.radar;
         let reflections = reflections.filter(|_| is_same);
         self.is_sure = false;
@@ -71,7 +74,8 @@ impl Rival {
         Self { suspicion, since: plot.time, plots: 1.0, unseen: 0.0 }
     }
 
-    /// Weighs one more plot. Returns whether its track is missed more often than this one.
+    /// Updates the evidence by one more plot of the suspected track. Returns whether this track is missed so
+    /// much more often than the rival that it is the side lobe.
     fn compare(&mut self, plot: &Measured, found: Option<&Reflection>, period: f64) -> bool {
         self.suspicion.compare(found);
         self.plots += 1.0;
@@ -93,7 +97,7 @@ mod tests {
         Measured { time, identities: Identities::of(1), ..Measured::default() }
     }
 
-    /// By a reflector at a distance, or a side lobe.
+    /// A reflection by a reflector at this distance, or a side lobe if the distance is 0.
     fn reflection(distance: f64) -> Reflection {
         let (plot, track, variance, log_odds) = (0, 1, 1e4, 7.0);
         let (is_seen, is_unsure, is_beside) = (true, false, distance == 0.0);
@@ -111,7 +115,8 @@ mod tests {
         }
     }
 
-    /// Whether a track is a reflection after these scans: whether it is seen, and whether the other one is.
+    /// Whether a track is certainly a reflection after these scans. For each scan: whether the track is seen,
+    /// and whether the other one is.
     fn after(scans: &[(bool, bool)], one: Reflection) -> bool {
         let mut own = Rivals::default();
         for (scan, (is_seen, is_other_seen)) in scans.iter().enumerate() {
@@ -129,7 +134,7 @@ mod tests {
         assert!(after(&[(true, true); 8], one) && !after(&[(true, true); 4], one));
         let unsure = Reflection { is_unsure: true, ..one };
         assert!(!after(&[(true, true); 8], unsure));
-        // a target that is not seen where it should be is no reason for a reflection
+        // if the target is not seen where it should be, the track is no reflection
         assert!(!after(&[(true, false); 8], one));
     }
 

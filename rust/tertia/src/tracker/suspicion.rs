@@ -7,18 +7,19 @@ use serde::{Deserialize, Serialize};
 /// distance.
 pub(super) const EXTENT: f64 = 60.0;
 const SLANTED: f64 = 0.01;
-/// Scans by which a target at the range of a side lobe must have begun before the track of the side
-/// lobe.
+/// Number of scans by which the track of a target must have begun before another track at the same range, for
+/// the other track to be its side lobe.
 const BEFORE: f64 = 1.5;
 /// Largest fall of the logarithm of the odds by one plot.
 const STEP: f64 = -4.0;
-/// By how much it may rise in all: another target may also seem to keep its distance.
+/// Largest excess of the logarithm of the odds over the mean of those by single plots: the reflector of
+/// another target may also seem to keep its distance.
 const CONSTANT: f64 = 2.0;
 /// Logarithm of the probability that the target of a reflection is not seen where the reflection
 /// requires it to be.
 const UNSEEN: f64 = -3.0;
-/// Scans for which a reflection lasts on average: a target stays. That of a side lobe lasts while the target is
-/// near, which its range shows.
+/// Mean number of scans for which a reflection lasts: another target would be seen longer. A side lobe is
+/// seen as long as the target is near, so plots at the range of the target do not count against it.
 const LASTING: f64 = 15.0;
 
 /// A plot, regarded as the reflection of a target.
@@ -30,18 +31,18 @@ pub(super) struct Reflection {
     /// Distance of the reflector from the radar, 0 for a side lobe, and its variance, m and m².
     pub distance: f64,
     pub variance: f64,
-    /// Logarithm of the odds of a reflection against another target, by this plot alone.
+    /// Logarithm of the odds that the plot is a reflection and not of another target, by this plot alone.
     pub log_odds: f64,
     /// Whether the radar has seen the target elsewhere in this scan, so that the plot is not of the
     /// target itself.
     pub is_seen: bool,
-    /// Whether the target may be the reflection instead: its track is tentative, and is nearer by
-    /// no more than errors or has too few plots.
+    /// Whether the target may be the reflection instead: its track is tentative, and has too few plots or is
+    /// nearer to the radar only by less than the errors.
     pub is_unsure: bool,
-    /// Time of the first plot of the target, s, if the plot may be of a side lobe: if both are new,
-    /// either may be the side lobe of the other.
+    /// Time of the first plot of the target, s, if the plot may be of a side lobe (if both tracks are new,
+    /// either may be the side lobe of the other); otherwise −∞.
     pub since: f64,
-    /// Whether the plot is at the range of the target, as that of a side lobe.
+    /// Whether the plot is at the range of the target, as a plot of a side lobe is.
     pub is_beside: bool,
 }
 
@@ -49,44 +50,45 @@ pub(super) struct Reflection {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Suspicion {
     radar: usize,
-    /// Number of the track of this target.
+    /// Number of the track of the target.
     track: u64,
-    /// Mean distance of the reflector over its plots, and the mean variance.
+    /// Mean over the plots of the distance of the reflector, m, and of the variance of this distance, m².
     distance: f64,
     variance: f64,
     plots: f64,
-    /// Plots that were not at the range of a side lobe.
+    /// Number of plots that were not at the range of the target, as those of a side lobe are.
     fading: f64,
-    /// Logarithm of the odds of a reflection, and the mean of those by each plot alone.
+    /// Logarithm of the odds of a reflection, and (`first`) the mean of the logarithms by each plot alone.
     log_odds: f64,
     first: f64,
 }
 
 impl Reflection {
-    /// Whether a reflection is likelier than another target, but the target may be the reflection
-    /// instead.
+    /// Whether the plot is more likely a reflection than of another target, but the target may be the
+    /// reflection instead.
     pub fn is_mutual(&self) -> bool {
         self.is_unsure && self.is_likely()
     }
 
-    /// Whether it is likelier than another target.
+    /// Whether the plot is more likely a reflection than of another target.
     pub fn is_likely(&self) -> bool {
         self.is_seen && self.log_odds > 0.0
     }
 
-    /// Whether it is farther from the radar than the target for sure, so that it cannot be of a side lobe.
+    /// Whether the plot is certainly farther from the radar than the target, so that it cannot be of a side
+    /// lobe.
     pub fn is_farther(&self) -> bool {
         self.since == f64::NEG_INFINITY
     }
 
-    /// Whether the target is the original, rather than a track that began at this time.
+    /// Whether the target is the original, and a track that began at this time the reflection.
     pub fn is_of_target(&self, begin: f64, period: f64) -> bool {
         !self.is_unsure && self.since < begin - BEFORE * period
     }
 }
 
 impl Suspicion {
-    /// Begins with the first plot; none if another target is likelier.
+    /// Returns the suspicion after the first plot; none if the plot is more likely of another target.
     pub fn of<'a>(
         plot: &Measured,
         reflections: impl Iterator<Item = &'a Reflection>,
@@ -98,12 +100,12 @@ impl Suspicion {
         Some(Self { radar, track, distance, variance, plots, fading, log_odds, first })
     }
 
-    /// Whether a reflection is likelier than another target.
+    /// Whether the track is more likely a reflection than another target.
     pub fn holds(&self) -> bool {
         self.log_odds > 0.0
     }
 
-    /// Weighs one more plot: the reflector stays where it is.
+    /// Updates the odds by one more plot of the track: a reflector does not move.
     pub fn weigh<'a>(
         &mut self,
         plot: &Measured,
@@ -120,7 +122,8 @@ impl Suspicion {
         self.log_odds = self.log_odds.min(self.first - self.fading / LASTING);
     }
 
-    /// Compares the distance of the reflector by one more plot, which may be no reflection.
+    /// Updates the odds by the distance of the reflector according to one more plot. `one` is none if
+    /// this plot cannot be a reflection of the target.
     pub fn compare(&mut self, one: Option<&Reflection>) {
         let Some(one) = one else {
             self.log_odds += UNSEEN;
@@ -136,17 +139,17 @@ impl Suspicion {
         }
     }
 
-    /// Whether it is a reflection by so many plots, with such odds.
+    /// Whether there are at least this many plots and the logarithm of the odds is at least `log_odds`.
     pub fn is_at_least(&self, plots: f64, log_odds: f64) -> bool {
         self.plots >= plots && self.log_odds >= log_odds
     }
 
-    /// Number of the track of the target.
+    /// Returns the number of the track of the target.
     pub fn track(&self) -> u64 {
         self.track
     }
 
-    /// Squared normalised difference in the distance of the reflector.
+    /// Returns the squared normalised difference between the distance of the reflector and its mean so far.
     fn square(&self, one: &Reflection) -> f64 {
         let extent = EXTENT + SLANTED * self.distance.abs();
         let variance = one.variance + self.variance / self.plots + extent * extent;
@@ -193,7 +196,7 @@ mod tests {
         assert!(after(7.0, &moving[..1]) && !after(7.0, &moving));
         // a target that is not seen where it should be speaks against a reflection
         assert!(after(7.0, &[None, None]) && !after(7.0, &[None; 3]));
-        // so does a reflection of another target
+        // a reflection of another target does so, too
         let other = Reflection { track: 2, ..reflection(5e3, 7.0) };
         let plot = Measured { identities: Identities::of(1), ..Measured::default() };
         let mut own = Suspicion::of(&plot, [reflection(5e3, 2.0)].iter()).unwrap();
@@ -210,7 +213,7 @@ mod tests {
         let mut own = Suspicion::of(&plot, [lobe].iter()).unwrap();
         (0..200).for_each(|_| own.weigh(&plot, [lobe].iter()));
         assert!(own.holds());
-        // as long as it is at the range of the target
+        // plots that are not at the range of the target speak against a side lobe
         let other = Reflection { is_beside: false, ..lobe };
         (0..70).for_each(|_| own.weigh(&plot, [other].iter()));
         assert!(own.holds());

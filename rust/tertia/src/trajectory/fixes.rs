@@ -16,8 +16,8 @@ const RUNNING: usize = 5;
 const ANYWHERE: f64 = 1e4;
 /// Largest contribution of a squared residual to the cost by which positions are chosen.
 const MOST: f64 = 9.0;
-/// Factors of the stated noise with which instants are located for the beginning of a path, one after the
-/// other, while hardly any has a position: of one in so many at most, several contradict each other.
+/// Factors of the stated noise with which instants are located for the beginning of a path. The factors are
+/// tried in turn as long as at most one in `HARDLY_ANY` instants has a position.
 const LARGER: [f64; 4] = [3.0, 10.0, 30.0, 100.0];
 const HARDLY_ANY: usize = 10;
 /// Cost (ns) per number of an instant, for the choice of threads.
@@ -78,8 +78,8 @@ impl Fixes {
         Ok((own, beside, start.located()?))
     }
 
-    /// Locates instants with a larger noise while hardly any has a position, because with the noise as
-    /// stated a few measurements that agree by chance contradict the others.
+    /// Locates ambiguous instants with a larger noise as long as hardly any instant has a position: with the
+    /// stated noise, a few measurements that agree by chance contradict the others.
     fn relocate_contradictory<const D: usize>(&mut self, record: &Record<'_>, values: &[f64]) {
         let width = record.width();
         for factor in LARGER {
@@ -183,7 +183,7 @@ impl Fixes {
         self.relocate_as::<D>(record, open, values, 1.0);
     }
 
-    /// The same with so many times the stated noise.
+    /// Locates these instants from these values, with the stated noise multiplied by a factor.
     fn relocate_as<const D: usize>(
         &mut self,
         record: &Record<'_>,

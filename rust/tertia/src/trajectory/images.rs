@@ -15,7 +15,7 @@ use std::rc::Rc;
 const AMBIGUOUS: f64 = 2.995_732_273_553_991;
 /// ln of the prior odds of a target above the stations: a thousand to one.
 const ABOVE: f64 = 6.907_755_278_982_137;
-/// Largest size of a residual, in sigmas, that counts.
+/// Size of a residual, in sigmas, above which its cost no longer grows.
 const MOST: f64 = 4.0;
 
 /// Knowledge about the side of a path.
@@ -49,8 +49,8 @@ impl<const D: usize> Choice<D> {
     }
 }
 
-/// Returns the path without the measurements that contradict it, on one side of the plane of the stations if
-/// they are in a plane.
+/// Returns the path without the measurements that contradict it. If the stations are in a plane, the path is
+/// on one side of this plane.
 pub(super) fn begin<const D: usize, const N: usize>(
     setting: &mut Setting<'_, D, N>,
     measured: &Rc<Measured<D>>,
@@ -105,8 +105,8 @@ fn cost<const D: usize, const N: usize>(
     residuals.iter_mut().enumerate().map(cost).sum()
 }
 
-/// Returns the mirror image of a path (N, 3D), if either of the two may be right. If neither is above the
-/// other, there is no path.
+/// Returns the mirror image of a path (N, 3D), if either of the two may be right. It is an error if
+/// neither is above the other.
 pub(super) fn image<const D: usize, const N: usize>(
     found: &Found<D, N>,
     mean: &[f64],

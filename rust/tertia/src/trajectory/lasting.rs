@@ -22,7 +22,7 @@ use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 use std::rc::Rc;
 
-/// Least number of independent contradictions that lasting errors would cause before their absence is believed.
+/// Lasting errors are believed absent only if they would cause at least this many independent contradictions.
 const TELLING: usize = 2;
 /// Variance of lasting errors over that of the smoothed noise, below which lasting errors are neglected.
 const NEGLIGIBLE: f64 = 0.1;
@@ -31,7 +31,7 @@ const NEGLIGIBLE: f64 = 0.1;
 const IN_MEMORY: f64 = 4.0;
 const LEAST_BLOCKS: usize = 10;
 const MOST_NUMBERS: usize = 600;
-/// Probability that one column is far more wrong than all others, from which that column is left out.
+/// Probability of being far more wrong than all others from which a column is left out.
 const DISTRUSTED: f64 = 0.9;
 /// Largest number of rounds of removing the estimates, and the change, in standard errors, that ends them.
 const ROUNDS: usize = 3;
@@ -57,7 +57,7 @@ pub(super) struct Lasting {
     /// Variances of the drifts, and of what the smoother leaves of the drifts.
     drift: Vec<f64>,
     smooth: Vec<f64>,
-    /// Probability of each column that it is far more wrong than all others.
+    /// For each column, the probability that it is far more wrong than all others.
     alone: Vec<f64>,
     /// Standard deviations of the errors that all stations of a kind have in common.
     common: Vec<f64>,
@@ -409,7 +409,7 @@ fn together<const D: usize, const N: usize>(
     (wished.min(memory / IN_MEMORY) as usize).max(1)
 }
 
-/// Number of instants in a block: a part of the memory of the smoother, within limits of the number of blocks.
+/// Number of instants in a block: a part of the memory of the smoother, with a limited number of blocks.
 fn length(n: usize, memory: f64, columns: usize) -> usize {
     let wished = (memory / IN_MEMORY) as usize;
     let most = (MOST_NUMBERS / columns).max(1);

@@ -67,10 +67,10 @@ impl Registrar {
         tracks
     }
 
-    /// Learns from rows without loose plots and without innovations; the rows of each target are together and
-    /// in order of time. Returns what the errors add to the covariance of each of these targets, and by how
-    /// much all targets move, at the times of their last rows. The results do not depend on the number of
-    /// threads. The cost is that of [`Registrar::learn`].
+    /// Learns from rows alone, without innovations and without plots that no confirmed track has taken; the
+    /// rows of each target are together and in order of time. Returns what the errors add to the covariance
+    /// of each of these targets, and by how much all targets move, at the times of their last rows. The
+    /// results do not depend on the number of threads. The cost is that of [`Registrar::learn`].
     ///
     /// # Errors
     /// None occur; the type is that of work on threads.

@@ -1,13 +1,13 @@
-//! What comes of the plots of a call: rows, and the track of each plot.
+//! Results of a call: the rows, and the track of each plot.
 
 use crate::tracker::plot::PlotStatus;
 use crate::tracker::row::{Row, Rows};
 
-/// Collects rows, and the tracks of the plots that are given in the present call.
+/// Collects rows, and the tracks of the plots that were given in the present call.
 pub(super) struct Sink<'a> {
     pub rows: Vec<Row>,
     pub claims: &'a mut [Claim],
-    /// Index of the first of these plots among all that were given.
+    /// Index of the first plot of the present call among all plots so far.
     pub first: usize,
     /// Whether rows of tentative tracks are collected, too.
     pub tentative: bool,
@@ -32,7 +32,7 @@ impl Rows for Sink<'_> {
 }
 
 impl Sink<'_> {
-    /// Notes why a plot is not used, if it is given in the present call.
+    /// Notes why a plot is not used, if it was given in the present call.
     pub fn refuse(&mut self, plot: usize, status: PlotStatus) {
         if let Some(plot) = plot.checked_sub(self.first) {
             self.claims[plot] = Err(status);

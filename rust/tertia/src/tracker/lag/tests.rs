@@ -113,7 +113,7 @@ fn a_tracker_that_has_had_plots_cannot_have_them_again() {
     assert_eq!(tracker.tracker().plots(), 4);
 }
 
-/// A tracker of one radar, with a lag, and what it has given.
+/// Returns the statuses and the rows that a tracker of one radar with a lag of 20 s gives for these calls.
 fn given(calls: &[Vec<Plot>]) -> (Vec<PlotStatus>, Vec<Row>) {
     let motion = Motion::Imm(ImmModel::default());
     let usual = Settings::new(vec![radar()], motion);

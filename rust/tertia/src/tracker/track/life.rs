@@ -1,5 +1,5 @@
-//! Confirmation and end of a track, plots that it refuses, and tracks that continue the past of
-//! another one.
+//! Confirmation and end of a track, plots that it refuses, and continuation of an older track of the same
+//! target.
 
 use super::super::correlation::contradicts;
 use super::super::estimate::VELOCITY;
@@ -13,16 +13,15 @@ use crate::flightplan::Status;
 use crate::sensors::Identities;
 use crate::tracker::tree::Leaf;
 
-/// Odds of a target below which a track ends that was confirmed by its existence, and the scans
-/// without a plot after which it may end: several missed detections in succession may have one
-/// cause.
+/// Odds of a target below which a confirmed track ends, and the scans without a plot after which a track that
+/// was confirmed by its existence may end: several missed detections in succession may have one cause.
 const LEAST_ODDS: f64 = 0.01 / 0.99;
 const SCANS_BEFORE: f64 = 2.5;
 /// Factor by which a track may seem faster than the fastest target, as its models are not exact.
 const TOO_FAST: f64 = 1.25;
 
 impl Track {
-    /// Begins with the flights that are due at the first plot.
+    /// Begins the track with the flights that are due at its first plot.
     pub fn expect(&mut self, expected: Expected, settings: &Settings) {
         self.there = expected.there;
         if let Stage::Tentative { evidence, least, .. } = &mut self.stage {
@@ -60,13 +59,13 @@ impl Track {
         }
     }
 
-    /// Whether the track goes on: it had enough plots at the beginning, and has not been too long
-    /// without one.
+    /// Whether the track continues: it had enough plots at the beginning, has not been without a plot for too
+    /// long, and was not found to be a reflection or to consist of false plots.
     pub fn is_alive(&self, settings: &Settings) -> bool {
         let silence = self.time - self.seen;
         let gone = match (settings.confirmation, self.stage) {
             (Confirmation::Plots(m, n), Stage::Tentative { misses, .. }) => misses > n - m,
-            // a track that has moved is lost only for want of plots
+            // a track that has moved ends only for lack of plots
             (Confirmation::Plots(..), Stage::Confirmed) => {
                 !self.moved && self.existence.is_below(LEAST_ODDS)
             }
@@ -91,7 +90,7 @@ impl Track {
         !self.identities().is_some()
     }
 
-    /// Probability of the speed of the track, as no target exceeds the largest speed; 1 while the
+    /// Probability that the speed of the track does not exceed the largest speed of a target; 1 while the
     /// last plot may be an outlier, and for targets that reply.
     pub(super) fn speed_probability(&self, settings: &Settings) -> f64 {
         let [x, y] = [self.estimate.mean[VELOCITY], self.estimate.mean[VELOCITY + 1]];
@@ -103,7 +102,7 @@ impl Track {
         0.5 * normal_two_sided((speed - most) / sigma)
     }
 
-    /// Probability that the track is of a target, over all its states.
+    /// Probability that the track belongs to a target, averaged over all its states.
     pub fn existence_probability(&self) -> f64 {
         let own = self.existence.probability();
         let Some(tree) = self.tree.as_deref() else { return own };
@@ -111,7 +110,7 @@ impl Track {
         tree.probability * own + tree.others.iter().map(other).sum::<f64>()
     }
 
-    /// Whether there is an address by which it may refuse plots.
+    /// Whether the track may refuse plots because of the identities that are known of its target.
     #[inline]
     pub fn may_refuse(&self, settings: &Settings) -> bool {
         self.known.may_refuse(settings)
@@ -129,14 +128,14 @@ impl Track {
         self.period
     }
 
-    /// Its identities; an emergency code takes the place of its own code.
+    /// Identities of the target for its rows; an emergency code takes the place of its own code.
     pub fn shown_identities(&self) -> Identities {
         let own = self.identities();
         let is_emergency = self.emergencies >= EMERGENCY_AFTER && self.emergency >= 0;
         Identities { mode_3a: if is_emergency { self.emergency } else { own.mode_3a }, ..own }
     }
 
-    /// Suspends or resumes its plan.
+    /// Suspends or resumes the plan of the track.
     pub fn suspend_plan(&mut self, suspended: bool) {
         self.suspended = suspended;
         self.filter.suspend_plan(suspended);
@@ -145,7 +144,7 @@ impl Track {
         }
     }
 
-    /// Whether its plan is suspended.
+    /// Whether the plan of the track is suspended.
     pub fn is_suspended(&self) -> bool {
         self.suspended
     }
@@ -165,7 +164,7 @@ impl Track {
             + innovation
     }
 
-    /// Ends the track; returns its state, with which another track goes on.
+    /// Ends the track; returns its state, from which another track continues.
     pub fn retire(&mut self) -> Self {
         let past = self.clone();
         (self.number, self.seen) = (0, f64::NEG_INFINITY);

@@ -1,4 +1,4 @@
-//! Scans in which radars should have seen a target and did not.
+//! Missed detections: scans in which radars should have seen a target and did not.
 
 use super::{Stage, Track};
 use crate::sensors::Radar;
@@ -18,7 +18,7 @@ impl Track {
 
     fn miss_due(&mut self, end: f64, settings: &Settings, mut missed: impl FnMut(&Self, usize)) {
         while self.is_alive(settings) {
-            // in the order of time, whichever radar saw the target first
+            // in order of time, regardless of which radar saw the target first
             let is_past =
                 |e: &&mut Expected| e.time + MAX_DELAY * settings.radars[e.radar].scan_period < end;
             let past = self.beams.all_mut().iter_mut().filter(is_past);

@@ -34,17 +34,18 @@ impl Track {
         self.doubt(plot, reflections, settings);
     }
 
-    /// Whether it may be a reflection although it is confirmed.
+    /// Whether evidence is collected that the track is a reflection, even after its confirmation.
     pub fn is_doubted(&self) -> bool {
         self.rivals.is_some()
     }
 
-    /// Doubts a confirmed track from its next plot on.
+    /// Collects evidence that the track is a reflection from its next plot on.
     pub fn begin_to_doubt(&mut self) {
         self.rivals.get_or_insert_default();
     }
 
-    /// Weighs whether it is a reflection after all, by a plot that may be one.
+    /// Updates the evidence that the track is a reflection, by a plot and the `reflections` that this plot
+    /// may be; does nothing if no such evidence is collected.
     pub fn doubt(&mut self, plot: &Measured, reflections: &[Reflection], settings: &Settings) {
         let number = self.number;
         let period = settings.radars[plot.radar].scan_period;
@@ -54,7 +55,7 @@ impl Track {
         }
     }
 
-    /// Whether it is a reflection, as was found after it was confirmed.
+    /// Whether the track is confirmed and was found to be a reflection nevertheless.
     pub fn is_refuted(&self) -> bool {
         self.is_confirmed() && self.rivals.as_ref().is_some_and(|rivals| rivals.is_sure)
     }
