@@ -182,9 +182,9 @@ class Registrar:
 
         `rows` are a table and the index of the first row that the plots have added to it, `noise`,
         (K, 2, 2), is the noise with which the rows were made and the noise that was found, and
-        `alive` are the numbers of all tracks, in order. The uncertainty of the errors is added to the covariances of the rows, and
-        the rows are moved by the change of the errors. Returns tracks, and by how much they move at
-        which times.
+        `alive` are the numbers of all tracks, in order. The uncertainty of the errors is added to
+        the covariances of the rows, and the rows are moved by the change of the errors. Returns
+        tracks, and by how much they move at which times.
         """
         if not np.isfinite(plots.height).all():
             # at the height of their track
