@@ -24,7 +24,8 @@ pub struct TrackRows<'py> {
 }
 
 impl TrackRows<'_> {
-    fn read(&self) -> PyResult<Vec<Row>> {
+    /// Replaces `rows`, whose memory is reused.
+    fn read(&self, rows: &mut Vec<Row>, sensors: usize) -> PyResult<()> {
         let columns = [&self.time, &self.height, &self.turn_probability];
         let [time, height, turning] = columns.map(|column| column.numbers("tracks"));
         let (time, height, turning) = (time?, height?, turning?);
@@ -38,21 +39,22 @@ impl TrackRows<'_> {
         if [height.len(), turning.len(), sensor.len(), track.len()].iter().any(|&k| k != n) {
             return Err(PyValueError::new_err("the columns differ in length"));
         }
-        let row = |i: usize| {
-            let sensor = usize::try_from(sensor[i])
-                .map_err(|_| PyValueError::new_err(format!("sensor is {}", sensor[i])))?;
-            Ok(Row {
-                sensor,
-                track: track[i],
-                time: time[i],
-                state: state[i],
-                covariance: covariance[i],
-                height: height[i],
-                identities: identities.get(i),
-                turn_probability: turning[i],
-            })
-        };
-        (0..n).map(row).collect()
+        if let Some(other) = sensor.iter().find(|&&k| !(0..sensors as i64).contains(&k)) {
+            let text = format!("sensor is {other}; there are {sensors}");
+            return Err(PyValueError::new_err(text));
+        }
+        rows.clear();
+        rows.extend((0..n).map(|i| Row {
+            sensor: sensor[i] as usize,
+            track: track[i],
+            time: time[i],
+            state: state[i],
+            covariance: covariance[i],
+            height: height[i],
+            identities: identities.get(i),
+            turn_probability: turning[i],
+        }));
+        Ok(())
     }
 }
 
@@ -67,6 +69,8 @@ type Picture<'py> =
 pub struct FusionCentre {
     centre: Centre,
     sensors: usize,
+    /// Memory of the rows of an update.
+    rows: Vec<Row>,
 }
 
 #[pymethods]
@@ -102,7 +106,7 @@ impl FusionCentre {
         }
         let errors = (0..sensors).map(|k| [mean[k], sigma[k], drift[k]]).collect();
         let centre = Centre::new(Settings { radars, rule, cross_correlation, registers, errors });
-        Ok(Self { centre, sensors })
+        Ok(Self { centre, sensors, rows: Vec::new() })
     }
 
     /// Makes the picture at a time from rows in any order.
@@ -113,14 +117,10 @@ impl FusionCentre {
         time: f64,
         n_threads: Threads,
     ) -> PyResult<Picture<'py>> {
-        let rows = tracks.read()?;
-        if let Some(row) = rows.iter().find(|row| row.sensor >= self.sensors) {
-            let text = format!("sensor is {}; there are {}", row.sensor, self.sensors);
-            return Err(PyValueError::new_err(text));
-        }
-        let found =
-            release(py, 1e3 * rows.len() as f64, || self.centre.update(&rows, time, n_threads))?
-                .map_err(value_error)?;
+        tracks.read(&mut self.rows, self.sensors)?;
+        let Self { centre, rows, .. } = self;
+        let found = release(py, 1e3 * rows.len() as f64, || centre.update(rows, time, n_threads))?
+            .map_err(value_error)?;
         let (n, k) = (found.len(), self.sensors);
         let members = found.iter().flat_map(|one| &one.members);
         let numbers = |of: fn(&SystemTrack) -> f64| array(py, &[n], found.iter().map(of));
@@ -175,6 +175,6 @@ impl FusionCentre {
         let centre = Centre::from_bytes(state)
             .ok_or_else(|| PyValueError::new_err("this is not the state of a fusion centre"))?;
         let sensors = centre.registrar().errors().len();
-        Ok(Self { centre, sensors })
+        Ok(Self { centre, sensors, rows: Vec::new() })
     }
 }

@@ -17,6 +17,7 @@ use crate::base::state::{restored, saved};
 use crate::registration::{Errors, Registrar, Update};
 use crate::sensors::{Identities, Radar};
 use serde::{Deserialize, Serialize};
+use std::cmp::Reverse;
 use std::collections::BTreeSet;
 use std::num::NonZero;
 use std::ops::Deref;
@@ -155,7 +156,7 @@ impl Centre {
         for (g, group) in groups.iter().enumerate() {
             group.members.iter().for_each(|&i| group_of[i] = g);
         }
-        self.pairs.remember(&candidates, &group_of);
+        self.pairs.remember(candidates, &group_of);
         let numbers = self.name(&groups, &places);
         let radars = self.noisy();
         let learnt =
@@ -227,18 +228,18 @@ impl Centre {
 
     /// Assigns a number to each group: that of the target with the most members in common, or a new one.
     fn name(&mut self, groups: &[Group], places: &[usize]) -> Vec<u64> {
-        let mut own = Vec::with_capacity(places.len());
+        let (mut common, mut own) = (Vec::with_capacity(groups.len()), Vec::new());
         for (g, group) in groups.iter().enumerate() {
-            let targets = group.members.iter().filter_map(|&i| self.members[places[i]].target);
-            own.extend(targets.map(|number| (number, g)));
+            own.clear();
+            own.extend(group.members.iter().filter_map(|&i| self.members[places[i]].target));
+            own.sort_unstable();
+            let counts = own.chunk_by(|a, b| a == b).map(|same| (Reverse(same.len()), same[0], g));
+            common.extend(counts);
         }
-        own.sort_unstable();
-        let mut common: Vec<_> =
-            own.chunk_by(|a, b| a == b).map(|same| (same[0], same.len())).collect();
-        // the sort is stable: of equal counts, the older number comes first, then the first group
-        common.sort_by_key(|&(_, count)| std::cmp::Reverse(count));
+        // of equal counts, the older number comes first, then the first group
+        common.sort_unstable();
         let (mut numbers, mut used) = (vec![None; groups.len()], IntegerMap::default());
-        for ((number, g), _) in common {
+        for (_, number, g) in common {
             if numbers[g].is_none() && used.insert(number as i64, ()).is_none() {
                 numbers[g] = Some(number);
             }
@@ -275,18 +276,15 @@ impl Centre {
         let mut targets = std::mem::take(&mut self.targets);
         let mut work = Vec::with_capacity(groups.len());
         for (target, g) in matched(targets.iter_mut(), in_order(numbers)) {
-            let count = groups[g].members.iter().map(|&i| self.members[places[i]].pending.len());
-            let mut tracklets: Vec<Tracklet> = Vec::with_capacity(count.sum());
-            for &i in &groups[g].members {
-                tracklets.append(&mut self.members[places[i]].pending);
-            }
-            work.push((g, &mut **target, tracklets));
+            work.push((g, &mut **target));
         }
-        work.sort_unstable_by_key(|&(g, ..)| g);
-        let follow = |(g, target, mut tracklets): (usize, &mut Target, Vec<Tracklet>)| {
+        work.sort_unstable_by_key(|&(g, _)| g);
+        let follow = |(g, target): (usize, &mut Target)| {
             let group = &groups[g];
             let best = best(group, samples);
             let start = (&self.members[places[best]].last, &samples[best]);
+            let pending = group.members.iter().flat_map(|&i| &self.members[places[i]].pending);
+            let mut tracklets: Vec<&Tracklet> = pending.collect();
             tracklets.sort_by(|a, b| {
                 let order = a.report.time.total_cmp(&b.report.time);
                 order.then(a.report.radar.cmp(&b.report.radar))
@@ -297,6 +295,7 @@ impl Centre {
         };
         let learnt = mapped(work.into_iter(), FOLLOW_NS, n_threads, follow)?;
         self.targets = targets;
+        places.iter().for_each(|&place| self.members[place].pending.clear());
         Ok(learnt)
     }
 

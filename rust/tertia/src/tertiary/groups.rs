@@ -75,13 +75,16 @@ pub(super) fn grouped(samples: &[Sample], candidates: &[Candidate], order: &[usi
 }
 
 /// Candidates for each track.
-struct Near {
-    start: Vec<usize>,
-    others: Vec<(usize, Candidate)>,
+struct Near<'a> {
+    candidates: &'a [Candidate],
+    /// Start of the list of each track in `own`, and the end of the last list.
+    start: Vec<u32>,
+    /// Indices of the candidates of each track.
+    own: Vec<u32>,
 }
 
-impl Near {
-    fn new(count: usize, candidates: &[Candidate]) -> Self {
+impl<'a> Near<'a> {
+    fn new(count: usize, candidates: &'a [Candidate]) -> Self {
         let mut start = vec![0; count + 1];
         for one in candidates {
             start[one.first + 1] += 1;
@@ -91,22 +94,23 @@ impl Near {
             start[i + 1] += start[i];
         }
         let mut next = start.clone();
-        let mut others: Vec<Option<(usize, Candidate)>> = vec![None; 2 * candidates.len()];
-        for one in candidates {
-            for (own, other) in [(one.first, one.second), (one.second, one.first)] {
-                others[next[own]] = Some((other, *one));
-                next[own] += 1;
+        let mut own = vec![0; 2 * candidates.len()];
+        for (at, one) in candidates.iter().enumerate() {
+            for i in [one.first, one.second] {
+                own[next[i] as usize] = at as u32;
+                next[i] += 1;
             }
         }
-        Self { start, others: others.into_iter().flatten().collect() }
+        Self { candidates, start, own }
     }
 
     /// Sets the contributions of a track to all groups in which at least one pair with the track is in the
     /// gate and every member is a candidate.
     fn offers(&self, i: usize, group_of: &[usize], groups: &[Group], offers: &mut Vec<Offer>) {
         offers.clear();
-        for &(other, candidate) in &self.others[self.start[i]..self.start[i + 1]] {
-            let group = group_of[other];
+        for &at in &self.own[self.start[i] as usize..self.start[i + 1] as usize] {
+            let candidate = &self.candidates[at as usize];
+            let group = group_of[candidate.first + candidate.second - i];
             if group == usize::MAX {
                 continue;
             }

@@ -5,6 +5,7 @@ use super::compare::Distance;
 use super::near::{APART, FAR, Near, Sample, Spot, height_variance};
 use super::share::mapped;
 use crate::base::error::Result;
+use crate::base::scratch::Scratch;
 use crate::registration::{ERRORS, Errors};
 use nalgebra::{DMatrix, Matrix4};
 use pulp::{Arch, Simd, WithSimd};
@@ -86,8 +87,14 @@ impl Manual {
 /// Pairs and their histories, sorted by the ids of their tracks.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Pairs {
-    known: Vec<((u64, u64), History)>,
+    known: Vec<Remembered>,
+    /// Memory of the pairs before, and of the candidates.
+    #[serde(skip)]
+    memory: Scratch<(Vec<Remembered>, Vec<Candidate>)>,
 }
+
+/// Ids of the tracks of a pair, and its history.
+type Remembered = ((u64, u64), History);
 
 /// Estimated errors of all sensors, and their covariances in blocks of two sensors.
 pub(super) struct Known {
@@ -117,8 +124,8 @@ pub(super) fn key(a: u64, b: u64) -> (u64, u64) {
 }
 
 impl Pairs {
-    /// Returns all pairs of samples that may belong to one target, sorted by id. `density` is that of
-    /// other targets.
+    /// Returns all pairs of samples that may belong to one target, sorted by id; [`Self::remember`] takes them
+    /// back. `density` is that of other targets.
     ///
     /// # Errors
     /// A position that is not finite.
@@ -134,7 +141,8 @@ impl Pairs {
         let spots: Vec<_> = samples.iter().map(Spot::new).collect();
         let by_hand = !manual.joined.is_empty();
         let near = Near::new(&spots, by_hand, n_threads)?;
-        let before = std::mem::take(&mut self.known);
+        let (memory, mut candidates) = std::mem::take(&mut self.memory.0);
+        let before = std::mem::replace(&mut self.known, memory);
         let look = |i: usize, old: &mut Old<'_>, found: &mut Vec<_>, others: &mut Vec<u32>| {
             let a = &samples[i];
             others.clear();
@@ -174,21 +182,28 @@ impl Pairs {
             (start..end).for_each(|i| look(i, &mut old, &mut found, &mut others));
             Ok(found)
         })?;
-        self.known = found.iter().flatten().map(|&(_, pair, history)| (pair, history)).collect();
-        Ok(found.into_iter().flatten().map(|(candidate, ..)| candidate).collect())
+        self.known.clear();
+        candidates.clear();
+        for (candidate, pair, history) in found.into_iter().flatten() {
+            self.known.push((pair, history));
+            candidates.push(candidate);
+        }
+        self.memory.0.0 = before;
+        Ok(candidates)
     }
 
     /// Stores which candidates of the last call of `look` belong to one target; `group` contains the group
     /// of each sample.
-    pub fn remember(&mut self, candidates: &[Candidate], group: &[usize]) {
-        for ((_, history), pair) in self.known.iter_mut().zip(candidates) {
+    pub fn remember(&mut self, candidates: Vec<Candidate>, group: &[usize]) {
+        for ((_, history), pair) in self.known.iter_mut().zip(&candidates) {
             history.paired = group[pair.first] == group[pair.second];
         }
+        self.memory.0.1 = candidates;
     }
 }
 
 /// Histories of pairs, sorted by id.
-type Old<'a> = Peekable<Iter<'a, ((u64, u64), History)>>;
+type Old<'a> = Peekable<Iter<'a, Remembered>>;
 
 /// Computes the distance of two samples; `block` is the covariance of the errors of their sensors.
 struct Compared<'a> {

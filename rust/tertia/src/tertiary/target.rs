@@ -67,7 +67,7 @@ impl Target {
     /// updates from which the registration can estimate errors.
     pub fn follow(
         &mut self,
-        tracklets: &[Tracklet],
+        tracklets: &[&Tracklet],
         (row, sample): (&Row, &Sample),
         radars: &[Radar],
         known: &Known,
