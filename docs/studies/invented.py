@@ -178,9 +178,10 @@ def _inside(position: FloatArray, covariance: FloatArray, truth: FloatArray) -> 
 
 
 def _differences(recording: Recording, stated: float) -> dict[str, Any]:
-    """Return the sigma of range differences, which is not that of a station."""
-    timed = "range_difference" in recording.measured
-    return {"range_difference_sigma": stated * recording.sigma} if timed else {}
+    """Return the sigma of range differences, which is not that of a station, and their speed."""
+    if "range_difference" not in recording.measured:
+        return {}
+    return {"range_difference_sigma": stated * recording.sigma, "propagation_speed": SOUND}
 
 
 def _instants(recording: Recording, stated: float) -> tuple[float, str]:

@@ -448,7 +448,7 @@ def locate(
     differences: tuple[bool, float],
     free: list[bool],
     pooled: bool,
-    medium: tuple[float, float],
+    medium: tuple[float, float, bool],
     n_threads: int | None,
 ) -> tuple[
     FloatArray,

@@ -46,7 +46,8 @@ def test_regions_hold_with_an_unknown_speed(kind):
         inside.append(np.mean(square < stats.chi2.ppf(0.95, 2)))
         pulls.append((track.propagation_speed - speed) / track.propagation_speed_sigma)
         errors.append(np.mean(np.sum(error**2, axis=1)))
-        other = path_of(places, travel, kind).position - path
+        exact = path_of(places, travel, kind, propagation_speed_sigma=0.0)
+        other = exact.position - path
         others.append(np.mean(np.sum(other**2, axis=1)))
     # with the speed as stated: 30 %, and some ranges do not meet
     assert np.mean(inside) > 0.9
@@ -54,12 +55,15 @@ def test_regions_hold_with_an_unknown_speed(kind):
     assert stats.chi2.cdf(np.sum(np.square(pulls)), len(pulls)) < 0.999
 
 
-def test_the_speed_is_as_stated_by_default():
-    places, _, travel, _ = scene(0)
+def test_the_speed_is_as_stated_by_default_unless_it_is_contradicted():
+    places, _, travel, speed = scene(0)
     track = path_of(places, travel, "range")
+    assert abs(track.propagation_speed - speed) < 4 * track.propagation_speed_sigma
+    right = travel * speed / SOUND
+    track = path_of(places, right, "range")
     assert track.propagation_speed is None
     assert track.propagation_speed_sigma is None
-    same = path_of(places, travel, "range", propagation_speed_sigma=0.0)
+    same = path_of(places, right, "range", propagation_speed_sigma=0.0)
     np.testing.assert_array_equal(track.covariance, same.covariance)
 
 

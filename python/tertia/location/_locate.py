@@ -63,7 +63,7 @@ def locate(
     bias: Bias | None = None,
     range_difference_correlation: float = 0.5,
     propagation_speed: npt.ArrayLike = LIGHT,
-    propagation_speed_sigma: float = 0.0,
+    propagation_speed_sigma: float | None = None,
     wind_sigma: float = 0.0,
     multipath: bool = True,
     height: npt.ArrayLike | None = None,
@@ -117,11 +117,14 @@ def locate(
         common error is this fraction of the smallest variance of a range difference.
     propagation_speed : array_like of shape (...)
         Speed of the signal in metres per second, by default the speed of light.
-    propagation_speed_sigma : float
+    propagation_speed_sigma : float, optional
         Standard deviation of the speed, whose error is the same at all instants of the call. Sound
         in air is 1 % faster if it is 6 °C warmer. The speed is then estimated with the positions,
         from times of arrival, ranges and range differences, all of which the given speed converts
-        to distances; the covariance includes the error of the speed.
+        to distances; the covariance includes the error of the speed. By default, the speed of sound
+        (up to 100 km/s) is estimated, with a standard deviation of 2 %, if the method is "robust"
+        and the measurements of several instants clearly contradict it; otherwise the speed is
+        taken as exact, as with 0.
     wind_sigma : float
         Standard deviation of each horizontal component of a wind that carries the signals, in
         metres per second, such as 5 for sound in the open. The wind is the same at all instants of
@@ -294,7 +297,11 @@ def locate(
     _require_deviations(measured, unknown=unknown)
     level = read_height(height, height_sigma, d)
     speed, wind = read_medium(
-        propagation_speed, (propagation_speed_sigma, wind_sigma), measured, unknown=unknown
+        propagation_speed,
+        (propagation_speed_sigma, wind_sigma),
+        measured,
+        robust=method == "robust",
+        unknown=unknown,
     )
     if level is not None and unknown:
         raise ValueError("height is given; then the standard deviations must be, too")
@@ -327,7 +334,7 @@ def locate(
             (flag(multipath, "multipath"), correlation),
             grows.ravel().tolist(),
             pools,
-            (speed.relative, wind.relative),
+            (speed.relative, wind.relative, speed.as_stated),
             threads(n_threads),
         ),
     )

@@ -15,18 +15,24 @@ from tertia.sensors import Kind
 _TRAVELS: tuple[Kind, ...] = ("range", "range_difference", "arrival_time")
 # share of the speed, so that three standard deviations leave signals some speed
 _LARGEST = 0.2
+# speed up to which signals are sounds, m/s, and how well the speed of sound is known if nothing is
+# said
+_SOUND = 1e5
+_USUAL = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Speed:
     """A stated speed and its standard deviation, as a share of it, before and after the estimate.
 
-    `scale` is the estimated speed divided by the stated one.
+    `scale` is the estimated speed divided by the stated one. If `as_stated`, the speed is the
+    stated one unless the measurements contradict it.
     """
 
     stated: FloatArray
     relative: float
     scale: float = 1.0
+    as_stated: bool = False
 
     def found(self, share: float, sigma: float) -> Speed:
         """Return the estimate: by which share signals are faster, and its standard deviation."""
@@ -53,12 +59,21 @@ class Speed:
         return sigma
 
 
-def read_speed(speed: npt.ArrayLike, sigma: npt.ArrayLike, kinds: Collection[Kind]) -> Speed:
-    """Return a speed, after checking whether it can be estimated from these kinds."""
+def read_speed(
+    speed: npt.ArrayLike, sigma: npt.ArrayLike | None, kinds: Collection[Kind], *, robust: bool
+) -> Speed:
+    """Return a speed, after checking whether it can be estimated from these kinds.
+
+    Without a sigma, only a `robust` method lets the measurements contradict the speed.
+    """
     stated = positive(speed, "propagation_speed")
+    travels = any(kind in _TRAVELS for kind in kinds)
+    if sigma is None:
+        is_sound = robust and travels and float(np.mean(stated)) <= _SOUND
+        return Speed(stated, _USUAL if is_sound else 0.0, as_stated=is_sound)
     width = finite(real(sigma, "propagation_speed_sigma"), "propagation_speed_sigma")
     require_each(width, width >= 0, "propagation_speed_sigma", "0 or positive")
-    if width > 0 and not any(kind in _TRAVELS for kind in kinds):
+    if width > 0 and not travels:
         raise ValueError(
             "propagation_speed_sigma is given; it is for times of arrival, ranges and range "
             "differences"

@@ -46,17 +46,18 @@ class Wind:
 
 def read_medium(
     speed: npt.ArrayLike,
-    sigmas: tuple[npt.ArrayLike, float],
+    sigmas: tuple[npt.ArrayLike | None, float],
     kinds: Collection[Kind],
     *,
+    robust: bool,
     unknown: bool = False,
 ) -> tuple[Speed, Wind]:
     """Return speed and wind, after checking whether they can be estimated from these kinds.
 
     `sigmas` are those of the speed and of the wind, `unknown` tells whether those of the
-    measurements are to be estimated.
+    measurements are to be estimated, `robust` whether the method is robust.
     """
-    known = read_speed(speed, sigmas[0], kinds)
+    known = read_speed(speed, sigmas[0], kinds, robust=robust)
     return known, _read_wind(sigmas[1], known.stated, kinds, unknown=unknown)
 
 

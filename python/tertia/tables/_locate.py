@@ -61,7 +61,7 @@ def locate(
     redundancy: int | None = None,
     range_difference_correlation: float = 0.5,
     propagation_speed: float = LIGHT,
-    propagation_speed_sigma: float = 0.0,
+    propagation_speed_sigma: float | None = None,
     wind_sigma: float = 0.0,
     multipath: bool = True,
     height: float | None = None,

@@ -74,7 +74,7 @@ def reconstruct(
     arrival_time_sigma: npt.ArrayLike | None = None,
     range_difference_correlation: float = 0.5,
     propagation_speed: npt.ArrayLike = LIGHT,
-    propagation_speed_sigma: float = 0.0,
+    propagation_speed_sigma: float | None = None,
     wind_sigma: float = 0.0,
     order: Order = "spatial-first",
     spatial: Spatial = "robust",
@@ -123,11 +123,12 @@ def reconstruct(
         As for `tertia.location.locate`.
     propagation_speed : array_like of shape () or (N,)
         Speed of the signal in m/s; by default the speed of light.
-    propagation_speed_sigma : float
+    propagation_speed_sigma : float, optional
         Standard deviation of the speed, whose error is the same at all instants. The speed is then
         estimated from the positions of the single instants, as in `tertia.location.locate`, and the
         covariance includes the error of the estimate. It requires the order "spatial-first" and the
-        smoother "rts".
+        smoother "rts". By default, the speed of sound is estimated if the measurements clearly
+        contradict it, as in `tertia.location.locate`.
     wind_sigma : float
         As for `tertia.location.locate`. It requires the same order and smoother.
     order : {"spatial-first", "temporal-first"}
@@ -301,7 +302,12 @@ def reconstruct(
         measured, places.shape[-1], shared="range_difference" in measured and correlation > 0
     )
     surveys = survey_sigmas(stations)
-    medium = read_medium(propagation_speed, (propagation_speed_sigma, wind_sigma), measured)
+    medium = read_medium(
+        propagation_speed,
+        (propagation_speed_sigma, wind_sigma),
+        measured,
+        robust=(order, spatial, smoother) == ("spatial-first", "robust", "rts"),
+    )
     _require_order((order, smoother), axes, surveys, medium, is_timed=arrivals is not None)
     curves, sources, bias = without_deviations(stations, bias, measured.get("azimuth"))
     given = given_biases(bias, sources, k)
@@ -428,7 +434,7 @@ def _warn_if_degrees(record: dict[str, Any], found: dict[str, Any]) -> None:
     values, sigmas, rows = record["values"], record["sigmas"], instants(record)
     options: tuple[Any, ...] = (
         *(None, None, None, ("robust", 3), (True, record["correlation"])),
-        *(sigmas.size * [False], False, (0.0, 0.0), 1),
+        *(sigmas.size * [False], False, (0.0, 0.0, False), 1),
     )
 
     def solve(values: FloatArray, sigmas: FloatArray) -> Sequence[Any]:
@@ -583,6 +589,7 @@ def _require_order(
             "position_sigma of stations needs order 'spatial-first' and smoother 'rts'"
         )
     names = ("propagation_speed_sigma", "wind_sigma")
-    for name, sigma in zip(names, [one.relative for one in medium], strict=True):
+    speed = 0.0 if medium[0].as_stated else medium[0].relative
+    for name, sigma in zip(names, (speed, medium[1].relative), strict=True):
         if sigma > 0 and way != ("spatial-first", "rts"):
             raise ValueError(f"{name} needs order 'spatial-first' and smoother 'rts'")

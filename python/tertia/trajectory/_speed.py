@@ -41,7 +41,7 @@ def in_found_medium(
         (True, record["correlation"]),
         np.isnan(bias_sigma).tolist(),
         False,
-        (speed.relative, wind.relative),
+        (speed.relative, wind.relative, speed.as_stated),
         n_threads,
     )
     speed, wind = speed.found(*share), wind.found(blown, record["values"].shape)

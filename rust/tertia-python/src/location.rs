@@ -193,7 +193,7 @@ pub fn fix_columns<'py>(
 /// and the wind, if wind is allowed. `robustness` is the method and the degrees of freedom that it requires;
 /// `differences` contains whether late arrivals are more likely to be outliers, and the correlation of
 /// range differences; `medium` contains the prior standard deviations of the share, and of the wind in
-/// units of the signal speed.
+/// units of the signal speed, and whether the stated speed is used unless the instants contradict it.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)] // the Python signature
 pub fn locate<'py>(
@@ -209,7 +209,7 @@ pub fn locate<'py>(
     differences: (bool, f64),
     free: Vec<bool>,
     pooled: bool,
-    medium: (f64, f64),
+    medium: (f64, f64, bool),
     n_threads: Threads,
 ) -> PyResult<Located<'py>> {
     let ((name, redundancy), (multipath, correlation)) = (robustness, differences);
@@ -219,7 +219,7 @@ pub fn locate<'py>(
         .profiling();
     let batch = Batch::new(&stations, axes.as_ref(), &values, &sigmas)?;
     let mut batch = batch.with(position_sigmas.as_ref(), height.as_ref(), initial.as_ref())?;
-    let (speed_sigma, wind_sigma) = medium;
+    let (speed_sigma, wind_sigma, _) = medium;
     let (mut speed, mut wind) = find_medium(py, &locator, &mut batch, medium)?;
     let is_alone = batch.count() == 1 && !pooled && name == "robust" && free.contains(&true);
     let (contradiction, mixture) = match is_alone {
@@ -235,9 +235,9 @@ pub fn locate<'py>(
     if let Some(wind) = &mut wind {
         *wind = wind.grown(growth(), wind_sigma);
     }
-    if speed_sigma > 0.0 {
+    if speed.sigma > 0.0 {
         let growth = growth();
-        speed.sigma = (speed.sigma * growth.sqrt()).min(speed_sigma);
+        speed.sigma = speed.sigma.max(speed.alone * growth.sqrt()).min(speed_sigma);
         locator = locator.with_speed_sigma(speed.sigma);
     }
     let special = match mixture {
@@ -280,15 +280,18 @@ fn find_medium(
     py: Python<'_>,
     locator: &Locator,
     batch: &mut Batch<'_>,
-    sigmas: (f64, f64),
+    (speed_sigma, wind_sigma, as_stated): (f64, f64, bool),
 ) -> PyResult<(Speed, Option<Wind>)> {
+    let sigmas = (speed_sigma, wind_sigma);
     if sigmas == (0.0, 0.0) {
         return Ok((Speed::EXACT, None));
     }
     let instants = batch.instants();
-    let found = release(py, LOCATE_NS * batch.values.size(), || match batch.d {
-        2 => locator.medium::<2>(&instants, sigmas, &mut Workspace::default()),
-        _ => locator.medium::<3>(&instants, sigmas, &mut Workspace::default()),
+    let found = release(py, LOCATE_NS * batch.values.size(), || match (batch.d, as_stated) {
+        (2, false) => locator.medium::<2>(&instants, sigmas, &mut Workspace::default()),
+        (2, true) => locator.medium_as_stated::<2>(&instants, sigmas, &mut Workspace::default()),
+        (_, false) => locator.medium::<3>(&instants, sigmas, &mut Workspace::default()),
+        (_, true) => locator.medium_as_stated::<3>(&instants, sigmas, &mut Workspace::default()),
     })?;
     drop(instants);
     *batch.values.values.to_mut() = found.values;

@@ -71,6 +71,7 @@ mod search;
 mod solver;
 mod speed;
 mod starts;
+mod steady;
 mod summary;
 mod total;
 mod wind;

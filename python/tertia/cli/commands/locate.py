@@ -98,8 +98,8 @@ def locate(
         float, typer.Option(metavar="M_S", help="Speed of signals in m/s, for times of arrival.")
     ] = LIGHT,
     propagation_speed_sigma: Annotated[
-        float, typer.Option(metavar="M_S", help="Its sigma; the speed is then estimated.")
-    ] = 0.0,
+        float | None, typer.Option(metavar="M_S", help="Its sigma; the speed is then estimated.")
+    ] = None,
     wind_sigma: Annotated[
         float,
         typer.Option(
@@ -188,7 +188,7 @@ def locate(
         positions.say_speed,
         _say_bias,
     )
-    positions.note_speed(propagation_speed, propagation_speed_sigma)
+    positions.note_speed(propagation_speed, found.targets)
     positions.write_all(
         found,
         output,

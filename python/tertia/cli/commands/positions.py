@@ -120,9 +120,9 @@ def say_speed(one: Located[Any]) -> None:
         typer.echo(f"  wind: {', '.join(parts)}")
 
 
-def note_speed(speed: float, sigma: float) -> None:
+def note_speed(speed: float, located: Sequence[Located[Any]]) -> None:
     """Print a note if the speed of the signals is not that of light, and is taken as exact."""
-    if speed != LIGHT and not sigma:
+    if speed != LIGHT and all(one.result.propagation_speed is None for one in located):
         note(
             f"the speed of the signals is taken as exactly {speed:g} m/s: sigma does not include "
             "its error; give --propagation-speed-sigma"

@@ -75,8 +75,8 @@ def reconstruct(
         float, typer.Option(metavar="M_S", help="Speed of signals in m/s, for times of arrival.")
     ] = LIGHT,
     propagation_speed_sigma: Annotated[
-        float, typer.Option(metavar="M_S", help="Its sigma; the speed is then estimated.")
-    ] = 0.0,
+        float | None, typer.Option(metavar="M_S", help="Its sigma; the speed is then estimated.")
+    ] = None,
     wind_sigma: Annotated[
         float,
         typer.Option(
@@ -133,7 +133,7 @@ def reconstruct(
         positions.say_speed,
         lambda one: _say_motion(one.result),
     )
-    positions.note_speed(propagation_speed, propagation_speed_sigma)
+    positions.note_speed(propagation_speed, found.targets)
     positions.write_all(
         found, output, measurements, lambda: [_line(one) for one in found.targets], "line"
     )

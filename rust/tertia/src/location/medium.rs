@@ -9,6 +9,7 @@
 use super::fix::Instant;
 use super::solver::{Locator, Workspace};
 use super::speed::Speed;
+use super::steady::WRONG;
 use super::wind::Wind;
 use crate::base::small::{Factor, dot};
 use crate::sensors::KINDS;
@@ -51,7 +52,7 @@ impl Measured {
     /// Returns the measurements if the signals are faster by this share.
     fn faster(&self, share: f64) -> Self {
         let mut all = self.clone();
-        let speed = Speed { share, sigma: 0.0 };
+        let speed = Speed { share, ..Speed::EXACT };
         speed.apply(&mut all.values, self.receivers);
         speed.apply(&mut all.sigmas, self.receivers);
         all
@@ -68,6 +69,22 @@ impl Measured {
 }
 
 impl Locator {
+    /// As [`Self::medium`], but with the stated speed unless the instants contradict it.
+    pub fn medium_as_stated<const D: usize>(
+        &self,
+        instants: &[Instant<'_>],
+        sigmas: (f64, f64),
+        workspace: &mut Workspace<D>,
+    ) -> Medium {
+        if instants.len() > 1 && self.may_have_other_speed(instants, sigmas.0, workspace) {
+            let found = self.medium(instants, sigmas, workspace);
+            if found.speed.share.abs() > WRONG * found.speed.sigma {
+                return found;
+            }
+        }
+        self.medium(instants, (0.0, sigmas.1), workspace)
+    }
+
     /// Estimates the medium. The arguments are the standard deviations of the relative difference of
     /// the speed and of the wind in units of the speed, 0 for what is known. O(N M).
     pub fn medium<const D: usize>(
@@ -135,7 +152,7 @@ mod tests {
     fn variances_are_those_of_both_together() {
         // share, and wind east and north: information 4, 2 and 2, and −1 between share and east
         let mut wind = Wind { mean: [0.0; 2], covariance: [[0.5, 0.0], [0.0, 0.5]] };
-        let speed = Speed { share: 0.0, sigma: 0.5 };
+        let speed = Speed { share: 0.0, sigma: 0.5, alone: 0.5 };
         let found = widened(speed, 10.0, &mut wind, [0.5, 0.0]);
         assert_within(1e-14, found.sigma.powi(2), 1.0 / 3.5);
         assert_within(1e-14, wind.covariance[0][0], 4.0 / 7.0);

@@ -34,11 +34,13 @@ pub struct Speed {
     pub share: f64,
     /// Standard deviation of the relative difference.
     pub sigma: f64,
+    /// The same if the errors of the measurements were independent.
+    pub alone: f64,
 }
 
 impl Speed {
     /// A speed that is exactly as stated.
-    pub const EXACT: Self = Self { share: 0.0, sigma: 0.0 };
+    pub const EXACT: Self = Self { share: 0.0, sigma: 0.0, alone: 0.0 };
 
     /// Stretches all distances that signals travelled, and likewise their standard deviations: 5 K
     /// numbers of each instant.
@@ -67,11 +69,7 @@ impl Locator {
         sigma: f64,
         workspace: &mut Workspace<D>,
     ) -> Speed {
-        let spread = |most: usize| {
-            let count = instants.len().min(most);
-            (0..count).map(move |i| instants[i * instants.len() / count])
-        };
-        let few: Vec<_> = spread(FEW).collect();
+        let few: Vec<_> = spread(instants, FEW).collect();
         let prior = |share: f64| 0.5 * (share / sigma).powi(2);
         let mut best = (f64::INFINITY, 0.0);
         for step in -STEPS..=STEPS {
@@ -83,7 +81,7 @@ impl Locator {
             }
         }
         // from here on, the search for each instant starts from its position at this speed
-        let followed: Vec<_> = spread(SAMPLE)
+        let followed: Vec<_> = spread(instants, SAMPLE)
             .filter_map(|instant| {
                 let position = self.trial(&instant, best.1, None, workspace).position?;
                 Some((instant, position))
@@ -97,7 +95,20 @@ impl Locator {
         };
         let step = FARTHEST * sigma / f64::from(STEPS);
         let share = lowest(&mut cost, best.1 - step, best.1 + step);
-        Speed { share, sigma: width(&mut cost, share, sigma) }
+        let alone = width(&mut cost, share, sigma);
+        let speed = Speed { share, sigma: alone, alone };
+        self.beside_lasting(spread(instants, SAMPLE), speed, sigma, workspace)
+    }
+
+    /// Whether the stated speed may be wrong, if its share has this standard deviation. O(N M), for at most
+    /// 256 instants.
+    pub(super) fn may_have_other_speed<const D: usize>(
+        &self,
+        instants: &[Instant<'_>],
+        sigma: f64,
+        workspace: &mut Workspace<D>,
+    ) -> bool {
+        self.suspects_speed(spread(instants, SAMPLE), sigma, workspace)
     }
 
     /// Returns the cost of the residuals of an instant if the signals are faster by this share.
@@ -110,7 +121,7 @@ impl Locator {
     ) -> Trial {
         let receivers = instant.values.len() / KINDS;
         let (mut values, mut sigmas) = (instant.values.to_vec(), instant.sigmas.to_vec());
-        let speed = Speed { share, sigma: 0.0 };
+        let speed = Speed { share, ..Speed::EXACT };
         speed.apply(&mut values, receivers);
         speed.apply(&mut sigmas, receivers);
         let (mut position, mut covariance) = ([0.0; D], vec![0.0; D * D]);
@@ -140,6 +151,15 @@ impl Locator {
         let rest = 0.5 * (fix.statistic - squares).max(0.0);
         Trial { cost: known().map(cost).sum::<f64>() + rest, position: Some(position.to_vec()) }
     }
+}
+
+/// Returns at most this number of instants, evenly spread.
+fn spread<'a, 'b>(
+    instants: &'b [Instant<'a>],
+    most: usize,
+) -> impl Iterator<Item = Instant<'a>> + 'b {
+    let count = instants.len().min(most);
+    (0..count).map(move |i| instants[i * instants.len() / count])
 }
 
 /// Returns the argument of the lowest cost by the golden section.

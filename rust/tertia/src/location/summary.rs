@@ -4,8 +4,8 @@ use super::descent::{Cost, Loss, TUKEY};
 use super::doubt::doubt;
 use super::lenth::{self, Weight};
 use super::search::{Minimum, Search, position};
-use crate::base::small::{Factor, Matrix, Vector, add, norm, undetermined};
-use crate::sensors::{KINDS, Kind, Measurement, Row};
+use crate::base::small::{Factor, Matrix, Vector, add, undetermined};
+use crate::sensors::{KINDS, Measurement, Row};
 
 /// Number of steps of the iteration for the σ whose expected weighted residuals are as large as the
 /// observed ones.
@@ -112,12 +112,10 @@ impl<const D: usize, const N: usize> Search<'_, D, N> {
         }
         let Some(factor) = Factor::try_new(&minimum.normal.matrix, 0.0) else { return pull };
         let p = position::<D, N>(&minimum.state);
-        let travels = |kind| matches!(kind, Kind::Range | Kind::RangeDifference | Kind::Arrival);
-        for (m, row) in self.problem.measurements.iter().zip(rows).filter(|(m, _)| travels(m.kind))
+        for (m, row) in self.problem.measurements.iter().zip(rows).filter(|(m, _)| m.kind.travels())
         {
             let (weight, ..) = self.loss.of(m.kind).at(row.residual / minimum.scale);
-            let way: Vector<D> = std::array::from_fn(|i| p[i] - m.station[i]);
-            let error = weight * share * norm(&way) * m.precision;
+            let error = weight * share * m.path(&p) * m.precision;
             pull.iter_mut().zip(&row.gradient).for_each(|(v, g)| *v += error * g);
         }
         factor.solve(&pull)

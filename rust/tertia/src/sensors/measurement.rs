@@ -32,6 +32,11 @@ impl Kind {
         matches!(self, Self::Azimuth | Self::Elevation)
     }
 
+    /// Whether the value depends on the speed of the signals.
+    pub fn travels(self) -> bool {
+        matches!(self, Self::Range | Self::RangeDifference | Self::Arrival)
+    }
+
     /// Whether the kind determines only differences of the distances from stations.
     pub fn is_difference(self) -> bool {
         matches!(self, Self::RangeDifference | Self::Arrival)
@@ -96,6 +101,14 @@ impl<const D: usize> Measurement<D> {
         let direction = rotated_back(axes, &direction);
         (self.sine, self.cosine) = (direction[0], direction[1]);
         self
+    }
+
+    /// Path of the signals that are measured from a position relative to the first station; for a range
+    /// difference, the difference of two paths.
+    pub fn path(&self, p: &Vector<D>) -> f64 {
+        let direct: Vector<D> = std::array::from_fn(|i| p[i] - self.station[i]);
+        let reference = if self.kind == Kind::RangeDifference { norm(p) } else { 0.0 };
+        norm(&direct) - reference
     }
 
     /// Residual and gradient at a state: a position and, if there is one more number, the emission of

@@ -22,7 +22,7 @@ pub(super) fn add_error<const D: usize, const N: usize>(
 ) -> Result<(), Failure> {
     let record = setting.record;
     let mut values = found.measured.values.clone();
-    Speed { share: sigma, sigma: 0.0 }.apply(&mut values, record.width() / KINDS);
+    Speed { share: sigma, ..Speed::EXACT }.apply(&mut values, record.width() / KINDS);
     let measured = Measured::<D>::new(record, values);
     let (weight, _) = weights(record, found, &found.lasting(record));
     let (response, spread) = shifts(record, found, &measured, &weight);
