@@ -1,6 +1,7 @@
 //! The likelihood of a centre for measurements whose noise is stated, and its maxima.
 
 use crate::base::exponential::exp;
+use crate::base::interrupt::poll;
 use pulp::{Simd, WithSimd};
 
 /// Prior probability that a measurement is bad.
@@ -143,6 +144,7 @@ impl Sample {
     }
 
     fn around(&self, centre: f64, factor: f64) -> Around {
+        poll();
         pulp::Arch::new().dispatch(Sums { sample: self, centre, factor })
     }
 

@@ -5,6 +5,7 @@ use super::summary::Summary;
 use crate::base::angle::{median, nearest, require_angles, require_period, unwrap_about_median};
 use crate::base::basis::Basis;
 use crate::base::error::{Result, require, require_each, require_times};
+use crate::base::interrupt::poll;
 use crate::base::moments::Moments;
 
 /// Ratio of the standard deviation of a normal distribution to its MAD.
@@ -110,6 +111,7 @@ impl MovingRule {
             expected.clear();
             score.clear();
             for i in 0..n {
+                poll();
                 let (value, h) = neighbours.expect(self, y, time, kept, i)?;
                 expected.push(value);
                 score.push(self.deviation(y[i], value).abs() / (1.0 + h).sqrt());
