@@ -56,6 +56,8 @@ def spoilt(array, value, *place):
 
 def fields(result):
     """The fields of a result by name; those of tuples by number, and of anything else ''."""
+    if isinstance(result, dict):
+        return result
     if dataclasses.is_dataclass(result):
         return {f.name: getattr(result, f.name) for f in dataclasses.fields(result)}
     if isinstance(result, tuple):
@@ -68,7 +70,7 @@ def assert_same(found, expected, names=None):
     a, b = fields(found), fields(expected)
     assert a.keys() == b.keys()
     for name in a if names is None else names:
-        if dataclasses.is_dataclass(a[name]) or isinstance(a[name], tuple):
+        if dataclasses.is_dataclass(a[name]) or isinstance(a[name], (tuple, dict)):
             assert_same(a[name], b[name])
         else:
             np.testing.assert_array_equal(a[name], b[name], err_msg=name, strict=True)

@@ -37,7 +37,7 @@ def samples(value: npt.ArrayLike, name: str) -> FloatArray:
     A `time` may also consist of datetimes or ISO 8601 text, which become seconds since 1970, or of
     durations or times of day, which become their seconds.
     """
-    if type(value) is _ARRAY and value.dtype is _FLOAT64:
+    if type(value) is _ARRAY and value.dtype is _FLOAT64 and value.flags.aligned:
         return value
     if type(value) is float:
         return np.array(value)
@@ -66,13 +66,18 @@ def _filled(array: np.ma.MaskedArray[Any, Any]) -> npt.NDArray[Any]:
 
 
 def array_of(value: npt.ArrayLike, name: str) -> npt.NDArray[Any]:
-    """Return `value` as an array of any type."""
+    """Return `value` as an array of any type.
+
+    A field of packed records is copied: its numbers are not a whole number of their sizes apart,
+    and the core cannot read them.
+    """
     try:
-        return np.asarray(value)
+        array = np.asarray(value)
     except ValueError:
         raise ValueError(
             f"{name} is ragged; all its rows must have the same number of measurements"
         ) from None
+    return array if array.flags.aligned else array.copy()
 
 
 def without_na(array: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -83,6 +83,33 @@ calibrate(
     azimuth=turn + 0.02 * rng.standard_normal(n),
 )
 """,
+    "estimate_bearing": """
+from tertia.bearing import estimate_bearing
+drift = np.cumsum(rng.normal(0.0, 0.01, 2_000_000))
+ready()
+estimate_bearing(drift + rng.standard_normal(len(drift)), period=None)
+""",
+    "estimate_bearing of groups": """
+from tertia.bearing import estimate_bearing
+theta = rng.normal(10.0, 1.0, (8_000, 12))
+ready()
+estimate_bearing(theta, groups=np.arange(12) // 3, n_threads=1)
+""",
+    "bursts": """
+from tertia.screening import bursts
+ready()
+bursts(rng.standard_normal(400_000), max_burst=100_000)
+""",
+    "moving_polynomial": """
+from tertia.screening import moving_polynomial
+ready()
+moving_polynomial(rng.standard_normal(300_000), 5_001)
+""",
+    "local_polynomial": """
+from tertia.smoothing import local_polynomial
+ready()
+local_polynomial(rng.standard_normal(200_001), 100_001)
+""",
     "fit_noise": """
 from tertia.kalman import fit_noise
 time = np.cumsum(rng.uniform(0.5, 1.5, 1_000_000))

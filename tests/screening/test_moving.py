@@ -123,6 +123,7 @@ def test_batches_and_threads():
         (lambda y: moving_polynomial(y, time=[1, 2]), ValueError, r"time has shape \(2,\)"),
         (lambda y: moving_polynomial(y, time=-np.arange(20)), ValueError, r"time\[1\] is -1"),
         (lambda y: moving_polynomial(np.r_[y, np.inf]), ValueError, r"y\[20\] is inf"),
+        (lambda y: moving_polynomial(np.r_[y, 1e13], period=360), ValueError, r"y\[20\] is 1000"),
         (lambda y: moving_polynomial(1.0), ValueError, "y is a single number"),
     ],
 )

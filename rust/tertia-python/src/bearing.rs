@@ -9,6 +9,8 @@ use tertia::bearing::{
 
 /// Cost per measurement of the slowest method, which determines the number of threads.
 const ESTIMATE_NS: f64 = 1000.0;
+/// Cost of the effects of groups per record.
+const GROUPS_NS: f64 = 1e6;
 
 type Blocks<'py> = (Output<'py>, Output<'py>, Output<'py>);
 type Estimated<'py> = ([Array<'py>; 8], Output<'py, bool>, Option<Blocks<'py>>);
@@ -98,7 +100,8 @@ pub fn estimate_bearing<'py>(
     let block_outputs = mean.rows()?.zip(variance.rows()?).zip(weight.rows()?);
     let outputs = outlier.rows()?.zip(block_outputs).zip(&mut estimates);
     let new = || (Workspace::default(), Gaps::default(), Vec::new(), Vec::new());
-    let cost = ESTIMATE_NS * rows.size();
+    let of_groups = if labels.is_some() { GROUPS_NS * rows.count() as f64 } else { 0.0 };
+    let cost = ESTIMATE_NS * rows.size() + of_groups;
     rows.each(py, cost, n_threads, outputs, new, |state, (row, theta), out| {
         let (workspace, gaps, kept, noise) = state;
         let ((flags, ((mean, variance), weight)), out) = out;

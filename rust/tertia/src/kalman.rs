@@ -145,6 +145,28 @@ mod tests {
         assert_eq!(forwards[0][4].covariance[0], f64::INFINITY);
     }
 
+    /// Plots of a single instant do not determine the rate; the angle there is their weighted mean at
+    /// every step, and unknown after it.
+    #[test]
+    fn plots_of_one_instant_are_smoothed_to_their_mean() {
+        let singer = Singer::try_new(0.05, 0.02, true).unwrap();
+        let transitions = [0.0, 0.0, 0.0, 5.0].map(|dt| singer.over(dt).unwrap());
+        let (n, variances) = (f64::NAN, [1.0, 3.0, 1.0, 1.0, 1.0]);
+        let series = Series {
+            z: &[4.0, 8.0, n, n, n],
+            variance: PerStep::Each(&variances),
+            transition: PerStep::Each(&transitions),
+        };
+        let filter = Filter::new(singer.acceleration_variance(), None);
+        let mut states = [State::UNKNOWN; 5];
+        smooth(&series, filter, &mut Workspace::default(), |i, state| states[i] = *state);
+        for state in &states[..4] {
+            assert_eq!((state.mean[0], state.covariance[0]), (5.0, 0.75));
+            assert_eq!(state.covariance[3], f64::INFINITY);
+        }
+        assert_eq!(states[4].covariance[0], f64::INFINITY);
+    }
+
     #[test]
     fn the_gain_converges_to_the_steady_one() {
         let transition = model();

@@ -42,6 +42,12 @@ pub fn require_period(period: f64) -> Result<()> {
     require("period", period, holds, "a positive number, not above 1e100")
 }
 
+/// Returns an error for the first angle that is too large to be wrapped; nan is accepted.
+pub(crate) fn require_angles(argument: &'static str, theta: &[f64], period: f64) -> Result<()> {
+    let holds = |angle: f64| angle.is_nan() || angle.abs() <= MAX_PERIODS * period;
+    require_each(argument, theta, holds, "every angle must be within 1e9 periods of zero")
+}
+
 /// Unwraps angles about their circular mean, then about the median of the result, so that all are
 /// within half a period of the circular median. The number of whole periods is that of the first angle. O(N).
 ///
@@ -59,8 +65,7 @@ pub fn unwrap_about_median(
     require_period(period)?;
     require_count("theta", theta.len(), 1)?;
     require_finite("theta", theta)?;
-    let holds = |angle: f64| angle.abs() <= MAX_PERIODS * period;
-    require_each("theta", theta, holds, "every angle must be within 1e9 periods of zero")?;
+    require_angles("theta", theta, period)?;
     let (sine, cosine) = theta.iter().fold((0.0, 0.0), |(s, c), &angle| {
         let (sin, cos) = (angle / period * TAU).sin_cos();
         (s + sin, c + cos)

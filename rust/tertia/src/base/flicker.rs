@@ -4,6 +4,8 @@
 //! geometric series from one step to several lengths of the record (van der Ziel 1950), so a Kalman
 //! filter yields the likelihood.
 
+use crate::base::interrupt::poll;
+
 /// Assumed shares of the 1/f noise in the variance.
 const SHARES: [f64; 3] = [1.0 / 3.0, 2.0 / 3.0, 1.0];
 /// Ratio of successive time constants, and ratio of the longest one to the length of the record.
@@ -50,6 +52,7 @@ impl Flicker {
         let evidence = |log: f64, a: f64, rss: f64| -0.5 * (log + a.ln() + (n - 1.0) * rss.ln());
         let white = (evidence(0.0, n, squares), squares / n);
         let found = SHARES.map(|share| {
+            poll();
             let Sums { log, ones, cross, squares } = if processes(values).1 <= FEW {
                 filter::<FEW>(values, origin, share)
             } else {

@@ -1,6 +1,7 @@
 //! Extrapolation of the EM algorithm, whose error decreases by about the same factor at every step.
 
 use super::modes::{MOST_BAD, Modes};
+use crate::base::interrupt::poll;
 
 /// Number of parameters: centre, width, persistence; offset, width and share of each bad mode.
 const PARAMETERS: usize = 3 + 3 * MOST_BAD;
@@ -16,6 +17,7 @@ type Point = [f64; PARAMETERS];
 /// second step the parameters are extrapolated (Varadhan, Roland 2008, scheme S3).
 pub(super) fn converge(modes: &mut Modes, mut step: impl FnMut(&mut Modes) -> f64) {
     for _ in 0..MOST_STEPS / 2 {
+        poll();
         let origin = point(modes);
         if step(modes) < TOLERANCE {
             return;

@@ -83,14 +83,11 @@ pub(super) fn estimate(
         }
         Some(bias) => (given.0, given.1, bias),
     };
-    // the weight of the mean of a group includes the variance of the systematic error
-    let information: Vec<f64> = sigma.iter().map(|s| 1.0 / (s * s + bias * bias)).collect();
-    let total: f64 = information.iter().sum();
+    let (weight, _) = weights(&sigma, bias);
     scratch.clear();
     scratch.extend((0..angle.len()).map(|i| {
         let g = groups[i] as usize;
-        let share = if total.is_finite() && total > 0.0 { information[g] / total } else { 0.0 };
-        if outlier[i] { 0.0 } else { share / table.good[g].max(1.0) }
+        if outlier[i] { 0.0 } else { weight[g] / table.good[g].max(1.0) }
     }));
     blocks.fill_weighted(angle, scratch, outlier, rule.block_size);
     Ok(Estimate {
@@ -265,21 +262,56 @@ impl Table {
     }
 }
 
+/// Returns the weights of the means of the groups, which sum to one, and the standard deviation of their
+/// weighted mean. The variance of each mean includes that of the systematic errors, which may be infinite.
+fn weights(sigma: &[f64], bias: f64) -> (Vec<f64>, f64) {
+    let width: Vec<f64> = sigma.iter().map(|s| s.hypot(bias)).collect();
+    let least = width.iter().copied().fold(f64::INFINITY, f64::min);
+    // relative to the largest one, because the square of a large width is infinite
+    let share = |w: &f64| if least.is_finite() { (least / w).powi(2) } else { 1.0 };
+    let total: f64 = width.iter().map(share).sum();
+    (width.iter().map(|w| share(w) / total).collect(), least / total.sqrt())
+}
+
 /// Returns the p-value of the agreement of the means of the groups with systematic errors of this size,
 /// and their weighted mean with its sigma, which is increased if they disagree at 5 %.
 fn agreement(x: &[f64], sigma: &[f64], bias: f64) -> (f64, (f64, f64)) {
-    let weight: Vec<f64> = sigma.iter().map(|s| 1.0 / (s * s + bias * bias)).collect();
-    let total: f64 = weight.iter().sum();
+    let (weight, deviation) = weights(sigma, bias);
+    let mean = x[0] + x.iter().zip(&weight).map(|(x_k, w)| w * (x_k - x[0])).sum::<f64>();
     if bias.is_infinite() {
-        return (f64::NAN, (x.iter().sum::<f64>() / x.len() as f64, f64::INFINITY));
+        return (f64::NAN, (mean, f64::INFINITY));
     }
-    let mean = x[0] + x.iter().zip(&weight).map(|(x_k, w)| w * (x_k - x[0])).sum::<f64>() / total;
-    let q: f64 = x.iter().zip(&weight).map(|(x, w)| w * (x - mean).powi(2)).sum();
+    let q: f64 = x.iter().zip(&weight).map(|(x, w)| w * ((x - mean) / deviation).powi(2)).sum();
     let pvalue = chi_square_upper(q, x.len() - 1);
     let limit = if pvalue < SIGNIFICANCE {
         q / chi_square_upper_quantile(SIGNIFICANCE, x.len() - 1)
     } else {
         1.0
     };
-    (pvalue, (mean, (limit / total).sqrt()))
+    (pvalue, (mean, deviation * limit.sqrt()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::checks::{assert_all_close, assert_close};
+
+    #[test]
+    fn the_weights_include_the_variance_of_the_systematic_errors() {
+        let (weight, deviation) = weights(&[3.0, 4.0, 12.0], 4.0);
+        let information = [1.0 / 25.0, 1.0 / 32.0, 1.0 / 160.0];
+        let total: f64 = information.iter().sum();
+        assert_all_close(&weight, &information.map(|i| i / total));
+        assert_close(deviation, total.sqrt().recip());
+    }
+
+    #[test]
+    fn groups_count_alike_beside_errors_without_bound() {
+        for bias in [1e200, f64::INFINITY] {
+            let (weight, deviation) = weights(&[1.0, 2.0, 3.0, 4.0], bias);
+            assert_eq!((weight, deviation), (vec![0.25; 4], 0.5 * bias));
+            let (_, (mean, sigma)) = agreement(&[5.0, 7.0, 8.0, 10.0], &[1.0; 4], bias);
+            assert_eq!((mean, sigma), (7.5, 0.5 * bias));
+        }
+    }
 }

@@ -1,6 +1,7 @@
 //! The likelihood of a centre for measurements whose noise is stated, and its maxima.
 
 use crate::base::exponential::exp;
+use crate::base::interrupt::poll;
 use pulp::{Simd, WithSimd};
 
 /// Prior probability that a measurement is bad.
@@ -10,8 +11,8 @@ const REACH: f64 = 20.0;
 /// Density of bad measurements multiplied by the odds of a bad one, relative to the largest density of
 /// a good one: the odds multiplied by `√(2π)` and divided by the whole range of bad ones.
 const RATIO: f64 = BAD / (1.0 - BAD) * 2.506_628_274_631_000_5 / (2.0 * REACH);
-/// Scores are limited to this size, so that their squares are finite; the density of a good one is 0
-/// there.
+/// Scores are limited to this size, so that their squares are finite; the density of a good one is
+/// negligible there, but not 0 (see [`exp`]).
 pub(super) const FARTHEST: f64 = 1e3;
 const LANES: usize = 8;
 /// Number of factors of a product that does not underflow.
@@ -143,6 +144,7 @@ impl Sample {
     }
 
     fn around(&self, centre: f64, factor: f64) -> Around {
+        poll();
         pulp::Arch::new().dispatch(Sums { sample: self, centre, factor })
     }
 

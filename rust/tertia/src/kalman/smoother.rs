@@ -41,6 +41,16 @@ impl Step {
             known.then(|| Filtered { factored: Factored::new(&self.state), unknown: None })
         })
     }
+
+    /// Returns the state if no later plot determines more. At the instant of the plots it is that of the
+    /// last step there, which is visited first and kept in `at_once`.
+    fn alone(&self, at_once: &mut Option<State>) -> State {
+        if self.state.covariance[0].is_finite() {
+            *at_once.get_or_insert(self.state)
+        } else {
+            self.state
+        }
+    }
 }
 
 /// The state at a step from all plots, in the form in which it was computed.
@@ -94,13 +104,15 @@ pub fn smooth(
         steps.push(Step::new(&filter, taken));
     }
     let (mut adjoint, mut later) = (Some(Adjoint::default()), Smoothed::Unknown);
+    // what all plots say of their instant, if they all belong to one: the rate is then never known
+    let mut at_once = None;
     for (step, known) in steps.iter().enumerate().rev() {
         later = match adjoint.and_then(|adjoint| adjoint.smoothed(&known.state)) {
             Some(state) => Smoothed::Plain(state),
             None if step + 1 == series.z.len() => later.before(known.filtered(), &Transition::NONE),
             None => later.before(known.filtered(), series.transition.get(step)),
         };
-        sink(step, &later.state().unwrap_or(known.state));
+        sink(step, &later.state().unwrap_or_else(|| known.alone(&mut at_once)));
         if step > 0 {
             let seen = !series.z[step].is_nan();
             let plot = seen.then(|| (series.variance.at(step), known.innovation));

@@ -6,6 +6,7 @@
 use super::summary::Summary;
 use crate::base::angle::median;
 use crate::base::error::{Result, require, require_correlation, require_sample};
+use crate::base::interrupt::poll;
 use crate::base::moments::Moments;
 use pulp::{Simd, WithSimd};
 
@@ -22,6 +23,8 @@ const FEWEST_FOR_PENALTY: usize = 30;
 const LONGEST_BURST: usize = 100_000;
 /// Largest penalty and rounding step; larger ones would overflow.
 const LARGEST: f64 = 1e100;
+/// Number of measurements between two checks for an interruption.
+const POLLED: usize = 1024;
 /// Largest score; scores are clamped so that their squares remain finite.
 const MAX_SCORE: f64 = 1e150;
 
@@ -224,6 +227,9 @@ impl BurstRule {
         }
         length.clear();
         for (t, &x) in score.iter().enumerate() {
+            if t % POLLED == 0 {
+                poll();
+            }
             // starts of the segments that may end at t
             let first = (t + 1).saturating_sub(self.max_length);
             let sums = &mut sum[first..=t];

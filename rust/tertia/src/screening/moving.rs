@@ -2,9 +2,10 @@
 //! neighbours.
 
 use super::summary::Summary;
-use crate::base::angle::{median, nearest, require_period, unwrap_about_median};
+use crate::base::angle::{median, nearest, require_angles, require_period, unwrap_about_median};
 use crate::base::basis::Basis;
 use crate::base::error::{Result, require, require_each, require_times};
+use crate::base::interrupt::poll;
 use crate::base::moments::Moments;
 
 /// Ratio of the standard deviation of a normal distribution to its MAD.
@@ -97,6 +98,7 @@ impl MovingRule {
         assert!(time.len() == n && outlier.len() == n && cleaned.len() == n);
         let requirement = "a measurement must be a finite number, or nan for none";
         require_each("y", y, |y| y.is_nan() || y.abs() <= LARGEST, requirement)?;
+        self.period.map_or(Ok(()), |period| require_angles("y", y, period))?;
         require_times(time, LARGEST)?;
         let MovingWorkspace { kept, expected, score, scratch, neighbours } = workspace;
         outlier.fill(false);
@@ -109,6 +111,7 @@ impl MovingRule {
             expected.clear();
             score.clear();
             for i in 0..n {
+                poll();
                 let (value, h) = neighbours.expect(self, y, time, kept, i)?;
                 expected.push(value);
                 score.push(self.deviation(y[i], value).abs() / (1.0 + h).sqrt());

@@ -39,7 +39,9 @@ pub(super) fn moments_of_others(
     moments: &Moments,
     scratch: &mut Vec<f64>,
 ) -> Result<Moments> {
-    if moments.share(moments.deviation(cleaned[i])) <= MAX_SHARE {
+    let deviation = moments.deviation(cleaned[i]);
+    // a value at the mean has no share, even of a sum of squares that is zero
+    if deviation == 0.0 || moments.share(deviation) <= MAX_SHARE {
         return Ok(moments.without(cleaned[i]));
     }
     scratch.clear();
@@ -163,5 +165,15 @@ mod tests {
         assert_close(variance[2], 7.089_444_444_444_444);
         assert_close(mean[6], 15.2);
         assert_close(variance[6], 86.645);
+    }
+
+    /// Summing all others again for every value of a sample would cost O(N²).
+    #[test]
+    fn equal_values_are_not_summed_again() {
+        let (y, mut scratch) = ([7.0; 5], Vec::new());
+        let moments = Moments::of("y", &y).unwrap();
+        let others = moments_of_others(&y, 2, &moments, &mut scratch).unwrap();
+        assert_eq!((others.count(), others.mean(), others.variance()), (4.0, 7.0, 0.0));
+        assert!(scratch.is_empty());
     }
 }

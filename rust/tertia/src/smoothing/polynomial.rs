@@ -6,6 +6,7 @@ use super::stencil::{Adaptive, Choice, Convolution, HIGHEST, Stencil};
 use crate::base::basis::Basis;
 use crate::base::distribution::{fisher_upper_quantile, normal_two_sided_quantile};
 use crate::base::error::{Result, require, require_significance};
+use crate::base::interrupt::poll;
 use std::ops::Range;
 
 /// Choice of the degree.
@@ -240,6 +241,7 @@ impl Polynomial {
         if self.at.start == Some(start) {
             return;
         }
+        poll();
         let top = self.top();
         (self.at.start, self.at.top) = (Some(start), None);
         let Window {

@@ -2,6 +2,7 @@
 //! windows side by side.
 
 use crate::base::basis::Basis;
+use crate::base::interrupt::poll;
 use pulp::{Simd, WithSimd};
 use std::borrow::Cow;
 
@@ -9,6 +10,8 @@ use std::borrow::Cow;
 pub(super) const HIGHEST: usize = 9;
 /// Number of windows that are fitted side by side.
 const LANES: usize = 16;
+/// Number of windows between two checks for an interruption.
+const POLLED: usize = 64 * LANES;
 
 /// The fit at the middle of a window of equal steps.
 #[derive(Clone, Debug)]
@@ -77,7 +80,11 @@ fn freedom(taps: &[f64]) -> f64 {
     let lagged =
         |lag: usize| -> f64 { filter.iter().zip(&filter[lag..]).map(|(a, b)| a * b).sum() };
     let zero = lagged(0).powi(2);
-    let others: f64 = (1..taps.len()).map(|lag| lagged(lag).powi(2)).sum();
+    let squared = |lag: usize| {
+        poll();
+        lagged(lag).powi(2)
+    };
+    let others: f64 = (1..taps.len()).map(squared).sum();
     if zero > 0.0 { zero / (zero + 2.0 * others) } else { 0.0 }
 }
 
@@ -97,6 +104,9 @@ impl WithSimd for Convolution<'_> {
         let half = stencil.window / 2;
         let mut squares = [0.0; LANES];
         for start in (0..value.len()).step_by(LANES) {
+            if start % POLLED == 0 {
+                poll();
+            }
             let count = LANES.min(value.len() - start);
             let block = full(&y[start..start + count + 2 * half], LANES + 2 * half);
             let block = &block[..];
@@ -188,6 +198,9 @@ impl WithSimd for Adaptive<'_> {
         let (window, half, top) = (stencil.window, stencil.window / 2, stencil.degree);
         let mut total = 0.0;
         for start in (0..value.len()).step_by(LANES) {
+            if start % POLLED == 0 {
+                poll();
+            }
             let count = LANES.min(value.len() - start);
             let block = full(&y[start..start + count + 2 * half], LANES + 2 * half);
             let block = &block[..];
