@@ -259,7 +259,7 @@ pub(super) fn exponential<const M: usize>(rates: &Matrix<M>, t: f64) -> Matrix<M
     while fastest > f64::from(1 << squarings) && squarings < MOST_SQUARINGS {
         squarings += 1;
     }
-    let part = fastest / f64::from(1 << squarings);
+    let part = (fastest / f64::from(1 << squarings)).min(1.0);
     let scale = if fastest > 0.0 { t / fastest } else { 0.0 };
     let identity: Matrix<M> =
         std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))));

@@ -73,6 +73,16 @@ fn probabilities_of_changes() {
     changes.into_iter().zip(expected).for_each(|(row, of)| assert_all(1e-11, row, of));
 }
 
+/// After a million mean durations the changes are in balance, however long the time is.
+#[test]
+fn changes_over_any_time_are_probabilities() {
+    let models = Movement::default();
+    for time in [1e6, 1e8, 1e10, 1e12] {
+        let changes = models.changes(time);
+        changes.into_iter().for_each(|row| assert_all(1e-6, row, models.stationary()));
+    }
+}
+
 #[test]
 fn filtered_in_a_turn() {
     let (at, _) = smoothed(4);
