@@ -230,7 +230,7 @@ impl Followed {
             gain[1][i] = a * both + b * north;
         }
         // a plot moves a track no farther than to the plot itself
-        restrain(&mut gain, 0);
+        restrain(&mut gain, 0, 1.0);
         // the first plots determine the velocity
         if self.was_confirmed() {
             steady(&mut gain, interval);
