@@ -113,6 +113,11 @@ class TestTurns:
         np.testing.assert_allclose(one.times, times, rtol=0, atol=1e-6)
         assert one.start_time == 100.0
 
+    def test_given_times_are_kept_in_sharp_turns_after_short_legs(self):
+        times = np.array([0.0, 15.0, 30.0])
+        plan = FlightPlan([[0, 0], [0, 3e3], [500, 100]], times=times, bank=0.4)
+        assert plan.times == pytest.approx(times, abs=1e-9)
+
     def test_turn_radius(self):
         one = FlightPlan(WAY, [200, 180, 190, 150, 180.0], turn_radius=5000.0)
         assert one.turns.radius.max() == pytest.approx(5000.0, rel=1e-12)

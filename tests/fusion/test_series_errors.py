@@ -5,7 +5,7 @@ import pytest
 from checks import INF, NAN, spoilt
 from fusion.scenes import MODEL
 
-from tertia.fusion import fuse_series
+from tertia.fusion import AngleFusion, fuse, fuse_series
 
 Z = np.arange(10.0).reshape(2, 5)
 STATE_OF_TWO = np.zeros((2, 3)), np.full((2, 3, 3), np.eye(3))
@@ -119,3 +119,14 @@ def test_errors(changes, error, message):
     arguments = {"z": Z, "measurement_variance": 0.01, "model": MODEL} | changes
     with pytest.raises(error, match=message):
         fuse_series(**arguments)
+
+
+def test_more_radars_than_memory_is_refused():
+    # as of an array whose axes are exchanged
+    many = 3_000_000
+    with pytest.raises(MemoryError):
+        fuse_series(np.zeros((many, 1)), 1.0, MODEL)
+    with pytest.raises(MemoryError):
+        AngleFusion(MODEL, np.ones(many))
+    with pytest.raises(MemoryError):
+        fuse(np.zeros((many, 1)), np.ones((many, 1, 1)), method="covariance-intersection")

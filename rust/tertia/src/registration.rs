@@ -51,5 +51,6 @@ pub use live::Registrar;
 pub use noise::{Level, Noise, noise, stretch_of};
 pub use recording::{Periods, Prior, Registered, TargetPlot, register};
 pub use row::{Row, Table};
+pub(crate) use settled::restrain;
 pub use sighting::{ERRORS, Errors, Place, Report};
 pub use start::{Alone, Start, start};

@@ -1,5 +1,6 @@
 //! Fusion of the estimates of several sensors, and of one sensor with a scalar.
 
+use super::MATRICES;
 use crate::arrays::{
     Array, Input, Integers, Output, Threads, array, choice, columns, repeated, room_for,
 };
@@ -62,9 +63,6 @@ fn fuse_ns(sensors: usize, m: usize, weighting: &Weighting, joint: bool) -> f64 
             _ => 2.0 * k * k * m * m,
         }
 }
-
-/// Number of matrices that the kernel keeps for every pair of sensors.
-const MATRICES: usize = 4;
 
 /// Arrays for the results of a batch.
 struct Results<'py> {
@@ -130,6 +128,9 @@ pub fn fuse<'py>(py: Python<'py>, given: Given<'py>, n_threads: Threads) -> PyRe
     };
     let pairs = if cross.is_some() { sensors.saturating_mul(sensors) } else { sensors };
     room_for::<f64>(MATRICES.saturating_mul(pairs).saturating_mul(m).saturating_mul(m))?;
+    if weighting == Weighting::Intersection {
+        room_for::<f64>(MATRICES.saturating_mul(sensors).saturating_mul(sensors))?;
+    }
     let cross = cross.map(|cross| cross.blocks("cross_covariances", 4)).transpose()?;
     let corrections = given.corrections.as_ref();
     let corrections = corrections.map(|given| given.blocks("corrections", 2)).transpose()?;

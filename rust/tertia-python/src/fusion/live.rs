@@ -1,6 +1,6 @@
 //! The fusion centre that is updated step by step.
 
-use super::{POSITIVE, VARIANCE, rule};
+use super::{POSITIVE, VARIANCE, require_room, rule};
 use crate::arrays::{Array, array, symmetric, value_error};
 use crate::kalman::{check_period, extract_model, over};
 use pyo3::exceptions::PyValueError;
@@ -150,6 +150,7 @@ impl AngleFusion {
             Beliefs::try_new(forgetting_factor, threshold, outlier_gate, change_probability)
                 .map_err(value_error)?;
         let radars = measurement_variance.len();
+        require_room(radars)?;
         let filter = Filter::new(singer.acceleration_variance(), period);
         let filters = std::iter::repeat_n(filter, radars);
         Ok(Self {

@@ -1,6 +1,6 @@
 //! Series of plots of several radars.
 
-use super::{POSITIVE, VARIANCE, rule};
+use super::{POSITIVE, VARIANCE, require_room, rule};
 use crate::arrays::{Input, Output, Rows, Threads, value_error};
 use crate::kalman::{Model, check_period, singer};
 use pyo3::exceptions::PyValueError;
@@ -174,6 +174,7 @@ pub fn fuse_series<'py>(
     let &[.., radars, n] = batch.z.shape() else {
         return Err(PyValueError::new_err("z must be of shape (..., K, steps)"));
     };
+    require_room(radars)?;
     let (initial, variance) = (batch.initial.as_ref(), batch.variance.shape());
     let task = Task {
         variance: batch.variance.blocks(VARIANCE, 2)?,

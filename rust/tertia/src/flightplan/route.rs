@@ -14,8 +14,13 @@ const NEXT_COURSE: f64 = 4.0 * PI / 180.0;
 const NEXT_OFFSET: f64 = 1500.0;
 /// Largest number of iterations for the speeds that meet given times, and the relative change at which
 /// they end.
-const SPEED_STEPS: usize = 200;
+const SPEED_STEPS: usize = 400;
 const SPEED_TOLERANCE: f64 = 1e-13;
+/// Longest step towards the speed that a leg needs, and the factors of the next step if the speed oscillates
+/// and if it does not.
+const LONGEST_STEP: f64 = 0.5;
+const SHORTER: f64 = 0.5;
+const LONGER: f64 = 1.2;
 
 /// A flight plan: N waypoints, N − 1 legs, and the speed on each.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -115,6 +120,8 @@ impl Route {
             .zip(times.windows(2))
             .map(|(w, t)| norm(minus(w[1], w[0])) / (t[1] - t[0]))
             .collect();
+        // step of each leg, and what its speed missed before
+        let mut steps = vec![(LONGEST_STEP, 0.0); speeds.len()];
         let mut change = f64::INFINITY;
         for _ in 0..SPEED_STEPS {
             let route = Self::try_new(waypoints, &speeds, times[0], heights, bank, turn_rate)?;
@@ -122,11 +129,15 @@ impl Route {
                 return Ok(route);
             }
             change = 0.0;
-            for (j, speed) in speeds.iter_mut().enumerate() {
+            for (j, (speed, (step, before))) in speeds.iter_mut().zip(&mut steps).enumerate() {
                 let needed = (route.marks[j + 1] - route.marks[j]) / (times[j + 1] - times[j]);
-                change = change.max((needed / *speed - 1.0).abs());
-                // half steps, because full steps may oscillate if legs are short
-                *speed = 0.5 * (*speed + needed);
+                let missing = needed - *speed;
+                change = change.max((missing / *speed).abs());
+                // full steps may oscillate if legs are short, and half steps if turns are sharp as well
+                let oscillates = missing * *before < 0.0;
+                *step = if oscillates { SHORTER * *step } else { LONGEST_STEP.min(LONGER * *step) };
+                *speed += *step * missing;
+                *before = missing;
             }
         }
         Self::try_new(waypoints, &speeds, times[0], heights, bank, turn_rate)
@@ -415,6 +426,17 @@ mod tests {
     fn times_are_kept() {
         let waypoints = [[0.0, 0.0], [0.0, 6e4], [3e4, 6.5e4], [3.2e4, 6.9e4], [9e4, 1e5]];
         let times = [50.0, 320.0, 480.0, 500.0, 820.0];
+        let route = Route::through(&waypoints, &times, &[], BANK, 0.05).unwrap();
+        for (a, b) in route.times().iter().zip(times) {
+            assert!((a - b).abs() < 1e-9 * b, "{a} is not {b}");
+        }
+    }
+
+    /// The sharper a turn at the end of a short leg, the more the way depends on the speed.
+    #[test]
+    fn times_are_kept_in_sharp_turns_after_short_legs() {
+        let waypoints = [[0.0, 0.0], [0.0, 3e3], [500.0, 100.0]];
+        let times = [50.0, 65.0, 80.0];
         let route = Route::through(&waypoints, &times, &[], BANK, 0.05).unwrap();
         for (a, b) in route.times().iter().zip(times) {
             assert!((a - b).abs() < 1e-9 * b, "{a} is not {b}");

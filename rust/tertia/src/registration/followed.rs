@@ -13,6 +13,10 @@ const HALVINGS: usize = 8;
 /// Least share of a variance that remains after elimination of the components before it, in a regular matrix.
 const REGULAR: f64 = 1e-12;
 
+/// Largest gain of the velocity, times the time between plots: filters of one model hardly exceed it, and
+/// twice as much is the limit of stability.
+const STEADY: f64 = 1.0;
+
 /// Change of position and velocity by each error of one radar, with errors in units of the prior; or the
 /// covariance of the errors of two radars.
 type Part = [[f64; 4]; ERRORS];
@@ -173,7 +177,7 @@ impl Followed {
     /// Updates the effects of the errors after a plot and, if there is one, a velocity with the noise
     /// `reported` have updated the track. `covariance` (row by row) and `velocity` are those of the track
     /// after both; `noise` is the noise with which the gain was computed and that of the plot alone;
-    /// `unknowns` are the errors that the radar may have.
+    /// `unknowns` are the errors that the radar may have; `interval` is the time between plots.
     #[inline(always)]
     pub fn correct(
         &mut self,
@@ -182,11 +186,13 @@ impl Followed {
         (covariance, reported): (&[f64; 16], Option<Plane>),
         velocity: [f64; 2],
         unknowns: &[Option<(usize, f64)>; ERRORS],
+        interval: f64,
     ) {
         let Some(moving) = reported else {
-            return self.place(seen, noise, covariance, velocity, unknowns);
+            return self.place(seen, noise, covariance, velocity, unknowns, interval);
         };
-        self.place(seen, noise, &settled::before(covariance, moving), velocity, unknowns);
+        let before = settled::before(covariance, moving);
+        self.place(seen, noise, &before, velocity, unknowns, interval);
         self.settle(&Settled::by_velocity(covariance, moving));
     }
 
@@ -211,6 +217,7 @@ impl Followed {
         covariance: &[f64; 16],
         velocity: [f64; 2],
         unknowns: &[Option<(usize, f64)>; ERRORS],
+        interval: f64,
     ) {
         let [u, v] = seen.axes;
         let (a, b) = (1.0 / (sigma[0] * sigma[0]), 1.0 / (sigma[1] * sigma[1]));
@@ -223,7 +230,11 @@ impl Followed {
             gain[1][i] = a * both + b * north;
         }
         // a plot moves a track no farther than to the plot itself
-        restrain(&mut gain, 0);
+        restrain(&mut gain, 0, 1.0);
+        // the first plots determine the velocity
+        if self.was_confirmed() {
+            steady(&mut gain, interval);
+        }
         for axis in 0..2 {
             let share = own[axis] / sigma[axis];
             self.share = self.share.min(share * share);
@@ -341,6 +352,21 @@ impl Followed {
             self.parts.len() - 1
         });
         &mut self.parts[at]
+    }
+}
+
+/// Limits the gain of the velocity so that the effects of the errors fade from plot to plot: a filter with
+/// several models has no single gain, so the gain may be overestimated, and the effects would grow without
+/// limit.
+#[inline(always)]
+fn steady([east, north]: &mut Gain, interval: f64) {
+    let of_axis = |i: usize| east[i].abs() + north[i].abs();
+    let most = of_axis(2).max(of_axis(3)) * interval / STEADY;
+    if most > 1.0 {
+        for gain in [east, north] {
+            gain[2] /= most;
+            gain[3] /= most;
+        }
     }
 }
 

@@ -4,7 +4,7 @@
 use crate::base::plane::Plane;
 
 /// Change of position and velocity by a unit error of a plot along east and along north.
-pub(super) type Gain = [[f64; 4]; 2];
+pub(crate) type Gain = [[f64; 4]; 2];
 
 /// The factor `1 − K H` by which a measurement `H v` with the gain K multiplies an error v of a state.
 pub(super) struct Settled {
@@ -17,7 +17,7 @@ impl Settled {
     /// (row by row): `K = P H' R⁻¹`.
     pub fn by_velocity(covariance: &[f64; 16], noise: Plane) -> Self {
         let mut gain = times(covariance, noise.inverse());
-        restrain(&mut gain, 2);
+        restrain(&mut gain, 2, 1.0);
         Self { rows: [[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]], gain }
     }
 
@@ -60,15 +60,16 @@ fn times(covariance: &[f64; 16], by: Plane) -> Gain {
 }
 
 /// Limits a gain so that the measured components of the state, `at` and the next one, move no farther than to
-/// the measured values: a filter with several models has no single gain, so the gain may be overestimated.
+/// `largest` times the measured values: a filter with several models has no single gain, so the gain may be
+/// overestimated.
 #[inline(always)]
-pub(super) fn restrain(gain: &mut Gain, at: usize) {
+pub(crate) fn restrain(gain: &mut Gain, at: usize, largest: f64) {
     let [east, north] = *gain;
     let middle = 0.5 * (east[at] + north[at + 1]);
     let determinant = east[at] * north[at + 1] - east[at + 1] * north[at];
     let most = middle + (middle * middle - determinant).max(0.0).sqrt();
-    if most > 1.0 {
-        gain.as_flattened_mut().iter_mut().for_each(|value| *value /= most);
+    if most > largest {
+        gain.as_flattened_mut().iter_mut().for_each(|value| *value /= most / largest);
     }
 }
 

@@ -298,6 +298,20 @@ pub(super) fn changes(model: &ImmModel, t: f64) -> Transition {
     transition
 }
 
+/// Limits probabilities of changes that were added as if each were rare: over a long time, those of a model
+/// may add up to more than 1, and their sum is then 1.
+#[inline(always)]
+pub(super) fn limited(mut transition: Transition) -> Transition {
+    for (i, row) in transition.iter_mut().enumerate() {
+        if row[i] < 0.0 {
+            let changes = 1.0 - row[i];
+            row[i] = 0.0;
+            row.iter_mut().for_each(|p| *p /= changes);
+        }
+    }
+    transition
+}
+
 /// The state of a turn that begins from straight flight: its rate is 0 with the variance `rate_variance`.
 #[inline]
 pub(super) fn entered(straight: &Estimate<4>, rate_variance: f64) -> Estimate<5> {
@@ -319,4 +333,40 @@ pub(super) fn without_rate(turn: &Estimate<5>) -> Estimate<4> {
         column.copy_from_slice(&of[..4]);
     }
     Estimate { mean: SVector::from(mean), covariance: SMatrix::from(covariance) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tracker::speed::SpeedChange;
+
+    #[test]
+    fn changes_stay_probabilities() {
+        let rare = [[0.9, 0.06, 0.04], [0.2, 0.5, 0.3], [0.0; MODELS]];
+        assert_eq!(limited(rare), rare);
+        let often = limited([[-0.25, 0.75, 0.5], [0.95, -0.05, 0.1], [0.7, 0.3, 0.0]]);
+        for (i, row) in often.iter().enumerate() {
+            assert!((row.iter().sum::<f64>() - 1.0).abs() < 1e-15, "{row:?}");
+            assert_eq!(row[i], 0.0);
+        }
+        assert!((often[STRAIGHT][TURN] - 0.6).abs() < 1e-15);
+    }
+
+    /// A drone that is seen every 30 s changes its motion several times in between.
+    #[test]
+    fn predictions_over_long_times() {
+        let model = ImmModel {
+            straight_time: 20.0,
+            turn_time: 5.0,
+            steady_time: 30.0,
+            speed_change_time: 5.0,
+            ..ImmModel::default()
+        };
+        let start = Estimate { mean: SVector::zeros(), covariance: SMatrix::identity() };
+        let mut bank = Bank { probability: [0.9, 0.04, 0.06], ..Bank::new(start, 0.0, 1e-4) };
+        let mut speed = SpeedChange::new(&model);
+        speed.predict(&mut bank, &model, &changes(&model, 30.0), (30.0, 30.0));
+        assert!(bank.probability.iter().all(|p| *p > 0.0), "{:?}", bank.probability);
+        assert!((bank.total() - 1.0).abs() < 1e-12, "{:?}", bank.probability);
+    }
 }

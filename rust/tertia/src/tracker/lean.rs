@@ -7,8 +7,12 @@
 
 use super::estimate::Estimate;
 use crate::base::plane::Plane;
+use crate::registration::restrain;
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};
+
+/// Largest gain of a plot: with a larger one, the derivatives would grow from plot to plot.
+const LARGEST: f64 = 2.0;
 
 /// Derivatives of position and velocity with respect to the height.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -39,13 +43,15 @@ impl Lean {
     }
 
     /// Updates after a plot of noise `r` whose innovation has the derivative `by` with respect to the height:
-    /// V − K by, with the gain K = P R⁻¹ of the corrected covariance P.
+    /// V − K by, with the gain K = P R⁻¹ of the corrected covariance P. As several models have no single gain,
+    /// it is limited.
     pub fn correct(&mut self, after: &Estimate<4>, r: Plane, by: [f64; 2]) {
-        let inverse = r.inverse();
-        let a = inverse.xx * by[0] + inverse.xy * by[1];
-        let b = inverse.xy * by[0] + inverse.yy * by[1];
+        let (inverse, [p, q, ..]) = (r.inverse(), after.covariance.data.0);
+        let gain_of = |east: f64, north: f64| std::array::from_fn(|i| p[i] * east + q[i] * north);
+        let mut gain = [gain_of(inverse.xx, inverse.xy), gain_of(inverse.xy, inverse.yy)];
+        restrain(&mut gain, 0, LARGEST);
         for i in 0..4 {
-            self.0[i] -= after.covariance[(i, 0)] * a + after.covariance[(i, 1)] * b;
+            self.0[i] -= gain[0][i] * by[0] + gain[1][i] * by[1];
         }
     }
 
@@ -91,4 +97,25 @@ impl Lean {
 #[inline]
 pub(super) fn along([x, y]: [f64; 2], variance: f64) -> Plane {
     Plane { xx: variance * x * x, xy: variance * x * y, yy: variance * y * y }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::SMatrix;
+
+    /// The positions of two models may differ by many times the noise of a precise plot.
+    #[test]
+    fn several_models_that_differ_do_not_lean_farther_and_farther() {
+        let spread = SVector::from([40.0, 30.0, 0.0, 0.0]);
+        let covariance = SMatrix::identity() + spread * spread.transpose();
+        let after = Estimate { mean: SVector::zeros(), covariance };
+        let (noise, of_plots) = (Plane { xx: 25.0, xy: 0.0, yy: 2.0 }, [-0.4, 0.2]);
+        let mut lean = Lean::default();
+        for _ in 0..50 {
+            let [x, y] = lean.position(0.0);
+            lean.correct(&after, noise, [x - of_plots[0], y - of_plots[1]]);
+            assert!(lean.position(0.0).iter().all(|v| v.abs() < 5.0), "{lean:?}");
+        }
+    }
 }

@@ -5,7 +5,7 @@
 //! is not. Their probabilities follow from the plots alone. On straight legs there is a model that
 //! keeps to the leg.
 
-use super::bank::{Bank, PLAN, STRAIGHT, TURN, changes, entered, without_rate};
+use super::bank::{Bank, PLAN, STRAIGHT, TURN, changes, entered, limited, without_rate};
 use super::estimate::Estimate;
 use super::kinematics;
 use super::motion::ImmModel;
@@ -170,7 +170,7 @@ impl Guide {
         } else {
             fold_plan(bank);
         }
-        bank.mix(&transition, variance);
+        bank.mix(&limited(transition), variance);
         bank.predict(noise, t, period);
         if keeps {
             let course = plan.route.turn(self.monitor.leg()).inbound;
@@ -372,7 +372,7 @@ fn predict_turning(
     let due = left * turn.full_radius / flown.speed(velocity).max(1.0) <= t;
     let ends = if due { ENDS } else { ENDS_EARLY };
     transition[PLAN] = [ends, FROM_PLAN, 1.0 - ends - FROM_PLAN];
-    bank.mix(&transition, noise.turn_rate_sigma.powi(2));
+    bank.mix(&limited(transition), noise.turn_rate_sigma.powi(2));
     bank.predict(noise, t, period);
     accelerate_along(&mut bank.straight, turn.inbound, flown.change.powi(2) * period, t);
     fly_turn(&mut bank.plan, flown, t, period);

@@ -5,7 +5,7 @@
 //! 1976): this costs little and does not disturb straight flight. Once it is likely, it becomes a
 //! model of the bank.
 
-use super::bank::{Bank, SPEED, STRAIGHT, TURN, Transition};
+use super::bank::{Bank, SPEED, STRAIGHT, TURN, Transition, limited};
 use super::estimate::Estimate;
 use super::kinematics;
 use super::motion::ImmModel;
@@ -131,11 +131,11 @@ impl SpeedChange {
         let (begins, ends) = rates(model, t);
         let other = -(-t / OTHER_TIME).exp_m1();
         let [straight, turn] = [changes[STRAIGHT], changes[TURN]];
-        let changes = [
+        let changes = limited([
             [straight[STRAIGHT] - begins, straight[TURN], begins],
             [turn[STRAIGHT], turn[TURN] - other, other],
             [ends, other, 1.0 - ends - other],
-        ];
+        ]);
         let (before, own) = (bank.plan.mean, bank.probability[SPEED] * changes[SPEED][SPEED]);
         bank.mix(&changes, model.turn_rate_sigma.powi(2));
         let own = own / bank.probability[SPEED];

@@ -54,7 +54,7 @@ fn filtered(steps: usize) -> (Matrix4<f64>, Matrix4<f64>, Followed) {
         if n == 0 {
             track.begin(&seen, [WIDE, OWN], (&covariance, false), [0.0; 2], &unknowns);
         } else {
-            track.correct(&seen, [WIDE, OWN], (&covariance, None), [0.0; 2], &unknowns);
+            track.correct(&seen, [WIDE, OWN], (&covariance, None), [0.0; 2], &unknowns, period);
         }
         track.limit(&covariance);
     }
@@ -107,10 +107,35 @@ fn no_gain_goes_beyond_the_plot() {
     let unknowns = std::array::from_fn(|j| Some((j, PRIOR[j])));
     let mut track = Followed::new(0.0);
     for _ in 0..20 {
-        track.correct(&seen, [OWN, OWN], (&covariance, None), [0.0; 2], &unknowns);
+        track.correct(&seen, [OWN, OWN], (&covariance, None), [0.0; 2], &unknowns, 4.0);
         let offset = track.parts[0].2[0];
         assert!((0.0..=PRIOR[0] * (1.0 + 1e-9)).contains(&offset[1]), "{offset:?}");
     }
+}
+
+/// After a plot of which several models are equally sure, their velocities may still be far apart: the
+/// covariance is not that of one filter, and its gain would change the velocity by many times what it should.
+#[test]
+fn effects_of_errors_do_not_grow() {
+    let radar = radar([0.0; 3], 50.0, 0.08);
+    let report =
+        Report { radar: 0, time: 0.0, range: 2e3, azimuth: 0.0, height: f64::NAN, place: None };
+    let seen = Sighting::new(&report, 0.0, &radar, [1.0; 2]).unwrap();
+    let (mut covariance, own) = ([0.0; 16], [50.0, 1.0]);
+    for (i, j, value) in [(0, 0, 1.0), (1, 1, 100.0), (2, 2, 1e4), (3, 3, 1e4), (0, 2, 90.0)] {
+        (covariance[4 * i + j], covariance[4 * j + i]) = (value, value);
+    }
+    let unknowns = std::array::from_fn(|j| Some((j, PRIOR[j])));
+    let mut track = Followed::new(0.0);
+    for n in 0..100 {
+        track.advance(4.0 * f64::from(n));
+        track.correct(&seen, [own, own], (&covariance, None), [0.0; 2], &unknowns, 4.0);
+        track.see(4.0 * f64::from(n), 0, [0.0; 2], [0.0; 2]);
+    }
+    // the displacement of the plot by the azimuth, 2 km away
+    let (effect, displaced) = (track.parts[0].2[2], 2e3 * PRIOR[2]);
+    assert!((effect[0] - displaced).abs() < 1e-6 * displaced, "{effect:?}");
+    assert!(effect[2].abs() < 1e-6 * displaced, "{effect:?}");
 }
 
 #[test]

@@ -179,6 +179,7 @@ impl Applied<'_> {
     #[inline(always)]
     fn follow(&self, track: &mut Followed, update: &Update, seen: Option<Sighting>, is_new: bool) {
         let report = &update.plot.report;
+        let interval = self.radars[report.radar].scan_period.max(report.time - track.row_time);
         track.advance(report.time);
         if let Some(seen) = seen {
             let (velocity, own) = (update.velocity, &self.unknowns[report.radar]);
@@ -189,7 +190,8 @@ impl Applied<'_> {
                 track.begin(&seen, sigma, stated, velocity, own);
             } else {
                 let reported = update.used_velocity();
-                track.correct(&seen, sigma, (&update.covariance, reported), velocity, own);
+                let state = (&update.covariance, reported);
+                track.correct(&seen, sigma, state, velocity, own, interval);
             }
             if update.confirmed {
                 track.see(report.time, report.radar, update.position, velocity);

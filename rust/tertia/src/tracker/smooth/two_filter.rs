@@ -9,6 +9,10 @@ use super::root::Root;
 use crate::base::exponential::exp;
 use crate::base::small::{Matrix, Vector, add};
 
+/// Longest time over which states are predicted, s. After it, hardly anything is known about the target; after
+/// longer ones, the variances would be so large that the next measurements would lose their digits.
+const LONGEST: f64 = 3e4;
+
 /// Motion of targets by each of M models with N states.
 pub(super) trait Models<const N: usize, const M: usize> {
     /// −1 for states that change their sign when time runs backwards.
@@ -163,7 +167,7 @@ impl<L, const D: usize> TwoFilter<'_, L, D> {
     where
         L: Models<N, M>,
     {
-        let mut state = *state;
+        let (mut state, t) = (*state, t.min(LONGEST));
         state.mix(changes, &self.models.variances());
         for j in 0..M {
             if state.probability[j] > 0.0 {
@@ -259,7 +263,7 @@ pub(super) fn exponential<const M: usize>(rates: &Matrix<M>, t: f64) -> Matrix<M
     while fastest > f64::from(1 << squarings) && squarings < MOST_SQUARINGS {
         squarings += 1;
     }
-    let part = fastest / f64::from(1 << squarings);
+    let part = (fastest / f64::from(1 << squarings)).min(1.0);
     let scale = if fastest > 0.0 { t / fastest } else { 0.0 };
     let identity: Matrix<M> =
         std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))));

@@ -73,6 +73,16 @@ fn probabilities_of_changes() {
     changes.into_iter().zip(expected).for_each(|(row, of)| assert_all(1e-11, row, of));
 }
 
+/// After a million mean durations the changes are in balance, however long the time is.
+#[test]
+fn changes_over_any_time_are_probabilities() {
+    let models = Movement::default();
+    for time in [1e6, 1e8, 1e10, 1e12] {
+        let changes = models.changes(time);
+        changes.into_iter().for_each(|row| assert_all(1e-6, row, models.stationary()));
+    }
+}
+
 #[test]
 fn filtered_in_a_turn() {
     let (at, _) = smoothed(4);
@@ -201,6 +211,27 @@ fn backwards_in_time_it_is_the_same() {
         for (model, variance) in models.variances().into_iter().enumerate() {
             let off = one.own[model] + other.own[model];
             assert!(off.abs() < 1e-6 * variance.sqrt(), "{off} of model {model} at {k}");
+        }
+    }
+}
+
+/// Straight flights before and after a gap of any length.
+#[test]
+fn long_gaps() {
+    let half: Vec<f64> = (0..25).map(|k| 4.0 * f64::from(k)).collect();
+    for gap in [1e4, 1e6, 1e8, 1e10] {
+        let time: Vec<f64> = half.iter().copied().chain(half.iter().map(|t| t + gap)).collect();
+        let fix = |t: &f64| Fix::new([200.0 * t, 0.0], [[2500.0, 0.0], [0.0, 2500.0]]);
+        let fixes = half.iter().chain(&half).map(fix).collect();
+        let mut record = Record { time: time.clone(), fixes, used: vec![true; time.len()] };
+        let found = record.smooth(&Movement::default(), &time, f64::INFINITY).solutions;
+        for (k, found) in found.into_iter().enumerate() {
+            let state = found.unwrap().state;
+            let off = [state.mean[0] - 200.0 * half[k % 25], state.mean[1], state.mean[2] - 200.0];
+            for (i, off) in off.into_iter().enumerate() {
+                let sigma = state.covariance[i][i].sqrt();
+                assert!(off.abs() < 0.5 * sigma && sigma < 50.0, "{gap} {k} {i}: {off} {sigma}");
+            }
         }
     }
 }
