@@ -298,6 +298,13 @@ pub(super) fn changes(model: &ImmModel, t: f64) -> Transition {
     transition
 }
 
+/// Probabilities that a model stays, and that it changes to two others, which alone would take place with
+/// these probabilities. If there is time for both, they share the whole probability.
+pub(super) fn competing(first: f64, second: f64) -> [f64; 3] {
+    let sum = (first + second).max(1.0);
+    [(1.0 - first - second).max(0.0), first / sum, second / sum]
+}
+
 /// The state of a turn that begins from straight flight: its rate is 0 with the variance `rate_variance`.
 #[inline]
 pub(super) fn entered(straight: &Estimate<4>, rate_variance: f64) -> Estimate<5> {

@@ -5,7 +5,7 @@
 //! is not. Their probabilities follow from the plots alone. On straight legs there is a model that
 //! keeps to the leg.
 
-use super::bank::{Bank, PLAN, STRAIGHT, TURN, changes, entered, without_rate};
+use super::bank::{Bank, PLAN, STRAIGHT, TURN, changes, competing, entered, without_rate};
 use super::estimate::Estimate;
 use super::kinematics;
 use super::motion::ImmModel;
@@ -165,8 +165,9 @@ impl Guide {
             let to_leg = -(scans * (-TO_LEG).ln_1p()).exp_m1();
             let from_leg = -(scans * (-FROM_LEG).ln_1p()).exp_m1();
             let begins = transition[STRAIGHT][TURN];
-            transition[STRAIGHT] = [1.0 - begins - to_leg, begins, to_leg];
-            transition[PLAN] = [from_leg, begins, 1.0 - from_leg - begins];
+            transition[STRAIGHT] = competing(begins, to_leg);
+            let [stays, from_leg, begins] = competing(from_leg, begins);
+            transition[PLAN] = [from_leg, begins, stays];
         } else {
             fold_plan(bank);
         }
@@ -364,8 +365,8 @@ fn predict_turning(
     let (position, velocity) = (bank.turn.position(), [bank.turn.mean[2], bank.turn.mean[3]]);
     let left = flown.remaining(position, velocity, t);
     if rate * turn.angle > 0.0 && left.abs() > LITTLE {
-        transition[TURN][TURN] -= TO_PLAN;
-        transition[TURN][PLAN] = TO_PLAN;
+        let [stays, ends, to_plan] = competing(transition[TURN][STRAIGHT], TO_PLAN);
+        transition[TURN] = [ends, stays, to_plan];
     }
     let (position, velocity) = parts(&bank.plan);
     let left = flown.remaining(position, velocity, t).abs();

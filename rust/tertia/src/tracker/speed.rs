@@ -5,7 +5,7 @@
 //! 1976): this costs little and does not disturb straight flight. Once it is likely, it becomes a
 //! model of the bank.
 
-use super::bank::{Bank, SPEED, STRAIGHT, TURN, Transition};
+use super::bank::{Bank, SPEED, STRAIGHT, TURN, Transition, competing};
 use super::estimate::Estimate;
 use super::kinematics;
 use super::motion::ImmModel;
@@ -130,12 +130,11 @@ impl SpeedChange {
     fn mix(&mut self, bank: &mut Bank, model: &ImmModel, changes: &Transition, t: f64) {
         let (begins, ends) = rates(model, t);
         let other = -(-t / OTHER_TIME).exp_m1();
-        let [straight, turn] = [changes[STRAIGHT], changes[TURN]];
-        let changes = [
-            [straight[STRAIGHT] - begins, straight[TURN], begins],
-            [turn[STRAIGHT], turn[TURN] - other, other],
-            [ends, other, 1.0 - ends - other],
-        ];
+        let [straight, turns, begins] = competing(changes[STRAIGHT][TURN], begins);
+        let [turn, straightens, accelerates] = competing(changes[TURN][STRAIGHT], other);
+        let [stays, ends, other] = competing(ends, other);
+        let changes =
+            [[straight, turns, begins], [straightens, turn, accelerates], [ends, other, stays]];
         let (before, own) = (bank.plan.mean, bank.probability[SPEED] * changes[SPEED][SPEED]);
         bank.mix(&changes, model.turn_rate_sigma.powi(2));
         let own = own / bank.probability[SPEED];
