@@ -1,5 +1,7 @@
 """Association: against SciPy, plain NumPy, the vectors of the paper, and by Monte Carlo."""
 
+import time
+
 import numpy as np
 import pytest
 from checks import INF, NAN, rng
@@ -366,6 +368,24 @@ class TestAssignment:
         gain = 700 + 1e-9 * rng(12).uniform(size=(40, 40))
         best = gain[optimize.linear_sum_assignment(gain, maximize=True)].sum()
         assert total(gain, chosen(gain)) == pytest.approx(best, rel=1e-13)
+
+    @pytest.mark.parametrize("differs", ["neither", "row", "column"])
+    @pytest.mark.parametrize(("rows", "columns"), [(2000, 2000), (2000, 1100), (1100, 2000)])
+    def test_coincident_plots_and_tracks_cost_little(self, differs, rows, columns):
+        """Gains that are equal, or depend on the row or the column alone; that took seconds."""
+        gain = np.ones((rows, columns))
+        if differs == "row":
+            gain += rng(14).uniform(size=(rows, 1))
+        elif differs == "column":
+            gain += rng(14).uniform(size=columns)
+        pairs = pairs_of(gain)
+        begin = time.process_time()
+        found = _core.assign_pairs(*pairs, rows, columns, "gnn")
+        assert time.process_time() - begin < 1.5
+        count = min(rows, columns)
+        each = gain[:, 0] if differs == "row" else gain[0]
+        best = np.sort(each)[-count:].sum()
+        assert total(gain, found) == pytest.approx(best, rel=1e-12)
 
     @given(
         st.lists(

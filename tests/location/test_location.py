@@ -638,8 +638,14 @@ class TestDegenerate:
 
     def test_at_a_station(self):
         azimuth = [np.pi / 2, 0.7, 0.0]
-        batch = locate([[0, 0], [1000, 0], [1000, -800]], azimuth=[azimuth] * 2, azimuth_sigma=0.01)
+        places = [[0, 0], [1000, 0], [1000, -800]]
+        batch = locate(places, azimuth=[azimuth] * 2, azimuth_sigma=0.01)
         np.testing.assert_array_equal(batch.status, LocationStatus.AT_STATION)
+        with pytest.raises(ValueError, match="give nan for the measurements of that station"):
+            locate(places, azimuth=azimuth, azimuth_sigma=0.01)
+        azimuth[1] = NAN
+        found = locate(places, azimuth=azimuth, azimuth_sigma=0.01)
+        np.testing.assert_allclose(found.position, places[1], atol=1e-6)
 
     @pytest.mark.parametrize("method", ["robust", "least-squares"])
     @pytest.mark.parametrize("sigma", [1.0, 0.1, 1e-3])

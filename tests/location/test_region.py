@@ -190,6 +190,17 @@ def test_protection_levels_are_those_of_the_formulas(faults):
         assert fix.protection_level(faults=faults) == pytest.approx(expected, rel=1e-9)
 
 
+def test_too_many_faults_are_refused():
+    """Forty measurements have 8e8 sets of ten, which filled the memory."""
+    turn = 2 * np.pi * np.arange(40) / 40
+    places = 5000 * np.stack([np.sin(turn), np.cos(turn)], axis=-1)
+    fix = locate(places, range=ranges_of(places, TARGET, np.zeros(40)), range_sigma=10.0)
+    assert np.isfinite(fix.protection_level(faults=2))
+    message = "faults is 10; of 40 measurements, it must be at most 5: every set"
+    with pytest.raises(ValueError, match=message):
+        fix.protection_level(faults=10)
+
+
 def test_levels_that_do_not_exist():
     exact = ranges_of(RING, TARGET, np.zeros(6))
     fix = locate(RING, range=exact, range_sigma=10.0)

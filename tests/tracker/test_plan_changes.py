@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -25,6 +26,12 @@ def flight(plan, n=60, *, code=-1, seed=3, period=4.0):
     position, _ = plan.at(time)
     numbers = noisy(position, RADAR, np.random.default_rng(seed))
     return Plots(time, *numbers, identity=np.full(n, code))
+
+
+def joined(*parts):
+    """Plots of several flights."""
+    names = "time", "range", "azimuth", "icao_address"
+    return Plots(**{name: np.concatenate([getattr(one, name) for one in parts]) for name in names})
 
 
 def scans(tracker, plots):
@@ -230,6 +237,59 @@ def test_a_plan_given_by_hand_is_free_when_its_track_ends():
     assert set(found.track.tolist()) == {2}
     assert found.plan[-1] == 0
     assert found.plan_status[-1] == CorrelationStatus.ACCEPTED
+
+
+ADDRESSES = 0x3C4DC1, 0x4CA123
+
+
+def named_flight(plan, scans_flown, address):
+    """Plots of a flight along a plan in some scans only, with an address."""
+    plots = flight(plan)[scans_flown]
+    return replace(plots, icao_address=np.full(len(plots), address))
+
+
+@pytest.mark.parametrize("motion", ["imm", "window"])
+def test_a_track_that_is_resumed_keeps_the_plan_given_by_hand(motion):
+    plan, own, later = plan_of(ROUTE), *ADDRESSES
+    tracker = Tracker([RADAR], motion=motion, plans=[plan])
+    tracker.update(named_flight(plan, slice(8), own))
+    tracker.correlate(1, 0)
+    # it ends; meanwhile another aircraft flies along the plan, and does afterwards
+    found = tracker.update(named_flight(plan, slice(20, 40), later))
+    assert (np.unique(found.track).tolist(), set(found.plan[found.track == 2])) == ([1, 2], {-1})
+    tracker = pickle.loads(pickle.dumps(tracker))
+    back = replace(named_flight(plan, slice(10, 22), own), time=4.0 * np.arange(40, 52))
+    found = tracker.update(joined(back, named_flight(plan, slice(40, 52), later)))
+    # from the plot after its confirmation on
+    assert set(found.plan[found.track == 1][1:]) == {0}
+    assert set(found.plan_status[found.track == 1][1:]) == {CorrelationStatus.MANUAL}
+    assert set(found.plan[found.track == 2]) == {-1}
+
+
+def test_a_track_that_is_resumed_has_no_plan_that_was_given_to_another():
+    plan, own, later = plan_of(ROUTE), *ADDRESSES
+    tracker = Tracker([RADAR], plans=[plan])
+    tracker.update(named_flight(plan, slice(8), own))
+    tracker.correlate(1, 0)
+    tracker.update(named_flight(plan, slice(20, 40), later))
+    # the old track is not there any more, so that nothing has to be taken from it
+    tracker.correlate(2, 0)
+    back = replace(named_flight(plan, slice(10, 22), own), time=4.0 * np.arange(40, 52))
+    found = tracker.update(joined(back, named_flight(plan, slice(40, 52), later)))
+    assert set(found.plan[found.track == 1]) == {-1}
+    assert set(found.plan[found.track == 2]) == {0}
+
+
+def test_a_plan_given_by_hand_is_free_when_its_track_is_not_resumed_any_more():
+    plan = plan_of(ROUTE, speed=60.0)
+    own, later = (replace(flight(plan, 200), icao_address=np.full(200, one)) for one in ADDRESSES)
+    tracker = Tracker([RADAR], plans=[plan])
+    tracker.update(own[:8])
+    tracker.correlate(1, 0)
+    tracker.update(Plots([], [], []), time=400.0)
+    assert set(tracker.update(later[120:150]).plan) == {-1}
+    # after ten minutes
+    assert tracker.update(later[150:]).plan[-1] == 0
 
 
 def test_a_blocked_plan_that_is_replaced_counts_once_the_track_is_on_the_new_route():

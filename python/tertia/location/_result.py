@@ -60,7 +60,8 @@ _MESSAGES = {
         "the stations have heights, or measure something else"
     ),
     LocationStatus.AT_STATION: (
-        "the position is at a station, or straight above one that measures angles"
+        "the position is at a station, or straight above one that measures angles; give nan for "
+        "the measurements of that station"
     ),
     LocationStatus.NOT_CONVERGED: "no minimum was reached",
     LocationStatus.ILL_CONDITIONED: (
@@ -250,8 +251,9 @@ class Location(Result):
         Raises
         ------
         ValueError
-            If a number is outside its domain, if the position was not estimated by `locate`, or if
-            its standard deviations were estimated rather than stated.
+            If a number is outside its domain, if the position was not estimated by `locate`, if its
+            standard deviations were estimated rather than stated, or if there are more than a
+            million sets of at most `faults` measurements.
 
         Notes
         -----

@@ -119,13 +119,15 @@ class TrackTable(_Columns, Result):
         Whether the plot also belongs to another track, because the radar did not resolve the two
         targets.
     confirmed : ndarray of bool, shape (N,)
-        Whether the track had been confirmed by this time.
+        Whether the track had been confirmed by this time. In a recording it is also False for the
+        first plots after a gap, until the track is resumed.
     conforms : ndarray of bool, shape (N,)
         Whether the target follows its plan; False if the plan is blocked.
     final : ndarray of bool, shape (N,)
         Whether the row is final; False if late plots may still change it.
     track_of_plot : ndarray of int, shape (P,)
-        Number of the track of each plot; a negative `PlotStatus` if the plot was not used.
+        Number of the track of each plot; a negative `PlotStatus` if the plot was not used. Plots
+        of tracks that were never confirmed have numbers that are not in the table.
     """
 
     _rows: ClassVar = "time", 0

@@ -317,9 +317,9 @@ class Tracker:
             if registrar.is_first and not recording:
                 table.truncate(begin)
             found.append(tracks)
-        if recording:
-            table.keep_confirmed(self.n_threads)
-        return TrackTable._of(table, numbered(table, found, parts, first))
+        own = numbered(table, found, parts, first)
+        own = table.keep_confirmed(own, self.n_threads) if recording else own
+        return TrackTable._of(table, own)
 
     def _learned(
         self, registrar: Registrar, plots: Plots, end: float | None, rows: str, table: TrackColumns
@@ -446,8 +446,8 @@ class Tracker:
     def correlate(self, track: int, plan: int, *, take: bool = False) -> None:
         """Assign a flight plan to a track by hand, until the track ends or the plan is removed.
 
-        The track keeps the plan whatever the identity and the path of the track are. Like any other
-        plan, the plan is blocked while the track does not follow it.
+        The track keeps the plan whatever its identity and its path are, also if it is resumed after
+        its end. Like any other plan, the plan is blocked while the track does not follow it.
 
         Parameters
         ----------

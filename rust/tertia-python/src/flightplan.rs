@@ -11,6 +11,7 @@ use tertia::flightplan::{
     self, Monitor, Plan, Projection, Sighting, SpeedHistory, TimeOver, Turn, Verdict,
     speed_histories,
 };
+use tertia::interrupt::poll;
 use tertia::sensors::Identities;
 
 /// Cost of a score per leg, plot and plan, which determines the number of threads.
@@ -255,9 +256,9 @@ pub fn conformance<'py>(
 ) -> PyResult<(Integers<'py>, [Array<'py>; 3], [Marks<'py>; 2])> {
     let (seen, shape) = track.sightings()?;
     let route = &route.plan.route;
-    let verdicts: Vec<_> = release(py, LEG_NS * seen.len() as f64, || {
-        Monitor::follow(route, &seen, update_interval).collect()
-    })?;
+    let cost = LEG_NS * (seen.len() * route.legs()) as f64;
+    let verdicts: Vec<_> =
+        release(py, cost, || Monitor::follow(route, &seen, update_interval).collect())?;
     let number = |f: fn(&Verdict) -> f64| {
         let values = verdicts.iter().map(|verdict| verdict.as_ref().map_or(f64::NAN, f));
         array(py, &shape, values)
@@ -291,6 +292,7 @@ pub fn times_over<'py>(
     let (over, speeds): (Vec<TimeOver>, Vec<(f64, f64)>) = release(py, cost, || {
         let histories: Vec<_> = speed_histories(route, &seen, update_interval).collect();
         let over = histories.iter().flat_map(|history| {
+            poll();
             (0..count).map(|waypoint| history.time_over(route, waypoint, speed_change_sigma))
         });
         (over.collect(), histories.iter().map(SpeedHistory::speed).collect())

@@ -152,14 +152,11 @@ impl<'a> Batch<'a> {
         nanoseconds: f64,
         n_threads: Threads,
         unknown: T,
-        work: impl Fn(usize, &mut T) + Sync + Send,
+        work: impl Fn(usize, &mut T) -> tertia::Result<()> + Sync + Send,
     ) -> PyResult<Vec<T>> {
         let mut found = repeated(unknown, self.count())?;
         let cost = nanoseconds * found.len() as f64;
-        let work = |(): &mut (), (row, out): (usize, &mut T)| {
-            work(row, out);
-            Ok(())
-        };
+        let work = |(): &mut (), (row, out): (usize, &mut T)| work(row, out);
         release(py, cost, || {
             for_each_row(found.iter_mut().enumerate(), cost, n_threads, || (), work)
         })?

@@ -12,9 +12,7 @@ pub use settings::{Motion, TrackAssociation, TrackerSettings};
 pub use smooth::smooth_tracks;
 pub use table::{TrackColumns, track_columns};
 
-use crate::arrays::{
-    Array, Input, Integers, Output, Threads, array, release, room_for, value_error,
-};
+use crate::arrays::{Array, Input, Integers, Threads, array, release, room_for, value_error};
 use crate::flightplan::Route;
 use crate::sensors::{IdentityColumns, IdentityView, Radar};
 use numpy::PyReadonlyArray1;
@@ -22,7 +20,6 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::borrow::Cow;
-use table::codes;
 use tertia::registration;
 use tertia::sensors::Detection;
 use tertia::tracker::{self, Command, Plane, Plot, Plots, Report, Table};
@@ -115,12 +112,15 @@ impl PlotTracker {
         rows: &str,
         table: &TrackColumns,
         n_threads: Threads,
-    ) -> PyResult<Output<'py, i64>> {
+    ) -> PyResult<Integers<'py>> {
         let plots = plots.read(&time, self.0.tracker().radars())?;
         let (mut statuses, mut found) = (Vec::new(), table.take_rows(py, rows != "confirmed")?);
+        let mut tracks = Vec::new();
         let done = release(py, plots.len() as f64 * PLOT_NS, || {
             if rows != "recording" {
-                return self.0.track(&plots, end, &mut statuses, &mut found, n_threads);
+                self.0.track(&plots, end, &mut statuses, &mut found, n_threads)?;
+                tracks.extend(statuses.iter().map(|status| status.code()));
+                return Ok(());
             }
             let fresh = (self.0.tracker().plots() == 0).then(|| self.0.clone());
             self.0.record(&plots, &mut statuses, &mut found, n_threads)?;
@@ -130,12 +130,13 @@ impl PlotTracker {
                 found.truncate(0);
                 self.0.record(&plots, &mut statuses, &mut found, n_threads)?;
             }
-            found.keep_confirmed(n_threads);
+            tracks.extend(statuses.iter().map(|status| status.code()));
+            found.keep_confirmed(&mut tracks, n_threads);
             Ok(())
         });
         table.put_rows(py, found);
         done?.map_err(value_error)?;
-        codes(py, &statuses)
+        array(py, &[tracks.len()], tracks)
     }
 
     /// Returns a copy of the tracker.
@@ -166,10 +167,10 @@ impl PlotTracker {
         &mut self,
         py: Python<'py>,
         n_threads: Threads,
-    ) -> PyResult<(TrackColumns, Output<'py, i64>)> {
+    ) -> PyResult<(TrackColumns, Integers<'py>)> {
         let mut table = Table::new(false, 0);
         release(py, f64::INFINITY, || self.0.finish(&mut table, n_threads))?;
-        Ok((TrackColumns::new(table), codes(py, &[])?))
+        Ok((TrackColumns::new(table), array(py, &[0], Vec::new())?))
     }
 
     /// Numbers of the confirmed tracks, and their positions this number of seconds from now.

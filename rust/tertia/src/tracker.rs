@@ -97,7 +97,7 @@ pub use mht::Mht;
 pub use motion::{ImmModel, Motion, WindowModel};
 pub use plans::Plans;
 pub use plot::{Plot, PlotStatus, Plots, Report};
-pub use row::{Row, Rows};
+pub use row::{Resumed, Row, Rows};
 pub use settings::{Confirmation, Settings};
 pub use smooth::{Manoeuvre, Movement, SmoothedRow, Times, TrackPlot, smooth_tracks};
 pub use table::{Data, Table};

@@ -53,6 +53,7 @@ impl<'a> Sight<'a> {
             if let Some(posterior) = self.posterior(row) {
                 work(row, &posterior, out);
             }
+            Ok(())
         })
     }
 }

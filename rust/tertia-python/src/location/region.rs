@@ -92,6 +92,7 @@ fn each_located<T: Clone + Send>(
             estimated.as_ref().map_or((1.0, f64::INFINITY), |(s, f)| (s[row], f[row]));
         let spread = Spread { covariance: covariance.shared(row), sigma, freedom };
         *out = work(&spread, &positions.located(row));
+        Ok(())
     })
 }
 
@@ -146,7 +147,8 @@ pub fn protection_levels<'py>(
         *out = match batch.d {
             2 => protection.level::<2, 3>(&located),
             _ => protection.level::<3, 4>(&located),
-        };
+        }?;
+        Ok(())
     })?;
     array(py, batch.values.batch(), found)
 }

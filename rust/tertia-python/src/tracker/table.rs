@@ -1,13 +1,13 @@
 //! Tables of tracks as arrays.
 
-use crate::arrays::{Array, Output, Threads, array};
+use crate::arrays::{Array, Integers, Threads, array};
 use crate::sensors::{callsign_numbers, callsigns};
 use numpy::{PyArray, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::sync::MutexExt;
 use std::sync::{Mutex, PoisonError};
-use tertia::tracker::{COLUMNS, Column, Data, PlotStatus, Table, Values};
+use tertia::tracker::{COLUMNS, Column, Data, Resumed, Table, Values};
 
 /// Name, unit, type, shape and meaning of each column.
 #[pyfunction]
@@ -31,9 +31,12 @@ enum Kept {
     Array(Py<PyAny>),
 }
 
-/// The columns of a table of tracks.
+/// The columns of a table of tracks, and the tracks in it that were resumed.
 #[pyclass(frozen, module = "tertia._core")]
-pub struct TrackColumns(Mutex<Vec<Kept>>);
+pub struct TrackColumns {
+    columns: Mutex<Vec<Kept>>,
+    resumed: Mutex<Vec<Resumed>>,
+}
 
 #[pymethods]
 impl TrackColumns {
@@ -103,17 +106,24 @@ impl TrackColumns {
         array(py, &[filled.len()], filled)
     }
 
-    /// Removes the rows of tracks that are never confirmed.
-    fn keep_confirmed(&self, py: Python<'_>, n_threads: Threads) -> PyResult<()> {
+    /// Removes the rows of tracks that are never confirmed, and gives those of tracks that were resumed
+    /// the number of the older track. Returns the numbers of the tracks of the plots.
+    fn keep_confirmed<'py>(
+        &self,
+        py: Python<'py>,
+        track_of_plot: PyReadonlyArray1<'py, i64>,
+        n_threads: Threads,
+    ) -> PyResult<Integers<'py>> {
+        let mut tracks = track_of_plot.as_slice()?.to_vec();
         let mut table = self.take_rows(py, true)?;
-        table.keep_confirmed(n_threads);
+        table.keep_confirmed(&mut tracks, n_threads);
         self.put_rows(py, table);
-        Ok(())
+        array(py, &[tracks.len()], tracks)
     }
 
     /// Returns the array of a column, by its index in `track_columns`; it is always the same array.
     fn column(&self, py: Python<'_>, index: usize) -> PyResult<Py<PyAny>> {
-        let mut columns = self.0.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner);
+        let mut columns = self.columns.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner);
         if let Kept::Data(data) = &mut columns[index] {
             let data = std::mem::replace(data, Data::Flags(Vec::new()));
             let found = array_of(py, &COLUMNS[index], data)?;
@@ -131,14 +141,18 @@ impl TrackColumns {
     /// `tentative` is set.
     pub fn take_rows(&self, py: Python<'_>, tentative: bool) -> PyResult<Table> {
         let columns = (0..COLUMNS.len()).map(|index| self.take(py, index));
-        Ok(Table::of(columns.collect::<PyResult<_>>()?, tentative))
+        let columns = columns.collect::<PyResult<_>>()?;
+        let mut resumed = self.resumed.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner);
+        Ok(Table::of((columns, std::mem::take(&mut *resumed)), tentative))
     }
 
     /// Returns the rows to the table.
     pub fn put_rows(&self, py: Python<'_>, table: Table) {
-        for (index, data) in table.into_columns().into_iter().enumerate() {
+        let (columns, resumed) = table.into_columns();
+        for (index, data) in columns.into_iter().enumerate() {
             self.put(py, index, data);
         }
+        *self.resumed.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner) = resumed;
     }
 
     /// Takes the values of a column of numbers out of the table; symmetric matrices have only the
@@ -173,7 +187,7 @@ impl TrackColumns {
 
     /// Takes the values of a column out of the table.
     fn take(&self, py: Python<'_>, index: usize) -> PyResult<Data> {
-        let mut columns = self.0.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner);
+        let mut columns = self.columns.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner);
         let taken = std::mem::replace(&mut columns[index], Kept::Data(Data::Flags(Vec::new())));
         let array = match taken {
             Kept::Array(array) => array.into_bound(py),
@@ -192,12 +206,14 @@ impl TrackColumns {
     }
 
     fn put(&self, py: Python<'_>, index: usize, data: Data) {
-        let mut columns = self.0.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner);
+        let mut columns = self.columns.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner);
         columns[index] = Kept::Data(data);
     }
 
     pub fn new(table: Table) -> Self {
-        Self(Mutex::new(table.into_columns().into_iter().map(Kept::Data).collect()))
+        let (columns, resumed) = table.into_columns();
+        let columns = columns.into_iter().map(Kept::Data).collect();
+        Self { columns: Mutex::new(columns), resumed: Mutex::new(resumed) }
     }
 }
 
@@ -223,13 +239,4 @@ fn array_of(py: Python<'_>, column: &Column, data: Data) -> PyResult<Py<PyAny>> 
         Data::Integers(values) => PyArray::from_vec(py, values).into_any().unbind(),
         Data::Flags(values) => PyArray::from_vec(py, values).into_any().unbind(),
     })
-}
-
-/// The status of each plot, as a number.
-pub fn codes<'py>(py: Python<'py>, statuses: &[PlotStatus]) -> PyResult<Output<'py, i64>> {
-    let mut codes = Output::<i64>::new(py, &[statuses.len()], &[])?;
-    for (code, status) in codes.values()?.iter_mut().zip(statuses) {
-        *code = status.code();
-    }
-    Ok(codes)
 }

@@ -8,6 +8,7 @@
 
 use super::dense::{Dense, is_dense};
 use super::pair::Pair;
+use crate::base::interrupt::poll;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
@@ -42,10 +43,12 @@ struct Edge {
     cost: f64,
 }
 
-/// A column that a path has reached; the heap returns the nearest first.
+/// A column that a path has reached; the heap returns the nearest first and, of equally near ones, a free
+/// one, so that ties do not extend the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Reached {
     distance: f64,
+    is_taken: bool,
     column: u32,
 }
 
@@ -53,7 +56,8 @@ impl Eq for Reached {}
 
 impl Ord for Reached {
     fn cmp(&self, other: &Self) -> Ordering {
-        other.distance.total_cmp(&self.distance).then(other.column.cmp(&self.column))
+        let rest = |one: &Self| (one.is_taken, one.column);
+        other.distance.total_cmp(&self.distance).then(rest(other).cmp(&rest(self)))
     }
 }
 
@@ -118,6 +122,7 @@ impl Assigner {
         }
         self.read(pairs);
         for row in 0..rows {
+            poll();
             self.place(row as u32);
         }
         &self.result
@@ -189,18 +194,22 @@ impl Assigner {
     /// Assigns one additional row.
     fn place(&mut self, row: u32) {
         // most rows take a column that no other row wants
-        let mut best = Reached { distance: 0.0, column: NONE };
+        let mut best = Reached { distance: 0.0, is_taken: true, column: NONE };
         let mut best_cost = 0.0;
-        for edge in &self.edges[self.edges_of(row)] {
-            let distance = edge.cost - self.price[edge.column as usize];
-            if distance < best.distance {
-                (best, best_cost) = (Reached { distance, column: edge.column }, edge.cost);
+        for &Edge { column, cost } in &self.edges[self.edges_of(row)] {
+            let distance = cost - self.price[column as usize];
+            let is_tie = distance == best.distance && best.is_taken && best.column != NONE;
+            if distance < best.distance || is_tie {
+                let is_taken = self.row_of[column as usize] != NONE;
+                if !(is_tie && is_taken) {
+                    (best, best_cost) = (Reached { distance, is_taken, column }, cost);
+                }
             }
         }
         if best.column == NONE {
             return;
         }
-        if self.row_of[best.column as usize] == NONE {
+        if !best.is_taken {
             self.result[row as usize] = Some(best.column);
             self.row_of[best.column as usize] = row;
             self.cost_of[row as usize] = best_cost;
@@ -228,7 +237,8 @@ impl Assigner {
                         self.reached.push(column);
                     }
                     (self.distance[j], self.from[j]) = (distance, row);
-                    self.heap.push(Reached { distance, column });
+                    let is_taken = self.row_of[j] != NONE;
+                    self.heap.push(Reached { distance, is_taken, column });
                 }
             }
             let next = loop {
@@ -238,12 +248,12 @@ impl Assigner {
                     next => break next,
                 }
             };
-            let Some(Reached { distance, column }) = next else {
+            let Some(Reached { distance, is_taken, column }) = next else {
                 travelled = exit;
                 break End::Row(exit_row);
             };
             travelled = distance;
-            if self.row_of[column as usize] == NONE {
+            if !is_taken {
                 break End::Column(column);
             }
             self.settled[column as usize] = true;

@@ -2,6 +2,7 @@
 //! 1987) over a matrix, whose rows are scanned with SIMD vectors.
 
 use super::pair::Pair;
+use crate::base::interrupt::poll;
 use crate::base::vector::{Vector, WIDEST};
 use pulp::{Arch, Simd, WithSimd};
 
@@ -34,11 +35,15 @@ pub(super) struct Dense {
     distance: Vec<Lane>,
     /// The row from which a column was reached.
     from: Vec<Lane>,
+    /// 0 while a column is free, then infinite.
+    taken: Vec<Lane>,
     settled: Vec<(u32, f64)>,
     row_of: Vec<u32>,
     column_of: Vec<u32>,
+    /// Order in which rows are placed.
+    order: Vec<u32>,
     wish: [Vec<Wish>; 2],
-    wanted: Vec<bool>,
+    wanted: Vec<u32>,
 }
 
 /// The partner from which a row or a column gains most.
@@ -46,23 +51,29 @@ pub(super) struct Dense {
 struct Wish {
     gain: f64,
     partner: u32,
+    /// Number of partners from which it gains as much.
+    equal: u32,
 }
 
 impl Wish {
-    const NONE: Self = Self { gain: 0.0, partner: NONE };
+    const NONE: Self = Self { gain: 0.0, partner: NONE, equal: 0 };
 
     /// Keeps the better partner; of equal ones, the first.
     fn hear(&mut self, gain: f64, partner: u32) {
-        if gain > self.gain || gain == self.gain && partner < self.partner {
-            *self = Self { gain, partner };
+        if gain > self.gain {
+            *self = Self { gain, partner, equal: 1 };
+        } else if gain == self.gain {
+            self.partner = self.partner.min(partner);
+            self.equal += 1;
         }
     }
 }
 
 impl Dense {
     /// Assigns the column of each row for the largest sum of the gains; `result` is empty at first.
-    /// O(rows · columns) at best; at worst that times the smaller of the two. Either the rows or the columns
-    /// are placed one by one, whichever compete less for the same best partners.
+    /// O(rows · columns) at best, also if all gains are equal; at worst that times the smaller of the two.
+    /// Either the rows or the columns are placed one by one, whichever compete less for the same best
+    /// partners, beginning with those that gain most: later ones then seldom displace others.
     pub fn assign(
         &mut self,
         pairs: impl Iterator<Item = Pair> + Clone,
@@ -78,6 +89,7 @@ impl Dense {
             }
             return;
         }
+        self.wish.swap(0, 1);
         let turned = pairs.map(|pair| Pair { row: pair.column, column: pair.row, ..pair });
         self.place_all(turned, columns, rows);
         for (result, &column) in result.iter_mut().zip(&self.row_of) {
@@ -85,7 +97,8 @@ impl Dense {
         }
     }
 
-    /// Number of rows, and of columns, whose best partner is already the best partner of another.
+    /// Number of rows, and of columns, whose best partners are already the best partners of others. Those
+    /// that come after all partners are taken do not count if they gain equally from several.
     fn conflicts(
         &mut self,
         pairs: impl Iterator<Item = Pair>,
@@ -104,9 +117,11 @@ impl Dense {
         }
         [(of_rows, columns), (of_columns, rows)].map(|(wishes, others)| {
             wanted.clear();
-            wanted.resize(others, false);
+            wanted.resize(others, 0);
             let rivals = wishes.iter().filter(|wish| {
-                wish.partner != NONE && std::mem::replace(&mut wanted[wish.partner as usize], true)
+                let Some(wanted) = wanted.get_mut(wish.partner as usize) else { return false };
+                *wanted += 1;
+                *wanted > wish.equal && (wish.equal == 1 || *wanted as usize <= others)
             });
             rivals.count()
         })
@@ -119,6 +134,11 @@ impl Dense {
             let cost = &mut self.costs[pair.row as usize * self.width + lane][at];
             *cost = cost.min(-pair.gain);
         }
+        let Self { order, wish: [of_rows, _], .. } = self;
+        let gain = |row: &u32| of_rows[*row as usize].gain;
+        order.clear();
+        order.extend((0..rows as u32).filter(|row| gain(row) > 0.0));
+        order.sort_by(|a, b| gain(b).total_cmp(&gain(a)));
         Arch::new().dispatch(Placing(self));
     }
 
@@ -131,6 +151,7 @@ impl Dense {
             (&mut self.open, self.width, [0.0; WIDEST]),
             (&mut self.distance, self.width, infinite),
             (&mut self.from, self.width, [0.0; WIDEST]),
+            (&mut self.taken, self.width, [0.0; WIDEST]),
         ] {
             buffer.clear();
             buffer.resize(length, value);
@@ -190,6 +211,7 @@ impl Dense {
         while next != NONE {
             let row = self.from.as_flattened()[next as usize] as u32;
             self.row_of[next as usize] = row;
+            self.taken.as_flattened_mut()[next as usize] = f64::INFINITY;
             next = std::mem::replace(&mut self.column_of[row as usize], next);
             if row == first {
                 break;
@@ -197,16 +219,19 @@ impl Dense {
         }
     }
 
-    /// Extends the search from a row to all columns, and returns the nearest column that is not settled; of
-    /// equal ones, the first.
+    /// Extends the search from a row to all columns, and returns the nearest column that is not settled: of
+    /// equal ones, the first that is free, so that ties do not extend the search, or else the first.
     #[inline(always)]
     fn scan<S: Simd>(&mut self, simd: S, row: u32, base: f64) -> (f64, u32) {
         let splat = |value| Vector::splat(simd, value);
         let (from, base) = (splat(f64::from(row)), splat(base));
         let (mut least, mut place) = (splat(f64::INFINITY), splat(0.0));
+        let (mut least_free, mut free_place) = (least, place);
         let costs = &self.costs[row as usize * self.width..][..self.width];
-        let rest = self.open.iter().zip(&mut self.distance).zip(&mut self.from);
-        for (lane, (costs, ((open, distance), origin))) in costs.iter().zip(rest).enumerate() {
+        let rest = self.open.iter().zip(&mut self.distance).zip(&mut self.from).zip(&self.taken);
+        for (lane, (costs, (((open, distance), origin), taken))) in
+            costs.iter().zip(rest).enumerate()
+        {
             for at in 0..WIDEST / S::F64_LANES {
                 let through = base + (Vector::load(simd, costs, at) - Vector::load(simd, open, at));
                 let before = Vector::load(simd, distance, at);
@@ -214,17 +239,31 @@ impl Dense {
                 let nearest = before.or(stays, through);
                 nearest.store(distance, at);
                 Vector::load(simd, origin, at).or(stays, from).store(origin, at);
+                let here = splat((lane * WIDEST + at * S::F64_LANES) as f64);
                 let later = least.at_most(nearest);
                 least = least.or(later, nearest);
-                place = place.or(later, splat((lane * WIDEST + at * S::F64_LANES) as f64));
+                place = place.or(later, here);
+                let free = nearest + Vector::load(simd, taken, at);
+                let later = least_free.at_most(free);
+                least_free = least_free.or(later, free);
+                free_place = free_place.or(later, here);
             }
         }
-        let (mut distances, mut places) = ([f64::INFINITY; WIDEST], [0.0; WIDEST]);
-        least.store(&mut distances, 0);
-        place.store(&mut places, 0);
-        let columns = (0..S::F64_LANES).map(|i| (distances[i], places[i] as u32 + i as u32));
-        columns.fold((f64::INFINITY, NONE), |a, b| if (b.0, b.1) < a { b } else { a })
+        let free = first(least_free, free_place);
+        let any = first(least, place);
+        if free.0 <= any.0 { free } else { any }
     }
+}
+
+/// The least of these distances and its column, given the columns of the first lane; of equal ones, the
+/// first column.
+#[inline(always)]
+fn first<S: Simd>(least: Vector<S>, place: Vector<S>) -> (f64, u32) {
+    let (mut distances, mut places) = ([f64::INFINITY; WIDEST], [0.0; WIDEST]);
+    least.store(&mut distances, 0);
+    place.store(&mut places, 0);
+    let columns = (0..S::F64_LANES).map(|i| (distances[i], places[i] as u32 + i as u32));
+    columns.fold((f64::INFINITY, NONE), |a, b| if (b.0, b.1) < a { b } else { a })
 }
 
 struct Placing<'a>(&'a mut Dense);
@@ -234,8 +273,9 @@ impl WithSimd for Placing<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        for row in 0..self.0.column_of.len() {
-            self.0.place(simd, row as u32);
+        for at in 0..self.0.order.len() {
+            poll();
+            self.0.place(simd, self.0.order[at]);
         }
     }
 }

@@ -3,6 +3,7 @@
 use super::grid::{FINITE, Grid};
 use crate::base::distribution::chi_square_upper_quantile;
 use crate::base::error::{Error, Result, require, require_elements, require_positive};
+use crate::base::interrupt::poll;
 use crate::base::matrix::read_covariance;
 use nalgebra::SMatrix;
 
@@ -224,6 +225,7 @@ pub fn pairs<const M: usize>(scan: &Scan<'_>, threshold: f64) -> Result<Vec<Gate
     let grid = Grid::new(&plane, cell(&half_widths))?;
     let (mut out, mut near, mut there) = (Vec::new(), Vec::new(), vec![false; plots.len()]);
     for (track, (position, half)) in tracks.iter().zip(&half_widths).enumerate() {
+        poll();
         near.clear();
         grid.within([position[0], position[1]], *half, &mut |plot| near.push(plot));
         sort(&mut near, &mut there);

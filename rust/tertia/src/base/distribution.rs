@@ -232,24 +232,37 @@ pub fn two_sigma(outside: impl Fn(f64) -> f64, unit: f64) -> f64 {
 }
 
 /// Finds the x > 0 with `f(x) = target`, where f decreases from at most +∞ to 0. The method is false
-/// position (Illinois) on logarithmic axes, on which tails are nearly straight.
+/// position (Illinois) on logarithmic axes, on which tails are nearly straight. The result is 0 or +∞
+/// if f is below or above the target everywhere, and nan if f is.
 fn solve_decreasing(f: impl Fn(f64) -> f64, target: f64) -> f64 {
     const MAX_STEPS: usize = 400;
+    const LEAST: f64 = -1e300;
     let ln_target = target.ln();
-    let excess = |s: f64| f(s.exp()).ln().max(-1e300) - ln_target;
+    let excess = |s: f64| {
+        let ln = f(s.exp()).ln();
+        if ln < LEAST { LEAST - ln_target } else { ln - ln_target }
+    };
     let (mut low, mut high) = (0.0_f64, 0.0_f64);
+    let (mut f_low, mut f_high) = (excess(low), excess(high));
     let mut step = 1.0;
-    while excess(low) < 0.0 {
+    while f_low < 0.0 && low.exp() > 0.0 {
         low -= step;
+        f_low = excess(low);
         step *= 2.0;
     }
     step = 1.0;
-    while excess(high) > 0.0 {
+    while f_high > 0.0 && high.exp() < f64::INFINITY {
         high += step;
+        f_high = excess(high);
         step *= 2.0;
     }
-    let (mut f_low, mut f_high) = (excess(low), excess(high));
+    if f_low < 0.0 || f_high > 0.0 {
+        return if f_low < 0.0 { 0.0 } else { f64::INFINITY };
+    }
     for iteration in 0..MAX_STEPS {
+        if f_low.is_nan() || f_high.is_nan() {
+            return f64::NAN;
+        }
         if f_low == 0.0 || high - low <= f64::EPSILON * low.abs().max(0.25) {
             return low.exp();
         }
@@ -282,6 +295,16 @@ fn solve_decreasing(f: impl Fn(f64) -> f64, target: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::base::checks::assert_within;
+
+    #[test]
+    fn what_has_no_solution_ends_the_search() {
+        assert!(two_sigma(|_| f64::NAN, 1.0).is_nan());
+        assert!(two_sigma(|h| if h < 1.0 { 1.0 } else { f64::NAN }, 1.0).is_nan());
+        assert!(two_sigma(|h| if h < 1.2 { f64::NAN } else { 0.0 }, 1.0).is_nan());
+        assert_eq!(two_sigma(|_| 0.0, 1.0), 0.0);
+        assert_eq!(two_sigma(|_| 1.0, 1.0), f64::INFINITY);
+        assert!(student_two_sided_quantile(f64::NAN, 3.0).is_nan());
+    }
 
     /// Expected values by mpmath with 50 digits.
     #[test]

@@ -147,6 +147,19 @@ pub enum Error {
         /// What is missing, as the rest of a sentence.
         reason: &'static str,
     },
+    /// More sets of measurements that may be faulty together than can be left out in turn.
+    #[error(
+        "faults is {faults}; of {measurements} measurements, it must be at most {most}: every set of \
+         faulty measurements is left out in turn"
+    )]
+    TooManySets {
+        /// Number of simultaneous faults.
+        faults: usize,
+        /// Number of measurements.
+        measurements: usize,
+        /// Largest number of simultaneous faults that is allowed.
+        most: usize,
+    },
     /// A parameter is outside its domain.
     #[error("{argument} is {}; it must be {requirement}", text(*.value))]
     InvalidParameter {

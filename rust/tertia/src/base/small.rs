@@ -131,16 +131,22 @@ impl<const D: usize> Factor<D> {
         (0..D).map(|i| 2.0 * (self.lower[i][i] / self.scale[i]).ln()).sum()
     }
 
-    /// `A^-1`, symmetric to the last bit.
+    /// `A^-1 = L^-T L^-1`, symmetric to the last bit; rounding does not make it indefinite.
     pub fn inverse(&self) -> Matrix<D> {
-        let mut inverse = [[0.0; D]; D];
+        let mut root = [[0.0; D]; D];
         for j in 0..D {
-            let mut unit = [0.0; D];
-            unit[j] = 1.0;
-            let column = self.solve(&unit);
-            for i in 0..=j {
-                inverse[i][j] = column[i];
-                inverse[j][i] = column[i];
+            root[j][j] = 1.0 / self.lower[j][j];
+            for i in j + 1..D {
+                let sum: f64 = (j..i).map(|k| self.lower[i][k] * root[k][j]).sum();
+                root[i][j] = -sum / self.lower[i][i];
+            }
+        }
+        let mut inverse = [[0.0; D]; D];
+        for i in 0..D {
+            for j in 0..=i {
+                let sum: f64 = (i..D).map(|k| root[k][i] * root[k][j]).sum();
+                inverse[i][j] = sum * (self.scale[i] * self.scale[j]);
+                inverse[j][i] = inverse[i][j];
             }
         }
         inverse

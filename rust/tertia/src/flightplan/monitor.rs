@@ -5,6 +5,7 @@ use super::correlation::Sighting;
 use super::plane::{Vector, between, norm};
 use super::route::Route;
 use super::turn::Turn;
+use crate::base::interrupt::poll;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
@@ -82,6 +83,7 @@ impl Monitor {
     ) -> impl Iterator<Item = Option<Verdict>> {
         let mut monitor: Option<Self> = None;
         seen.iter().map(move |seen| {
+            poll();
             seen.is_present().then(|| {
                 let nearest = || Self::new(route.project(seen.position).leg);
                 let monitor = monitor.get_or_insert_with(nearest);

@@ -16,8 +16,12 @@ use super::contour::principal;
 use super::radial::{Radial, falling_root};
 use super::region::Located;
 use crate::base::distribution::chi_square_upper_quantile;
+use crate::base::error::{Error, Result};
 use crate::base::small::{Factor, Matrix, Vector, rotated};
 use crate::sensors::Row;
+
+/// Largest number of sets of measurements that are left out in turn: they take a few seconds and 100 MB.
+const MOST_SETS: f64 = 1e6;
 
 /// The faults that are guarded against, and the probabilities of the protection.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,7 +49,10 @@ impl Protection {
     /// arrivals is the last of them, otherwise D. The level is infinite if no radius is large enough:
     /// faults cannot be detected, are more probable than the risk, or were detected but not excluded.
     /// Excluded measurements count as faults. O(M^(faults + 1)).
-    pub fn level<const D: usize, const N: usize>(&self, located: &Located<'_>) -> f64 {
+    ///
+    /// # Errors
+    /// More than a million sets of measurements that may be faulty together.
+    pub fn level<const D: usize, const N: usize>(&self, located: &Located<'_>) -> Result<f64> {
         if located.is_timed() {
             self.level_with::<D, N>(located)
         } else {
@@ -53,15 +60,17 @@ impl Protection {
         }
     }
 
-    fn level_with<const D: usize, const N: usize>(&self, located: &Located<'_>) -> f64 {
+    fn level_with<const D: usize, const N: usize>(&self, located: &Located<'_>) -> Result<f64> {
         let (kept, excluded) = located.kept::<D, N>();
         let mut state = [0.0; N];
         state[..D].copy_from_slice(&located.offset::<D>());
         let rows: Vec<_> = kept.iter().map(|m| m.row_at(&state)).collect();
-        match self.faults.checked_sub(excluded) {
-            Some(faults) => self.level_of(&rows, faults).unwrap_or(f64::INFINITY),
-            None => f64::INFINITY,
+        let Some(faults) = self.faults.checked_sub(excluded) else { return Ok(f64::INFINITY) };
+        if let Some(most) = most_faults(rows.len()).filter(|most| *most < faults) {
+            let (faults, measurements) = (self.faults, rows.len() + excluded);
+            return Err(Error::TooManySets { faults, measurements, most: most + excluded });
         }
+        Ok(self.level_of(&rows, faults).unwrap_or(f64::INFINITY))
     }
 
     /// Returns the level from whitened rows; `None` if no radius is large enough.
@@ -200,6 +209,16 @@ fn combinations(count: usize, size: usize) -> f64 {
     (0..size).map(|i| (count - i.min(count)) as f64 / (i + 1) as f64).product()
 }
 
+/// Largest number of simultaneous faults of which there are not too many sets; `None` if any number is
+/// possible.
+fn most_faults(count: usize) -> Option<usize> {
+    let mut sets = 0.0;
+    (1..=count).find_map(|size| {
+        sets += combinations(count, size);
+        (sets > MOST_SETS).then_some(size - 1)
+    })
+}
+
 /// Advances to the next set of the same size in lexicographic order; false after the last one.
 fn advance(set: &mut [usize], count: usize) -> bool {
     let size = set.len();
@@ -253,6 +272,14 @@ mod tests {
         let own = horizontal(&Sums::of(&rows).solve().unwrap().0);
         let without_faults = Radial::try_new(own, f64::INFINITY).unwrap().quantile(1e-5);
         assert_within(1e-12, without_faults, 25.100_082_201_583_746);
+    }
+
+    #[test]
+    fn sets_are_counted() {
+        // 2^19 − 1 sets; C(20, 10) and more; 40 + 780 + 9880 + 91,390 + 658,008
+        assert_eq!(most_faults(19), None);
+        assert_eq!(most_faults(20), Some(16));
+        assert_eq!(most_faults(40), Some(5));
     }
 
     #[test]

@@ -6,6 +6,7 @@
 //! pairs of N targets; chains begin from 200 pairs at most.
 
 use super::sighting::{ERRORS, Errors};
+use crate::base::interrupt::poll;
 use crate::sensors::{Identities, Radar};
 use nalgebra::{DMatrix, DVector, Matrix2, SMatrix, SVector, Vector2, Vector4};
 use std::f64::consts::TAU;
@@ -183,6 +184,7 @@ fn possible(
 ) -> Vec<Pair> {
     let (mut found, mut paired) = (Vec::new(), 0);
     for &first in own.iter().step_by(own.len().div_ceil(COMPARED).max(1)) {
+        poll();
         let before = found.len();
         found
             .extend(others.iter().filter_map(|&second| pair(tracks, first, second, radars, prior)));
@@ -322,6 +324,7 @@ fn chain(pairs: &[Pair], begin: usize, density: f64, order: usize) -> (f64, Vec<
     let mut left = pairs.to_vec();
     let mut next = gain(&pairs[begin], &mean, &spread, density).map(|odds| (begin, odds));
     while let Some((at, odds)) = next {
+        poll();
         let pair = left[at];
         let Some(inverse) = (pair.design_spread(&spread) + pair.spread).try_inverse() else {
             break;
@@ -375,6 +378,20 @@ mod tests {
     use super::super::sighting::CLOCK;
     use super::super::sighting::tests::{PRIOR, radar};
     use super::*;
+    use crate::base::interrupt::Flag;
+    use std::panic::{AssertUnwindSafe, catch_unwind};
+
+    #[test]
+    fn the_search_is_interrupted() {
+        let (state, covariance, height) = ([0.0; 4], [0.0; 16], f64::NAN);
+        let identities = Identities::NONE;
+        let tracks = [0, 1].map(|radar| Alone { radar, state, covariance, height, identities });
+        let radars = [0.0, 1e4].map(|x| radar([x, 0.0, 0.0], 50.0, 0.1));
+        let flag = Flag::default();
+        flag.set();
+        let search = || flag.watch(|| start(&tracks, &radars, &[PRIOR; 2]));
+        assert!(catch_unwind(AssertUnwindSafe(search)).is_err());
+    }
 
     /// Errors of position and velocity are correlated in a young track. But a clock error of all radars moves
     /// their tracks alike, and nothing shows it.

@@ -9,6 +9,9 @@ use serde::{Deserialize, Serialize};
 pub(crate) const HEIGHT_SIGMA: f64 = 15.0;
 /// Share of the range below which the ground range counts as zero: the target is directly above the radar.
 const LEAST_GROUND_SHARE: f64 = 1e-3;
+/// Least variance across the beam, as a share of that along it: above the radar, where azimuths say nothing,
+/// the covariance would be singular to rounding.
+const LEAST_ACROSS: f64 = 1e-10;
 
 /// Position of a radar, and the properties of its measurements.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -68,7 +71,7 @@ impl Radar {
             // at the radar itself the direction is unknown
             return Plane { xx: along, xy: 0.0, yy: along };
         }
-        let across = self.azimuth_sigma * self.azimuth_sigma * squared;
+        let across = (self.azimuth_sigma * self.azimuth_sigma * squared).max(LEAST_ACROSS * along);
         let share = 1.0 / squared;
         let (ee, en, nn) = (d[0] * d[0] * share, d[0] * d[1] * share, d[1] * d[1] * share);
         Plane {
@@ -244,6 +247,12 @@ mod tests {
             let found = radar.noise_at([0.0, ground], up).yy;
             assert!((found / expected - 1.0).abs() < 1e-4, "{ground} {up}: {found} {expected}");
         }
+    }
+
+    #[test]
+    fn noise_above_the_radar_is_regular() {
+        let noise = radar_of([1000.0, 0.04]).noise_at([0.03, -0.05], 140.0);
+        assert_within(1e-4, noise.determinant() / (noise.xx + noise.yy).powi(2), 1e-10);
     }
 
     #[test]

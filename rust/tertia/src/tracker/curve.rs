@@ -2,6 +2,7 @@
 
 use super::estimate::Estimate;
 use crate::base::plane::Plane;
+use crate::base::small::Factor;
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use serde::{Deserialize, Serialize};
 
@@ -13,8 +14,8 @@ const FEWEST: usize = 5;
 pub(super) struct Curve(Estimate<6>);
 
 impl Curve {
-    /// Fits the curve to plots with their age, position and covariance, the youngest last; none if there are
-    /// too few. At the age τ the target was at `p − τ v + τ²/2 a`. Cost O(plots).
+    /// Fits the curve to plots with their age, position and covariance, the youngest last; none if they do
+    /// not determine it. At the age τ the target was at `p − τ v + τ²/2 a`. Cost O(plots).
     pub fn through(
         plots: impl DoubleEndedIterator<Item = (f64, [f64; 2], Plane)> + ExactSizeIterator + Clone,
     ) -> Option<Self> {
@@ -38,8 +39,7 @@ impl Curve {
                 }
             }
         }
-        let inverse = normal.cholesky()?.inverse();
-        let covariance = 0.5 * (inverse + inverse.transpose());
+        let covariance = SMatrix::from(Factor::try_new(&normal.data.0, 0.0)?.inverse());
         let mut mean = covariance * right;
         mean[0] += origin[0];
         mean[1] += origin[1];

@@ -87,12 +87,20 @@ impl Ended {
         }
     }
 
+    /// Whether the track of this number may still be resumed.
+    pub fn may_resume(&self, number: u64, time: f64) -> bool {
+        self.tracks.iter().any(|track| track.number == number && is_remembered(track, time))
+    }
+
     /// Forgets tracks that ended too long before `time`.
     pub fn forget(&mut self, time: f64) {
-        self.tracks.retain(|track| {
-            let scans = SCANS * track.period();
-            time - track.seen <= if track.identities().is_some() { REMEMBERED } else { scans }
-        });
+        self.tracks.retain(|track| is_remembered(track, time));
         self.stretches.retain(|one| time - one.last.time <= SCANS_OF_PLOTS * one.period);
     }
+}
+
+/// Whether a track did not end too long before `time` to be resumed.
+fn is_remembered(track: &Track, time: f64) -> bool {
+    let scans = SCANS * track.period();
+    time - track.seen <= if track.identities().is_some() { REMEMBERED } else { scans }
 }

@@ -77,8 +77,10 @@ impl Tracker {
         }
         if tracks.len() < before {
             ended.forget(*time);
-            settings.plans.free(|number| tracks.iter().all(|t| t.number != number));
         }
+        settings.plans.free(|number| {
+            tracks.iter().all(|track| track.number != number) && !ended.may_resume(number, *time)
+        });
     }
 }
 

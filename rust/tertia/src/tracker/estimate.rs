@@ -53,7 +53,8 @@ impl<const N: usize> Estimate<N> {
     /// Updates with a position or a velocity of covariance `r`; returns its probability density.
     #[inline(always)]
     pub(super) fn correct_at<const AT: usize>(&mut self, z: [f64; 2], r: Plane) -> f64 {
-        let s = self.block::<AT>().plus(r);
+        let own = self.block::<AT>();
+        let s = own.plus(r);
         let inverse = s.inverse();
         let y = [z[0] - self.mean[AT], z[1] - self.mean[AT + 1]];
         let [first, second] = [self.columns()[AT], self.columns()[AT + 1]];
@@ -71,6 +72,17 @@ impl<const N: usize> Estimate<N> {
         for j in 0..N {
             for i in 0..N {
                 columns[j][i] -= gain[0][i] * first[j] + gain[1][i] * second[j];
+            }
+        }
+        if r.xx + r.yy < own.xx + own.yy {
+            // P − K P cancels if R is far smaller than P; with what was measured it equals K R
+            for i in 0..N {
+                let (a, b) = (gain[0][i], gain[1][i]);
+                let with = [a * r.xx + b * r.xy, a * r.xy + b * r.yy];
+                for k in 0..2 {
+                    columns[AT + k][i] = with[k];
+                    columns[i][AT + k] = with[k];
+                }
             }
         }
         mirror(columns);

@@ -97,12 +97,9 @@ impl Vertical {
         let t = time - self.time;
         let [hh, hc, cc] = self.variance;
         let q = ACCELERATION * ACCELERATION * t.abs();
-        let mut variance =
+        let variance =
             [hh + t * (2.0 * hc + t * cc) + q * t * t / 3.0, hc + t * cc + q * t / 2.0, cc + q];
-        if variance[0] > self.most {
-            variance[1] *= (self.most / variance[0]).sqrt();
-            variance[0] = self.most;
-        }
+        let variance = self.limited(variance);
         Self { time, height: self.height + t * self.vertical_rate, variance, ..*self }
     }
 
@@ -113,8 +110,15 @@ impl Vertical {
         let [hh, hc, cc] = self.variance;
         let (rate, any) = (self.vertical_rate, RATE * RATE);
         let spread = t * (hc + t * (cc + any) / 3.0 + t * rate * rate / 12.0);
-        let variance = [(hh + spread).min(self.most), 0.5 * t * any, any];
+        let variance = self.limited([hh + spread, 0.5 * t * any, any]);
         Self { time, height: self.height + 0.5 * t * rate, vertical_rate: 0.0, variance, ..*self }
+    }
+
+    /// The covariance of height and vertical rate with the same correlation, and not more than the largest
+    /// variance of the height.
+    #[inline]
+    fn limited(&self, [hh, hc, cc]: [f64; 3]) -> [f64; 3] {
+        if hh > self.most { [self.most, hc * (self.most / hh).sqrt(), cc] } else { [hh, hc, cc] }
     }
 
     /// Likelihood ratio of a reported height: this target against any other.
@@ -234,6 +238,18 @@ mod tests {
 
     fn near(tolerance: f64, found: f64, expected: f64) {
         assert!((found - expected).abs() <= tolerance, "{found} is not {expected}");
+    }
+
+    /// The variance of a height is never negative, also if heights are known well beforehand.
+    #[test]
+    fn a_change_of_the_rate_leaves_a_covariance() {
+        for most in [10.0, 1e3, 1e5] {
+            let own = Vertical { most, ..level(4.0) };
+            for t in [4.0, 20.0, 100.0] {
+                let [hh, hc, cc] = own.changed(own.time + t).variance;
+                assert!(hh <= most && hc * hc <= hh * cc * (1.0 + 1e-12), "{most} {t}");
+            }
+        }
     }
 
     fn rounded(height: f64) -> f64 {

@@ -9,7 +9,7 @@ use super::control::{Command, Refusal};
 use super::kept::Kept;
 use super::live::{Part, Tracker, WAITING};
 use super::plot::{Plot, PlotStatus, Plots, keep_followed};
-use super::row::{Row, Rows};
+use super::row::{Resumed, Row, Rows};
 use super::scan::Scan;
 use crate::base::error::{Error, require};
 use crate::base::interrupt::poll;
@@ -67,6 +67,7 @@ struct Step {
     number: i64,
     next_number: u64,
     rows: Vec<Row>,
+    resumed: Vec<Resumed>,
 }
 
 /// Plots of a step with their indices.
@@ -338,7 +339,7 @@ impl LagTracker {
         let oldest = head.saturating_sub((COPIES + 1) * spacing);
         let mut scan = Scan::default();
         let tentative = rows.wants(false);
-        let mut sink = Sink { rows: Vec::new(), claims, first, tentative };
+        let mut sink = Sink { rows: Vec::new(), resumed: Vec::new(), claims, first, tentative };
         while let Some(step) = self.next_step(next).filter(|step| *step < head) {
             // an interruption does no harm: a later call needs only the journal and the last copy
             poll();
@@ -413,10 +414,10 @@ impl LagTracker {
             // if late plots have removed the track or the plan, the command changes nothing
             let _ = command.apply(&mut self.tracker);
         }
-        let rows = std::mem::take(&mut sink.rows);
+        let (rows, resumed) = (std::mem::take(&mut sink.rows), std::mem::take(&mut sink.resumed));
         let next_number = self.tracker.next_number();
         if step >= self.open {
-            self.steps.push_back(Step { number: step, next_number, rows });
+            self.steps.push_back(Step { number: step, next_number, rows, resumed });
         }
     }
 
@@ -437,6 +438,7 @@ impl LagTracker {
             self.numbered = step.next_number;
             step.rows.sort_by(Row::by_time);
             step.rows.iter().for_each(|row| rows.push(row));
+            step.resumed.iter().for_each(|one| rows.resume(*one));
         }
         self.open = self.open.max(final_steps);
         self.numbered > before

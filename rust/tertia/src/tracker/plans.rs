@@ -52,6 +52,12 @@ impl Plans {
         filed.filter(|filed| filed.track.is_none()).map(|filed| &filed.plan)
     }
 
+    /// Whether the plan exists and was not assigned to another track by hand.
+    pub(super) fn is_open_to(&self, number: usize, track: u64) -> bool {
+        let filed = self.0.get(number).and_then(Option::as_ref);
+        filed.is_some_and(|filed| filed.track.is_none_or(|holder| holder == track))
+    }
+
     /// Adds a plan; returns its number.
     pub(super) fn add(&mut self, plan: Plan) -> usize {
         self.0.push(Some(Filed { plan, track: None }));

@@ -3,6 +3,7 @@
 
 use super::ended::{Ended, REMEMBERED, Spot, Stretch};
 use super::noise::Noise;
+use super::row::Resumed;
 use super::settings::Settings;
 use super::track::{SOONEST, Track};
 use crate::association::Grid;
@@ -25,15 +26,15 @@ const FASTER: f64 = 1.2;
 const SIGMAS: f64 = 3.0;
 
 /// Gives new tracks, by number, the numbers of the older tracks that they continue, which end.
-/// Returns pairs in the same order: the number of a new track, and the number that it has now. Cost
-/// O(tracks), and for each new track O(tracks that have not been seen since it began).
+/// Returns these tracks in the same order. Cost O(tracks), and for each new track O(tracks that have
+/// not been seen since it began).
 pub(super) fn resume(
     tracks: &mut [Track],
     ended: &mut Ended,
     begun: &[u64],
     (settings, noise): (&Settings, &[Noise]),
-) -> Vec<(u64, u64)> {
-    let mut renamed = Vec::new();
+) -> Vec<Resumed> {
+    let mut resumed = Vec::new();
     let Candidates { places, mut silent, others } = Candidates::of(tracks, begun, settings);
     let mut named = Named { others, ..Named::default() };
     // tentative tracks stay as they are
@@ -77,11 +78,12 @@ pub(super) fn resume(
                 None => continue,
             },
         };
-        renamed.push((number, past.number));
+        let (new, old) = (number as i64, past.number as i64);
+        resumed.push(Resumed { new, old, first: end.time, last: tracks[place].time });
         tracks[place].go_on(&past, settings);
         named.renamed.push(place);
     }
-    renamed
+    resumed
 }
 
 /// Confirmed tracks with identities that targets do not share.

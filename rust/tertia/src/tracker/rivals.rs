@@ -87,6 +87,7 @@ impl Rival {
 
 #[cfg(test)]
 mod tests {
+    use super::super::suspicion::tests::reflection;
     use super::*;
     use crate::sensors::Identities;
 
@@ -95,24 +96,6 @@ mod tests {
     fn plot(scan: usize) -> Measured {
         let time = PERIOD * scan as f64;
         Measured { time, identities: Identities::of(1), ..Measured::default() }
-    }
-
-    /// A reflection by a reflector at this distance, or a side lobe if the distance is 0.
-    fn reflection(distance: f64) -> Reflection {
-        let (plot, track, variance, log_odds) = (0, 1, 1e4, 7.0);
-        let (is_seen, is_unsure, is_beside) = (true, false, distance == 0.0);
-        let since = if is_beside { 0.0 } else { f64::NEG_INFINITY };
-        Reflection {
-            plot,
-            track,
-            distance,
-            variance,
-            log_odds,
-            is_seen,
-            is_unsure,
-            since,
-            is_beside,
-        }
     }
 
     /// Whether a track is certainly a reflection after these scans. For each scan: whether the track is seen,
@@ -130,7 +113,7 @@ mod tests {
 
     #[test]
     fn the_farther_track_is_the_reflection() {
-        let one = reflection(5e3);
+        let one = reflection(5e3, 7.0);
         assert!(after(&[(true, true); 8], one) && !after(&[(true, true); 4], one));
         let unsure = Reflection { is_unsure: true, ..one };
         assert!(!after(&[(true, true); 8], unsure));
@@ -141,7 +124,7 @@ mod tests {
     #[test]
     fn the_track_that_is_missed_more_often_is_the_side_lobe() {
         let (both, only, other) = ((true, true), (true, false), (false, true));
-        let one = reflection(0.0);
+        let one = reflection(0.0, 7.0);
         assert!(!after(&[both; 60], one));
         assert!(after(&[other, both, both, other].repeat(4), one));
         assert!(!after(&[both, both, both, both, both, only, other].repeat(8), one));
@@ -150,7 +133,7 @@ mod tests {
 
     #[test]
     fn what_another_radar_sees_is_no_reflection() {
-        let one = reflection(5e3);
+        let one = reflection(5e3, 7.0);
         let mut own = Rivals::default();
         for scan in 0..30 {
             let radar = scan % 2;

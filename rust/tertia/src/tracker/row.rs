@@ -126,12 +126,27 @@ impl Row {
     }
 }
 
+/// A new track that was given the number of an older one of the same target.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub struct Resumed {
+    /// Number that the new track had before.
+    pub new: i64,
+    /// Number of the older track.
+    pub old: i64,
+    /// Time of the first plot of the new track, s.
+    pub first: f64,
+    /// Time of its confirmation, s.
+    pub last: f64,
+}
+
 /// Receives the rows of a tracker.
 pub trait Rows {
     /// Whether rows of confirmed tracks, or of tentative ones, are wanted.
     fn wants(&self, confirmed: bool) -> bool;
     /// Takes one more row.
     fn push(&mut self, row: &Row);
+    /// Takes note of a track that was resumed: earlier rows with its new number are of the old track.
+    fn resume(&mut self, _: Resumed) {}
 }
 
 impl Rows for Vec<Row> {

@@ -370,11 +370,12 @@ impl Scan {
             }
         });
         let begun = if confirmed { Vec::new() } else { shares.confirmed() };
-        let renamed = resume(sky.tracks, sky.ended, &begun, (settings, noise));
-        let place = |new: u64| renamed.binary_search_by_key(&new, |pair| pair.0);
+        let resumed = resume(sky.tracks, sky.ended, &begun, (settings, noise));
+        resumed.iter().for_each(|one| sky.rows.resume(*one));
+        let place = |new: u64| resumed.binary_search_by_key(&(new as i64), |one| one.new);
         let mut advanced = false;
         shares.report(claims.len(), |given, row| {
-            let track = place(given.track).map_or(given.track, |at| renamed[at].1);
+            let track = place(given.track).map_or(given.track, |at| resumed[at].old as u64);
             // a plot that two tracks share is reported for the first of them
             if !std::mem::replace(&mut taken[given.plot as usize], true) {
                 advanced = true;

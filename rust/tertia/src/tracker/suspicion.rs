@@ -158,13 +158,15 @@ impl Suspicion {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::sensors::Identities;
 
-    fn reflection(distance: f64, log_odds: f64) -> Reflection {
-        let (plot, track, variance, since) = (0, 1, 1e4, f64::NEG_INFINITY);
-        let (is_seen, is_unsure, is_beside) = (true, false, false);
+    /// A reflection by a reflector at this distance, or a side lobe if the distance is 0.
+    pub fn reflection(distance: f64, log_odds: f64) -> Reflection {
+        let (plot, track, variance) = (0, 1, 1e4);
+        let (is_seen, is_unsure, is_beside) = (true, false, distance == 0.0);
+        let since = if is_beside { 0.0 } else { f64::NEG_INFINITY };
         Reflection {
             plot,
             track,
@@ -209,7 +211,7 @@ mod tests {
     #[test]
     fn a_side_lobe_lasts() {
         let plot = Measured { identities: Identities::of(1), ..Measured::default() };
-        let lobe = Reflection { is_beside: true, ..reflection(0.0, 5.0) };
+        let lobe = reflection(0.0, 5.0);
         let mut own = Suspicion::of(&plot, [lobe].iter()).unwrap();
         (0..200).for_each(|_| own.weigh(&plot, [lobe].iter()));
         assert!(own.holds());

@@ -2,10 +2,11 @@
 //! copied in the end.
 
 use super::columns::{COLUMNS, Column, Values};
-use super::row::{Row, Rows};
+use super::row::{Resumed, Row, Rows};
 use crate::base::batch::for_each_row;
+use std::collections::BTreeMap;
 use std::num::NonZero;
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 
 /// Number of rows that are read column by column while they are in the cache.
 const AT_ONCE: usize = 64;
@@ -45,6 +46,8 @@ pub struct Table {
     last: Vec<Row>,
     /// Whether rows of tentative tracks are kept as well.
     tentative: bool,
+    /// Tracks that were resumed, if rows of tentative tracks are kept.
+    resumed: Vec<Resumed>,
 }
 
 impl Rows for Table {
@@ -56,6 +59,12 @@ impl Rows for Table {
         self.last.push(*row);
         if self.last.len() == AT_ONCE {
             self.flush();
+        }
+    }
+
+    fn resume(&mut self, one: Resumed) {
+        if self.tentative {
+            self.resumed.push(one);
         }
     }
 }
@@ -72,18 +81,21 @@ impl Table {
             Values::Flags(_) => Data::Flags(room(rows)),
         };
         let columns = COLUMNS.iter().map(empty).collect();
-        Self { columns, last: Vec::new(), tentative }
+        Self { columns, last: Vec::new(), tentative, resumed: Vec::new() }
     }
 
-    /// A table that contains all columns as [`Table::into_columns`] returns them; later rows of
-    /// tentative tracks are kept only if `tentative` is set.
-    pub fn of(columns: Vec<Data>, tentative: bool) -> Self {
-        Self { columns, last: Vec::new(), tentative }
+    /// A table that contains all columns and resumed tracks as [`Table::into_columns`] returns
+    /// them; later rows of tentative tracks are kept only if `tentative` is set.
+    pub fn of((columns, resumed): (Vec<Data>, Vec<Resumed>), tentative: bool) -> Self {
+        Self { columns, last: Vec::new(), tentative, resumed }
     }
 
     /// Removes the rows from index `rows` on.
     pub fn truncate(&mut self, rows: usize) {
         self.flush();
+        if rows == 0 {
+            self.resumed.clear();
+        }
         for (data, column) in self.columns.iter_mut().zip(&COLUMNS) {
             data.truncate(rows, column.stored());
         }
@@ -113,15 +125,15 @@ impl Table {
         self.last.clear();
     }
 
-    /// Removes the rows of tracks that were never confirmed. Cost O(rows).
-    pub fn keep_confirmed(&mut self, n_threads: Option<NonZero<usize>>) {
+    /// Removes the rows of tracks that were never confirmed. Rows and plots of tracks that were
+    /// resumed get the number of the older track. Cost O(rows log(tracks that were resumed)).
+    pub fn keep_confirmed(&mut self, track_of_plot: &mut [i64], n_threads: Option<NonZero<usize>>) {
         self.flush();
-        let column = |name| COLUMNS.iter().position(|column| column.name == name).expect("it is");
-        let (tracks, flags) = (column("track"), column("confirmed"));
-        let (Data::Integers(tracks), Data::Flags(flags)) =
-            (&self.columns[tracks], &self.columns[flags])
+        self.renumber(track_of_plot);
+        let (tracks, plots) = (self.integers("track"), self.integers("plot"));
+        let (Data::Numbers(times), Data::Flags(flags)) = (self.get("time"), self.get("confirmed"))
         else {
-            unreachable!("numbers of tracks are integers")
+            unreachable!("times are numbers")
         };
         let first = tracks.iter().copied().min().unwrap_or(0);
         let place = |track: i64| (track - first) as usize;
@@ -131,7 +143,12 @@ impl Table {
             confirmed[place(track)] = true;
         }
         let rows = tracks.len();
-        let kept = runs(tracks.iter().map(|&track| confirmed[place(track)]));
+        let replaced = Replaced::of(&self.resumed);
+        let is_kept = |row: usize| {
+            let (track, time) = (tracks[row], times[row]);
+            confirmed[place(track)] && !(plots[row] < 0 && replaced.contain(track, time))
+        };
+        let kept = runs((0..rows).map(is_kept));
         let numbers: usize = COLUMNS.iter().map(|column| column.stored()).sum();
         let nanoseconds = KEEP_NS * (numbers * rows) as f64;
         let columns = self.columns.iter_mut().zip(&COLUMNS);
@@ -152,11 +169,59 @@ impl Table {
         done.expect("nothing fails");
     }
 
-    /// Returns the columns; of symmetric matrices only the upper triangle, which
-    /// [`Column::completed`] completes.
-    pub fn into_columns(mut self) -> Vec<Data> {
+    /// Gives rows and plots of tracks that were resumed the number of the older track.
+    fn renumber(&mut self, track_of_plot: &mut [i64]) {
+        if self.resumed.is_empty() {
+            return;
+        }
+        let old: BTreeMap<i64, i64> = self.resumed.iter().map(|one| (one.new, one.old)).collect();
+        let Data::Integers(tracks) = &mut self.columns[place("track")] else {
+            unreachable!("numbers of tracks are integers")
+        };
+        for track in tracks.iter_mut().chain(track_of_plot) {
+            *track = old.get(track).copied().unwrap_or(*track);
+        }
+    }
+
+    fn get(&self, name: &str) -> &Data {
+        &self.columns[place(name)]
+    }
+
+    fn integers(&self, name: &str) -> &[i64] {
+        match self.get(name) {
+            Data::Integers(values) => values,
+            _ => unreachable!("the column has integers"),
+        }
+    }
+
+    /// Returns the columns, of symmetric matrices only the upper triangle, which
+    /// [`Column::completed`] completes, and the tracks that were resumed.
+    pub fn into_columns(mut self) -> (Vec<Data>, Vec<Resumed>) {
         self.flush();
-        self.columns
+        (self.columns, self.resumed)
+    }
+}
+
+/// Index of the column of this name.
+fn place(name: &str) -> usize {
+    COLUMNS.iter().position(|column| column.name == name).expect("there is such a column")
+}
+
+/// Times at which tracks have plots of the new tracks that continue them, from the first one to the
+/// confirmation: rows without a plot at these times are missed detections of a wrong prediction.
+struct Replaced(BTreeMap<i64, Vec<RangeInclusive<f64>>>);
+
+impl Replaced {
+    fn of(resumed: &[Resumed]) -> Self {
+        let mut times: BTreeMap<i64, Vec<RangeInclusive<f64>>> = BTreeMap::new();
+        for one in resumed {
+            times.entry(one.old).or_default().push(one.first..=one.last);
+        }
+        Self(times)
+    }
+
+    fn contain(&self, track: i64, time: f64) -> bool {
+        self.0.get(&track).is_some_and(|own| own.iter().any(|range| range.contains(&time)))
     }
 }
 

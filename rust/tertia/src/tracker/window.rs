@@ -10,6 +10,7 @@ use super::plan::Guide;
 use super::plot::Moving;
 use super::settings::Settings;
 use crate::base::plane::Plane;
+use crate::base::small::Factor;
 use crate::flightplan::{Turn, capture};
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use serde::{Deserialize, Serialize};
@@ -324,7 +325,7 @@ impl Window {
     }
 
     /// The line of least squares through the plots, for the present time; none with fewer than two
-    /// plots.
+    /// plots, or if they do not determine it.
     fn fitted(&self) -> Option<Estimate<4>> {
         let origin = self.plots.back().filter(|_| self.plots.len() > 1)?.position;
         let mut normal = SMatrix::<f64, 4, 4>::zeros();
@@ -350,8 +351,7 @@ impl Window {
                 view += weight * turned * Vector2::from(velocity);
             }
         }
-        let inverse = normal.cholesky()?.inverse();
-        let covariance = 0.5 * (inverse + inverse.transpose());
+        let covariance = SMatrix::from(Factor::try_new(&normal.data.0, 0.0)?.inverse());
         let mut mean = covariance * right;
         mean[0] += origin[0];
         mean[1] += origin[1];

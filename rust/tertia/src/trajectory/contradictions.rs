@@ -2,6 +2,7 @@
 
 use super::instant::Instant;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use pulp::Arch;
 
 /// Information, relative to the largest possible one, from which a direction is determined.
 const DETERMINED: f64 = 1e-9;
@@ -97,7 +98,8 @@ struct Drifts<'a> {
     columns: Vec<usize>,
     /// Number of components of the state; the drifts come first.
     n: usize,
-    /// States, one for each constant and the last for the measurements.
+    /// States, one for each constant and the last for the measurements: all of their first components, then
+    /// the second ones, so that vectors of the processor hold several states.
     x: Vec<f64>,
     p: Vec<f64>,
     gain: Vec<f64>,
@@ -117,19 +119,23 @@ impl<'a> Drifts<'a> {
     }
 
     /// Predicts the state over a time step.
+    #[inline(always)]
     fn advance(&mut self, step: f64) {
         let n = self.n;
+        let states = self.point.drift.len() + 1;
         for (i, &column) in self.columns.iter().enumerate() {
             let (size, f) = self.point.kernel.transition(step / self.point.time[column]);
             let at: [usize; 2] = [i, if size == 2 { self.columns.len() + i } else { i }];
             let apply = |v: [f64; 2], a: usize| f[a][0] * v[0] + f[a][1] * v[1];
-            for j in 0..n {
-                let old = at.map(|at| self.p[at * n + j]);
-                for a in 0..size {
-                    self.p[at[a] * n + j] = apply(old, a);
+            for (rows, width) in [(&mut self.p, n), (&mut self.x, states)] {
+                for j in 0..width {
+                    let old = at.map(|at| rows[at * width + j]);
+                    for a in 0..size {
+                        rows[at[a] * width + j] = apply(old, a);
+                    }
                 }
             }
-            for row in self.p.chunks_exact_mut(n).chain(self.x.chunks_exact_mut(n)) {
+            for row in self.p.chunks_exact_mut(n) {
                 let old = at.map(|at| row[at]);
                 for a in 0..size {
                     row[at[a]] = apply(old, a);
@@ -146,29 +152,34 @@ impl<'a> Drifts<'a> {
     }
 
     /// Updates the states with a row, fills in its innovations, and returns the variance of the innovations.
+    #[inline(always)]
     fn step(&mut self, row: &[f64], innovation: &mut [f64]) -> f64 {
-        let n = self.n;
-        let columns = &self.columns;
-        let along = |v: &[f64]| columns.iter().zip(v).map(|(c, v)| row[*c] * v).sum::<f64>();
+        let (n, states) = (self.n, innovation.len());
         innovation.copy_from_slice(row);
         if n == 0 {
             return 1.0;
         }
-        for (gain, p) in self.gain.iter_mut().zip(self.p.chunks_exact(n)) {
-            *gain = along(p);
+        self.gain.fill(0.0);
+        let rows = self.p.chunks_exact(n).zip(self.x.chunks_exact(states));
+        for (&column, (p, x)) in self.columns.iter().zip(rows) {
+            add(&mut self.gain, row[column], p);
+            add(innovation, -row[column], x);
         }
-        let s = 1.0 + along(&self.gain);
-        for (innovation, x) in innovation.iter_mut().zip(self.x.chunks_exact_mut(n)) {
-            *innovation -= along(x);
-            let scaled = *innovation / s;
-            x.iter_mut().zip(&self.gain).for_each(|(x, gain)| *x += gain * scaled);
-        }
-        for (gain, p) in self.gain.iter().zip(self.p.chunks_exact_mut(n)) {
-            let scaled = gain / s;
-            p.iter_mut().zip(&self.gain).for_each(|(p, gain)| *p -= gain * scaled);
+        let along = self.columns.iter().zip(&self.gain).map(|(column, gain)| row[*column] * gain);
+        let s = 1.0 + along.sum::<f64>();
+        let rows = self.p.chunks_exact_mut(n).zip(self.x.chunks_exact_mut(states));
+        for (gain, (p, x)) in self.gain.iter().zip(rows) {
+            add(p, -gain / s, &self.gain);
+            add(x, gain / s, innovation);
         }
         s
     }
+}
+
+/// Adds a multiple of a vector.
+#[inline(always)]
+fn add(sum: &mut [f64], factor: f64, vector: &[f64]) {
+    sum.iter_mut().zip(vector).for_each(|(sum, v)| *sum += factor * v);
 }
 
 impl Sums {
@@ -251,6 +262,11 @@ impl Blocks {
 
     /// Filters the drifts, for all constants at once. Cost: O(P²) for each row of a block.
     pub fn sums(&self, point: &Point) -> Sums {
+        Arch::new().dispatch(|| self.filtered(point))
+    }
+
+    #[inline(always)]
+    fn filtered(&self, point: &Point) -> Sums {
         let c = self.size;
         let mut drifts = Drifts::new(point);
         let (mut information, mut scores) = (DMatrix::zeros(c, c), DVector::zeros(c));
@@ -265,14 +281,13 @@ impl Blocks {
                 let (h, y) = (&innovation[..c], innovation[c]);
                 for a in 0..c {
                     scores[a] += h[a] * y / s;
-                    for b in 0..c {
-                        information[(b, a)] += h[a] / s * h[b];
-                    }
+                    add(&mut information.as_mut_slice()[a * c + a..(a + 1) * c], h[a] / s, &h[a..]);
                 }
                 squares += y * y / s;
                 log_determinant += s.ln();
             }
         }
+        information.fill_upper_triangle_with_lower_triangle();
         Sums { squares, log_determinant, information, scores }
     }
 

@@ -1,11 +1,12 @@
 //! Results of a call: the rows, and the track of each plot.
 
 use crate::tracker::plot::PlotStatus;
-use crate::tracker::row::{Row, Rows};
+use crate::tracker::row::{Resumed, Row, Rows};
 
-/// Collects rows, and the tracks of the plots that were given in the present call.
+/// Collects rows, tracks that were resumed, and the tracks of the plots that were given in the present call.
 pub(super) struct Sink<'a> {
     pub rows: Vec<Row>,
+    pub resumed: Vec<Resumed>,
     pub claims: &'a mut [Claim],
     /// Index of the first plot of the present call among all plots so far.
     pub first: usize,
@@ -28,6 +29,10 @@ impl Rows for Sink<'_> {
         if self.tentative || row.confirmed {
             self.rows.push(*row);
         }
+    }
+
+    fn resume(&mut self, one: Resumed) {
+        self.resumed.push(one);
     }
 }
 

@@ -177,7 +177,8 @@ impl Track {
         self.known = self.known.or(&past.known);
         self.suspended |= past.suspended;
         self.moved |= past.moved;
-        if let Some(plan) = past.plan().filter(|plan| settings.plans.get(*plan).is_some()) {
+        let is_open = |plan: &usize| settings.plans.is_open_to(*plan, past.number);
+        if let Some(plan) = past.plan().filter(is_open) {
             self.correlate(plan, settings, past.plan_status() == Status::Manual);
         }
     }
