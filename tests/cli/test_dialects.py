@@ -2,6 +2,7 @@
 
 import gzip
 from collections.abc import Callable
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import polars as pl
@@ -40,6 +41,7 @@ def text(separator: str = ",", comma: str = ".", header: str = "time_s,sensor,az
     )
 
 
+NOON = datetime(2026, 11, 22, 12)
 PLAIN = text()
 EXCEL = text(";", ",")
 FORMS: dict[str, bytes] = {
@@ -245,3 +247,31 @@ def test_what_is_no_angle(form: str, write: Callable[..., Path]) -> None:
     done = run("bearing", write(["azimuth_deg", *5 * [form]]))
     assert done.code == 1
     assert "it must be a finite number" in done.err
+
+
+@pytest.mark.parametrize(
+    ("form", "cell", "first"),
+    [
+        ("%d.%m.%Y %H:%M:%S,%f", "22.11.2026 12:00:0{},500", NOON + timedelta(seconds=0.5)),
+        ("%d.%m.%Y %H:%M:%S:%f", "22.11.2026 12:00:0{}:000005", NOON + timedelta(microseconds=5)),
+        ("%H:%M:%S;%f", "12:00:0{};500", 43200.5),
+        ("%x %X.%f", "11/22/26 12:00:0{}.5", NOON + timedelta(seconds=0.5)),
+    ],
+)  # fmt: skip
+def test_fractions_and_dates_in_formats(
+    form: str, cell: str, first: datetime | float, stations: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "in.csv"
+    rows = ["\t".join([cell.format(time[0]), *rest]) for time, *rest in ROWS]
+    path.write_text("\n".join(["time_s\tsensor\tazimuth_deg", *rows]), encoding="utf-8")
+    frame, notes = located(path, stations, "--time-format", form)
+    assert frame["time_s"][0] == first
+    assert notes == ""
+
+
+def test_a_format_that_is_not_possible(stations: Path, tmp_path: Path) -> None:
+    path = tmp_path / "in.csv"
+    path.write_text(PLAIN, encoding="utf-8")
+    done = run("locate", path, "--sensors", stations, "--time-format", "%d.%m.%y %I:%M")
+    assert done.code == 1
+    assert done.err.count("\n") == 1

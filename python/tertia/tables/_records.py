@@ -492,7 +492,8 @@ class Reader:
         try:
             found = in_format(values, form, unit)
         except pl.exceptions.PolarsError as error:
-            raise self.part.error(f"the time format {form!r}: {error}") from None
+            said = str(error).partition("\n")[0]
+            raise self.part.error(f"the time format {form!r}: {said}") from None
         bad = values.is_not_null() & found.is_null()
         self.refuse(bad, f"{values.name} is {{!r}}; it must be in the time format {form}", values)
         return found
