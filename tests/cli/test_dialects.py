@@ -58,6 +58,7 @@ FORMS: dict[str, bytes] = {
     .encode(),
     "spaces and decimal commas": text(" ", ",").encode(),
     "line ends of Windows": PLAIN.replace("\n", "\r\n").encode(),
+    "line ends of old Macs": PLAIN.replace("\n", "\r").encode(),
     "UTF-8 with a mark": EXCEL.encode("utf-8-sig"),
     "UTF-16 with a mark": PLAIN.encode("utf-16"),
     "UTF-16, big": b"\xfe\xff" + EXCEL.encode("utf-16-be"),
@@ -108,6 +109,23 @@ def test_an_old_encoding_is_said(stations: Path, tmp_path: Path) -> None:
     found, said = located(path, stations)
     assert found.height == 2
     assert said == f"{path} is not UTF-8; it is read as Windows-1252\n"
+
+
+def test_names_of_columns_in_an_old_encoding(tmp_path: Path) -> None:
+    path = tmp_path / "old.csv"
+    path.write_bytes("Azimuth [°]\n12\n13\n14\n15\n16\n".encode("cp1252"))
+    done = run("bearing", path)
+    assert done.code == 0
+    assert f"{path} is not UTF-8; it is read as Windows-1252\n" in done.err
+    done = run("bearing", path, "--value", "Azimuth [°]")
+    assert done.code == 0
+
+
+def test_json_lines_with_a_mark(tmp_path: Path) -> None:
+    path = tmp_path / "marked.jsonl"
+    rows = "".join(f'{{"azimuth_deg": {angle}}}\n' for angle in range(12, 17))
+    path.write_text(rows, encoding="utf-8-sig")
+    assert run("bearing", path).code == 0
 
 
 @pytest.mark.parametrize(

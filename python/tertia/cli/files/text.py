@@ -8,7 +8,8 @@ import gzip
 import io
 import re
 import zlib
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -41,6 +42,8 @@ _OTHERS = {
 # bytes that do not occur in text, and largest share of them in a text file
 _CONTROL = bytes(sorted({*range(32)} - {*b"\t\n\v\f\r\x1a\x1b"}))
 _STRANGE = 0.02
+# what Polars puts into names of columns for bytes that are not UTF-8
+_UNDECODED = "\ufffd"
 _DECIMAL_COMMA = r"^(\s*[+-]?\d*),(\d+(?:[eE][+-]?\d+)?\s*)$"
 
 
@@ -52,6 +55,8 @@ class Dialect:
     encoding: str = "utf-8"
     # lines before the header
     comments: int = 0
+    # whether carriage returns alone end the lines, as on old Macs
+    returns: bool = False
 
     @property
     def is_plain(self) -> bool:
@@ -71,11 +76,12 @@ class Dialect:
         except _DAMAGED:
             return cls()
         encoding = encoding_of(begin)
-        lines = begin.decode(encoding, "ignore").lstrip("\ufeff").splitlines()
+        text = begin.decode(encoding, "ignore").lstrip("\ufeff")
+        lines, returns = text.splitlines(), "\r" in text and "\n" not in text
         comments = _comments(lines)
         header, first = [*filter(str.strip, lines[comments:]), "", ""][:2]
         separator = " " if _is_spaced(header, first) else separator_of(header)
-        return cls(separator, encoding, comments)
+        return cls(separator, encoding, comments, returns)
 
 
 def _comments(lines: list[str]) -> int:
@@ -99,6 +105,11 @@ def _is_spaced(header: str, first: str) -> bool:
     words, names = first.split(), header.split()
     has_others = any(one in header for one in _SEPARATORS)
     return len(words) == len(names) > 1 and not has_others and any(map(_is_number, words))
+
+
+def has_strange_names(names: Iterable[str]) -> bool:
+    """Return whether names of columns have characters that Polars could not decode as UTF-8."""
+    return any(_UNDECODED in name for name in names)
 
 
 def with_point(cell: str) -> str:
@@ -182,11 +193,14 @@ def read_text(path: Path) -> pl.DataFrame:
 
 def _read(path: Path, dialect: Dialect) -> pl.DataFrame:
     options: dict[str, Any] = {"separator": dialect.separator, "infer_schema": False}
-    if dialect.encoding == "utf-8" and not dialect.comments and dialect.separator != " ":
+    if replace(dialect, separator=",").is_plain and dialect.separator != " ":
+        packed = path.suffix.lower() == ".zst"
         try:
-            return pl.read_csv(path, glob=False, **options)
+            frame = pl.read_csv(path, glob=False, **options)
+            if packed or not has_strange_names(frame.columns):
+                return frame
         except pl.exceptions.ComputeError as error:
-            if "utf-8" not in str(error).lower() or path.suffix.lower() == ".zst":
+            if packed or "utf-8" not in str(error).lower():
                 raise
     with _opened(path) as file:
         contents = file.read()
@@ -197,6 +211,8 @@ def _read(path: Path, dialect: Dialect) -> pl.DataFrame:
             reason = f"it cannot be decoded as {dialect.encoding}"
             raise pl.exceptions.ComputeError(reason)
         doubt(f"{path} is not UTF-8; it is read as Windows-1252")
+    if dialect.returns:
+        text = text.replace("\r", "\n")
     for _ in range(dialect.comments):
         text = text.partition("\n")[2]
     if dialect.separator == " ":
