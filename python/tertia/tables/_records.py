@@ -45,6 +45,8 @@ _COARSE = 2.0**22
 _SPELLING = {16: "hexadecimal digits", 8: "octal digits", 10: "a whole number, 0 or more"}
 # bits of identities, by the base of their digits
 _BITS = {16: 24, 8: 12, 10: 63}
+# cells of columns of flags, in lower case
+_TRUE, _FALSE = ("true", "t", "yes", "y", "1", "1.0"), ("false", "f", "no", "n", "0", "0.0")
 _AS_OTHERS = "a number of seconds or a date with time, like the other times"
 _SAY_FORMAT = "; or give --time-format, for example %d.%m.%Y %H:%M:%S"
 
@@ -350,7 +352,7 @@ class Reader:
         elif one.kind == "callsign":
             found = self.callsigns(values)
         elif one.kind == "flag":
-            found = values.cast(pl.String).str.to_lowercase() == "true"
+            found = self.flags(values)
         elif one.kind == "identity":
             found = self.identities(values, name)
         else:
@@ -517,6 +519,16 @@ class Reader:
         )
         numbers: pl.Series = checked["number"]
         return numbers
+
+    def flags(self, values: pl.Series) -> pl.Series:
+        """Return truth values; null where missing."""
+        if values.dtype == pl.Boolean:
+            return values
+        text = without_marks(values.cast(pl.String)).str.to_lowercase()
+        found = text.is_in(_TRUE)
+        bad = ~(found | text.is_in(_FALSE)).fill_null(True)
+        self.refuse(bad, f"{values.name} is {{!r}}; it must be true or false", values)
+        return found
 
     def callsigns(self, values: pl.Series) -> pl.Series:
         """Return callsigns in capital letters; null where there is none."""
