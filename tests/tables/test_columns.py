@@ -164,3 +164,18 @@ def test_what_is_no_flag() -> None:
     tracks = pl.DataFrame(rows | {"confirmed": ["true", "maybe"]})
     with pytest.raises(tables.RecordError, match="row 1: confirmed is 'maybe'; it must be true"):
         tables.evaluate(tracks, pl.DataFrame(rows | {"target": 1}), update_interval=4.0)
+
+
+@pytest.mark.parametrize(
+    "time",
+    [
+        pd.Series(pd.to_datetime([0, None, 2], unit="s", utc=True)),
+        pd.Series(["1970-01-01T00:00:00", None, "1970-01-01T00:00:02"], dtype="string"),
+        [np.nan, pd.NaT, pd.Timestamp(2, unit="s")],
+        [pd.NA, None, pd.Timestamp(2, unit="s", tz="Europe/Berlin")],
+    ],
+)
+def test_missing_times(time: object) -> None:
+    found = Plots(time, 1e3, 0.1).time
+    assert np.isnan(found[1])
+    assert found[2] == 2.0
