@@ -141,7 +141,8 @@ def reconstruct(
 
         def draw(one: Located[Trajectory], figure: "FigureBase") -> None:
             moments = one.target.moments.to_numpy()
-            panels = plot.trajectory(stations.items, one.result, time=moments, figure=figure)
+            sensors = one.target.sensors.items
+            panels = plot.trajectory(sensors, one.result, time=moments, figure=figure)
             positions.name_panels(panels, one)
 
         write.save_groups(found.targets, plot_file, draw, positions.FIGURE_SIZE)
