@@ -844,7 +844,7 @@ FILES = {
         (["m.csv", S, "s.csv", "--column", "time_s=t"], 2, "m.csv has no column t; it has .*"),
         (["m.csv", S, "s.csv", "--column", "sensor=t"], 2, "m.csv has no column t; it has .*"),
         (["m.csv", S, "s.csv", "--by", "t"], 2, "m.csv has no column t; it has .*"),
-        (["m.csv", S, "s.csv", "--by", "sensor"], 2, "the column sensor is given for two .*"),
+        (["m.csv", S, "s.csv", "--by", "sensor"], 2, "cannot group by sensor: the results have .*"),
         (
             ["range.csv", S, "s.csv", "--by", "residual"],
             2,

@@ -271,7 +271,7 @@ class Reader:
     def rows(self, number: int = 0) -> pl.DataFrame:
         """Return the quantities of all rows, with the numbers of the part and of the row."""
         count = height(self.part.table)
-        missing = [tuple(one.columns) for one in self.schema.values() if self._is_missing(one)]
+        missing = [tuple(f.columns) for name, f in self.schema.items() if self._is_missing(name, f)]
         if len(missing) > 1:
             raise self.part.lacks_all(missing)
         found = {name: self._column(name, one, count) for name, one in self.schema.items()}
@@ -295,11 +295,12 @@ class Reader:
                 labels = [rows[what] for what, one in self.schema.items() if one.kind in _LABELS]
                 doubt_clock(name, times, [*labels, *groups.get_columns()])
 
-    def _is_missing(self, one: Field) -> bool:
+    def _is_missing(self, quantity: str, one: Field) -> bool:
         """Return whether a required column with a standard name is missing."""
         given = any(name in self.called for name in one.columns)
+        is_of_several = quantity == "sensor" and self.sensors is not None and self._own is None
         return (
-            one.required
+            (one.required or is_of_several)
             and one.standard
             and not given
             and not any(self.part.has(name) for name in one.columns)
@@ -376,14 +377,20 @@ class Reader:
         beyond = (found.abs() > most) & found.is_finite()
         self.refuse(beyond, f"{found.name} is {{:g}}; {allowed}", found)
 
+    @property
+    def _own(self) -> int | None:
+        """Index of the sensor to which all rows belong if there is no column of sensors."""
+        known = list(self.sensors or ())
+        own = [k for k, other in enumerate(known) if self.part.name == other or len(known) == 1]
+        return next(iter(own), None)
+
     def _sensors(self, name: str | None, count: int) -> pl.Series:
         """Return the indices of sensors; one sensor, or a file of its name, needs no column."""
         known = list(self.sensors or ())
         if name is None:
-            one = [k for k, other in enumerate(known) if self.part.name == other or len(known) == 1]
-            if not one:
+            if self._own is None:
                 self.part.require(*SENSOR.columns, standard=True)
-            return pl.repeat(one[0], count, dtype=pl.Int64, eager=True)
+            return pl.repeat(self._own, count, dtype=pl.Int64, eager=True)
         column = self.part.column(self.called.get(name, name))
         found = names_without_marks(series(self.part.table, column).cast(pl.String))
         self.refuse(found.is_null(), f"{column} is missing", column)

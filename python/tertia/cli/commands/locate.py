@@ -285,6 +285,6 @@ def _draw(one: Located[Location], figure: "FigureBase") -> None:
     azimuth, ranges = (
         target.values[kind][0, sites] if kind in target.values else None for kind in _DRAWN
     )
-    stations = [stations[site] for site in sites]
+    stations = [stations[site] for site in sites.tolist()]
     ax = plot.location(stations, only, azimuth=azimuth, range=ranges, ax=figure.subplots())
     ax.set_title(": ".join(filter(None, [target.name, ax.get_title()])))
