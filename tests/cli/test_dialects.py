@@ -1,6 +1,7 @@
 """Files as people have them: the same results, or one line that helps."""
 
 import gzip
+import re
 from collections.abc import Callable
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -293,3 +294,12 @@ def test_a_format_that_is_not_possible(stations: Path, tmp_path: Path) -> None:
     done = run("locate", path, "--sensors", stations, "--time-format", "%d.%m.%y %I:%M")
     assert done.code == 1
     assert done.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("bad", ['1,"of a cell', "1," + 200_000 * "x"])
+def test_a_cell_without_an_end(bad: str, tmp_path: Path) -> None:
+    path = tmp_path / "in.csv"
+    path.write_text("azimuth_deg,note\n" + bad + "\n" + 60_000 * "2,x\n" + "1,2,3\n")
+    done = run("bearing", path)
+    assert done.code == 1
+    assert re.fullmatch("tertia: .*in.csv: up to line .* is a quotation mark missing.\n", done.err)

@@ -91,13 +91,22 @@ def _comments(lines: list[str]) -> int:
     count = next((k for k, line in enumerate(lines) if not line.startswith(_COMMENT)), len(lines))
     if not 0 < count < len(lines):
         return 0
-    first = next(csv.reader([lines[count]], delimiter=separator_of(lines[count])), [])
+    first = cells_of(lines[count], separator_of(lines[count]))
     return count - 1 if any(map(_is_number, first)) else count
 
 
 def separator_of(header: str) -> str:
     """Return the separator that gives most columns in a header."""
-    return max(_SEPARATORS, key=lambda one: len(next(csv.reader([header], delimiter=one), ())))
+    return max(_SEPARATORS, key=lambda one: len(cells_of(header, one)))
+
+
+def cells_of(line: str, separator: str) -> list[str]:
+    """Return the cells of a line; a line that is not CSV is one cell."""
+    try:
+        return next(csv.reader([line], delimiter=separator), [])
+    except csv.Error:
+        # a cell is too long, or there is a carriage return in it
+        return [line]
 
 
 def _is_spaced(header: str, first: str) -> bool:
@@ -169,11 +178,16 @@ def too_long(path: Path) -> str | None:
     except (OSError, *_DAMAGED):
         return None
     rows = csv.reader(text.splitlines()[dialect.comments :], delimiter=dialect.separator)
-    width = len(next((cells for cells in rows if cells), []))
-    for cells in rows:
-        if len(cells) > width:
-            line = rows.line_num + dialect.comments
-            return f"line {line} has {len(cells)} fields, the header has {width}"
+    try:
+        width = len(next((cells for cells in rows if cells), []))
+        for cells in rows:
+            if len(cells) > width:
+                line = rows.line_num + dialect.comments
+                return f"line {line} has {len(cells)} fields, the header has {width}"
+    except csv.Error as error:
+        return (
+            f"up to line {rows.line_num + dialect.comments}: {error}; is a quotation mark missing?"
+        )
     return None
 
 
