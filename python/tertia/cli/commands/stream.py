@@ -1,6 +1,5 @@
 """`tertia track --stream`: tracks from a stream of plots, written row by row."""
 
-import json
 import os
 import re
 import sys
@@ -19,7 +18,7 @@ from tertia._result import counted
 from tertia.cli.commands.control import Control, request_of
 from tertia.cli.commands.datagrams import Datagrams, TrackSender, receiver
 from tertia.cli.files.read import TIME_FORMAT, has_lines
-from tertia.cli.files.text import cells_of, separator_of, with_point
+from tertia.cli.files.text import cells_of, json_of, separator_of, with_point
 from tertia.cli.files.write import as_lines
 from tertia.cli.terminal.pipe import Lines, Packets, Quiet
 from tertia.cli.terminal.say import INTERRUPTED, WRONG_USAGE, fail, note, reading
@@ -289,13 +288,7 @@ class _Plots:
 
 
 def _of_json(text: str) -> Cells | str:
-    try:
-        cells = json.loads(text)
-        if "\\u" in text:
-            # halves of characters, which cannot be in tables
-            json.dumps(cells, ensure_ascii=False).encode()
-    except (ValueError, RecursionError):
-        cells = None
+    cells = json_of(text)
     return cells if isinstance(cells, dict) else "it is not a JSON object"
 
 

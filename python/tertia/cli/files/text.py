@@ -6,6 +6,7 @@ import codecs
 import csv
 import gzip
 import io
+import json
 import re
 import zlib
 from collections.abc import Iterable
@@ -119,6 +120,18 @@ def _is_spaced(header: str, first: str) -> bool:
 def has_strange_names(names: Iterable[str]) -> bool:
     """Return whether names of columns have characters that Polars could not decode as UTF-8."""
     return any(_UNDECODED in name for name in names)
+
+
+def json_of(text: str) -> Any:
+    """Return the value of a text in JSON; None if there is none that tables can hold."""
+    try:
+        value = json.loads(text)
+        if "\\u" in text:
+            # halves of characters cannot be written
+            json.dumps(value, ensure_ascii=False).encode()
+    except (ValueError, RecursionError):
+        return None
+    return value
 
 
 def with_point(cell: str) -> str:
