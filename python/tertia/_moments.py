@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from datetime import datetime, time, timedelta, timezone
 from typing import Any
 
@@ -15,7 +16,7 @@ def are_moments(array: npt.NDArray[Any]) -> bool:
     """Return whether an array holds datetimes, durations, times of day or text."""
     if array.dtype.kind in "MmU":
         return True
-    first = next((one for one in array.flat if one is not None), None)
+    first = next((one for one in array.flat if not _is_missing(one)), None)
     return array.dtype.kind == "O" and isinstance(first, _MOMENTS)
 
 
@@ -34,8 +35,14 @@ def seconds(array: npt.NDArray[Any], name: str) -> npt.NDArray[np.float64]:
     return np.where(np.isnat(array), np.nan, found)
 
 
+def _is_missing(one: Any) -> bool:
+    """Return whether an object is None, nan, or what pandas has for a missing time or value."""
+    is_nan = isinstance(one, float) and math.isnan(one)
+    return one is None or is_nan or type(one).__name__ in {"NaTType", "NAType"}
+
+
 def _moment(one: Any, place: str) -> float:
-    if one is None:
+    if _is_missing(one):
         return np.nan
     if isinstance(one, (np.datetime64, np.timedelta64)):
         return float(seconds(np.asarray(one), place))

@@ -148,3 +148,11 @@ def test_without_the_option_control_lines_are_bad_lines(tmp_path: Path) -> None:
     assert not answers
     assert "1 of 61 lines left out" in text
     assert rows["plan"].null_count() == rows.height
+
+
+@pytest.mark.parametrize("deep", ['{"control": ' + 200_000 * "[", '{"control": "\\ud800"}'])
+def test_what_is_no_request(deep: str, tmp_path: Path) -> None:
+    lines = [*ordered({0: {"control": "add_plan", **PLAN}}), deep]
+    _, answers, _ = told(lines, tmp_path, "--control")
+    assert [answer["ok"] for answer in answers] == [True, False]
+    assert answers[1]["control"] is None

@@ -1,7 +1,9 @@
 """Files as people have them: the same results, or one line that helps."""
 
 import gzip
+import re
 from collections.abc import Callable
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import polars as pl
@@ -40,6 +42,7 @@ def text(separator: str = ",", comma: str = ".", header: str = "time_s,sensor,az
     )
 
 
+NOON = datetime(2026, 11, 22, 12)
 PLAIN = text()
 EXCEL = text(";", ",")
 FORMS: dict[str, bytes] = {
@@ -56,6 +59,7 @@ FORMS: dict[str, bytes] = {
     .encode(),
     "spaces and decimal commas": text(" ", ",").encode(),
     "line ends of Windows": PLAIN.replace("\n", "\r\n").encode(),
+    "line ends of old Macs": PLAIN.replace("\n", "\r").encode(),
     "UTF-8 with a mark": EXCEL.encode("utf-8-sig"),
     "UTF-16 with a mark": PLAIN.encode("utf-16"),
     "UTF-16, big": b"\xfe\xff" + EXCEL.encode("utf-16-be"),
@@ -106,6 +110,23 @@ def test_an_old_encoding_is_said(stations: Path, tmp_path: Path) -> None:
     found, said = located(path, stations)
     assert found.height == 2
     assert said == f"{path} is not UTF-8; it is read as Windows-1252\n"
+
+
+def test_names_of_columns_in_an_old_encoding(tmp_path: Path) -> None:
+    path = tmp_path / "old.csv"
+    path.write_bytes("Azimuth [°]\n12\n13\n14\n15\n16\n".encode("cp1252"))
+    done = run("bearing", path)
+    assert done.code == 0
+    assert f"{path} is not UTF-8; it is read as Windows-1252\n" in done.err
+    done = run("bearing", path, "--value", "Azimuth [°]")
+    assert done.code == 0
+
+
+def test_json_lines_with_a_mark(tmp_path: Path) -> None:
+    path = tmp_path / "marked.jsonl"
+    rows = "".join(f'{{"azimuth_deg": {angle}}}\n' for angle in range(12, 17))
+    path.write_text(rows, encoding="utf-8-sig")
+    assert run("bearing", path).code == 0
 
 
 @pytest.mark.parametrize(
@@ -245,3 +266,40 @@ def test_what_is_no_angle(form: str, write: Callable[..., Path]) -> None:
     done = run("bearing", write(["azimuth_deg", *5 * [form]]))
     assert done.code == 1
     assert "it must be a finite number" in done.err
+
+
+@pytest.mark.parametrize(
+    ("form", "cell", "first"),
+    [
+        ("%d.%m.%Y %H:%M:%S,%f", "22.11.2026 12:00:0{},500", NOON + timedelta(seconds=0.5)),
+        ("%d.%m.%Y %H:%M:%S:%f", "22.11.2026 12:00:0{}:000005", NOON + timedelta(microseconds=5)),
+        ("%H:%M:%S;%f", "12:00:0{};500", 43200.5),
+        ("%x %X.%f", "11/22/26 12:00:0{}.5", NOON + timedelta(seconds=0.5)),
+    ],
+)  # fmt: skip
+def test_fractions_and_dates_in_formats(
+    form: str, cell: str, first: datetime | float, stations: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "in.csv"
+    rows = ["\t".join([cell.format(time[0]), *rest]) for time, *rest in ROWS]
+    path.write_text("\n".join(["time_s\tsensor\tazimuth_deg", *rows]), encoding="utf-8")
+    frame, notes = located(path, stations, "--time-format", form)
+    assert frame["time_s"][0] == first
+    assert notes == ""
+
+
+def test_a_format_that_is_not_possible(stations: Path, tmp_path: Path) -> None:
+    path = tmp_path / "in.csv"
+    path.write_text(PLAIN, encoding="utf-8")
+    done = run("locate", path, "--sensors", stations, "--time-format", "%d.%m.%y %I:%M")
+    assert done.code == 1
+    assert done.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("bad", ['1,"of a cell', "1," + 200_000 * "x"])
+def test_a_cell_without_an_end(bad: str, tmp_path: Path) -> None:
+    path = tmp_path / "in.csv"
+    path.write_text("azimuth_deg,note\n" + bad + "\n" + 60_000 * "2,x\n" + "1,2,3\n")
+    done = run("bearing", path)
+    assert done.code == 1
+    assert re.fullmatch("tertia: .*in.csv: up to line .* is a quotation mark missing.\n", done.err)

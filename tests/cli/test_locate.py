@@ -737,7 +737,7 @@ FILES = {
         (["m.csv", S, "absent.toml"], 2, "there is no file absent.toml"),
         (["m.csv", S, "folder"], 1, "cannot read folder: .*"),
         (["m.csv", S, "folder.toml"], 1, "cannot read folder.toml: Is a directory"),
-        (["binary.csv", S, "s.csv"], 1, "binary.csv is empty"),
+        (["binary.csv", S, "s.csv"], 1, "cannot read binary.csv: it cannot be decoded as utf-8"),
         (["m.csv", S, "binary.toml"], 1, "cannot read binary.toml: .*"),
         (["m.csv", S, "bad.toml"], 1, "cannot read bad.toml: .*line 1.*"),
         (["m.csv", S, "odd.toml"], 1, r"odd.toml: station is not a list of tables; each must .*"),
@@ -844,7 +844,7 @@ FILES = {
         (["m.csv", S, "s.csv", "--column", "time_s=t"], 2, "m.csv has no column t; it has .*"),
         (["m.csv", S, "s.csv", "--column", "sensor=t"], 2, "m.csv has no column t; it has .*"),
         (["m.csv", S, "s.csv", "--by", "t"], 2, "m.csv has no column t; it has .*"),
-        (["m.csv", S, "s.csv", "--by", "sensor"], 2, "the column sensor is given for two .*"),
+        (["m.csv", S, "s.csv", "--by", "sensor"], 2, "cannot group by sensor: the results have .*"),
         (
             ["range.csv", S, "s.csv", "--by", "residual"],
             2,

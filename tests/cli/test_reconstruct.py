@@ -157,7 +157,10 @@ def test_options_of_smoothers(write: Write, stations: Path, tmp_path: Path) -> N
     smoothed = rebuilt().smoothed
     assert smoothed is not None
     assert f"  jerk {float(smoothed.jerk):.3g} (estimated" in run(*arguments).out
-    assert "jerk" not in run(*arguments, *polynomials).out
+    said = run(*arguments, *polynomials).out
+    assert "jerk" not in said
+    assert "  systematic errors are not included" in said
+    assert "not included" not in run(*arguments).out
 
 
 def test_bias(write: Write, stations: Path, tmp_path: Path) -> None:

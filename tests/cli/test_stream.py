@@ -240,10 +240,13 @@ BAD = {
     "5,west,50000,10": "it has 4 fields, the header has 6",
     "5,west,50000,10,,4A": "identity is '4A'; it must be a whole number, 0 or more",
     "\x00\xff": "it has 1 field, the header has 6",
+    # what the reader of CSV does not take
+    "5,west\r5,10,,": "it has 1 field, the header has 6",
+    "5," + 200_000 * "x": "it has 1 field, the header has 6",
 }
 
 
-@pytest.mark.parametrize("bad", BAD)
+@pytest.mark.parametrize("bad", BAD, ids=range(len(BAD)))
 def test_bad_lines_are_counted_and_the_first_is_told(
     bad: str, sites: Path, write: Callable[..., Path]
 ) -> None:
@@ -271,7 +274,10 @@ def test_bad_lines_are_counted_and_the_first_is_told(
         '{"time_s": 5, "sensor": "west", "azimuth_deg": 3}',
         '{"time_s": 5, "sensor": "west", "range_m": [1], "azimuth_deg": 3}',
         "5,west,50000,10,,",
+        200_000 * "[",
+        '{"time_s": 5, "sensor": "\\ud800", "range_m": 5e4, "azimuth_deg": 3}',
     ],
+    ids=range(7),
 )
 def test_bad_lines_of_json(bad: str, sites: Path, write: Callable[..., Path]) -> None:
     lines = SEEN.write_ndjson().splitlines()

@@ -101,3 +101,28 @@ class TestFiles:
         file.write_text(text)
         with pytest.raises(ValueError, match=message):
             read_plans(file)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_json_in_other_encodings(encoding, tmp_path):
+    path = tmp_path / "plans.json"
+    path.write_text('[{"name": "Ä", "waypoints": [[0, 0], [9e3, 0]], "speeds_m_s": 90}]', encoding)
+    assert read_plans(path)[0].name == "Ä"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[" * 100_000,
+        '{"type": "FeatureCollection", "features": null}',
+        '{"type": "FeatureCollection", "features": [{"geometry": {"type": "LineString"}}]}',
+        '{"type": "FeatureCollection", "features": [{"geometry": "POINT (1 2)"}]}',
+        '[{"waypoints": [[0, 0], [9e3, 0]], "speeds_m_s": 90, "identity": 1e999}]',
+    ],
+    ids=range(5),
+)
+def test_json_of_anything_else(text, tmp_path):
+    path = tmp_path / "plans.json"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=r"plans\.json"):
+        read_plans(path)

@@ -282,7 +282,11 @@ class TestRefused:
         [
             ({"error": np.ones((2, 2, 2)), "covariance": 1.0}, r"error has shape \(2, 2, 2\)"),
             ({"error": np.ones((3, 2)), "covariance": np.ones((3, 3))}, "covariance has shape"),
-            ({"error": [NAN, NAN], "covariance": 1.0}, "no row of finite numbers"),
+            ({"error": [NAN, NAN], "covariance": 1.0}, "^error and covariance have no row of"),
+            (
+                {"error": [1.0], "covariance": 1.0, "time": [NAN]},
+                "^error, covariance and time have no row of finite numbers",
+            ),
             ({"error": [1.0], "covariance": 1.0, "probability": [1.5]}, "probability is 1.5"),
             ({"error": [1.0], "covariance": 1.0, "probability": []}, "probability is empty"),
             ({"error": [1.0], "covariance": 1.0, "confidence_level": 1.0}, "confidence_level"),

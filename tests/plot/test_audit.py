@@ -22,3 +22,15 @@ def test_shares_of_all_and_of_the_strata():
 def test_another_type_is_refused():
     with pytest.raises(TypeError, match="result is 3"):
         plot.audit(3)
+
+
+@pytest.mark.parametrize("size", [0.0, 50.0])
+@pytest.mark.parametrize("count", [1, 40])
+def test_all_or_none_inside(size, count):
+    """Bounds of a share include the share, and so can be drawn."""
+    error = size * rng(1).standard_normal((count, 2))
+    result = audit(error, np.eye(2), probability=(0.5, 0.9))
+    share = result.coverage[0.5]
+    assert share.value in {0.0, 1.0}
+    assert share.low <= share.value <= share.high
+    plot.audit(result, ax=Figure().subplots())

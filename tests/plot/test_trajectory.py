@@ -218,3 +218,9 @@ def test_heights_that_azimuths_do_not_tell_have_no_panel() -> None:
     path = reconstruct(STATIONS, 2.0 * np.arange(INSTANTS), azimuth=azimuth)
     for result in (path, locate(STATIONS, azimuth=azimuth)):
         assert list(plot.trajectory(STATIONS, result)) == ["plan", "azimuth"]
+
+
+def test_no_instants() -> None:
+    nothing = locate(PLANE, range=np.empty((0, 3)))
+    panels = plot.trajectory(PLANE, nothing, figure=plt.figure())
+    assert panels["plan"].get_title() == "0 of 0 instants located, 0 outliers"

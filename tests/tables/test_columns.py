@@ -147,3 +147,35 @@ def test_objects_of_several_types_in_a_table() -> None:
     mixed.iloc[4] = "about 12"
     with pytest.raises(tables.RecordError, match="row 4: azimuth_deg is 'about 12'; it must be"):
         tables.bearing(mixed)
+
+
+@pytest.mark.parametrize("yes", [True, 1, 1.0, "TRUE", "1", "yes", "t", " True "])
+def test_flags(yes: object) -> None:
+    time = 4.0 * np.arange(30)
+    rows = {"time_s": time, "east_m": 100.0 * time, "north_m": 0.0, "track": 1}
+    tracks = pl.DataFrame(rows | {"confirmed": [yes] * 30}, strict=False)
+    truth = pl.DataFrame(rows | {"target": 1})
+    figures = tables.evaluate(tracks, truth, update_interval=4.0)
+    assert figures.filter(pl.col("figure") == "missed targets")["value"].item() == 0.0
+
+
+def test_what_is_no_flag() -> None:
+    rows = {"time_s": [0.0, 4.0], "east_m": 0.0, "north_m": 0.0, "track": 1}
+    tracks = pl.DataFrame(rows | {"confirmed": ["true", "maybe"]})
+    with pytest.raises(tables.RecordError, match="row 1: confirmed is 'maybe'; it must be true"):
+        tables.evaluate(tracks, pl.DataFrame(rows | {"target": 1}), update_interval=4.0)
+
+
+@pytest.mark.parametrize(
+    "time",
+    [
+        pd.Series(pd.to_datetime([0, None, 2], unit="s", utc=True)),
+        pd.Series(["1970-01-01T00:00:00", None, "1970-01-01T00:00:02"], dtype="string"),
+        [np.nan, pd.NaT, pd.Timestamp(2, unit="s")],
+        [pd.NA, None, pd.Timestamp(2, unit="s", tz="Europe/Berlin")],
+    ],
+)
+def test_missing_times(time: object) -> None:
+    found = Plots(time, 1e3, 0.1).time
+    assert np.isnan(found[1])
+    assert found[2] == 2.0

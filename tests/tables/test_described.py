@@ -12,6 +12,7 @@ from terminal import succeed
 
 from tertia import tables
 from tertia.sensors import Radar, Station
+from tertia.tables._described import sensors_of
 
 pd = pytest.importorskip("pandas")
 pytest.importorskip("pyarrow")
@@ -229,3 +230,23 @@ def test_a_plain_sequence_is_as_before() -> None:
     time = np.arange(0.0, 100.0, 4.0)
     plots = pl.DataFrame({"time_s": time, "range_m": 50e3 + 200 * time, "azimuth_deg": 30.0})
     assert tables.track(plots, sensors=(radar,)).height == 25
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("azimut_bias_deg = 2", r"has no azimuth_bias_deg .did you mean azimut_bias_deg"),
+        ("max_range = 60000", r"has no max_range_m .did you mean max_range."),
+        ("max_range_km = 60", r"has no max_range_m; max_range_km is in another unit"),
+        ("range_bias_sigma = 3", r"has no range_bias_sigma_m .did you mean range_bias_sigma"),
+        ("trustd = true", r"has no trusted .did you mean trustd"),
+    ],
+)
+def test_a_property_under_another_name_is_noticed(line: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "radars.toml"
+    path.write_text(
+        '[[radar]]\nname = "a"\neast_m = 0\nnorth_m = 0\nrange_sigma_m = 50\n'
+        f"azimuth_sigma_deg = 0.1\nscan_period_s = 4\n{line}\n"
+    )
+    with pytest.warns(tables.RecordWarning, match=f"radars.toml: a {said}"):
+        sensors_of(path)

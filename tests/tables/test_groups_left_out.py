@@ -1,5 +1,7 @@
 """Groups without an estimate do not stop the others."""
 
+import time
+
 import numpy as np
 import polars as pl
 import pytest
@@ -54,3 +56,21 @@ def test_no_group_has_an_estimate() -> None:
     table = pl.concat([ranges("one", "a").head(1), ranges("two", "a").head(1)])
     with pytest.raises(tables.RecordError, match="target one: no instant can be located"):
         tables.reconstruct(table, sensors=STATIONS, by="target")
+
+
+def test_many_groups_of_bearings_without_an_estimate(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*nothing: object, **_: object) -> None:
+        # a call without measurements judges the options alone
+        if not nothing:
+            raise ValueError("there is one measurement")
+
+    monkeypatch.setattr("tertia.tables._bearing.estimate_bearing", refuse)
+
+    def seconds(count: int) -> float:
+        table = pl.DataFrame({"azimuth_deg": 90.0, "g": np.arange(count)})
+        begin = time.process_time()
+        assert tables.bearing(table, by="g")["note"].null_count() == 0
+        return time.process_time() - begin
+
+    # 4 times if the time is proportional to the number of groups, 16 if to its square
+    assert seconds(60_000) < 7 * min(seconds(15_000) for _ in range(2))

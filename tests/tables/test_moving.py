@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 from terminal import run, succeed
 
-from tertia import tables
+from tertia import plot, tables
 from tertia.geo import LocalFrame
 from tertia.location import locate
 from tertia.sensors import Station
@@ -220,3 +220,38 @@ def test_places_that_are_not_used_are_noticed(recwarn: pytest.WarningsRecorder) 
     moving = fixed.with_columns(lat=50.0 + pl.col("time_s") / 1e5)
     with pytest.warns(tables.RecordWarning, match="lat and lon change, and are not used"):
         tables.locate(pl.concat([moving, fixed.with_columns(sensor=pl.lit("hill"))]), **options)
+
+
+@pytest.mark.parametrize("command", ["locate", "locate --tolerance inf", "reconstruct"])
+def test_pictures_show_sensors_where_they_were(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    time, places = np.arange(20.0), np.linspace([0.0, 0.0], [8e3, 0.0], 20)
+    azimuth = np.degrees(np.arctan2(*(np.array([4e3, 6e3]) - places).T))
+    rows = {"time_s": time, "azimuth_deg": azimuth % 360}
+    rows |= {"sensor_east_m": places[:, 0], "sensor_north_m": 0.0}
+    hill = {"azimuth_deg": np.degrees(np.arctan2(-6e3, 6e3)) % 360}
+    hill |= {"sensor": "hill", "sensor_east_m": 1e4, "sensor_north_m": 0.0}
+    both = [pl.DataFrame(rows | {"sensor": "car"}), pl.DataFrame(rows | hill)]
+    # what one of them does not measure at an instant must not move it
+    measured = pl.concat(both, how="diagonal").filter(
+        (pl.col("sensor") == "car") | (pl.col("time_s") > 2.0)
+    )
+    measured.write_csv(tmp_path / "seen.csv")
+    # far away
+    (tmp_path / "sensors.csv").write_text(
+        "name,east_m,north_m,azimuth_sigma_deg\ncar,-900000,0,3\nhill,-900000,0,3\n"
+    )
+    drawn = []
+    for name in ("location", "trajectory"):
+        real = getattr(plot, name)
+
+        def noted(stations: list[Station], *given: object, real=real, **options: object) -> object:
+            drawn.extend(np.ravel(one.position[..., 0]) for one in stations)
+            return real(stations, *given, **options)
+
+        monkeypatch.setattr(plot, name, noted)
+    picture = "--plot", tmp_path / "seen.png"
+    sensors = "--sensors", tmp_path / "sensors.csv"
+    succeed(*command.split(), tmp_path / "seen.csv", *sensors, *picture)
+    assert np.unique(np.concatenate(drawn)) == pytest.approx([*places[:, 0], 1e4])

@@ -4,11 +4,13 @@ import re
 import shlex
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 import pytest
 from terminal import run, succeed
 
 from tertia import tables
+from tertia.sensors import Station
 
 # of OpenSky, of Movebank, of a sonobuoy receiver, and of Danish AIS
 HEADERS = {
@@ -109,3 +111,26 @@ def test_of_reports(columns: tuple[str, str], origin: bool, said: str, tmp_path:
     table = pl.DataFrame({"time_s": [0.0, 1.0], **dict.fromkeys(columns, 50.0)})
     with pytest.raises(tables.RecordError, match=said):
         tables.track(table, sensors=path)
+
+
+def test_files_and_tables_of_one_sensor(tmp_path: Path) -> None:
+    """A column of sensors is needed only if it is not clear which sensor measured."""
+    (tmp_path / "sensors.csv").write_text(
+        "name,east_m,north_m,azimuth_sigma_deg\nwest,0,0,1\neast,8000,0,1\n"
+    )
+    for name, azimuth in (("west", 45.0), ("east", 315.0)):
+        (tmp_path / f"{name}.csv").write_text(f"time_s,azimuth_deg\n0,{azimuth}\n")
+    sensors = "--sensors", tmp_path / "sensors.csv"
+    output = "--output", tmp_path / "found.csv"
+    succeed("locate", tmp_path / "west.csv", tmp_path / "east.csv", *sensors, *output)
+    found = pl.read_csv(tmp_path / "found.csv")
+    assert found.select("east_m", "north_m").row(0) == pytest.approx((4e3, 4e3))
+    (tmp_path / "other.csv").write_text("t,Rx,azimuth_deg\n0,west,45\n")
+    done = run("reconstruct", tmp_path / "other.csv", *sensors)
+    assert "has no columns time_s, sensor" in done.err
+    assert "give --column time_s=t --column sensor=Rx" in done.err
+    moves = {"sensor_east_m": [0.0, 8e3], "sensor_north_m": 0.0}
+    walk = pl.DataFrame({"time_s": [0.0, 60.0], "azimuth_deg": [45.0, 315.0]} | moves)
+    walker = Station((0.0, 0.0), name="walker", azimuth_sigma=0.02)
+    found = tables.locate(walk, sensors=[walker], tolerance=np.inf)
+    assert found.select("east_m", "north_m").row(0) == pytest.approx((4e3, 4e3))

@@ -108,7 +108,7 @@ def read_plans(
         called = f"plan {fields['name']}" if fields.get("name") else f"plan {at}"
         try:
             plans.append(plan_of(fields, frame, types, speed))
-        except (TypeError, ValueError) as error:
+        except (OverflowError, TypeError, ValueError) as error:
             raise ValueError(f"{path}, {called}: {error}") from None
     return plans
 
@@ -179,19 +179,27 @@ def _local(degrees: FloatArray, frame: LocalFrame | SystemPlane | None) -> Float
 
 def _read_json(path: Path) -> Iterable[dict[str, Any]]:
     try:
-        contents = json.loads(path.read_text("utf-8"))
-    except json.JSONDecodeError as error:
+        # bytes, whose encoding is recognised
+        contents = json.loads(path.read_bytes())
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"cannot read {path}: {error}") from None
     if not isinstance(contents, (dict, list)):
         raise ValueError(f"{path} is neither a list of plans nor a FeatureCollection")
     if isinstance(contents, dict):
         if contents.get("type") != "FeatureCollection":
             raise ValueError(f"{path} is neither a list of plans nor a FeatureCollection")
-        contents = [_of_feature(feature, path) for feature in contents.get("features", [])]
+        contents = _of_features(contents.get("features", []), path)
     for at, fields in enumerate(contents):
         if not isinstance(fields, dict) or not isinstance(fields.get("waypoints"), list):
             raise ValueError(f"{path}, plan {at} has no waypoints")
     return list(contents)
+
+
+def _of_features(features: Any, path: Path) -> list[dict[str, Any]]:
+    try:
+        return [_of_feature(feature, path) for feature in features]
+    except (AttributeError, KeyError, TypeError) as error:
+        raise ValueError(f"cannot read {path}: it is not GeoJSON: {error}") from None
 
 
 def _of_feature(feature: Any, path: Path) -> dict[str, Any]:

@@ -335,13 +335,13 @@ def table_columns(
 def _geojson(path: Path) -> Iterator[Sequence[Any]]:
     """Yield name, latitude, longitude and declination of the points of a FeatureCollection."""
     try:
-        for feature in json.loads(path.read_text("utf-8"))["features"]:
+        for feature in json.loads(path.read_bytes())["features"]:
             properties, geometry = feature["properties"], feature["geometry"]
             if geometry["type"] != "Point":
                 raise ValueError(f"it has a {geometry['type']}; fixes must be Points")
             longitude, latitude, *_ = geometry["coordinates"]
             yield properties["name"], latitude, longitude, properties.get("declination_deg", 0.0)
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, RecursionError, TypeError, ValueError) as error:
         raise ValueError(f"cannot read {path}: {error}") from None
 
 

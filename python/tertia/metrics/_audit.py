@@ -233,7 +233,12 @@ axis 8.78, 500 errors worth 336)
     rows = Rows(errors, stated, true, group, position, speeds)
     known = rows.known()
     if not known.any():
-        raise ValueError("error and covariance have no row of finite numbers; there must be one")
+        others = {"truth_covariance": true, "time": time, "velocity": velocity}
+        given = ["error", "covariance", *(name for name, x in others.items() if x is not None)]
+        raise ValueError(
+            f"{', '.join(given[:-1])} and {given[-1]} have no row of finite numbers; there must be "
+            "one"
+        )
     require_squarable(errors[known], "error")
     require_definite(stated, known, "covariance")
     if true is not None:

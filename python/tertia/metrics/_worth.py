@@ -47,7 +47,8 @@ class Worth:
     def of_share(self, share: float, level: float) -> tuple[float, float]:
         """Return a confidence interval for a probability, given the observed proportion."""
         low, high = _core.share_interval(share, self._record(), level)
-        return low, high
+        # the search ends beside 0 and 1
+        return min(low, share), max(high, share)
 
     def of_rank(self, probability: float, level: float) -> tuple[float, float]:
         """Return an interval for the proportion that is observed, given the probability."""

@@ -209,7 +209,7 @@ def _draw_plan(
 
 def _most(points: FloatArray) -> FloatArray:
     """Return bounds that contain almost all points; their shape is (2, ...)."""
-    known = points[np.isfinite(points).reshape(len(points), -1).all(axis=1)]
+    known = points[np.isfinite(points).all(axis=tuple(range(1, points.ndim)))]
     bounds: FloatArray = np.quantile(known, [_TAIL, 1 - _TAIL], axis=0) if len(known) else known
     return bounds
 

@@ -6,9 +6,11 @@ An error in a record is reported as a `RecordError` that states its row and colu
 wrong, such as radians in a column of degrees, cause a `RecordWarning`.
 
 Groups are independent of each other, so a recording may be divided into parts that contain complete
-groups. Every function of this module can therefore be passed to `map_partitions` of Dask and to
-`map_batches` of Ray. With `stream`, it can also be applied to an iterator of record batches, for
-example one from `mapInArrow` of Spark or from a reader of large files.
+groups. Only `fuse_series` uses all groups, for those of its values `sigma`, `alpha` and
+`acceleration_sigma` that are not given. Every function of this module can therefore be passed to
+`map_partitions` of Dask and to `map_batches` of Ray. With `stream`, it can also be applied to an
+iterator of record batches, for example one from `mapInArrow` of Spark or from a reader of large
+files.
 """
 
 try:

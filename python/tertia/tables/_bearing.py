@@ -213,8 +213,9 @@ def _estimates(
             return estimate_bearing(**{**options, **dict(zip(names, blocks, strict=True))})
 
         chosen = [_of_groups(arrays[name], count, own) for name in names]
+        number = np.flatnonzero(own)
         for which, found in by_length(count[own], chosen, estimate):
-            yield np.flatnonzero(own)[which], found
+            yield number[which], found
 
 
 def _of_groups(array: npt.NDArray[Any], count: IntArray, own: BoolArray) -> npt.NDArray[Any]:

@@ -135,7 +135,7 @@ def fuse_series(
         the value for sensors that are not in the mapping.
     alpha, acceleration_sigma : float, optional
         Inverse of the time constant of the acceleration, and standard deviation of the
-        acceleration; by default they are estimated.
+        acceleration; by default they are estimated from the whole table, with all its groups.
     period : float or None
         Period of the angle: 360.0 for degrees, 2*pi for radians, or None for data that do not wrap.
     method : str

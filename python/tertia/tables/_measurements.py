@@ -37,7 +37,7 @@ SIGMAS: dict[Kind, str] = {kind: column_name(name, "sigma") for kind, name in VA
 # a row has one column for each kind of measurement, or the columns `kind` and `value`
 SCHEMA: Schema = {
     "time": TIME,
-    "sensor": Field("name", SENSOR.columns, required=True, whole=True),
+    "sensor": SENSOR,
     # whether ranges are in metres is judged by the distances between the sensors
     **{str(kind): number(name, judged=kind != "range") for kind, name in VALUES.items()},
     "arrival_time": Field("arrival", {VALUES["arrival_time"]: 1.0}),

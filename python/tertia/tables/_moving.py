@@ -117,8 +117,13 @@ def stations_of(
         position[:, k] = item.position
         axes[:, k] = np.eye(d) if item.axes is None else item.axes
     there = np.isfinite(places[:, 0]).all(axis=1)
-    at = rows["step"].to_numpy()[there], rows["site"].to_numpy()[there]
+    step, site = rows["step"].to_numpy(), rows["site"].to_numpy()
+    at = step[there], site[there]
     position[at], axes[at] = places[there, 0], places[there, 1:]
+    for k in np.unique(at[1]) if count > 1 else ():
+        # between its measurements, a sensor is where it was last
+        last = _last(step[there & (site == k)], step[site == k], count)
+        position[:, k], axes[:, k] = position[last, k], axes[last, k]
     items = [
         _moved(sensors.items[which], position[:, k], axes[:, k]) for k, which in enumerate(like)
     ]
@@ -128,6 +133,17 @@ def stations_of(
         norths=sensors.norths[like],
         range_difference_sigma=sensors.range_difference_sigma[like],
     )
+
+
+def _last(known: IntArray, seen: IntArray, count: int) -> IntArray:
+    """Return the last step with a known place for each of `count` steps; those `seen` keep theirs.
+
+    The steps before the first one with a known place have this one.
+    """
+    own = np.unique(known)
+    last = own[np.maximum(np.searchsorted(own, np.arange(count), side="right") - 1, 0)]
+    last[seen] = seen
+    return last
 
 
 def _moved(one: Station, position: FloatArray, axes: FloatArray) -> Station:

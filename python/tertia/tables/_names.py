@@ -121,13 +121,14 @@ def misspelt(
     return f"has no column {' or '.join(columns)}{said}{how}" if said else None
 
 
-def all_misspelt(keys: Sequence[str], there: Sequence[str] | Mapping[str, object]) -> list[str]:
-    """Return messages about optional keys that are given under misspelt names."""
+def all_misspelt(keys: Sequence[str], there: Sequence[str]) -> list[str]:
+    """Return messages about keys that are given under misspelt names."""
+    missing = [key for key in keys if key not in there]
     found = []
-    for key in keys:
-        # names of biases resemble other keys, but are not misspelt
-        others = [one for one in there if one not in keys and "bias" not in one]
-        said = "" if key in there else hint([key], others, VERY_NEAR)
+    for name in there:
+        # the key that this name resembles most
+        key = _nearest(missing, [name])[2]
+        said = "" if name in keys else hint([key], [name], VERY_NEAR)
         if said:
             found.append(f"has no {key}{said}")
     return found

@@ -45,6 +45,8 @@ _COARSE = 2.0**22
 _SPELLING = {16: "hexadecimal digits", 8: "octal digits", 10: "a whole number, 0 or more"}
 # bits of identities, by the base of their digits
 _BITS = {16: 24, 8: 12, 10: 63}
+# cells of columns of flags, in lower case
+_TRUE, _FALSE = ("true", "t", "yes", "y", "1", "1.0"), ("false", "f", "no", "n", "0", "0.0")
 _AS_OTHERS = "a number of seconds or a date with time, like the other times"
 _SAY_FORMAT = "; or give --time-format, for example %d.%m.%Y %H:%M:%S"
 
@@ -269,7 +271,7 @@ class Reader:
     def rows(self, number: int = 0) -> pl.DataFrame:
         """Return the quantities of all rows, with the numbers of the part and of the row."""
         count = height(self.part.table)
-        missing = [tuple(one.columns) for one in self.schema.values() if self._is_missing(one)]
+        missing = [tuple(f.columns) for name, f in self.schema.items() if self._is_missing(name, f)]
         if len(missing) > 1:
             raise self.part.lacks_all(missing)
         found = {name: self._column(name, one, count) for name, one in self.schema.items()}
@@ -293,11 +295,12 @@ class Reader:
                 labels = [rows[what] for what, one in self.schema.items() if one.kind in _LABELS]
                 doubt_clock(name, times, [*labels, *groups.get_columns()])
 
-    def _is_missing(self, one: Field) -> bool:
+    def _is_missing(self, quantity: str, one: Field) -> bool:
         """Return whether a required column with a standard name is missing."""
         given = any(name in self.called for name in one.columns)
+        is_of_several = quantity == "sensor" and self.sensors is not None and self._own is None
         return (
-            one.required
+            (one.required or is_of_several)
             and one.standard
             and not given
             and not any(self.part.has(name) for name in one.columns)
@@ -350,7 +353,7 @@ class Reader:
         elif one.kind == "callsign":
             found = self.callsigns(values)
         elif one.kind == "flag":
-            found = values.cast(pl.String).str.to_lowercase() == "true"
+            found = self.flags(values)
         elif one.kind == "identity":
             found = self.identities(values, name)
         else:
@@ -374,14 +377,20 @@ class Reader:
         beyond = (found.abs() > most) & found.is_finite()
         self.refuse(beyond, f"{found.name} is {{:g}}; {allowed}", found)
 
+    @property
+    def _own(self) -> int | None:
+        """Index of the sensor to which all rows belong if there is no column of sensors."""
+        known = list(self.sensors or ())
+        own = [k for k, other in enumerate(known) if self.part.name == other or len(known) == 1]
+        return next(iter(own), None)
+
     def _sensors(self, name: str | None, count: int) -> pl.Series:
         """Return the indices of sensors; one sensor, or a file of its name, needs no column."""
         known = list(self.sensors or ())
         if name is None:
-            one = [k for k, other in enumerate(known) if self.part.name == other or len(known) == 1]
-            if not one:
+            if self._own is None:
                 self.part.require(*SENSOR.columns, standard=True)
-            return pl.repeat(one[0], count, dtype=pl.Int64, eager=True)
+            return pl.repeat(self._own, count, dtype=pl.Int64, eager=True)
         column = self.part.column(self.called.get(name, name))
         found = names_without_marks(series(self.part.table, column).cast(pl.String))
         self.refuse(found.is_null(), f"{column} is missing", column)
@@ -492,7 +501,8 @@ class Reader:
         try:
             found = in_format(values, form, unit)
         except pl.exceptions.PolarsError as error:
-            raise self.part.error(f"the time format {form!r}: {error}") from None
+            said = str(error).partition("\n")[0]
+            raise self.part.error(f"the time format {form!r}: {said}") from None
         bad = values.is_not_null() & found.is_null()
         self.refuse(bad, f"{values.name} is {{!r}}; it must be in the time format {form}", values)
         return found
@@ -516,6 +526,16 @@ class Reader:
         )
         numbers: pl.Series = checked["number"]
         return numbers
+
+    def flags(self, values: pl.Series) -> pl.Series:
+        """Return truth values; null where missing."""
+        if values.dtype == pl.Boolean:
+            return values
+        text = without_marks(values.cast(pl.String)).str.to_lowercase()
+        found = text.is_in(_TRUE)
+        bad = ~(found | text.is_in(_FALSE)).fill_null(True)
+        self.refuse(bad, f"{values.name} is {{!r}}; it must be true or false", values)
+        return found
 
     def callsigns(self, values: pl.Series) -> pl.Series:
         """Return callsigns in capital letters; null where there is none."""

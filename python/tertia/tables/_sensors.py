@@ -82,6 +82,14 @@ _PLACE_BIAS = {
 }
 _TRUSTED = "trusted"
 _RANGE_DIFFERENCE_SIGMA = "range_difference_sigma_m"
+# all columns that are read
+_KNOWN = (
+    *("name", *LOCAL, *GEODETIC, _TRUSTED, _POSITION_SIGMA, _RANGE_DIFFERENCE_SIGMA),
+    *(column for column, _ in (*_RADAR.values(), *_STATION.values(), *_RESOLUTION.values())),
+    *(*_OPTIONAL.values(), *_POSITION_SENSOR.values()),
+    *(column for one in (*_BIAS.values(), *_PLACE_BIAS.values()) for column in one[:2]),
+    *(f"{name}_{column}" for name in _CHANNELS.values() for column, _ in _CHANNEL.values()),
+)
 # a sensor of which nothing else is given may be one whose positions are in the rows of measurements
 _OF_MOVING = {"name", _TRUSTED, *(column for column, _ in _STATION.values())}
 _UNPLACED = f": give {GEODETIC[0]} and {GEODETIC[1]}, or {LOCAL[0]} and {LOCAL[1]}"
@@ -328,9 +336,6 @@ def stations(
         options["position_sigma"] = one.number(_POSITION_SIGMA) or 0.0
         options["axes"] = None if axes is None else axes[k]
         options["bias"] = _bias(one)
-        keys = [column for column, _ in _STATION.values()] if k == 0 else []
-        for said in all_misspelt(keys, one.row):
-            doubt(f"{file}: {one.name} {said}")
         items.append(one.made(Station, positions[k], options))
     differences = [one.sigma(_RANGE_DIFFERENCE_SIGMA) for one in cells]
     stated = np.array([np.nan if one is None else one for one in differences])
@@ -411,7 +416,19 @@ def _named(rows: Sequence[Row], noun: str, file: str) -> dict[str, Row]:
         if name in found:
             raise RecordError(f"there are two {noun}s {name}", file=file)
         found[name] = row
+    _doubt_names(found, file)
     return found
+
+
+def _doubt_names(described: Mapping[str, Row], file: str) -> None:
+    """Warn of names that are probably misspelt names of properties, which are then not used."""
+    judged: set[str] = set()
+    for name, row in described.items():
+        there = [key for key, cell in row.items() if cell is not None and key not in judged]
+        for said in all_misspelt(_KNOWN, there):
+            doubt(f"{file}: {name} {said}")
+        judged.update(there)
+        judged.difference_update(_KNOWN)
 
 
 def _with_plain_names(row: Row) -> Row:

@@ -27,6 +27,8 @@ _LOCAL_TIMES = (
 _ZONED_TIMES = ("%Y-%m-%dT%H:%M:%S%.f%#z", "%Y-%m-%dT%H:%M%#z", "%Y%m%dT%H%M%S%.f%#z")
 _OFFSET = r"T.*(Z|[+-]\d\d(:?\d\d)?)$"
 _OF_DAY = r"^(?<h>\d{1,2}):(?<m>[0-5]\d)(?::(?<s>[0-5]\d(?:[.,]\d+)?))?$"
+# directives of strftime that are, or are part of, a date
+_DATES = ("%Y", "%y", "%D", "%F", "%s", "%c", "%j", "%x", "%v", "%+", "%G")
 # a fraction of a second after a decimal comma, which ISO 8601 prefers
 _COMMA = r"(\d\d),(\d+)"
 
@@ -116,12 +118,18 @@ def in_format(column: pl.Series, form: str, unit: Unit = "us") -> pl.Series:
 
     Null if a text does not have this format.
     """
-    # Polars counts %f in nanoseconds
     form = form.replace(".%f", "%.f")
-    if not any(mark in form for mark in ("%Y", "%y", "%D", "%F", "%s", "%c", "%j")):
-        return seconds_of_day(column.str.to_time(form, strict=False))
-    found: pl.Series = column.str.to_datetime(form, time_unit=unit, strict=False)
-    return found
+    # Polars counts %f in nanoseconds unless the number of digits is stated
+    forms = [form.replace("%f", digits) for digits in ("%3f", "%6f", "%9f")]
+    is_of_day = not any(mark in form for mark in _DATES)
+    tried = [
+        column.str.to_time(one, strict=False)
+        if is_of_day
+        else column.str.to_datetime(one, time_unit=unit, strict=False)
+        for one in dict.fromkeys(forms)
+    ]
+    found = pl.select(pl.coalesce(tried)).to_series().rename(column.name)
+    return seconds_of_day(found) if is_of_day else found
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from tertia.cli.files.text import json_of
 from tertia.io._plans import plan_of
 from tertia.tables._track import plan_names
 
@@ -25,9 +26,8 @@ def request_of(line: bytes) -> dict[str, Any] | None:
         text = text.removeprefix(CSV_MARK)
     elif not text.startswith("{") or '"control"' not in text:
         return None
-    try:
-        request = json.loads(text)
-    except ValueError:
+    request = json_of(text)
+    if request is None:
         return {"control": None}
     return request if isinstance(request, dict) and "control" in request else None
 

@@ -198,12 +198,7 @@ def locate(
         shapes=lambda: shapes.of(found, probability),
     )
     if plot_file is not None:
-        write.save_groups(
-            found.targets,
-            plot_file,
-            lambda one, figure: _draw(found, one, figure),
-            positions.FIGURE_SIZE,
-        )
+        write.save_groups(found.targets, plot_file, _draw, positions.FIGURE_SIZE)
     if not any(np.any(one.result.success) for one in found.targets):
         raise typer.Exit(FAILED)
     return {"sensors": found.sensors.to_dicts()}
@@ -265,21 +260,31 @@ def _points(found: Positions[Any], by: Sequence[str]) -> list[maps.Feature | Non
     ]
 
 
-def _draw(found: Positions[Location], one: Located[Location], figure: "FigureBase") -> None:
+def _draw(one: Located[Location], figure: "FigureBase") -> None:
     target, result = one.target, one.result
-    stations = found.stations.items
+    stations = target.sensors.items
     if target.times.size > 1 or not np.all(result.success):
         panels = plot.trajectory(stations, result, time=target.moments.to_numpy(), figure=figure)
         positions.name_panels(panels, one)
         return
     # draw the azimuths and ranges from which the only position was estimated
-    marks = (getattr(result.outlier, kind) for kind in UNITS)
+    sites = np.arange(len(stations))
+    if target.has_places:
+        # those of sensors that move, at their places; the others have no measurements
+        sites = np.unique(target.rows["site"])
+        stations = [
+            replace(one, position=one.position[0], axes=np.asarray(one.axes)[0]) for one in stations
+        ]
+    marks = {kind: getattr(result.outlier, kind) for kind in _DRAWN}
     only = replace(
         result,
         position=result.position[0],
         covariance=result.covariance[0],
-        outlier=ByKind(*(None if mark is None else mark[0] for mark in marks)),
+        outlier=ByKind(**{k: None if m is None else m[0, sites] for k, m in marks.items()}),
     )
-    azimuth, ranges = (target.values[kind][0] if kind in target.values else None for kind in _DRAWN)
+    azimuth, ranges = (
+        target.values[kind][0, sites] if kind in target.values else None for kind in _DRAWN
+    )
+    stations = [stations[site] for site in sites.tolist()]
     ax = plot.location(stations, only, azimuth=azimuth, range=ranges, ax=figure.subplots())
     ax.set_title(": ".join(filter(None, [target.name, ax.get_title()])))

@@ -132,6 +132,7 @@ def reconstruct(
         positions.say_located,
         positions.say_speed,
         lambda one: _say_motion(one.result),
+        _say_bias,
     )
     positions.note_speed(propagation_speed, found.targets)
     positions.write_all(
@@ -141,7 +142,8 @@ def reconstruct(
 
         def draw(one: Located[Trajectory], figure: "FigureBase") -> None:
             moments = one.target.moments.to_numpy()
-            panels = plot.trajectory(stations.items, one.result, time=moments, figure=figure)
+            sensors = one.target.sensors.items
+            panels = plot.trajectory(sensors, one.result, time=moments, figure=figure)
             positions.name_panels(panels, one)
 
         write.save_groups(found.targets, plot_file, draw, positions.FIGURE_SIZE)
@@ -182,6 +184,15 @@ def _say_motion(path: Trajectory) -> None:
     if not np.isfinite(error):
         said = "estimated, but the measurements hardly determine it"
     typer.echo(f"  jerk {jerk:.3g} ({said})")
+
+
+def _say_bias(one: Located[Trajectory]) -> None:
+    """Print a note if the sigmas do not include systematic errors."""
+    if one.result.systematic == "not included":
+        typer.echo(
+            "  systematic errors are not included: no redundant measurements of one instant show "
+            "them"
+        )
 
 
 def _line(one: Located[Trajectory]) -> maps.Feature | None:

@@ -1,7 +1,5 @@
 """`tertia track --stream`: tracks from a stream of plots, written row by row."""
 
-import csv
-import json
 import os
 import re
 import sys
@@ -20,7 +18,7 @@ from tertia._result import counted
 from tertia.cli.commands.control import Control, request_of
 from tertia.cli.commands.datagrams import Datagrams, TrackSender, receiver
 from tertia.cli.files.read import TIME_FORMAT, has_lines
-from tertia.cli.files.text import separator_of, with_point
+from tertia.cli.files.text import cells_of, json_of, separator_of, with_point
 from tertia.cli.files.write import as_lines
 from tertia.cli.terminal.pipe import Lines, Packets, Quiet
 from tertia.cli.terminal.say import INTERRUPTED, WRONG_USAGE, fail, note, reading
@@ -208,9 +206,7 @@ class _Plots:
     def _begin(self, line: str) -> None:
         """Read the header, which must have the required columns."""
         self._separator = separator_of(line)
-        self._header = [
-            name.strip() for name in next(csv.reader([line], delimiter=self._separator))
-        ]
+        self._header = [name.strip() for name in cells_of(line, self._separator)]
         part = Part(pl.DataFrame(schema=dict.fromkeys(self._header, pl.String)), self.name)
         # misspelt names are recognised as in files
         looked_for = [name for names in self._choices.values() for name in names]
@@ -292,15 +288,12 @@ class _Plots:
 
 
 def _of_json(text: str) -> Cells | str:
-    try:
-        cells = json.loads(text)
-    except ValueError:
-        cells = None
+    cells = json_of(text)
     return cells if isinstance(cells, dict) else "it is not a JSON object"
 
 
 def _of_csv(text: str, header: Sequence[str], separator: str) -> Cells | str:
-    cells = next(csv.reader([text], delimiter=separator))
+    cells = cells_of(text, separator)
     if separator != ",":
         cells = list(map(with_point, cells))
     if len(cells) != len(header):

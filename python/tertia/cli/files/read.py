@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import json
 from collections.abc import Iterator, Sequence
 from contextvars import ContextVar
@@ -13,7 +14,7 @@ import polars as pl
 
 from tertia import io
 from tertia.cli.files import asterix
-from tertia.cli.files.text import Dialect, damage, foreign, read_text, too_long
+from tertia.cli.files.text import Dialect, damage, foreign, has_strange_names, read_text, too_long
 from tertia.cli.terminal.say import WRONG_USAGE, fail, reading
 from tertia.geo import LocalFrame, SystemPlane
 from tertia.tables._described import REPORTS, Description, description
@@ -74,7 +75,8 @@ def batches(
         rows = pl.scan_ipc(path, glob=False)
     elif kind == ".csv" and has_lines(path) and Dialect.of(path).is_plain:
         rows = pl.scan_csv(path, infer_schema=False, glob=False)
-        if any(name.endswith(AGAIN) for name in rows.collect_schema()):
+        header = rows.collect_schema().names()
+        if any(name.endswith(AGAIN) for name in header) or has_strange_names(header):
             return
         # blank lines are not rows
         rows = rows.filter(~pl.all_horizontal(pl.all().is_null()))
@@ -159,8 +161,8 @@ def _frame(path: Path) -> pl.DataFrame:
         fail(f"cannot read {path}: tables are read from CSV, Parquet, Arrow or JSON lines")
     try:
         if kind in JSON_LINES:
-            with path.open("rb") as file:
-                return pl.read_ndjson(file, infer_schema_length=None)
+            contents = path.read_bytes().removeprefix(codecs.BOM_UTF8)
+            return pl.read_ndjson(contents, infer_schema_length=None)
         if kind in ARROW:
             with path.open("rb") as file:
                 return pl.read_ipc(file)

@@ -6,9 +6,11 @@ import codecs
 import csv
 import gzip
 import io
+import json
 import re
 import zlib
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -41,6 +43,8 @@ _OTHERS = {
 # bytes that do not occur in text, and largest share of them in a text file
 _CONTROL = bytes(sorted({*range(32)} - {*b"\t\n\v\f\r\x1a\x1b"}))
 _STRANGE = 0.02
+# what Polars puts into names of columns for bytes that are not UTF-8
+_UNDECODED = "\ufffd"
 _DECIMAL_COMMA = r"^(\s*[+-]?\d*),(\d+(?:[eE][+-]?\d+)?\s*)$"
 
 
@@ -52,6 +56,8 @@ class Dialect:
     encoding: str = "utf-8"
     # lines before the header
     comments: int = 0
+    # whether carriage returns alone end the lines, as on old Macs
+    returns: bool = False
 
     @property
     def is_plain(self) -> bool:
@@ -71,11 +77,12 @@ class Dialect:
         except _DAMAGED:
             return cls()
         encoding = encoding_of(begin)
-        lines = begin.decode(encoding, "ignore").lstrip("\ufeff").splitlines()
+        text = begin.decode(encoding, "ignore").lstrip("\ufeff")
+        lines, returns = text.splitlines(), "\r" in text and "\n" not in text
         comments = _comments(lines)
         header, first = [*filter(str.strip, lines[comments:]), "", ""][:2]
         separator = " " if _is_spaced(header, first) else separator_of(header)
-        return cls(separator, encoding, comments)
+        return cls(separator, encoding, comments, returns)
 
 
 def _comments(lines: list[str]) -> int:
@@ -85,13 +92,22 @@ def _comments(lines: list[str]) -> int:
     count = next((k for k, line in enumerate(lines) if not line.startswith(_COMMENT)), len(lines))
     if not 0 < count < len(lines):
         return 0
-    first = next(csv.reader([lines[count]], delimiter=separator_of(lines[count])), [])
+    first = cells_of(lines[count], separator_of(lines[count]))
     return count - 1 if any(map(_is_number, first)) else count
 
 
 def separator_of(header: str) -> str:
     """Return the separator that gives most columns in a header."""
-    return max(_SEPARATORS, key=lambda one: len(next(csv.reader([header], delimiter=one), ())))
+    return max(_SEPARATORS, key=lambda one: len(cells_of(header, one)))
+
+
+def cells_of(line: str, separator: str) -> list[str]:
+    """Return the cells of a line; a line that is not CSV is one cell."""
+    try:
+        return next(csv.reader([line], delimiter=separator), [])
+    except csv.Error:
+        # a cell is too long, or there is a carriage return in it
+        return [line]
 
 
 def _is_spaced(header: str, first: str) -> bool:
@@ -99,6 +115,23 @@ def _is_spaced(header: str, first: str) -> bool:
     words, names = first.split(), header.split()
     has_others = any(one in header for one in _SEPARATORS)
     return len(words) == len(names) > 1 and not has_others and any(map(_is_number, words))
+
+
+def has_strange_names(names: Iterable[str]) -> bool:
+    """Return whether names of columns have characters that Polars could not decode as UTF-8."""
+    return any(_UNDECODED in name for name in names)
+
+
+def json_of(text: str) -> Any:
+    """Return the value of a text in JSON; None if there is none that tables can hold."""
+    try:
+        value = json.loads(text)
+        if "\\u" in text:
+            # halves of characters cannot be written
+            json.dumps(value, ensure_ascii=False).encode()
+    except (ValueError, RecursionError):
+        return None
+    return value
 
 
 def with_point(cell: str) -> str:
@@ -158,11 +191,16 @@ def too_long(path: Path) -> str | None:
     except (OSError, *_DAMAGED):
         return None
     rows = csv.reader(text.splitlines()[dialect.comments :], delimiter=dialect.separator)
-    width = len(next((cells for cells in rows if cells), []))
-    for cells in rows:
-        if len(cells) > width:
-            line = rows.line_num + dialect.comments
-            return f"line {line} has {len(cells)} fields, the header has {width}"
+    try:
+        width = len(next((cells for cells in rows if cells), []))
+        for cells in rows:
+            if len(cells) > width:
+                line = rows.line_num + dialect.comments
+                return f"line {line} has {len(cells)} fields, the header has {width}"
+    except csv.Error as error:
+        return (
+            f"up to line {rows.line_num + dialect.comments}: {error}; is a quotation mark missing?"
+        )
     return None
 
 
@@ -182,11 +220,14 @@ def read_text(path: Path) -> pl.DataFrame:
 
 def _read(path: Path, dialect: Dialect) -> pl.DataFrame:
     options: dict[str, Any] = {"separator": dialect.separator, "infer_schema": False}
-    if dialect.encoding == "utf-8" and not dialect.comments and dialect.separator != " ":
+    if replace(dialect, separator=",").is_plain and dialect.separator != " ":
+        packed = path.suffix.lower() == ".zst"
         try:
-            return pl.read_csv(path, glob=False, **options)
+            frame = pl.read_csv(path, glob=False, **options)
+            if packed or not has_strange_names(frame.columns):
+                return frame
         except pl.exceptions.ComputeError as error:
-            if "utf-8" not in str(error).lower() or path.suffix.lower() == ".zst":
+            if packed or "utf-8" not in str(error).lower():
                 raise
     with _opened(path) as file:
         contents = file.read()
@@ -197,6 +238,8 @@ def _read(path: Path, dialect: Dialect) -> pl.DataFrame:
             reason = f"it cannot be decoded as {dialect.encoding}"
             raise pl.exceptions.ComputeError(reason)
         doubt(f"{path} is not UTF-8; it is read as Windows-1252")
+    if dialect.returns:
+        text = text.replace("\r", "\n")
     for _ in range(dialect.comments):
         text = text.partition("\n")[2]
     if dialect.separator == " ":
