@@ -27,6 +27,7 @@ from studies import (
     charts,
     constant_errors,
     contamination,
+    delays,
     existence,
     fixed_echoes,
     flightplan,
@@ -233,6 +234,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "mixed": positions.mixed,
         "velocities": reported_velocities.reported_velocities,
         "misaligned": misaligned.misaligned,
+        "delays": delays.delays,
         "boats": boats.table,
     },
     "tracker.md": {

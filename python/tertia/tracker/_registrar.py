@@ -163,6 +163,17 @@ class Registrar:
         return [False] * len(held) if all(held) else held
 
     @property
+    def delays(self) -> FloatArray:
+        """Delay that is taken out of the times of each sensor, (K,); nan if none is estimated."""
+        sigma = columns_of(own_biases(self.sensors), "_sigma")
+        is_late = are_placed(self.sensors) & (sigma[:, 3] > 0.0)
+        return np.where(is_late, self._core.clocks(), np.nan)
+
+    def set_delays(self, sigmas: FloatArray) -> None:
+        """Set the standard deviations of the differences between the delays of targets, (K,)."""
+        self._core.set_delays(sigmas)
+
+    @property
     def changes(self) -> list[tuple[float, int]]:
         """Times at which errors changed suddenly, and the sensors whose errors changed."""
         return self._core.changes()
@@ -206,7 +217,7 @@ class Registrar:
     @property
     def is_first(self) -> bool:
         """Whether the radars have not been compared yet, so that two tracks may be one aircraft."""
-        return not self._due > self._begin + self._first
+        return not (self._paired.all() or self._due > self._begin + self._first)
 
     def search(self, plots: Plots, time: float, alone: Alone) -> bool:
         """Search for large errors in the first scans; return whether tracks are to start anew.

@@ -71,6 +71,26 @@ impl PlotTracker {
         self.0.tracker_mut().hold(radars);
     }
 
+    /// Sets the common delay by which the times of each sensor were corrected, (K,); nan for sensors whose
+    /// delays are not estimated by target.
+    fn set_delays(&mut self, common: Input<'_>) -> PyResult<()> {
+        let common = common.numbers("common")?;
+        let known = |delay: &f64| delay.is_finite().then_some(*delay);
+        self.0.tracker_mut().set_delays(&common.iter().map(known).collect::<Vec<_>>());
+        Ok(())
+    }
+
+    /// Estimates how much the delays of targets differ.
+    fn weigh_delays(&mut self) {
+        self.0.tracker_mut().weigh_delays();
+    }
+
+    /// Standard deviations of the differences between the delays of targets, (K,).
+    fn delay_sigmas<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
+        let sigmas = self.0.tracker().delay_sigmas();
+        array(py, &[sigmas.len()], sigmas)
+    }
+
     /// Returns the numbers of all tracks in ascending order, (T,).
     fn numbers<'py>(&self, py: Python<'py>) -> PyResult<Integers<'py>> {
         let numbers = self.0.tracker().numbers();

@@ -4,13 +4,13 @@
 //! take plots first, by the assignment with the largest likelihood, then the tentative tracks do; each
 //! remaining plot starts a tentative track. Radars see a target at different times, each once per scan.
 //!
-//! Main modules, where those on the right use those on the left: `estimate <- kinematics, lean; motion <-
+//! Main modules, where those on the right use those on the left: `estimate <- kinematics, lean <- delay; motion <-
 //! bank; level, geometry <- plot; mht <- association; geometry, plans, association, motion <- settings,
 //! velocities <- plan, curve, prospects <- window <- filter <- resolution, sight, moving; plan <-
 //! correlation; doubles, extent, fixed, patches, tally, weighed <- clutter; height, identity, beams, filter,
 //! moving, correlation, existence, tree, suspicion, outliers, clutter <- track <- cluster, row, claim,
 //! schedule, reflections, ended, azimuths; outliers <- noise <- strays <- resume <- share <- scan <- live <-
-//! ending, kept, control, found <- lag`; `kinematics, motion <- smooth` beside them.
+//! ending, kept, control, found, late <- lag`; `kinematics, motion <- smooth` beside them.
 //!
 //! A plot costs O(1) as long as the number of targets within a gate does not grow; memory is O(tracks).
 
@@ -27,6 +27,7 @@ mod columns;
 mod control;
 mod correlation;
 mod curve;
+mod delay;
 mod doubles;
 mod ended;
 mod ending;
@@ -44,6 +45,7 @@ mod identity;
 mod kept;
 mod kinematics;
 mod lag;
+mod late;
 mod lean;
 mod level;
 mod live;

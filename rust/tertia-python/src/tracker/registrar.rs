@@ -137,6 +137,20 @@ impl Registrar {
         self.0.held()
     }
 
+    /// Clock errors by which plots are corrected, (K,).
+    fn clocks<'py>(&self, py: Python<'py>) -> PyResult<Array<'py>> {
+        let clocks: Vec<f64> = self.0.taken_out().iter().map(|errors| errors[ERRORS - 1]).collect();
+        array(py, &[clocks.len()], clocks)
+    }
+
+    /// Sets the standard deviations of the differences between the delays of targets, (K,).
+    fn set_delays(&mut self, sigmas: Input<'_>) -> PyResult<()> {
+        let sigmas = sigmas.numbers("sigmas")?;
+        same_length(self.0.held().len(), &[sigmas.len()])?;
+        self.0.set_delays(&sigmas);
+        Ok(())
+    }
+
     /// Returns times and radars of sudden changes of errors.
     fn changes(&self) -> Vec<(f64, usize)> {
         self.0.changes().to_vec()

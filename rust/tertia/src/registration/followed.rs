@@ -229,6 +229,9 @@ impl Followed {
             gain[0][i] = a * east + b * both;
             gain[1][i] = a * both + b * north;
         }
+        if seen.is_late {
+            across(&mut gain, velocity);
+        }
         // a plot moves a track no farther than to the plot itself
         restrain(&mut gain, 0, 1.0);
         // the first plots determine the velocity
@@ -366,6 +369,20 @@ fn steady([east, north]: &mut Gain, interval: f64) {
         for gain in [east, north] {
             gain[2] /= most;
             gain[3] /= most;
+        }
+    }
+}
+
+/// Removes the direction of a velocity from a gain: a position that is late by an unknown time does not say
+/// where the target is along its course, which other sensors decide.
+#[cold]
+fn across(gain: &mut Gain, [u, v]: [f64; 2]) {
+    let square = u * u + v * v;
+    if square > 0.0 {
+        let [east, north] = gain;
+        for (east, north) in east.iter_mut().zip(north) {
+            let along = (*east * u + *north * v) / square;
+            (*east, *north) = (*east - along * u, *north - along * v);
         }
     }
 }

@@ -65,6 +65,8 @@ pub struct Registrar {
     redundancy: Vec<[f64; 2]>,
     watches: Vec<[Watch; 2]>,
     alarms: Vec<Alarm>,
+    /// Standard deviations of the differences between the delays of targets, s; 0 where there are none.
+    delays: Vec<f64>,
     time: f64,
     open: BTreeMap<i64, Vec<TargetPlot>>,
     tracks: Roster,
@@ -104,6 +106,7 @@ impl Registrar {
             redundancy: vec![[0.0; 2]; k],
             watches: vec![<[Watch; 2]>::default(); k],
             alarms: vec![Alarm::default(); k],
+            delays: vec![0.0; k],
             time: f64::NEG_INFINITY,
             open: BTreeMap::new(),
             tracks: Roster::default(),
@@ -131,6 +134,15 @@ impl Registrar {
         for (clock, own) in self.clocks.iter_mut().zip(errors) {
             *clock = own[CLOCK];
         }
+    }
+
+    /// Sets by how much the delays of the reports of each sensor differ between targets: standard deviations,
+    /// s; 0 if they do not differ.
+    ///
+    /// # Panics
+    /// If the length differs.
+    pub fn set_delays(&mut self, sigmas: &[f64]) {
+        self.delays.copy_from_slice(sigmas);
     }
 
     /// Returns the errors of each radar.
@@ -269,7 +281,10 @@ impl Registrar {
         // after a sudden change, the new errors are not those of the plots before
         if self.changes.len() == changes {
             for_each(&self.unknowns(), |k, j, column, _| {
-                moved[k][j] = self.known.mean[column] - before[column];
+                // tracks follow a clock whose delays differ between targets by themselves
+                if j != CLOCK || self.delays[k] == 0.0 {
+                    moved[k][j] = self.known.mean[column] - before[column];
+                }
             });
         }
         (applied, moved)
@@ -304,10 +319,11 @@ impl Registrar {
             if self.open.len() == OPEN && !self.open.contains_key(&updates.target(row)) {
                 continue;
             }
-            let Update { plot, confirmed, .. } = updates.get(row);
+            let Update { mut plot, confirmed, velocity, .. } = updates.get(row);
             if !confirmed || !plot.report.is_seen() {
                 continue;
             }
+            self.blur(&mut plot.report, velocity);
             let block = self.open.entry(plot.target).or_default();
             if block.first().is_some_and(|first| plot.report.time - first.report.time > longest) {
                 closed.push(std::mem::take(block));
@@ -322,6 +338,19 @@ impl Registrar {
             !ends
         });
         closed
+    }
+
+    /// Adds, to the covariance of a reported position, that of the delay of its target.
+    fn blur(&self, report: &mut Report, [u, v]: [f64; 2]) {
+        let (sigma, stated) = (self.delays[report.radar], self.radars[report.radar].range_sigma);
+        if let Some(place) = report.place.as_mut().filter(|_| sigma > 0.0) {
+            if place.covariance[0].is_nan() {
+                place.covariance = [stated * stated, 0.0, stated * stated];
+            }
+            let variance = sigma * sigma;
+            let late = [variance * u * u, variance * u * v, variance * v * v];
+            (0..3).for_each(|i| place.covariance[i] += late[i]);
+        }
     }
 
     /// Arranges this covariance of the errors, in units of the prior, by radars.

@@ -95,6 +95,8 @@ pub(super) struct Sighting {
     tilt: f64,
     /// Largest squared height, if the range is slant and the height is unknown.
     pub highest: Option<f64>,
+    /// Whether the plot is late by a delay of its target.
+    pub is_late: bool,
 }
 
 impl Sighting {
@@ -125,6 +127,7 @@ impl Sighting {
             ground,
             tilt: HEIGHT_SIGMA * up / ground,
             highest: None,
+            is_late: false,
         };
         seen.sigma = seen.noise([radar.range_sigma * factor[0], radar.azimuth_sigma * factor[1]]);
         Some(seen)
@@ -150,6 +153,7 @@ impl Sighting {
             ground: 1.0,
             tilt: 0.0,
             highest: None,
+            is_late: false,
         }
     }
 

@@ -24,6 +24,7 @@ impl Tracker {
         self.noise.clone_from(&other.noise);
         self.noise.iter_mut().for_each(Noise::restart);
         self.doubles.clone_from(&other.doubles);
+        self.settings.delays.clone_from(&other.settings.delays);
         for (own, other) in self.clutter.iter_mut().zip(&other.clutter) {
             own.learn(other);
         }
@@ -31,5 +32,6 @@ impl Tracker {
         clutter.any(|(own, radar)| own.has_fixed(radar) || own.is_uneven(radar))
             || self.noise.iter().any(|noise| noise.differs() || noise.outliers.are_many())
             || self.doubles.iter().any(Doubles::is_often)
+            || self.settings.delays.iter().flatten().any(|own| own.sigma > 0.0)
     }
 }

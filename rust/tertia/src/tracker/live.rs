@@ -210,6 +210,7 @@ impl Tracker {
             clutter.learn(&before);
         }
         self.noise.iter_mut().for_each(Noise::restart);
+        self.settings.delays.iter_mut().flatten().for_each(|own| own.sigma = 0.0);
         self.waiting.clear();
         self.azimuths.clear();
         self.level = Level::of(self.settings.heights);

@@ -1,6 +1,7 @@
 //! Settings of a tracker.
 
 use super::association::Association;
+use super::delay::Delays;
 use super::geometry::Geometry;
 use super::level::Heights;
 use super::mht::Mht;
@@ -60,6 +61,8 @@ pub struct Settings {
     /// Whether each radar may not confirm tracks now because its errors may have changed; empty if
     /// all may.
     pub held: Vec<bool>,
+    /// Delays of the targets of each sensor; none where they are not sought, and empty if nowhere.
+    pub delays: Vec<Option<Delays>>,
     /// How positions follow from the plots of each radar; radars without an entry are in a flat
     /// plane.
     pub geometry: Vec<Geometry>,
@@ -108,6 +111,7 @@ impl Settings {
         Self {
             radars,
             held: Vec::new(),
+            delays: Vec::new(),
             geometry: Vec::new(),
             plans: Plans::default(),
             motion,

@@ -4,6 +4,7 @@ use super::association::{Association, paper_score};
 use super::beams::{Beams, Expected};
 use super::clutter::Clutter;
 use super::correlation::Correlation;
+use super::delay::Delay;
 use super::estimate::Estimate;
 use super::existence::Existence;
 use super::filter::Filter;
@@ -29,6 +30,7 @@ use serde::{Deserialize, Serialize};
 
 mod agile;
 mod basis;
+mod delayed;
 pub(super) mod fork;
 mod levelled;
 mod life;
@@ -106,6 +108,8 @@ pub(super) struct Track {
     pub vertical: Option<Vertical>,
     /// Dependence of the estimate on the height, if plots without a height were used.
     lean: Option<Box<Lean>>,
+    /// Delays of the reports of its target, by sensor.
+    delays: Vec<Delay>,
     known: Known,
     pub(super) correlation: Correlation,
     /// Whether its plan is suspended.
@@ -179,6 +183,7 @@ impl Track {
             moved: !plot.is_bare() || !Clutter::knows_fixed(settings, plot.radar),
             vertical,
             lean,
+            delays: Vec::new(),
             known: Known::new(),
             correlation: Correlation::default(),
             suspended: false,
@@ -235,6 +240,7 @@ impl Track {
             if let Some(lean) = &mut self.lean {
                 lean.predict(time - self.time);
             }
+            self.delays.iter_mut().for_each(|own| own.predict(time - self.time));
             self.time = time;
             self.estimate = self.filter.estimate();
             if let Some(fork) = &mut self.fork {
@@ -347,11 +353,15 @@ impl Track {
         if self.infer_height(plot, &here, y) {
             here = self.brought_here(plot, settings);
         }
+        if !settings.delays.is_empty() && self.learn_delays(plot, settings) {
+            here = self.brought_here(plot, settings);
+        }
         let motion = self.motion(settings);
         self.filter.correct(motion, here.position, here.noise);
         self.merged = false;
         self.estimate = self.filter.estimate();
         self.lean_by(plot, &here);
+        self.lean_by_delays(plot, &here);
         if let Source::Moving(_, seen) = plot.source {
             self.take_velocity(plot, seen, settings);
         }

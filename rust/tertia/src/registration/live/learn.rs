@@ -103,7 +103,8 @@ impl Registrar {
                 work.push((track, rows, is_new));
             }
         }
-        let known = Applied { radars: &self.radars, noise: &applied, unknowns: &unknowns };
+        let (radars, delays) = (&self.radars[..], &self.delays[..]);
+        let known = Applied { radars, delays, noise: &applied, unknowns: &unknowns };
         let follow = |(): &mut (), ((track, rows, is_new), out): (_, &mut (i64, _))| {
             out.1 = Arch::new().dispatch(OfTarget { track, rows, is_new, known, errors: &errors });
             Ok(())
@@ -146,13 +147,13 @@ impl Registrar {
         unknowns: &Unknowns,
     ) -> &Followed {
         let report = &update.plot.report;
-        let known = Applied { radars: &self.radars, noise: applied, unknowns };
+        let known = Applied { radars: &self.radars, delays: &self.delays, noise: applied, unknowns };
         let seen = known.seen(update);
         if let Some(seen) = &seen {
             self.watch(update, seen, applied[report.radar][1]);
         }
         let track = self.tracks.at(place);
-        let known = Applied { radars: &self.radars, noise: applied, unknowns };
+        let known = Applied { radars: &self.radars, delays: &self.delays, noise: applied, unknowns };
         known.follow(track, update, seen, is_new);
         track
     }
@@ -162,6 +163,8 @@ impl Registrar {
 #[derive(Clone, Copy)]
 struct Applied<'a> {
     radars: &'a [Radar],
+    /// Standard deviations of the differences between the delays of targets.
+    delays: &'a [f64],
     /// Noise of the plots, with and without the uncertainty of the errors.
     noise: &'a [[[f64; 2]; 2]],
     unknowns: &'a Unknowns,
@@ -172,7 +175,9 @@ impl Applied<'_> {
     #[inline(always)]
     fn seen(&self, update: &Update) -> Option<Sighting> {
         let report = &update.plot.report;
-        Sighting::new(report, report.height, &self.radars[report.radar], [1.0; 2])
+        let mut seen = Sighting::new(report, report.height, &self.radars[report.radar], [1.0; 2])?;
+        seen.is_late = self.delays[report.radar] > 0.0;
+        Some(seen)
     }
 
     /// Follows a row of a track.

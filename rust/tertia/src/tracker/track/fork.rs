@@ -209,6 +209,7 @@ impl Track {
         if is_other && is_sure {
             (self.filter, self.estimate) = (state.filter, state.estimate);
             (self.vertical, self.lean, self.seen) = (state.vertical, state.lean, state.seen);
+            self.delays = state.delays;
         }
         (is_sure && is_outlier == is_other).then_some(radar)
     }

@@ -33,12 +33,14 @@ pub(super) struct Here {
     /// the height.
     by_height: [f64; 2],
     variance: f64,
+    /// Covariance due to the delays of the target.
+    delayed: Plane,
 }
 
 impl Here {
-    /// Covariance due to the noise and to the height.
+    /// Covariance due to the noise, the height and the delays.
     pub fn covariance(&self) -> Plane {
-        self.noise.plus(along(self.by_height, self.variance))
+        self.noise.plus(along(self.by_height, self.variance)).plus(self.delayed)
     }
 }
 
@@ -82,6 +84,7 @@ impl Track {
             }
             None => self.shown(),
         };
+        own = self.with_delays(own);
         let unnoticed = self.filter.unnoticed();
         own.covariance[(2, 2)] += unnoticed;
         own.covariance[(3, 3)] += unnoticed;
@@ -124,8 +127,14 @@ impl Track {
             noise.xy += t * t * p[(2, 3)];
             noise.yy += t * t * p[(3, 3)];
         }
-        let position = [place[0] - t * x[2], place[1] - t * x[3]];
-        Here { position, noise, by_height, variance }
+        let mut position = [place[0] - t * x[2], place[1] - t * x[3]];
+        let mut delayed = Plane::default();
+        if !settings.delays.is_empty() {
+            let (moved, covariance) = self.delayed(plot.radar, t, settings);
+            position = [position[0] + moved[0], position[1] + moved[1]];
+            delayed = covariance;
+        }
+        Here { position, noise, by_height, variance, delayed }
     }
 
     /// Height at the time of a plot; that of the traffic if the track has none.

@@ -58,7 +58,7 @@ impl Track {
         let motion = self.motion(settings);
         self.filter.see(motion, sight, when);
         self.estimate = self.filter.estimate();
-        if let Some(lean) = &mut self.lean {
+        for lean in self.lean.as_deref_mut().into_iter().chain(self.delays.iter_mut().map(|own| &mut own.lean)) {
             lean.see(&self.estimate, &row);
         }
         let none = f64::NAN;
@@ -72,8 +72,10 @@ impl Track {
 
     /// Variance, due to the height, of a quantity with these derivatives with respect to the state.
     fn leaning(&self, row: &[f64; 4]) -> f64 {
-        let Some((lean, vertical)) = self.lean.as_ref().zip(self.vertical) else { return 0.0 };
-        lean.along(row).powi(2) * vertical.at(self.time).height_variance()
+        let height = self.lean.as_ref().zip(self.vertical).map_or(0.0, |(lean, vertical)| {
+            lean.along(row).powi(2) * vertical.at(self.time).height_variance()
+        });
+        height + self.delay_along(row)
     }
 
     /// Scan period of its slowest sensor for the noise of the models, s.
