@@ -121,7 +121,12 @@ impl Track {
     pub fn change_delays(&mut self, sensor: usize, change: impl Fn(&mut Delay)) {
         self.each_state(|state| {
             let fork = state.fork.iter_mut().flat_map(|fork| &mut fork.state.delays);
-            state.delays.iter_mut().chain(fork).filter(|own| own.sensor == sensor).for_each(&change);
+            state
+                .delays
+                .iter_mut()
+                .chain(fork)
+                .filter(|own| own.sensor == sensor)
+                .for_each(&change);
         });
     }
 

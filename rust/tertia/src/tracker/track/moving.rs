@@ -87,7 +87,12 @@ impl Track {
         let motion = self.motion(settings);
         self.filter.take_velocity(motion, &seen, velocities);
         self.estimate = self.filter.estimate();
-        for lean in self.lean.as_deref_mut().into_iter().chain(self.delays.iter_mut().map(|own| &mut own.lean)) {
+        for lean in self
+            .lean
+            .as_deref_mut()
+            .into_iter()
+            .chain(self.delays.iter_mut().map(|own| &mut own.lean))
+        {
             lean.take_velocity(&self.estimate, seen.noise);
         }
     }
