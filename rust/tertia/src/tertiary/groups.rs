@@ -40,8 +40,9 @@ pub(super) fn grouped(samples: &[Sample], candidates: &[Candidate], order: &[usi
         let own = &of_sensor[sensor];
         let (mut pairs, mut offers) = (Vec::new(), Vec::new());
         let mut of_track = Vec::new();
+        let mut place_of = vec![usize::MAX; groups.len()];
         for (row, &i) in own.iter().enumerate() {
-            near.offers(i, &group_of, &groups, &mut of_track);
+            near.offers(i, &group_of, &groups, &mut place_of, &mut of_track);
             for &offer in &of_track {
                 let group = &groups[offer.group];
                 let n = group.members.len() as f64;
@@ -105,8 +106,16 @@ impl<'a> Near<'a> {
     }
 
     /// Sets the contributions of a track to all groups in which at least one pair with the track is in the
-    /// gate and every member is a candidate.
-    fn offers(&self, i: usize, group_of: &[usize], groups: &[Group], offers: &mut Vec<Offer>) {
+    /// gate and every member is a candidate. `place_of` is the place of each group among them; before and
+    /// afterwards none has one. Cost O(candidates).
+    fn offers(
+        &self,
+        i: usize,
+        group_of: &[usize],
+        groups: &[Group],
+        place_of: &mut [usize],
+        offers: &mut Vec<Offer>,
+    ) {
         offers.clear();
         for &at in &self.own[self.start[i] as usize..self.start[i + 1] as usize] {
             let candidate = &self.candidates[at as usize];
@@ -114,19 +123,43 @@ impl<'a> Near<'a> {
             if group == usize::MAX {
                 continue;
             }
-            let at = offers.iter().position(|offer| offer.group == group);
-            let offer = match at {
-                Some(at) => &mut offers[at],
-                None => {
-                    offers.push(Offer { group, ..Offer::default() });
-                    offers.last_mut().expect("it was pushed")
-                }
-            };
+            if place_of[group] == usize::MAX {
+                place_of[group] = offers.len();
+                offers.push(Offer { group, ..Offer::default() });
+            }
+            let offer = &mut offers[place_of[group]];
             offer.gain += candidate.gain;
             offer.squared += candidate.squared;
             offer.pairs += 1;
             offer.passes |= candidate.passes;
         }
+        offers.iter().for_each(|one| place_of[one.group] = usize::MAX);
         offers.retain(|one| one.passes && one.pairs == groups[one.group].members.len());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// All pairs of tracks of two sensors at one place.
+    fn at_one_place(count: usize) -> (Vec<Sample>, Vec<Candidate>) {
+        let sample = |i: usize| Sample { sensor: i / count, ..Sample::default() };
+        let pair = |at: usize| Candidate {
+            first: at / count,
+            second: count + at % count,
+            gain: 1.0,
+            passes: true,
+            squared: 0.5,
+        };
+        ((0..2 * count).map(sample).collect(), (0..count * count).map(pair).collect())
+    }
+
+    #[test]
+    fn each_track_has_one_partner_wherever_all_fit() {
+        let (samples, candidates) = at_one_place(20);
+        let groups = grouped(&samples, &candidates, &[0, 1]);
+        assert_eq!(groups.len(), 20);
+        assert!(groups.iter().all(|group| group.members.len() == 2 && group.squared == 0.5));
     }
 }

@@ -17,14 +17,14 @@ use super::plan::Guide;
 use super::plot::{Measured, Source};
 use super::prospects::{Prospects, There};
 use super::rivals::Rivals;
-use super::settings::{Confirmation, MAX_DELAY, Settings};
+use super::settings::{Confirmation, Settings};
 use super::suspicion::Suspicion;
 use super::swerve::Swerve;
 use super::tree::Tree;
 use crate::base::exponential::exp;
 use crate::base::plane::Plane;
 use crate::flightplan::{Plan, Sighting, Status};
-use crate::sensors::{Identities, Radar};
+use crate::sensors::Identities;
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
@@ -247,22 +247,6 @@ impl Track {
                 fork.state.predict(time, period, settings);
             }
         }
-    }
-
-    /// When this radar should see the target next; none if it has not seen the target yet.
-    pub fn expected_by(&self, radar: usize) -> Option<&Expected> {
-        self.beams.all().iter().find(|expected| expected.radar == radar)
-    }
-
-    /// Whether this radar can have made a plot of this target at the time of the plot.
-    pub fn is_due(&self, plot: &Measured, radar: &Radar) -> bool {
-        self.is_due_at(plot.time, plot.radar, radar.scan_period)
-    }
-
-    /// The same for a plot at a time, from the index and the scan period of its radar.
-    #[inline]
-    pub fn is_due_at(&self, time: f64, radar: usize, period: f64) -> bool {
-        self.expected_by(radar).is_none_or(|e| time - e.seen > SOONEST * period)
     }
 
     /// Log-likelihood ratio of the plot: this target against any other source, with the `odds` of the plot's
@@ -500,10 +484,5 @@ impl Track {
                 self.confirm(settings);
             }
         }
-    }
-
-    fn set_due(&mut self, settings: &Settings) {
-        let due = |e: &Expected| e.time + MAX_DELAY * settings.radars[e.radar].scan_period;
-        self.due = self.beams.all().iter().map(due).fold(f64::INFINITY, f64::min);
     }
 }

@@ -1,11 +1,33 @@
-//! Missed detections: scans in which radars should have seen a target and did not.
+//! When radars should see a target, and missed detections: scans in which they should have and did not.
 
-use super::{Stage, Track};
+use super::{SOONEST, Stage, Track};
 use crate::sensors::Radar;
 use crate::tracker::beams::Expected;
+use crate::tracker::plot::Measured;
 use crate::tracker::settings::{MAX_DELAY, Settings};
 
 impl Track {
+    /// When this radar should see the target next; none if it has not seen the target yet.
+    pub fn expected_by(&self, radar: usize) -> Option<&Expected> {
+        self.beams.all().iter().find(|expected| expected.radar == radar)
+    }
+
+    /// Whether this radar can have made a plot of this target at the time of the plot.
+    pub fn is_due(&self, plot: &Measured, radar: &Radar) -> bool {
+        self.is_due_at(plot.time, plot.radar, radar.scan_period)
+    }
+
+    /// The same for a plot at a time, from the index and the scan period of its radar.
+    #[inline]
+    pub fn is_due_at(&self, time: f64, radar: usize, period: f64) -> bool {
+        self.expected_by(radar).is_none_or(|e| time - e.seen > SOONEST * period)
+    }
+
+    pub(super) fn set_due(&mut self, settings: &Settings) {
+        let due = |e: &Expected| e.time + MAX_DELAY * settings.radars[e.radar].scan_period;
+        self.due = self.beams.all().iter().map(due).fold(f64::INFINITY, f64::min);
+    }
+
     /// Counts the scans before `end` in which radars should have seen the target and did not; calls
     /// `missed` for each.
     #[inline]
