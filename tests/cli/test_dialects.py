@@ -303,3 +303,11 @@ def test_a_cell_without_an_end(bad: str, tmp_path: Path) -> None:
     done = run("bearing", path)
     assert done.code == 1
     assert re.fullmatch("tertia: .*in.csv: up to line .* is a quotation mark missing.\n", done.err)
+
+
+def test_json_lines_nested_too_deeply(tmp_path: Path) -> None:
+    path = tmp_path / "in.jsonl"
+    path.write_text('{"azimuth_deg": 1}\n{"azimuth_deg": ' + 50_000 * "[" + "\n")
+    done = run("bearing", path)
+    assert done.code == 1
+    assert done.err == f"tertia: {path}, line 2: each line must be a JSON object with the columns\n"

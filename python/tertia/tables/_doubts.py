@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import timedelta
 
 import numpy as np
 import polars as pl
 
 from tertia._arrays import FloatArray
+from tertia.tables._names import all_misspelt
 
 # number of values to check a unit, least spread of azimuths (°), least median of ranges (m)
 _DOUBTFUL_COUNT, _DOUBTFUL_SPREAD, _LEAST_RANGE = 20, 1.0, 1000.0
@@ -85,6 +86,19 @@ def _are_gradians(azimuths: FloatArray) -> bool:
     if len(known) < _DOUBTFUL_COUNT or known.min() < 0.0 or not _FULL < known.max() <= _GRADIANS:
         return False
     return bool(np.all(np.histogram(known, 8, (0.0, _GRADIANS))[0]))
+
+
+def doubt_names(
+    described: Mapping[str, Mapping[str, object]], known: Sequence[str], file: str
+) -> None:
+    """Warn of keys of sensors that are probably misspelt names of known ones, and are not used."""
+    judged: set[str] = set()
+    for name, row in described.items():
+        there = [key for key, cell in row.items() if cell is not None and key not in judged]
+        for said in all_misspelt(known, there):
+            doubt(f"{file}: {name} {said}")
+        judged.update(there)
+        judged.difference_update(known)
 
 
 def doubt_ranges(values: FloatArray, places: FloatArray) -> None:

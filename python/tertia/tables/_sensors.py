@@ -14,11 +14,11 @@ from tertia._arrays import FloatArray
 from tertia.geo import LocalFrame, SystemPlane
 from tertia.location._height import in_the_plane
 from tertia.sensors import Bias, Channel, PositionSensor, Radar, Station
-from tertia.tables._doubts import doubt
+from tertia.tables._doubts import doubt, doubt_names
 from tertia.tables._earth import at_heights, on_the_ellipsoid
 from tertia.tables._groups import known
 from tertia.tables._marks import is_mark
-from tertia.tables._names import NEAR, VERY_NEAR, all_misspelt, hint, plain_name
+from tertia.tables._names import NEAR, VERY_NEAR, hint, plain_name
 from tertia.tables._parts import RecordError
 from tertia.tables._sexagesimal import angle_of_text
 
@@ -409,31 +409,16 @@ def _named(rows: Sequence[Row], noun: str, file: str) -> dict[str, Row]:
     if not rows:
         raise RecordError(f"there are no {noun}s", file=file)
     found: dict[str, Row] = {}
-    for at, row in enumerate(map(_with_plain_names, rows), start=1):
+    for at, cells in enumerate(rows, start=1):
+        row = {plain_name(key): value for key, value in cells.items()}
         name = "" if (given := row.get("name")) is None else str(given).strip()
         if not name:
             raise RecordError(f"{noun} {at} has no name", file=file)
         if name in found:
             raise RecordError(f"there are two {noun}s {name}", file=file)
         found[name] = row
-    _doubt_names(found, file)
+    doubt_names(found, _KNOWN, file)
     return found
-
-
-def _doubt_names(described: Mapping[str, Row], file: str) -> None:
-    """Warn of names that are probably misspelt names of properties, which are then not used."""
-    judged: set[str] = set()
-    for name, row in described.items():
-        there = [key for key, cell in row.items() if cell is not None and key not in judged]
-        for said in all_misspelt(_KNOWN, there):
-            doubt(f"{file}: {name} {said}")
-        judged.update(there)
-        judged.difference_update(_KNOWN)
-
-
-def _with_plain_names(row: Row) -> Row:
-    """Return the cells of a sensor with column names in standard spelling, as in other tables."""
-    return {plain_name(key): value for key, value in row.items()}
 
 
 def _completed(cells: _Cells, found: Row) -> Row:
@@ -476,8 +461,7 @@ def _radar(cells: _Cells, place: FloatArray, frame: SystemPlane | None = None) -
         cells.required(column)
         options[key] = (cells.sigma(column) or 0.0) * unit
     for key, column in _OPTIONAL.items():
-        value = cells.number(column)
-        if value is not None:
+        if (value := cells.number(column)) is not None:
             options[key] = value
     for key, (column, unit) in _RESOLUTION.items():
         size = cells.number(column)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import codecs
-import json
 from collections.abc import Iterator, Sequence
 from contextvars import ContextVar
 from dataclasses import replace
@@ -14,7 +13,15 @@ import polars as pl
 
 from tertia import io
 from tertia.cli.files import asterix
-from tertia.cli.files.text import Dialect, damage, foreign, has_strange_names, read_text, too_long
+from tertia.cli.files.text import (
+    Dialect,
+    damage,
+    foreign,
+    has_strange_names,
+    json_of,
+    read_text,
+    too_long,
+)
 from tertia.cli.terminal.say import WRONG_USAGE, fail, reading
 from tertia.geo import LocalFrame, SystemPlane
 from tertia.tables._described import REPORTS, Description, description
@@ -196,16 +203,10 @@ def _say_why(path: Path, error: str) -> NoReturn:
         fail(f"cannot read {path}: it is not in {_BINARY[kind]} format, or is cut off: {error}")
     if kind in JSON_LINES and path.suffix.lower() not in _PACKED:
         for number, line in enumerate(path.read_bytes().splitlines(), start=1):
-            if line.strip() and not _is_object(line):
+            text = line.decode("utf-8", "replace")
+            if text.strip() and not isinstance(json_of(text), dict):
                 fail(f"{path}, line {number}: each line must be a JSON object with the columns")
     fail(f"cannot read {path}: {error}")
-
-
-def _is_object(line: bytes) -> bool:
-    try:
-        return isinstance(json.loads(line), dict)
-    except ValueError:
-        return False
 
 
 def read_sensors(path: Path, source: Source = (), *, flat: bool = False) -> Sensors[Any]:
