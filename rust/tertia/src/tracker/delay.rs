@@ -112,11 +112,7 @@ impl Delay {
 
 /// Returns the standard deviation of delays of targets, of which `before` is the last estimate; 0 unless the
 /// delays that were found differ significantly. Errors of radars add the variance `unsure`. Cost O(n).
-pub(super) fn spread<'a>(
-    delays: impl Iterator<Item = &'a Delay>,
-    unsure: f64,
-    before: f64,
-) -> f64 {
+pub(super) fn spread<'a>(delays: impl Iterator<Item = &'a Delay>, unsure: f64, before: f64) -> f64 {
     let found: Vec<[f64; 2]> = delays.filter_map(|own| own.found(unsure)).collect();
     if found.len() < FEWEST {
         return before;

@@ -147,13 +147,15 @@ impl Registrar {
         unknowns: &Unknowns,
     ) -> &Followed {
         let report = &update.plot.report;
-        let known = Applied { radars: &self.radars, delays: &self.delays, noise: applied, unknowns };
+        let known =
+            Applied { radars: &self.radars, delays: &self.delays, noise: applied, unknowns };
         let seen = known.seen(update);
         if let Some(seen) = &seen {
             self.watch(update, seen, applied[report.radar][1]);
         }
         let track = self.tracks.at(place);
-        let known = Applied { radars: &self.radars, delays: &self.delays, noise: applied, unknowns };
+        let known =
+            Applied { radars: &self.radars, delays: &self.delays, noise: applied, unknowns };
         known.follow(track, update, seen, is_new);
         track
     }

@@ -58,7 +58,12 @@ impl Track {
         let motion = self.motion(settings);
         self.filter.see(motion, sight, when);
         self.estimate = self.filter.estimate();
-        for lean in self.lean.as_deref_mut().into_iter().chain(self.delays.iter_mut().map(|own| &mut own.lean)) {
+        for lean in self
+            .lean
+            .as_deref_mut()
+            .into_iter()
+            .chain(self.delays.iter_mut().map(|own| &mut own.lean))
+        {
             lean.see(&self.estimate, &row);
         }
         let none = f64::NAN;
