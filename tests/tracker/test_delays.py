@@ -82,7 +82,7 @@ def test_delays_that_differ(delay, radars, live):
     assert np.mean(square < 5.991) > 0.93
     assert 0.4 < np.mean(square) / 2.0 < 1.3
     assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 40.0
-    assert np.mean([one[2] for one in found]) < 1.03
+    assert np.mean([one[2] for one in found]) < 1.05
 
 
 def test_no_differences_are_found_where_there_are_none():

@@ -126,7 +126,11 @@ class Registrar:
         # a station has no tracks of its own
         self._paired: BoolArray = np.array([isinstance(one, Station) for one in sensors])
         self._compared = False
-        self._start_from(own_biases(sensors))
+        self._radars = [isinstance(one, Radar) for one in sensors]
+        prior = own_biases(sensors)
+        # reports may be late by other times for other targets
+        self._late = are_placed(sensors) & (prior.time_sigma > 0.0)
+        self._start_from(prior)
         if known is not None:
             self._core.know(*known)
             # nothing is far from what is known
@@ -155,23 +159,19 @@ class Registrar:
         """Standard deviations of range and azimuth for tracking, (K, 2)."""
         return self._core.known()[2]
 
-    @property
-    def held(self) -> list[bool]:
-        """Whether the plots of each sensor are at present not allowed to confirm tracks."""
+    def prepare(self, core: _core.PlotTracker) -> None:
+        """Give a tracker the noise of the sensors, and which plots may not confirm tracks."""
         held = self._core.held()
+        core.set_noise(self.noise)
         # where plots of all sensors are far from their tracks, targets manoeuvre
-        return [False] * len(held) if all(held) else held
+        core.hold([False] * len(held) if all(held) else held)
+        core.set_delays(np.where(self._late, self._core.clocks(), np.nan))
 
-    @property
-    def delays(self) -> FloatArray:
-        """Delay that is taken out of the times of each sensor, (K,); nan if none is estimated."""
-        sigma = columns_of(own_biases(self.sensors), "_sigma")
-        is_late = are_placed(self.sensors) & (sigma[:, 3] > 0.0)
-        return np.where(is_late, self._core.clocks(), np.nan)
-
-    def set_delays(self, sigmas: FloatArray) -> None:
-        """Set the standard deviations of the differences between the delays of targets, (K,)."""
-        self._core.set_delays(sigmas)
+    def weigh_delays(self, core: _core.PlotTracker, *, recording: bool) -> None:
+        """Estimate by how much delays of targets differ, once the radars have been compared."""
+        if recording or not self.is_first:
+            core.weigh_delays(self._core.unsure(self._radars))
+        self._core.set_delays(core.delay_sigmas())
 
     @property
     def changes(self) -> list[tuple[float, int]]:

@@ -326,13 +326,9 @@ class Tracker:
     ) -> IntArray:
         """Add the rows of a scan, with the uncertainty of the errors in their covariances."""
         core, first, begin = self._core, self._core.plots, table.count
-        core.set_noise(registrar.noise)
-        core.hold(registrar.held)
-        core.set_delays(registrar.delays)
+        registrar.prepare(core)
         tracks = self._scan(registrar.correct(plots), end, rows, table)
-        if rows == "all" or not registrar.is_first:
-            core.weigh_delays()
-        registrar.set_delays(core.delay_sigmas())
+        registrar.weigh_delays(core, recording=rows == "all")
         noise, time, alive, added = core.noise(), core.time, core.numbers(), (table, begin)
         core.shift(*registrar.learn(plots, first, tracks, added, noise, time=time, alive=alive))
         return tracks

@@ -80,9 +80,10 @@ impl PlotTracker {
         Ok(())
     }
 
-    /// Estimates how much the delays of targets differ.
-    fn weigh_delays(&mut self) {
-        self.0.tracker_mut().weigh_delays();
+    /// Estimates how much the delays of targets differ; errors of other sensors cause delays of the variance
+    /// `unsure`.
+    fn weigh_delays(&mut self, unsure: f64) {
+        self.0.tracker_mut().weigh_delays(unsure);
     }
 
     /// Standard deviations of the differences between the delays of targets, (K,).

@@ -143,6 +143,13 @@ impl Registrar {
         array(py, &[clocks.len()], clocks)
     }
 
+    /// Variance of what the remaining errors of the sensors that are radars, (K,), change in the delay of a
+    /// target.
+    fn unsure(&self, radars: Vec<bool>) -> PyResult<f64> {
+        same_length(self.0.held().len(), &[radars.len()])?;
+        Ok(self.0.unsure(&radars))
+    }
+
     /// Sets the standard deviations of the differences between the delays of targets, (K,).
     fn set_delays(&mut self, sigmas: Input<'_>) -> PyResult<()> {
         let sigmas = sigmas.numbers("sigmas")?;

@@ -37,6 +37,9 @@ const VOTED: f64 = 0.5;
 const FAR: f64 = 80e3;
 /// Speed at which an unknown clock error counts as noise, m/s.
 const SPEED: f64 = 200.0;
+/// Share of the variance of errors of radars that moves targets as if their delays differed; most of it moves
+/// neighbours alike.
+const APART: f64 = 0.25;
 /// Largest number of blocks that are open at once: this number of targets suffices.
 const OPEN: usize = 32;
 /// Number of redundant measurements that noise is worth after it has grown suddenly.
@@ -231,6 +234,22 @@ impl Registrar {
             ]
         };
         sigmas.into_iter().enumerate().map(one).collect()
+    }
+
+    /// Returns the mean variance, s², of what the remaining errors of these radars change in the delay of a
+    /// target.
+    ///
+    /// # Panics
+    /// If the length differs.
+    pub fn unsure(&self, radars: &[bool]) -> f64 {
+        let sigmas = self.sigmas();
+        assert_eq!(radars.len(), sigmas.len());
+        let own = sigmas.iter().zip(radars).filter(|(_, is_radar)| **is_radar);
+        let (sum, count) = own.fold((0.0, 0.0), |(sum, count), ([offset, gain, azimuth, _], _)| {
+            let place = offset * offset + FAR * FAR * (gain * gain + azimuth * azimuth);
+            (sum + 0.5 * APART * place, count + 1.0)
+        });
+        sum / f64::max(count, 1.0) / (SPEED * SPEED)
     }
 
     /// Returns the estimated noise of a radar.

@@ -123,7 +123,7 @@ pub(super) fn reach(
     let (wide, margin) = track.reach(time, radar, unseen, settings);
     let site = geometry.site(station);
     let sway = track.sway((station, site), (time, centre), spread.placed);
-    let delayed = if settings.delays.is_empty() { 0.0 } else { track.delayed_by(radar, settings) };
+    let delayed = if settings.delays_differ() { track.delayed_by(radar, settings) } else { 0.0 };
     let sway = sway + delayed;
     let more = margin + speed * slack + sway;
     // no target is farther away than it can have flown

@@ -3,10 +3,6 @@
 use super::delay::spread;
 use super::live::Tracker;
 
-/// Range at which the error of an azimuth, m, and speed at which an error of a position count as a delay, m/s.
-const FAR: f64 = 80e3;
-const SPEED: f64 = 200.0;
-
 impl Tracker {
     /// Sets the delay of all targets that was taken out of the times of the reports of each sensor, s; none
     /// where all targets have the same.
@@ -35,9 +31,9 @@ impl Tracker {
         (0..self.radars()).map(sigma).collect()
     }
 
-    /// Estimates how much the delays of targets differ. Cost O(tracks).
-    pub fn weigh_delays(&mut self) {
-        let unsure = self.unsure();
+    /// Estimates how much the delays of targets differ. Errors of other sensors cause delays of the variance
+    /// `unsure`, s². Cost O(tracks).
+    pub fn weigh_delays(&mut self, unsure: f64) {
         for (sensor, delays) in self.settings.delays.iter_mut().enumerate() {
             let Some(delays) = delays else { continue };
             let tracks = self.tracks.iter().filter(|track| track.is_confirmed());
@@ -49,21 +45,5 @@ impl Tracker {
                 tracks.for_each(|track| track.change_delays(sensor, |own| own.sigma = sigma));
             }
         }
-    }
-
-    /// Variance of delays due to errors of the radars, s²: noise that is assumed beyond the stated noise.
-    fn unsure(&self) -> f64 {
-        let (mut sum, mut count) = (0.0, 0.0);
-        for (sensor, radar) in self.settings.radars.iter().enumerate() {
-            let geometry = self.settings.geometry(sensor);
-            if !geometry.is_position() && !geometry.is_azimuth() {
-                let [range, azimuth] = self.noise[sensor].stated();
-                let more = (radar.range_sigma.powi(2) - range * range).max(0.0);
-                let beside = (radar.azimuth_sigma.powi(2) - azimuth * azimuth).max(0.0);
-                sum += 0.5 * (more + FAR * FAR * beside);
-                count += 1.0;
-            }
-        }
-        sum / f64::max(count, 1.0) / (SPEED * SPEED)
     }
 }

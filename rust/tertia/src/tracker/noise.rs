@@ -175,11 +175,6 @@ impl Noise {
         }
     }
 
-    /// Standard deviations of range and azimuth as stated.
-    pub fn stated(&self) -> [f64; 2] {
-        self.stated
-    }
-
     /// Starts again with the estimates so far: the plots that follow belong to new tracks.
     pub fn restart(&mut self) {
         self.chains.clear();

@@ -305,25 +305,6 @@ impl Track {
         }
     }
 
-    /// Likelihood ratio of height, identity and detection.
-    #[inline]
-    pub fn also(&self, plot: &Measured, settings: &Settings) -> f64 {
-        // channels that detected the plot
-        let detection = if plot.gain == 0.0 { 1.0 } else { exp(plot.gain) };
-        self.named(plot, settings) * detection
-    }
-
-    /// Likelihood ratio of height and identity.
-    #[inline]
-    pub fn named(&self, plot: &Measured, settings: &Settings) -> f64 {
-        let height = self.height_ratio(plot);
-        let identity = match plot.identities.is_some() {
-            true => self.known.ratio(&settings.identities(plot).0, settings),
-            false => 1.0,
-        };
-        height * identity
-    }
-
     /// Corrects by a plot, without regard to what the plot says about the agility of the target.
     fn correct_by(&mut self, plot: &Measured, settings: &Settings) {
         self.predict(plot.time, settings.pace(plot.radar), settings);

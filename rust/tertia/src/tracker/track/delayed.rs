@@ -18,9 +18,16 @@ impl Settings {
     pub(in crate::tracker) fn delay_sigma(&self, sensor: usize) -> Option<f64> {
         self.delays.get(sensor).copied().flatten().map(|own| own.sigma)
     }
+
+    /// Whether the delays of targets were found to differ.
+    #[inline]
+    pub(in crate::tracker) fn delays_differ(&self) -> bool {
+        self.delays.iter().flatten().any(|own| own.sigma > 0.0)
+    }
 }
 
 impl Track {
+    #[inline]
     fn velocity(&self) -> [f64; 2] {
         [self.estimate.mean[2], self.estimate.mean[3]]
     }
@@ -51,6 +58,7 @@ impl Track {
 
     /// By how much a plot is moved by the delay of its target, and the covariance due to what is not known of
     /// it.
+    #[cold]
     pub(super) fn delayed(&self, sensor: usize, t: f64, settings: &Settings) -> ([f64; 2], Plane) {
         let (mut moved, mut covariance) = ([0.0; 2], Plane::default());
         let velocity = self.velocity();
@@ -62,6 +70,7 @@ impl Track {
     }
 
     /// How far delays may move plots of a sensor, m.
+    #[cold]
     pub fn delayed_by(&self, sensor: usize, settings: &Settings) -> f64 {
         let speed = self.estimate.mean[2].hypot(self.estimate.mean[3]);
         let mut most = 0.0;

@@ -129,7 +129,7 @@ impl Track {
         }
         let mut position = [place[0] - t * x[2], place[1] - t * x[3]];
         let mut delayed = Plane::default();
-        if !settings.delays.is_empty() {
+        if settings.delays_differ() {
             let (moved, covariance) = self.delayed(plot.radar, t, settings);
             position = [position[0] + moved[0], position[1] + moved[1]];
             delayed = covariance;

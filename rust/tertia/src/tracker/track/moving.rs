@@ -1,6 +1,7 @@
 //! A track and the velocities that come with plots.
 
 use super::Track;
+use crate::base::exponential::exp;
 use crate::tracker::estimate::Estimate;
 use crate::tracker::filter::Filter;
 use crate::tracker::kinematics;
@@ -25,6 +26,25 @@ impl Track {
         if prospects.are_any() {
             self.filter = Filter::Planned(Box::new(prospects));
         }
+    }
+
+    /// Likelihood ratio of height, identity and detection.
+    #[inline]
+    pub fn also(&self, plot: &Measured, settings: &Settings) -> f64 {
+        // channels that detected the plot
+        let detection = if plot.gain == 0.0 { 1.0 } else { exp(plot.gain) };
+        self.named(plot, settings) * detection
+    }
+
+    /// Likelihood ratio of height and identity.
+    #[inline]
+    pub fn named(&self, plot: &Measured, settings: &Settings) -> f64 {
+        let height = self.height_ratio(plot);
+        let identity = match plot.identities.is_some() {
+            true => self.known.ratio(&settings.identities(plot).0, settings),
+            false => 1.0,
+        };
+        height * identity
     }
 
     /// Likelihood ratio of all quantities of a plot except its position: this target against any
