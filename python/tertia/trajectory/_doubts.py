@@ -39,8 +39,8 @@ def _warn_if_few_agree(outlier: BoolArray, values: FloatArray) -> None:
     if left_out > _MOST * count:
         warnings.warn(
             f"{left_out} of {count} measurements contradict the path and are left out, so it may "
-            "be wrong: are sigmas far too small, do clocks of stations differ, or are positions of "
-            "stations wrong?",
+            "be wrong: are sigmas far too small, do clocks of stations differ (then give Bias a "
+            "time_sigma), or are positions of stations wrong?",
             UserWarning,
             stacklevel=4,
         )
