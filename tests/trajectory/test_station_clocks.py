@@ -1,5 +1,7 @@
 """Clocks of stations are taken out, estimated with the path, or refused."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -122,3 +124,16 @@ def test_clocks_are_not_ignored(bias):
     card = Bias(time=bias.time, time_sigma=bias.time_sigma, deviation_order=1, deviation_sigma=0.01)
     with pytest.raises(ValueError, match="deviates"):
         reconstruct(stations([card] * 4), TIME, **seen)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.25])
+def test_clocks_that_are_not_found_are_told(share):
+    seen = measured(np.zeros(4), 7)
+    wrong = np.random.default_rng(8).random(seen["range"].shape) < share
+    seen["range"] = seen["range"] + np.where(wrong, 500.0, 0.0)
+    biases = [Bias(time_sigma=0.5 if at else 0.0) for at in range(4)]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        reconstruct(stations(biases), TIME, **seen)
+    said = [str(one.message) for one in caught if "errors of the clocks" in str(one.message)]
+    assert len(said) == int(share > 0.2)

@@ -370,7 +370,7 @@ def reconstruct(
     found = _in_space(found) if flat else found
     mean, smoothed, kinds = found["mean"], found["smoothed"], tuple(measured)
     d = mean.shape[1] // 3
-    warn_of_path(found, values)
+    warn_of_path(found, values, timed=any(prior["bias_sigma"][-k:]))
     return Trajectory(
         times,
         mean[:, :d],
