@@ -145,7 +145,7 @@ def paths_of(
         source, stations, columns=columns, by=by, results=results, tolerance=tolerance
     )
     doubt_conventions(targets, options)
-    doubt_station_clocks(targets)
+    doubt_station_clocks(targets, options.get("bias"))
     paths = each_of(progress(targets), lambda one: _path(one, stations, options))
     return Positions(paths, stations)
 

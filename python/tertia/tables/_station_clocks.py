@@ -37,13 +37,16 @@ _TRIMMED, _ROUNDS = 0.2, 4
 _DETERMINED = 1e-6
 
 
-def doubt_station_clocks(targets: Sequence[Target]) -> None:
+def doubt_station_clocks(targets: Sequence[Target], bias: Bias | None = None) -> None:
     """Warn if stations contradict each other, and would agree if their clocks were set differently.
 
     A clock that is wrong by τ changes a measurement by τ times its rate. The differences of the
     clocks are found by least squares from the contradictions at single instants; no motion is
-    assumed. Cost O(N K³) for N instants, of which 200 are used.
+    assumed. Stated clocks are not judged: `bias`, or the biases of the stations. Cost O(N K³) for N
+    instants, of which 200 are used.
     """
+    if targets and _is_stated(targets[0].sensors.items, bias):
+        return
     blocks: list[FloatArray] = []
     for target in targets[:_TARGETS]:
         blocks += _contradictions(target) if len(blocks) < _INSTANTS else []
@@ -58,10 +61,21 @@ def doubt_station_clocks(targets: Sequence[Target]) -> None:
     if not len(wrong):
         return
     listed = ", ".join(f"{late[k]:.3g} ± {sigma[k]:.1g} s to those of {names[k]}" for k in wrong)
+    most = float(np.max(np.abs(late)))
     doubt(
         "the stations contradict each other, and would agree if their clocks differed: if the "
         f"times of {names[0]} are correct, add {listed}; on a straight path, a wrong position of a "
-        "station looks the same"
+        f"station looks the same; to estimate the clocks with a path, state time_bias_sigma_s = "
+        f"{most:.1g} for each station (Bias.time_sigma)"
+    )
+
+
+def _is_stated(stations: Sequence[Station], bias: Bias | None) -> bool:
+    """Return whether errors of clocks, or their sigmas, were given."""
+    own = [bias] if bias is not None else [station.bias for station in stations]
+    stated = [(one.time, one.time_sigma) for one in own if one is not None]
+    return any(
+        np.any(np.nan_to_num(np.asarray(one, dtype=float))) for each in stated for one in each
     )
 
 

@@ -11,6 +11,8 @@ from tertia._arrays import BoolArray, FloatArray
 
 # share of measurements that contradict a path from which it is doubtful
 _MOST = 0.5
+# the same, if errors of clocks are estimated: if clocks have not been found, about as many
+_MOST_TIMED = 0.1
 _BEHIND = (
     "no path above the stations fits the measurements: the path is below them; give initial to "
     "choose the side"
@@ -27,20 +29,32 @@ _MIRRORED = (
 )
 
 
-def warn_of_path(found: dict[str, Any], values: FloatArray) -> None:
-    """Warn if a path found by the core from measurements, (N, 5, K), may be wrong."""
+def warn_of_path(found: dict[str, Any], values: FloatArray, *, timed: bool = False) -> None:
+    """Warn if a path found by the core from measurements, (N, 5, K), may be wrong.
+
+    `timed` means that errors of clocks were estimated.
+    """
     _warn_of_sides(found)
-    _warn_if_few_agree(found["outlier"], values)
+    _warn_if_few_agree(found["outlier"], values, timed=timed)
 
 
-def _warn_if_few_agree(outlier: BoolArray, values: FloatArray) -> None:
-    """Warn if the path contradicts most measurements."""
+def _warn_if_few_agree(outlier: BoolArray, values: FloatArray, *, timed: bool) -> None:
+    """Warn if the path contradicts most measurements, or many of them although clocks are free."""
     left_out, count = np.count_nonzero(outlier), np.count_nonzero(np.isfinite(values))
+    if timed and left_out > _MOST_TIMED * count:
+        warnings.warn(
+            f"{left_out} of {count} measurements contradict the path and are left out: the errors "
+            "of the clocks may be wrong; correct times as far as their errors are known (time of "
+            "Bias), or state one clock that is right (time_sigma 0)",
+            UserWarning,
+            stacklevel=4,
+        )
+        return
     if left_out > _MOST * count:
         warnings.warn(
             f"{left_out} of {count} measurements contradict the path and are left out, so it may "
-            "be wrong: are sigmas far too small, do clocks of stations differ, or are positions of "
-            "stations wrong?",
+            "be wrong: are sigmas far too small, do clocks of stations differ (then give Bias a "
+            "time_sigma), or are positions of stations wrong?",
             UserWarning,
             stacklevel=4,
         )

@@ -48,7 +48,13 @@ from tertia.smoothing import SmoothedPositions, local_polynomial
 from tertia.trajectory._doubts import warn_of_path
 from tertia.trajectory._result import Trajectory
 from tertia.trajectory._speed import in_found_medium, instants
-from tertia.trajectory._systematic import bias_of, prior_of, unit_of, without_deviations
+from tertia.trajectory._systematic import (
+    bias_of,
+    clocks_of,
+    prior_of,
+    unit_of,
+    without_deviations,
+)
 
 Order: TypeAlias = Literal["spatial-first", "temporal-first"]
 Spatial: TypeAlias = Literal["robust", "least-squares"]
@@ -153,6 +159,7 @@ def reconstruct(
         A finite sigma is that of an error that all instants share. A sigma of inf, which must be
         given for all stations or for none, means that the bias is constant and unknown. If the
         measurements do not determine such a bias, an error is raised.
+        `time` and its sigma are those of the clocks of ranges and angles as well (see Notes).
     initial : array_like of shape (D,), optional
         A position near the target at the first instant. If two paths that are mirror images of each
         other fit the measurements, the path on its side of the stations is returned (see Notes).
@@ -215,6 +222,11 @@ def reconstruct(
     The time of emission of each instant is an additional unknown, without a prior. Arrivals are
     therefore used relative to their common part, which is the weighted median of the arrivals that
     are not late.
+
+    **Clocks.** A measurement of a clock that is fast by `bias.time` is taken to the instant nearest
+    to its true time, and corrected along the path for the rest; `time_sigma` is the prior of a
+    constant error. An error of all clocks moves the path along itself; the covariance has it to
+    first order. With times of arrival, errors of clocks are errors of these times alone.
 
     If the sigma of a bias is inf, c is estimated with Tukey's weights, computed from residuals
     about the track. The covariance of c is A^-1 B A^-1, where A is the derivative of the scores and
@@ -327,13 +339,13 @@ def reconstruct(
             known = np.where(near_enough(known, sigmas[kind]), known, np.nan)
         values[:, at, first:], own[:, at, first:] = known, sigmas[kind]
     places, axes, flat = without_heights(places, axes, measured)
-    usual = _usual(own, values)
-    differ = any(sigma.ndim > 1 for sigma in sigmas.values())
+    usual, differ = _usual(own, values), any(sigma.ndim > 1 for sigma in sigmas.values())
     record = {
         "stations": places,
         "axes": axes,
         "surveys": None if surveys is None else surveys.tolist(),
         "time": times,
+        "clocks": clocks_of(given, measured, (order, smoother), deviates=curves is not None),
         "values": values,
         "sigmas": usual,
         "own_sigmas": np.where(np.isnan(values), usual, own) if differ else None,
@@ -364,7 +376,7 @@ def reconstruct(
     found = _in_space(found) if flat else found
     mean, smoothed, kinds = found["mean"], found["smoothed"], tuple(measured)
     d = mean.shape[1] // 3
-    warn_of_path(found, values)
+    warn_of_path(found, values, timed=any(prior["bias_sigma"][-k:]))
     return Trajectory(
         times,
         mean[:, :d],

@@ -48,9 +48,9 @@ class Trajectory(Result):
     bias : Bias or None
         Given or estimated systematic errors of the K stations: the values that were subtracted, the
         standard deviations of the remaining errors, and the fraction of their variance that drifts.
-        `time` is the amount by which the clock that measured the arrivals is fast. A sigma of 0
-        means that no error was found and that none is likely. `bias` is None with "temporal-first"
-        and with local polynomials.
+        `time` is the amount by which the clock of the station is fast. A sigma of 0 means that no
+        error was found and that none is likely. `bias` is None with "temporal-first" and with local
+        polynomials.
     smoothed : SmoothedPositions or None
         Further results of the smoother: likelihood, jerk and innovations. It is None with local
         polynomials and with "temporal-first".

@@ -12,7 +12,7 @@ from tertia._arrays import BoolArray, FloatArray
 from tertia.location._arrivals import Arrivals
 from tertia.location._bias import ERRORS, Given
 from tertia.sensors import Bias, Kind, Station
-from tertia.sensors._kinds import ANGLES, KINDS
+from tertia.sensors._kinds import ANGLES, KINDS, STATION_KINDS
 
 # fields of a bias that do not depend on the direction
 _CONSTANT = (
@@ -21,6 +21,31 @@ _CONSTANT = (
     "drift_share",
     "drift_time",
 )
+# row of the clocks among the given errors
+_CLOCK = [*ERRORS].index("arrival_time")
+
+
+def clocks_of(
+    given: Given, measured: dict[Kind, FloatArray], way: tuple[str, str], *, deviates: bool
+) -> list[float] | None:
+    """Return the given errors of the clocks of ranges and angles, (K,); None if there are none.
+
+    With times of arrival, errors of clocks are errors of these times.
+    """
+    errors = given.value[_CLOCK]
+    unsure = np.nan_to_num(given.sigma[_CLOCK]) > 0
+    if "arrival_time" in measured or not (np.any(errors) or np.any(unsure)):
+        return None
+    name = "bias.time" if np.any(errors) else "bias.time_sigma"
+    if "range_difference" in measured:
+        raise ValueError(f"{name} is given, but range differences have no time of one clock")
+    if not measured.keys() & {*STATION_KINDS}:
+        raise ValueError(f"{name} is given, but nothing was measured that depends on a clock")
+    if way != ("spatial-first", "rts"):
+        raise ValueError(f"{name} needs order 'spatial-first' and smoother 'rts'")
+    if deviates:
+        raise ValueError(f"{name} is given, but a bias deviates with the azimuth")
+    return [float(error) for error in errors]
 
 
 def without_deviations(
@@ -65,9 +90,12 @@ def prior_of(
     flat: BoolArray = np.array([np.isinf(row).any() for row in given.sigma])
     for at, (kind, error) in enumerate(ERRORS.items()):
         if bias is not None and getattr(bias, f"{error}_sigma") is None and kind not in measured:
-            raise ValueError(f"bias.{error}_sigma is None, but {kind} was not measured")
+            clocks = "; for the clocks of ranges and angles, give it in seconds"
+            clocks = clocks if kind == "arrival_time" else ""
+            raise ValueError(f"bias.{error}_sigma is None, but {kind} was not measured{clocks}")
         if flat[at] and kind == "arrival_time":
-            raise ValueError("bias.time_sigma is inf; it must be finite, or None to be estimated")
+            instead = ", or None to be estimated" if kind in measured else ""
+            raise ValueError(f"bias.time_sigma is inf; it must be finite{instead}")
         if flat[at] and not np.isinf(given.sigma[at]).all():
             raise ValueError(
                 f"bias.{error}_sigma is inf for some stations; it must be for all or none"
@@ -76,12 +104,15 @@ def prior_of(
             raise ValueError(f"bias.{error}_sigma is inf, but {kind} was not measured")
     if np.any(flat) and np.any(given.sigma[~flat] != 0):
         raise ValueError("bias has a sigma of inf; those of the other kinds must be 0 or inf")
-    sigma = np.zeros((len(KINDS), k))
+    # the clocks of what is not a time of arrival come last
+    sigma = np.zeros((len(KINDS) + 1, k))
     for kind, row in zip(ERRORS, given.sigma, strict=True):
         sigma[KINDS.index(kind)] = row * np.median(unit_of(kind, arrivals))
     if np.isnan(given.sigma[0]).all():
         # ranges are not trusted, and neither are their differences
         sigma[KINDS.index("range_difference")] = np.nan
+    if arrivals is None:
+        sigma[-1] = np.nan_to_num(given.sigma[_CLOCK])
     own = [bias] * k if bias is not None else [station.bias for station in stations]
     drift = np.array(
         [
@@ -89,7 +120,8 @@ def prior_of(
             for name in ("drift_share", "drift_time")
         ]
     )
-    shares, times = np.tile(drift, (1, len(KINDS))).reshape(2, -1)
+    shares, times = np.tile(drift, (1, len(sigma))).reshape(2, -1)
+    shares[-k:] = 0.0  # clocks are constant
     return {
         "flat": np.flatnonzero(flat).tolist() if np.any(flat) else None,
         "bias_sigma": sigma.ravel().tolist(),
@@ -111,9 +143,11 @@ def bias_of(
     if found is None:
         return None if np.isnan(given.sigma).any() else Bias(**fields)
     values, sigmas, share, time, _ = found
-    own = np.reshape([values, sigmas], (2, len(KINDS), -1))
+    own = np.reshape([values, sigmas], (2, len(KINDS) + 1, -1))
     for kind, error in ERRORS.items():
-        value, sigma = own[:, KINDS.index(kind)] / np.median(unit_of(kind, arrivals))
+        is_clock = kind == "arrival_time" and arrivals is None
+        at = len(KINDS) if is_clock else KINDS.index(kind)
+        value, sigma = own[:, at] / np.median(unit_of(kind, arrivals))
         # no angle is less known than one that is uniform
         most = np.pi / np.sqrt(3.0) if kind in ANGLES else np.inf
         least = np.where(np.isinf(sigma), np.inf, np.minimum(sigma, most))

@@ -17,7 +17,7 @@ type Located<'py> = (Array<'py>, Array<'py>, Array<'py>, Marks<'py>, [Array<'py>
 /// acceleration noise.
 type Smoothed<'py> = (Array<'py>, Array<'py>, f64, usize, [f64; 3]);
 
-/// Biases and their standard deviations (5 K), the share of their variance that drifts, its correlation time,
+/// Biases and their standard deviations (5 K, then K of the clocks), the share of their variance that drifts, its correlation time,
 /// and whether any measurements could contradict each other.
 type Lasting = (Vec<f64>, Vec<f64>, f64, f64, bool);
 
@@ -38,7 +38,7 @@ pub struct Reconstructed<'py> {
 }
 
 /// Measurements of stations: positions (K, D) or (N, K, D), axes, standard deviations of the positions
-/// (K), times, values (N, 5, K) and standard deviations (5, K), or one for each value (N, 5, K); relative
+/// (K), times, errors of the clocks (K), values (N, 5, K) and standard deviations (5, K), or one for each value (N, 5, K); relative
 /// standard deviation of the signal speed, and covariance of the wind in units of this speed.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
@@ -47,6 +47,7 @@ pub struct Measured<'py> {
     axes: Option<Input<'py>>,
     surveys: Option<Vec<f64>>,
     time: Input<'py>,
+    clocks: Option<Vec<f64>>,
     values: Input<'py>,
     sigmas: Input<'py>,
     own_sigmas: Option<Input<'py>>,
@@ -69,9 +70,9 @@ pub struct Steps {
     jerk: Option<f64>,
     /// Indices of the kinds with a flat prior of their biases; `None`: the next three fields apply.
     flat: Option<Vec<usize>>,
-    /// Standard deviations of lasting errors (5 K): 0 if trusted, nan if estimated.
+    /// Standard deviations of lasting errors (5 K): 0 if trusted, nan if estimated; then those of clocks (K).
     bias_sigma: Vec<f64>,
-    /// Shares of their variance that drift, and the correlation times (5 K); nan if estimated.
+    /// Shares of their variance that drift, and the correlation times (6 K); nan if estimated.
     drift_share: Vec<f64>,
     drift_time: Vec<f64>,
     /// Standard deviations of azimuths that depend on the direction (N K).
@@ -99,6 +100,7 @@ pub fn reconstruct<'py>(
         axes: axes.as_ref().map(|axes| &*axes.values),
         surveys: measured.surveys.as_deref(),
         time: &time.values,
+        clocks: measured.clocks.as_deref(),
         values: &values.values,
         sigmas: &sigmas.values,
         own_sigmas: own.as_ref().map(|own| &*own.values),
@@ -116,12 +118,13 @@ pub fn reconstruct<'py>(
         && record.own_sigmas.is_none_or(|own| own.len() == n * KINDS * k)
         && fits(record.stations.len(), k * d)
         && record.surveys.is_none_or(|surveys| surveys.len() == k)
+        && record.clocks.is_none_or(|clocks| clocks.len() == k)
         && record.axes.is_none_or(|axes| fits(axes.len(), k * d * d))
         && record.initial.is_none_or(|initial| initial.len() == d)
         && steps.flat.iter().flatten().all(|kind| *kind < KINDS)
         && [&steps.bias_sigma, &steps.drift_share, &steps.drift_time]
             .iter()
-            .all(|own| own.len() == KINDS * k)
+            .all(|own| own.len() == (KINDS + 1) * k)
         && steps.deviation.as_ref().is_none_or(|sigma| sigma.len() == n * k);
     if !shapes {
         return Err(PyValueError::new_err("the shapes do not fit together"));

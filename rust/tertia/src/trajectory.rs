@@ -11,6 +11,8 @@
 
 pub mod arrivals;
 mod bias;
+mod blocks;
+mod clocks;
 mod contradictions;
 mod failure;
 mod fixes;
@@ -75,6 +77,23 @@ pub fn reconstruct<const D: usize, const N: usize>(
     let mut setting = Setting { record, motion, smoother: Default::default() };
     let measured = Rc::new(Measured::<D>::new(record, record.values.to_vec()));
     let (found, side) = images::begin::<D, N>(&mut setting, &measured, systematic)?;
+    if clocks::are_right(record, systematic) {
+        return completed(setting, found, side, systematic);
+    }
+    let (timed, found) = clocks::settled(&mut setting, found, systematic)?;
+    let record = timed.record(record);
+    let setting = Setting { record: &record, motion, smoother: setting.smoother };
+    completed(setting, found, side, systematic).map(|found| timed.restored(found))
+}
+
+/// Removes systematic errors from the measurements of a path, and collects the results.
+fn completed<const D: usize, const N: usize>(
+    mut setting: Setting<'_, D, N>,
+    found: Found<D, N>,
+    side: Side,
+    systematic: &Systematic,
+) -> Result<Trajectory, Failure> {
+    let record = setting.record;
     let (mut found, effect) = match systematic {
         Systematic::Flat(kinds) => {
             let columns = seen(record, kinds);
@@ -223,7 +242,7 @@ impl Effect<'_> {
 
 fn by_station(record: &Record<'_>, biases: &Biases, biased: &[usize]) -> LastingErrors {
     let (width, k) = (record.width(), record.width() / KINDS);
-    let (mut value, mut sigma) = (vec![0.0; width], vec![0.0; width]);
+    let (mut value, mut sigma) = (vec![0.0; width + k], vec![0.0; width + k]);
     for kind in biased {
         sigma[kind * k..(kind + 1) * k].fill(f64::INFINITY);
     }

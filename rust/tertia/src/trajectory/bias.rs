@@ -6,7 +6,7 @@
 
 use super::failure::Failure;
 use super::found::{Found, Setting, known};
-use super::instant::{Instant, responses};
+use super::instant::{Instant, Seen, responses};
 use super::measured::{Measured, Record, in_domain};
 use super::path::Plots;
 use super::tukey::{TAPERED, TUKEY, chance, scale, tukey};
@@ -52,7 +52,7 @@ impl Biases {
         let mut size = DVector::<f64>::zeros(p);
         for instant in &instants {
             instant.add_information(|i| instant.rows[i].1, &mut information);
-            for (kept, (own, w, r, _)) in instant.kept.chunks_exact(p).zip(&instant.rows) {
+            for (kept, (own, w, r, ..)) in instant.kept.chunks_exact(p).zip(&instant.rows) {
                 for a in 0..p {
                     scores[a] += kept[a] * w * r;
                     if *own == columns[a] {
@@ -200,7 +200,8 @@ fn spurious<const D: usize, const N: usize>(
         for shift in root.l().column_iter() {
             let at = |sign: f64| {
                 let by: Vector<D> = std::array::from_fn(|i| sign * shift[i]);
-                Instant::new(&found.measured, t, place.moved(&by), weight, columns, found.anchor[t])
+                let own = Seen { t, place: place.moved(&by), velocity: [0.0; D] };
+                Instant::new(&found.measured, own, weight, columns, found.anchor[t])
             };
             let (mut ahead, behind) = (at(1.0), at(-1.0));
             for (a, b) in ahead.kept.iter_mut().zip(&behind.kept) {

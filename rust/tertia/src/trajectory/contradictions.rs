@@ -244,7 +244,7 @@ impl Blocks {
             let mut weight = 0.0;
             for instant in own {
                 instant.add_information(|i| instant.rows[i].1, &mut information);
-                for (kept, (_, w, r, _)) in instant.kept.chunks_exact(size).zip(&instant.rows) {
+                for (kept, (_, w, r, ..)) in instant.kept.chunks_exact(size).zip(&instant.rows) {
                     weight += w;
                     for a in 0..size {
                         scores[a] += kept[a] * w * r;

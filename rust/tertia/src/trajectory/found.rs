@@ -5,7 +5,7 @@
 
 use super::failure::Failure;
 use super::fixes::Fixes;
-use super::instant::{Instant, LEAST_ANCHOR};
+use super::instant::{Instant, LEAST_ANCHOR, Seen};
 use super::measured::{Measured, Place, Record};
 use super::mirror::{Mirror, Sides};
 use super::path::{Path, Plots, Smoother};
@@ -36,6 +36,8 @@ pub(super) struct Found<const D: usize, const N: usize> {
     pub anchor: Vec<f64>,
     /// Side of the plane of the stations on which the path is; none if the stations are not in a plane.
     pub sides: Option<Sides<D>>,
+    /// Errors of the clocks, besides the given ones, that measurements are corrected for (K); none: 0.
+    pub clocks: Vec<f64>,
     /// Standard deviation of the noise relative to the stated one, at least 1.
     pub scale: f64,
     /// Whether the path is the final one: its covariance includes the doubt about which measurements are
@@ -136,8 +138,9 @@ impl<const D: usize, const N: usize> Found<D, N> {
         let path = setting.smoothed(&plots, setting.motion, None)?;
         let measured = Rc::clone(measured);
         let anchor = vec![0.0; record.len()];
+        let (clocks, scale, is_last) = (Vec::new(), 1.0, false);
         let mut found =
-            Self { measured, trust, fixes, plots, path, anchor, sides, scale: 1.0, is_last: false };
+            Self { measured, trust, fixes, plots, path, anchor, sides, clocks, scale, is_last };
         found.stay_beside();
         if !record.robust {
             for _ in 0..2 {
@@ -330,14 +333,21 @@ impl<const D: usize, const N: usize> Found<D, N> {
         })
     }
 
+    /// Returns an instant with the position and the velocity of the path.
+    fn seen(&self, t: usize) -> Seen<D> {
+        let own = &self.path.mean[t * N + D..][..D];
+        let velocity = std::array::from_fn(|i| if own[i].is_finite() { own[i] } else { 0.0 });
+        Seen { t, place: self.place(t), velocity }
+    }
+
     /// Returns an instant about the path, with the effect of biases in these columns.
     pub fn instant(&self, t: usize, weight: &[f64], columns: &[usize]) -> Instant<D> {
-        Instant::new(&self.measured, t, self.place(t), weight, columns, self.anchor[t])
+        Instant::new(&self.measured, self.seen(t), weight, columns, self.anchor[t])
     }
 
     /// Returns several instants combined into one, with the effect of biases in these columns.
     pub fn together(&self, own: Range<usize>, weight: &[f64], columns: &[usize]) -> Instant<D> {
-        Instant::together(&self.measured, own.map(|t| (t, self.place(t))), weight, columns)
+        Instant::together(&self.measured, own.map(|t| self.seen(t)), weight, columns)
     }
 
     /// Whether a measurement is more likely to be an outlier than not.

@@ -1,13 +1,20 @@
 //! An instant linearised about a position: residuals, derivatives, and the effect of biases.
 
 use super::measured::{Measured, Place};
-use crate::base::small::{Factor, Matrix, Vector};
-use crate::sensors::Kind;
+use crate::base::small::{Factor, Matrix, Vector, dot};
+use crate::sensors::{KINDS, Kind};
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
 /// Least information of an anchor, relative to that of an instant that does not determine its position.
 pub(super) const LEAST_ANCHOR: f64 = 1e-10;
+
+/// An instant as it is seen from the stations: its number, and where and how fast the target is.
+pub(super) struct Seen<const D: usize> {
+    pub t: usize,
+    pub place: Place<D>,
+    pub velocity: Vector<D>,
+}
 
 /// An instant with the effect of biases.
 pub(super) struct Instant<const D: usize> {
@@ -27,41 +34,40 @@ impl<const D: usize> Instant<D> {
     /// record.
     pub fn new(
         measured: &Measured<D>,
-        t: usize,
-        place: Place<D>,
+        own: Seen<D>,
         weight: &[f64],
         columns: &[usize],
         anchor: f64,
     ) -> Self {
-        Self::of_rows(rows_of(measured, t, place, weight), columns, anchor)
+        Self::of_rows(rows_of(measured, own, weight), (columns, measured.width()), anchor)
     }
 
     /// Combines several instants into one, with an unknown shift that all of them have in common.
     pub fn together(
         measured: &Measured<D>,
-        instants: impl Iterator<Item = (usize, Place<D>)>,
+        instants: impl Iterator<Item = Seen<D>>,
         weight: &[f64],
         columns: &[usize],
     ) -> Self {
         let (mut rows, mut groups) = (Vec::new(), Vec::new());
-        for (t, place) in instants {
-            let (own, shared) = rows_of(measured, t, place, weight);
+        for one in instants {
+            let (own, shared) = rows_of(measured, one, weight);
             let moved =
                 |(range, total): Group| (range.start + rows.len()..range.end + rows.len(), total);
             groups.extend(shared.into_iter().map(moved));
             rows.extend(own);
         }
-        Self::of_rows((rows, groups), columns, 0.0)
+        Self::of_rows((rows, groups), (columns, measured.width()), 0.0)
     }
 
     fn of_rows(
         (rows, groups): (Vec<Single<D>>, Vec<Group>),
-        columns: &[usize],
+        (columns, width): (&[usize], usize),
         anchor: f64,
     ) -> Self {
         let mut normal: Matrix<D> =
             std::array::from_fn(|i| std::array::from_fn(|j| if i == j { anchor } else { 0.0 }));
-        for (_, weight, _, gradient) in &rows {
+        for (_, weight, _, gradient, _) in &rows {
             for i in 0..D {
                 for j in 0..D {
                     normal[i][j] += weight * gradient[i] * gradient[j];
@@ -72,17 +78,17 @@ impl<const D: usize> Instant<D> {
         let own = inverse.unwrap_or([[0.0; D]; D]);
         let mut solution = vec![[0.0; D]; columns.len()];
         for (solution, column) in solution.iter_mut().zip(columns) {
-            for (_, w, _, gradient) in rows.iter().filter(|(own, ..)| own == column) {
-                for i in 0..D {
-                    solution[i] += w * dot(&own[i], gradient);
+            for (row, effect) in rows.iter().map(|row| (row, effect(row, *column, width))) {
+                let (_, w, _, gradient, _) = row;
+                for i in (0..D).filter(|_| effect != 0.0) {
+                    solution[i] += w * dot(&own[i], gradient) * effect;
                 }
             }
         }
         let mut kept = Vec::with_capacity(rows.len() * columns.len());
-        for (own, _, _, gradient) in &rows {
+        for row in &rows {
             for (solution, column) in solution.iter().zip(columns) {
-                let unit = f64::from(u8::from(own == column));
-                kept.push(unit - dot(gradient, solution));
+                kept.push(effect(row, *column, width) - dot(&row.3, solution));
             }
         }
         for (range, total) in &groups {
@@ -112,7 +118,7 @@ impl<const D: usize> Instant<D> {
     pub fn left(&self, values: &DVector<f64>) -> Vec<f64> {
         let mut moved = [0.0; D];
         let inverse = self.inverse.unwrap_or([[0.0; D]; D]);
-        for (_, w, r, gradient) in &self.rows {
+        for (_, w, r, gradient, _) in &self.rows {
             for i in 0..D {
                 moved[i] += w * r * dot(&inverse[i], gradient);
             }
@@ -120,12 +126,12 @@ impl<const D: usize> Instant<D> {
         let kept = self.kept.chunks_exact(values.len());
         let bias = kept.map(|kept| kept.iter().zip(values).map(|(k, b)| k * b).sum::<f64>());
         let rows = self.rows.iter().zip(bias);
-        rows.map(|((_, _, r, gradient), bias)| r - dot(gradient, &moved) - bias).collect()
+        rows.map(|((_, _, r, gradient, _), bias)| r - dot(gradient, &moved) - bias).collect()
     }
 
     /// Share of the error of a measurement that remains in its residual: `1 − H`.
     pub fn share(&self, i: usize) -> f64 {
-        let (_, w, _, gradient) = &self.rows[i];
+        let (_, w, _, gradient, _) = &self.rows[i];
         let inverse = self.inverse.unwrap_or([[0.0; D]; D]);
         let group = self.groups.iter().find(|(range, _)| range.contains(&i));
         let mean = group.map_or(0.0, |(_, total)| w / total);
@@ -133,8 +139,19 @@ impl<const D: usize> Instant<D> {
     }
 }
 
-/// Column of a measurement, its weight over σ², residual and derivatives.
-type Single<const D: usize> = (usize, f64, f64, Vector<D>);
+/// Column of a measurement, its weight over σ², residual and derivatives, and its change by an error of 1 of
+/// the clock.
+type Single<const D: usize> = (usize, f64, f64, Vector<D>, f64);
+
+/// Change of a measurement by an error of 1 of a column or, if these are counted after the `width` columns,
+/// of the clock of a station.
+fn effect<const D: usize>(row: &Single<D>, column: usize, width: usize) -> f64 {
+    match column.checked_sub(width) {
+        Some(station) if row.0 % (width / KINDS) == station => row.4,
+        Some(_) => 0.0,
+        None => f64::from(u8::from(row.0 == column)),
+    }
+}
 
 /// Rows that have an unknown in common, and the sum of their weights.
 type Group = (Range<usize>, f64);
@@ -144,8 +161,7 @@ type Group = (Range<usize>, f64);
 /// get a row for their first receiver, whose error they share; arrivals share the emission.
 fn rows_of<const D: usize>(
     measured: &Measured<D>,
-    t: usize,
-    place: Place<D>,
+    Seen { t, place, velocity }: Seen<D>,
     weight: &[f64],
 ) -> (Vec<Single<D>>, Vec<Group>) {
     let mut rows = Vec::new();
@@ -158,7 +174,8 @@ fn rows_of<const D: usize>(
             };
             let gradient = row.gradient.map(|v| v * sigma);
             let own = weight[m] / (1.0 - shared);
-            rows.push((measured.column[m], own, row.residual * sigma, gradient));
+            let late = -dot(&gradient, &velocity);
+            rows.push((measured.column[m], own, row.residual * sigma, gradient, late));
         }
     }
     let mut groups = Vec::new();
@@ -169,7 +186,10 @@ fn rows_of<const D: usize>(
     rows.sort_by_key(|(column, ..)| *column);
     let differences = of_kind(&rows, measured, Kind::RangeDifference);
     if measured.common > 0.0 && !differences.is_empty() {
-        rows.insert(differences.end, (measured.reference, 1.0 / measured.common, 0.0, [0.0; D]));
+        rows.insert(
+            differences.end,
+            (measured.reference, 1.0 / measured.common, 0.0, [0.0; D], 0.0),
+        );
         groups.push(centred(&mut rows, differences.start..differences.end + 1));
     }
     let arrivals = of_kind(&rows, measured, Kind::Arrival);
@@ -191,14 +211,14 @@ fn of_kind<const D: usize>(rows: &[Single<D>], measured: &Measured<D>, kind: Kin
 /// Subtracts the mean of some rows from each.
 fn centred<const D: usize>(rows: &mut [Single<D>], own: Range<usize>) -> Group {
     let (mut total, mut residual, mut gradient) = (0.0, 0.0, [0.0; D]);
-    for (_, w, r, g) in &rows[own.clone()] {
+    for (_, w, r, g, _) in &rows[own.clone()] {
         total += w;
         residual += w * r;
         for i in 0..D {
             gradient[i] += w * g[i];
         }
     }
-    for (_, _, r, g) in &mut rows[own.clone()] {
+    for (_, _, r, g, _) in &mut rows[own.clone()] {
         *r -= residual / total;
         for i in 0..D {
             g[i] -= gradient[i] / total;
@@ -237,8 +257,4 @@ fn inverse_of<const D: usize>(mut normal: Matrix<D>) -> Option<Matrix<D>> {
     }
     (0..D).for_each(|i| normal[i][i] += LEAST_ANCHOR * total);
     Factor::try_new(&normal, 0.0).map(|factor| factor.inverse())
-}
-
-fn dot<const D: usize>(a: &Vector<D>, b: &Vector<D>) -> f64 {
-    (0..D).map(|i| a[i] * b[i]).sum()
 }

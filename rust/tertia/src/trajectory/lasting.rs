@@ -9,6 +9,7 @@
 //! are propagated through the smoother into the covariance of the path.
 
 use super::bias::{add_covariance, smoothed, weights};
+use super::blocks::{length, memory, together};
 use super::contradictions::Blocks;
 use super::failure::Failure;
 use super::found::{Found, Setting};
@@ -26,11 +27,6 @@ use std::rc::Rc;
 const TELLING: usize = 2;
 /// Variance of lasting errors over that of the smoothed noise, below which lasting errors are neglected.
 const NEGLIGIBLE: f64 = 0.1;
-/// Number of blocks of instants within the memory of the smoother, least number of blocks in the record, and
-/// largest product of the numbers of blocks and columns.
-const IN_MEMORY: f64 = 4.0;
-const LEAST_BLOCKS: usize = 10;
-const MOST_NUMBERS: usize = 600;
 /// Probability of being far more wrong than all others from which a column is left out.
 const DISTRUSTED: f64 = 0.9;
 /// Largest number of rounds of removing the estimates, and the change, in standard errors, that ends them.
@@ -77,10 +73,10 @@ pub(super) struct Lasting {
     time: f64,
 }
 
-/// Estimated lasting errors of each kind and station (5 K).
+/// Estimated lasting errors of each kind and station, and of the clocks of the stations (6 K).
 #[derive(Clone, Debug)]
 pub struct LastingErrors {
-    /// Errors that were removed, and the standard deviations of the remaining errors (5 K).
+    /// Errors that were removed, and the standard deviations of the remaining errors (6 K).
     pub value: Vec<f64>,
     /// See `value`.
     pub sigma: Vec<f64>,
@@ -173,8 +169,10 @@ impl Lasting {
             if let Some(at) = point.alone {
                 lasting.alone[at] += w;
             }
+            // without clocks, whose errors come last
+            let last = columns.partition_point(|column| *column < record.width());
             let (constant, drift): (f64, f64) =
-                (point.constant.iter().sum(), point.drift.iter().sum());
+                (point.constant[..last].iter().sum(), point.drift.iter().sum());
             whole += w * (constant + drift);
             drifting += w * drift;
             let weighted = point.drift.iter().zip(&point.time).filter(|(v, _)| **v > 0.0);
@@ -285,13 +283,14 @@ impl Lasting {
         (self.constant[(i, i)] + self.drift[i] + self.common[i].powi(2)).sqrt()
     }
 
-    /// Returns the measurements less the estimated errors; nan outside their domain.
+    /// Returns the measurements less the estimated errors, except those of clocks; nan outside their domain.
     pub fn removed_from(&self, record: &Record<'_>) -> Vec<f64> {
         let (width, reference) = (record.width(), record.reference());
         let mut removed = record.values.to_vec();
         let first = self.columns.iter().position(|column| *column == reference);
         let first = first.map_or(0.0, |at| self.values[at]);
-        for (column, value) in self.columns.iter().zip(&self.values) {
+        let values = self.columns.iter().zip(&self.values);
+        for (column, value) in values.filter(|(column, _)| **column < width) {
             let is_difference = record.kind_of(*column) == record.kind_of(reference);
             let value = if is_difference { value - first } else { *value };
             for row in removed.chunks_exact_mut(width) {
@@ -327,7 +326,7 @@ impl Lasting {
         Ok(())
     }
 
-    /// Arranges the errors by kind and station (5 K).
+    /// Arranges the errors by kind and station (6 K, as in the prior).
     pub fn by_station(&self, prior: &Prior) -> LastingErrors {
         let mut value = vec![0.0; prior.sigma.len()];
         // columns without measurements keep their prior
@@ -382,40 +381,6 @@ fn answers<const D: usize, const N: usize>(
     responses(&instants, columns.len())
 }
 
-/// Number of instants over which the smoother averages: the median ratio of variances before and after it.
-fn memory<const D: usize, const N: usize>(record: &Record<'_>, found: &Found<D, N>) -> f64 {
-    let trace = |matrix: &[f64]| matrix.iter().step_by(D + 1).sum::<f64>();
-    let ratio = |t: usize| {
-        let at = t * D * D..(t + 1) * D * D;
-        trace(&found.plots.covariance[at.clone()]) / trace(&found.path.covariance[at])
-    };
-    let mut ratios: Vec<f64> = (0..record.len()).map(ratio).filter(|r| r.is_finite()).collect();
-    ratios.sort_unstable_by(f64::total_cmp);
-    ratios.get(ratios.len() / 2).copied().unwrap_or(1.0)
-}
-
-/// Number of instants that are combined if single instants have fewer measurements than coordinates: enough
-/// for redundant measurements, but only a part of those over which the smoother averages.
-fn together<const D: usize, const N: usize>(
-    record: &Record<'_>,
-    found: &Found<D, N>,
-    memory: f64,
-) -> usize {
-    let each = found.measured.comparable() as f64 / record.len() as f64;
-    if each >= D as f64 || record.common_variance() > 0.0 {
-        return 1;
-    }
-    let wished = (2.0 * D as f64 + 2.0) / each;
-    (wished.min(memory / IN_MEMORY) as usize).max(1)
-}
-
-/// Number of instants in a block: a part of the memory of the smoother, with a limited number of blocks.
-fn length(n: usize, memory: f64, columns: usize) -> usize {
-    let wished = (memory / IN_MEMORY) as usize;
-    let most = (MOST_NUMBERS / columns).max(1);
-    wished.min(n / LEAST_BLOCKS).max(n.div_ceil(most)).max(1)
-}
-
 /// Median duration of this number of instants; the median is used because instants may come in bursts.
 fn lasting(record: &Record<'_>, instants: f64) -> f64 {
     let count = (instants as usize).clamp(1, record.len() - 1);
@@ -424,6 +389,38 @@ fn lasting(record: &Record<'_>, instants: f64) -> f64 {
         .collect();
     let middle = times.len() / 2;
     *times.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// Returns the errors in these columns that measurements are corrected for: 0 except for clocks, which are
+/// counted after the `width` columns of an instant.
+fn clocks_of<const D: usize, const N: usize>(
+    found: &Found<D, N>,
+    columns: &[usize],
+    width: usize,
+) -> DVector<f64> {
+    let of = |column: &usize| column.checked_sub(width).and_then(|own| found.clocks.get(own));
+    DVector::from_iterator(columns.len(), columns.iter().map(|own| of(own).copied().unwrap_or(0.0)))
+}
+
+/// Estimates the errors of the clocks (K) together with lasting errors.
+pub(super) fn clocks<const D: usize, const N: usize>(
+    record: &Record<'_>,
+    found: &Found<D, N>,
+    prior: &Prior,
+) -> Vec<f64> {
+    let (columns, width) = (prior.columns(record), record.width());
+    let mut error = vec![0.0; width / KINDS];
+    if columns.iter().all(|column| *column < width) || found.plots.count(D) < 2 {
+        return error;
+    }
+    let begun = clocks_of(found, &columns, width);
+    let lasting = Lasting::estimate(record, found, prior, &columns, &begun);
+    for (column, value) in columns.iter().zip(&lasting.values) {
+        if let Some(station) = column.checked_sub(width) {
+            error[station] = *value;
+        }
+    }
+    error
 }
 
 /// Estimates lasting errors, and removes their constant part until it hardly changes.
@@ -436,8 +433,9 @@ pub(super) fn rounds<const D: usize, const N: usize>(
     if columns.is_empty() || found.plots.count(D) < 2 {
         return Ok((found, None));
     }
-    let none = DVector::zeros(columns.len());
-    let mut lasting = Lasting::estimate(setting.record, &found, prior, &columns, &none);
+    let width = setting.record.width();
+    let begun = clocks_of(&found, &columns, width);
+    let mut lasting = Lasting::estimate(setting.record, &found, prior, &columns, &begun);
     // the first receiver of range differences has no measurements of its own that could be left out
     let is_distrusted =
         |at: &usize| lasting.alone[*at] >= DISTRUSTED && !setting.record.is_reference(columns[*at]);
@@ -458,7 +456,9 @@ pub(super) fn rounds<const D: usize, const N: usize>(
         let values = lasting.removed_from(setting.record);
         let measured = Rc::new(Measured::new(setting.record, values));
         found = found.without_outliers(setting, &measured)?;
-        let removed = lasting.values;
+        let mut removed = lasting.values;
+        // measurements are corrected for the clocks before
+        (0..columns.len()).filter(|i| columns[*i] >= width).for_each(|i| removed[i] = begun[i]);
         lasting = Lasting::estimate(setting.record, &found, prior, &columns, &removed);
         let change = &lasting.values - &removed;
         let small = (0..columns.len()).all(|i| change[i].abs() <= SETTLED * lasting.sigma(i));
@@ -489,12 +489,4 @@ fn without<const D: usize, const N: usize>(
     let rest = rounds(&mut own, found, prior);
     setting.smoother = own.smoother;
     rest
-}
-
-#[cfg(test)]
-mod tests {
-    #[test]
-    fn a_block_has_an_instant_however_many_columns_there_are() {
-        assert_eq!(super::length(40, 40.0, 610), 40);
-    }
 }

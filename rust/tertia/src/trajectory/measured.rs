@@ -27,6 +27,9 @@ pub struct Record<'a> {
     pub surveys: Option<&'a [f64]>,
     /// Times of the instants, not decreasing.
     pub time: &'a [f64],
+    /// Readings of the clocks of the stations minus the true time, K numbers, for ranges, azimuths and
+    /// elevations. None: 0.
+    pub clocks: Option<&'a [f64]>,
     /// Ranges, azimuths, elevations, range differences and arrivals (in metres) of each instant, N 5 K
     /// numbers, nan where missing.
     pub values: &'a [f64],

@@ -1,14 +1,15 @@
 //! Prior of the systematic errors.
 
-use super::measured::Record;
+use super::measured::{Record, seen};
 use crate::sensors::KINDS;
 
 /// Prior of the lasting errors.
 #[derive(Clone, Debug)]
 pub struct Prior {
-    /// Standard deviations, 5 K numbers: 0 for trusted columns, nan for those to be estimated.
+    /// Standard deviations, 5 K numbers: 0 for trusted columns, nan for those to be estimated. The standard
+    /// deviations of the clocks of the stations follow, K numbers, none of them nan.
     pub sigma: Vec<f64>,
-    /// Shares of the variance that drift, and the correlation times (5 K); nan: to be estimated.
+    /// Shares of the variance that drift, and the correlation times (6 K); nan: to be estimated.
     pub share: Vec<f64>,
     /// See `share`.
     pub time: Vec<f64>,
@@ -17,7 +18,7 @@ pub struct Prior {
 }
 
 impl Prior {
-    /// Columns with measurements that may have lasting errors.
+    /// Columns with measurements that may have lasting errors, and the clocks that may have errors.
     pub(super) fn columns(&self, record: &Record<'_>) -> Vec<usize> {
         let width = record.width();
         let seen = |at: &usize| record.values.iter().skip(*at).step_by(width).any(|v| !v.is_nan());
@@ -27,7 +28,18 @@ impl Prior {
         (0..width)
             .filter(|at| self.sigma[*at] != 0.0)
             .filter(|at| seen(at) || (differences && *at == reference))
+            .chain(self.clocks(record))
             .collect()
+    }
+
+    /// Clocks of stations with measurements that depend on them; they are counted after the columns.
+    pub(super) fn clocks(&self, record: &Record<'_>) -> impl Iterator<Item = usize> {
+        let (width, k) = (record.width(), record.width() / KINDS);
+        let timed = seen(record, &[0, 1, 2]);
+        let is_timed = move |station: usize| timed.iter().any(|column| column % k == station);
+        (0..k)
+            .filter(move |own| self.sigma[width + own] > 0.0 && is_timed(*own))
+            .map(move |k| width + k)
     }
 }
 

@@ -68,7 +68,7 @@ pub(super) fn shifts<const D: usize, const N: usize>(
             errors[measured.column[m]] = error;
         }
         let mut pull = [0.0; D];
-        for (column, w, _, gradient) in &instant.rows {
+        for (column, w, _, gradient, _) in &instant.rows {
             for i in 0..D {
                 pull[i] += w * errors[*column] * gradient[i];
             }
