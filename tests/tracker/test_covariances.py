@@ -92,6 +92,26 @@ def test_covariances_of_a_target_above_the_radar(motion, seed):
         assert_regular(track(plots, [radar], motion=motion, **options))
 
 
+@pytest.mark.parametrize("motion", ["imm", "cv", "window"])
+def test_covariances_of_a_plot_at_the_radar(motion):
+    """The track has come to the radar, and a coarse range of 1 m has no height."""
+    rng = np.random.default_rng(75)
+    n = 20
+    precise = Radar(range_sigma=0.3, azimuth_sigma=1e-3, scan_period=1.0)
+    coarse = Radar(range_sigma=600.0, azimuth_sigma=3e-5, scan_period=1.0)
+    near = np.abs(0.3 * rng.standard_normal(n)) + 1e-3
+    distance = np.stack([near, np.ones(n)], axis=1).ravel()
+    time = np.arange(2 * n) / 2
+    height = np.where(np.arange(2 * n) == 2, 33.0, np.nan)
+    distance[2] = 33.1
+    sensor = np.tile([0, 1], n)
+    azimuth = rng.uniform(0.0, 6.28, 2 * n)
+    plots = Plots(time, distance, azimuth, height=height, sensor=sensor)
+    for association in ("gnn", "mht"):
+        options = {"association": association, "confirmation": (2, 3), "registration": False}
+        assert_regular(track(plots, [precise, coarse], motion=motion, **options))
+
+
 def test_covariances_of_drones_in_slow_scans():
     """In 22 s, manoeuvres of drones begin and end."""
     rng = np.random.default_rng(73)

@@ -14,9 +14,9 @@ pub(crate) use identity::both;
 pub use identity::{Identities, IdentityKind, callsign_number, callsign_text};
 pub use measurement::predict;
 pub(crate) use measurement::{Kind, Measurement, Row, SMALL_TANGENT, TERMS, read};
-pub(crate) use radar::HEIGHT_SIGMA;
 #[cfg(test)]
 pub(crate) use radar::radar_of;
+pub(crate) use radar::{HEIGHT_SIGMA, LEAST_ACROSS};
 pub use radar::{Radar, Ways};
 
 /// Number of kinds of measurements. In the rows of an instant their order is: ranges, azimuths, elevations,

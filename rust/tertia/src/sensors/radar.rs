@@ -11,7 +11,7 @@ pub(crate) const HEIGHT_SIGMA: f64 = 15.0;
 const LEAST_GROUND_SHARE: f64 = 1e-3;
 /// Least variance across the beam, as a share of that along it: above the radar, where azimuths say nothing,
 /// the covariance would be singular to rounding.
-const LEAST_ACROSS: f64 = 1e-10;
+pub(crate) const LEAST_ACROSS: f64 = 1e-10;
 
 /// Position of a radar, and the properties of its measurements.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

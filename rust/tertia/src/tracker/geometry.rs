@@ -2,7 +2,7 @@
 
 use crate::base::plane::Plane;
 use crate::geo::View;
-use crate::sensors::{HEIGHT_SIGMA, Radar};
+use crate::sensors::{HEIGHT_SIGMA, LEAST_ACROSS, Radar};
 use serde::{Deserialize, Serialize};
 
 /// Largest sine of the elevation at which a plot without a height is placed: a target that would be seen at a
@@ -125,7 +125,7 @@ fn flat(radar: &Radar, [range, azimuth]: [f64; 2], height: f64) -> Sighted {
     let squared = (range * range - up * up).max(f64::MIN_POSITIVE);
     let (ground, (sine, cosine)) = (squared.sqrt(), azimuth.sin_cos());
     let along = (radar.range_sigma * range / ground).powi(2);
-    let across = (radar.azimuth_sigma * ground).powi(2);
+    let across = (radar.azimuth_sigma * ground).powi(2).max(LEAST_ACROSS * along);
     let far = ground * radar.stretch();
     Sighted {
         position: [radar.position[0] + far * sine, radar.position[1] + far * cosine],
@@ -135,5 +135,18 @@ fn flat(radar: &Radar, [range, azimuth]: [f64; 2], height: f64) -> Sighted {
             yy: along * cosine * cosine + across * sine * sine,
         },
         by_height: [-up / ground * sine, -up / ground * cosine],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::checks::assert_within;
+    use crate::sensors::radar_of;
+
+    #[test]
+    fn noise_of_a_plot_at_the_radar_is_regular() {
+        let noise = flat(&radar_of([600.0, 3e-5]), [1.0, 2.5], 0.95).noise;
+        assert_within(1e-4, noise.determinant() / (noise.xx + noise.yy).powi(2), LEAST_ACROSS);
     }
 }
