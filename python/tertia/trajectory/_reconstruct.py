@@ -366,7 +366,7 @@ def reconstruct(
         **prior,
     }
     record, (speed, wind), arrivals = in_found_medium(
-        record, medium, arrivals, prior["bias_sigma"], threads(n_threads)
+        record, medium, arrivals, prior["bias_sigma"][:-k], threads(n_threads)
     )
     found = _core.reconstruct(record, steps, threads(n_threads))
     if not degrees and any(kind in measured for kind in ANGLES):
