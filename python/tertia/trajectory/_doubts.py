@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from tertia import _core
 from tertia._arrays import BoolArray, FloatArray
+from tertia.location._degrees import warn_if_degrees
+from tertia.trajectory._speed import instants
 
+# share of instants with outliers from which angles may be in degrees
+_CONTRADICTED = 0.25
 # share of measurements that contradict a path from which it is doubtful
 _MOST = 0.5
 # the same, if errors of clocks are estimated: if clocks have not been found, about as many
@@ -66,3 +72,22 @@ def _warn_of_sides(found: dict[str, Any]) -> None:
     for applies, remark in (*remarks, (found["may_cross"], _MAY_CROSS)):
         if applies:
             warnings.warn(remark, UserWarning, stacklevel=4)
+
+
+def doubt_radians(record: dict[str, Any], found: dict[str, Any]) -> None:
+    """Warn if the angles of single instants do not fit as radians, but would fit as degrees."""
+    values, sigmas, rows = record["values"], record["sigmas"], instants(record)
+    options: tuple[Any, ...] = (
+        *(None, None, None, ("robust", 3), (True, record["correlation"])),
+        *(sigmas.size * [False], False, (0.0, 0.0, False), 1),
+    )
+
+    def solve(values: FloatArray, sigmas: FloatArray) -> Sequence[Any]:
+        return _core.locate(*rows, values, sigmas, *options)[:-2]
+
+    known = sigmas[np.newaxis]
+    # fixes without what contradicts the path say little where most of it does
+    fixes = found.get("fixes")
+    if fixes is None or np.mean(found["outlier"].any(axis=(-2, -1))) > _CONTRADICTED:
+        fixes = solve(values, known)
+    warn_if_degrees(fixes, values, known, solve)

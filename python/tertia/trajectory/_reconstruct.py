@@ -23,7 +23,6 @@ from tertia._arrays import (
 from tertia.location import Location, LocationStatus
 from tertia.location._arrivals import LIGHT, read_arrivals
 from tertia.location._bias import ERRORS, given_biases, said
-from tertia.location._degrees import warn_if_degrees
 from tertia.location._height import (
     ANYWHERE,
     azimuths_alone,
@@ -45,9 +44,9 @@ from tertia.sensors import Bias, Kind, Station
 from tertia.sensors._kinds import ANGLES, KINDS, STATION_KINDS
 from tertia.sensors._sensors import by_kind, stack_stations, survey_sigmas
 from tertia.smoothing import SmoothedPositions, local_polynomial
-from tertia.trajectory._doubts import warn_of_path
+from tertia.trajectory._doubts import doubt_radians, warn_of_path
 from tertia.trajectory._result import Trajectory
-from tertia.trajectory._speed import in_found_medium, instants
+from tertia.trajectory._speed import in_found_medium
 from tertia.trajectory._systematic import (
     bias_of,
     clocks_of,
@@ -59,9 +58,6 @@ from tertia.trajectory._systematic import (
 Order: TypeAlias = Literal["spatial-first", "temporal-first"]
 Spatial: TypeAlias = Literal["robust", "least-squares"]
 Smoother: TypeAlias = Literal["rts", "local-polynomial"]
-
-# share of instants with outliers from which angles may be in degrees
-_CONTRADICTED = 0.25
 
 
 def reconstruct(
@@ -370,7 +366,7 @@ def reconstruct(
     )
     found = _core.reconstruct(record, steps, threads(n_threads))
     if not degrees and any(kind in measured for kind in ANGLES):
-        _warn_if_degrees(record, found)
+        doubt_radians(record, found)
     if found["failure"] is not None:
         _raise(found["failure"], stations)
     found = _in_space(found) if flat else found
@@ -439,25 +435,6 @@ def _usual(sigmas: FloatArray, values: FloatArray) -> FloatArray:
         # of what was not measured there is none
         warnings.simplefilter("ignore", RuntimeWarning)
         return np.asarray(np.nanmedian(measured, axis=0))
-
-
-def _warn_if_degrees(record: dict[str, Any], found: dict[str, Any]) -> None:
-    """Warn if the angles of single instants do not fit as radians, but would fit as degrees."""
-    values, sigmas, rows = record["values"], record["sigmas"], instants(record)
-    options: tuple[Any, ...] = (
-        *(None, None, None, ("robust", 3), (True, record["correlation"])),
-        *(sigmas.size * [False], False, (0.0, 0.0, False), 1),
-    )
-
-    def solve(values: FloatArray, sigmas: FloatArray) -> Sequence[Any]:
-        return _core.locate(*rows, values, sigmas, *options)[:-2]
-
-    known = sigmas[np.newaxis]
-    # fixes without what contradicts the path say little where most of it does
-    fixes = found.get("fixes")
-    if fixes is None or np.mean(found["outlier"].any(axis=(-2, -1))) > _CONTRADICTED:
-        fixes = solve(values, known)
-    warn_if_degrees(fixes, values, known, solve)
 
 
 def _smoothed(mean: FloatArray, found: Sequence[Any]) -> SmoothedPositions:
