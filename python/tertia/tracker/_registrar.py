@@ -159,12 +159,17 @@ class Registrar:
         """Standard deviations of range and azimuth for tracking, (K, 2)."""
         return self._core.known()[2]
 
+    @property
+    def held(self) -> list[bool]:
+        """Whether the plots of each sensor are at present not allowed to confirm tracks."""
+        held = self._core.held()
+        # where plots of all sensors are far from their tracks, targets manoeuvre
+        return [False] * len(held) if all(held) else held
+
     def prepare(self, core: _core.PlotTracker) -> None:
         """Give a tracker the noise of the sensors, and which plots may not confirm tracks."""
-        held = self._core.held()
         core.set_noise(self.noise)
-        # where plots of all sensors are far from their tracks, targets manoeuvre
-        core.hold([False] * len(held) if all(held) else held)
+        core.hold(self.held)
         core.set_delays(np.where(self._late, self._core.clocks(), np.nan))
 
     def weigh_delays(self, core: _core.PlotTracker, *, recording: bool) -> None:
