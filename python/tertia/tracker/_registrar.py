@@ -129,7 +129,7 @@ class Registrar:
         self._radars = [isinstance(one, Radar) for one in sensors]
         prior = own_biases(sensors)
         # reports may be late by other times for other targets
-        self._late = are_placed(sensors) & (prior.time_sigma > 0.0)
+        self._late = are_placed(sensors) & (np.asarray(prior.time_sigma, dtype=np.float64) > 0.0)
         self._start_from(prior)
         if known is not None:
             self._core.know(*known)
