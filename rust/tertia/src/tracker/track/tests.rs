@@ -1,6 +1,6 @@
 use super::*;
 use crate::base::checks::assert_within;
-use crate::sensors::radar_of;
+use crate::sensors::{Radar, radar_of};
 use crate::tracker::ImmModel;
 
 fn settings() -> Settings {
