@@ -456,3 +456,67 @@ def test_given_errors_of_one_time():
     alone = reconstruct(finders(), np.zeros(5), azimuth=azimuth, bias=Bias())
     own, without = (one.covariance[0, [0, 1], [0, 1]] for one in (track, alone))
     assert np.all(own > without)
+
+
+RADARS = [
+    Station(place, range_sigma=15.0, azimuth_sigma=0.002)
+    for place in ([0.0, 0.0], [12e3, 0.0], [5e3, -9e3])
+]
+
+
+def in_turn(run, periods, is_turning, bias=(0.0, 0.0)):
+    """Return times, a path, and ranges and azimuths of radars; one has a bias in sigmas."""
+    rng = np.random.default_rng([49, run])
+    starts = np.array(periods) * (0.1 + np.arange(len(periods)) / len(periods))
+    own = [np.arange(start, 240, period) for start, period in zip(starts, periods, strict=True)]
+    time = np.sort(np.concatenate(own))
+    course = 0.03 * np.clip(time - 100, 0, 60) * is_turning
+    steps = 80 * np.diff(time, prepend=0)[:, np.newaxis]
+    truth = np.cumsum(steps * np.column_stack([np.cos(course), np.sin(course)]), axis=0)
+    truth += [-4e3, 9e3]
+    offset = truth[:, np.newaxis] - [radar.position for radar in RADARS[: len(periods)]]
+    measured = np.array([np.hypot(*offset.T).T, np.arctan2(offset[..., 0], offset[..., 1])])
+    error = rng.standard_normal(measured.shape)
+    error[:, :, 1] += np.array(bias)[:, np.newaxis]
+    measured += np.array([15.0, 0.002])[:, np.newaxis, np.newaxis] * error
+    for station, times in enumerate(own):
+        measured[:, ~np.isin(time, times), station] = np.nan
+    return time, truth, *measured
+
+
+@pytest.mark.parametrize("bias", [(2.0, 0.0), (4.0, 0.0), (0.0, 2.0)])
+@pytest.mark.parametrize("is_turning", [False, True])
+@pytest.mark.parametrize("periods", [(4.0, 4.0), (4.0, 4.0, 4.0), (4.0, 10.0)])
+def test_biases_of_radars_that_measure_in_turn_are_found(periods, is_turning, bias):
+    """No instant has redundant measurements; neighbouring ones contradict each other."""
+    default = []
+    for run in range(5):
+        time, truth, ranges, azimuth = in_turn(run, periods, is_turning, bias)
+        track = reconstruct(RADARS[: len(periods)], time, range=ranges, azimuth=azimuth)
+        assert track.systematic == "estimated"
+        default.append(inside(track, truth))
+    assert np.mean(default) > 0.9
+
+
+@pytest.mark.parametrize("is_turning", [False, True])
+def test_healthy_radars_that_measure_in_turn_hardly_pay(is_turning):
+    squares, sizes = [], []
+    for run in range(12):
+        time, truth, ranges, azimuth = in_turn(run, (4.0, 4.0), is_turning)
+        pair = [
+            reconstruct(RADARS[:2], time, range=ranges, azimuth=azimuth, bias=bias)
+            for bias in (Bias(), None)
+        ]
+        squares.append([np.mean(np.square(one.position - truth)) for one in pair])
+        sizes.append([np.mean(one.sigma**2) for one in pair])
+    before, after = np.mean(squares, axis=0)
+    assert after < 1.03**2 * before
+    before, after = np.mean(sizes, axis=0)
+    assert after < 1.4 * before
+
+
+def test_nothing_contradicts_a_radar_alone():
+    time, _, ranges, azimuth = in_turn(0, (4.0, 4.0), True)
+    own = ~np.isnan(ranges[:, 0])
+    track = reconstruct(RADARS[:1], time[own], range=ranges[own, :1], azimuth=azimuth[own, :1])
+    assert track.systematic == "not included"

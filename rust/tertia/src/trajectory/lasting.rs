@@ -89,18 +89,18 @@ pub struct LastingErrors {
 }
 
 impl Lasting {
-    /// Estimates lasting errors from the residuals about the path; `before` was already removed from the
-    /// measurements.
+    /// Estimates lasting errors from the residuals about the path, with this number of instants combined;
+    /// `before` was already removed from the measurements.
     fn estimate<const D: usize, const N: usize>(
         record: &Record<'_>,
         found: &Found<D, N>,
         prior: &Prior,
         columns: &[usize],
         before: &DVector<f64>,
+        together: usize,
     ) -> Self {
         let (weight, slope) = weights(record, found, &found.lasting(record));
         let memory = memory(record, found);
-        let together = together(record, found, memory);
         let parts: Vec<Range<usize>> = (0..record.len())
             .step_by(together)
             .map(|first| first..(first + together).min(record.len()))
@@ -414,7 +414,8 @@ pub(super) fn clocks<const D: usize, const N: usize>(
         return error;
     }
     let begun = clocks_of(found, &columns, width);
-    let lasting = Lasting::estimate(record, found, prior, &columns, &begun);
+    let together = together(record, found);
+    let lasting = Lasting::estimate(record, found, prior, &columns, &begun, together);
     for (column, value) in columns.iter().zip(&lasting.values) {
         if let Some(station) = column.checked_sub(width) {
             error[station] = *value;
@@ -435,7 +436,8 @@ pub(super) fn rounds<const D: usize, const N: usize>(
     }
     let width = setting.record.width();
     let begun = clocks_of(&found, &columns, width);
-    let mut lasting = Lasting::estimate(setting.record, &found, prior, &columns, &begun);
+    let together = together(setting.record, &found);
+    let mut lasting = Lasting::estimate(setting.record, &found, prior, &columns, &begun, together);
     // the first receiver of range differences has no measurements of its own that could be left out
     let is_distrusted =
         |at: &usize| lasting.alone[*at] >= DISTRUSTED && !setting.record.is_reference(columns[*at]);
@@ -459,7 +461,7 @@ pub(super) fn rounds<const D: usize, const N: usize>(
         let mut removed = lasting.values;
         // measurements are corrected for the clocks before
         (0..columns.len()).filter(|i| columns[*i] >= width).for_each(|i| removed[i] = begun[i]);
-        lasting = Lasting::estimate(setting.record, &found, prior, &columns, &removed);
+        lasting = Lasting::estimate(setting.record, &found, prior, &columns, &removed, together);
         let change = &lasting.values - &removed;
         let small = (0..columns.len()).all(|i| change[i].abs() <= SETTLED * lasting.sigma(i));
         lasting.nothing = 0.0;

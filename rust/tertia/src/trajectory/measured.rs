@@ -243,10 +243,10 @@ impl<const D: usize> Measured<D> {
         self.list.len()
     }
 
-    /// Number of all measurements less one for each instant with arrivals, which determines its emission.
-    pub fn comparable(&self) -> usize {
-        let is_timed = |t: &usize| self.instant(*t).any(|m| self.list[m].kind == Kind::Arrival);
-        self.len() - (0..self.origins.len()).filter(is_timed).count()
+    /// Number of measurements of an instant, less one if there are arrivals, which determines its emission.
+    pub fn comparable(&self, t: usize) -> usize {
+        let is_timed = self.instant(t).any(|m| self.list[m].kind == Kind::Arrival);
+        self.instant(t).len() - usize::from(is_timed)
     }
 
     /// Whitened residuals and gradients of an instant at a position.
