@@ -50,8 +50,8 @@ impl Lean {
         let gain_of = |east: f64, north: f64| std::array::from_fn(|i| p[i] * east + q[i] * north);
         let mut gain = [gain_of(inverse.xx, inverse.xy), gain_of(inverse.xy, inverse.yy)];
         restrain(&mut gain, 0, LARGEST);
-        for i in 0..4 {
-            self.0[i] -= gain[0][i] * by[0] + gain[1][i] * by[1];
+        for (own, (east, north)) in self.0.iter_mut().zip(gain[0].iter().zip(&gain[1])) {
+            *own -= east * by[0] + north * by[1];
         }
     }
 
