@@ -69,7 +69,7 @@ def read_speed(
     stated = positive(speed, "propagation_speed")
     travels = any(kind in _TRAVELS for kind in kinds)
     if sigma is None:
-        is_sound = robust and travels and float(np.mean(stated)) <= _SOUND
+        is_sound = robust and travels and float(np.max(stated, initial=0.0)) <= _SOUND
         return Speed(stated, _USUAL if is_sound else 0.0, as_stated=is_sound)
     width = finite(real(sigma, "propagation_speed_sigma"), "propagation_speed_sigma")
     require_each(width, width >= 0, "propagation_speed_sigma", "0 or positive")

@@ -19,8 +19,9 @@ use tertia::screening::{
 const STREAM_NS: f64 = 1.0;
 /// Cost of the kernels that write a cleaned sample, per measurement.
 const SCREEN_NS: f64 = 3.0;
-/// Cost of the detection of bursts, per measurement.
+/// Cost of the detection of bursts, per measurement, and per measurement and length of a burst.
 const BURST_NS: f64 = 60.0;
+const LENGTH_NS: f64 = 1.0;
 /// Cost of a moving polynomial, per measurement and tap.
 const MOVING_NS: f64 = 15.0;
 /// Cost of an incomplete beta function.
@@ -152,7 +153,8 @@ pub fn bursts<'py>(
     let kernel = |y: &[f64], outlier: &mut [bool], cleaned: &mut [f64], work: &mut _| {
         rule.screen(y, outlier, cleaned, work)
     };
-    screen(py, &y, 3, BURST_NS, omit, n_threads, BurstWorkspace::default, kernel)
+    let cost = BURST_NS + LENGTH_NS * max_burst as f64;
+    screen(py, &y, 3, cost, omit, n_threads, BurstWorkspace::default, kernel)
 }
 
 /// Screens by a moving polynomial. `time` may have one row for all.
