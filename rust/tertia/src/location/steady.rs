@@ -18,12 +18,12 @@ use nalgebra::{DMatrix, DVector};
 const SIZES: [f64; 7] = [0.35, 0.7, 1.4, 2.8, 5.6, 11.2, 22.4];
 /// Prior odds of no lasting errors against any.
 const NOTHING: f64 = 2.0;
-/// Share of the measurements that are outliers, and the deviation of the speed in its standard deviations, above
-/// which the stated speed is suspected; deviation above which it is wrong.
+/// Share of outliers, and deviation of the speed in its standard deviations, above which the stated speed is
+/// suspected; deviation above which it is wrong.
 const MANY: f64 = 0.2;
 const SUSPECT: f64 = 3.0;
 pub(super) const WRONG: f64 = 6.0;
-/// Largest number of stations; with more, their errors average out, and the cost grows with the cube.
+/// Largest number of stations for which lasting errors are considered, because the cost grows with the cube.
 const MOST: usize = 64;
 
 /// Normal equations of the speed and of the errors of all stations, in this order.
