@@ -52,6 +52,15 @@ def test_a_wrong_speed_is_found_without_a_sigma():
     assert 0.9 < np.mean(held) < 0.99
 
 
+@pytest.mark.parametrize("stations", [64, 65, 90])
+def test_a_wrong_speed_is_found_by_many_stations(stations):
+    places, truth, arrival = shots(9, error=0.01, stations=stations)
+    fix = located(places, arrival)
+    off = (fix.propagation_speed - 1.01 * SOUND) / fix.propagation_speed_sigma
+    assert abs(off) < 4
+    assert 0.85 < inside(fix, truth) <= 1.0
+
+
 @pytest.mark.parametrize("bias", [0.0, 2.0])
 def test_a_right_speed_stays_as_stated(bias):
     for seed in range(6):

@@ -26,7 +26,7 @@ pub(super) const WRONG: f64 = 6.0;
 /// Largest number of stations for which lasting errors are considered, because the cost grows with the cube.
 const MOST: usize = 64;
 
-/// Normal equations of the speed and of the errors of all stations, in this order.
+/// Normal equations of the speed and, unless there are too many stations, of their errors, in this order.
 struct Sums {
     information: DMatrix<f64>,
     score: DVector<f64>,
@@ -77,8 +77,8 @@ impl Locator {
         has_many || speed.is_some_and(|speed| speed.share.abs() > SUSPECT * speed.sigma)
     }
 
-    /// Returns the normal equations of all instants if the signals are faster by this share; none if there
-    /// are too many stations.
+    /// Returns the normal equations of all instants if the signals are faster by this share; none without
+    /// instants.
     fn speed_sums<'a, const D: usize>(
         &self,
         instants: impl Iterator<Item = Instant<'a>>,
@@ -87,10 +87,7 @@ impl Locator {
     ) -> Option<Sums> {
         let mut instants = instants.peekable();
         let stations = instants.peek()?.values.len() / KINDS;
-        if stations > MOST {
-            return None;
-        }
-        let mut sums = Sums::new(stations);
+        let mut sums = Sums::new(if stations > MOST { 0 } else { stations });
         instants.for_each(|instant| self.add_instant(&instant, share, &mut sums, workspace));
         Some(sums)
     }
@@ -165,17 +162,14 @@ impl Sums {
         }
         let Some(factor) = Factor::try_new(&normal, 0.0) else { return };
         for (m, row) in rows.into_iter().filter(|(m, _)| m.kind.travels()) {
-            let (slower, station) = (-m.path(&p) * m.precision, 1 + m.index);
-            for i in 0..N {
-                cross[0][i] += slower * row.gradient[i];
-                cross[station][i] += row.gradient[i];
+            let slower = -m.path(&p) * m.precision;
+            let station = Some(1 + m.index).filter(|column| *column < self.score.len());
+            let own = || std::iter::once((0, slower)).chain(station.map(|column| (column, 1.0)));
+            for (a, slope) in own() {
+                (0..N).for_each(|i| cross[a][i] += slope * row.gradient[i]);
+                own().for_each(|(b, other)| self.information[(a, b)] += slope * other);
+                self.score[a] += slope * row.residual;
             }
-            self.information[(0, 0)] += slower * slower;
-            self.information[(0, station)] += slower;
-            self.information[(station, 0)] += slower;
-            self.information[(station, station)] += 1.0;
-            self.score[0] += slower * row.residual;
-            self.score[station] += row.residual;
         }
         let solved: Vec<_> = cross.iter().map(|own| factor.solve(own)).collect();
         for (a, solved) in solved.iter().enumerate() {
