@@ -63,7 +63,7 @@ def test_what_is_said_of_predictions_is_in_its_table() -> None:
 
 
 def test_what_is_said_of_the_first_paper_is_in_its_table() -> None:
-    rows = {row[0]: row for row in table("bearing.md", "claims")}
+    rows = {row[0]: row for row in table("bearing-paper.md", "claims")}
     assert rows["RMSE at N = 100"][2] == "0.71°"
     assert rows["classical over paper, N = 100"][2] == "1.30"
     assert "0.71° and 1.30, with groups of 5" in PAPERS

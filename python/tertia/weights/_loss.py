@@ -29,7 +29,7 @@ from tertia.weights._spread import LARGEST_N, Count, counts
 LossMethod: TypeAlias = Literal["auto", "first-order", "monte-carlo"]
 
 # below this many degrees of freedom per (m + 1) the first-order loss may be off by more than a
-# twentieth of itself: docs/weights.md
+# twentieth of itself: docs/weights-accuracy.md
 _FIRST_ORDER_FROM = 100
 _TRIALS = 10_000
 # simulated losses must stay below the bound with so many of their sigmas

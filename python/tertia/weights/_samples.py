@@ -204,8 +204,8 @@ def shrink_covariance(
     Notes
     -----
     This is the mean of the inverse Wishart posterior, except that m + 1 is not subtracted in the
-    denominator. docs/weights.md compares it with the sample covariance alone and with general
-    shrinkage.
+    denominator. docs/weights-accuracy.md compares it with the sample covariance alone and with
+    general shrinkage.
 
     Examples
     --------

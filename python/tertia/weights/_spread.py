@@ -45,7 +45,7 @@ def weight_covariance(
         Covariance of vec W to first order. vec stacks columns, so that the element [b m + a, q m +
         p] is the covariance of `W[a, b]` and `W[p, q]`. The result is reliable if n is about 30 or
         more. For smaller n, the standard deviations are too small if W is near 0 or I
-        (docs/weights.md says by how much).
+        (docs/weights-accuracy.md says by how much).
 
     Raises
     ------
