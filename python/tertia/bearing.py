@@ -54,8 +54,9 @@ class BearingEstimate(Result):
     value : float or ndarray of shape (...)
         The bearing, in [0, period) if there is a period.
     sigma : float or ndarray of shape (...)
-        Standard deviation of the bearing. It is inf if all measurements are equal and `rounding` is
-        not given, because the size of the errors cannot then be estimated from the sample.
+        Standard deviation of the bearing. If all measurements are equal, the size of their errors
+        cannot be estimated from the sample: with the method "robust", `sigma` is then inf unless
+        `rounding` or the sigma of the measurements is given; with the other methods, it is 0.
     systematic : {"given", "estimated", "not included"}
         How `sigma` treats systematic errors: it includes the given `bias_sigma`, it includes one
         that was estimated from the differences between groups, or it includes none because there

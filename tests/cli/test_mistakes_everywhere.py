@@ -307,7 +307,7 @@ def test_another_origin_is_asked_about(folder: Path) -> None:
             *("--origin", origin),
         )
         assert done.code == 0
-        assert "of a target: are the origins the same?" in done.err
+        assert "of a target: do tracks and truth have the same origin?" in done.err
         assert done.err.count("\n") == 1
 
 

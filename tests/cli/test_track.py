@@ -614,7 +614,7 @@ def test_mistakes_in_plans(
         (("--column", "range=r"), "columns has 'range'; it must be one of time_s"),
         (
             ("--column", "time_s=t", "--column", "time_s=u"),
-            "twice; if the files call it differently, call it time_s in one",
+            "twice; if its name differs between the files, rename the column in one of them",
         ),
         (("--column", "time_s=t"), "has no column t; it has time_s"),
         (("--output", "o.xlsx"), "its name must end in .csv, .json, .parquet"),
@@ -944,7 +944,10 @@ def test_other_origins_are_suspected(write: Write, truth: Path) -> None:
     path = write(shown(np.array([90e3, 0.0])), TRACK_HEAD)
     done = run(path, "--truth", truth, command="evaluate")
     assert done.code == 0
-    assert "no track is within 1000 m of a target: are the origins the same?" in done.err
+    assert (
+        "no track is within 1000 m of a target: do tracks and truth have the same origin?"
+        in done.err
+    )
 
 
 def test_the_example_can_be_made_again() -> None:

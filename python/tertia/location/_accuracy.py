@@ -99,7 +99,7 @@ def accuracy_map(
         Systematic errors that replace those of the stations: the same for all stations, or one for
         each, (K,). Their variances are added to those of the random errors. A measurement whose
         systematic error has an infinite sigma is not used. If a sigma is None, nothing is added,
-        because it cannot be estimated without measurements.
+        because a systematic error cannot be estimated without measurements.
     range_difference_correlation, propagation_speed : float
         As for `locate`.
     degrees : bool

@@ -59,7 +59,7 @@ def weights(
         Whether to estimate the noise from successive differences, for a measured quantity that
         changes slowly.
     loss : float
-        Relative loss of precision for which the required number of measurements is computed.
+        Loss of accuracy for which the required number of measurements is computed.
     bias_sigma : float
         Standard deviation of the systematic error of each sensor and component, in their unit. Such
         an error does not show in the scatter of the measurements. It is included in the sigmas and

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from tertia import plot
+from tertia._result import counted
 from tertia.cli.files import read, write
 from tertia.cli.terminal.options import (
     TRUTH,
@@ -100,7 +101,7 @@ def audit(
         write.write(found.rows, output)
     whole = found.audit
     if whole.missing:
-        note(f"{whole.missing} estimates left out, because they have no true value or no sigmas")
+        note(f"{counted(whole.missing, 'estimate')} left out: no true value, or no sigma")
     if whole.time_offset is not None:
         typer.echo(f"times of the truth: {whole.time_offset.verdict}")
     if plot_file is not None:

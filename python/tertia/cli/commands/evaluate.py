@@ -79,7 +79,10 @@ def evaluate(
     share = np.mean(found.judged.indicators.matching.matched)
     if share < _FEW:
         few = f"{share:.0%} of the updates are" if share else "no track is"
-        note(f"{few} within {max_distance:g} m of a target: are the origins the same?")
+        note(
+            f"{few} within {max_distance:g} m of a target: do tracks and truth have the same "
+            "origin?"
+        )
     if output is not None:
         write.write(found.rows, output)
     if targets is not None:

@@ -78,7 +78,10 @@ def locate(
     ] = None,
     pooled: Annotated[
         bool,
-        typer.Option("--pooled", help="Sigmas are relative; estimate one factor for all instants."),
+        typer.Option(
+            "--pooled",
+            help="Only the ratios of the sigmas are known: estimate one factor for all instants.",
+        ),
     ] = False,
     redundancy: Annotated[
         int | None,
@@ -91,14 +94,17 @@ def locate(
         float,
         typer.Option(
             metavar="R",
-            help="Correlation of range differences; 0.5: common error of the first sensor.",
+            help="Correlation of the errors of range differences; 0.5: equally accurate sensors.",
         ),
     ] = 0.5,
     propagation_speed: Annotated[
         float, typer.Option(metavar="M_S", help="Speed of signals in m/s, for times of arrival.")
     ] = LIGHT,
     propagation_speed_sigma: Annotated[
-        float | None, typer.Option(metavar="M_S", help="Its sigma; the speed is then estimated.")
+        float | None,
+        typer.Option(
+            metavar="M_S", help="Sigma of the propagation speed, which is then estimated."
+        ),
     ] = None,
     wind_sigma: Annotated[
         float,
@@ -113,7 +119,8 @@ def locate(
     height: Annotated[
         float | None,
         typer.Option(
-            help="Height of all targets in metres, in space; on the earth, above the ellipsoid."
+            help="Height of all targets in metres, if sensors have heights; on the earth, above the "
+            "ellipsoid."
         ),
     ] = None,
     height_sigma: Annotated[

@@ -124,8 +124,8 @@ def note_speed(speed: float, located: Sequence[Located[Any]]) -> None:
     """Print a note if the speed of the signals is not that of light, and is taken as exact."""
     if speed != LIGHT and all(one.result.propagation_speed is None for one in located):
         note(
-            f"the speed of the signals is taken as exactly {speed:g} m/s: sigma does not include "
-            "its error; give --propagation-speed-sigma"
+            f"the speed of the signals is taken as exactly {speed:g} m/s; if it may be wrong, give "
+            "--propagation-speed-sigma, so that the sigmas include its error"
         )
 
 

@@ -75,7 +75,10 @@ def reconstruct(
         float, typer.Option(metavar="M_S", help="Speed of signals in m/s, for times of arrival.")
     ] = LIGHT,
     propagation_speed_sigma: Annotated[
-        float | None, typer.Option(metavar="M_S", help="Its sigma; the speed is then estimated.")
+        float | None,
+        typer.Option(
+            metavar="M_S", help="Sigma of the propagation speed, which is then estimated."
+        ),
     ] = None,
     wind_sigma: Annotated[
         float,
@@ -88,7 +91,7 @@ def reconstruct(
         str | None,
         typer.Option(
             metavar="EAST,NORTH[,UP]",
-            help="A position near the beginning in metres, if two mirror images fit.",
+            help="A position near the start of the path in metres, if two mirror images fit.",
         ),
     ] = None,
     n_threads: Threads = None,
@@ -170,7 +173,10 @@ def _degree(text: str) -> int | Literal["adaptive"]:
 
 def _say_motion(path: Trajectory) -> None:
     if path.mirror_image is not None:
-        typer.echo("  above the sensors; its mirror image below them fits as well (see --initial)")
+        typer.echo(
+            "  the path is above the sensors; its mirror image below them fits as well "
+            "(see --initial)"
+        )
     if path.smoothed is None:
         return
     if wandering := float(path.smoothed.acceleration_noise):
@@ -190,8 +196,8 @@ def _say_bias(one: Located[Trajectory]) -> None:
     """Print a note if the sigmas do not include systematic errors."""
     if one.result.systematic == "not included":
         typer.echo(
-            "  systematic errors are not included: no redundant measurements of one instant show "
-            "them"
+            "  systematic errors are not included: no instant has redundant measurements that "
+            "would show them"
         )
 
 

@@ -59,7 +59,8 @@ def simulate(
         ),
     ] = None,
     seed: Annotated[
-        int, typer.Option(min=0, help="Seed of the random numbers; determines the files.")
+        int,
+        typer.Option(min=0, help="Seed of the random numbers; the same seed gives the same files."),
     ] = 1,
 ) -> dict[str, Any]:
     """Simulate air traffic observed by radars, and emitters observed by direction finders.

@@ -106,7 +106,7 @@ def track(
     ] = 0.998,
     identity_error_probability: Annotated[
         float,
-        typer.Option(help="Probability that an identity is wrong; 1e-9 for numbers of ships."),
+        typer.Option(help="Probability that an identity is wrong; use 1e-9 for MMSI of vessels."),
     ] = 1e-3,
     lag: Annotated[
         float,

@@ -38,7 +38,7 @@ def weights(
         ),
     ] = False,
     loss: Annotated[
-        float, typer.Option(help="Relative loss for which to compute the number of measurements.")
+        float, typer.Option(help="Loss for which to compute the number of measurements.")
     ] = 0.05,
     bias_sigma: Annotated[
         float,
@@ -51,7 +51,7 @@ def weights(
     """Estimate the weights of sensors that measured the same quantity, from their scatter.
 
     One row per measurement, with the sensor and all components; incomplete rows are left out. The
-    weights are computed from estimated covariances; the resulting loss of precision is printed.
+    weights are computed from estimated covariances; the resulting loss of accuracy is printed.
     """
     write.check_suffixes(output)
     values = list(dict.fromkeys(value))

@@ -50,7 +50,8 @@ FixFile: TypeAlias = Annotated[
         "--fixes",
         metavar="FILE",
         readable=False,
-        help="Aerodromes and fixes in messages: name, latitude_deg, longitude_deg; or GeoJSON.",
+        help="Aerodromes and fixes that flight plan messages name: a table of name, "
+        "latitude_deg, longitude_deg; or GeoJSON.",
     ),
 ]
 AirwayFile: TypeAlias = Annotated[
@@ -59,7 +60,7 @@ AirwayFile: TypeAlias = Annotated[
         "--airways",
         metavar="FILE",
         readable=False,
-        help="Airways in messages: airway, sequence, fix.",
+        help="Airways that flight plan messages name: a table of airway, sequence, fix.",
     ),
 ]
 TRUTH = "Truth: a table of time_s, target, east_m, north_m, or ASTERIX."
@@ -72,7 +73,7 @@ ColumnNames: TypeAlias = Annotated[
     typer.Option(
         "--column",
         metavar="NAME=COLUMN",
-        help="Name of a column in the files, by its standard name; may be repeated.",
+        help="Standard name of a column, and its name in the files; may be repeated.",
     ),
 ]
 Value: TypeAlias = Annotated[
@@ -170,7 +171,7 @@ def column_names(options: Sequence[str] | None) -> dict[str, str]:
         if not name or not column:
             fail(f"--column is {option!r}; it must be NAME=COLUMN", WRONG_USAGE)
         if name in columns:
-            way = f"if the files call it differently, call it {name} in one"
+            way = "if its name differs between the files, rename the column in one of them"
             fail(f"--column gives {name} twice; {way}", WRONG_USAGE)
         columns[name] = column
     return columns
