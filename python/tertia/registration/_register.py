@@ -110,9 +110,9 @@ def register(
     **Errors over time.** A recording has up to 360 periods of equal length, of four scans of the
     slowest radar or more. From period to period, errors drift at one of five rates (none, and a
     quarter, 1, 4 and 16 times the rate stated by `drift_share` and `drift_time`); the estimates are
-    averaged by the likelihoods of the rates. A sudden change of the errors of a radar is
-    assumed only if it is a million times as likely as no change, and larger than a tenth of their
-    prior sigmas. The first tracks are made with registration while tracking, so that changes larger than
+    averaged by the likelihoods of the rates. A sudden change of the errors of a radar is assumed
+    only if it is a million times as likely as no change, and larger than a tenth of their prior
+    sigmas. The first tracks are made with registration while tracking, so that changes larger than
     the gates are also found.
 
     If the radars have no `frame`, the curvature of the earth appears as a gain of the range. Radars

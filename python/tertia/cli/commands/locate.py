@@ -119,8 +119,8 @@ def locate(
     height: Annotated[
         float | None,
         typer.Option(
-            help="Height of all targets in metres, if sensors have heights; on the earth, above the "
-            "ellipsoid."
+            help="Height of all targets in metres, if the sensors have heights; on the earth, "
+            "above the ellipsoid."
         ),
     ] = None,
     height_sigma: Annotated[
