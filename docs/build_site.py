@@ -1,8 +1,8 @@
 """Put the pages of the site into build/pages, for `mkdocs build`: `make docs`.
 
 The README is the start page. The pages of the folder are copied, and so are files that they link
-to. A new page appears under 'Concepts' by itself, a new module in the reference, and a new decision
-below 'Decisions'.
+to. A new page appears under 'Concepts' by itself (`tracker-plans.md` below `tracker.md`), a new
+module in the reference, and a new decision below 'Decisions'.
 """
 
 import ast
@@ -182,6 +182,24 @@ def heading(text: str) -> str:
     return text.splitlines()[0].removeprefix("# ").partition(":")[0]
 
 
+def concepts(pages: dict[str, Path]) -> list[dict[str, str | list[dict[str, str]]]]:
+    """Order the pages of the concepts; `tracker-plans.md` and the like are below `tracker.md`."""
+    names = [name for name in sorted(pages) if name not in START | MORE and "/" not in name]
+    title = {name: heading(pages[name].read_text("utf-8")) for name in names}
+    below = {
+        name: [other for other in names if other.startswith(f"{name.removesuffix('.md')}-")]
+        for name in names
+    }
+    nested = {other for others in below.values() for other in others}
+    return [
+        {title[name]: [{"Overview": name}, *({title[other]: other} for other in below[name])]}
+        if below[name]
+        else {title[name]: name}
+        for name in names
+        if name not in nested
+    ]
+
+
 def write(name: str, text: str) -> None:
     """Write a page of the site."""
     path = PAGES / name
@@ -201,13 +219,12 @@ def main() -> None:
     write("reference/index.md", listing())
     for name in modules():
         write(f"reference/{name}.md", reference(name))
-    concepts = [name for name in sorted(pages) if name not in START | MORE and "/" not in name]
     decisions = [name for name in sorted(pages) if name.startswith("decisions/0")]
     tasks = [name for name in sorted(pages, key=_index_first) if name.startswith("how-to/")]
     nav = [
         *({title: name} for name, title in START.items()),
         {"How do I …": [{heading(pages[name].read_text("utf-8")): name} for name in tasks]},
-        {"Concepts": [{heading(pages[name].read_text("utf-8")): name} for name in concepts]},
+        {"Concepts": concepts(pages)},
         {"Reference": ["reference/index.md", *(f"reference/{name}.md" for name in modules())]},
         {"More": [{title: name} for name, title in MORE.items()]},
         {"Decisions": ["decisions/index.md", *decisions]},

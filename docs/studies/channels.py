@@ -1,4 +1,4 @@
-"""Radars whose plots say what they were detected by: a table of docs/tracker.md."""
+"""Radars whose plots say what they were detected by: a table of docs/tracker-false-tracks.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Paths from ranges of which every station has a constant error: a table of trajectories."""
+"""Paths from ranges of which every station has a constant error."""
 
 from contextlib import suppress
 

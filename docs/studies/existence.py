@@ -1,4 +1,4 @@
-"""Figures of docs/tracker.md: what begins, confirms and ends tracks."""
+"""Figures of docs/tracker-false-tracks.md: what begins, confirms and ends tracks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Wind turbines that a radar sees again and again: a table of docs/tracker.md."""
+"""Wind turbines that a radar sees again and again: docs/tracker-false-tracks.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tables and pictures of the pages on the Kalman filter and on fusion."""
+"""The tables and pictures of the pages on the Kalman filter, on fusion and its accuracy."""
 
 import functools
 import itertools

@@ -1,4 +1,4 @@
-"""Heights of aircraft that begin and end climbs and descents: a table of docs/tracker.md."""
+"""Heights of aircraft that begin and end climbs and descents: a table of docs/tracker-motion.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The table of `fuse` on the page on fusion; without chance, from the covariances alone."""
+"""The table of `fuse` in docs/fusion-estimates.md; without chance, from the covariances alone."""
 
 import numpy as np
 

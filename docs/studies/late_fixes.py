@@ -1,4 +1,4 @@
-"""Positions from ranges of which many are too long: a table of the page on location."""
+"""Positions from ranges of which many are too long: a table of docs/location-errors.md."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The tables and pictures of the page on location."""
+"""The tables and pictures of the pages on location, its faults, and its regions."""
 
 from collections.abc import Callable, Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""Times of arrival at one instant: tables of the page on location, and coverage of error bars."""
+"""Times of arrival at one instant: docs/location-arrivals.md, and coverage of error bars."""
 
 from typing import Any
 

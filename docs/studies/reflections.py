@@ -1,4 +1,4 @@
-"""Replies by way of buildings and by side lobes of an antenna: a table of docs/tracker.md."""
+"""Replies by way of buildings and by side lobes of an antenna: docs/tracker-false-tracks.md."""
 
 from __future__ import annotations
 

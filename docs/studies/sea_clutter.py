@@ -1,4 +1,4 @@
-"""Vessels in the sea clutter of a marine radar: a table of docs/tracker.md."""
+"""Vessels in the sea clutter of a marine radar: docs/tracker-false-tracks.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of docs/tracker.md."""
+"""Figures of docs/tracker.md, and of the pages on motion, plans and the paper's tracker."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tables and the picture of the page on trajectories."""
+"""The tables and the picture of the pages on trajectories, systematic errors and the paper."""
 
 import functools
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Tracks of radars whose plots are not what they state: a table of docs/tracker.md."""
+"""Tracks of radars whose plots are not what they state: docs/tracker-false-tracks.md."""
 
 from __future__ import annotations
 

@@ -208,6 +208,18 @@ def test_every_complaint_has_a_row_a_source_and_a_verdict() -> None:
         assert ("not yet" in verdict) == ("Not yet" in part), part
 
 
+def test_every_page_is_once_in_the_navigation() -> None:
+    site = runpy.run_path(str(ROOT / "docs" / "build_site.py"))
+    entries = [entry for one in site["concepts"](site["sources"]()) for entry in one.items()]
+    groups = {title: found for title, found in entries if isinstance(found, list)}
+    listed = [found for _, found in entries if isinstance(found, str)]
+    listed += [page for group in groups.values() for one in group for page in one.values()]
+    written = {path.name for path in (ROOT / "docs").glob("*.md")}
+    assert sorted(listed) == sorted(written - (site["START"] | site["MORE"]).keys())
+    assert groups["Tracker"][0] == {"Overview": "tracker.md"}
+    assert {"Tracks with flight plans": "tracker-plans.md"} in groups["Tracker"]
+
+
 def test_the_gallery_has_every_picture_once() -> None:
     site = runpy.run_path(str(ROOT / "docs" / "build_site.py"))
     pictures = {path.name for path in (ROOT / "docs" / "img").glob("*.png")}

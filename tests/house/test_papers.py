@@ -39,13 +39,13 @@ def test_the_divisor_of_3_is_harmless_as_the_paper_linearises() -> None:
 
 
 def test_what_is_said_of_the_window_is_in_its_tables() -> None:
-    rows = [row for row in table("tracker.md", "conforming") if row[0].endswith(" window")]
+    rows = [row for row in table("tracker-motion.md", "conforming") if row[0].endswith(" window")]
     assert len(rows) == 3
     lost, ratio, nees = ({float(row[k].rstrip("%")) for row in rows} for k in (9, 2, 8))
     assert lost == {0.0}
     assert (min(ratio), max(ratio)) == (1.23, 1.27)
     assert (min(nees), max(nees)) == (1.60, 1.81)
-    *fixed, by_scan = table("tracker.md", "guards")
+    *fixed, by_scan = table("tracker-paper.md", "guards")
     cells = [cell.split(", ") for row in (*fixed, by_scan) for cell in row[1:]]
     assert {gone for gone, _ in cells} == {"0.0%"}
     worst, best = (
@@ -57,7 +57,7 @@ def test_what_is_said_of_the_window_is_in_its_tables() -> None:
 
 
 def test_what_is_said_of_predictions_is_in_its_table() -> None:
-    better = [1 / float(row[3]) for row in table("tracker.md", "extrapolation")]
+    better = [1 / float(row[3]) for row in table("tracker-plans.md", "extrapolation")]
     assert (round(min(better)), round(max(better))) == (5, 8)
     assert "five to eight times smaller" in PAPERS
 

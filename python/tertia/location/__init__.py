@@ -9,7 +9,7 @@ north and up in metres.
 
 The covariance is that of the linearised problem. If the error of the position is not small compared
 with the distances to the stations, the true covariance is larger and the position is biased: see
-docs/location.md.
+docs/location-regions.md.
 """
 
 from tertia.location._accuracy import Accuracy, accuracy_map
