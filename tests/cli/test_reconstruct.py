@@ -163,6 +163,34 @@ def test_options_of_smoothers(write: Write, stations: Path, tmp_path: Path) -> N
     assert "not included" not in run(*arguments).out
 
 
+def test_clocks(write: Write) -> None:
+    """The error of a clock is that of its sensor, whatever this measures."""
+    clocks = {"A": 0.0, "B": 1.5, "C": -1.0}
+    measured: dict[str, Any] = {}
+    for k, (name, late) in enumerate(clocks.items()):
+        way = np.column_stack([500 + 20 * (TIMES - late), 1500 + 0.3 * (TIMES - late) ** 2])
+        way = np.column_stack([way, np.full(STEPS, 400.0)])
+        found = simulate.stations([sites()[NAMES.index(name)]], way, rng=k).measurements
+        for kind, values in found.items():
+            measured.setdefault(kind, np.empty((STEPS, 3)))[:, k] = values[:, 0]
+    in_files = {kind: values / UNITS[kind][1] for kind, values in measured.items()}
+    header = "name,east_m,north_m,up_m,range_sigma_m,azimuth_sigma_deg,elevation_sigma_deg"
+    rows = [
+        ",".join(map(str, [name, *p, *SIGMA.values(), 0.0 if name == "A" else 2.0]))
+        for name, p in PLACES.items()
+    ]
+    stations = write(rows, f"{header},time_bias_sigma_s", "stations.csv")
+    head, *printed = table(run(write(lines(in_files)), "--sensors", stations).out)
+    values = [dict(zip(head, row, strict=False)) for row in printed]
+    assert "bias" not in head
+    for name, late in clocks.items():
+        for row in (row for row in values if row["sensor"] == name and name != "A"):
+            error = float(row["time_bias_s"]) - late
+            assert 0.0 < float(row["time_bias_sigma_s"]) < 1.0
+            assert abs(error) < 3.0 * float(row["time_bias_sigma_s"])
+    assert len(values) == 9
+
+
 def test_bias(write: Write, stations: Path, tmp_path: Path) -> None:
     z = {kind: v.copy() for kind, v in Z.items()}
     z["range"][:, 2] += 40.0

@@ -1,7 +1,7 @@
 """Reports: makes a page about a recording of radars, with tracks, noise, fusion and plans.
 
-`make` needs the extra `report` (Plotly, Jinja2). The page can be opened in any browser and does not
-need a network.
+`make` needs the extra `report` (Plotly, Jinja2, Polars). The page can be opened in any browser and
+does not need a network.
 """
 
 from tertia.report._bearings import Emitter

@@ -226,10 +226,23 @@ def _with_bias(table: pl.DataFrame, found: Trajectory, names: Sequence[str]) -> 
             for name, value, sigma in zip(names, values / factor, sigmas / factor, strict=True):
                 if np.isfinite(sigma):
                     cells[name, kind] = float(value), float(sigma)
-    if not cells:
-        return table
-    pairs = [cells.get(key, (None, None)) for key in table.select("sensor", "kind").iter_rows()]
+    keys = list(table.select("sensor", "kind").iter_rows())
+    # the clock of a sensor shifts all its measurements, whatever their kind
+    clocks = [(name, "arrival_time") for name, _ in keys]
+    if set(clocks) & set(cells) - set(keys):
+        table = _beside(table, cells, clocks, ("time_bias_s", "time_bias_sigma_s"))
+    return _beside(table, cells, keys, ("bias", "bias_sigma")) if set(keys) & set(cells) else table
+
+
+def _beside(
+    table: pl.DataFrame,
+    cells: Mapping[tuple[str, str], tuple[float, float]],
+    keys: Sequence[tuple[str, str]],
+    names: tuple[str, str],
+) -> pl.DataFrame:
+    """Return the table with columns for the cells of these keys, one per row."""
+    pairs = [cells.get(key, (None, None)) for key in keys]
     return table.with_columns(
-        pl.Series("bias", [one for one, _ in pairs], dtype=pl.Float64),
-        pl.Series("bias_sigma", [other for _, other in pairs], dtype=pl.Float64),
+        pl.Series(name, [pair[i] for pair in pairs], dtype=pl.Float64)
+        for i, name in enumerate(names)
     )

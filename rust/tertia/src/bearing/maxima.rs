@@ -1,15 +1,16 @@
 //! The likelihood of a centre for measurements whose noise is stated, and its maxima.
 
+use crate::base::angle::median;
 use crate::base::exponential::exp;
 use crate::base::interrupt::poll;
 use pulp::{Simd, WithSimd};
 
 /// Prior probability that a measurement is bad.
 const BAD: f64 = 0.1;
-/// Bad measurements are spread evenly over this many sigmas to either side.
+/// Bad measurements are spread evenly over this many typical sigmas to either side.
 const REACH: f64 = 20.0;
 /// Density of bad measurements multiplied by the odds of a bad one, relative to the largest density of
-/// a good one: the odds multiplied by `√(2π)` and divided by the whole range of bad ones.
+/// a good one of typical sigma: the odds multiplied by `√(2π)` and divided by the whole range of bad ones.
 const RATIO: f64 = BAD / (1.0 - BAD) * 2.506_628_274_631_000_5 / (2.0 * REACH);
 /// Scores are limited to this size, so that their squares are finite; the density of a good one is
 /// negligible there, but not 0 (see [`exp`]).
@@ -26,6 +27,8 @@ const FAR_BELOW: f64 = 15.0;
 /// The climb ends when the centre changes by less than this share of its standard error.
 const TOLERANCE: f64 = 1e-8;
 const MOST_STEPS: usize = 100;
+/// A start from which Newton's step is at most this share of the standard error is close to a maximum.
+const NEAR: f64 = 0.1;
 /// Modes closer than this share of their standard error count as one.
 const SAME: f64 = 0.3;
 /// Smallest share of the information that is left to a mode by doubtful measurements.
@@ -37,6 +40,9 @@ pub(super) struct Sample {
     pub place: Vec<usize>,
     pub y: Vec<f64>,
     pub sigma: Vec<f64>,
+    /// Median sigma of the record. A bad measurement is off by as much if its noise is small, so that of two
+    /// that contradict each other, either may be bad.
+    typical: f64,
 }
 
 /// A maximum of the likelihood.
@@ -84,7 +90,8 @@ impl Sample {
     pub fn by_group(y: &[f64], sigma: &[f64], groups: Option<&[f64]>) -> Vec<Self> {
         let group = |i: usize| groups.map_or(0, |groups| groups[i] as usize);
         let count = (0..y.len()).map(group).max().map_or(0, |last| last + 1);
-        let mut samples = vec![Self::default(); count];
+        let mut samples =
+            vec![Self { typical: median(&mut sigma.to_vec()), ..Self::default() }; count];
         for (i, (&y, &sigma)) in y.iter().zip(sigma).enumerate() {
             let sample = &mut samples[group(i)];
             sample.place.push(i);
@@ -140,7 +147,7 @@ impl Sample {
     fn is_good(&self, k: usize, centre: f64, factor: f64) -> (f64, f64) {
         let z = score(self.y[k] - centre, factor * self.sigma[k]);
         let density = exp(-0.5 * z * z);
-        (density / (density + RATIO), z)
+        (density / (density + RATIO * (self.sigma[k] / self.typical)), z)
     }
 
     fn around(&self, centre: f64, factor: f64) -> Around {
@@ -226,8 +233,13 @@ impl Sample {
 }
 
 /// Whether the slope changes its sign between this start and the neighbour towards which it points.
-/// Both then are starts of a climb, as each may lead to its own maximum.
+/// Both then are starts of a climb, as each may lead to its own maximum. A measurement that is far from all
+/// others is its own maximum.
 fn leads_to_maximum(around: &[Around], k: usize) -> bool {
+    let Around { information, slope, doubt, .. } = around[k];
+    if slope.abs() <= NEAR * (information - doubt).max(0.0).sqrt() {
+        return true;
+    }
     let slope = |k: usize| around.get(k).map(|a| a.slope);
     let (after, before) = (slope(k + 1), k.checked_sub(1).and_then(slope));
     around[k].slope >= 0.0 && after.is_none_or(|s| s <= 0.0)
@@ -251,7 +263,7 @@ impl WithSimd for Sums<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Around {
-        let Self { sample: Sample { y, sigma, .. }, centre, factor } = self;
+        let Self { sample: Sample { y, sigma, typical, .. }, centre, factor } = self;
         let zero = [0.0; LANES];
         let [mut information, mut slope, mut doubt] = [zero; 3];
         let mut log_likelihood = 0.0;
@@ -261,13 +273,15 @@ impl WithSimd for Sums<'_> {
             for (y, sigma) in y.chunks(LANES).zip(sigma.chunks(LANES)) {
                 // lanes beyond the end do not count
                 let (mut deviation, mut width, mut there) = (zero, [1.0; LANES], zero);
+                let mut bad = [RATIO; LANES];
                 for i in 0..y.len() {
                     (deviation[i], width[i], there[i]) = (y[i] - centre, factor * sigma[i], 1.0);
+                    bad[i] = RATIO * (sigma[i] / typical);
                 }
                 for i in 0..LANES {
                     let z = score(deviation[i], width[i]);
                     let density = exp(-0.5 * z * z);
-                    let evidence = density + RATIO;
+                    let evidence = density + bad[i];
                     let g = density / evidence;
                     let weight = there[i] * g / (width[i] * width[i]);
                     product[i] *= if there[i] > 0.0 { evidence } else { 1.0 };
