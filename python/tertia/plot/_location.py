@@ -150,8 +150,8 @@ def accuracy_map(
     Raises
     ------
     ValueError
-        If shapes do not fit, the grid has fewer than two rows or columns, or the stations determine no
-        position of it.
+        If shapes do not fit, the grid has fewer than two rows or columns, or the stations determine
+        no position of it.
 
     Examples
     --------
