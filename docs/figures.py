@@ -91,6 +91,7 @@ TABLES: dict[str, dict[str, Callable[[], str]]] = {
         "coverage": bearing.coverage,
         "small coverage": bearing.small_coverage,
         "stated sigma": bearing.stated_sigma,
+        "differing sigmas": bearing.differing_sigmas,
         "north": bearing.north,
         "scenarios": bearing.scenarios,
         "contamination": contamination.contamination,

@@ -111,6 +111,33 @@ def stated_sigma() -> str:
     return markdown(["noise", *(f"N = {n}" for n in sizes)], rows)
 
 
+def differing_sigmas() -> str:
+    """Coverage of 2 sigma if the stated sigmas differ by factors of up to 15."""
+    sizes = (2, 3, 5, 10, 30)
+    rows = []
+    for number, (label, wrong) in enumerate(DIFFERING.items()):
+        cells = []
+        for n in sizes:
+            rng, shape = generator(311, number, n), (repetitions(5000), n)
+            sigma = 0.5 * 15.0 ** rng.random(shape)
+            error = sigma * rng.standard_normal(shape)
+            error += np.where(rng.random(shape) < 0.15, wrong(rng, sigma), 0.0)
+            found = tertia.estimate_bearing(error, sigma=sigma, period=None)
+            cells.append(_covered(Errors(np.asarray(found.value), np.asarray(found.sigma))))
+        rows.append([label, *cells])
+    return markdown(["15 % outliers", *(f"N = {n}" for n in sizes)], rows)
+
+
+# what outliers add to measurements with these sigmas
+DIFFERING: dict[str, Callable[[np.random.Generator, FloatArray], FloatArray]] = {
+    "none": lambda _, sigma: 0.0 * sigma,
+    "up to 30, either side": lambda rng, sigma: rng.uniform(-30.0, 30.0, sigma.shape),
+    "5 to 20 sigma, either side": lambda rng, sigma: (
+        rng.choice([-1.0, 1.0], sigma.shape) * rng.uniform(5.0, 20.0, sigma.shape) * sigma
+    ),
+}
+
+
 def _white(rng: np.random.Generator, shape: tuple[int, int]) -> FloatArray:
     return np.asarray(rng.standard_normal(shape))
 

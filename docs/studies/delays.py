@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from studies.misaligned import ADSB, RADARS, SIGMA
+from studies.misaligned import ADSB, RADARS, SIGMA, Scene, with_reports
 from studies.pages import markdown, repetitions
 from tertia import simulate
-from tertia._arrays import FloatArray, IntArray
+from tertia._arrays import FloatArray
 from tertia.metrics import nees
-from tertia.tracker import Plots, Tracker, TrackTable, track
+from tertia.tracker import Tracker, TrackTable, track
 
 SCENES = repetitions(20)
 DURATION = 300.0
@@ -29,15 +27,6 @@ SET_UPS = {
 }
 
 
-@dataclass(frozen=True)
-class Scene:
-    """Plots in order of time, and whose they are."""
-
-    traffic: simulate.Traffic
-    plots: Plots
-    target: IntArray
-
-
 def scene(seed: int, radars: int, targets: int, turning: float, delay: float) -> Scene:
     """Simulate so many radars, and ADS-B that is late by a constant of each aircraft."""
     random = np.random.default_rng([83, seed])
@@ -51,18 +40,7 @@ def scene(seed: int, radars: int, targets: int, turning: float, delay: float) ->
     position += random.normal(0.0, SIGMA, position.shape)
     late = time.ravel() + random.normal(0.0, delay, targets)[target]
     here = np.isfinite(position).all(axis=1) & (late >= 0.0) & (late < DURATION)
-    time, target, position = late[here], target[here], position[here]
-    seen, none = record.plots, np.full(len(time), np.nan)
-    plots = Plots(
-        np.append(seen.time, time),
-        np.append(seen.range, none),
-        np.append(seen.azimuth, none),
-        sensor=np.append(seen.sensor, np.full(len(time), radars)),
-        height=np.append(seen.height, none),
-        position=np.concatenate([np.full((len(seen), 2), np.nan), position]),
-    )
-    order = np.argsort(plots.time)
-    return Scene(traffic, plots[order], np.append(record.target, target)[order])
+    return with_reports(traffic, record, (late[here], target[here], position[here]), radars)
 
 
 def live(one: Scene, radars: int) -> list[TrackTable]:

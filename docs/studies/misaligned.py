@@ -62,12 +62,23 @@ def scene(seed: int, radars: int, *, errors: bool, lasting: float | None, late: 
     position = traffic.at(target, time)[0] + constant[target] + noise
     here = np.isfinite(position).all(axis=1)
     time, target, position = time[here], target[here], position[here]
+    return with_reports(traffic, record, (time + late, target, position), radars)
+
+
+def with_reports(
+    traffic: simulate.Traffic,
+    record: simulate.RadarPlots,
+    reports: tuple[FloatArray, IntArray, FloatArray],
+    sensor: int,
+) -> Scene:
+    """Return the plots of radars and the reports: times, targets and positions of a sensor."""
+    time, target, position = reports
     seen, none = record.plots, np.full(len(time), np.nan)
     plots = Plots(
-        np.append(seen.time, time + late),
+        np.append(seen.time, time),
         np.append(seen.range, none),
         np.append(seen.azimuth, none),
-        sensor=np.append(seen.sensor, np.full(len(time), radars)),
+        sensor=np.append(seen.sensor, np.full(len(time), sensor)),
         height=np.append(seen.height, none),
         position=np.concatenate([np.full((len(seen), 2), np.nan), position]),
     )

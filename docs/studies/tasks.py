@@ -101,13 +101,17 @@ def tracks(name: str, *options: str) -> Callable[[Path, pl.DataFrame], FloatArra
     def judged(folder: Path, _: pl.DataFrame) -> FloatArray:
         run(folder, "track", "plots.csv", "--sensors", "sensors.toml", *options)
         (folder / "out.csv").rename(folder / "tracks.csv")
-        truth = ("--truth", "truth.csv", "--origin", ORIGINS[name])
-        found = run(folder, "evaluate", "tracks.csv", *truth)
-        figures = dict(found.select("figure", "value").iter_rows())
-        # of each update
-        return np.array([figures["share within the 95 % ellipse"]])
+        return share_of_updates(folder, name)
 
     return judged
+
+
+def share_of_updates(folder: Path, name: str) -> FloatArray:
+    """Return the share of the updates of the tracks of a scene that are as accurate as stated."""
+    truth = ("--truth", "truth.csv", "--origin", ORIGINS[name])
+    found = run(folder, "evaluate", "tracks.csv", *truth)
+    figures = dict(found.select("figure", "value").iter_rows())
+    return np.array([figures["share within the 95 % ellipse"]])
 
 
 def live(folder: Path, _: pl.DataFrame) -> FloatArray:
@@ -115,10 +119,7 @@ def live(folder: Path, _: pl.DataFrame) -> FloatArray:
     words = ("track", folder / "plots.csv", "--stream", "--sensors", folder / "sensors.toml")
     done = CliRunner().invoke(cli.app, [*map(str, words)])
     (folder / "tracks.csv").write_text(done.stdout, encoding="utf-8")
-    truth = ("--truth", "truth.csv", "--origin", ORIGINS["periods"])
-    found = run(folder, "evaluate", "tracks.csv", *truth)
-    figures = dict(found.select("figure", "value").iter_rows())
-    return np.array([figures["share within the 95 % ellipse"]])
+    return share_of_updates(folder, "periods")
 
 
 def flight(folder: Path, truth: pl.DataFrame) -> FloatArray:

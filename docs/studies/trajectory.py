@@ -321,16 +321,22 @@ def _normalised(found: Trajectory, derivative: int, truth: FloatArray) -> float:
     return float(np.mean(np.sum(error[known] * solved, axis=-1)) / d)
 
 
+def drifting(times: FloatArray, truth: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the places of four drifting direction finders, and the azimuths of a boat."""
+    places = np.array([[-1000.0, 1000.0], [1000.0, 900.0], [-900.0, -1000.0], [1000.0, -900.0]])
+    drift = places + times[:, np.newaxis, np.newaxis] * np.array([0.2, -0.15])
+    offset = truth[:, np.newaxis] - drift
+    return drift, np.arctan2(offset[..., 0], offset[..., 1])
+
+
 def bearings(rng: np.random.Generator, gross: float) -> tuple[FloatArray, ...]:
     """Return times, a boat's positions, four drifting direction finders and their azimuths."""
     times: FloatArray = 2.5 * np.arange(200.0)
     truth: FloatArray = np.column_stack(
         [900 * np.sin(times / 200) + 0.5 * times - 100, 800 * np.cos(times / 150)]
     )
-    places = np.array([[-1000.0, 1000.0], [1000.0, 900.0], [-900.0, -1000.0], [1000.0, -900.0]])
-    drift = places + times[:, np.newaxis, np.newaxis] * np.array([0.2, -0.15])
-    offset = truth[:, np.newaxis] - drift
-    azimuth: FloatArray = np.arctan2(offset[..., 0], offset[..., 1]) + FINDER_BIASES
+    drift, azimuth = drifting(times, truth)
+    azimuth += FINDER_BIASES
     azimuth += FINDER_SIGMA * rng.standard_normal(azimuth.shape)
     wrong = rng.random(azimuth.shape) < gross
     turn = rng.choice([-1.0, 1.0], azimuth.shape) * rng.uniform(np.pi / 6, np.pi, azimuth.shape)
@@ -428,10 +434,7 @@ def lasting_bearings(rng: np.random.Generator) -> tuple[FloatArray, ...]:
             700 * np.cos(times / 210 + phase[1]),
         ]
     )
-    places = np.array([[-1000.0, 1000.0], [1000.0, 900.0], [-900.0, -1000.0], [1000.0, -900.0]])
-    drift = places + times[:, np.newaxis, np.newaxis] * np.array([0.2, -0.15])
-    offset = truth[:, np.newaxis] - drift
-    azimuth: FloatArray = np.arctan2(offset[..., 0], offset[..., 1])
+    drift, azimuth = drifting(times, truth)
     noise, constant, coefficient, slow = LASTING_SIGMAS
     error = noise * rng.standard_normal(azimuth.shape) + constant * rng.standard_normal(4)
     for order in (1, 2):

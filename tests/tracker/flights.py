@@ -70,3 +70,27 @@ def squared_errors(found, traffic, flight):
     columns = [traffic.position[flight, :count, axis] for axis in (0, 1)]
     true = np.stack([np.interp(found.time, span, column) for column in columns], axis=-1)
     return np.sum((found.position - true) ** 2, axis=1), turning
+
+
+def with_reports(record, time, target, position, sensor=1):
+    """The plots of radars and the reports of a sensor in order of time, and their targets."""
+    seen, none = record.plots, np.full(len(time), np.nan)
+    plots = Plots(
+        np.append(seen.time, time),
+        np.append(seen.range, none),
+        np.append(seen.azimuth, none),
+        sensor=np.append(seen.sensor, np.full(len(time), sensor)),
+        height=np.append(seen.height, none),
+        position=np.concatenate([np.full((len(seen), 2), np.nan), position]),
+    )
+    order = np.argsort(plots.time)
+    return plots[order], np.append(record.target, target)[order]
+
+
+def followed(tracker, plots, begin=0.0, end=240.0):
+    """The tables of scans of four seconds."""
+    tables = []
+    for start in np.arange(begin, end, 4.0):
+        now = (plots.time >= start) & (plots.time < start + 4.0)
+        tables.append(tracker.update(plots[now], time=start + 4.0))
+    return tables

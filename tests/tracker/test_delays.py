@@ -4,11 +4,12 @@ import pickle
 
 import numpy as np
 import pytest
+from tracker.flights import followed, with_reports
 
 from tertia import simulate
 from tertia.metrics import nees
 from tertia.sensors import Bias, PositionSensor, Radar
-from tertia.tracker import Plots, Tracker, track
+from tertia.tracker import Tracker, track
 
 RADARS = [
     Radar([-5e4, 0.0], range_sigma=50.0, azimuth_sigma=0.0014, scan_period=4.0),
@@ -31,27 +32,8 @@ def recording(seed, delay, radars=2, turning=0.3):
     place = traffic.at(target, time.ravel())[0] + random.normal(0.0, 25.0, (len(target), 2))
     stamp = time.ravel() + late[target]
     there = np.isfinite(place).all(axis=1) & (stamp >= 0.0) & (stamp < END)
-    stamp, target, place = stamp[there], target[there], place[there]
-    seen, none = record.plots, np.full(len(stamp), np.nan)
-    plots = Plots(
-        np.append(seen.time, stamp),
-        np.append(seen.range, none),
-        np.append(seen.azimuth, none),
-        sensor=np.append(seen.sensor, np.full(len(stamp), radars)),
-        height=np.append(seen.height, none),
-        position=np.concatenate([np.full((len(seen), 2), np.nan), place]),
-    )
-    order = np.argsort(plots.time)
-    return plots[order], np.append(record.target, target)[order], traffic, late
-
-
-def followed(tracker, plots, begin=0.0, end=END):
-    """The tables of scans of four seconds."""
-    tables = []
-    for start in np.arange(begin, end, 4.0):
-        now = (plots.time >= start) & (plots.time < start + 4.0)
-        tables.append(tracker.update(plots[now], time=start + 4.0))
-    return tables
+    reports = stamp[there], target[there], place[there]
+    return *with_reports(record, *reports, sensor=radars), traffic, late
 
 
 def compared(tables, target, traffic, after=100.0):

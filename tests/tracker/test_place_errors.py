@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tracker.flights import with_reports
 
 from tertia import simulate
 from tertia.metrics import nees
@@ -33,17 +34,7 @@ def recording(seed, error=ERROR):
     target = np.repeat(np.arange(TARGETS), len(time))
     time = np.tile(time, TARGETS)
     place = traffic.at(target, time)[0] + error + random.normal(0.0, 25.0, (len(time), 2))
-    seen, none = record.plots, np.full(len(time), np.nan)
-    plots = Plots(
-        np.append(seen.time, time),
-        np.append(seen.range, none),
-        np.append(seen.azimuth, none),
-        sensor=np.append(seen.sensor, np.ones(len(time), np.int64)),
-        height=np.append(seen.height, none),
-        position=np.concatenate([np.full((len(seen), 2), np.nan), place]),
-    )
-    order = np.argsort(plots.time)
-    return traffic, plots[order], np.append(record.target, target)[order]
+    return traffic, *with_reports(record, time, target, place)
 
 
 def normalised(bias):

@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from tracker.flights import followed, with_reports
 
 from tertia import simulate
 from tertia.geo import SystemPlane
@@ -35,28 +36,8 @@ def recording(radar, seed=1, lasting=0.0):
     time = np.tile(time, 15)
     constant = random.normal(0.0, 25.0 * np.sqrt(lasting), (TARGETS, 2))[target]
     noise = random.normal(0.0, 25.0 * np.sqrt(1.0 - lasting), (len(time), 2))
-    seen, none = record.plots, np.full(len(time), np.nan)
-    plots = Plots(
-        np.append(seen.time, time),
-        np.append(seen.range, none),
-        np.append(seen.azimuth, none),
-        sensor=np.append(seen.sensor, np.ones(len(time), np.int64)),
-        height=np.append(seen.height, none),
-        position=np.concatenate(
-            [np.full((len(seen), 2), np.nan), traffic.at(target, time)[0] + constant + noise]
-        ),
-    )
-    order = np.argsort(plots.time)
-    return traffic, plots[order], np.append(record.target, target)[order]
-
-
-def followed(tracker, plots, begin=0.0, end=240.0):
-    """The tables of scans of four seconds."""
-    tables = []
-    for start in np.arange(begin, end, 4.0):
-        now = (plots.time >= start) & (plots.time < start + 4.0)
-        tables.append(tracker.update(plots[now], time=start + 4.0))
-    return tables
+    place = traffic.at(target, time)[0] + constant + noise
+    return traffic, *with_reports(record, time, target, place)
 
 
 def merged(*parts):

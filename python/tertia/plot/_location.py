@@ -150,7 +150,8 @@ def accuracy_map(
     Raises
     ------
     ValueError
-        If shapes do not fit, or no position of the grid can be determined by the stations.
+        If shapes do not fit, the grid has fewer than two rows or columns, or the stations determine
+        no position of it.
 
     Examples
     --------
@@ -169,6 +170,10 @@ def accuracy_map(
         raise ValueError(
             f"grid has shape {points.shape} and result {sigma.shape}; they must be "
             "(rows, columns, D) and (rows, columns)"
+        )
+    if min(sigma.shape) < 2:
+        raise ValueError(
+            f"grid has {sigma.shape[0]} x {sigma.shape[1]} positions; a map needs at least 2 x 2"
         )
     known = sigma[np.isfinite(sigma)]
     if known.size == 0:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from types import MappingProxyType
@@ -20,7 +20,7 @@ from tertia.tables._frames import Table, extended, names
 from tertia.tables._groups import as_names, by_length, column_name, known, layout, split_unit
 from tertia.tables._names import hint
 from tertia.tables._parts import RecordError, Source, source_of
-from tertia.tables._records import TIME, Field, Schema, number, read
+from tertia.tables._records import TIME, Field, Records, Schema, number, read
 from tertia.tables._sensors import GEODETIC, LOCAL
 from tertia.tables._times import Clock
 from tertia.tables._velocities import doubt_velocities, fields, true_rates, velocities_of
@@ -169,30 +169,13 @@ def smoothing_of(
         "jerk": None if jerk is None else real(jerk, "jerk"),
         "n_threads": n_threads,
     }
-    stated = [one for one in [*sigmas, *spreads] if isinstance(one, str)]
-    schema: Schema = {"time": TIME} | {
-        name: Field(
-            "number",
-            {name: 1.0},
-            required=True,
-            most=_LARGEST.get(name, math.inf) if geodetic else math.inf,
-            positive=name in stated,
-        )
-        for name in [*(GEODETIC[:2] if geodetic else axes), *stated]
-    }
     covariances = _names_of_covariances(LOCAL[:2] if geodetic else axes, sigmas)
-    schema = {**schema, **{name: number(name) for name in covariances.values()}}
+    given = list(GEODETIC[:2]) if geodetic else axes
+    schema = _schema(given, [*sigmas, *spreads], covariances.values(), geodetic=geodetic)
     if spreads:
         schema = {**schema, **fields(moving)}
     records = read(source, schema, columns=columns, by=as_names(by))
-    for axis, one in zip(GEODETIC[:2] if geodetic else axes, sigmas, strict=False):
-        if isinstance(one, str):
-            lacks = pl.col(axis).is_not_nan() & pl.col(one).is_nan()
-            records.refuse(lacks, f"{one} is missing", one)
-    for (i, j), name in covariances.items():
-        most = pl.col(str(sigmas[i])) * pl.col(str(sigmas[j]))
-        larger = pl.col(name).abs().fill_nan(0.0) > most
-        records.refuse(larger, f"{name} is larger than the product of the sigmas", name)
+    _refuse(records, given, sigmas, covariances)
     frame = records.rows
     plane = _plane_of(frame) if geodetic else None
     if plane is not None:
@@ -219,6 +202,45 @@ def smoothing_of(
     return SmoothedRows(
         pl.concat([records.by, times], how="horizontal"), added, len(groups.lengths)
     )
+
+
+def _schema(
+    axes: Sequence[str],
+    sigmas: Sequence[float | str],
+    covariances: Iterable[str],
+    *,
+    geodetic: bool,
+) -> Schema:
+    """Return the columns of times, positions, and sigmas and covariances that are columns."""
+    stated = [one for one in sigmas if isinstance(one, str)]
+    numbers = {
+        name: Field(
+            "number",
+            {name: 1.0},
+            required=True,
+            most=_LARGEST.get(name, math.inf) if geodetic else math.inf,
+            positive=name in stated,
+        )
+        for name in [*axes, *stated]
+    }
+    return {"time": TIME, **numbers, **{name: number(name) for name in covariances}}
+
+
+def _refuse(
+    records: Records,
+    axes: Sequence[str],
+    sigmas: Sequence[float | str],
+    covariances: Mapping[tuple[int, int], str],
+) -> None:
+    """Refuse positions without a sigma, and covariances that are none."""
+    for axis, one in zip(axes, sigmas, strict=False):
+        if isinstance(one, str):
+            lacks = pl.col(axis).is_not_nan() & pl.col(one).is_nan()
+            records.refuse(lacks, f"{one} is missing", one)
+    for (i, j), name in covariances.items():
+        most = pl.col(str(sigmas[i])) * pl.col(str(sigmas[j]))
+        larger = pl.col(name).abs().fill_nan(0.0) > most
+        records.refuse(larger, f"{name} is larger than the product of the sigmas", name)
 
 
 def _smoothed(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NoReturn, TypeAlias, get_args
 
 import numpy as np
@@ -325,15 +325,13 @@ def reconstruct(
         raise ValueError("bias needs order 'spatial-first' and smoother 'rts'")
     if curves is not None:
         prior["deviation"] = curves[1].ravel().tolist()
-    values, own = np.full((2, len(times), len(KINDS), k), np.nan)
-    for kind, array in measured.items():
-        at, first = KINDS.index(kind), int(kind == "range_difference")
-        known = given.subtracted(kind, array, unit_of(kind, arrivals))
-        if kind == "azimuth" and curves is not None:
-            known = known - curves[0]
-        if kind == "range":
-            known = np.where(near_enough(known, sigmas[kind]), known, np.nan)
-        values[:, at, first:], own[:, at, first:] = known, sigmas[kind]
+    corrected = {
+        kind: given.subtracted(kind, array, unit_of(kind, arrivals))
+        for kind, array in measured.items()
+    }
+    if curves is not None and "azimuth" in corrected:
+        corrected["azimuth"] = corrected["azimuth"] - curves[0]
+    values, own = _by_station(corrected, sigmas, (len(times), k))
     places, axes, flat = without_heights(places, axes, measured)
     usual, differ = _usual(own, values), any(sigma.ndim > 1 for sigma in sigmas.values())
     record = {
@@ -351,13 +349,12 @@ def reconstruct(
         "robust": spatial == "robust",
         "initial": _initial(initial, places.shape[-1], flat=flat),
     }
+    polynomials: tuple[int, int | None] | None = None
+    if smoother == "local-polynomial":
+        polynomials = int(window), None if isinstance(degree, str) else int(degree)
     steps = {
         "temporal_first": order == "temporal-first",
-        "polynomials": (
-            (int(window), None if isinstance(degree, str) else int(degree))
-            if smoother == "local-polynomial"
-            else None
-        ),
+        "polynomials": polynomials,
         "jerk": jerk,
         **prior,
     }
@@ -393,6 +390,19 @@ def reconstruct(
         wind=wind.mean,
         wind_covariance=wind.covariance,
     )
+
+
+def _by_station(
+    measured: Mapping[Kind, FloatArray], sigmas: Mapping[Kind, FloatArray], shape: tuple[int, int]
+) -> tuple[FloatArray, FloatArray]:
+    """Return measurements and their standard deviations, (N, 5, K), without impossible ranges."""
+    values, own = np.full((2, shape[0], len(KINDS), shape[1]), np.nan)
+    for kind, array in measured.items():
+        at, first = KINDS.index(kind), int(kind == "range_difference")
+        values[:, at, first:], own[:, at, first:] = array, sigmas[kind]
+        if kind == "range":
+            values[:, at][~near_enough(array, sigmas[kind])] = np.nan
+    return values, own
 
 
 def _in_space(found: dict[str, Any]) -> dict[str, Any]:

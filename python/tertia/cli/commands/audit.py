@@ -16,6 +16,8 @@ from tertia.cli.terminal.options import (
     Output,
     PlotFile,
     column_names,
+    input_file,
+    input_files,
     pair,
 )
 from tertia.cli.terminal.say import note, print_table, working
@@ -31,18 +33,14 @@ EXAMPLES = (
 def audit(
     file: Annotated[
         Path,
-        typer.Argument(
-            metavar="FILE",
-            readable=False,
-            help="Estimates with sigmas: output of another command, a table, or ASTERIX CAT062.",
+        input_files(
+            "FILE",
+            "Estimates with sigmas: output of another command, a table, or ASTERIX CAT062.",
         ),
     ],
     *,
     truth: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", readable=False, help=f"{TRUTH} By default, columns true_* of FILE."
-        ),
+        Path | None, input_file(f"{TRUTH} By default, columns true_* of FILE.")
     ] = None,
     value: Annotated[
         str | None,

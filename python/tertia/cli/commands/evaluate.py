@@ -5,19 +5,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-import typer
 
 from tertia.cli.files import read, write
-from tertia.cli.files.limits import LimitFile, read_limits
+from tertia.cli.files.limits import read_limits
 from tertia.cli.terminal.options import (
     TRUTH,
     ColumnNames,
+    LimitFile,
     MaxDistance,
     Origin,
     Output,
     PlotFile,
     UpdateInterval,
     column_names,
+    input_file,
+    input_files,
+    output_file,
     pair,
 )
 from tertia.cli.terminal.say import note, print_table, working
@@ -40,23 +43,16 @@ _KEPT, _WRONG, _TRUE = "#0072B2", "#D55E00", "0.6"
 
 
 def evaluate(
-    tracks: Annotated[
-        Path,
-        typer.Argument(
-            metavar="TRACKS", readable=False, help="Tracks, as written by tertia track."
-        ),
-    ],
+    tracks: Annotated[Path, input_files("TRACKS", "Tracks, as written by tertia track.")],
     *,
-    truth: Annotated[Path, typer.Option(metavar="FILE", readable=False, help=TRUTH)],
+    truth: Annotated[Path, input_file(TRUTH)],
     column: ColumnNames = None,
     origin: Origin = None,
     update_interval: UpdateInterval = None,
     max_distance: MaxDistance = 1000.0,
     limits: LimitFile = None,
     output: Output = None,
-    targets: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write one row per target to this file.")
-    ] = None,
+    targets: Annotated[Path | None, output_file("Write one row per target to this file.")] = None,
     plot_file: PlotFile = None,
 ) -> dict[str, Any]:
     """Compare tracks with the truth: update rate, accuracy, and false tracks.

@@ -13,6 +13,7 @@ from tertia.cli.terminal.options import (
     Output,
     SensorFile,
     column_names,
+    input_files,
 )
 from tertia.cli.terminal.say import print_table, working
 from tertia.tables._fuse_tracks import fused_tracks
@@ -27,10 +28,9 @@ EXAMPLES = (
 def fuse_tracks(
     files: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="TRACKS...",
-            readable=False,
-            help="Tracks of single sensors, as written by tertia track; files are concatenated.",
+        input_files(
+            "TRACKS...",
+            "Tracks of single sensors, as written by tertia track; files are concatenated.",
         ),
     ],
     *,

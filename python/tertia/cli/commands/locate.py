@@ -18,9 +18,12 @@ from tertia.cli.terminal.options import (
     MapOutput,
     MeasurementOutput,
     PlotFile,
+    PropagationSpeed,
+    PropagationSpeedSigma,
     Recordings,
     SensorFile,
     Threads,
+    WindSigma,
     column_names,
 )
 from tertia.cli.terminal.say import FAILED, working
@@ -97,22 +100,9 @@ def locate(
             help="Correlation of the errors of range differences; 0.5: equally accurate sensors.",
         ),
     ] = 0.5,
-    propagation_speed: Annotated[
-        float, typer.Option(metavar="M_S", help="Speed of signals in m/s, for times of arrival.")
-    ] = LIGHT,
-    propagation_speed_sigma: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M_S", help="Sigma of the propagation speed, which is then estimated."
-        ),
-    ] = None,
-    wind_sigma: Annotated[
-        float,
-        typer.Option(
-            metavar="M_S",
-            help="Sigma of each component of the wind, for times of arrival of sound.",
-        ),
-    ] = 0.0,
+    propagation_speed: PropagationSpeed = LIGHT,
+    propagation_speed_sigma: PropagationSpeedSigma = None,
+    wind_sigma: WindSigma = 0.0,
     multipath: Annotated[
         bool, typer.Option(help="Assume that outliers of arrival times are mostly late.")
     ] = True,

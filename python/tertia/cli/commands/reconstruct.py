@@ -14,9 +14,12 @@ from tertia.cli.terminal.options import (
     MapOutput,
     MeasurementOutput,
     PlotFile,
+    PropagationSpeed,
+    PropagationSpeedSigma,
     Recordings,
     SensorFile,
     Threads,
+    WindSigma,
     column_names,
 )
 from tertia.cli.terminal.say import WRONG_USAGE, fail, working
@@ -71,22 +74,9 @@ def reconstruct(
             help="Kinds with unknown constant biases: range, azimuth, elevation.",
         ),
     ] = None,
-    propagation_speed: Annotated[
-        float, typer.Option(metavar="M_S", help="Speed of signals in m/s, for times of arrival.")
-    ] = LIGHT,
-    propagation_speed_sigma: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M_S", help="Sigma of the propagation speed, which is then estimated."
-        ),
-    ] = None,
-    wind_sigma: Annotated[
-        float,
-        typer.Option(
-            metavar="M_S",
-            help="Sigma of each component of the wind, for times of arrival of sound.",
-        ),
-    ] = 0.0,
+    propagation_speed: PropagationSpeed = LIGHT,
+    propagation_speed_sigma: PropagationSpeedSigma = None,
+    wind_sigma: WindSigma = 0.0,
     initial: Annotated[
         str | None,
         typer.Option(

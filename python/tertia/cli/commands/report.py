@@ -15,14 +15,16 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
 
 from tertia import report as pages
 from tertia.cli.files import read, write
-from tertia.cli.files.limits import LimitFile, read_limits
+from tertia.cli.files.limits import read_limits
 from tertia.cli.terminal.options import (
     TRUTH,
     By,
     ClockPeriod,
     ColumnNames,
     Flat,
+    LimitFile,
     MaxDistance,
+    MotionModel,
     Origin,
     PlanFile,
     PlotFiles,
@@ -31,6 +33,8 @@ from tertia.cli.terminal.options import (
     SensorFile,
     UpdateInterval,
     column_names,
+    input_file,
+    output_file,
     pair,
     switched,
 )
@@ -41,7 +45,6 @@ from tertia.tables._evaluate import truth_of
 from tertia.tables._measurements import read_targets
 from tertia.tables._times import Clock
 from tertia.tables._track import recording_of
-from tertia.tracker import MotionName
 
 EXAMPLES = (
     "tertia report plots.csv --sensors sensors.toml --output report.html",
@@ -67,7 +70,7 @@ def report(
     *,
     sensors: SensorFile,
     plans: PlanFile = None,
-    truth: Annotated[Path | None, typer.Option(metavar="FILE", readable=False, help=TRUTH)] = None,
+    truth: Annotated[Path | None, input_file(TRUTH)] = None,
     bearings: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Azimuths from the stations, as read by tertia locate."),
@@ -76,16 +79,14 @@ def report(
     origin: Origin = None,
     flat: Flat = False,
     column: ColumnNames = None,
-    motion: Annotated[MotionName, typer.Option(help="Motion model of the targets.")] = "imm",
+    motion: MotionModel = "imm",
     profile: Profile = "aircraft",
     clock_period: ClockPeriod = None,
     registration: RegistrationSwitch = None,
     update_interval: UpdateInterval = None,
     max_distance: MaxDistance = 1000.0,
     limits: LimitFile = None,
-    output: Annotated[Path, typer.Option(metavar="FILE", help="File for the page, .html.")] = Path(
-        "report.html"
-    ),
+    output: Annotated[Path, output_file("File for the page, .html.")] = Path("report.html"),
 ) -> dict[str, Any]:
     """Show a recording on one page: tracks, radars, fusion, plans, errors, emitters.
 

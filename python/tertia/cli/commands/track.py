@@ -18,6 +18,7 @@ from tertia.cli.terminal.options import (
     FixFile,
     Flat,
     MapOutput,
+    MotionModel,
     Origin,
     PlanFile,
     PlotFile,
@@ -34,7 +35,7 @@ from tertia.cli.terminal.say import WRONG_USAGE, fail, note, print_table, workin
 from tertia.sensors import Bias, Radar
 from tertia.tables import Sensors
 from tertia.tables._track import NO_TRACK, Tracking, recording_of, tracks_of
-from tertia.tracker import AssociationName, MotionName, PlanModel, Tracker
+from tertia.tracker import AssociationName, PlanModel, Tracker
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -67,7 +68,7 @@ def track(
     origin: Origin = None,
     flat: Flat = False,
     column: ColumnNames = None,
-    motion: Annotated[MotionName, typer.Option(help="Motion model of the targets.")] = "imm",
+    motion: MotionModel = "imm",
     association: Annotated[
         AssociationName,
         typer.Option(help="How plots are assigned to tracks; mht: with several hypotheses."),

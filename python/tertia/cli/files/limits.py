@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, TypeAlias
-
-import typer
 
 from tertia.cli.terminal.say import fail, reading
 from tertia.metrics._indicators import LIMITED
@@ -20,15 +17,6 @@ else:
 # keys of the file, and the indicators that they limit
 _UNITS = {"data_age": "_s", "pair_time_offset": "_s", "rmse": "_m", "large_error": "_m"}
 _KEYS = {f"{name}{_UNITS.get(name, '')}": name for name in (*LIMITED, "large_error")}
-LimitFile: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(
-        "--limits",
-        metavar="FILE",
-        readable=False,
-        help="Limits of indicators, .toml; for example examples/limits_5nm.toml.",
-    ),
-]
 
 
 def read_limits(path: Path | None) -> dict[str, float]:

@@ -19,6 +19,7 @@ import typer
 
 from tertia.cli.files.read import TIME_FORMAT
 from tertia.cli.terminal import settings
+from tertia.cli.terminal.options import input_file
 from tertia.cli.terminal.say import FAILED, INTERRUPTED, WRONG_USAGE, fail, note
 from tertia.tables import ColumnError, RecordError, RecordWarning
 
@@ -44,13 +45,11 @@ _TimeFormat = Annotated[
 ]
 _Settings = Annotated[
     Path | None,
-    typer.Option(
+    input_file(
+        "File of options, .toml; options of the command line take precedence.",
         "--settings",
-        metavar="FILE",
-        readable=False,
         is_eager=True,
         callback=settings.use,
-        help="File of options, .toml; options of the command line take precedence.",
     ),
 ]
 

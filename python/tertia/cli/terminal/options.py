@@ -1,67 +1,65 @@
-"""Options of several commands, and their parsing.
-
-Files have `readable=False`: unreadable files are reported when they are read, in one line.
-"""
+"""Options of several commands, and their parsing."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias, TypeVar
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 import typer
 
 from tertia.cli.terminal.say import WRONG_USAGE, fail
-from tertia.tracker import ProfileName
+from tertia.tracker import MotionName, ProfileName
 
 Number = TypeVar("Number", int, float)
 _TABLES = ".csv with a header, .parquet, .arrow, .jsonl"
 _WRITTEN = ".csv, .parquet, .arrow, .jsonl or .json"
 
-Recording: TypeAlias = Annotated[
-    Path, typer.Argument(metavar="FILE", readable=False, help=f"Measurements: {_TABLES}.")
-]
+
+def input_files(metavar: str, text: str) -> Any:
+    """Return the argument for files that are read, in which unreadable ones are reported."""
+    return typer.Argument(metavar=metavar, readable=False, help=text)
+
+
+def input_file(text: str, *names: str, **more: Any) -> Any:
+    """Return the option for a file that is read, in which an unreadable one is reported."""
+    return typer.Option(*names, metavar="FILE", readable=False, help=text, **more)
+
+
+def output_file(text: str, *names: str) -> Any:
+    """Return the option for a file that is written."""
+    return typer.Option(*names, metavar="FILE", help=text)
+
+
+Recording: TypeAlias = Annotated[Path, input_files("FILE", f"Measurements: {_TABLES}.")]
 Recordings: TypeAlias = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="FILES...", readable=False, help=f"Measurements: {_TABLES}; files are concatenated."
-    ),
+    list[Path], input_files("FILES...", f"Measurements: {_TABLES}; files are concatenated.")
 ]
 PlotFiles: TypeAlias = Annotated[
-    list[Path] | None,
-    typer.Argument(metavar="PLOTS...", readable=False, help=f"Plots: {_TABLES}, or ASTERIX."),
+    list[Path] | None, input_files("PLOTS...", f"Plots: {_TABLES}, or ASTERIX.")
 ]
 SensorFile: TypeAlias = Annotated[
-    Path,
-    typer.Option(
-        "--sensors", metavar="FILE", readable=False, help="Sensors: .toml, or a table such as .csv."
-    ),
+    Path, input_file("Sensors: .toml, or a table such as .csv.", "--sensors")
 ]
 PlanFile: TypeAlias = Annotated[
     Path | None,
-    typer.Option(
-        "--plans",
-        metavar="FILE",
-        readable=False,
-        help="Flight plans: .csv, .json, .geojson; ICAO messages: .fpl, .txt.",
-    ),
+    input_file("Flight plans: .csv, .json, .geojson; ICAO messages: .fpl, .txt.", "--plans"),
 ]
 FixFile: TypeAlias = Annotated[
     Path | None,
-    typer.Option(
+    input_file(
+        "Aerodromes and fixes that flight plan messages name: a table of name, latitude_deg, "
+        "longitude_deg; or GeoJSON.",
         "--fixes",
-        metavar="FILE",
-        readable=False,
-        help="Aerodromes and fixes that flight plan messages name: a table of name, "
-        "latitude_deg, longitude_deg; or GeoJSON.",
     ),
 ]
 AirwayFile: TypeAlias = Annotated[
     Path | None,
-    typer.Option(
-        "--airways",
-        metavar="FILE",
-        readable=False,
-        help="Airways that flight plan messages name: a table of airway, sequence, fix.",
+    input_file(
+        "Airways that flight plan messages name: a table of airway, sequence, fix.", "--airways"
     ),
+]
+LimitFile: TypeAlias = Annotated[
+    Path | None,
+    input_file("Limits of indicators, .toml; for example examples/limits_5nm.toml.", "--limits"),
 ]
 TRUTH = "Truth: a table of time_s, target, east_m, north_m, or ASTERIX."
 By: TypeAlias = Annotated[
@@ -118,30 +116,38 @@ UpdateInterval: TypeAlias = Annotated[
 MaxDistance: TypeAlias = Annotated[
     float, typer.Option(help="Largest distance in metres between a track and its target.")
 ]
+PropagationSpeed: TypeAlias = Annotated[
+    float, typer.Option(metavar="M_S", help="Speed of signals in m/s, for times of arrival.")
+]
+PropagationSpeedSigma: TypeAlias = Annotated[
+    float | None,
+    typer.Option(metavar="M_S", help="Sigma of the propagation speed, which is then estimated."),
+]
+WindSigma: TypeAlias = Annotated[
+    float,
+    typer.Option(
+        metavar="M_S", help="Sigma of each component of the wind, for times of arrival of sound."
+    ),
+]
+MotionModel: TypeAlias = Annotated[MotionName, typer.Option(help="Motion model of the targets.")]
 Threads: TypeAlias = Annotated[
     int | None, typer.Option(min=1, help="Number of threads; by default all cores.")
 ]
 Output: TypeAlias = Annotated[
-    Path | None, typer.Option("--output", metavar="FILE", help=f"Write the result as {_WRITTEN}.")
+    Path | None, output_file(f"Write the result as {_WRITTEN}.", "--output")
 ]
 MapOutput: TypeAlias = Annotated[
     Path | None,
-    typer.Option(
-        "--output",
-        metavar="FILE",
-        help=f"Write the result as {_WRITTEN.replace(' or', ',')}, .geojson or .kml.",
+    output_file(
+        f"Write the result as {_WRITTEN.replace(' or', ',')}, .geojson or .kml.", "--output"
     ),
 ]
 MeasurementOutput: TypeAlias = Annotated[
     Path | None,
-    typer.Option(
-        metavar="FILE",
-        help="Write one row per measurement: residual, and whether it is an outlier.",
-    ),
+    output_file("Write one row per measurement: residual, and whether it is an outlier."),
 ]
 PlotFile: TypeAlias = Annotated[
-    Path | None,
-    typer.Option("--plot", metavar="FILE", help="Draw the result (.png, .svg, .pdf, ...)."),
+    Path | None, output_file("Draw the result (.png, .svg, .pdf, ...).", "--plot")
 ]
 
 

@@ -27,8 +27,8 @@ const FEWEST: f64 = 4.0;
 /// Largest rounding step that is searched for, in sigmas.
 const LARGEST_STEP: f64 = 4.0;
 /// Limit of the probability to be good, below which a measurement is an outlier: of two measurements
-/// that contradict each other, neither is marked.
-const EVEN: f64 = 0.5 - 1e-6;
+/// that contradict each other, neither is marked, even if their sigmas differ.
+const EVEN: f64 = 0.45;
 /// Largest number of rounds in which centres and noise factor are found in turn.
 const ROUNDS: usize = 4;
 /// Relative change of the noise factor below which the rounds end.
@@ -248,6 +248,32 @@ mod tests {
         let mut outlier = [true; 2];
         found.mark(&mut outlier);
         assert_eq!(outlier, [false; 2]);
+    }
+
+    /// Either may be bad, however precise it says that it is.
+    #[test]
+    fn so_do_two_whose_sigmas_differ() {
+        let found = of(&[100.0, 129.0], &[0.2, 3.0], 0.0);
+        assert_within(0.3, found.centres[0].value, 114.5);
+        assert_within(0.5, found.centres[0].sigma, 14.5);
+        let mut outlier = [true; 2];
+        found.mark(&mut outlier);
+        assert_eq!(outlier, [false; 2]);
+    }
+
+    #[test]
+    fn a_measurement_far_from_others_is_weighed_whether_they_are_equal_or_not() {
+        for other in [100.0, 100.1, 99.9] {
+            let found = of(&[100.0, other, 129.0], &[0.2, 0.2, 3.0], 0.0);
+            let mean = 0.5 * (100.0 + other);
+            assert_within(0.01, found.centres[0].value, mean);
+            assert_within(0.01, found.centres[0].sigma, 0.2 * 0.5_f64.sqrt());
+        }
+        // the precise one is alone, and there is a maximum at it
+        for other in [129.0, 129.5, 128.5] {
+            let found = of(&[100.0, 129.0, other], &[0.2, 1.0, 1.0], 0.0);
+            assert!(found.good[0] > 0.005 && found.good[0] < 0.2);
+        }
     }
 
     /// `1 + 2 φ (1 − 1/n) + …` of equal measurements: (3 + 4 φ + 2 φ²)/3 for three.
