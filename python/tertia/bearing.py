@@ -272,14 +272,14 @@ def estimate_bearing(
     true bearing is constant and that the finder drifts.
 
     **Stated sigma.** With the noise factor f, a measurement of the sigma s is normal with the
-    standard deviation f s, or with a probability of 0.1 an outlier anywhere within 20 f s. For each
-    maximum of this likelihood, the EM algorithm gives the bearing, and the observed information
-    [5]_ its variance. The bearing is the mean over the maxima, weighted with the likelihood and the
-    root of the variance; their differences are part of the variance. With n degrees of freedom and
-    the sum Q of the squared residuals of good measurements, in stated sigmas,
-    ``f**2 = max(1, (5 + Q) / (5 + n))``: the stated variance counts as much as five degrees of
-    freedom. If `correlation` is None, it is estimated from five or more good measurements, and only
-    increases the variance.
+    standard deviation f s, or with a probability of 0.1 an outlier anywhere within 20 f m, where m
+    is the median of the stated sigmas. For each maximum of this likelihood, the EM algorithm gives
+    the bearing, and the observed information [5]_ its variance. The bearing is the mean over the
+    maxima, weighted with the likelihood and the root of the variance; their differences are part of
+    the variance. With n degrees of freedom and the sum Q of the squared residuals of good
+    measurements, in stated sigmas, ``f**2 = max(1, (5 + Q) / (5 + n))``: the stated variance counts
+    as much as five degrees of freedom. If `correlation` is None, it is estimated from five or more
+    good measurements, and only increases the variance.
 
     **Groups.** The systematic errors of the groups are random effects. Their standard deviation has
     a half-Cauchy prior [4]_, whose scale is the standard deviation of one measurement. The
