@@ -243,16 +243,11 @@ pub fn locate<'py>(
         None => Special::None,
     };
     let mut found = locate_batch(py, &locator, &batch, special, wind.as_ref(), n_threads)?;
-    if batch.count() > 1 && name == "robust" {
-        let instants = batch.instants();
-        let seen = (&*found.outlier.values()?, &found.fixes[..]);
-        let other = release(py, LOCATE_NS * batch.values.size(), || match batch.d {
-            2 => locator.of_batch::<2>(&instants, seen, &mut Workspace::default()),
-            _ => locator.of_batch::<3>(&instants, seen, &mut Workspace::default()),
-        })?;
-        if let Some(locator) = other {
-            found = locate_batch(py, &locator, &batch, special, wind.as_ref(), n_threads)?;
-        }
+    if batch.count() > 1
+        && name == "robust"
+        && let Some(locator) = of_batch(py, &locator, &batch, &mut found)?
+    {
+        found = locate_batch(py, &locator, &batch, special, wind.as_ref(), n_threads)?;
     }
     let still = |wind: Wind| {
         let values = batch.values.values.iter().copied();
@@ -270,6 +265,21 @@ pub fn locate<'py>(
         [growth, factor, degrees_of_freedom, common],
         ((speed.share, speed.sigma), wind),
     ))
+}
+
+/// Returns the estimator for the outliers of a batch, if they are not those that it expects.
+fn of_batch(
+    py: Python<'_>,
+    locator: &Locator,
+    batch: &Batch<'_>,
+    found: &mut Found<'_>,
+) -> PyResult<Option<Locator>> {
+    let instants = batch.instants();
+    let seen = (&*found.outlier.values()?, &found.fixes[..]);
+    release(py, LOCATE_NS * batch.values.size(), || match batch.d {
+        2 => locator.of_batch::<2>(&instants, seen, &mut Workspace::default()),
+        _ => locator.of_batch::<3>(&instants, seen, &mut Workspace::default()),
+    })
 }
 
 /// Estimates the signal speed and the wind, and converts the measurements to still air and that speed.
@@ -366,18 +376,9 @@ fn locate_batch<'py>(
             let ((((position, covariance), residual), outlier), fixes) = out;
             let instants: Vec<_> =
                 (block * size..).take(fixes.len()).map(|i| batch.instant(i)).collect();
-            let mut out: Vec<_> = position
-                .chunks_mut(d)
-                .zip(covariance.chunks_mut(d * d))
-                .zip(residual.chunks_mut(rows.len()))
-                .zip(outlier.chunks_mut(rows.len()))
-                .map(|(((position, covariance), residual), outlier)| location::Output {
-                    position,
-                    covariance,
-                    residual,
-                    outlier,
-                })
-                .collect();
+            let widths = (d, rows.len());
+            let mut out =
+                location::Output::rows((position, covariance), (residual, outlier), widths);
             match d {
                 2 => locate_block(locator, special, &instants, &mut out, fixes, plane),
                 _ => locate_block(locator, special, &instants, &mut out, fixes, space),
@@ -385,8 +386,8 @@ fn locate_batch<'py>(
             if let Some(wind) = wind {
                 for ((instant, out), fix) in instants.iter().zip(&mut out).zip(fixes) {
                     match d {
-                        2 => locator.add_wind::<2>(instant, wind, out, fix),
-                        _ => locator.add_wind::<3>(instant, wind, out, fix),
+                        2 => wind.add_to::<2>(instant, out, fix),
+                        _ => wind.add_to::<3>(instant, out, fix),
                     }
                 }
             }

@@ -244,9 +244,8 @@ impl PlotTracker {
     }
 
     /// Returns the complete state of the tracker.
-    fn __getstate__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let bytes = self.0.to_bytes();
-        Ok(PyBytes::new(py, &bytes))
+    fn __getstate__<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        PyBytes::new(py, &self.0.to_bytes())
     }
 
     /// Restores a tracker from its state.

@@ -111,22 +111,8 @@ pub fn reconstruct<'py>(
         initial: measured.initial.as_deref(),
         n_threads,
     };
-    let n = record.time.len();
-    let fits = |size: usize, count: usize| size == count || size == n * count;
-    let k = record.sigmas.len() / KINDS;
-    let shapes = record.values.len() == n * KINDS * k
-        && record.own_sigmas.is_none_or(|own| own.len() == n * KINDS * k)
-        && fits(record.stations.len(), k * d)
-        && record.surveys.is_none_or(|surveys| surveys.len() == k)
-        && record.clocks.is_none_or(|clocks| clocks.len() == k)
-        && record.axes.is_none_or(|axes| fits(axes.len(), k * d * d))
-        && record.initial.is_none_or(|initial| initial.len() == d)
-        && steps.flat.iter().flatten().all(|kind| *kind < KINDS)
-        && [&steps.bias_sigma, &steps.drift_share, &steps.drift_time]
-            .iter()
-            .all(|own| own.len() == (KINDS + 1) * k)
-        && steps.deviation.as_ref().is_none_or(|sigma| sigma.len() == n * k);
-    if !shapes {
+    let (n, k) = (record.time.len(), record.sigmas.len() / KINDS);
+    if !steps.fit(&record, (n, k, d)) {
         return Err(PyValueError::new_err("the shapes do not fit together"));
     }
     let found = release(py, f64::INFINITY, || match d {
@@ -147,6 +133,23 @@ pub fn reconstruct<'py>(
 }
 
 impl Steps {
+    /// Whether all shapes are those of N instants and K stations in D dimensions.
+    fn fit(&self, record: &Record<'_>, (n, k, d): (usize, usize, usize)) -> bool {
+        let fits = |size: usize, count: usize| size == count || size == n * count;
+        record.values.len() == n * KINDS * k
+            && record.own_sigmas.is_none_or(|own| own.len() == n * KINDS * k)
+            && fits(record.stations.len(), k * d)
+            && record.surveys.is_none_or(|surveys| surveys.len() == k)
+            && record.clocks.is_none_or(|clocks| clocks.len() == k)
+            && record.axes.is_none_or(|axes| fits(axes.len(), k * d * d))
+            && record.initial.is_none_or(|initial| initial.len() == d)
+            && self.flat.iter().flatten().all(|kind| *kind < KINDS)
+            && [&self.bias_sigma, &self.drift_share, &self.drift_time]
+                .iter()
+                .all(|own| own.len() == (KINDS + 1) * k)
+            && self.deviation.as_ref().is_none_or(|sigma| sigma.len() == n * k)
+    }
+
     fn take<const D: usize, const N: usize>(
         &self,
         record: &Record<'_>,
@@ -158,9 +161,7 @@ impl Steps {
             None => trajectory::reconstruct::<D, N>(record, self.jerk, &self.systematic()),
         }
     }
-}
 
-impl Steps {
     fn systematic(&self) -> Systematic {
         match &self.flat {
             Some(kinds) => Systematic::Flat(kinds.clone()),

@@ -82,7 +82,7 @@ pub use contradiction::Contradiction;
 pub use fix::{Fix, Instant, Method, Output, Status};
 pub use medium::Medium;
 pub use mixture::Mixture;
-pub use posterior::{Bearings, Density, Posterior, Summary, pooled};
+pub use posterior::{Bearings, Posterior, Summary, pooled};
 pub use protection::Protection;
 pub use region::{Located, Spread};
 pub use solver::{Locator, Workspace};

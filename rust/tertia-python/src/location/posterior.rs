@@ -122,7 +122,7 @@ pub fn posterior_regions<'py>(
     let sight = Sight::new(&measured, max_range)?;
     let weights = weights.points::<STEPS>("weights", 1)?;
     let found = sight.each(py, n_threads, Outline::empty(), |row, posterior, out| {
-        *out = posterior.region(&sight.decay, &weights[row], probability).outline;
+        *out = posterior.region(&sight.decay, &weights[row], probability);
     })?;
     regions(py, sight.batch.values.batch(), &found)
 }

@@ -73,8 +73,7 @@ pub(super) fn corrected(
     let Workspace { angle, cleaned, scratch, blocks, .. } = workspace;
     rule.leave_one_out(false)?.screen(angle, outlier, cleaned, scratch)?;
     blocks.fill(cleaned, rule.block_size, scratch)?;
-    let measured: Vec<bool> = (0..blocks.len()).map(|j| blocks.degrees(j) > 0.0).collect();
-    let mut used = measured.clone();
+    let mut used: Vec<bool> = (0..blocks.len()).map(|j| blocks.degrees(j) > 0.0).collect();
     reject_means(blocks, significance, &mut used)?;
     let extreme = extreme_variances(rule, blocks, &used);
     for j in 0..blocks.len() {

@@ -371,7 +371,7 @@ impl Centre {
                 }
                 None
             }
-            Rule::CovarianceIntersection => self.intersect(known),
+            Rule::CovarianceIntersection => Some(self.intersect(known)),
             _ => {
                 let precision: Vec<_> = known.iter().map(|&i| self.precision(i, r[i])).collect();
                 for component in 0..3 {
@@ -408,19 +408,19 @@ impl Centre {
     }
 
     /// Covariance intersection. If the covariances together are singular, the first radar's is returned.
-    fn intersect(&mut self, known: &[usize]) -> Option<Matrix3<f64>> {
+    fn intersect(&mut self, known: &[usize]) -> Matrix3<f64> {
         let own: Vec<_> = known.iter().map(|&i| self.joint(i, i)).collect();
         let new = || Intersection::new(self.radars.len(), Const::<3>);
         let intersection = self.intersection.get_or_insert_with(new);
         let Ok(&bound) = intersection.intersect(&own) else {
             self.weights.fill(Matrix3::zeros());
             self.weights[known[0]] = Matrix3::identity();
-            return Some(own[0]);
+            return own[0];
         };
         for (&i, weight) in known.iter().zip(&intersection.weight) {
             self.weights[i] = *weight;
         }
-        Some(bound)
+        bound
     }
 }
 

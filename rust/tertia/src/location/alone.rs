@@ -10,12 +10,11 @@
 //! and the 95 % ellipse contains 95 % of the mixture.
 
 use super::contradiction::{WIDEST, stretch};
-use super::fix::{Fix, Instant, Output, Status};
+use super::fix::{Fix, Instant, Output, Solution, Status};
 use super::growth::{DOUBTED, OUTSIDE, SCALE};
 use super::normals::{self, Normal};
 use super::solver::{Locator, Workspace};
 use crate::base::distribution::chi_square_upper;
-use crate::base::small::{Matrix, Vector};
 use crate::sensors::{KINDS, Kind};
 
 /// p-value below which residuals are too large.
@@ -31,10 +30,7 @@ struct Hypothesis<const D: usize> {
     /// Probability of this size; its logarithm until [`settle`] has been called.
     weight: f64,
     fix: Fix,
-    position: Vector<D>,
-    covariance: Matrix<D>,
-    residual: Vec<f64>,
-    outlier: Vec<bool>,
+    solution: Solution<D>,
 }
 
 impl Locator {
@@ -101,37 +97,30 @@ impl Locator {
         workspace: &mut Workspace<D>,
     ) -> Option<Hypothesis<D>> {
         let factor = 2.0_f64.powi(doublings);
-        let (mut position, mut covariance) = ([0.0; D], [[0.0; D]; D]);
-        let mut residual = vec![0.0; instant.values.len()];
-        let mut outlier = vec![false; instant.values.len()];
-        let mut out = Output {
-            position: &mut position,
-            covariance: covariance.as_flattened_mut(),
-            residual: &mut residual,
-            outlier: &mut outlier,
-        };
-        let fix = self.locate(instant, &mut out, workspace);
+        let mut solution = Solution::of(instant);
+        let fix = self.locate(instant, &mut solution.output(), workspace);
         if !matches!(fix.status, Status::None | Status::IllConditioned) {
             return None;
         }
         let evidence = self.evidence(instant, 0, (free, &[factor; KINDS]), workspace)?;
         let sum: f64 = evidence.likelihood.iter().map(|l| (l - evidence.likelihood[0]).exp()).sum();
         let weight = evidence.likelihood[0] + sum.ln() + prior(doublings).ln();
-        Some(Hypothesis { factor, weight, fix, position, covariance, residual, outlier })
+        Some(Hypothesis { factor, weight, fix, solution })
     }
 }
 
 impl<const D: usize> Hypothesis<D> {
     /// Writes the position and the residuals, and the covariance multiplied by a factor.
     fn write(&self, growth: f64, free: &[bool], out: &mut Output<'_>) -> Fix {
-        out.position.copy_from_slice(&self.position);
-        for (to, from) in out.covariance.iter_mut().zip(self.covariance.as_flattened()) {
+        let Solution { position, covariance, residual, outlier } = &self.solution;
+        out.position.copy_from_slice(position);
+        for (to, from) in out.covariance.iter_mut().zip(covariance.as_flattened()) {
             *to = growth * from;
         }
-        out.outlier.copy_from_slice(&self.outlier);
+        out.outlier.copy_from_slice(outlier);
         let unit = self.factor.sqrt();
         // residuals are in units of the stated sigmas
-        for ((to, from), &free) in out.residual.iter_mut().zip(&self.residual).zip(free) {
+        for ((to, from), &free) in out.residual.iter_mut().zip(residual).zip(free) {
             *to = if free { unit * from } else { *from };
         }
         let squares = out.residual.iter().filter(|u| !u.is_nan()).map(|u| u * u);
@@ -181,7 +170,7 @@ fn settle<const D: usize>(all: &mut [Hypothesis<D>]) -> Option<usize> {
     let highest = all[likeliest].weight;
     let total: f64 = all.iter().map(|own| (own.weight - highest).exp()).sum();
     all.iter_mut().for_each(|own| own.weight = (own.weight - highest).exp() / total);
-    let fits = all[0].factor == 1.0 && !all[0].outlier.contains(&true);
+    let fits = all[0].factor == 1.0 && !all[0].solution.outlier.contains(&true);
     Some(if fits { 0 } else { likeliest })
 }
 
@@ -190,9 +179,10 @@ fn settle<const D: usize>(all: &mut [Hypothesis<D>]) -> Option<usize> {
 fn growth<const D: usize>(all: &[Hypothesis<D>], best: usize) -> f64 {
     let of = |own: &Hypothesis<D>| Normal {
         weight: own.weight,
-        position: own.position,
-        covariance: own.covariance,
+        position: own.solution.position,
+        covariance: own.solution.covariance,
     };
     let bounded: Vec<_> = all.iter().filter(|own| own.fix.status == Status::None).map(of).collect();
-    normals::growth(bounded.iter(), &all[best].position, &all[best].covariance).max(1.0)
+    let Solution { position, covariance, .. } = &all[best].solution;
+    normals::growth(bounded.iter(), position, covariance).max(1.0)
 }

@@ -21,7 +21,7 @@
 //! 1935, for squares).
 
 use super::evidence::{ByShare, Evidence, Kept};
-use super::fix::{Fix, Instant, Output, Status};
+use super::fix::{Fix, Instant, Solution, Status};
 use super::growth::{agreeing, growth_of_all};
 use super::lane::LANES;
 use super::solver::{Locator, Workspace};
@@ -292,16 +292,7 @@ impl Locator {
         lane: usize,
         workspace: &mut Workspace<D>,
     ) -> Fix {
-        let (mut position, mut covariance) = ([0.0; D], vec![0.0; D * D]);
-        let mut residual = vec![0.0; instant.values.len()];
-        let mut outlier = vec![false; instant.values.len()];
-        let mut out = Output {
-            position: &mut position,
-            covariance: &mut covariance,
-            residual: &mut residual,
-            outlier: &mut outlier,
-        };
-        self.one(instant, lane, &mut out, workspace)
+        self.one(instant, lane, &mut Solution::<D>::of(instant).output(), workspace)
     }
 
     /// Sums squares and degrees of freedom of the residuals for these factors of the variances.

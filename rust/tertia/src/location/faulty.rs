@@ -8,7 +8,7 @@
 //! of location and counting. Batches with few outliers are located as single instants are.
 
 use super::descent::{FLAT, Loss, Outliers};
-use super::fix::{Fix, Instant, Output, Status};
+use super::fix::{Fix, Instant, Solution, Status};
 use super::solver::{Locator, Workspace};
 use crate::base::angle::median;
 use crate::sensors::{KINDS, Kind};
@@ -114,21 +114,14 @@ impl Locator {
 
     fn count<const D: usize>(&self, sample: &[Instant<'_>], workspace: &mut Workspace<D>) -> Count {
         let mut count = Count::default();
-        let (mut position, mut covariance) = ([0.0; D], vec![0.0; D * D]);
         for instant in sample {
-            let mut residual = vec![0.0; instant.values.len()];
-            let mut outlier = vec![false; instant.values.len()];
-            let mut out = Output {
-                position: &mut position,
-                covariance: &mut covariance,
-                residual: &mut residual,
-                outlier: &mut outlier,
-            };
+            let mut solution = Solution::<D>::of(instant);
             // without arrivals, the better of two equally good positions is counted; with arrivals, the
             // worse one may be right, so the instant counts as ambiguous
             let timed = self.has_arrivals(instant);
             let locator = if timed { *self } else { self.deciding() };
-            let fix = locator.locate(instant, &mut out, workspace);
+            let fix = locator.locate(instant, &mut solution.output(), workspace);
+            let Solution { residual, outlier, .. } = solution;
             if self.expects_outliers(instant, &fix) {
                 count.add(&self.heard(instant, &outlier), fix.status);
                 if !timed {

@@ -1,5 +1,7 @@
 //! Arguments and results of the location of one instant.
 
+use crate::base::small::{Matrix, Vector};
+
 /// How a position is estimated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
@@ -69,6 +71,60 @@ pub struct Output<'a> {
     pub residual: &'a mut [f64],
     /// 5 K marks of measurements that are outliers.
     pub outlier: &'a mut [bool],
+}
+
+impl<'a> Output<'a> {
+    /// Returns the buffers of each instant, whose rows these arrays contain. `width` is the number of values
+    /// of an instant.
+    ///
+    /// # Panics
+    /// If the dimension or the width is 0.
+    pub fn rows(
+        (position, covariance): (&'a mut [f64], &'a mut [f64]),
+        (residual, outlier): (&'a mut [f64], &'a mut [bool]),
+        (dimension, width): (usize, usize),
+    ) -> Vec<Self> {
+        position
+            .chunks_mut(dimension)
+            .zip(covariance.chunks_mut(dimension * dimension))
+            .zip(residual.chunks_mut(width))
+            .zip(outlier.chunks_mut(width))
+            .map(|(((position, covariance), residual), outlier)| Output {
+                position,
+                covariance,
+                residual,
+                outlier,
+            })
+            .collect()
+    }
+}
+
+/// Results of one instant in memory of their own.
+#[derive(Clone, Debug)]
+pub(super) struct Solution<const D: usize> {
+    pub position: Vector<D>,
+    pub covariance: Matrix<D>,
+    pub residual: Vec<f64>,
+    pub outlier: Vec<bool>,
+}
+
+impl<const D: usize> Solution<D> {
+    /// Returns memory for the results of an instant, which will be written to [`Solution::output`].
+    pub fn of(instant: &Instant<'_>) -> Self {
+        let count = instant.values.len();
+        let (residual, outlier) = (vec![f64::NAN; count], vec![false; count]);
+        Self { position: [f64::NAN; D], covariance: [[f64::NAN; D]; D], residual, outlier }
+    }
+
+    /// Returns the buffers of this memory.
+    pub fn output(&mut self) -> Output<'_> {
+        Output {
+            position: &mut self.position,
+            covariance: self.covariance.as_flattened_mut(),
+            residual: &mut self.residual,
+            outlier: &mut self.outlier,
+        }
+    }
 }
 
 /// Results of one instant besides the position.

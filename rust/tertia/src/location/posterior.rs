@@ -59,15 +59,6 @@ impl Summary {
     };
 }
 
-/// A region of highest density.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Density {
-    /// ln of the density on the contour that contains the given probability.
-    pub ln_level: f64,
-    /// The contour.
-    pub outline: Outline,
-}
-
 /// The bearings of an instant, and the constants of their likelihood for each f.
 #[derive(Debug)]
 pub struct Posterior {
@@ -130,7 +121,7 @@ impl Posterior {
     }
 
     /// Returns the region of highest density that contains the target with this probability.
-    pub fn region(&self, decay: &Decay, weights: &Weights, probability: f64) -> Density {
+    pub fn region(&self, decay: &Decay, weights: &Weights, probability: f64) -> Outline {
         let evidence = self.evidence(decay, weights);
         let mut nodes = nodes(&self.scene(), &evidence);
         nodes.sort_by(|a, b| b.ln.total_cmp(&a.ln));
@@ -144,7 +135,7 @@ impl Posterior {
         let count = within.count();
         let Some(level) = nodes[..count].last().map(|node| node.ln) else {
             // the range is less than the rounding of coordinates
-            return Density { ln_level: f64::NAN, outline: Outline::empty() };
+            return Outline::empty();
         };
         let scene = self.scene();
         let ln_density = |p: [f64; 2]| {
@@ -154,7 +145,7 @@ impl Posterior {
         let frame = Frame::around(nodes[..count].iter().map(|node| (node.p, node.area)));
         let (mut outline, _) = outline(&frame, Part::All, level, ln_density);
         outline.shift(self.origin);
-        Density { ln_level: level - mass.ln_total, outline }
+        outline
     }
 
     /// Returns the radius about `centre` that contains the target with this probability.
@@ -263,7 +254,6 @@ fn or_own_factor(ln: &Weights, share: f64) -> Weights {
 struct Mass<'a> {
     nodes: &'a [Node],
     shares: Vec<f64>,
-    ln_total: f64,
 }
 
 impl<'a> Mass<'a> {
@@ -273,7 +263,7 @@ impl<'a> Mass<'a> {
             nodes.iter().map(|node| node.area * (node.ln - largest).exp()).collect();
         let total: f64 = shares.iter().sum();
         shares.iter_mut().for_each(|share| *share /= total);
-        Self { nodes, shares, ln_total: largest + total.ln() }
+        Self { nodes, shares }
     }
 
     fn total(&self, of: impl Fn(&Node) -> f64) -> f64 {
@@ -298,7 +288,7 @@ mod tests {
             Bearings { stations: &stations, axes: None, values: &values, sigmas: &sigmas };
         let posterior = Posterior::new(&bearings, 300.0).unwrap();
         let (decay, prior) = (Decay::new(4, &sigmas), concentration::prior());
-        let area = posterior.region(&decay, &prior, 0.95).outline.area;
+        let area = posterior.region(&decay, &prior, 0.95).area;
         (posterior.summary(&decay, &prior), area)
     }
 

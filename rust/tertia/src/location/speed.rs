@@ -5,7 +5,7 @@
 //! posterior of γ is approximated about its mode; its prior is normal, and a measurement that does not
 //! fit costs no more than a fault.
 
-use super::fix::{Fix, Instant, Output, Status};
+use super::fix::{Fix, Instant, Solution, Status};
 use super::solver::{Locator, Workspace};
 use crate::sensors::{KINDS, Kind};
 
@@ -119,28 +119,9 @@ impl Locator {
         initial: Option<&Vec<f64>>,
         workspace: &mut Workspace<D>,
     ) -> Trial {
-        let receivers = instant.values.len() / KINDS;
-        let (mut values, mut sigmas) = (instant.values.to_vec(), instant.sigmas.to_vec());
-        let speed = Speed { share, ..Speed::EXACT };
-        speed.apply(&mut values, receivers);
-        speed.apply(&mut sigmas, receivers);
-        let (mut position, mut covariance) = ([0.0; D], vec![0.0; D * D]);
-        let mut residual = vec![f64::NAN; values.len()];
-        let mut outlier = vec![false; values.len()];
-        let mut out = Output {
-            position: &mut position,
-            covariance: &mut covariance,
-            residual: &mut residual,
-            outlier: &mut outlier,
-        };
-        let at = Instant {
-            values: &values,
-            sigmas: &sigmas,
-            initial: initial.map(Vec::as_slice).or(instant.initial),
-            ..*instant
-        };
-        // at some speeds another position is as good: this must not count as a cost of faults
-        let fix: Fix = self.deciding().locate(&at, &mut out, workspace);
+        let initial = initial.map(Vec::as_slice).or(instant.initial);
+        let (fix, solution) = self.located_at(share, &Instant { initial, ..*instant }, workspace);
+        let Solution { position, residual, outlier, .. } = solution;
         if fix.status != Status::None {
             return Trial { cost: FAULT * fix.degrees_of_freedom.max(0) as f64, position: None };
         }
@@ -150,6 +131,24 @@ impl Locator {
         // the rest of the statistic is the residual of the height
         let rest = 0.5 * (fix.statistic - squares).max(0.0);
         Trial { cost: known().map(cost).sum::<f64>() + rest, position: Some(position.to_vec()) }
+    }
+
+    /// Locates an instant if the signals are faster by this share.
+    pub(super) fn located_at<const D: usize>(
+        &self,
+        share: f64,
+        instant: &Instant<'_>,
+        workspace: &mut Workspace<D>,
+    ) -> (Fix, Solution<D>) {
+        let receivers = instant.values.len() / KINDS;
+        let (mut values, mut sigmas) = (instant.values.to_vec(), instant.sigmas.to_vec());
+        let speed = Speed { share, ..Speed::EXACT };
+        speed.apply(&mut values, receivers);
+        speed.apply(&mut sigmas, receivers);
+        let at = Instant { values: &values, sigmas: &sigmas, ..*instant };
+        let mut solution = Solution::of(instant);
+        // at some speeds another position is as good: this must not count as a fault
+        (self.deciding().locate(&at, &mut solution.output(), workspace), solution)
     }
 }
 

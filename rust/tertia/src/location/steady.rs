@@ -6,7 +6,7 @@
 //! the prior N(0, B²) in units of σ, and the posterior of δ is the mean over several sizes B, weighted by
 //! their evidence.
 
-use super::fix::{Instant, Output, Status};
+use super::fix::{Instant, Solution, Status};
 use super::record::{NOWHERE, Record};
 use super::solver::{Locator, Workspace};
 use super::speed::Speed;
@@ -100,27 +100,13 @@ impl Locator {
         sums: &mut Sums,
         workspace: &mut Workspace<D>,
     ) {
-        let (mut values, mut sigmas) = (instant.values.to_vec(), instant.sigmas.to_vec());
-        let receivers = values.len() / KINDS;
-        let speed = Speed { share, ..Speed::EXACT };
-        speed.apply(&mut values, receivers);
-        speed.apply(&mut sigmas, receivers);
-        let (mut position, mut covariance) = ([0.0; D], vec![0.0; D * D]);
-        let (mut residual, mut outlier) = (vec![f64::NAN; values.len()], vec![false; values.len()]);
-        let mut out = Output {
-            position: &mut position,
-            covariance: &mut covariance,
-            residual: &mut residual,
-            outlier: &mut outlier,
-        };
-        let at = Instant { values: &values, sigmas: &sigmas, ..*instant };
-        let fix = self.deciding().locate(&at, &mut out, workspace);
+        let (fix, Solution { position, outlier, .. }) = self.located_at(share, instant, workspace);
         if fix.status != Status::None {
             return;
         }
         let p: Vector<D> = std::array::from_fn(|i| position[i] - instant.stations[i]);
         let Workspace { own, plane, space } = workspace;
-        match (D, self.has_arrivals(&at)) {
+        match (D, self.has_arrivals(instant)) {
             (_, false) => sums.add(&own.records[0], &p, &outlier),
             (2, true) => sums.add(&plane.records[0], &p, &outlier),
             _ => sums.add(&space.records[0], &p, &outlier),

@@ -6,7 +6,7 @@
 //! receivers share is absorbed by the emission. The posterior of β is computed by Gauss–Newton steps
 //! with a normal prior, in which position and emission of each instant are eliminated.
 
-use super::fix::{Fix, Instant, Output, Status};
+use super::fix::{Fix, Instant, Output, Solution, Status};
 use super::solver::{Locator, Workspace};
 use crate::base::small::{Factor, Matrix, Vector, dot, norm};
 use crate::sensors::{KINDS, Kind};
@@ -61,6 +61,31 @@ impl Wind {
         }
         let covariance = Factor::try_new(&information, 0.0).map(|f| f.inverse());
         Self { covariance: covariance.unwrap_or(self.covariance), ..*self }
+    }
+
+    /// Adds the error of the wind to the covariance of a position and to the variance of its emission.
+    pub fn add_to<const D: usize>(
+        &self,
+        instant: &Instant<'_>,
+        out: &mut Output<'_>,
+        fix: &mut Fix,
+    ) {
+        if fix.status != Status::None {
+            return;
+        }
+        let told = told::<D>(instant, self, out.position, out.residual, out.outlier);
+        let Some(Told { follows, .. }) = told else { return };
+        let spread = |a: &Vector<AXES>, b: &Vector<AXES>| -> f64 {
+            let pairs = (0..AXES).flat_map(|i| (0..AXES).map(move |j| (i, j)));
+            pairs.map(|(i, j)| a[i] * self.covariance[i][j] * b[j]).sum()
+        };
+        for i in 0..D {
+            for j in 0..D {
+                out.covariance[i * D + j] += spread(&follows[i], &follows[j]);
+            }
+        }
+        let emission = spread(&follows[UNKNOWNS - 1], &follows[UNKNOWNS - 1]);
+        fix.emission_sigma = fix.emission_sigma.hypot(emission.sqrt());
     }
 
     /// Returns the path of a signal from p to a station, and its derivatives with respect to the wind.
@@ -145,22 +170,16 @@ impl Locator {
         let initial = place.as_deref().or(instant.initial);
         let loose = loosened::<D>(instant, allowed);
         let at = Instant { values: &values, sigmas: &loose, initial, ..*instant };
-        let (mut position, mut covariance) = (vec![0.0; D], vec![0.0; D * D]);
-        let (mut residual, mut outlier) = (vec![f64::NAN; values.len()], vec![false; values.len()]);
-        let mut out = Output {
-            position: &mut position,
-            covariance: &mut covariance,
-            residual: &mut residual,
-            outlier: &mut outlier,
-        };
-        let fix: Fix = self.locate(&at, &mut out, workspace);
+        let mut solution = Solution::<D>::of(instant);
+        let fix = self.locate(&at, &mut solution.output(), workspace);
         if fix.status != Status::None {
             return None;
         }
+        let Solution { position, mut residual, outlier, .. } = solution;
         let sigmas = loose.iter().zip(instant.sigmas);
         residual.iter_mut().zip(sigmas).for_each(|(off, (loose, own))| *off *= loose / own);
         let told = told::<D>(instant, wind, &position, &residual, &outlier);
-        *place = Some(position);
+        *place = Some(position.to_vec());
         told
     }
 
@@ -182,32 +201,6 @@ impl Locator {
             all.extend(values);
         }
         all
-    }
-
-    /// Adds the error of the wind to the covariance of a position and to the variance of its emission.
-    pub fn add_wind<const D: usize>(
-        &self,
-        instant: &Instant<'_>,
-        wind: &Wind,
-        out: &mut Output<'_>,
-        fix: &mut Fix,
-    ) {
-        if fix.status != Status::None {
-            return;
-        }
-        let told = told::<D>(instant, wind, out.position, out.residual, out.outlier);
-        let Some(Told { follows, .. }) = told else { return };
-        let spread = |a: &Vector<AXES>, b: &Vector<AXES>| -> f64 {
-            let pairs = (0..AXES).flat_map(|i| (0..AXES).map(move |j| (i, j)));
-            pairs.map(|(i, j)| a[i] * wind.covariance[i][j] * b[j]).sum()
-        };
-        for i in 0..D {
-            for j in 0..D {
-                out.covariance[i * D + j] += spread(&follows[i], &follows[j]);
-            }
-        }
-        let emission = spread(&follows[UNKNOWNS - 1], &follows[UNKNOWNS - 1]);
-        fix.emission_sigma = fix.emission_sigma.hypot(emission.sqrt());
     }
 }
 

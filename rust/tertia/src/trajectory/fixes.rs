@@ -273,18 +273,7 @@ impl Fixes {
                         initial: initial.map(|own| &own[(block * BLOCK + i) * D..][..D]),
                     })
                     .collect();
-                let mut out: Vec<_> = position
-                    .chunks_mut(D)
-                    .zip(covariance.chunks_mut(D * D))
-                    .zip(residual.chunks_mut(width))
-                    .zip(outlier.chunks_mut(width))
-                    .map(|(((position, covariance), residual), outlier)| Output {
-                        position,
-                        covariance,
-                        residual,
-                        outlier,
-                    })
-                    .collect();
+                let mut out = Output::rows((position, covariance), (residual, outlier), (D, width));
                 locator.locate_all(&given, &mut out, fixes, workspace);
                 Ok(())
             },

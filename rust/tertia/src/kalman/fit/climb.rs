@@ -77,7 +77,7 @@ fn starts(likelihood: &mut Likelihood<'_>) -> Result<Vec<[f64; 2]>> {
     let mut peaks: Vec<Peak> = (0..ridge.len()).filter(|&i| is_peak(i)).map(|i| ridge[i]).collect();
     peaks.sort_by(|a, b| b.value.total_cmp(&a.value));
     peaks.truncate(STARTS);
-    straightened(likelihood, &peaks)
+    Ok(straightened(likelihood, &peaks))
 }
 
 /// Returns equally spaced points between the ends, with a distance of about `step` at most.
@@ -89,7 +89,7 @@ fn points([low, high, step]: [f64; 3]) -> Vec<f64> {
 /// Returns the points in coordinates in which p refers to the time after which a filter forgets a plot;
 /// in these, the ridges of the likelihood are straight. It is the time within which the motion at the
 /// first point is as large as the error of the mean of the plots.
-fn straightened(likelihood: &mut Likelihood<'_>, peaks: &[Peak]) -> Result<Vec<[f64; 2]>> {
+fn straightened(likelihood: &mut Likelihood<'_>, peaks: &[Peak]) -> Vec<[f64; 2]> {
     let ratio = |likelihood: &Likelihood<'_>, [x, y]: [f64; 2]| y + likelihood.acceleration(x);
     let ratios: Vec<f64> = peaks.iter().map(|peak| ratio(likelihood, peak.at)).collect();
     let moved = |likelihood: &Likelihood<'_>, i: usize| {
@@ -103,7 +103,7 @@ fn straightened(likelihood: &mut Likelihood<'_>, peaks: &[Peak]) -> Result<Vec<[
             break;
         }
     }
-    Ok((0..peaks.len()).map(|i| moved(likelihood, i)).collect())
+    (0..peaks.len()).map(|i| moved(likelihood, i)).collect()
 }
 
 /// Climbs along y, far enough for a comparison.
