@@ -217,7 +217,7 @@ def test_large_errors_make_no_second_tracks(beyond, offset):
         assert len(np.unique(bare.track)) > 30
 
 
-@pytest.mark.parametrize("beyond", [0.5, 1.0])
+@pytest.mark.parametrize("beyond", [0.5, 1.0, -3.0, 11.0])
 def test_a_sudden_change_beyond_the_gates_is_found(beyond):
     plots = recording(7, Bias(azimuth=[0.0, beyond], degrees=True), bias_start=120.0)
     tracker, tables = followed(plots)

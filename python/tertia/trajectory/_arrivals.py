@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, NoReturn, TypeAlias
 
@@ -19,6 +20,12 @@ Beacon: TypeAlias = int | Station | npt.ArrayLike
 
 # residual beyond which an arrival is an outlier
 _OUTLIER = 4.0
+_MIRRORED = (
+    "the receivers are nearly in a plane, and the mirror images of the positions at this plane fit "
+    "the arrivals (almost) equally well; if one side is above the receivers, positions are there"
+)
+# largest differences of the heights of receivers near a plane, relative to their horizontal extent
+_FLAT = 0.2
 # share of the extent of the net to which times must be resolved
 _RESOLUTION = 1e-4
 
@@ -129,6 +136,12 @@ def reconstruct_arrivals(
     TypeError
         If an argument has the wrong type.
 
+    Warns
+    -----
+    UserWarning
+        If receivers are nearly in a plane, and it is open on which side of it the emitters are, or
+        emitters are found below all receivers.
+
     Notes
     -----
     An arrival at receiver h of an emission e from a beacon b is modelled as
@@ -143,6 +156,11 @@ def reconstruct_arrivals(
     iteration. The information of an arrival is computed from the residuals as mean(psi')^2 /
     mean(psi^2) (Huber 1964), so that the covariance remains correct if the distribution of the
     residuals is not Student's.
+
+    If the receivers are near a plane, emissions fit almost as well at their mirror images. If any
+    is found below the receivers, or emissions are found on both sides of a plane that is not level,
+    all are estimated on each side. The likelier side is taken, at prior odds of a thousand to one
+    for that above the receivers.
 
     If the surveyed positions are wrong by more than `position_sigma`, or the motion is much
     smoother than assumed, the estimated propagation speed is wrong. To detect this, check
@@ -216,9 +234,29 @@ def reconstruct_arrivals(
     if found["failure"] is not None:
         why, numbers = found["failure"]
         _raise(why, numbers, known, names)
+    _warn_of_sides(found, sites[:k])
     prior = (speed, float(propagation_speed_sigma))
     systematic = _systematic(path_sigma, beacon, site_sigma)
     return _result(found, heard, (known, names), prior, systematic)
+
+
+def _warn_of_sides(found: dict[str, Any], sites: FloatArray) -> None:
+    """Warn if mirror images fit as well, or if positions are below all receivers."""
+    if found["is_mirrored"]:
+        warnings.warn(_MIRRORED, UserWarning, stacklevel=3)
+    extent = np.ptp(sites, axis=0)
+    if len(extent) < 3 or extent[2] > _FLAT * np.hypot(extent[0], extent[1]):
+        return
+    sigma = np.sqrt(found["covariance"][:, 2, 2])
+    below = found["mean"][:, 2] + 3.0 * sigma < np.min(sites[:, 2])
+    if np.any(below):
+        warnings.warn(
+            f"{np.count_nonzero(below)} of {len(below)} positions are below all receivers; if the "
+            "emitters are above them, heights of receivers are wrong by more than their "
+            "position_sigma",
+            UserWarning,
+            stacklevel=3,
+        )
 
 
 def _result(

@@ -11,7 +11,7 @@ use pyo3::types::PyBytes;
 use tertia::registration::{
     self as core, Changed, ERRORS, Other, Report, TargetPlot, Update, Updates,
 };
-use tertia::tracker::{Data, Plots};
+use tertia::tracker::{Data, PlotStatus, Plots};
 
 /// Estimates the errors of radars scan by scan.
 #[pyclass(module = "tertia._core")]
@@ -250,9 +250,12 @@ impl<'a> Told<'a> {
         own.filter(|&own| own < self.plots.len())
     }
 
-    /// Returns the plots of tracks that are not confirmed.
+    /// Returns the plots of tracks that are not confirmed, and those that are taken for reflections: if the
+    /// errors of a radar have changed, its plots are beside their tracks, as those of side lobes are.
     fn loose(&self, track_of_plot: &[i64]) -> Vec<Report> {
-        let mut loose: Vec<bool> = track_of_plot.iter().map(|&track| track >= 0).collect();
+        let reflection = PlotStatus::Reflection.code();
+        let is_loose = |&track: &i64| track >= 0 || track == reflection;
+        let mut loose: Vec<bool> = track_of_plot.iter().map(is_loose).collect();
         for row in (self.begin..self.track.len()).filter(|row| self.confirmed[*row]) {
             if let Some(own) = self.plot_of(row) {
                 loose[own] = false;

@@ -56,6 +56,7 @@ pub struct Solved<'py> {
     jerk: Vec<f64>,
     acceleration_noise: Vec<f64>,
     degrees_of_freedom: f64,
+    is_mirrored: bool,
     is_converged: bool,
     iterations: usize,
 }
@@ -203,6 +204,7 @@ impl<'py> Solved<'py> {
             jerk: found.jerk,
             acceleration_noise: found.acceleration,
             degrees_of_freedom: found.degrees_of_freedom,
+            is_mirrored: found.is_mirrored,
             is_converged: found.is_converged,
             iterations: found.iterations,
         })

@@ -22,9 +22,13 @@ const VOTERS: usize = 200;
 /// Least number of tracks that agree, and their least share of those that miss a plot.
 const FEWEST: usize = 4;
 const AGREEING: f64 = 0.5;
-/// Largest change, in metres and radians.
+/// Largest changes of the range, in metres, and of the azimuth, in radians: of a radar whose errors change, and
+/// of one that is replaced or turned, as from magnetic to true north.
 const FAR: f64 = 2500.0;
 const WIDE: f64 = 0.035;
+const REPLACED: f64 = 0.5;
+/// Largest number of times that as many votes as for the change of a replaced radar agree by chance.
+const CHANCE: f64 = 1e-6;
 /// Largest distance of votes that agree, in standard deviations of a plot.
 const AGREED: f64 = 3.9;
 /// Least change, in standard deviations of a plot: smaller changes stay within the gates, and plots are
@@ -74,14 +78,24 @@ pub(super) fn vote<'a>(
     if !is_suspect(covered.len(), covered.len() - missing.len()) {
         return None;
     }
+    let near =
+        loose.iter().filter(|plot| plot.radar == k && plot.time >= since && plot.time <= time);
+    let seen: Vec<Seen> = near.map(|plot| Seen::new(plot, radar)).collect();
+    let voters = &missing[..missing.len().min(VOTERS)];
+    elected(voters, &seen, radar, WIDE).or_else(|| elected(voters, &seen, radar, REPLACED)).filter(
+        |moved| {
+            let sigma = [radar.range_sigma, radar.azimuth_sigma];
+            (0..2).any(|axis| moved[axis].abs() > LEAST * sigma[axis])
+        },
+    )
+}
+
+/// Returns the change, of the azimuth by at most `widest`, for which enough of the tracks vote.
+fn elected(voters: &[&&Followed], seen: &[Seen], radar: &Radar, widest: f64) -> Option<[f64; 2]> {
     let mut votes: Vec<(usize, [f64; 2])> = Vec::new();
-    for plot in loose.iter().filter(|plot| plot.radar == k) {
-        if plot.time < since || plot.time > time {
-            continue;
-        }
-        let seen = Seen::new(plot, radar);
-        let tracks = missing.iter().take(VOTERS).enumerate();
-        votes.extend(tracks.filter_map(|(i, track)| Some((i, seen.off(track)?))));
+    for plot in seen {
+        let tracks = voters.iter().enumerate();
+        votes.extend(tracks.filter_map(|(i, track)| Some((i, plot.off(track, widest)?))));
     }
     // the votes of a track one after the other
     votes.sort_by_key(|(track, _)| *track);
@@ -96,14 +110,29 @@ pub(super) fn vote<'a>(
         found
     };
     let best = votes.iter().map(|(_, centre)| agreeing(centre)).max_by_key(Vec::len)?;
-    let enough = FEWEST.max((AGREEING * missing.len().min(VOTERS) as f64).ceil() as usize);
+    let enough = FEWEST.max((AGREEING * voters.len() as f64).ceil() as usize);
     let middle = |axis: usize| {
         let mut all: Vec<f64> = best.iter().map(|(_, vote)| vote[axis]).collect();
         median(&mut all)
     };
-    let moved = [middle(0), middle(1)];
-    let beyond = (0..2).any(|axis| moved[axis].abs() > LEAST * sigma[axis]);
-    (best.len() >= enough && beyond).then_some(moved)
+    let is_clear = widest <= WIDE || {
+        let cell = AGREED * AGREED * sigma[0] * sigma[1] / (FAR * widest);
+        by_chance(votes.len(), best.len(), voters.len(), cell) < CHANCE
+    };
+    (best.len() >= enough && is_clear).then(|| [middle(0), middle(1)])
+}
+
+/// Bound on the number of votes with which, by chance, at least `agreeing` of the tracks agree, if each vote
+/// agrees with another with the probability `cell` (Chernoff).
+fn by_chance(votes: usize, agreeing: usize, tracks: usize, cell: f64) -> f64 {
+    let (count, others) = (votes as f64, (tracks as f64 - 1.0).max(1.0));
+    let p = (count / tracks as f64 * cell).min(0.5);
+    let q = (agreeing as f64 - 1.0) / others;
+    if q <= p {
+        return count;
+    }
+    let part = |a: f64, b: f64| if a > 0.0 { a * (a / b).ln() } else { 0.0 };
+    count * (-others * (part(q, p) + part(1.0 - q, 1.0 - p))).exp()
 }
 
 /// A plot in the polar coordinates of its radar.
@@ -127,14 +156,14 @@ impl Seen {
 
     /// Returns range and azimuth of the plot less those of a track at its time; none if they are too far
     /// apart.
-    fn off(&self, track: &Followed) -> Option<[f64; 2]> {
+    fn off(&self, track: &Followed, widest: f64) -> Option<[f64; 2]> {
         let ahead = self.time - track.time;
         let [east, north] =
             [0, 1].map(|i| track.position[i] + ahead * track.velocity[i] - self.site[i]);
         let [sine, cosine] = self.direction;
         let (along, across) = (east * sine + north * cosine, east * cosine - north * sine);
         // tested by the tangent: most tracks are farther to the side
-        let is_near = across.abs() < WIDE * along;
+        let is_near = across.abs() < widest * along;
         if !is_near {
             return None;
         }

@@ -14,10 +14,11 @@ mod mend;
 mod normal;
 mod problem;
 mod scene;
+mod side;
 mod solve;
 mod start;
 
 pub use arrange::{Heard, arrange};
 pub use group::{Alignment, Line, align, group};
 pub use scene::{Arrival, Scene, Solution, Undetermined};
-pub use solve::solve;
+pub use side::solve;

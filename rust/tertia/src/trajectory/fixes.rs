@@ -300,30 +300,51 @@ fn copy<T: Copy>(to: &mut [T], t: usize, from: &[T], at: usize, size: usize) {
     to[t * size..][..size].copy_from_slice(&from[at * size..][..size]);
 }
 
-/// Returns the column of the station with the most arrivals.
-fn most_heard(record: &Record<'_>, values: &[f64]) -> usize {
+/// Returns the column with whose arrivals those of each column are compared, and the columns in an order in
+/// which each comes after the one it is compared with. That is the column with the most arrivals or, if the two
+/// have fewer than two instants in common, as where pairs of stations measure in turn, one that is compared
+/// itself.
+fn references(record: &Record<'_>, values: &[f64]) -> (Vec<Option<usize>>, Vec<usize>) {
     let (width, k) = (record.width(), record.width() / KINDS);
-    let count = |column: &usize| {
-        values.iter().skip(*column).step_by(width).filter(|value| !value.is_nan()).count()
-    };
-    let first = Kind::Arrival as usize * k;
-    (first..first + k).rev().max_by_key(count).unwrap_or(first)
+    let arrivals = Kind::Arrival as usize * k..(Kind::Arrival as usize + 1) * k;
+    let mut common = vec![0_usize; k * k];
+    for own in values.chunks_exact(width).map(|own| &own[arrivals.clone()]) {
+        let heard: Vec<usize> = (0..k).filter(|&i| !own[i].is_nan()).collect();
+        for &i in &heard {
+            heard.iter().for_each(|&j| common[i * k + j] += 1);
+        }
+    }
+    let first = (0..k).rev().max_by_key(|i| common[i * k + i]).unwrap_or(0);
+    let mut reference = vec![None; width];
+    let (mut known, mut open): (Vec<usize>, Vec<usize>) = (0..k).partition(|&i| i == first);
+    reference[arrivals.start + first] = Some(arrivals.start + first);
+    let by = |i: usize, j: usize| common[i * k + j];
+    while let Some((i, j)) = open
+        .iter()
+        .flat_map(|&i| known.iter().map(move |&j| (i, j)))
+        .filter(|&(i, j)| by(i, j) > 1)
+        .max_by_key(|&(i, j)| (j == first, by(i, j)))
+    {
+        reference[arrivals.start + i] = Some(arrivals.start + j);
+        known.push(i);
+        open.retain(|&other| other != i);
+    }
+    let others = (0..width).filter(|column| !arrivals.contains(column));
+    let order = others.chain(known.into_iter().map(|i| arrivals.start + i)).collect();
+    (reference, order)
 }
 
 /// Returns running medians of the measurements of each column around these instants, of arrivals relative to
-/// those of one station; nan where the nearest measurement is farther away than the median interval between
+/// those of the station with the most arrivals; nan where the nearest measurement is farther away than the median interval between
 /// measurements.
 fn running_medians(record: &Record<'_>, values: &[f64], open: &[usize]) -> Vec<f64> {
     let (width, time) = (record.width(), record.time);
     let mut medians = vec![f64::NAN; open.len() * width];
-    let heard = most_heard(record, values);
-    for column in 0..width {
+    let (references, order) = references(record, values);
+    for column in order {
         let turns = record.kind_of(column) == Kind::Azimuth as usize;
-        // each instant has its own emission time, so arrivals are taken relative to one station
-        let reference = match record.kind_of(column) {
-            kind if kind == Kind::Arrival as usize => Some(heard),
-            _ => None,
-        };
+        // each instant has its own emission time, so arrivals are taken relative to another station
+        let reference = references[column];
         let value = |t: usize| {
             let of = |column: usize| values[t * width + column];
             of(column) - reference.map_or(0.0, of)
@@ -348,6 +369,13 @@ fn running_medians(record: &Record<'_>, values: &[f64], open: &[usize]) -> Vec<f
             let mut near: Vec<f64> = known[first..last].iter().map(of).collect();
             let middle = near.len() / 2;
             *own = *near.select_nth_unstable_by(middle, f64::total_cmp).1;
+        }
+        // the first station is at 0
+        let Some(other) = reference.filter(|&other| references[other] != Some(other)) else {
+            continue;
+        };
+        for own in medians.chunks_exact_mut(width) {
+            own[column] += own[other];
         }
     }
     medians

@@ -311,6 +311,19 @@ impl<const D: usize> Measured<D> {
         Some(self.column[first])
     }
 
+    /// Columns of the arrivals of an instant, if it has two.
+    pub fn pair(&self, t: usize) -> Option<[usize; 2]> {
+        let arrivals = self.instant(t).filter(|m| self.list[*m].kind == Kind::Arrival);
+        let columns: Vec<usize> = arrivals.map(|m| self.column[m]).collect();
+        columns.try_into().ok()
+    }
+
+    /// Whether most instants have two arrivals, as where pairs of stations measure in turn.
+    pub fn is_in_pairs(&self) -> bool {
+        let count = self.first.len() - 1;
+        self.is_timed && 2 * (0..count).filter(|&t| self.pair(t).is_some()).count() > count
+    }
+
     /// Returns a position relative to the first station of an instant.
     pub fn relative(&self, t: usize, position: &[f64]) -> Vector<D> {
         std::array::from_fn(|i| position[i] - self.origins[t][i])

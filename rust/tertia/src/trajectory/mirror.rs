@@ -57,7 +57,12 @@ impl<const D: usize> Mirror<D> {
         if !ranges || has(Kind::Elevation) || turns && D == 2 {
             return None;
         }
-        let places = places::<D>(record);
+        Self::near(&places::<D>(record), turns)
+    }
+
+    /// Returns the plane in or near which these places are. Azimuths (`turns`) distinguish the sides of any
+    /// plane that is not horizontal.
+    pub fn near(places: &[Vector<D>], turns: bool) -> Option<Self> {
         let count = places.len() as f64;
         let centre: Vector<D> =
             std::array::from_fn(|i| places.iter().map(|p| p[i]).sum::<f64>() / count);
@@ -124,6 +129,13 @@ impl<const D: usize> Mirror<D> {
         self.moved(position, -2.0 * self.distance(position))
     }
 
+    /// Returns the mirror image of a position with its derivatives.
+    pub fn turned(&self, motion: &[Vector<D>; 3]) -> [Vector<D>; 3] {
+        let across = |v: &Vector<D>| -2.0 * dot(&self.normal, v);
+        let turned = |v: &Vector<D>| std::array::from_fn(|i| v[i] + across(v) * self.normal[i]);
+        [self.reflected(&motion[0]), turned(&motion[1]), turned(&motion[2])]
+    }
+
     /// Returns the position or its mirror image, whichever is on the side of the normal.
     pub fn beside(&self, position: &[f64]) -> Vector<D> {
         let distance = self.distance(position);
@@ -136,7 +148,7 @@ impl<const D: usize> Mirror<D> {
     }
 
     /// Variance of the distance from the plane.
-    fn variance(&self, covariance: &[f64], stride: usize) -> f64 {
+    pub fn variance(&self, covariance: &[f64], stride: usize) -> f64 {
         let row = |i: usize| std::array::from_fn(|j| covariance[i * stride + j]);
         (0..D).map(|i| self.normal[i] * dot(&self.normal, &row(i))).sum()
     }

@@ -140,6 +140,9 @@ impl<const D: usize, const N: usize> Found<D, N> {
         for one in residuals {
             trust[one.at] = trust_of(mixture.densities(&one));
         }
+        if self.measured.is_in_pairs() {
+            self.trust_pairs(record, &mut trust);
+        }
         let limit = mixture.noise * normal_two_sided_quantile(DOUBTED);
         for t in 0..record.len() {
             self.trust_instant(record, t, limit, &mut trust);
@@ -182,6 +185,19 @@ impl<const D: usize, const N: usize> Found<D, N> {
             }
         }
         residuals
+    }
+
+    /// Trusts the two arrivals of an instant alike, because only their difference is known: the odds that one
+    /// of them is an outlier are the sum of their odds. If one were trusted more, it would take the place of
+    /// the emission, and nothing would be left to compare the other with.
+    fn trust_pairs(&self, record: &Record<'_>, trust: &mut [f64]) {
+        for t in 0..record.len() {
+            let Some(pair) = self.measured.pair(t) else { continue };
+            let own = pair.map(|column| t * record.width() + column);
+            // 1 + the sum of the odds (1 - p) / p
+            let odds = own.iter().map(|&at| 1.0 / trust[at].max(f64::MIN_POSITIVE)).sum::<f64>();
+            own.iter().for_each(|&at| trust[at] = 1.0 / (odds - 1.0));
+        }
     }
 
     /// Trusts the measurements of an instant that agree with each other and are enough to locate it robustly,

@@ -4,6 +4,7 @@
 //! u the given over the true speed, o the clock (linear between nodes), and m the path error of a beacon.
 //! Motion is driven by white jerk and white acceleration; clock rates are random walks.
 
+use super::super::mirror::Mirror;
 use super::layout::Layout;
 use super::linear::{Group, Row};
 use super::scene::Scene;
@@ -65,6 +66,8 @@ pub(super) struct Problem<'a, const D: usize> {
     pub previous: Vec<Option<usize>>,
     pub extent: f64,
     pub middle: [f64; D],
+    /// Plane of the receivers if emissions are searched on the side of its normal only.
+    pub mirror: Option<Mirror<D>>,
 }
 
 impl<'a, const D: usize> Problem<'a, D> {
@@ -110,6 +113,7 @@ impl<'a, const D: usize> Problem<'a, D> {
             previous,
             extent,
             middle,
+            mirror: None,
         };
         problem.unit = problem.intervals();
         problem

@@ -86,6 +86,8 @@ pub struct Solution {
     pub acceleration: Vec<f64>,
     /// Number of measurements less that of the unknowns, as far as priors do not determine these.
     pub degrees_of_freedom: f64,
+    /// Whether the mirror images of the positions at the plane of the receivers fit as well.
+    pub is_mirrored: bool,
     /// Whether the last step was small.
     pub is_converged: bool,
     /// Number of steps.

@@ -1,5 +1,6 @@
 //! Solution by scoring steps for the unknowns and fixed-point steps for the intensities.
 
+use super::super::mirror::Mirror;
 use super::layout::Unknown;
 use super::linear::{Group, Row};
 use super::normal::{Normal, Weights};
@@ -104,12 +105,16 @@ struct Search<'a, 'b, const D: usize> {
     last: Vec<f64>,
 }
 
-/// Solves the scene.
+/// Solves the scene; with a mirror, emissions are searched on the side of its normal. Also returns minus the
+/// logarithm of the joint density of the measurements and the unknowns, up to a constant.
 ///
 /// # Errors
 /// The measurements do not determine an unknown.
-pub fn solve<const D: usize>(scene: &Scene<D>) -> Result<Solution, Undetermined> {
-    let problem = Problem::new(scene, None);
+pub(super) fn solve_beside<const D: usize>(
+    scene: &Scene<D>,
+    mirror: Option<Mirror<D>>,
+) -> Result<(Solution, f64), Undetermined> {
+    let problem = Problem { mirror, ..Problem::new(scene, None) };
     let named = |column| problem.undetermined(column);
     let (state, scale) = problem.start().map_err(|_| Undetermined::Other)?;
     let model = problem.first_model(&state, scale);
@@ -121,7 +126,8 @@ pub fn solve<const D: usize>(scene: &Scene<D>) -> Result<Solution, Undetermined>
         free: 1.0,
         last: Vec::new(),
     };
-    search.run().map_err(named)
+    let solution = search.run().map_err(named)?;
+    Ok((solution, search.cost()))
 }
 
 impl<const D: usize> Problem<'_, D> {
@@ -189,6 +195,9 @@ impl<const D: usize> Search<'_, '_, D> {
             let mut normal = problem.normal(envelope, &rows, &weights, &priors, &self.model);
             let (step, emission, decrement) = normal.step()?;
             (rows, priors) = self.move_along(&step, &emission, &rows, &priors);
+            if iterations < ITERATIONS / 2 && problem.turn_back(&mut self.state) {
+                (rows, priors) = (problem.rows(&self.state), problem.priors(&self.state));
+            }
             // the inverse is the most expensive part of a step, and is computed only for the intensities
             if iterations >= FIRST && (change >= CHANGE || iterations < FEWEST) {
                 let inverse = normal.matrix.inverse();
@@ -210,6 +219,15 @@ impl<const D: usize> Search<'_, '_, D> {
         normal.step()?;
         let inverse = normal.matrix.inverse();
         Ok(self.solution(&normal, &inverse, &rows, &weights, (is_converged, iterations)))
+    }
+
+    /// Minus the logarithm of the joint density, up to a constant that does not depend on the intensities.
+    fn cost(&self) -> f64 {
+        let (problem, model) = (self.problem, &self.model);
+        let (rows, priors) = (problem.rows(&self.state), problem.priors(&self.state));
+        let scales = priors.iter().map(|(_, group)| 0.5 * model.variance(*group).ln());
+        let scale = rows.len() as f64 * model.scale.ln();
+        problem.cost(&rows, &priors, model) + scale + scales.sum::<f64>()
     }
 
     fn relocate(&mut self) {

@@ -109,6 +109,7 @@ impl<const D: usize> Problem<'_, D> {
             let heard = self.heard(state, emission, is_known);
             let mut candidates = vec![self.descent(&heard, state.motion[emission][0], finest)];
             candidates.extend(self.candidates(&heard, finest));
+            self.keep_beside(&mut candidates, &heard, finest);
             let chosen = *least(&candidates, |one| one.cost);
             fixes[self.identity[emission]].push(Fix { emission, heard, candidates, chosen });
         }
@@ -189,6 +190,38 @@ impl<const D: usize> Problem<'_, D> {
         starts.into_iter().map(|start| self.descent(heard, start, finest)).collect()
     }
 
+    /// Reflects the motion of emissions behind the plane of the receivers, as long as clocks are so wrong that
+    /// steps lead there. Returns whether there are any.
+    pub fn turn_back(&self, state: &mut State<D>) -> bool {
+        let Some(mirror) = &self.mirror else { return false };
+        let behind = state
+            .motion
+            .iter_mut()
+            .zip(&self.layout.motion)
+            .filter(|(motion, first)| first.is_some() && mirror.distance(&motion[0]) < 0.0);
+        let mut count = 0;
+        for (motion, _) in behind {
+            *motion = mirror.turned(motion);
+            count += 1;
+        }
+        count > 0
+    }
+
+    /// Replaces candidates behind the plane of the receivers by those that are found from their mirror images
+    /// and from positions above the receivers, if there are any.
+    fn keep_beside(&self, all: &mut Vec<Candidate<D>>, heard: &[Heard<D>], finest: f64) {
+        let Some(mirror) = &self.mirror else { return };
+        let is_beside = |one: &Candidate<D>| mirror.distance(&one.position) > 0.0;
+        let behind = all.iter().filter(|one| !is_beside(one));
+        let images = behind.map(|one| mirror.beside(&one.position));
+        let found: Vec<_> =
+            images.chain(mirror.starts()).map(|start| self.descent(heard, start, finest)).collect();
+        all.extend(found);
+        if all.iter().any(is_beside) {
+            all.retain(is_beside);
+        }
+    }
+
     /// Replaces positions by others that fit as well and are nearer to those before and after.
     fn choose(&self, fixes: &mut [Fix<D>], finest: f64) {
         let expected: Vec<[f64; D]> = (0..fixes.len())
@@ -208,7 +241,10 @@ impl<const D: usize> Problem<'_, D> {
         let mut squares: Vec<f64> = all.map(|(f, e)| off(&f.chosen.position, e)).collect();
         let usual = median(&mut squares).max(finest * finest);
         for (fix, expected) in fixes.iter_mut().zip(&expected) {
-            fix.candidates.push(self.descent(&fix.heard, *expected, finest));
+            let near = self.descent(&fix.heard, *expected, finest);
+            if self.mirror.as_ref().is_none_or(|mirror| mirror.distance(&near.position) > 0.0) {
+                fix.candidates.push(near);
+            }
             fix.chosen = *least(&fix.candidates, |one| {
                 let square = off(&one.position, expected) / usual;
                 one.cost + 0.5 * (NU + 1.0) * (square / NU).ln_1p()
