@@ -202,8 +202,9 @@ impl Locator {
             pairs.map(|(i, j)| a[i] * wind.covariance[i][j] * b[j]).sum()
         };
         for i in 0..D {
-            for j in 0..D {
+            for j in i..D {
                 out.covariance[i * D + j] += spread(&follows[i], &follows[j]);
+                out.covariance[j * D + i] = out.covariance[i * D + j];
             }
         }
         let emission = spread(&follows[UNKNOWNS - 1], &follows[UNKNOWNS - 1]);
