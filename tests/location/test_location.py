@@ -4,6 +4,7 @@ import functools
 
 import numpy as np
 import pytest
+from checks import assert_covariance
 from matplotlib.figure import Figure
 from places import DATA, difar
 from reference import location as reference
@@ -1007,3 +1008,29 @@ class TestPictures:
         np.testing.assert_array_equal(ax.get_lines()[0].get_xydata(), PLANE)
         with pytest.raises(ValueError, match="grid has shape"):
             plot.accuracy_map(self.STATIONS, grid[:3], accuracy)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        {"range": 40.0},
+        {"azimuth": 0.05},
+        {"arrival_time": 0.01},
+        {"arrival_time": 0.01, "propagation_speed_sigma": 5.0},
+        {"arrival_time": 0.01, "wind_sigma": 5.0},
+    ],
+    ids=" ".join,
+)
+def test_covariances_are_symmetric_to_the_last_bit(kind):
+    """With large errors and outliers, which add terms to the covariance."""
+    rng = np.random.default_rng(7)
+    places, targets = (rng.normal(size=(n, 2)) * 1e3 for n in (6, 200))
+    east, north = np.moveaxis(targets[:, np.newaxis] - places, -1, 0)
+    distance = np.hypot(east, north)
+    true = {"range": distance, "azimuth": np.arctan2(east, north), "arrival_time": distance / 340}
+    (name, sigma), *others = kind.items()
+    noise = rng.normal(size=distance.shape) * sigma
+    noise[::5, 0] += 5 * sigma
+    speed = {"propagation_speed": 340.0} if name == "arrival_time" else {}
+    measured = {name: true[name] + noise, f"{name}_sigma": sigma, **speed, **dict(others)}
+    assert_covariance(locate(places, **measured, bias=Bias()).covariance, 1e-9)

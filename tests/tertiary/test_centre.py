@@ -289,6 +289,8 @@ def test_covariances_lose_the_asymmetry_of_rounding():
     rounded[2, 3] += 1e-12 * rounded[2, 2]
     found = SensorTracks([1.0], 0, 1, [[1e3, 0.0]], [[0.0, 0.0]], covariance=rounded).covariance
     assert_array_equal(found, np.swapaxes(found, 1, 2))
+    found = fuse_tracks(messages(), RADARS).covariance
+    assert_array_equal(found, np.swapaxes(found, 1, 2))
 
 
 def test_late_messages_wait():

@@ -146,7 +146,7 @@ def test_a_plot_of_an_unknown_radar_is_refused():
         tracker.update([1.0])
     with pytest.raises(ValueError, match=r"sensor\[1\] is 1; it must be the index"):
         Plots([0.0, 1.0], 10e3, 0.1, sensor=[0, 1]).to_cartesian([RADAR])
-    with pytest.raises(ValueError, match="end"):
+    with pytest.raises(ValueError, match="time is nan"):
         tracker.update(line(3), time=np.nan)
     with pytest.raises(ValueError, match="seconds is nan"):
         tracker.extrapolate(np.nan)

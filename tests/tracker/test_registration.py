@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from checks import assert_refused
+from checks import assert_refused, assert_same
 
 from tertia import _core, simulate
 from tertia.metrics import nees
@@ -440,3 +440,25 @@ def test_large_errors_are_found_although_a_plot_of_each_scan_has_no_time(wrong):
 def test_tracks_of_one_instant_have_no_time_of_most_pairs():
     table = track(recording(3), RADARS)[:1]
     assert _time_of_most_pairs([table, table], [4.0, 5.0]) is None
+
+
+@pytest.mark.parametrize(
+    ("column", "wrong", "end", "message"),
+    [
+        ("sensor", 2, None, r"plots.sensor\[{at}\] is 2; it must be the index of one of the 2"),
+        ("time", np.nan, np.nan, "time is nan"),
+    ],
+)
+def test_a_refused_call_changes_nothing(column, wrong, end, message):
+    """Also if the scans before the wrong one could be tracked."""
+    plots, tracker = recording(), Tracker(RADARS, registration=True)
+    tracker.update(plots[:200])
+    part = plots[200:600]
+    values = np.array(getattr(part, column))
+    values[-1] = wrong
+    columns = {name: getattr(part, name) for name in PLOTS} | {column: values}
+    untouched = copy.copy(tracker)
+    with pytest.raises(ValueError, match=message.format(at=len(part) - 1)):
+        tracker.update(Plots(**columns), time=end)
+    assert_same(tracker.update(part), untouched.update(part))
+    assert_same(tracker.bias, untouched.bias)

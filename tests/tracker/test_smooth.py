@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from checks import assert_refused, assert_threads, rng
+from checks import assert_covariance, assert_refused, assert_threads, rng
 from numpy.testing import assert_allclose, assert_array_equal
 from tracker.flights import RADAR, line, noisy, turning_flight
 
@@ -390,3 +390,8 @@ def test_threads_arguments_and_errors():
         smooth_tracks(plots[:3], [RADAR], tracks)
     with pytest.raises(TypeError, match="plots"):
         smooth_tracks(tracks, [RADAR])
+
+
+def test_covariances_are_symmetric_to_the_last_bit():
+    plots, _ = two_radars()
+    assert_covariance(smooth_tracks(plots, BOTH).covariance)

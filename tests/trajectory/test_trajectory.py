@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from checks import assert_covariance
 from places import DATA, difar
 from reference import trajectory as reference
 from scipy import stats
@@ -841,3 +842,33 @@ def test_the_jerk_is_weighted_by_its_likelihood_and_the_fourth_root_of_itself():
     own = np.trace(found.covariance[:, :2, :2], axis1=1, axis2=2)
     np.testing.assert_allclose(own / spread(0.25), 1.0, atol=0.05)
     assert np.max(np.abs(own / spread(0.0) - 1.0)) > 0.2
+
+
+def test_covariances_are_symmetric_to_the_last_bit():
+    """Where the height is known badly, and the stations are nearly in its plane."""
+    rng = np.random.default_rng(0)
+    places = rng.normal(size=(3, 3)) * 1e3
+    truth = np.column_stack([20 * INSTANTS, 1500 + 5 * INSTANTS, np.full(60, 900.0)])
+    distance = np.linalg.norm(truth[:, np.newaxis] - places, axis=-1)
+    stations = [Station(place, range_sigma=10.0) for place in places]
+    noisy = distance + rng.normal(size=distance.shape) * 10.0
+    found = reconstruct(stations, INSTANTS, range=noisy, bias=Bias(), initial=truth[0])
+    assert_covariance(found.covariance, 1e-9)
+    assert_covariance(found.fixes.covariance, 1e-9)
+
+
+def test_ranges_that_stations_measure_in_turn():
+    """No instant determines a position, and running medians are of different times."""
+    rng = np.random.default_rng(21)
+    places = rng.normal(size=(5, 2)) * 1e3
+    ways = [rng.normal() * 1e3 + rng.normal() * 30 * INSTANTS for _ in range(2)]
+    truth = np.column_stack(ways)
+    distance = np.linalg.norm(truth[:, np.newaxis] - places, axis=-1)
+    noisy = distance + rng.normal(size=distance.shape) * 5.0
+    noisy[np.arange(5) != np.arange(60)[:, np.newaxis] % 5] = np.nan
+    stations = [Station(place, range_sigma=5.0) for place in places]
+    found = reconstruct(stations, INSTANTS, range=noisy, bias=Bias())
+    error = found.position - truth
+    assert np.median(np.linalg.norm(error, axis=1)) < 20.0
+    d2 = np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.covariance[:, :2, :2]), error)
+    assert np.mean(d2) < stats.chi2.ppf(0.9999, 2)

@@ -10,7 +10,7 @@ import numpy as np
 from tertia import _core
 from tertia._arrays import FloatArray, instance
 from tertia.sensors import PositionSensor, Radar, Station
-from tertia.tracker._azimuths import check_station
+from tertia.tracker._azimuths import check_station, placed
 from tertia.tracker._earth import plane_of
 from tertia.tracker._models import Motion, WindowModel, core_radar
 from tertia.tracker._plots import Plots
@@ -64,13 +64,20 @@ def core_sensors(
     return [radar for radar, _ in each], [geometry for _, geometry in each]
 
 
-def check_velocities(plots: Plots, sensors: Sequence[Sensor]) -> None:
-    """Raise an error if a plot of a sensor that does not report positions has a velocity."""
+def check_plots(plots: Plots, sensors: Sequence[Sensor]) -> None:
+    """Raise an error if the plots cannot be those of the sensors, before any of them is used."""
+    unknown = np.flatnonzero((plots.sensor < 0) | (plots.sensor >= len(sensors)))
+    if len(unknown):
+        at, count = unknown[0], len(sensors)
+        raise ValueError(
+            f"plots.sensor[{at}] is {plots.sensor[at]}; it must be the index of one of the {count} "
+            "sensors"
+        )
+    placed(plots, sensors)
     if plots.velocity is None:
         return
     reporting = np.array([isinstance(one, PositionSensor) for one in sensors])
-    known = (plots.sensor >= 0) & (plots.sensor < len(sensors))
-    moving = known & ~reporting[np.where(known, plots.sensor, 0)]
+    moving = ~reporting[plots.sensor]
     wrong = np.flatnonzero(moving & np.isfinite(plots.velocity).any(axis=1))
     if len(wrong):
         at, sensor = wrong[0], plots.sensor[wrong[0]]

@@ -31,7 +31,7 @@ from tertia.tracker._azimuths import placed
 from tertia.tracker._models import Association, Motion, PlanModel, ProfileName
 from tertia.tracker._plots import Plots, continuous
 from tertia.tracker._registrar import Registrar, begun, is_registrable, scans
-from tertia.tracker._sensors import Sensor, check_velocities, core_sensors, sensors_of
+from tertia.tracker._sensors import Sensor, check_plots, core_sensors, sensors_of
 from tertia.tracker._settings import core_settings
 from tertia.tracker._table import TrackTable, numbered
 
@@ -267,8 +267,8 @@ class Tracker:
         """Return the rows of confirmed tracks; for a recording also those before confirmation."""
         if not isinstance(plots, Plots):
             raise TypeError(f"plots is {plots!r}; it must be Plots")
-        check_velocities(plots, self.sensors)
-        end = None if time is None else real(time, "time")
+        check_plots(plots, self.sensors)
+        end = None if time is None else float(finite(real(time, "time"), "time"))
         if self.clock_period is not None:
             period, now = self.clock_period, self._core.time
             plots = replace(plots, time=continuous(plots.time, period, now))

@@ -476,6 +476,12 @@ def _raise(failure: tuple[str, list[int]], stations: Sequence[Station]) -> NoRet
             "two paths explain the measurements (almost) equally well: a path and its mirror "
             "image, neither of which is above the stations; give initial, or measure something else"
         )
+    if why == "unbounded":
+        raise ValueError(
+            "the measurements do not determine a path: a covariance is singular, or standard "
+            "deviations are not between 1e-70 and 1e70 m; measure something else, give jerk or "
+            "initial, or check the sigmas"
+        )
     k = len(stations)
     called = [one.name or f"station {at}" for at, one in enumerate(stations)]
     named = ", ".join(f"{KINDS[number // k]} of {called[number % k]}" for number in numbers)

@@ -119,6 +119,7 @@ fn completed<const D: usize, const N: usize>(
     if let Some(sides) = &found.sides {
         sides.add_doubt(&best.mean, &mut covariance, N);
     }
+    covariance.chunks_exact_mut(N * N).for_each(symmetrise::<N>);
     let may_cross =
         found.sides.as_ref().is_some_and(|own| own.may_cross && own.is_apart(&best.mean, N));
     let image = images::image(&found, &best.mean, side)?;
@@ -147,6 +148,13 @@ fn completed<const D: usize, const N: usize>(
         may_cross,
         fixes,
     })
+}
+
+/// Copies the upper triangle of a matrix to the lower one: products of three numbers depend on their order.
+fn symmetrise<const N: usize>(matrix: &mut [f64]) {
+    for i in 0..N {
+        (0..i).for_each(|j| matrix[i * N + j] = matrix[j * N + i]);
+    }
 }
 
 /// States of all instants with their uncertainty.

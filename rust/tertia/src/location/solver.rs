@@ -12,7 +12,7 @@ use super::record::{NOWHERE, Record, Room};
 use super::search::{Buffers, Minimum, Search, position};
 use super::summary::{Spread, Summary};
 use crate::base::distribution::chi_square_upper;
-use crate::base::small::{Factor, Matrix, Vector, add, norm, undetermined};
+use crate::base::small::{Factor, Matrix, Vector, add, norm, symmetrise, undetermined};
 use crate::sensors::KINDS;
 
 /// Huber's steps from a trusted start end when they are shorter than this, in standard deviations.
@@ -317,6 +317,8 @@ impl Locator {
         for (i, row) in covariance.iter_mut().enumerate() {
             row.iter_mut().zip(&stretch).for_each(|(v, s)| *v += stretch[i] * s);
         }
+        // products of three numbers depend on their order
+        symmetrise(&mut covariance);
         for (own, row) in out.covariance.chunks_exact_mut(D).zip(&covariance) {
             own.copy_from_slice(row);
         }

@@ -80,8 +80,9 @@ impl Wind {
             pairs.map(|(i, j)| a[i] * self.covariance[i][j] * b[j]).sum()
         };
         for i in 0..D {
-            for j in 0..D {
+            for j in i..D {
                 out.covariance[i * D + j] += spread(&follows[i], &follows[j]);
+                out.covariance[j * D + i] = out.covariance[i * D + j];
             }
         }
         let emission = spread(&follows[UNKNOWNS - 1], &follows[UNKNOWNS - 1]);

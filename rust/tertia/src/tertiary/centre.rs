@@ -408,7 +408,10 @@ impl Centre {
         Ok(SystemTrack {
             number: target.number,
             state: estimate.mean.into(),
-            covariance: std::array::from_fn(|i| estimate.covariance[(i / 4, i % 4)]),
+            // filters leave an asymmetry of rounding
+            covariance: std::array::from_fn(|i| {
+                estimate.covariance[((i / 4).min(i % 4), (i / 4).max(i % 4))]
+            }),
             members,
             pvalue,
             confirmed: target.cycles >= CONFIRMED,

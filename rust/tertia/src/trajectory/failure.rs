@@ -13,6 +13,8 @@ pub enum Failure {
     Unobservable(Vec<usize>),
     /// There are two paths that are mirror images, and neither of them is above the other.
     Mirrored,
+    /// A covariance of the positions is singular, or too large or small.
+    Unbounded,
     /// An argument is wrong.
     Error(Error),
 }

@@ -62,8 +62,9 @@ impl Fixes {
         };
         let open: Vec<usize> = (0..record.len()).filter(|&t| !is_sure(t)).collect();
         let mut start = beside.clone();
+        let mut medians = Vec::new();
         if record.robust && !open.is_empty() {
-            let medians = running_medians(record, &measured.values, &open);
+            medians = running_medians(record, &measured.values, &open);
             start.relocate::<D>(record, &open, &medians);
             start.move_beside(record, &open, &medians, mirror);
             for &t in &open {
@@ -74,6 +75,7 @@ impl Fixes {
         }
         if record.robust && mirror.is_none() {
             start.relocate_contradictory::<D>(record, &measured.values);
+            start.relocate_roughly::<D>(record, &open, &medians);
         }
         Ok((own, beside, start.located()?))
     }
@@ -83,8 +85,7 @@ impl Fixes {
     fn relocate_contradictory<const D: usize>(&mut self, record: &Record<'_>, values: &[f64]) {
         let width = record.width();
         for factor in LARGER {
-            let located = (0..record.len()).filter(|&t| self.is_located(t)).count();
-            if HARDLY_ANY * located > record.len() {
+            if !self.are_hardly_located() {
                 return;
             }
             let is_open = |t: &usize| self.fixes[*t].status == Status::Ambiguous;
@@ -93,6 +94,34 @@ impl Fixes {
                 open.iter().flat_map(|t| &values[t * width..][..width]).copied().collect();
             self.relocate_as::<D>(record, &open, &own, factor);
         }
+    }
+
+    /// Locates instants from running medians with a larger noise as long as hardly any instant has a position:
+    /// medians of stations that measure in turn are of different times, between which the target has moved.
+    fn relocate_roughly<const D: usize>(
+        &mut self,
+        record: &Record<'_>,
+        open: &[usize],
+        medians: &[f64],
+    ) {
+        let width = record.width();
+        for factor in LARGER {
+            if !self.are_hardly_located() {
+                return;
+            }
+            let still: Vec<usize> =
+                (0..open.len()).filter(|&at| !self.is_located(open[at])).collect();
+            let own: Vec<f64> =
+                still.iter().flat_map(|at| &medians[at * width..][..width]).copied().collect();
+            let instants: Vec<usize> = still.iter().map(|&at| open[at]).collect();
+            self.relocate_as::<D>(record, &instants, &own, factor);
+        }
+    }
+
+    /// Whether hardly any instant has a position.
+    fn are_hardly_located(&self) -> bool {
+        let located = (0..self.fixes.len()).filter(|&t| self.is_located(t)).count();
+        HARDLY_ANY * located <= self.fixes.len()
     }
 
     /// Locates all instants on the side of the mirror's normal from values (N, 5, K).

@@ -1,6 +1,7 @@
 //! Smoothed positions over time: by the quick smoother where it is accurate, else by the general one.
 
 use super::failure::Failure;
+use crate::base::error::Error;
 use crate::base::interrupt::poll;
 use crate::smoothing::adjoint::{self, Adjoint};
 use crate::smoothing::{
@@ -34,7 +35,12 @@ impl Plots {
 
     pub fn track<'a>(&self, time: &'a [f64], d: usize) -> Result<Track<'a>, Failure> {
         let noise = Noise::Each(&self.covariance);
-        Track::try_new(d, time, &self.position, noise, None).map_err(Failure::Error)
+        Track::try_new(d, time, &self.position, noise, None).map_err(|error| match error {
+            // the others are about positions and covariances, which the caller does not know
+            Error::InvalidElement { argument: "time", .. }
+            | Error::InvalidMeasurement { argument: "time", .. } => Failure::Error(error),
+            _ => Failure::Unbounded,
+        })
     }
 }
 

@@ -209,7 +209,8 @@ impl Heights {
             time,
             plot: None,
             state: std::array::from_fn(|i| mean[i]),
-            covariance: std::array::from_fn(|i| std::array::from_fn(|j| p[i][j])),
+            // mixtures are symmetric but for rounding
+            covariance: std::array::from_fn(|i| std::array::from_fn(|j| p[i.min(j)][i.max(j)])),
             innovation: [nan; 2],
             innovation_covariance: Plane { xx: nan, xy: nan, yy: nan },
             acceleration,
