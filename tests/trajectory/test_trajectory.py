@@ -1,6 +1,7 @@
 """Trajectories against truth, the source's table, and what the measurements cannot tell."""
 
 import re
+import warnings
 
 import numpy as np
 import pytest
@@ -872,3 +873,30 @@ def test_ranges_that_stations_measure_in_turn():
     assert np.median(np.linalg.norm(error, axis=1)) < 20.0
     d2 = np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.covariance[:, :2, :2]), error)
     assert np.mean(d2) < stats.chi2.ppf(0.9999, 2)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_path_that_contradicts_its_measurements_is_refused(seed):
+    """Ranges in turn, in space: the search may end far from the path."""
+    rng = np.random.default_rng(seed)
+    places = rng.normal(size=(5, 3)) * 1e3
+    places[:, 2] = 0.3 * np.abs(places[:, 2])
+    ways = [rng.normal() * 1e3 + rng.normal() * 30 * INSTANTS for _ in range(2)]
+    truth = np.column_stack([*ways, np.full(60, 500.0)])
+    distance = np.linalg.norm(truth[:, np.newaxis] - places, axis=-1)
+    noisy = distance + rng.normal(size=distance.shape) * 5.0
+    noisy[np.arange(5) != np.arange(60)[:, np.newaxis] % 5] = np.nan
+    stations = [Station(place, range_sigma=5.0) for place in places]
+    refused = ""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        try:
+            found = reconstruct(stations, INSTANTS, range=noisy, bias=Bias())
+        except ValueError as error:
+            refused = str(error)
+            # with a given motion, there is one
+            found = reconstruct(stations, INSTANTS, range=noisy, bias=Bias(), jerk=1e-4)
+    assert not refused or "no path was found that agrees with the measurements" in refused
+    assert np.nanmedian(np.abs(found.residual.range)) < 3.0
+    error = found.position - truth
+    assert np.median(np.linalg.norm(error, axis=1)) < 100.0

@@ -173,8 +173,8 @@ def reconstruct(
     ------
     ValueError
         If a shape is wrong, a number is outside its domain, times decrease, no instant can be
-        located, biases or heights are not determined by the measurements, or two paths fit the
-        measurements equally well and neither of them is above the stations.
+        located, biases or heights are not determined by the measurements, no path is found that
+        agrees with them, or two paths fit them equally well and neither is above the stations.
     TypeError
         If an argument has the wrong type.
 
@@ -481,6 +481,11 @@ def _raise(failure: tuple[str, list[int]], stations: Sequence[Station]) -> NoRet
             "the measurements do not determine a path: a covariance is singular, or standard "
             "deviations are not between 1e-70 and 1e70 m; measure something else, give jerk or "
             "initial, or check the sigmas"
+        )
+    if why == "diverged":
+        raise ValueError(
+            "no path was found that agrees with the measurements; give jerk or initial, or check "
+            "the positions, sigmas and clocks of the stations"
         )
     k = len(stations)
     called = [one.name or f"station {at}" for at, one in enumerate(stations)]

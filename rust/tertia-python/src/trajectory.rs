@@ -129,6 +129,7 @@ pub fn reconstruct<'py>(
         Err(Failure::Unobservable(columns)) => Ok(Reconstructed::failed("unobservable", columns)),
         Err(Failure::Mirrored) => Ok(Reconstructed::failed("mirrored", Vec::new())),
         Err(Failure::Unbounded) => Ok(Reconstructed::failed("unbounded", Vec::new())),
+        Err(Failure::Diverged) => Ok(Reconstructed::failed("diverged", Vec::new())),
         Err(Failure::Error(error)) => Err(value_error(error)),
     }
 }

@@ -67,7 +67,8 @@ const ROUNDS: usize = 10;
 /// estimated. N is 3 D.
 ///
 /// # Errors
-/// No instant can be located, or the measurements do not determine the biases.
+/// No instant can be located, the measurements do not determine the biases, or no path was found that agrees
+/// with them.
 pub fn reconstruct<const D: usize, const N: usize>(
     record: &Record<'_>,
     jerk: Option<f64>,
@@ -77,13 +78,16 @@ pub fn reconstruct<const D: usize, const N: usize>(
     let mut setting = Setting { record, motion, smoother: Default::default() };
     let measured = Rc::new(Measured::<D>::new(record, record.values.to_vec()));
     let (found, side) = images::begin::<D, N>(&mut setting, &measured, systematic)?;
-    if clocks::are_right(record, systematic) {
-        return completed(setting, found, side, systematic);
-    }
-    let (timed, found) = clocks::settled(&mut setting, found, systematic)?;
-    let record = timed.record(record);
-    let setting = Setting { record: &record, motion, smoother: setting.smoother };
-    completed(setting, found, side, systematic).map(|found| timed.restored(found))
+    let found = if clocks::are_right(record, systematic) {
+        completed(setting, found, side, systematic)?
+    } else {
+        let (timed, found) = clocks::settled(&mut setting, found, systematic)?;
+        let record = timed.record(record);
+        let setting = Setting { record: &record, motion, smoother: setting.smoother };
+        timed.restored(completed(setting, found, side, systematic)?)
+    };
+    // a given motion may be too smooth for the measurements; an estimated one is not
+    if motion.is_none() && found.has_diverged() { Err(Failure::Diverged) } else { Ok(found) }
 }
 
 /// Removes systematic errors from the measurements of a path, and collects the results.

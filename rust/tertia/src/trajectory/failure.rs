@@ -15,6 +15,8 @@ pub enum Failure {
     Mirrored,
     /// A covariance of the positions is singular, or too large or small.
     Unbounded,
+    /// The path that was found contradicts the measurements.
+    Diverged,
     /// An argument is wrong.
     Error(Error),
 }

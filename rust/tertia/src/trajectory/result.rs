@@ -3,7 +3,11 @@
 use super::fixes::Fixes;
 use super::lasting::LastingErrors;
 use super::measured::{Measured, Place, Record};
+use crate::base::angle::median;
 use crate::smoothing::{ProcessNoiseFit, Summary};
+
+/// Median size of the residuals of the measurements in use, in sigmas, from which a path has diverged.
+const DIVERGED: f64 = 1e4;
 
 /// Reconstructed trajectory.
 #[derive(Clone, Debug)]
@@ -46,6 +50,14 @@ pub struct Smoothed {
 }
 
 impl Trajectory {
+    /// Whether the path is so far from the measurements that it says nothing.
+    pub(super) fn has_diverged(&self) -> bool {
+        let used = self.residual.iter().zip(&self.outlier);
+        let used = used.filter(|(residual, is_outlier)| !residual.is_nan() && !**is_outlier);
+        let mut sizes: Vec<f64> = used.map(|(residual, _)| residual.abs()).collect();
+        !sizes.is_empty() && median(&mut sizes) > DIVERGED
+    }
+
     /// Returns states that follow from positions of the instants, without biases.
     pub(super) fn of_fixes<const D: usize, const N: usize>(
         record: &Record<'_>,
