@@ -74,20 +74,62 @@ pub fn reconstruct<const D: usize, const N: usize>(
     jerk: Option<f64>,
     systematic: &Systematic,
 ) -> Result<Trajectory, Failure> {
-    let motion = jerk.map(ProcessNoise::with_jerk);
+    if jerk.is_some() {
+        return along::<D, N>(record, jerk.map(ProcessNoise::with_jerk), systematic);
+    }
+    let found = match along::<D, N>(record, None, systematic) {
+        Ok(found) if found.has_diverged() => Err(Failure::Diverged),
+        found => found,
+    };
+    let is_doubtful = match &found {
+        Ok(found) => found.begins_anywhere(),
+        Err(failure) => matches!(failure, Failure::Diverged | Failure::Unbounded),
+    };
+    if !is_doubtful {
+        return found;
+    }
+    // the motion was estimated about a path that may be wrong
+    let usual = usual::<D>(record).map(|motion| along::<D, N>(record, Some(motion), systematic));
+    match (usual, &found) {
+        (Some(Ok(usual)), Ok(found)) if usual.explains() && found.is_apart::<D, N>(&usual) => {
+            Ok(usual.with_doubtful_motion())
+        }
+        (Some(Ok(usual)), Err(_)) if usual.explains() => Ok(usual.with_doubtful_motion()),
+        _ => found,
+    }
+}
+
+/// Reconstructs a path with this motion; none: with the likeliest one.
+fn along<const D: usize, const N: usize>(
+    record: &Record<'_>,
+    motion: Option<ProcessNoise>,
+    systematic: &Systematic,
+) -> Result<Trajectory, Failure> {
     let mut setting = Setting { record, motion, smoother: Default::default() };
     let measured = Rc::new(Measured::<D>::new(record, record.values.to_vec()));
     let (found, side) = images::begin::<D, N>(&mut setting, &measured, systematic)?;
-    let found = if clocks::are_right(record, systematic) {
-        completed(setting, found, side, systematic)?
-    } else {
-        let (timed, found) = clocks::settled(&mut setting, found, systematic)?;
-        let record = timed.record(record);
-        let setting = Setting { record: &record, motion, smoother: setting.smoother };
-        timed.restored(completed(setting, found, side, systematic)?)
+    if clocks::are_right(record, systematic) {
+        return completed(setting, found, side, systematic);
+    }
+    let (timed, found) = clocks::settled(&mut setting, found, systematic)?;
+    let record = timed.record(record);
+    let setting = Setting { record: &record, motion, smoother: setting.smoother };
+    completed(setting, found, side, systematic).map(|found| timed.restored(found))
+}
+
+/// Returns a motion that bends a path, in the time of the record, by about the distance between the stations;
+/// none if they are at one place.
+fn usual<const D: usize>(record: &Record<'_>) -> Option<ProcessNoise> {
+    let spread = |axis: usize| {
+        let own = record.stations.iter().skip(axis).step_by(D);
+        let (low, high) = own.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+            (low.min(*value), high.max(*value))
+        });
+        (high - low).powi(2)
     };
-    // a given motion may be too smooth for the measurements; an estimated one is not
-    if motion.is_none() && found.has_diverged() { Err(Failure::Diverged) } else { Ok(found) }
+    let square: f64 = (0..D).map(spread).sum();
+    let jerk = square / (record.time.last()? - record.time.first()?).powi(5);
+    (jerk > 0.0 && jerk.is_finite()).then(|| ProcessNoise::with_jerk(jerk))
 }
 
 /// Removes systematic errors from the measurements of a path, and collects the results.
