@@ -465,37 +465,31 @@ def _smoothed(mean: FloatArray, found: Sequence[Any]) -> SmoothedPositions:
     )
 
 
+_NO_PATH = {
+    "mirrored": "two paths explain the measurements (almost) equally well: a path and its mirror "
+    "image, neither of which is above the stations; give initial, or measure something else",
+    "unbounded": "the measurements do not determine a path: a covariance is singular, too large or "
+    "too small; measure something else, give jerk or initial, or check the sigmas",
+    "diverged": "no path was found that agrees with the measurements; give jerk or initial, or "
+    "check the positions, sigmas and clocks of the stations",
+}
+
+
 def _raise(failure: tuple[str, list[int]], stations: Sequence[Station]) -> NoReturn:
     why, numbers = failure
+    k = len(stations)
     if why == "not-located":
         reasons = [LocationStatus(number).message for number in numbers]
-        reasons += ["from one station, `locate` finds targets that rest"] * (len(stations) == 1)
+        reasons += ["from one station, `locate` finds targets that rest"] * (k == 1)
         raise ValueError(f"no instant can be located: {'; '.join(reasons)}")
-    if why == "mirrored":
-        raise ValueError(
-            "two paths explain the measurements (almost) equally well: a path and its mirror "
-            "image, neither of which is above the stations; give initial, or measure something else"
-        )
-    if why == "unbounded":
-        raise ValueError(
-            "the measurements do not determine a path: a covariance is singular, or standard "
-            "deviations are not between 1e-70 and 1e70 m; measure something else, give jerk or "
-            "initial, or check the sigmas"
-        )
-    if why == "diverged":
-        raise ValueError(
-            "no path was found that agrees with the measurements; give jerk or initial, or check "
-            "the positions, sigmas and clocks of the stations"
-        )
-    k = len(stations)
+    if why in _NO_PATH:
+        raise ValueError(_NO_PATH[why])
     called = [one.name or f"station {at}" for at, one in enumerate(stations)]
     named = ", ".join(f"{KINDS[number // k]} of {called[number % k]}" for number in numbers)
     if why == "unusable":
         raise ValueError(f"biases of {named} cannot be estimated: nothing usable was measured")
-    raise ValueError(
-        f"biases of {named} are not observable: together they move the positions and change no "
-        "residual"
-    )
+    why = "together they move the positions and change no residual"
+    raise ValueError(f"biases of {named} are not observable: {why}")
 
 
 def _initial(initial: npt.ArrayLike | None, d: int, *, flat: bool) -> list[float] | None:
