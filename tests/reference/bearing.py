@@ -553,7 +553,7 @@ def noise_factor(q, n):
 
 def stated(y, s, correlation):
     """Bearing, sigma, outliers and noise factor with stated sigmas, of two measurements or more."""
-    ratio = 0.1 / 0.9 * np.sqrt(2 * np.pi) / 40
+    ratio = 0.1 / 0.9 * np.sqrt(2 * np.pi) / 40 * s / np.median(s)
 
     def good(centre, f):
         z = np.clip((y - centre) / (f * s), -1e3, 1e3)
@@ -574,6 +574,10 @@ def stated(y, s, correlation):
         variance = 1 / max(information, 0.1 * all_of)
         return centre, variance, log + 0.5 * np.log(variance), g
 
+    def curvature(centre, f):
+        g, z, _ = good(centre, f)
+        return np.sum((g - g * (1 - g) * z**2) / s**2)
+
     def fit(f):
         starts = np.unique(y)
         if len(starts) > 32:
@@ -582,6 +586,7 @@ def stated(y, s, correlation):
         slope = np.array([good(c, f)[0] / s**2 @ (y - c) for c in starts])
         found, after, before = [], np.r_[slope[1:], -np.inf], np.r_[np.inf, slope[:-1]]
         leads = (slope >= 0) & (after <= 0) | (slope <= 0) & (before >= 0)
+        leads |= np.abs(slope) <= 0.1 * np.sqrt([max(curvature(c, f), 0.0) for c in starts]) * f
         likely = np.flatnonzero(leads & (log >= log.max() - 15))
         for k in (*likely, *np.flatnonzero(log == log.max())):
             mode = maximum(starts[k], f)
@@ -612,7 +617,7 @@ def stated(y, s, correlation):
     inflation = a @ correlation**lag @ a / (a @ a)
     within = inflation * sum(w * mode[1] for w, mode in zip(weight, modes, strict=True))
     between = sum(w * (mode[0] - value) ** 2 for w, mode in zip(weight, modes, strict=True))
-    return value, np.sqrt(within + between), g < 0.5 - 1e-6, f
+    return value, np.sqrt(within + between), g < 0.45, f
 
 
 def on_the_circle(estimate, theta, period):

@@ -81,20 +81,13 @@ pub fn reconstruct<const D: usize, const N: usize>(
         Ok(found) if found.has_diverged() => Err(Failure::Diverged),
         found => found,
     };
-    let is_doubtful = match &found {
-        Ok(found) => found.begins_anywhere(),
-        Err(failure) => matches!(failure, Failure::Diverged | Failure::Unbounded),
-    };
-    if !is_doubtful {
+    if !matches!(found, Err(Failure::Diverged | Failure::Unbounded)) {
         return found;
     }
-    // the motion was estimated about a path that may be wrong
+    // the motion was estimated about a path far from the target
     let usual = usual::<D>(record).map(|motion| along::<D, N>(record, Some(motion), systematic));
-    match (usual, &found) {
-        (Some(Ok(usual)), Ok(found)) if usual.explains() && found.is_apart::<D, N>(&usual) => {
-            Ok(usual.with_doubtful_motion())
-        }
-        (Some(Ok(usual)), Err(_)) if usual.explains() => Ok(usual.with_doubtful_motion()),
+    match usual {
+        Some(Ok(usual)) if usual.explains() => Ok(usual.with_doubtful_motion()),
         _ => found,
     }
 }

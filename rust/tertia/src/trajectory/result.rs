@@ -4,7 +4,6 @@ use super::fixes::Fixes;
 use super::lasting::LastingErrors;
 use super::measured::{Measured, Place, Record};
 use crate::base::angle::median;
-use crate::location::Status;
 use crate::smoothing::{ProcessNoiseFit, Summary};
 
 /// Median size of the residuals of the measurements in use, in sigmas, from which a path has diverged, and up
@@ -13,10 +12,6 @@ const DIVERGED: f64 = 1e4;
 const AGREES: f64 = 1.0;
 /// Largest share of outliers, as a divisor, with which a path agrees with the measurements.
 const MOST_OUTLIERS: usize = 10;
-/// Share of instants with positions of their own, as a divisor, up to which the search may begin anywhere.
-const HARDLY_ANY: usize = 10;
-/// Distance of two paths in standard deviations from which they are not the same.
-const APART: f64 = 3.0;
 
 /// Reconstructed trajectory.
 #[derive(Clone, Debug)]
@@ -69,27 +64,6 @@ impl Trajectory {
         let known = self.residual.iter().filter(|residual| !residual.is_nan()).count();
         let outliers = self.outlier.iter().filter(|is_outlier| **is_outlier).count();
         self.misfit() <= AGREES && MOST_OUTLIERS * outliers <= known
-    }
-
-    /// Whether hardly any instant has a position of its own, so that the search for the path may begin far
-    /// from it.
-    pub(super) fn begins_anywhere(&self) -> bool {
-        let fixes = &self.fixes.fixes;
-        let located = fixes.iter().filter(|fix| fix.status == Status::None).count();
-        HARDLY_ANY * located <= fixes.len()
-    }
-
-    /// Whether more than half of the positions are farther from those of another path than their standard
-    /// deviations allow.
-    pub(super) fn is_apart<const D: usize, const N: usize>(&self, other: &Self) -> bool {
-        let states = self.mean.chunks_exact(N).zip(other.mean.chunks_exact(N));
-        let apart = states.zip(self.covariance.chunks_exact(N * N)).map(|((a, b), covariance)| {
-            let square: f64 = (0..D).map(|i| (a[i] - b[i]).powi(2)).sum();
-            let variance: f64 = (0..D).map(|i| covariance[i * N + i]).sum();
-            (square / variance).sqrt()
-        });
-        let mut apart: Vec<f64> = apart.filter(|one| !one.is_nan()).collect();
-        !apart.is_empty() && median(&mut apart) > APART
     }
 
     /// States that the measurements hardly determine the motion.
