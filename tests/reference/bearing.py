@@ -574,10 +574,6 @@ def stated(y, s, correlation):
         variance = 1 / max(information, 0.1 * all_of)
         return centre, variance, log + 0.5 * np.log(variance), g
 
-    def curvature(centre, f):
-        g, z, _ = good(centre, f)
-        return np.sum((g - g * (1 - g) * z**2) / s**2)
-
     def fit(f):
         starts = np.unique(y)
         if len(starts) > 32:
@@ -586,7 +582,12 @@ def stated(y, s, correlation):
         slope = np.array([good(c, f)[0] / s**2 @ (y - c) for c in starts])
         found, after, before = [], np.r_[slope[1:], -np.inf], np.r_[np.inf, slope[:-1]]
         leads = (slope >= 0) & (after <= 0) | (slope <= 0) & (before >= 0)
-        leads |= np.abs(slope) <= 0.1 * np.sqrt([max(curvature(c, f), 0.0) for c in starts]) * f
+        leads |= np.abs(slope) <= 0.1 * f * np.sqrt(
+            [
+                max(np.sum(g * (1 - (1 - g) * z**2) / s**2), 0.0)
+                for g, z, _ in (good(c, f) for c in starts)
+            ]
+        )
         likely = np.flatnonzero(leads & (log >= log.max() - 15))
         for k in (*likely, *np.flatnonzero(log == log.max())):
             mode = maximum(starts[k], f)
@@ -612,8 +613,7 @@ def stated(y, s, correlation):
     value = sum(w * mode[0] for w, mode in zip(weight, modes, strict=True))
     one_good = [mode[3] / (1 - np.prod(1 - mode[3])) for mode in modes]
     g = weight @ np.array(one_good)
-    a = g / s
-    lag = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+    a, lag = g / s, np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
     inflation = a @ correlation**lag @ a / (a @ a)
     within = inflation * sum(w * mode[1] for w, mode in zip(weight, modes, strict=True))
     between = sum(w * (mode[0] - value) ** 2 for w, mode in zip(weight, modes, strict=True))
