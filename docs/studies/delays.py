@@ -90,6 +90,6 @@ def delays() -> str:
             error, square = (np.concatenate([one[i] for one in found]) for i in (0, 1))
             rmse = np.sqrt(np.mean(np.sum(error**2, axis=1)))
             count = np.mean([one[2] for one in found])
-            cells.append(f"{rmse:.0f} m, {np.mean(square < INSIDE):.1%}, {count:.2f}")
+            cells.append(f"{rmse:.3g} m, {np.mean(square < INSIDE):.1%}, {count:.2f}")
         rows.append([name, *cells])
     return markdown(["sensors beside ADS-B", *(f"σ = {delay:g} s" for delay in DELAYS)], rows)

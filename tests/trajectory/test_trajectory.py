@@ -890,7 +890,7 @@ def ranges_in_turn(seed, share=0.0):
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("seed", [0, 1, 7])
-def test_a_path_that_diverges_is_sought_with_usual_motion(seed):
+def test_a_path_that_diverges_is_sought_with_an_agile_motion(seed):
     """Ranges in turn, in space: the motion is estimated about a path far from the target."""
     stations, noisy, truth = ranges_in_turn(seed)
     found = reconstruct(stations, INSTANTS, range=noisy, bias=Bias())

@@ -62,6 +62,10 @@ use std::rc::Rc;
 const BESIDE: usize = 3;
 /// Largest number of rounds in which biases are estimated.
 const ROUNDS: usize = 10;
+/// Distance by which the motion of a second search bends a path in the time of the record, relative to the
+/// distance between the stations. A motion that is too agile makes the covariance larger, one that is too
+/// smooth makes it wrong.
+const AGILE: f64 = 10.0;
 
 /// Locates every instant, smooths the positions, and removes systematic errors as far as they can be
 /// estimated. N is 3 D.
@@ -85,9 +89,9 @@ pub fn reconstruct<const D: usize, const N: usize>(
         return found;
     }
     // the motion was estimated about a path far from the target
-    let usual = usual::<D>(record).map(|motion| along::<D, N>(record, Some(motion), systematic));
-    match usual {
-        Some(Ok(usual)) if usual.explains() => Ok(usual.with_doubtful_motion()),
+    let second = agile::<D>(record).map(|motion| along::<D, N>(record, Some(motion), systematic));
+    match second {
+        Some(Ok(second)) if second.explains() => Ok(second.with_doubtful_motion()),
         _ => found,
     }
 }
@@ -110,9 +114,8 @@ fn along<const D: usize, const N: usize>(
     completed(setting, found, side, systematic).map(|found| timed.restored(found))
 }
 
-/// Returns a motion that bends a path, in the time of the record, by about the distance between the stations;
-/// none if they are at one place.
-fn usual<const D: usize>(record: &Record<'_>) -> Option<ProcessNoise> {
+/// Returns the motion of a second search; none if the stations are at one place.
+fn agile<const D: usize>(record: &Record<'_>) -> Option<ProcessNoise> {
     let spread = |axis: usize| {
         let own = record.stations.iter().skip(axis).step_by(D);
         let (low, high) = own.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
@@ -120,7 +123,7 @@ fn usual<const D: usize>(record: &Record<'_>) -> Option<ProcessNoise> {
         });
         (high - low).powi(2)
     };
-    let square: f64 = (0..D).map(spread).sum();
+    let square = AGILE * AGILE * (0..D).map(spread).sum::<f64>();
     let jerk = square / (record.time.last()? - record.time.first()?).powi(5);
     (jerk > 0.0 && jerk.is_finite()).then(|| ProcessNoise::with_jerk(jerk))
 }

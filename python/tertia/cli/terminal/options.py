@@ -15,17 +15,17 @@ _WRITTEN = ".csv, .parquet, .arrow, .jsonl or .json"
 
 
 def input_files(metavar: str, text: str) -> Any:
-    """Return the argument for files that are read, in which unreadable ones are reported."""
+    """Return an argument for input files; those that cannot be read are reported in one line."""
     return typer.Argument(metavar=metavar, readable=False, help=text)
 
 
 def input_file(text: str, *names: str, **more: Any) -> Any:
-    """Return the option for a file that is read, in which an unreadable one is reported."""
+    """Return an option for an input file; one that cannot be read is reported in one line."""
     return typer.Option(*names, metavar="FILE", readable=False, help=text, **more)
 
 
 def output_file(text: str, *names: str) -> Any:
-    """Return the option for a file that is written."""
+    """Return an option for an output file."""
     return typer.Option(*names, metavar="FILE", help=text)
 
 

@@ -40,8 +40,8 @@ pub(super) struct Sample {
     pub place: Vec<usize>,
     pub y: Vec<f64>,
     pub sigma: Vec<f64>,
-    /// Median sigma of the record. A bad measurement is off by as much if its noise is small, so that of two
-    /// that contradict each other, either may be bad.
+    /// Median sigma of the record. How far off a bad measurement is does not depend on its own sigma, so that
+    /// of two measurements that contradict each other, either may be bad.
     typical: f64,
 }
 

@@ -2,9 +2,9 @@
 //! is sufficient.
 //!
 //! With the noise factor f, a measurement with the stated sigma σ is good, `N(y; μ, f² σ²)`, or bad and
-//! anywhere within ±20 f σ of the median σ. The likelihood of μ has a mode wherever measurements agree. The bearing is
-//! the mean over the modes, and its variance includes their distances: if two measurements contradict
-//! each other, it is not known which one is bad.
+//! anywhere within ±20 f m, where m is the median of the stated sigmas. The likelihood of μ has a mode
+//! wherever measurements agree. The bearing is the mean over the modes, and its variance includes their
+//! distances: if two measurements contradict each other, it is not known which one is bad.
 
 use super::estimate::Estimate;
 use super::maxima::{FARTHEST, Fit, Sample};

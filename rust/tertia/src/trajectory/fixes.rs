@@ -364,8 +364,8 @@ fn references(record: &Record<'_>, values: &[f64]) -> (Vec<Option<usize>>, Vec<u
 }
 
 /// Returns running medians of the measurements of each column around these instants, of arrivals relative to
-/// those of the station with the most arrivals; nan where the nearest measurement is farther away than the median interval between
-/// measurements.
+/// those of the station with the most arrivals; nan where the nearest measurement is farther away than the
+/// median interval between measurements.
 fn running_medians(record: &Record<'_>, values: &[f64], open: &[usize]) -> Vec<f64> {
     let (width, time) = (record.width(), record.time);
     let mut medians = vec![f64::NAN; open.len() * width];

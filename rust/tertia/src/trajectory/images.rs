@@ -4,17 +4,13 @@ use super::failure::Failure;
 use super::fixes::Fixes;
 use super::found::{Found, Setting};
 use super::measured::{Measured, Record};
-use super::mirror::Mirror;
+use super::mirror::{ABOVE, AMBIGUOUS, Mirror};
 use super::prior::Systematic;
 use crate::base::angle::median;
 use crate::location::Status;
 use crate::sensors::KINDS;
 use std::rc::Rc;
 
-/// Paths whose likelihoods differ by less than a factor of 20 cannot be told apart: ln 20.
-const AMBIGUOUS: f64 = 2.995_732_273_553_991;
-/// ln of the prior odds of a target above the stations: a thousand to one.
-const ABOVE: f64 = 6.907_755_278_982_137;
 /// Size of a residual, in sigmas, above which its cost no longer grows.
 const MOST: f64 = 4.0;
 

@@ -34,6 +34,10 @@ const AROUND: usize = 20;
 const NEARBY: f64 = 0.1;
 /// Axis of the height.
 const UP: usize = 2;
+/// Paths whose likelihoods differ by less than a factor of 20 cannot be told apart: ln 20.
+pub(super) const AMBIGUOUS: f64 = 2.995_732_273_553_991;
+/// ln of the prior odds of a target above the stations: a thousand to one.
+pub(super) const ABOVE: f64 = 6.907_755_278_982_137;
 
 /// The plane of the stations; a path is on the side to which the normal points.
 #[derive(Clone, Debug)]

@@ -4,14 +4,10 @@
 //! that are located one by one may end on either side. A path then jumps from side to side. Such a scene, and
 //! one with emissions below its receivers, is solved on each side alone.
 
-use super::super::mirror::Mirror;
+use super::super::mirror::{ABOVE, AMBIGUOUS, Mirror};
 use super::scene::{Scene, Solution, Undetermined};
 use super::solve::solve_beside;
 
-/// ln of the prior odds that emitters are above the receivers.
-const ABOVE: f64 = 6.9;
-/// ln of the likelihood ratio from which one of two mirror images is excluded.
-const EXCLUDED: f64 = 3.0;
 /// Standard deviations by which an emission is certainly on one side.
 const SURE: f64 = 3.0;
 
@@ -35,7 +31,7 @@ pub fn solve<const D: usize>(scene: &Scene<D>) -> Result<Solution, Undetermined>
         Some((found, cost, prior))
     });
     let costs = [0, 1].map(|i| solved[i].as_ref().map_or(f64::INFINITY, |one| one.1));
-    let is_mirrored = (costs[0] - costs[1]).abs() < EXCLUDED;
+    let is_mirrored = (costs[0] - costs[1]).abs() < AMBIGUOUS;
     let mut best = (free, cost, prior);
     for one in solved.into_iter().flatten() {
         if one.1 + one.2 < best.1 + best.2 {
