@@ -87,6 +87,13 @@ impl Followed {
         Self { row_time: time, time: never, position, velocity, parts, excess, share }
     }
 
+    /// Becomes a track that starts at the time of a row.
+    pub fn restart(&mut self, time: f64) {
+        let mut parts = std::mem::take(&mut self.parts);
+        parts.clear();
+        *self = Self { parts, ..Self::new(time) };
+    }
+
     /// Follows the first row. If the track is already confirmed, its earlier plots are taken to be of this
     /// radar or of similar ones.
     pub fn begin(

@@ -265,7 +265,7 @@ impl Registrar {
     /// Moves the tracks for a change of the errors; returns their numbers, the times of their last rows, and
     /// their changes.
     fn shift(&mut self, by: &[Errors]) -> Vec<(i64, f64, [f64; 4])> {
-        let shift = |(number, track): (i64, &mut Followed)| {
+        let shift = |number: i64, track: &mut Followed| {
             let by = track.moved(by);
             for i in 0..2 {
                 track.position[i] += by[i];
@@ -273,7 +273,7 @@ impl Registrar {
             }
             (number, track.row_time, by)
         };
-        self.tracks.all_mut().map(shift).collect()
+        self.tracks.change(shift)
     }
 
     /// Learns from blocks that end by a time. Returns the noise that was applied before, with and without the

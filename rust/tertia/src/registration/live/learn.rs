@@ -51,7 +51,6 @@ impl Registrar {
         let (mut applied, moved) = self.begin(updates, time);
         followed::use_noise(&mut applied, used);
         let (unknowns, errors) = (self.unknowns(), self.blocks(&self.known.covariance));
-        self.tracks.open();
         Arch::new().dispatch(Rows {
             registrar: self,
             updates,
@@ -85,21 +84,19 @@ impl Registrar {
         let cost = FOLLOWED_NS * rows.count() as f64;
         let (applied, moved) = self.begin(&rows, time);
         let (unknowns, errors) = (self.unknowns(), self.blocks(&self.relaxed()));
-        let mut runs: Vec<_> =
-            targets.iter().filter_map(|rows| Some((rows.first()?, &rows[..], false))).collect();
-        runs.sort_unstable_by_key(|(first, ..)| first.plot.target);
-        self.tracks.open();
-        for (first, _, is_new) in &mut runs {
-            *is_new = self.place(first.plot.target, || first.plot.report.time).1;
+        let mut runs: Vec<_> = Vec::with_capacity(targets.len());
+        for rows in targets {
+            let Some(first) = rows.first().map(|first| &first.plot) else { continue };
+            let (place, is_new) = self.place(first.target, || first.report.time);
+            runs.push((place, first.target, &rows[..], is_new));
         }
         self.tracks.close();
-        let mut added: Vec<_> =
-            runs.iter().map(|(first, ..)| (first.plot.target, [0.0; 16])).collect();
+        runs.sort_unstable_by_key(|(place, ..)| *place);
+        let mut added: Vec<_> = runs.iter().map(|(_, target, ..)| (*target, [0.0; 16])).collect();
         let mut runs = runs.into_iter().peekable();
         let mut work = Vec::with_capacity(added.len());
-        for (number, track) in self.tracks.all_mut() {
-            if let Some((_, rows, is_new)) = runs.next_if(|(first, ..)| first.plot.target == number)
-            {
+        for (place, track) in self.tracks.places_mut().enumerate() {
+            if let Some((.., rows, is_new)) = runs.next_if(|(own, ..)| *own == place) {
                 work.push((track, rows, is_new));
             }
         }
@@ -112,6 +109,7 @@ impl Registrar {
         let work = work.into_iter().zip(&mut added);
         for_each_row(work, cost.min(STOPPABLE_NS), n_threads, || (), follow)
             .map_err(|failed| failed.error)?;
+        added.sort_unstable_by_key(|(target, _)| *target);
         self.forget(time, None);
         let moved = self.shift(&moved);
         self.end(&[], time);
@@ -134,7 +132,7 @@ impl Registrar {
     /// Returns the place of a track, which starts at this time if it is new, and whether it is new.
     #[inline(always)]
     pub(super) fn place(&mut self, target: i64, time: impl FnOnce() -> f64) -> (usize, bool) {
-        self.tracks.place(target, || Followed::new(time()))
+        self.tracks.place(target, time)
     }
 
     /// Follows a row of a track, whose gain propagates the errors of the radars.

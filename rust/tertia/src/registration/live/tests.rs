@@ -30,8 +30,8 @@ fn what_the_errors_add_to_a_track() {
     });
     let mut track = Followed::new(0.0);
     track.update(0, &[[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]], &half);
-    registrar.tracks.open();
-    let place = registrar.tracks.place(1, || track);
+    let place = registrar.tracks.place(1, || 0.0);
+    *registrar.tracks.at(place.0) = track;
     // the predicted covariance, corrected by the plot
     let mut p = Matrix4::from_diagonal(&[900.0, 1600.0, 25.0, 25.0].into());
     for axis in 0..2 {
@@ -110,7 +110,8 @@ fn a_vote_throws_open_blocks_away() {
         track.see(35.0, radar, position, velocity);
         let plot =
             TargetPlot { report: report(35.0, azimuth), target: i.into(), turn_probability: 0.0 };
-        registrar.tracks.place(i.into(), || track);
+        let (place, _) = registrar.tracks.place(i.into(), || 35.0);
+        *registrar.tracks.at(place) = track;
         registrar.open.insert(i.into(), vec![plot]);
         registrar.loose.push(report(39.5, azimuth + 0.5_f64.to_radians()));
     }
@@ -171,12 +172,16 @@ fn two() -> Registrar {
     )
 }
 
+fn first(registrar: &Registrar) -> &Followed {
+    registrar.tracks.all().next().unwrap()
+}
+
 #[test]
 fn the_first_block_teaches_and_moves_the_track() {
     let mut registrar = two();
     registrar.learn(&rows(), &[], &[[[0.0; 2]; 2]; 2], 8.0);
     assert_eq!(registrar.known.mean.amax(), 0.0);
-    let before = registrar.tracks.get(1).unwrap().clone();
+    let before = first(&registrar).clone();
     let learnt = registrar.learn(&[], &[], &[[[0.0; 2]; 2]; 2], 60.0);
     let offset = registrar.errors()[1][0];
     assert!((50.0..150.0).contains(&offset), "{offset}");
@@ -185,9 +190,7 @@ fn the_first_block_teaches_and_moves_the_track() {
     let (number, _, moved) = learnt.tracks[0];
     assert_eq!((number, moved), (1, before.moved(&by)));
     assert!(moved[0].hypot(moved[1]) > 5.0, "{moved:?}");
-    assert!(
-        (registrar.tracks.get(1).unwrap().position[0] - before.position[0] - moved[0]).abs() < 1e-9
-    );
+    assert!((first(&registrar).position[0] - before.position[0] - moved[0]).abs() < 1e-9);
 }
 
 #[test]
