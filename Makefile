@@ -92,9 +92,12 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1" "maturin>=1.9,<2"
 
-$(WHEEL): $(BIN)/python $(SOURCES)
+dist/.built: $(BIN)/python $(SOURCES)
 	rm -rf dist
 	$(BIN)/maturin build --quiet --release --out dist
+	touch $@
+
+$(WHEEL): dist/.built
 	$(BIN)/python -m pip install --quiet --force-reinstall --no-deps dist/tertia-*.whl
 	$(BIN)/python -m pip install --quiet "$$(ls dist/tertia-*.whl)[cli,geo,io,plot,report]"
 	touch $@

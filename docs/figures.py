@@ -378,12 +378,14 @@ def keep(page: str) -> None:
     """Keep the small tables of a page beside its full ones."""
     command = [sys.executable, __file__, "--small", page]
     printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-    (Path(__file__).parents[1] / "tests" / "house" / "tables" / page).write_text(printed, "utf-8")
+    _, tables = printed.split("\n", 1)
+    (Path(__file__).parents[1] / "tests" / "house" / "tables" / page).write_text(tables, "utf-8")
 
 
 def small(pages: Iterable[str]) -> None:
-    """Print the tables of few repetitions."""
+    """Print the tables of few repetitions, page by page."""
     for page in pages:
+        print(f"page: {page}")
         for name, table in TABLES[page].items():
             print(f"table: {name}\n{table()}")
 

@@ -11,7 +11,7 @@ from tertia._arrays import FloatArray
 from tertia.metrics import nees
 from tertia.tracker import Tracker, TrackTable, track
 
-SCENES = repetitions(20)
+SCENES = repetitions(20, 1)
 DURATION = 300.0
 # seconds after which tracks are compared with the truth
 SETTLED = 100.0

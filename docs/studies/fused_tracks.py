@@ -18,8 +18,8 @@ from tertia.tracker import Plots, Tracker, track
 
 SEED = 2027
 # of each kind, and of those with few aircraft
-SCENES, MANY = 1, repetitions(12)
-FLIGHTS, LENGTH, STEP, WARM = 14, 420.0, 0.1, 90.0
+SCENES, MANY = 1, repetitions(12, 1)
+FLIGHTS, LENGTH, STEP, WARM = repetitions(14, 4), 420.0, 0.1, 90.0
 COUNTS, FEW = (2, 3, 4), (1, 2, 5, 14)
 DETECTION = 0.95
 # the 95 % region of two components, and the distance from which on it is another target

@@ -12,7 +12,7 @@ from tertia.metrics import nees
 from tertia.sensors import Bias, PositionSensor, Radar, Station
 from tertia.tracker import CvModel, Motion, Plots, track
 
-SCENES = repetitions(20)
+SCENES = repetitions(20, 1)
 FLIGHTS, CLUTTER = 20, 20
 # seconds: of a scene, and of its beginning, which is left out
 DURATION, SETTLED = 240.0, 60.0

@@ -22,6 +22,8 @@ SEED = 21
 SCENES = repetitions(10, 1)
 # scenes of each kind in which a centre is told more or less
 TOLD = repetitions(3, 1)
+# aircraft of each kind of scene
+ROUTES, DENSE, PAIRS = repetitions(40, 15), repetitions(150, 40), repetitions(30, 10)
 CYCLE, WARM, ASTRAY = 5.0, 60.0, 2000.0
 METHODS = ("tracklets", "matrix", "covariance-intersection", "static", "equal", "paper")
 SHIFT = (150.0, 0.15)
@@ -72,12 +74,12 @@ def traffic(kind: str, random: np.random.Generator) -> Traffic:
     """Return the aircraft of a scene."""
     if kind.startswith("routes"):
         setting = simulate.set_up("middle")
-        routes = simulate.routes("middle", 40, rng=random)
+        routes = simulate.routes("middle", ROUTES, rng=random)
         return simulate.flights(routes, wind=setting.wind, rng=random)
     if kind.startswith("dense"):
-        return simulate.dense_traffic(150, area=(160e3, 160e3), rng=random)
-    leaders = simulate.dense_traffic(30, area=(160e3, 160e3), rng=random)
-    angle, distance = random.uniform(0, 2 * np.pi, 30), random.uniform(400.0, 1500.0, 30)
+        return simulate.dense_traffic(DENSE, area=(160e3, 160e3), rng=random)
+    leaders = simulate.dense_traffic(PAIRS, area=(160e3, 160e3), rng=random)
+    angle, distance = random.uniform(0, 2 * np.pi, PAIRS), random.uniform(400.0, 1500.0, PAIRS)
     off = distance[:, np.newaxis] * np.column_stack([np.sin(angle), np.cos(angle)])
     return joined(leaders, replace(leaders, position=leaders.position + off[:, np.newaxis]))
 

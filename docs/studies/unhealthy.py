@@ -13,7 +13,7 @@ from tertia import simulate
 from tertia._arrays import FloatArray, IntArray
 from tertia.tracker import Plots, PlotStatus, Radar, Tracker, TrackTable, track
 
-RUNS = repetitions(5)
+RUNS = repetitions(5, 1)
 AIRCRAFT, CLUTTER, END = 30, 20.0, 600.0
 SEED = 7300
 # seconds between calls of a live tracker
@@ -214,7 +214,7 @@ def outcomes(kind: str, count: int, seed: int = SEED, runs: int = RUNS) -> list[
     return found
 
 
-def late(seed: int = SEED, runs: int = repetitions(3)) -> str:
+def late(seed: int = SEED, runs: int = repetitions(3, 1)) -> str:
     """Tabulate what late plots leave of rows: 30 % up to 8 s late, and calls every 2 s."""
     rows = []
     for count in (1, 2):

@@ -57,7 +57,7 @@ VALID = st.fixed_dictionaries(
 
 
 @given(TIED, VALID)
-@settings(max_examples=1500)
+@settings(max_examples=600)
 def test_valid_options_give_a_finite_estimate_whatever_the_ties(theta, options):
     estimate = outcome(estimate_bearing, theta, **options)
     if estimate is None:

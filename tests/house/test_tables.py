@@ -46,13 +46,22 @@ def differing(kept: str, fresh: str) -> list[str]:
     ]
 
 
+@pytest.fixture(scope="module")
+def fresh(request: pytest.FixtureRequest) -> dict[str, str]:
+    """Tables of few repetitions of the pages to be tested, all made by one process."""
+    names = [item.name for item in request.session.items]
+    pages = [page for page in PAGES if any(f"this_code[{page}]" in name for name in names)]
+    command = [sys.executable, str(ROOT / "docs" / "figures.py"), "--small", *pages]
+    made = subprocess.run(command, check=True, capture_output=True, encoding="utf-8").stdout
+    _, *parts = re.split(r"^page: (.+)\n", made, flags=re.MULTILINE)
+    return dict(zip(parts[::2], parts[1::2], strict=True))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES)
-def test_tables_are_those_of_this_code(page: str) -> None:
-    command = [sys.executable, str(ROOT / "docs" / "figures.py"), "--small", page]
-    fresh = subprocess.run(command, check=True, capture_output=True, encoding="utf-8").stdout
+def test_tables_are_those_of_this_code(page: str, fresh: dict[str, str]) -> None:
     kept = (KEPT / page).read_text("utf-8")
-    wrong = differing(kept, fresh)
+    wrong = differing(kept, fresh[page])
     assert not wrong, f"run `python docs/figures.py {page}`:\n" + "\n".join(wrong)
 
 

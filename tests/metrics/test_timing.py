@@ -139,7 +139,7 @@ class TestDensity:
         random = np.random.default_rng(5)
         truth = Truth([0, 3600], [1, 1], np.zeros((2, 2)))
         cover, independent = [], []
-        for _ in range(300):
+        for _ in range(120):
             lengths = random.integers(2, 9, random.poisson(15))
             count = int(lengths.sum())
             tracks = SimpleNamespace(

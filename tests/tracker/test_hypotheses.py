@@ -120,7 +120,7 @@ def test_any_number_of_threads():
         np.concatenate([one.range for one in pairs]),
         np.concatenate([one.azimuth for one in pairs]) + np.repeat(turn, count),
     )
-    false = 3000 * len(np.unique(plots.time))
+    false = 1500 * len(np.unique(plots.time))
     plots = Plots(
         np.concatenate([plots.time, PERIOD * rng.integers(0, 82, false)]),
         np.concatenate([plots.range, 150e3 * np.sqrt(rng.uniform(size=false))]),
