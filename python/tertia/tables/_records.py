@@ -62,7 +62,7 @@ class Field:
     of the columns must be present. `whole`: no cell may be missing. `positive`: numbers must be
     positive. `most`: largest absolute value, in the unit of the column. `standard`: the column has
     a standard name, not one that an option gives. `judged`: whether the size of the values may show
-    that the unit is wrong.
+    that the unit is wrong. `unavailable`: the number that stands for a missing value, by column.
     """
 
     kind: Kind
@@ -73,6 +73,7 @@ class Field:
     most: float = math.inf
     standard: bool = True
     judged: bool = True
+    unavailable: Mapping[str, float] | None = None
 
 
 Schema: TypeAlias = Mapping[str, Field]
@@ -358,6 +359,9 @@ class Reader:
             found = self.identities(values, name)
         else:
             found = self.numbers(values, positive=one.positive, degrees=name.endswith("_deg"))
+            missing = (one.unavailable or {}).get(name)
+            if missing is not None:
+                found = found.set(found == missing, math.nan)
             if one.most < math.inf:
                 self._refuse_beyond(found, one.most, name)
             if self.problems is None and one.judged:
