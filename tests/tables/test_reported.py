@@ -109,9 +109,10 @@ def test_numbers_that_are_not_available_in_ais_are_missing_values(tmp_path: Path
     missing["speed_kt"][[0, 1, 2]] = None
     expected = tables.track(pl.DataFrame(columns | missing), sensors=sensors)
     assert found.equals(expected)
-    with pytest.raises(ValueError, match="latitude_deg is 91.5; it must be between -90 and 90"):
-        wrong = np.where(latitude == latitude[3], 91.5, latitude)
-        tables.track(pl.DataFrame(columns | stated | {"latitude_deg": wrong}), sensors=sensors)
+    wrong = np.where(latitude == latitude[3], 91.5, latitude)
+    rows = pl.DataFrame(columns | stated | {"latitude_deg": wrong})
+    with pytest.raises(ValueError, match=r"latitude_deg is 91\.5; it must be between -90 and 90"):
+        tables.track(rows, sensors=sensors)
 
 
 def test_a_camera_on_a_ship() -> None:

@@ -359,9 +359,9 @@ class Reader:
             found = self.identities(values, name)
         else:
             found = self.numbers(values, positive=one.positive, degrees=name.endswith("_deg"))
-            missing = (one.unavailable or {}).get(name)
-            if missing is not None:
-                found = found.set(found == missing, math.nan)
+            absent = (one.unavailable or {}).get(name)
+            if absent is not None:
+                found = found.set(found == absent, math.nan)
             if one.most < math.inf:
                 self._refuse_beyond(found, one.most, name)
             if self.problems is None and one.judged:
