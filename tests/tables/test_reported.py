@@ -86,6 +86,35 @@ def test_velocities_beside_latitudes_are_of_true_north(tmp_path: Path) -> None:
     )
 
 
+def test_numbers_that_are_not_available_in_ais_are_missing_values(tmp_path: Path) -> None:
+    sensors = tmp_path / "ais.toml"
+    sensors.write_text(
+        '[origin]\nlatitude_deg = 53.5\nlongitude_deg = 8.2\n[[position_sensor]]\nname = "ais"\n'
+        "position_sigma_m = 10.0\nvelocity_sigma_m_s = 0.5\nupdate_interval_s = 4.0\n"
+    )
+    frame = SystemPlane(53.5, 8.2)
+    latitude, longitude, _ = frame.to_geodetic(np.column_stack([TRUTH / 20.0, 0.0 * TIME]))
+    speed = np.full(len(TIME), 8.5 / 0.514444)
+    course = np.full(len(TIME), np.degrees(np.arctan2(150.0, -80.0)))
+    columns = {"time_s": TIME, "identity": 211_000_000, "course_deg": course}
+    stated = {"latitude_deg": latitude, "longitude_deg": longitude, "speed_kt": speed}
+    silent = {name: value.copy() for name, value in stated.items()}
+    for name, value in (("latitude_deg", 91.0), ("longitude_deg", 181.0)):
+        silent[name][[5, 12]] = value
+    silent["speed_kt"][:3] = 102.3
+    found = tables.track(pl.DataFrame(columns | silent), sensors=sensors)
+    missing = {name: pl.Series(value) for name, value in stated.items()}
+    for name in ("latitude_deg", "longitude_deg"):
+        missing[name][[5, 12]] = None
+    missing["speed_kt"][[0, 1, 2]] = None
+    expected = tables.track(pl.DataFrame(columns | missing), sensors=sensors)
+    assert found.equals(expected)
+    wrong = np.where(latitude == latitude[3], 91.5, latitude)
+    rows = pl.DataFrame(columns | stated | {"latitude_deg": wrong})
+    with pytest.raises(ValueError, match=r"latitude_deg is 91\.5; it must be between -90 and 90"):
+        tables.track(rows, sensors=sensors)
+
+
 def test_a_camera_on_a_ship() -> None:
     position, _ = seen()
     gps = PositionSensor(position_sigma=30.0, update_interval=4.0, name="gps")

@@ -9,7 +9,7 @@ from checks import assert_refused
 from tertia import simulate
 from tertia.metrics import nees
 from tertia.sensors import Bias, PositionSensor, Radar
-from tertia.tracker import CvModel, Plots, PlotStatus, Tracker, track
+from tertia.tracker import CvModel, Plots, PlotStatus, Tracker, TrackTable, track
 
 # a constant acceleration noise for the tracker and the filter that knows all: 0.3 m/s2 over 4 s
 SIGMA, PACE = 0.3, 4.0
@@ -253,3 +253,84 @@ def test_positions_are_columns_of_tables():
     table = plots.to_polars()
     assert table["east_m"].to_list() == [1.0, 3.0]
     assert table["covariance_east_north_m2"].to_list() == [0.0, 0.0]
+
+
+def vessels(seed):
+    """Return reports of sixteen vessels under way, every two to ten seconds, and their paths."""
+    random = np.random.default_rng(seed)
+    start, speed = random.uniform(-6e3, 6e3, (16, 2)), random.uniform(3.0, 11.0, 16)
+    course, turn = random.uniform(0.0, 2 * np.pi, 16), random.uniform(-0.002, 0.002, 16)
+    time = [np.round(np.cumsum(random.choice([2.0, 3.3, 6.0, 10.0], 200))) for _ in range(16)]
+    time = [one[one < 1000.0] for one in time]
+    target = np.repeat(np.arange(16), [len(one) for one in time])
+
+    def truth(target, time):
+        # a circle of radius speed / turn
+        way, centre = course[target] + turn[target] * time, speed[target] / turn[target]
+        east = centre * (np.cos(course[target]) - np.cos(way))
+        north = centre * (np.sin(way) - np.sin(course[target]))
+        return start[target] + np.column_stack([east, north])
+
+    time = np.concatenate(time)
+    position = truth(target, time) + random.normal(0.0, 5.0, (len(time), 2))
+    return Plots(time, position=position, identity=211_000_000 + target), target, truth
+
+
+@pytest.mark.parametrize("lag", [0.0, 200.0])
+def test_reports_much_more_often_than_the_longest_interval_are_processed_in_order(lag):
+    # such as of AIS: every 2 to 10 s under way, every 180 s at anchor
+    plots, target, truth = vessels(1)
+    order = np.argsort(plots.time, kind="stable")
+    plots, target = plots[order], target[order]
+    sensor = PositionSensor(position_sigma=5.0, update_interval=180.0)
+    options = {"profile": "vessel", "identity_error_probability": 1e-9}
+    live = Tracker([sensor], **options)
+    seconds = np.arange(0.0, 1000.0, 2.0)
+    calls = [
+        live.update(plots[(plots.time >= now) & (plots.time < now + 2.0)], time=now + 2.0)
+        for now in seconds
+    ]
+    figures = []
+    for found in (TrackTable.join(calls), track(plots, [sensor], lag=lag, **options)):
+        assert len(np.unique(found.track)) == 16
+        table = found[(found.plot >= 0) & (found.time > 300.0)]
+        # each row is the state at the time of its own report
+        assert np.mean(np.abs(table.time - plots.time[table.plot]) < 1.0) > 0.99
+        error = table.position - truth(target[table.plot], table.time)
+        assert np.mean(nees(error, table.covariance[:, :2, :2]) < 5.99) > 0.93
+        figures.append(rms(error))
+    assert figures[1] < 1.02 * figures[0]
+
+
+def test_an_old_position_that_is_reported_again_is_not_used():
+    random = np.random.default_rng(4)
+    time = np.arange(0.0, 200.0)
+    truth = np.column_stack([180.0 * time, 60.0 * time])
+    position = truth + random.normal(0.0, 15.0, truth.shape)
+    old = np.zeros(len(time), bool)
+    for begin in (40, 90, 140):
+        old[begin : begin + 8] = True
+        position[old & (time >= begin)] = position[begin - 1]
+    plots = Plots(time, position=position, icao_address=0x4CA123)
+    sensor = PositionSensor(position_sigma=15.0, update_interval=2.0)
+    for lag in (0.0, 20.0):
+        table = track(plots, [sensor], lag=lag)
+        np.testing.assert_array_equal(table.track_of_plot[old], PlotStatus.DUPLICATE)
+        assert len(np.unique(table.track)) == 1
+        late = (table.time > 10.0) & (table.plot >= 0)
+        error = table.position - np.column_stack([180.0 * table.time, 60.0 * table.time])
+        assert np.max(np.hypot(*error[late].T)) < 60.0
+
+
+@pytest.mark.parametrize("interval", [1.0, 10.0])
+def test_a_vehicle_that_has_stopped_reports_the_same_position(interval):
+    # it brakes with 3 m/s² from 12 m/s; positions are rounded to a metre
+    time = np.arange(0.0, 120.0, interval)
+    way = 12.0 * np.minimum(time, 60.0) + np.clip(time - 60.0, 0.0, 4.0) * (
+        12.0 - 1.5 * np.clip(time - 60.0, 0.0, 4.0)
+    )
+    plots = Plots(time, position=np.round(np.column_stack([way, 0.0 * way])), icao_address=5)
+    sensor = PositionSensor(position_sigma=2.0, update_interval=interval)
+    table = track(plots, [sensor], profile="road")
+    assert np.all(table.track_of_plot > 0)
+    assert len(np.unique(table.track)) == 1

@@ -10,7 +10,7 @@ import logging
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import polars as pl
@@ -62,7 +62,7 @@ class Field:
     of the columns must be present. `whole`: no cell may be missing. `positive`: numbers must be
     positive. `most`: largest absolute value, in the unit of the column. `standard`: the column has
     a standard name, not one that an option gives. `judged`: whether the size of the values may show
-    that the unit is wrong.
+    that the unit is wrong. `unavailable`: the number that stands for a missing value, by column.
     """
 
     kind: Kind
@@ -73,14 +73,21 @@ class Field:
     most: float = math.inf
     standard: bool = True
     judged: bool = True
+    unavailable: Mapping[str, float] | None = None
 
 
 Schema: TypeAlias = Mapping[str, Field]
 
 
-def number(*columns: str, **options: bool) -> Field:
+def number(*columns: str, **options: Any) -> Field:
     """Return a field of numbers in the units of the library."""
     return Field("number", dict.fromkeys(columns, 1.0), **options)
+
+
+def _available(found: pl.Series, field: Field, name: str) -> pl.Series:
+    """Return numbers with nan in place of the number that stands for a missing value."""
+    absent = (field.unavailable or {}).get(name)
+    return found if absent is None else found.set(found == absent, math.nan)
 
 
 TIME = Field("time", {"time_s": 1.0}, required=True, whole=True)
@@ -358,6 +365,7 @@ class Reader:
             found = self.identities(values, name)
         else:
             found = self.numbers(values, positive=one.positive, degrees=name.endswith("_deg"))
+            found = _available(found, one, name)
             if one.most < math.inf:
                 self._refuse_beyond(found, one.most, name)
             if self.problems is None and one.judged:

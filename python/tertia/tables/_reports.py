@@ -16,6 +16,8 @@ from tertia.tables._sensors import Sensors
 from tertia.tables._velocities import COURSE, of_speed, to_plane
 from tertia.tracker._azimuths import north_of
 
+# 'not available' in AIS (ITU-R M.1371)
+AIS_LATITUDE = 91.0
 # places and headings of sensors that move
 MOVING: Schema = {
     "sensor_east": number("sensor_east_m"),
@@ -27,7 +29,9 @@ MOVING: Schema = {
 REPORTED: Schema = {
     "east": number("east_m"),
     "north": number("north_m"),
-    "latitude": Field("number", {"latitude_deg": 1.0}, most=90.0),
+    "latitude": Field(
+        "number", {"latitude_deg": 1.0}, most=90.0, unavailable={"latitude_deg": AIS_LATITUDE}
+    ),
     "longitude": Field("number", {"longitude_deg": 1.0}, most=360.0),
     "east_sigma": number("east_sigma_m", positive=True),
     "north_sigma": number("north_sigma_m", positive=True),

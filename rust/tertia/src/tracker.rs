@@ -61,6 +61,7 @@ mod plans;
 mod plot;
 mod prospects;
 mod reflections;
+mod repeats;
 mod resolution;
 mod resume;
 mod rivals;

@@ -10,6 +10,7 @@ use super::live::Tracker;
 use super::noise::Noise;
 use super::plans::Plans;
 use super::plot::Measured;
+use super::repeats::Repeats;
 use super::track::Track;
 use serde::{Deserialize, Serialize};
 
@@ -29,6 +30,7 @@ pub(super) struct Kept {
     stray: f64,
     waiting: Vec<Measured>,
     azimuths: Azimuths,
+    repeats: Repeats,
 }
 
 impl Tracker {
@@ -48,18 +50,19 @@ impl Tracker {
             stray: self.stray,
             waiting: self.waiting.clone(),
             azimuths: self.azimuths.clone(),
+            repeats: self.repeats.clone(),
         }
     }
 
     /// Restores the state from a copy.
     pub(super) fn restore(&mut self, kept: Kept) {
         let Kept { tracks, clusters, ended, plans, clutter, level, doubles, waiting, .. } = kept;
-        let Kept { time, next_number, stray, noise, azimuths, .. } = kept;
+        let Kept { time, next_number, stray, noise, azimuths, repeats, .. } = kept;
         (self.tracks, self.ended, self.waiting) = (tracks, ended, waiting);
         (self.clutter, self.level, self.doubles) = (clutter, level, doubles);
         self.noise = noise;
         (self.clusters, self.settings.plans) = (clusters, plans);
         (self.time, self.next_number, self.stray) = (time, next_number, stray);
-        self.azimuths = azimuths;
+        (self.azimuths, self.repeats) = (azimuths, repeats);
     }
 }

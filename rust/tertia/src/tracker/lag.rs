@@ -9,6 +9,7 @@ use super::control::{Command, Refusal};
 use super::kept::Kept;
 use super::live::{Part, Tracker, WAITING};
 use super::plot::{Plot, PlotStatus, Plots, keep_followed};
+use super::repeats::next_part;
 use super::row::{Resumed, Row, Rows};
 use super::scan::Scan;
 use crate::base::error::{Error, require};
@@ -389,18 +390,29 @@ impl LagTracker {
         for ((_, index), status) in own.0.iter().zip(statuses) {
             sink.refuse(*index, status);
         }
-        let next = self.tracker.waits().or(order.first().map(|(time, _)| *time));
-        let times = [next.unwrap_or(hold), hold, until];
         let levels = self.tracker.levels(&own, &order);
         let index = |i: usize| own.0[i].1;
-        let part = Part { plots: &own, now: &order[..], levels: &levels, index, times };
         let mut refused = Vec::new();
-        let report = |plot: usize, status| match status {
+        let mut report = |plot: usize, status| match status {
             // the sink takes the tracks of plots from the rows
             PlotStatus::Track(_) => {}
             _ => refused.push((plot, status)),
         };
-        self.tracker.stretch(scan, &part, report, sink, n_threads);
+        let (mut rest, mut last) = (&order[..], hold);
+        loop {
+            let known = (self.tracker.tracks.len(), &self.tracker.settings);
+            let (now, later, end) = next_part((&own, rest), f64::INFINITY, known);
+            last = if end.is_some() { hold.max(until) } else { last };
+            let next = self.tracker.waits().or(now.first().map(|(time, _)| *time));
+            let hold = end.unwrap_or(last);
+            let times = [next.unwrap_or(hold), hold, until];
+            let part = Part { plots: &own, now, levels: &levels, index, times };
+            self.tracker.stretch(scan, &part, &mut report, sink, n_threads);
+            rest = later;
+            if rest.is_empty() {
+                break;
+            }
+        }
         refused.into_iter().for_each(|(plot, status)| sink.refuse(plot, status));
         if hold > until {
             self.tracker.finish(until, sink, 1);

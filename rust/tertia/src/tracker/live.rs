@@ -8,6 +8,7 @@ use super::ended::Ended;
 use super::level::Level;
 use super::noise::{Noise, assume, use_found};
 use super::plot::{Measured, Plot, PlotStatus, Plots, keep_followed};
+use super::repeats::{Repeats, next_part};
 use super::row::Rows;
 use super::scan::{Scan, Sky};
 use super::settings::Settings;
@@ -62,6 +63,7 @@ pub struct Tracker {
     /// Plots that wait for later plots that compete with them.
     pub(super) waiting: Vec<Measured>,
     pub(super) azimuths: Azimuths,
+    pub(super) repeats: Repeats,
     #[serde(skip)]
     scan: Scratch<Scan>,
 }
@@ -95,6 +97,7 @@ impl Tracker {
             stray,
             waiting,
             azimuths,
+            repeats: Repeats::default(),
             scan: Scratch::default(),
         })
     }
@@ -213,6 +216,7 @@ impl Tracker {
         self.settings.delays.iter_mut().flatten().for_each(|own| own.sigma = 0.0);
         self.waiting.clear();
         self.azimuths.clear();
+        self.repeats = Repeats::default();
         self.level = Level::of(self.settings.heights);
         (self.time, self.stray) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
         self.plots = self.plots.saturating_sub(plots);
@@ -254,9 +258,12 @@ impl Tracker {
             poll();
             // together with the waiting plots no more than a scan, so that no target is in it twice
             until = f64::max(until, next) + (1.0 - 2.0 * WAITING) * period;
-            let (now, later) = rest.split_at(rest.partition_point(|(time, _)| *time < until));
+            let known = (self.tracks.len(), &self.settings);
+            let (now, later, end_of_part) = next_part((plots, rest), until, known);
+            let wait = if end_of_part.is_some() { 0.0 } else { WAITING * period };
+            until = end_of_part.unwrap_or(until);
             rest = later;
-            let hold = if rest.is_empty() { f64::INFINITY } else { until - WAITING * period };
+            let hold = if rest.is_empty() { f64::INFINITY } else { until - wait };
             let (index, times) = (|index| first + index, [next, hold, end]);
             let part = Part { plots, now, levels: &levels, index, times };
             // plots that wait since a call that was interrupted have no status in this one
@@ -409,6 +416,13 @@ impl Tracker {
             same
         });
         self.refuse_strays(&mut order, statuses);
+        order.retain(|&(_, i)| {
+            let is_old = self.repeats.is_old(&plots.get(i), &self.settings);
+            if is_old {
+                statuses[i] = PlotStatus::Duplicate;
+            }
+            !is_old
+        });
         order
     }
 

@@ -61,7 +61,7 @@ impl Report {
 
 /// Returns the covariance, or that of the standard deviation `sigma` if it is not given; none if
 /// the result is not positive definite.
-fn stated(covariance: Plane, sigma: f64) -> Option<Plane> {
+pub(super) fn stated(covariance: Plane, sigma: f64) -> Option<Plane> {
     let Plane { xx, xy, yy } = covariance;
     let own = if xx.is_nan() && xy.is_nan() && yy.is_nan() {
         Plane { xx: sigma * sigma, xy: 0.0, yy: sigma * sigma }
