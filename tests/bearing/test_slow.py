@@ -49,6 +49,40 @@ def test_the_error_bar_allows_for_flicker(n):
     assert np.mean(np.abs(estimate.value) < 2 * estimate.sigma) > 0.85
 
 
+def wandering(n, count, *, time, ratio, seed=1):
+    """White noise of unit variance, and a Gauss-Markov process of this time in steps."""
+    rng, phi = np.random.default_rng([seed, n]), np.exp(-1 / time)
+    slow = rng.normal(size=(count, n))
+    for i in range(1, n):
+        slow[:, i] = phi * slow[:, i - 1] + np.sqrt(1 - phi**2) * slow[:, i]
+    return ratio * slow + rng.normal(size=(count, n))
+
+
+@pytest.mark.parametrize("time", [5.0, 15.0])
+@pytest.mark.parametrize("ratio", [0.5, 1.0, 2.0])
+def test_the_error_bar_of_a_finder_that_wanders_is_that_of_the_mean(time, ratio):
+    estimate = estimate_bearing(wandering(1000, 60, time=time, ratio=ratio), period=None)
+    assert np.mean(np.abs(estimate.value) < 2 * estimate.sigma) > 0.85
+    error = np.sqrt(np.mean(estimate.value**2))
+    assert 0.7 * error < np.median(estimate.sigma) < 2.5 * error
+
+
+def test_the_error_bar_of_a_short_record_allows_for_a_finder_that_wanders():
+    y = wandering(100, 300, time=15.0, ratio=1.0)
+    estimate = estimate_bearing(y, period=None)
+    assert np.mean(np.abs(estimate.value) < 2 * estimate.sigma) > 0.9
+
+
+def test_agrees_with_the_formulas_where_a_finder_wanders():
+    y = wandering(90, 1, time=8.0, ratio=1.0, seed=5)[0]
+    y[10] += 9.0
+    value, sigma, outlier, _ = reference.robust(y, 10)
+    estimate = estimate_bearing(y, period=None)
+    assert estimate.value == pytest.approx(value, rel=PARITY, abs=PARITY)
+    assert estimate.sigma == pytest.approx(sigma, rel=PARITY)
+    np.testing.assert_array_equal(estimate.outlier, outlier)
+
+
 def test_the_result_says_that_values_drift():
     drifting = estimate_bearing(record("drift", 300, 1)[0][0], period=None)
     assert drifting.drifts

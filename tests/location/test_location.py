@@ -1034,3 +1034,21 @@ def test_covariances_are_symmetric_to_the_last_bit(kind):
     speed = {"propagation_speed": 340.0} if name == "arrival_time" else {}
     measured = {name: true[name] + noise, f"{name}_sigma": sigma, **speed, **dict(others)}
     assert_covariance(locate(places, **measured, bias=Bias()).covariance, 1e-9)
+
+
+def test_the_sigma_of_a_missing_measurement_may_be_missing():
+    """As in the columns of a data frame."""
+    places, target = np.array([[0, 0], [900, 0], [0, 800], [700, 900]]), np.array([300.0, 400.0])
+    ranges = np.linalg.norm(places - target, axis=-1) + np.zeros((5, 1))
+    ranges[1, 2] = NAN
+    sigma = np.where(np.isnan(ranges), NAN, 5.0)
+    as_given = locate(places, range=ranges, range_sigma=sigma)
+    np.testing.assert_array_equal(
+        as_given.covariance, locate(places, range=ranges, range_sigma=5.0).covariance
+    )
+    times = ranges / 299_792_458.0
+    heard = locate(places, arrival_time=times, arrival_time_sigma=sigma / 3e8)
+    assert heard.success.all()
+    sigma[3, 0] = NAN
+    with pytest.raises(ValueError, match=r"range_sigma\[3, 0\] is nan"):
+        locate(places, range=ranges, range_sigma=sigma)

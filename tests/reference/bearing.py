@@ -292,15 +292,14 @@ def started(y, shape, side=1.0):
     return Modes(shape, d, t, share)
 
 
-def flicker(y, place):
-    """Gain in log evidence of 1/f noise over white noise, variance of the mean over that, phi."""
-    n, lag = len(y), np.abs(np.subtract.outer(place, place))
-    time = 4.0 ** np.arange(16)
-    decay = np.exp(-1 / time[time <= 4 * (place[-1] - place[0] + 1)])
-    pink = (decay ** lag[..., None]).mean(axis=-1)
-    y, ones, found = y - y[0], np.ones(n), []
-    for share in (0.0, 1 / 3, 2 / 3, 1.0):
-        r = share * pink + (1 - share) * np.eye(n)
+def slow_noise(y, place, correlations):
+    """Gain in log evidence of noise beside white noise, variance of the mean over that, phi.
+
+    `correlations`: shares of the noise, its correlation of any two values, and of successive ones.
+    """
+    n, y, ones, found = len(y), y - y[0], np.ones(len(y)), []
+    for share, slow, _ in [(0.0, np.eye(n), 0.0), *correlations]:
+        r = share * slow + (1 - share) * np.eye(n)
         a = ones @ np.linalg.solve(r, ones)
         rss = y @ np.linalg.solve(r, y) - (ones @ np.linalg.solve(r, y)) ** 2 / a
         log = -0.5 * (np.linalg.slogdet(r)[1] + np.log(a) + (n - 1) * np.log(rss))
@@ -309,7 +308,26 @@ def flicker(y, place):
     w = np.exp(log[1:] - log[1:].max())
     gain = log[1:].max() - log[0] + np.log(w.mean())
     w /= w.sum()
-    return gain, w @ variance[1:] / variance[0], w @ [1 / 3, 2 / 3, 1.0] * decay.mean()
+    phi = [share * successive for share, _, successive in correlations]
+    return gain, w @ variance[1:] / variance[0], w @ phi
+
+
+def flicker(y, place):
+    """1/f noise: AR(1) processes of equal variance, with times of 1, 4, 16 ... steps."""
+    lag, length = np.abs(np.subtract.outer(place, place)), place[-1] - place[0] + 1
+    time = 4.0 ** np.arange(16)
+    decay = np.exp(-1 / time[time <= 4 * length])
+    pink = (decay ** lag[..., None]).mean(axis=-1)
+    return slow_noise(y, place, [(share, pink, decay.mean()) for share in (1 / 3, 2 / 3, 1.0)])
+
+
+def gauss_markov(y, place):
+    """A single AR(1) process, with a time of 2, 4, 8 ... steps up to the length of the record."""
+    lag, length = np.abs(np.subtract.outer(place, place)), place[-1] - place[0] + 1
+    time = 2.0 ** np.arange(1, 64)
+    decay = np.exp(-1 / time[time <= length])
+    shares = (0.2, 0.4, 0.6, 0.8)
+    return slow_noise(y, place, [(share, d**lag, d) for d in decay for share in shares])
 
 
 class Levels:
@@ -440,14 +458,15 @@ class Hypothesis:
     def weight(self, penalty):
         return self.log - (penalty * self.parameters + 0.4 * self.of_levels) * np.log(len(self.g))
 
-    def flicker(self, y):
+    def slow(self, y):
         kept = np.flatnonzero(self.g[:, 0] > 0.5)
-        gain, inflation, phi = flicker(y[kept], kept)
-        odds = 0.1 / 0.9 * np.exp(min(gain - self.gain, 500.0))
-        share = odds / (1 + odds)
-        inflated = (1 - share) * self.variance + share * self.white * inflation
-        self.variance, self.phi = inflated, (1 - share) * self.phi + share * phi
-        self.of_sigma = np.log(0.9 * (1 + odds))
+        found = [flicker(y[kept], kept), gauss_markov(y[kept], kept)]
+        gain, inflation, phi = np.transpose(found)
+        odds = np.array([0.1, 0.3]) / 0.6 * np.exp(np.minimum(gain - self.gain, 500.0))
+        total = 1 + odds.sum()
+        self.variance = (self.variance + self.white * odds @ inflation) / total
+        self.phi = (self.phi + odds @ phi) / total
+        self.of_sigma = np.log(0.6 * total)
 
     def move(self, levels, n, unit):
         noise = (unit * self.width) ** 2
@@ -489,8 +508,8 @@ def hypotheses(y, step, rho):
             found += moving(y, step, size)
         for h in found:
             ahead = max(other.weight(0.2) + other.of_sigma for other in found) - h.weight(0.2)
-            if not h.of_levels and h.gain > 2 and (h.modes is None or ahead < 7):
-                h.flicker(y)
+            if not h.of_levels and h.gain > 0 and (h.modes is None or ahead < 7):
+                h.slow(y)
     logs = [[-np.inf if h.doubt else h.weight(0.4), h.weight(0.2) + h.of_sigma] for h in found]
     w = weights(logs)
     w = np.where(w.max(axis=1, keepdims=True) > 1e-5, w, 0.0)

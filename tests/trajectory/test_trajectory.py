@@ -913,3 +913,18 @@ def test_a_path_that_contradicts_its_measurements_is_refused(seed):
         refused = ""
         assert np.nanmedian(np.abs(found.residual.range[~found.outlier.range])) < 3.0
     assert not refused or "no path was found that agrees with the measurements" in refused
+
+
+def test_the_sigma_of_a_missing_measurement_may_be_missing():
+    """As in the columns of a data frame."""
+    rng = np.random.default_rng(12)
+    path = np.column_stack([20 * INSTANTS, 900 + 5 * INSTANTS, 300 + 0 * INSTANTS])
+    ranges = np.linalg.norm(path[:, np.newaxis] - PLACES, axis=-1)
+    ranges += SIGMA_R * rng.standard_normal(ranges.shape)
+    ranges[rng.random(ranges.shape) < 0.1] = np.nan
+    stated = {"range": ranges, "initial": path[0]}
+    sigma = np.where(np.isnan(ranges), np.nan, SIGMA_R)
+    with_gaps = reconstruct(network(), INSTANTS, range_sigma=sigma, **stated)
+    whole = reconstruct(network(), INSTANTS, range_sigma=np.full((60, 3), SIGMA_R), **stated)
+    np.testing.assert_array_equal(with_gaps.position, whole.position)
+    np.testing.assert_array_equal(with_gaps.covariance, whole.covariance)

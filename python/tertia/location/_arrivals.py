@@ -75,7 +75,7 @@ def read_arrivals(
     first = np.fmin.reduce(time, axis=-1)
     after = time - first[..., np.newaxis]
     seconds = after / _SECOND if time.dtype.kind in "mM" else after
-    spread = deviations(sigma, own, "arrival_time", k, degrees=False)
+    spread = deviations(sigma, own, "arrival_time", k, time, degrees=False)
     try:
         np.broadcast_shapes(speeds.shape, first.shape, spread.shape[:-1])
     except ValueError:

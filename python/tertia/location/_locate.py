@@ -98,7 +98,8 @@ def locate(
         1970 have a resolution of only 0.2 µs, in which light travels 70 m; datetimes in nanoseconds
         are used at their full resolution. The time of emission is unknown and is estimated.
     range_sigma, azimuth_sigma, elevation_sigma : array_like of shape (..., K), optional
-        Standard deviations in metres and radians, instead of those of the stations.
+        Standard deviations in metres and radians, instead of those of the stations. Those of
+        missing measurements may be nan.
     range_difference_sigma : array_like of shape (..., K - 1), optional
         Standard deviations of the range differences in metres.
     arrival_time_sigma : array_like of shape (..., K), optional
@@ -278,7 +279,7 @@ def locate(
     measured: _Measured = {}
     for kind, (value, sigma) in given.items():
         if value is not None:
-            random = deviations(sigma, sigmas.get(kind), kind, k, degrees=degrees)
+            random = deviations(sigma, sigmas.get(kind), kind, k, value, degrees=degrees)
             seen = checked(value, kind, k, sigma=random, degrees=degrees)
             measured[kind] = own.corrected(kind, seen), own.widened(kind, random, measured=seen)
     arrivals = None

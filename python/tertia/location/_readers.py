@@ -11,6 +11,7 @@ import numpy.typing as npt
 from tertia._arrays import (
     BoolArray,
     FloatArray,
+    array_of,
     positive,
     radians,
     real,
@@ -73,18 +74,39 @@ def _require_ranges(ranges: FloatArray, sigma: FloatArray | float) -> None:
 
 
 def deviations(
-    sigma: npt.ArrayLike | None, own: FloatArray | None, kind: str, k: int, *, degrees: bool
+    sigma: npt.ArrayLike | None,
+    own: FloatArray | None,
+    kind: str,
+    k: int,
+    measured: npt.ArrayLike | None = None,
+    *,
+    degrees: bool,
 ) -> FloatArray:
-    """Return standard deviations, (..., K) or (..., K - 1); they are nan where they are unknown."""
+    """Return standard deviations, (..., K) or (..., K - 1); they are nan where they are unknown.
+
+    A standard deviation may be nan where the measurement of the same index is missing.
+    """
     count = k - int(kind == "range_difference")
     if sigma is None:
         return np.full(count, np.nan) if own is None else own
     name = f"{kind}_sigma"
-    array = positive(angle_sigma(sigma, name, degrees=degrees), name)
+    array = angle_sigma(sigma, name, degrees=degrees)
+    if measured is not None:
+        array = _where_measured(array, measured, kind)
+    array = positive(array, name)
     if array.ndim == 0:
         return np.full(count, array)
     require_length(array, name, k)
     return array
+
+
+def _where_measured(sigma: FloatArray, measured: npt.ArrayLike, kind: str) -> FloatArray:
+    """Return standard deviations; those of missing measurements are the median of the others."""
+    unknown, values = np.isnan(sigma), array_of(measured, kind)
+    if sigma.shape != values.shape or not unknown.any() or unknown.all():
+        return sigma
+    absent = np.isnat(values) if values.dtype.kind in "mM" else np.isnan(samples(values, kind))
+    return np.where(unknown & absent, np.median(sigma[~unknown]), sigma)
 
 
 def require_length(array: npt.NDArray[Any], name: str, k: int) -> None:

@@ -287,9 +287,10 @@ def reconstruct(
     places, axes, sigmas = _places(stations, len(times))
     k = places.shape[-2]
     stated = (range_sigma, azimuth_sigma, elevation_sigma, range_difference_sigma)
+    values_of = (range, azimuth, elevation, range_difference)
     sigmas |= {
-        kind: deviations(sigma, None, kind, k, degrees=degrees)
-        for kind, sigma in zip(KINDS, stated, strict=False)
+        kind: deviations(sigma, None, kind, k, values, degrees=degrees)
+        for kind, sigma, values in zip(KINDS, stated, values_of, strict=False)
         if sigma is not None
     }
     arrivals = None

@@ -2,7 +2,7 @@
 //! polynomials, random effects, correlated and 1/f noise, rows on several threads, interruption of calls.
 //!
 //! `interrupt, error <- matrix, moments, distribution, angle, vector, exponential, plane, missing, mixed,
-//! basis, batch <- effects, autoregression, flicker`
+//! basis, batch <- effects, autoregression, slow_noise`
 
 // indices are written as in the formulas
 #![allow(clippy::needless_range_loop)]
@@ -17,7 +17,6 @@ pub(crate) mod distribution;
 pub(crate) mod effects;
 pub(crate) mod error;
 pub(crate) mod exponential;
-pub(crate) mod flicker;
 pub mod interrupt;
 pub(crate) mod matrix;
 pub mod missing;
@@ -28,6 +27,7 @@ pub(crate) mod plane;
 pub(crate) mod random;
 pub(crate) mod scratch;
 pub(crate) mod skyline;
+pub(crate) mod slow_noise;
 pub(crate) mod small;
 pub(crate) mod state;
 pub(crate) mod vector;

@@ -8,8 +8,8 @@ use super::slow::{self, Levels};
 use super::start::{Start, start};
 use super::sticky::{self, Passes};
 use crate::base::autoregression::Autoregression;
-use crate::base::flicker::Flicker;
 use crate::base::moments::Moments;
+use crate::base::slow_noise::SlowNoise;
 
 /// Penalty per parameter, relative to that of Schwarz (1978), `½ ln N`, with which one-sided outliers of
 /// three sigmas would be found too late.
@@ -39,10 +39,8 @@ const LEAST_PERSISTENCE: f64 = 1.5;
 const LEAST_OF_MIRROR: f64 = 0.45;
 /// Weight below which hypotheses are left out.
 const LEAST_WEIGHT: f64 = 1e-5;
-/// Prior probability of 1/f noise. It is considered if a correlation adds at least [`LEAST_GAIN`] to the
-/// log likelihood, and for mixtures whose log weight is at most [`FAR_BEHIND`] below the highest.
-const FLICKER: f64 = 0.1;
-const LEAST_GAIN: f64 = 2.0;
+/// Slow noise is considered if a correlation increases the likelihood, and for mixtures whose log weight is at
+/// most this far below the highest.
 const FAR_BEHIND: f64 = 7.0;
 /// Larger exponents are limited to this: they are practically infinite.
 const LARGEST_EXPONENT: f64 = 500.0;
@@ -65,7 +63,7 @@ pub(super) struct Hypothesis {
     parameters: f64,
     /// Increase of the log likelihood by the correlation.
     gain: f64,
-    /// Increase of the log weight in sigma by the possibility of 1/f noise.
+    /// Increase of the log weight in sigma by the possibility of slow noise.
     gain_of_sigma: f64,
     /// Whether the hypothesis counts in the variance only.
     doubt: bool,
@@ -102,20 +100,26 @@ impl Hypothesis {
         self.log_likelihood - 0.5 * (penalty * self.parameters + of_levels) * n.ln()
     }
 
-    /// The same for sigma, for which the noise may also be 1/f noise.
+    /// The same for sigma, for which part of the noise may be slow.
     fn log_weight_of_sigma(&self, n: f64) -> f64 {
         self.log_weight(PENALTY_OF_SIGMA, n) + self.gain_of_sigma
     }
 
-    /// Allows for 1/f noise, which counts in sigma only.
-    fn take(&mut self, flicker: Option<Flicker>) {
-        let Some(found) = flicker else { return };
-        let odds = FLICKER * (found.gain - self.gain).min(LARGEST_EXPONENT).exp() / (1.0 - FLICKER);
-        let share = odds / (1.0 + odds);
-        let mean = |a: f64, b: f64| (1.0 - share) * a + share * b;
-        self.inflation = mean(self.inflation, found.inflation);
-        self.correlation = mean(self.correlation, found.correlation);
-        self.gain_of_sigma = ((1.0 - FLICKER) * (1.0 + odds)).ln();
+    /// Allows for slow noise beside white noise, given by its prior probability and its effect; it counts in
+    /// sigma only.
+    fn take(&mut self, slow: &[(f64, SlowNoise)]) {
+        let rest = 1.0 - slow.iter().map(|(prior, _)| prior).sum::<f64>();
+        let gain = self.gain;
+        let odds = |(prior, found): &(f64, SlowNoise)| {
+            prior / rest * (found.gain - gain).min(LARGEST_EXPONENT).exp()
+        };
+        let total = 1.0 + slow.iter().map(odds).sum::<f64>();
+        let mean = |own: f64, of: fn(&SlowNoise) -> f64| {
+            (own + slow.iter().map(|s| odds(s) * of(&s.1)).sum::<f64>()) / total
+        };
+        self.inflation = mean(self.inflation, |found| found.inflation);
+        self.correlation = mean(self.correlation, |found| found.correlation);
+        self.gain_of_sigma = (rest * total).ln();
     }
 
     fn kinds(&self) -> usize {
@@ -224,7 +228,7 @@ impl Hypotheses {
             for size in slow::block_sizes(&cut, step, penalty, correlated, errors) {
                 self.add_slow(&cut, step, size);
             }
-            self.add_flicker(&cut);
+            self.add_slow_noise(&cut);
         }
         self.score = cut;
         self.weigh(step);
@@ -270,17 +274,17 @@ impl Hypotheses {
         self.list.iter().max_by(|a, b| weight(a).total_cmp(&weight(b)))
     }
 
-    /// Allows for 1/f noise about a constant level.
-    fn add_flicker(&mut self, y: &[f64]) {
+    /// Allows for slow noise about a constant level.
+    fn add_slow_noise(&mut self, y: &[f64]) {
         let n = y.len() as f64;
         for k in 0..self.list.len() {
             let weight = |h: &Hypothesis| h.log_weight_of_sigma(n);
             let highest = self.list.iter().map(weight).fold(f64::NEG_INFINITY, f64::max);
             let h = &mut self.list[k];
             let counts = h.modes.is_none() || weight(h) > highest - FAR_BEHIND;
-            if h.levels.is_none() && h.gain > LEAST_GAIN && counts {
+            if h.levels.is_none() && h.gain > 0.0 && counts {
                 let values: Vec<(usize, f64)> = h.kept(y).collect();
-                h.take(Flicker::of(&values));
+                h.take(&SlowNoise::possible(&values));
             }
         }
     }
